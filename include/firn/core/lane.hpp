@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/host_device.hpp>
+
+#include <cmath>
+#include <concepts>
+#include <cstdint>
+
+// Physics is written over a lane type `Real`: a number (one particle at a time, or a device thread), or a
+// pack of numbers (several particles at a time; a backend brings it). Particle values are therefore never
+// branched on: a comparison gives a Mask, and select(mask, a, b) chooses lane by lane. A pack brings its own
+// overloads of everything below as friends, found by argument-dependent look-up.
+namespace firn
+{
+
+/// What a lane type is made of; specialised by each pack.
+template <class Real>
+struct LaneTraits;
+
+template <std::floating_point Number>
+struct LaneTraits<Number>
+{
+    using Scalar = Number;
+    using Mask = bool;
+    static constexpr int width = 1;
+};
+
+/// The number type of a lane: `float` for a pack of floats.
+template <class Real>
+using Scalar = typename LaneTraits<Real>::Scalar;
+
+/// The result of comparing two lanes.
+template <class Real>
+using Mask = typename LaneTraits<Real>::Mask;
+
+/// How many numbers a lane holds.
+template <class Real>
+inline constexpr int lane_width = LaneTraits<Real>::width;
+
+// ---- the scalar lane
+// -------------------------------------------------------------------------------------------
+
+template <std::floating_point Number>
+FIRN_HOST_DEVICE constexpr Number select(bool condition, Number if_true, Number if_false)
+{
+    return condition ? if_true : if_false;
+}
+
+FIRN_HOST_DEVICE constexpr bool any(bool mask) { return mask; }
+FIRN_HOST_DEVICE constexpr bool all(bool mask) { return mask; }
+
+/// One bit per lane, lane 0 lowest.
+FIRN_HOST_DEVICE constexpr std::uint64_t bits(bool mask) { return mask; }
+
+/// The largest of a lane's numbers.
+template <std::floating_point Number>
+FIRN_HOST_DEVICE constexpr Number largest(Number x)
+{
+    return x;
+}
+
+// clang-format off
+template <std::floating_point Number> FIRN_HOST_DEVICE inline Number sqrt(Number x) { return std::sqrt(x); }
+template <std::floating_point Number> FIRN_HOST_DEVICE inline Number abs(Number x) { return std::abs(x); }
+template <std::floating_point Number> FIRN_HOST_DEVICE inline Number exp(Number x) { return std::exp(x); }
+template <std::floating_point Number> FIRN_HOST_DEVICE inline Number log(Number x) { return std::log(x); }
+template <std::floating_point Number> FIRN_HOST_DEVICE inline Number floor(Number x) { return std::floor(x); }
+template <std::floating_point Number> FIRN_HOST_DEVICE inline Number min(Number a, Number b) { return b < a ? b : a; }
+template <std::floating_point Number> FIRN_HOST_DEVICE inline Number max(Number a, Number b) { return a < b ? b : a; }
+template <std::floating_point Number> FIRN_HOST_DEVICE inline Number inverse_sqrt(Number x) { return Number(1) / std::sqrt(x); }
+// clang-format on
+
+/// What physics may ask of a lane type.
+template <class Real>
+concept Lane = requires(Real a, Real b, Scalar<Real> number, Mask<Real> mask)
+{
+    Real(number);
+    {
+        -a + b* a - a / b
+        } -> std::convertible_to<Real>;
+    {
+        a < b
+        } -> std::same_as<Mask<Real>>;
+    {
+        a > b
+        } -> std::same_as<Mask<Real>>;
+    {
+        a == b
+        } -> std::same_as<Mask<Real>>;
+    {
+        !mask
+        } -> std::convertible_to<Mask<Real>>;
+    {
+        mask& mask
+        } -> std::convertible_to<Mask<Real>>;
+    {
+        mask | mask
+        } -> std::convertible_to<Mask<Real>>;
+    {
+        select(mask, a, b)
+        } -> std::same_as<Real>;
+    {
+        any(mask)
+        } -> std::same_as<bool>;
+    {
+        all(mask)
+        } -> std::same_as<bool>;
+    {
+        bits(mask)
+        } -> std::same_as<std::uint64_t>;
+    {
+        largest(a)
+        } -> std::same_as<Scalar<Real>>;
+    {
+        sqrt(a)
+        } -> std::same_as<Real>;
+    {
+        abs(a)
+        } -> std::same_as<Real>;
+    {
+        exp(a)
+        } -> std::same_as<Real>;
+    {
+        log(a)
+        } -> std::same_as<Real>;
+    {
+        floor(a)
+        } -> std::same_as<Real>;
+    {
+        min(a, b)
+        } -> std::same_as<Real>;
+    {
+        max(a, b)
+        } -> std::same_as<Real>;
+    {
+        inverse_sqrt(a)
+        } -> std::same_as<Real>;
+};
+
+static_assert(Lane<float> && Lane<double>);
+
+} // namespace firn
