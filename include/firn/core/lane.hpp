@@ -24,6 +24,9 @@ struct LaneTraits<Number>
     using Scalar = Number;
     using Mask = bool;
     static constexpr int width = 1;
+
+    FIRN_HOST_DEVICE static Number load(Number const* from) { return *from; }
+    FIRN_HOST_DEVICE static void store(Number lane, Number* to) { *to = lane; }
 };
 
 /// The number type of a lane: `float` for a pack of floats.
@@ -76,6 +79,7 @@ template <class Real>
 concept Lane = requires(Real a, Real b, Scalar<Real> number, Mask<Real> mask)
 {
     Real(number);
+    LaneTraits<Real>::store(LaneTraits<Real>::load(&number), &number);
     {
         -a + b* a - a / b
         } -> std::convertible_to<Real>;

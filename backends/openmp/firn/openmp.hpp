@@ -1,0 +1,81 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/error.hpp>
+#include <firn/openmp/array.hpp>
+#include <firn/openmp/cells.hpp>
+#include <firn/openmp/grid.hpp>
+#include <firn/openmp/lanes.hpp>
+#include <firn/openmp/loops.hpp>
+
+#include <string>
+
+namespace firn
+{
+
+/// Runs a solver on the cores of this machine: threads take blocks of cells, SIMD lanes take cells.
+///
+/// `Lanes` chooses how many numbers a lane of `Number` holds; unless told otherwise as many as the compile flags allow.
+/// Results do not depend on the number of threads.
+template <class Lanes = openmp::NativeLanes>
+struct BasicOpenMP
+{
+    int threads = 0; ///< 0: as many as OpenMP would use
+
+    template <class Number>
+    using Lane = typename Lanes::template Lane<Number>;
+    template <class T>
+    using Array = openmp::Array<T>;
+    template <class Number, int d>
+    using Cells = openmp::Cells<Number, d, lane_width<Lane<Number>>>;
+    template <class Number, int d, int order, int sums, int values>
+    using Grid = openmp::Grid<Number, d, order, sums, values, lane_width<Lane<Number>>>;
+
+    void validate() const
+    {
+        require(threads >= 0, "the number of threads is below 0", "OpenMP", "Pass the number of threads, or 0 for all cores.");
+    }
+
+    int thread_count() const { return threads > 0 ? threads : omp_get_max_threads(); }
+
+    /// Calls `body(i)` once for every i in [0, count), in any order and at the same time.
+    template <class Body>
+    void for_each(std::size_t count, Body const& body) const
+    {
+        openmp::for_each(thread_count(), count, body);
+    }
+
+    /// Calls `phase(cell)` for every group of cells that holds items; what cells add to shared nodes is summed.
+    template <class CellOrder, class GridType, class Phase>
+    void scatter(CellOrder const& cells, GridType& grid, Phase const& phase) const
+    {
+        openmp::scatter<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase);
+    }
+
+    /// Calls `phase(node, result)` for every lane of nodes that was added to; returns the merged results.
+    template <class CellOrder, class GridType, class Phase>
+    auto for_each_node(CellOrder const& cells, GridType& grid, Phase const& phase) const
+    {
+        return openmp::for_each_node<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase);
+    }
+
+    /// Calls `phase(cell, result)` for every group of cells that holds items; returns the merged results.
+    template <class CellOrder, class GridType, class Phase>
+    auto gather(CellOrder const& cells, GridType& grid, Phase const& phase) const
+    {
+        return openmp::gather<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase);
+    }
+};
+
+using OpenMP = BasicOpenMP<>;
+
+/// What the backend works with here, in one sentence: "OpenMP, 2 threads, 16 float or 8 double lanes".
+inline std::string openmp_info()
+{
+    std::string const lanes = std::to_string(lane_width<openmp::NativeLane<float>>) + " float or " +
+                              std::to_string(lane_width<openmp::NativeLane<double>>) + " double lanes";
+    return "OpenMP, " + std::to_string(omp_get_max_threads()) + " threads, " + lanes +
+           (lane_width<openmp::NativeLane<float>> == 1 ? " (install xsimd and compile for your processor for more)" : "");
+}
+
+} // namespace firn

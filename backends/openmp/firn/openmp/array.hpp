@@ -1,0 +1,68 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <algorithm>
+#include <cstddef>
+#include <cstring>
+#include <new>
+#include <type_traits>
+#include <utility>
+
+namespace firn::openmp
+{
+
+/// A growing array of plain values, aligned to a cache line; new elements are not initialised.
+template <class T>
+class Array
+{
+    static_assert(std::is_trivially_copyable_v<T>);
+    static constexpr std::size_t alignment = 64;
+
+public:
+    Array() = default;
+    Array(Array&& other) noexcept { *this = std::move(other); }
+    Array& operator=(Array&& other) noexcept
+    {
+        std::swap(data_, other.data_);
+        std::swap(size_, other.size_);
+        std::swap(capacity_, other.capacity_);
+        return *this;
+    }
+    Array(Array const&) = delete;
+    Array& operator=(Array const&) = delete;
+    ~Array() { release(); }
+
+    /// Changes the size and keeps the elements that stay; grows by half as much again so that repeated growth is cheap.
+    void resize(std::size_t size)
+    {
+        if (size > capacity_) {
+            std::size_t const capacity = size_ == 0 ? size : std::max(size, size_ + size_ / 2);
+            auto* const bigger = static_cast<T*>(::operator new(capacity * sizeof(T), std::align_val_t{alignment}));
+            if (size_ > 0) std::memcpy(static_cast<void*>(bigger), data_, size_ * sizeof(T));
+            release();
+            data_ = bigger;
+            capacity_ = capacity;
+        }
+        size_ = size;
+    }
+
+    T* data() { return data_; }
+    T const* data() const { return data_; }
+    std::size_t size() const { return size_; }
+    std::size_t memory() const { return capacity_ * sizeof(T); }
+    T& operator[](std::size_t i) { return data_[i]; }
+    T const& operator[](std::size_t i) const { return data_[i]; }
+
+private:
+    void release()
+    {
+        if (data_) ::operator delete(data_, std::align_val_t{alignment});
+        data_ = nullptr;
+    }
+
+    T* data_ = nullptr;
+    std::size_t size_ = 0;
+    std::size_t capacity_ = 0;
+};
+
+} // namespace firn::openmp

@@ -1,0 +1,73 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/grid/lattice.hpp>
+
+#include <cstdint>
+#include <vector>
+
+namespace firn::openmp
+{
+
+/// The coordinates of a block as one number, ordered as the coordinates are (first axis first).
+template <int d>
+std::uint64_t block_key(Coordinates<d> const& block)
+{
+    constexpr int bits = d == 3 ? 21 : 32;
+    std::uint64_t key = 0;
+    for (int a = 0; a < d; ++a) {
+        auto const shifted = static_cast<std::uint64_t>(std::int64_t{block[a]} + (std::int64_t{1} << (bits - 1)));
+        key = (key << bits) | shifted;
+    }
+    return key;
+}
+
+/// From a block's key to its index: open addressing, at most half full.
+class BlockMap
+{
+public:
+    static constexpr int absent = -1;
+
+    void clear(std::size_t expected)
+    {
+        std::size_t size = 16;
+        while (size < 2 * expected) size *= 2;
+        slots_.assign(size, {0, absent});
+        mask_ = size - 1;
+    }
+
+    /// Adds a key that is not there yet; clear() was told of it.
+    void insert(std::uint64_t key, int index)
+    {
+        std::size_t at = hash(key);
+        while (slots_[at].index != absent) at = (at + 1) & mask_;
+        slots_[at] = {key, index};
+    }
+
+    int find(std::uint64_t key) const
+    {
+        if (slots_.empty()) return absent;
+        for (std::size_t at = hash(key);; at = (at + 1) & mask_)
+            if (slots_[at].index == absent || slots_[at].key == key) return slots_[at].index;
+    }
+
+    std::size_t memory() const { return slots_.capacity() * sizeof(Slot); }
+
+private:
+    struct Slot
+    {
+        std::uint64_t key;
+        int index;
+    };
+
+    std::size_t hash(std::uint64_t key) const
+    {
+        key *= 0x9e3779b97f4a7c15u; // 2^64 over the golden ratio: spreads neighbouring keys
+        return (key ^ (key >> 32)) & mask_;
+    }
+
+    std::vector<Slot> slots_;
+    std::size_t mask_ = 0;
+};
+
+} // namespace firn::openmp

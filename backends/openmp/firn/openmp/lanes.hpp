@@ -1,0 +1,357 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/lane.hpp>
+#include <firn/core/space.hpp>
+
+#include <concepts>
+#include <cstdint>
+#include <limits>
+
+#if __has_include(<xsimd/xsimd.hpp>)
+#include <xsimd/xsimd.hpp>
+#endif
+
+namespace firn::openmp
+{
+
+// Everything that runs on lanes is a template over a type of this namespace, whose name is part of every
+// symbol: files of one program compiled for different processors never share a function by accident.
+#if defined(__AVX512VL__) && defined(__AVX512DQ__) && defined(__AVX512BW__)
+inline namespace avx512
+#elif defined(__AVX512F__)
+inline namespace avx512f
+#elif defined(__AVX2__) && defined(__FMA__)
+inline namespace avx2_fma
+#elif defined(__AVX2__)
+inline namespace avx2
+#elif defined(__AVX__)
+inline namespace avx
+#elif defined(__SSE4_2__)
+inline namespace sse4
+#elif defined(__SSE2__)
+inline namespace sse2
+#elif defined(__ARM_NEON)
+inline namespace neon
+#else
+inline namespace plain
+#endif
+{
+
+/// An empty type that differs between files compiled for different instruction sets: a template argument for
+/// what must not be shared between them although no pack is among its arguments.
+struct InstructionSet
+{};
+
+#if __has_include(<xsimd/xsimd.hpp>)
+
+// g++ 12 takes the "undefined" registers inside its own AVX-512 intrinsics for mistakes (its bug 105593).
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wuninitialized"
+#pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
+
+/// One truth value per number of a pack. It does not convert to bool, so that `if (mask)` does not compile:
+/// use select(), any(), all() or bits().
+template <class Number, class Arch>
+struct PackMask
+{
+    using Batch = xsimd::batch_bool<Number, Arch>;
+    static constexpr int width = static_cast<int>(Batch::size);
+
+    Batch value;
+
+    explicit operator bool() const = delete;
+
+    friend PackMask operator!(PackMask a) { return {~a.value}; }
+    friend PackMask operator&(PackMask a, PackMask b) { return {a.value & b.value}; }
+    friend PackMask operator|(PackMask a, PackMask b) { return {a.value | b.value}; }
+
+    friend bool any(PackMask a) { return bits(a) != 0; }
+    friend bool all(PackMask a) { return bits(a) == (std::uint64_t{1} << width) - 1; }
+
+    /// One bit per lane, lane 0 lowest.
+    friend std::uint64_t bits(PackMask a)
+    {
+        if constexpr (std::derived_from<Arch, xsimd::avx512f>)
+            return a.value.data;
+        else if constexpr (std::derived_from<Arch, xsimd::avx> && sizeof(Number) == 4)
+            return static_cast<unsigned>(_mm256_movemask_ps(a.value.data));
+        else if constexpr (std::derived_from<Arch, xsimd::avx>)
+            return static_cast<unsigned>(_mm256_movemask_pd(a.value.data));
+        else if constexpr (std::derived_from<Arch, xsimd::sse2> && sizeof(Number) == 4)
+            return static_cast<unsigned>(_mm_movemask_ps(a.value.data));
+        else if constexpr (std::derived_from<Arch, xsimd::sse2>)
+            return static_cast<unsigned>(_mm_movemask_pd(a.value.data));
+        else {
+            bool lanes[width];
+            a.value.store_unaligned(lanes);
+            std::uint64_t found = 0;
+            for (int i = 0; i < width; ++i) found |= std::uint64_t{lanes[i]} << i;
+            return found;
+        }
+    }
+
+    /// The mask whose lane i is bit i; bits beyond the width are ignored.
+    static PackMask from_bits(std::uint64_t pattern)
+    {
+        if constexpr (std::derived_from<Arch, xsimd::avx512f>)
+            return {Batch(static_cast<typename Batch::register_type>(pattern))};
+        else {
+            // Powers of two up to 2^width are exact numbers, so this needs no integers, which some
+            // instruction sets compare slowly.
+            alignas(64) Number lanes[width];
+            for (int i = 0; i < width; ++i) lanes[i] = static_cast<Number>((pattern >> i) & 1);
+            return {xsimd::batch<Number, Arch>::load_aligned(lanes) != xsimd::batch<Number, Arch>(Number(0))};
+        }
+    }
+};
+
+/// A lane type that holds several numbers in one register: Pack<float, Arch> for Space<d, float>.
+template <class Number, class Arch>
+struct Pack
+{
+    using Batch = xsimd::batch<Number, Arch>;
+    using Mask = PackMask<Number, Arch>;
+    static constexpr int width = static_cast<int>(Batch::size);
+
+    Batch value;
+
+    Pack() = default;
+    Pack(Number number) : value(number) {} // implicit: formulas mix lanes and plain numbers
+    explicit Pack(Batch batch) : value(batch) {}
+
+    /// The numbers at `from`, `from + 1`, …; no alignment is asked for.
+    static Pack load(Number const* from) { return Pack(Batch::load_unaligned(from)); }
+
+    /// Writes the numbers to `to`, `to + 1`, …; no alignment is asked for.
+    void store(Number* to) const { value.store_unaligned(to); }
+
+    /// The numbers at `base[index[0]]`, `base[index[1]]`, …
+    static Pack gather(Number const* base, std::int32_t const* index)
+    {
+        alignas(64) Number lanes[width];
+        for (int i = 0; i < width; ++i) lanes[i] = base[index[i]];
+        return Pack(Batch::load_aligned(lanes));
+    }
+
+    Pack& operator+=(Pack b) { return *this = *this + b; }
+    Pack& operator-=(Pack b) { return *this = *this - b; }
+    Pack& operator*=(Pack b) { return *this = *this * b; }
+    Pack& operator/=(Pack b) { return *this = *this / b; }
+
+    friend Pack operator+(Pack a, Pack b) { return Pack(a.value + b.value); }
+    friend Pack operator-(Pack a, Pack b) { return Pack(a.value - b.value); }
+    friend Pack operator*(Pack a, Pack b) { return Pack(a.value * b.value); }
+    friend Pack operator/(Pack a, Pack b) { return Pack(a.value / b.value); }
+    friend Pack operator+(Pack a) { return a; }
+
+    // Flips the sign bit: xsimd 8.1 has 0 - a for AVX-512, which loses the sign of zero.
+    friend Pack operator-(Pack a) { return Pack(a.value ^ Batch(Number(-0.0))); }
+
+    friend Mask operator<(Pack a, Pack b) { return {a.value < b.value}; }
+    friend Mask operator>(Pack a, Pack b) { return {a.value > b.value}; }
+    friend Mask operator<=(Pack a, Pack b) { return {a.value <= b.value}; }
+    friend Mask operator>=(Pack a, Pack b) { return {a.value >= b.value}; }
+    friend Mask operator==(Pack a, Pack b) { return {a.value == b.value}; }
+    friend Mask operator!=(Pack a, Pack b) { return !(a == b); }
+
+    friend Pack select(Mask condition, Pack if_true, Pack if_false)
+    {
+        return Pack(xsimd::select(condition.value, if_true.value, if_false.value));
+    }
+
+    // The order of the arguments makes NaN and signed zeros come out as in the scalar lane.
+    friend Pack min(Pack a, Pack b) { return Pack(xsimd::min(b.value, a.value)); }
+    friend Pack max(Pack a, Pack b) { return Pack(xsimd::max(b.value, a.value)); }
+
+    friend Pack abs(Pack a) { return Pack(xsimd::abs(a.value)); }
+    friend Pack sqrt(Pack a) { return Pack(xsimd::sqrt(a.value)); }
+    friend Pack floor(Pack a) { return Pack(xsimd::floor(a.value)); }
+
+    /// To 2 ulp; results below the smallest normal number are 0, those within a factor 1.5 of the largest, ∞.
+    friend Pack exp(Pack a) { return Pack(xsimd::exp(a.value)); }
+
+    /// To 1 ulp; −∞ for 0, NaN for negative numbers.
+    friend Pack log(Pack a)
+    {
+        if constexpr (sizeof(Number) == 4)
+            return Pack(xsimd::log(a.value));
+        else {
+            // xsimd 8.1 scales denormal doubles, but takes the exponent from before.
+            Mask const small = a < Pack(std::numeric_limits<Number>::min());
+            Pack const of_scaled(xsimd::log(select(small, a * Number(0x1p54), a).value));
+            return of_scaled - select(small, Pack(Number(54 * 0.693147180559945309417)), Pack(0));
+        }
+    }
+
+    friend Pack inverse_sqrt(Pack a) { return inverse_sqrt_of(a); }
+
+    /// The largest of the numbers; NaN if one of them is.
+    friend Number largest(Pack a)
+    {
+        if (any(a != a)) return std::numeric_limits<Number>::quiet_NaN();
+        alignas(64) Number lanes[width];
+        a.value.store_aligned(lanes);
+        for (int half = width / 2; half > 0; half /= 2) {
+            for (int i = 0; i < half; ++i) lanes[i] = lanes[i] < lanes[i + half] ? lanes[i + half] : lanes[i];
+        }
+        return lanes[0];
+    }
+
+private:
+    /// Bits of the processor's estimate of 1/√x, 0 where it has none (or only one of 8 bits).
+    static constexpr int estimate_bits()
+    {
+        if (sizeof(Number) != 4) return 0;
+        if (std::derived_from<Arch, xsimd::avx512f>) return 14;
+#if defined(__AVX512VL__)
+        return std::derived_from<Arch, xsimd::sse2> || std::derived_from<Arch, xsimd::avx> ? 14 : 0;
+#else
+        return std::derived_from<Arch, xsimd::sse2> || std::derived_from<Arch, xsimd::avx> ? 12 : 0;
+#endif
+    }
+
+    static Batch estimate(Batch x)
+    {
+        if constexpr (std::derived_from<Arch, xsimd::avx512f>) return _mm512_rsqrt14_ps(x.data);
+#if defined(__AVX512VL__)
+        else if constexpr (std::derived_from<Arch, xsimd::avx>)
+            return _mm256_rsqrt14_ps(x.data);
+        else
+            return _mm_rsqrt14_ps(x.data);
+#else
+        else if constexpr (std::derived_from<Arch, xsimd::avx>)
+            return _mm256_rsqrt_ps(x.data);
+        else
+            return _mm_rsqrt_ps(x.data);
+#endif
+    }
+
+    /// 1 − a b, rounded once where the processor can; xsimd 8.1 does not know how for AVX-512.
+    static Batch one_minus(Batch a, Batch b)
+    {
+        Batch const one(Number(1));
+        if constexpr (std::derived_from<Arch, xsimd::avx512f>)
+            return _mm512_fnmadd_ps(a.data, b.data, one.data);
+        else
+            return xsimd::fnma(a, b, one);
+    }
+
+    /// 1/√x to 1.5 ulp: with y the estimate and e = 1 − x y², 1/√x = y (1 + e/2 + 3 e²/8 + …).
+    static Pack inverse_sqrt_of(Pack x)
+    {
+        if constexpr (estimate_bits() == 0)
+            return Number(1) / sqrt(x);
+        else if constexpr (estimate_bits() == 14) {
+            Pack const y(estimate(x.value));
+            Pack const error = Pack(one_minus((x * y).value, y.value));
+            // error is NaN where x is 0, ∞ or has no root; the estimate is exact there
+            return select(error == error, y + y * (error * Number(0.5)), y);
+        }
+        else {
+            // The short estimate takes denormal numbers for zero.
+            Mask const small = x < Pack(std::numeric_limits<Number>::min());
+            Pack const scaled = select(small, x * Number(0x1p24), x);
+            Pack const y(estimate(scaled.value));
+            Pack const error = Pack(one_minus((scaled * y).value, y.value));
+            Pack const root =
+                select(error == error, y + y * (error * (Number(0.5) + error * Number(0.375))), y);
+            return select(small, root * Number(0x1p12), root);
+        }
+    }
+};
+
+#pragma GCC diagnostic pop
+
+namespace detail
+{
+
+template <class Number, int width, class Architectures>
+struct ArchOfWidth
+{
+    static_assert(width < 0, "these compile flags give no pack of this width");
+};
+
+template <class Number, int width, class First, class... Others>
+struct ArchOfWidth<Number, width, xsimd::arch_list<First, Others...>>
+{
+    static constexpr auto find()
+    {
+        if constexpr (xsimd::batch<Number, First>::size == width)
+            return First{};
+        else
+            return ArchOfWidth<Number, width, xsimd::arch_list<Others...>>::find();
+    }
+};
+
+} // namespace detail
+
+/// The widest pack that the compile flags allow.
+template <class Number>
+using NativePack = Pack<Number, xsimd::default_arch>;
+
+/// The pack of `width` numbers with the best instructions that the compile flags allow: with AVX-512, eight
+/// floats are PackOf<float, 8>. Narrow packs waste fewer lanes where cells are filled unevenly.
+template <class Number, int width>
+using PackOf =
+    Pack<Number, decltype(detail::ArchOfWidth<Number, width, xsimd::supported_architectures>::find())>;
+
+/// The lane type to use unless told otherwise.
+template <class Number>
+using NativeLane = NativePack<Number>;
+
+#else
+
+/// The lane type to use unless told otherwise: without xsimd, one number at a time.
+template <class Number>
+using NativeLane = Number;
+
+#endif
+
+} // inline namespace of the instruction set
+} // namespace firn::openmp
+
+#if __has_include(<xsimd/xsimd.hpp>)
+
+template <class Number, class Arch>
+struct firn::LaneTraits<firn::openmp::Pack<Number, Arch>>
+{
+    using Scalar = Number;
+    using Mask = firn::openmp::PackMask<Number, Arch>;
+    static constexpr int width = firn::openmp::Pack<Number, Arch>::width;
+
+    static firn::openmp::Pack<Number, Arch> load(Number const* from)
+    {
+        return firn::openmp::Pack<Number, Arch>::load(from);
+    }
+    static void store(firn::openmp::Pack<Number, Arch> const& lane, Number* to) { lane.store(to); }
+};
+
+/// Lets a pack be the scalar of an Eigen matrix.
+template <class Number, class Arch>
+struct Eigen::NumTraits<firn::openmp::Pack<Number, Arch>>
+    : Eigen::GenericNumTraits<firn::openmp::Pack<Number, Arch>>
+{
+    using Real = firn::openmp::Pack<Number, Arch>;
+    using NonInteger = Real;
+    using Nested = Real;
+    using Literal = Real;
+    enum
+    {
+        IsComplex = 0,
+        IsInteger = 0,
+        IsSigned = 1,
+        RequireInitialization = 0,
+        ReadCost = 1,
+        AddCost = 1,
+        MulCost = 1
+    };
+    static Real epsilon() { return Eigen::NumTraits<Number>::epsilon(); }
+    static Real dummy_precision() { return Eigen::NumTraits<Number>::dummy_precision(); }
+    static Real highest() { return Eigen::NumTraits<Number>::highest(); }
+    static Real lowest() { return Eigen::NumTraits<Number>::lowest(); }
+};
+
+static_assert(firn::Lane<firn::openmp::NativePack<float>> && firn::Lane<firn::openmp::NativePack<double>>);
+
+#endif

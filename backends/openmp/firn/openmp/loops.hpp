@@ -1,0 +1,189 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/openmp/cell.hpp>
+
+#include <vector>
+
+namespace firn::openmp
+{
+
+/// Lanes as wide as the compile flags allow.
+struct NativeLanes
+{
+    template <class Number>
+    using Lane = NativeLane<Number>;
+};
+
+/// One number at a time.
+struct ScalarLanes
+{
+    template <class Number>
+    using Lane = Number;
+};
+
+template <class Body>
+void for_each(int threads, std::size_t count, Body const& body)
+{
+    auto const last = static_cast<std::int64_t>(count);
+#pragma omp parallel for schedule(dynamic, 256) num_threads(threads)
+    for (std::int64_t i = 0; i < last; ++i) body(static_cast<std::size_t>(i));
+}
+
+/// Each block of cells sums into its own tile, of which only the rows that it touches are cleared.
+template <class Lane, class CellOrder, class GridType, class Phase>
+void scatter(int threads, CellOrder const& cells, GridType& grid, Phase const& phase)
+{
+    constexpr int d = Phase::d;
+    using Cell = ScatterCell<Lane, CellOrder, GridType, d>;
+    int const blocks = static_cast<int>(cells.blocks().size());
+#pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
+    for (int b = 0; b < blocks; ++b) {
+        std::uint64_t touched = 0;
+        for (int group = 0; group < GridType::Shape::groups; ++group)
+            if (Cell(cells, grid, b, group).ranks() > 0) touched |= GridType::rows_of_group(group);
+        grid.touched(b) = touched;
+        auto* const tile = grid.tile(b);
+        for (int c = 0; c < Phase::channels; ++c)
+            for (int row = 0; row < GridType::rows; ++row)
+                if ((touched >> row) & 1) {
+                    auto* const from = tile + c * GridType::tile_channel + row * GridType::row_length;
+                    std::fill(from, from + GridType::row_length, 0);
+                }
+        for (int group = 0; group < GridType::Shape::groups; ++group) {
+            Cell cell(cells, grid, b, group);
+            if (cell.ranks() > 0) phase(cell);
+        }
+    }
+}
+
+namespace detail
+{
+/// Adds up, for one row of a node block, the tiles that cover it; false if none does.
+template <class GridType, int channels, class Number>
+bool sum_row(GridType& grid, typename GridType::NodeBlock const& node, int row, Number (&sums)[channels][GridType::Shape::along])
+{
+    using Shape = typename GridType::Shape;
+    constexpr int d = GridType::corners == 8 ? 3 : 2, order = GridType::row_length - Shape::along;
+    bool any = false;
+    for (int corner = 0; corner < GridType::corners; ++corner) {
+        int const b = node.covered_by[corner];
+        if (b == GridType::absent) continue;
+        // the row's place in the tile of a block that lies `corner` before this one
+        auto const o = GridType::offset(corner);
+        int const first = (d == 3 ? row / Shape::across : row) + o[0] * Shape::across;
+        if (first >= GridType::rows_across) continue;
+        int tile_row = first;
+        if constexpr (d == 3) {
+            int const second = row % Shape::across + o[1] * Shape::across;
+            if (second >= GridType::rows_across) continue;
+            tile_row = first * GridType::rows_across + second;
+        }
+        if (((grid.touched(b) >> tile_row) & 1) == 0) continue;
+        if (!any)
+            for (auto& channel : sums) std::fill(channel, channel + Shape::along, Number(0));
+        any = true;
+        for (int c = 0; c < channels; ++c) {
+            Number const* const from = grid.tile(b) + c * GridType::tile_channel + tile_row * GridType::row_length;
+            if (o[d - 1] == 0)
+                for (int k = 0; k < Shape::along; ++k) sums[c][k] += from[k];
+            else
+                for (int k = 0; k < order; ++k) sums[c][k] += from[Shape::along + k];
+        }
+    }
+    return any;
+}
+
+template <class Result>
+Result merged(std::vector<Result> const& results)
+{
+    Result all{};
+    for (Result const& result : results) all.merge(result);
+    return all;
+}
+} // namespace detail
+
+/// Nodes add up the tiles that cover them and are updated, row by row.
+template <class Lane, class CellOrder, class GridType, class Phase>
+typename Phase::Result for_each_node(int threads, CellOrder const&, GridType& grid, Phase const& phase)
+{
+    constexpr int d = Phase::d;
+    using Shape = typename GridType::Shape;
+    using Number = typename Phase::Number;
+    int const blocks = static_cast<int>(grid.nodes().size());
+    std::vector<typename Phase::Result> results(blocks);
+#pragma omp parallel for schedule(dynamic, 4) num_threads(threads)
+    for (int n = 0; n < blocks; ++n) {
+        auto const& block = grid.nodes()[n];
+        alignas(64) Number sums[Phase::Sums::channels][Shape::along];
+        for (int row = 0; row < Shape::rows; ++row) {
+            if (!detail::sum_row<GridType>(grid, block, row, sums)) continue;
+            Coordinates<d> first;
+            if constexpr (d == 3) first = {row / Shape::across, row % Shape::across, 0};
+            else first = {row, 0};
+            for (int a = 0; a < d; ++a) first[a] += block.coordinates[a] * Shape::extent(a) - GridType::reach;
+            for (int place = 0; place < Shape::along; place += lane_width<Lane>) {
+                Coordinates<d> at = first;
+                at[d - 1] += place;
+                NodeLanes<Lane, GridType, d> node(&sums[0][place], grid.node_values(n) + row * Shape::along + place, at);
+                phase(node, results[n]);
+            }
+        }
+    }
+    return detail::merged(results);
+}
+
+namespace detail
+{
+/// Copies the rows of nodes that a block of cells touches into one tile.
+template <class GridType, int channels, class Number>
+void fill_tile(GridType& grid, std::size_t b, Number* tile)
+{
+    using Shape = typename GridType::Shape;
+    constexpr int d = GridType::corners == 8 ? 3 : 2, order = GridType::row_length - Shape::along;
+    auto const& nodes = grid.nodes_of(b);
+    for (std::uint64_t rest = grid.touched(b); rest != 0; rest &= rest - 1) {
+        int const tile_row = std::countr_zero(rest);
+        int first = tile_row, second = 0, corner = 0;
+        if constexpr (d == 3) {
+            first = tile_row / GridType::rows_across;
+            second = tile_row % GridType::rows_across;
+            corner = (first / Shape::across) * 4 + (second / Shape::across) * 2;
+        }
+        else corner = (first / Shape::across) * 2;
+        int const row = d == 3 ? first % Shape::across * Shape::across + second % Shape::across : first % Shape::across;
+        for (int c = 0; c < channels; ++c) {
+            Number* const to = tile + c * GridType::tile_channel + tile_row * GridType::row_length;
+            int const at = c * GridType::block_channel + row * Shape::along;
+            Number const *const near = grid.node_values(nodes[corner]) + at, *const far = grid.node_values(nodes[corner + 1]) + at;
+            for (int k = 0; k < Shape::along; ++k) to[k] = near[k];
+            for (int k = 0; k < order; ++k) to[Shape::along + k] = far[k];
+        }
+    }
+}
+} // namespace detail
+
+/// Each block of cells copies the nodes it needs side by side, and its groups read them.
+template <class Lane, class CellOrder, class GridType, class Phase>
+typename Phase::Result gather(int threads, CellOrder const& cells, GridType& grid, Phase const& phase)
+{
+    using Cell = GatherCell<Lane, CellOrder, GridType, Phase::d>;
+    int const blocks = static_cast<int>(cells.blocks().size());
+    std::vector<typename Phase::Result> results(blocks);
+#pragma omp parallel num_threads(threads)
+    {
+        Array<typename Phase::Number> tile;
+        tile.resize(Phase::channels * GridType::tile_channel);
+#pragma omp for schedule(dynamic, 1)
+        for (int b = 0; b < blocks; ++b) {
+            detail::fill_tile<GridType, Phase::channels>(grid, b, tile.data());
+            for (int group = 0; group < GridType::Shape::groups; ++group) {
+                Cell cell(cells, tile.data(), b, group);
+                if (cell.ranks() > 0) phase(cell, results[b]);
+            }
+        }
+    }
+    return detail::merged(results);
+}
+
+} // namespace firn::openmp

@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/effects/effect.hpp>
+#include <firn/models/response.hpp>
+#include <firn/transfer/transfer.hpp>
+
+#include <array>
+
+// Every kind of policy on one page: what a kernel, a transfer scheme and a material owe. Effects are in
+// effects/effect.hpp, shapes in effects/shapes/shape.hpp, lanes in core/lane.hpp, backends in
+// backends/README.md.
+namespace firn
+{
+
+/// An interpolation kernel: weights and derivatives of its order + 1 nodes per axis.
+template <class T, class Real = double>
+concept InterpolationKernel = Lane<Real> && requires(Real t)
+{
+    requires T::order >= 1;
+    {
+        T::gradient_bound
+        } -> std::convertible_to<double>;
+    {
+        T::weights(t)
+        } -> std::same_as<std::array<Real, T::order + 1>>;
+    {
+        T::derivatives(t)
+        } -> std::same_as<std::array<Real, T::order + 1>>;
+};
+
+/// A transfer scheme: the fields it keeps, the terms it needs, what a particle gives and takes.
+template <class T, class Kernel, class Real, int d>
+concept TransferScheme = Lane<Real> &&
+    requires(T const transfer, Record<Real, d, typename T::State> particle, Gathered<Real, d> gathered,
+             Matrix<Real, d> stress_impulse, Real number)
+{
+    {
+        T::template gives<Kernel>
+        } -> std::convertible_to<Terms>;
+    {
+        T::template takes<Kernel>
+        } -> std::convertible_to<Terms>;
+    {
+        T::keeps_old_velocity
+        } -> std::convertible_to<bool>;
+    {
+        transfer.template give<Kernel, Real, d>(particle, number, stress_impulse, number)
+        } -> std::same_as<Given<Real, d>>;
+    {
+        transfer.template take<Kernel, Real, d>(particle, gathered, number)
+        } -> std::same_as<Matrix<Real, d>>;
+};
+
+/// A material: its fields, its density, a check of its parameters, and ONE call that evolves the state and
+/// answers with stress and wave modulus: `Response<Real, d> respond(state&, velocity_gradient, dt) const`.
+template <class T, class Real>
+concept ConstitutiveModel = Lane<Real> &&
+    requires(T const model, Record<Real, T::Space::dimension, typename T::State> state,
+             Matrix<Real, T::Space::dimension> velocity_gradient, Real dt)
+{
+    {
+        model.density
+        } -> std::convertible_to<double>;
+    model.validate();
+    {
+        model.template respond<Real>(state, velocity_gradient, dt)
+        } -> std::same_as<Response<Real, T::Space::dimension>>;
+};
+
+} // namespace firn

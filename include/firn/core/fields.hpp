@@ -1,0 +1,228 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/space.hpp>
+
+#include <cstddef>
+#include <type_traits>
+
+// What a particle stores is declared by the policies that need it: each names its fields, and the table of
+// particles is their union. A field is a tag type with a name, a shape and a value at rest.
+namespace firn
+{
+
+/// How many components a field has in `d` dimensions.
+enum class FieldShape
+{
+    scalar,
+    vector,
+    matrix,
+    symmetric
+};
+
+/// Offset from the centre of the particle's cell, in cells: each component lies in [-1/2, 1/2).
+struct Position
+{
+    static constexpr auto name = "position";
+    static constexpr auto shape = FieldShape::vector;
+};
+
+/// Velocity [m/s].
+struct Velocity
+{
+    static constexpr auto name = "velocity";
+    static constexpr auto shape = FieldShape::vector;
+};
+
+/// The affine matrix C of APIC [1/s].
+struct AffineVelocity
+{
+    static constexpr auto name = "affine_velocity";
+    static constexpr auto shape = FieldShape::matrix;
+};
+
+/// The (elastic) deformation gradient F, or F_E where there is plasticity [-].
+struct DeformationGradient
+{
+    static constexpr auto name = "deformation_gradient";
+    static constexpr auto shape = FieldShape::matrix;
+};
+
+/// J_P = det F_P, the volume ratio of the plastic part of the deformation [-].
+struct PlasticVolumeRatio
+{
+    static constexpr auto name = "plastic_volume_ratio";
+    static constexpr auto shape = FieldShape::scalar;
+};
+
+/// The Kirchhoff stress tau = J sigma [Pa], kept from the update of the state to the next scatter.
+struct KirchhoffStress
+{
+    static constexpr auto name = "kirchhoff_stress";
+    static constexpr auto shape = FieldShape::symmetric;
+};
+
+/// The number of components of a field in `d` dimensions.
+template <class Tag>
+constexpr int component_count(int d)
+{
+    switch (Tag::shape) {
+    case FieldShape::scalar:
+        return 1;
+    case FieldShape::vector:
+        return d;
+    case FieldShape::matrix:
+        return d * d;
+    case FieldShape::symmetric:
+        return d * (d + 1) / 2;
+    }
+    return 0;
+}
+
+/// The value of a field: a number, a Vector or a Matrix of lanes.
+template <class Tag, class Real, int d>
+using FieldValue = std::conditional_t<
+    Tag::shape == FieldShape::scalar, Real,
+    std::conditional_t<Tag::shape == FieldShape::vector, Vector<Real, d>, Matrix<Real, d>>>;
+
+/// Calls `use(component, reference)` for each stored component of a field's value, row by row; of a symmetric
+/// matrix that is its upper triangle.
+template <class Tag, int d, class Value, class Use>
+FIRN_HOST_DEVICE inline void for_each_component(Value& value, Use const& use)
+{
+    if constexpr (Tag::shape == FieldShape::scalar) {
+        use(0, value);
+    }
+    else if constexpr (Tag::shape == FieldShape::vector) {
+        for (int i = 0; i < d; ++i) use(i, value[i]);
+    }
+    else if constexpr (Tag::shape == FieldShape::matrix) {
+        for (int i = 0; i < d; ++i)
+            for (int j = 0; j < d; ++j) use(i * d + j, value(i, j));
+    }
+    else {
+        int component = 0;
+        for (int i = 0; i < d; ++i)
+            for (int j = i; j < d; ++j) use(component++, value(i, j));
+    }
+}
+
+/// The value of a field of a body at rest: the identity for a deformation gradient, one for a volume ratio,
+/// else zero.
+template <class Tag, class Real, int d>
+FIRN_HOST_DEVICE inline FieldValue<Tag, Real, d> value_at_rest()
+{
+    if constexpr (std::is_same_v<Tag, DeformationGradient>)
+        return Matrix<Real, d>::Identity();
+    else if constexpr (std::is_same_v<Tag, PlasticVolumeRatio>)
+        return Real(1);
+    else if constexpr (Tag::shape == FieldShape::scalar)
+        return Real(0);
+    else
+        return FieldValue<Tag, Real, d>::Zero();
+}
+
+/// A set of fields.
+template <class... Tags>
+struct Fields
+{
+    /// The number of stored components in `d` dimensions.
+    static constexpr int components(int d) { return (0 + ... + component_count<Tags>(d)); }
+
+    template <class Tag>
+    static constexpr bool contains = (std::is_same_v<Tag, Tags> || ...);
+
+    /// Where the components of `Tag` begin among all components.
+    template <class Tag>
+    static constexpr int first_component(int d)
+    {
+        static_assert(contains<Tag>, "this table has no such field: none of its policies declares it");
+        int first = 0;
+        bool found = false;
+        ((found = found || std::is_same_v<Tag, Tags>, first += found ? 0 : component_count<Tags>(d)), ...);
+        return first;
+    }
+};
+
+namespace detail
+{
+template <class Left, class Right>
+struct JoinTwo;
+
+template <class... Left>
+struct JoinTwo<Fields<Left...>, Fields<>>
+{
+    using Type = Fields<Left...>;
+};
+
+template <class... Left, class First, class... Rest>
+struct JoinTwo<Fields<Left...>, Fields<First, Rest...>>
+{
+    using Next = std::conditional_t<Fields<Left...>::template contains<First>, Fields<Left...>,
+                                    Fields<Left..., First>>;
+    using Type = typename JoinTwo<Next, Fields<Rest...>>::Type;
+};
+
+template <class... Sets>
+struct JoinAll
+{
+    using Type = Fields<>;
+};
+
+template <class First, class... Rest>
+struct JoinAll<First, Rest...>
+{
+    using Type = typename JoinTwo<First, typename JoinAll<Rest...>::Type>::Type;
+};
+
+template <class Tag, class Real, int d>
+struct Slot
+{
+    FieldValue<Tag, Real, d> value;
+    FIRN_HOST_DEVICE auto& operator[](Tag) { return value; }
+    FIRN_HOST_DEVICE auto const& operator[](Tag) const { return value; }
+};
+} // namespace detail
+
+/// The union of sets of fields, each field once.
+template <class... Sets>
+using Join = typename detail::JoinAll<Sets...>::Type;
+
+/// The values of a set of fields of one particle (or one lane of particles): `record[DeformationGradient{}]`.
+template <class Real, int d, class Set>
+struct Record;
+
+template <class Real, int d, class... Tags>
+struct Record<Real, d, Fields<Tags...>> : detail::Slot<Tags, Real, d>...
+{
+    using detail::Slot<Tags, Real, d>::operator[]...;
+
+    /// The record of a body at rest.
+    FIRN_HOST_DEVICE static Record at_rest()
+    {
+        Record record;
+        ((record[Tags{}] = value_at_rest<Tags, Real, d>()), ...);
+        return record;
+    }
+
+    /// Calls `use(component, reference)` for every stored component of every field.
+    template <class Use>
+    FIRN_HOST_DEVICE void for_each(Use const& use)
+    {
+        (for_each_component<Tags, d>(
+             (*this)[Tags{}],
+             [&](int c, Real& value) { use(Fields<Tags...>::template first_component<Tags>(d) + c, value); }),
+         ...);
+    }
+};
+
+template <class Real, int d>
+struct Record<Real, d, Fields<>>
+{
+    FIRN_HOST_DEVICE static Record at_rest() { return {}; }
+    template <class Use>
+    FIRN_HOST_DEVICE void for_each(Use const&)
+    {}
+};
+
+} // namespace firn

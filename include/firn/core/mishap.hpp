@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstdint>
+
+namespace firn
+{
+
+/// What may happen to a particle or a step. Nothing else does, and none of it happens in silence.
+enum class Mishap : std::uint8_t
+{
+    none,
+    lost,       ///< a particle vanished from the table
+    escaped,    ///< a particle left the range of cell coordinates
+    inverted,   ///< det F <= 0 where the model has no stress for it
+    capped,     ///< a model's state reached a stated cap (a warning: the step stands)
+    not_finite, ///< NaN or infinity in a particle's state
+    rejected,   ///< a particle moved by a cell, or deformed by more than the step's limit
+};
+
+/// The mishap in words.
+constexpr char const* describe(Mishap mishap)
+{
+    switch (mishap) {
+    case Mishap::none:
+        return "nothing happened";
+    case Mishap::lost:
+        return "was lost";
+    case Mishap::escaped:
+        return "left the range of cell coordinates";
+    case Mishap::inverted:
+        return "was turned inside out (det F <= 0)";
+    case Mishap::capped:
+        return "reached a cap of its model";
+    case Mishap::not_finite:
+        return "has a state that is not finite";
+    case Mishap::rejected:
+        return "moved by a cell or more, or deformed by more than a step may";
+    }
+    return "";
+}
+
+} // namespace firn

@@ -1,0 +1,158 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/effects/obstacle.hpp>
+
+#include <array>
+
+namespace firn
+{
+
+/// The sum of what obstacles received, in the order in which they were passed.
+template <int obstacles>
+struct Reactions
+{
+    std::array<Reaction, obstacles> of{};
+    double largest_surface_speed2 = 0; ///< of an obstacle where something touched it [m^2/s^2]
+
+    void merge(Reactions const& other)
+    {
+        for (int i = 0; i < obstacles; ++i) of[i] += other.of[i];
+        largest_surface_speed2 = max(largest_surface_speed2, other.largest_surface_speed2);
+    }
+};
+
+/// The actions of a step's effects, applied in the order in which they were passed.
+template <class... Actions>
+struct Chain;
+
+template <>
+struct Chain<>
+{
+    static constexpr int obstacles = 0;
+    template <class Visit>
+    FIRN_HOST_DEVICE void for_each(Visit const&) const
+    {}
+};
+
+template <class First, class... Rest>
+struct Chain<First, Rest...>
+{
+    First first;
+    Chain<Rest...> rest;
+    static constexpr int obstacles = int(First::is_obstacle) + Chain<Rest...>::obstacles;
+
+    template <class Visit>
+    FIRN_HOST_DEVICE void for_each(Visit const& visit) const
+    {
+        visit(first);
+        rest.for_each(visit);
+    }
+};
+
+/// The chain of the effects' actions during a step.
+template <class Number, int d>
+Chain<> chain(Interval const&)
+{
+    return {};
+}
+
+template <class Number, int d, class First, class... Rest>
+auto chain(Interval const& interval, First const& first, Rest const&... rest)
+{
+    using Action = decltype(first.template during<Number, d>(interval));
+    return [&]<class... Actions>(Chain<Actions...> remaining) {
+        return Chain<Action, Actions...>{first.template during<Number, d>(interval), remaining};
+    }(chain<Number, d>(interval, rest...));
+}
+
+namespace detail
+{
+/// Books what contact took from lanes of mass m: impulse m (before - after), and its moment about the
+/// reference point.
+template <Lane Real, int d>
+FIRN_HOST_DEVICE void book(Reaction& reaction, Touched<Real, d> const& touched, Vector<Real, d> const& before,
+                           Real mass)
+{
+    constexpr int width = lane_width<Real>;
+    Scalar<Real> impulse[d][width], arm[d][width];
+    for (int a = 0; a < d; ++a) {
+        LaneTraits<Real>::store((before[a] - touched.velocity[a]) * mass, impulse[a]);
+        LaneTraits<Real>::store(touched.arm[a], arm[a]);
+    }
+    for (int lane = 0; lane < width; ++lane) {
+        Eigen::Vector3d p = Eigen::Vector3d::Zero(), r = Eigen::Vector3d::Zero();
+        for (int a = 0; a < d; ++a) p[a] = impulse[a][lane], r[a] = arm[a][lane];
+        reaction.impulse += p;
+        reaction.angular_impulse += r.cross(p);
+    }
+}
+} // namespace detail
+
+/// The velocity of lanes of nodes after all effects.
+///
+/// Obstacles act one after the other. Where two of them meet (a corner) a second pass settles friction, and a
+/// third, of pure non-penetration, has the last word.
+template <Lane Real, int d, class... Actions>
+FIRN_HOST_DEVICE Vector<Real, d> apply_on_nodes(Chain<Actions...> const& chain, Place<Real, d> const& place,
+                                                Real mass, Vector<Real, d> velocity,
+                                                Reactions<Chain<Actions...>::obstacles>& reactions)
+{
+    constexpr int obstacles = Chain<Actions...>::obstacles;
+    Mask<Real> once = Real(1) < Real(0), twice = once;
+
+    auto const pass = [&](bool first_pass, bool only_non_penetration) {
+        int obstacle = 0;
+        chain.for_each([&](auto const& action) {
+            if constexpr (std::decay_t<decltype(action)>::is_obstacle) {
+                Contact const rule = only_non_penetration ? Contact::slip() : action.contact;
+                auto const touched = action.template touch<Real>(place, velocity, rule);
+                if (any(touched.inside)) {
+                    detail::book<Real, d>(reactions.of[obstacle], touched, velocity, mass);
+                    velocity = touched.velocity;
+                    reactions.largest_surface_speed2 =
+                        max(reactions.largest_surface_speed2, double(largest(touched.surface_speed2)));
+                    twice = twice | (once & touched.inside);
+                    once = once | touched.inside;
+                }
+                ++obstacle;
+            }
+            else if (first_pass)
+                velocity = action.template on_node<Real>(velocity);
+        });
+    };
+    pass(true, false);
+    if constexpr (obstacles > 1)
+        if (any(twice)) {
+            pass(false, false);
+            pass(false, true);
+        }
+    return velocity;
+}
+
+/// Contact of lanes of particles, for the obstacles that ask for it: corrects v, and returns the displacement
+/// [m] that goes with it, the push out of the obstacle included.
+template <Lane Real, int d, class... Actions>
+FIRN_HOST_DEVICE Vector<Real, d>
+apply_on_particles(Chain<Actions...> const& chain, Place<Real, d> const& place, Real mass, Real dt,
+                   Vector<Real, d>& velocity, Reactions<Chain<Actions...>::obstacles>& reactions)
+{
+    Vector<Real, d> displacement = Vector<Real, d>::Zero();
+    int obstacle = 0;
+    chain.for_each([&](auto const& action) {
+        if constexpr (std::decay_t<decltype(action)>::is_obstacle) {
+            if (action.on_particles) {
+                auto const touched = action.template touch<Real>(place, velocity, action.contact);
+                if (any(touched.inside)) {
+                    detail::book<Real, d>(reactions.of[obstacle], touched, velocity, mass);
+                    displacement += (touched.velocity - velocity) * dt + touched.normal * touched.depth;
+                    velocity = touched.velocity;
+                }
+            }
+            ++obstacle;
+        }
+    });
+    return displacement;
+}
+
+} // namespace firn

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/lane.hpp>
+#include <firn/grid/lattice.hpp>
+
+#include <concepts>
+
+// An effect is what acts on velocities beside the material itself: gravity, obstacles. Effects are arguments
+// of a step. On the host an effect is a plain description; `during(interval)` turns it into an *action*, a
+// trivially copyable value with the step's numbers filled in, which the phases call on lanes of nodes (and of
+// particles, where it asks for it).
+namespace firn
+{
+
+/// The time step being taken: (begin, end] in seconds.
+struct Interval
+{
+    double begin, end;
+    double length() const { return end - begin; }
+};
+
+/// Where a lane of nodes or particles is: first + offset cells from the lattice's origin.
+///
+/// Distances are taken to a reference in double precision before they become lanes, so that they are as
+/// accurate far from the origin as at it.
+template <class Real, int d>
+struct Place
+{
+    Lattice lattice;
+    Coordinates<d> first;
+    Vector<Real, d> offset; ///< [cells]
+
+    /// The vector from `reference` [m] to here, in world axes [m].
+    FIRN_HOST_DEVICE Vector<Real, d> relative_to(Eigen::Vector3d const& reference) const
+    {
+        using Number = Scalar<Real>;
+        Vector<Real, d> x;
+        for (int a = 0; a < d; ++a) {
+            double const base = lattice.origin[a] + lattice.cell_size * first[a] - reference[a];
+            x[a] = Real(static_cast<Number>(base)) + offset[a] * Real(static_cast<Number>(lattice.cell_size));
+        }
+        return x;
+    }
+};
+
+/// What an obstacle received during a step or a call.
+struct Reaction
+{
+    Eigen::Vector3d impulse = Eigen::Vector3d::Zero(); ///< [N s]; divided by the duration: the mean force
+    Eigen::Vector3d angular_impulse =
+        Eigen::Vector3d::Zero(); ///< about the obstacle's reference point [N m s]
+
+    Reaction& operator+=(Reaction const& other)
+    {
+        impulse += other.impulse;
+        angular_impulse += other.angular_impulse;
+        return *this;
+    }
+};
+
+/// An effect in a scene of `d` dimensions computed in `Number`.
+template <class T, class Number, int d>
+concept NodeEffect = requires(T const effect, Interval interval)
+{
+    effect.validate();
+    effect.template during<Number, d>(interval);
+};
+
+} // namespace firn

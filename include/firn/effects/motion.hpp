@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/error.hpp>
+
+#include <Eigen/Geometry>
+
+namespace firn
+{
+
+/// Where a rigid body is and how it moves: a pose and a twist at one time, constant twist from there on.
+///
+/// A plain value: a host engine passes a new one with every call, and within a call it is evaluated at every
+/// step. In two dimensions positions and velocities have z = 0 and rotations are about z.
+struct Motion
+{
+    Eigen::Vector3d position = Eigen::Vector3d::Zero();              ///< of the reference point [m]
+    Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity(); ///< from the body's frame to the world's
+    Eigen::Vector3d velocity = Eigen::Vector3d::Zero();              ///< of the reference point [m/s]
+    Eigen::Vector3d angular_velocity = Eigen::Vector3d::Zero(); ///< omega, about the reference point [rad/s]
+    double time = 0;                                            ///< when all this holds [s]
+
+    /// The same motion, seen at another time [s].
+    Motion at(double when) const
+    {
+        Motion later = *this;
+        double const elapsed = when - time;
+        later.position += velocity * elapsed;
+        double const speed = angular_velocity.norm();
+        if (speed > 0)
+            later.orientation =
+                Eigen::Quaterniond(Eigen::AngleAxisd(speed * elapsed, angular_velocity / speed)) *
+                orientation.normalized();
+        later.time = when;
+        return later;
+    }
+
+    void validate(char const* where) const
+    {
+        require(position.allFinite() && velocity.allFinite() && angular_velocity.allFinite() &&
+                    std::isfinite(time) && orientation.coeffs().allFinite() && orientation.norm() > 1e-6,
+                "the motion of an obstacle is not finite, or its orientation is no rotation", where,
+                "Pass finite positions [m], velocities [m/s, rad/s] and a unit quaternion.");
+    }
+};
+
+} // namespace firn

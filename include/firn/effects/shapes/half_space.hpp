@@ -1,0 +1,33 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/error.hpp>
+#include <firn/core/lane.hpp>
+#include <firn/effects/shapes/shape.hpp>
+
+namespace firn
+{
+
+/// All points below the plane through the reference point: a floor, a wall or a slope.
+struct HalfSpace
+{
+    Eigen::Vector3d normal = Eigen::Vector3d::UnitY(); ///< outward unit vector in the body's frame
+
+    void validate() const
+    {
+        require(normal.allFinite() && std::abs(normal.norm() - 1) < 1e-6,
+                "the normal of a half-space is not a unit vector", "HalfSpace",
+                "Pass e.g. normal.normalized().");
+    }
+
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const
+    {
+        SurfaceSample<Real, d> sample;
+        for (int a = 0; a < d; ++a) sample.normal[a] = Real(static_cast<Scalar<Real>>(normal[a]));
+        sample.distance = x.dot(sample.normal);
+        return sample;
+    }
+};
+
+} // namespace firn

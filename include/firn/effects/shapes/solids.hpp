@@ -1,0 +1,110 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/error.hpp>
+#include <firn/core/lane.hpp>
+#include <firn/effects/shapes/shape.hpp>
+
+namespace firn
+{
+
+namespace detail
+{
+/// Distance `radius` around the point at `away` = x - centre; the normal at the centre itself is the last
+/// axis.
+template <Lane Real, int d>
+FIRN_HOST_DEVICE SurfaceSample<Real, d> around_point(Vector<Real, d> const& away, Scalar<Real> radius)
+{
+    Real const length2 = away.dot(away);
+    Mask<Real> const off_centre = length2 > Real(0);
+    Real const length = sqrt(length2), inverse = Real(1) / select(off_centre, length, Real(1));
+    SurfaceSample<Real, d> sample{length - Real(radius), away * inverse};
+    sample.normal[d - 1] = select(off_centre, sample.normal[d - 1], Real(1));
+    return sample;
+}
+
+inline void require_length(double length, char const* where)
+{
+    require(std::isfinite(length) && length > 0, "a radius or extent is not a finite number above 0", where,
+            "Pass lengths in metres, above 0.");
+}
+} // namespace detail
+
+/// A ball around the reference point (a disk in two dimensions).
+struct Sphere
+{
+    double radius = 1; ///< [m]
+
+    void validate() const { detail::require_length(radius, "Sphere"); }
+
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const
+    {
+        return detail::around_point<Real, d>(x, static_cast<Scalar<Real>>(radius));
+    }
+};
+
+/// All points within `radius` of a segment of half length `half_length` along the body's y axis.
+struct Capsule
+{
+    double radius;      ///< [m]
+    double half_length; ///< [m]
+
+    void validate() const
+    {
+        detail::require_length(radius, "Capsule");
+        require(std::isfinite(half_length) && half_length >= 0,
+                "the half length of a capsule is below 0 or not finite", "Capsule",
+                "Pass a length in metres.");
+    }
+
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const
+    {
+        Real const half(static_cast<Scalar<Real>>(half_length));
+        Vector<Real, d> away = x;
+        away[1] = away[1] - min(max(x[1], -half), half);
+        return detail::around_point<Real, d>(away, static_cast<Scalar<Real>>(radius));
+    }
+};
+
+/// A box centred on the reference point, aligned with the body's axes.
+struct Box
+{
+    Eigen::Vector3d half_extents; ///< [m]
+
+    void validate() const
+    {
+        for (int a = 0; a < 3; ++a) detail::require_length(half_extents[a], "Box");
+    }
+
+    /// Outside, the distance to the closest point of the box; inside, the negative distance to the closest
+    /// face.
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const
+    {
+        Real const zero(0), one(1);
+        Vector<Real, d> side, beyond, out;
+        Real inside(-std::numeric_limits<Scalar<Real>>::max());
+        for (int a = 0; a < d; ++a) {
+            side[a] = select(x[a] < zero, -one, one);
+            beyond[a] = abs(x[a]) - Real(static_cast<Scalar<Real>>(half_extents[a]));
+            out[a] = max(beyond[a], zero);
+            inside = max(inside, beyond[a]);
+        }
+        Real const distance = sqrt(out.dot(out));
+        Mask<Real> const is_outside = distance > zero;
+        Real const inverse = one / select(is_outside, distance, one);
+        SurfaceSample<Real, d> sample;
+        sample.distance = select(is_outside, distance, inside);
+        Mask<Real> found = is_outside;
+        for (int a = 0; a < d; ++a) {
+            Mask<Real> const closest = (!found) & (beyond[a] == inside); // the first of equally close faces
+            sample.normal[a] = select(is_outside, out[a] * inverse, select(closest, one, zero)) * side[a];
+            found = found | closest;
+        }
+        return sample;
+    }
+};
+
+} // namespace firn

@@ -1,0 +1,18 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+/// All of the core: solver, materials, kernels, transfers, effects. Pulls in no backend, no CGAL and no
+/// assimp.
+#include <firn/effects/gravity.hpp>
+#include <firn/effects/obstacle.hpp>
+#include <firn/effects/shapes/half_space.hpp>
+#include <firn/effects/shapes/solids.hpp>
+#include <firn/interpolation/cubic_b_spline.hpp>
+#include <firn/interpolation/linear.hpp>
+#include <firn/interpolation/quadratic_b_spline.hpp>
+#include <firn/models/materials.hpp>
+#include <firn/solver.hpp>
+#include <firn/transfer/apic.hpp>
+#include <firn/transfer/flip.hpp>
+#include <firn/transfer/mls.hpp>
+#include <firn/transfer/pic.hpp>

@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/error.hpp>
+#include <firn/core/space.hpp>
+
+#include <cmath>
+
+namespace firn
+{
+
+/// The unbounded lattice of grid nodes: node i is at origin + i h. A scene in two dimensions uses x and y
+/// alone.
+struct Lattice
+{
+    double cell_size;       ///< h [m]
+    Eigen::Vector3d origin; ///< the position of node (0, 0, 0) [m]
+};
+
+/// The lattice of cell size h [m]; throws an Error unless h > 0 and all numbers are finite.
+inline Lattice lattice(double cell_size, Eigen::Vector3d const& origin = Eigen::Vector3d::Zero())
+{
+    require(std::isfinite(cell_size) && cell_size > 0, "the cell size is not a finite number above 0",
+            "lattice", "Pass the grid spacing in metres, e.g. twice the distance between particles.");
+    require(origin.allFinite(), "the origin is not finite", "lattice",
+            "Pass the position of node (0, 0, 0) in metres.");
+    return {cell_size, origin};
+}
+
+/// The integer coordinates of a cell or a node.
+template <int d>
+using Coordinates = Eigen::Matrix<int, d, 1>;
+
+/// A point of the lattice as its cell and the offset from that cell's centre in cells, each in [-1/2, 1/2).
+///
+/// A kernel's cell is the set of positions that share a stencil: cells are centred on nodes for an even order
+/// of the kernel and on the middle between nodes for an odd one.
+template <int d>
+struct CellPosition
+{
+    Coordinates<d> cell;
+    Vector<double, d> offset;
+};
+
+/// Half a cell for kernels of even order, whose cells are centred on nodes.
+constexpr double cell_shift(int kernel_order) { return kernel_order % 2 == 0 ? 0.5 : 0.0; }
+
+/// The first node of the stencil of cell k is k - stencil_reach(order).
+constexpr int stencil_reach(int kernel_order) { return kernel_order / 2; }
+
+/// The cell of a world position [m] and the offset in it. The cell must fit an int: see Solver::add.
+template <int d>
+CellPosition<d> locate(Lattice const& lattice, int kernel_order, Vector<double, d> const& position)
+{
+    CellPosition<d> located;
+    for (int a = 0; a < d; ++a) {
+        double const x = (position[a] - lattice.origin[a]) / lattice.cell_size + cell_shift(kernel_order);
+        double const cell = std::floor(x);
+        located.cell[a] = static_cast<int>(cell);
+        located.offset[a] = x - cell - 0.5;
+    }
+    return located;
+}
+
+/// The world position [m] of an offset in a cell.
+template <int d>
+Vector<double, d> world_position(Lattice const& lattice, int kernel_order, Coordinates<d> const& cell,
+                                 Vector<double, d> const& offset)
+{
+    Vector<double, d> const in_cells =
+        cell.template cast<double>() + offset + Vector<double, d>::Constant(0.5 - cell_shift(kernel_order));
+    return lattice.origin.head<d>() + lattice.cell_size * in_cells;
+}
+
+} // namespace firn

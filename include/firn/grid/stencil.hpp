@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/lane.hpp>
+#include <firn/core/space.hpp>
+
+#include <array>
+
+namespace firn
+{
+
+/// A particle's stencil: per axis the weights of its nodes, their derivatives and their distances from the
+/// particle.
+///
+/// Node (i, j, k) has weight N_i N_j N_k. Nodes are visited in *rows* along the last axis, so that what is
+/// common to a row (a product over the other axes) is computed once, and so that a backend can keep rows
+/// contiguous.
+template <class Kernel, Lane Real, int d>
+struct Stencil
+{
+    static constexpr int width = Kernel::order + 1; ///< nodes per axis
+    static constexpr int rows = d == 3 ? width * width : width;
+    static constexpr int last = d - 1;
+
+    std::array<std::array<Real, width>, d> weight;     ///< N_i
+    std::array<std::array<Real, width>, d> derivative; ///< dN_i/dx in 1/h
+    std::array<std::array<Real, width>, d> distance;   ///< x_i - x_p in cells
+
+    /// The stencil of a particle at an offset from its cell's centre; weights are zero where the mask is
+    /// false.
+    FIRN_HOST_DEVICE Stencil(Vector<Real, d> const& offset, Mask<Real> mask)
+    {
+        for (int a = 0; a < d; ++a) {
+            weight[a] = Kernel::weights(offset[a]);
+            derivative[a] = Kernel::derivatives(offset[a]);
+            for (int i = 0; i < width; ++i)
+                distance[a][i] = Real(Scalar<Real>(i) - Scalar<Real>(0.5) * Kernel::order) - offset[a];
+        }
+        for (int i = 0; i < width;
+             ++i) { // each product has one factor of axis 0: silencing it silences the stencil
+            weight[0][i] = select(mask, weight[0][i], Real(0));
+            derivative[0][i] = select(mask, derivative[0][i], Real(0));
+        }
+    }
+
+    /// The index of a row's nodes along an axis other than the last.
+    FIRN_HOST_DEVICE static constexpr int index(int row, int axis)
+    {
+        return d == 2 ? row : (axis == 0 ? row / width : row % width);
+    }
+
+    /// The product of the weights of all axes but the last.
+    FIRN_HOST_DEVICE Real row_weight(int row) const
+    {
+        Real product = weight[0][index(row, 0)];
+        if constexpr (d == 3) product = product * weight[1][index(row, 1)];
+        return product;
+    }
+
+    /// The row's part of the gradient along `axis` (not the last): the derivative there, weights elsewhere.
+    FIRN_HOST_DEVICE Real row_gradient(int row, int axis) const
+    {
+        Real product = derivative[axis][index(row, axis)];
+        if constexpr (d == 3) product = product * weight[1 - axis][index(row, 1 - axis)];
+        return product;
+    }
+
+    /// The row's distance along `axis` (not the last), in cells.
+    FIRN_HOST_DEVICE Real row_distance(int row, int axis) const { return distance[axis][index(row, axis)]; }
+};
+
+} // namespace firn

@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/lane.hpp>
+
+#include <array>
+
+namespace firn
+{
+
+/// The linear (tent) kernel N(r) = 1 - |r|. Its gradient jumps at cell faces, so that particles which cross
+/// cells feel a force that is not there: it is here as the negative control of tests and studies, not for
+/// scenes.
+struct Linear
+{
+    static constexpr int order = 1;
+    static constexpr auto name = "linear";
+    /// sup of the sum over a stencil of |dN/dx|^2 / N [1/h^2] is unbounded: no time step is safe at a free
+    /// surface.
+    static constexpr double gradient_bound = 4;
+
+    /// Weights of the two nodes, for the offset t in [-1/2, 1/2) from the cell's centre.
+    template <Lane Real>
+    FIRN_HOST_DEVICE static std::array<Real, 2> weights(Real t)
+    {
+        return {Real(0.5) - t, Real(0.5) + t};
+    }
+
+    /// dN/dt of the two nodes [1/h].
+    template <Lane Real>
+    FIRN_HOST_DEVICE static std::array<Real, 2> derivatives(Real)
+    {
+        return {Real(-1), Real(1)};
+    }
+};
+
+} // namespace firn

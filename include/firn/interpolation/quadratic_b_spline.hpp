@@ -1,0 +1,37 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/lane.hpp>
+
+#include <array>
+
+namespace firn
+{
+
+/// The quadratic B-spline: three nodes per axis, continuous gradient (Steffen et al. 2008, eq. 15).
+struct QuadraticBSpline
+{
+    static constexpr int order = 2;
+    static constexpr auto name = "quadratic";
+    /// D^-1 of APIC in units of 1/h^2: D = h^2/4 I at every position (Jiang et al. 2015, section 5.3).
+    static constexpr double inverse_inertia = 4;
+    /// sup of the sum over a stencil of |dN/dx|^2 / N, in units of 1/h^2.
+    static constexpr double gradient_bound = 6;
+
+    /// Weights of the three nodes, for the offset t in [-1/2, 1/2) from the cell's centre (a node).
+    template <Lane Real>
+    FIRN_HOST_DEVICE static std::array<Real, 3> weights(Real t)
+    {
+        Real const left = Real(0.5) - t, right = Real(0.5) + t;
+        return {Real(0.5) * left * left, Real(0.75) - t * t, Real(0.5) * right * right};
+    }
+
+    /// dN/dt of the three nodes [1/h].
+    template <Lane Real>
+    FIRN_HOST_DEVICE static std::array<Real, 3> derivatives(Real t)
+    {
+        return {t - Real(0.5), Real(-2) * t, t + Real(0.5)};
+    }
+};
+
+} // namespace firn

@@ -1,0 +1,238 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/error.hpp>
+#include <firn/grid/lattice.hpp>
+#include <firn/phases/table_view.hpp>
+
+#include <algorithm>
+#include <limits>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace firn
+{
+
+/// The particles of a scene: two buffers of their fields, and the order of cells in which they are visited.
+///
+/// A step reads the current buffer through the cell order and writes the next one in that order; accepting
+/// the step swaps them. Only add() and accept() change what the table holds.
+template <class Backend, class Space, class Set>
+class ParticleTable
+{
+public:
+    static constexpr int d = Space::dimension;
+    using Number = typename Space::Real;
+    using View = TableView<Number, d, Set>;
+    using Cells = typename Backend::template Cells<Number, d>;
+    template <class T>
+    using Array = typename Backend::template Array<T>;
+
+    static constexpr std::size_t state_bytes = Set::components(d) * sizeof(Number) + sizeof(std::uint32_t);
+    static constexpr std::size_t resident_bytes = 2 * state_bytes + Cells::bytes_per_item;
+
+    ParticleTable(Lattice lattice, int kernel_order, Backend const& backend) : lattice_(lattice), order_(kernel_order), cells_(backend) {}
+
+    std::size_t size() const { return size_; }
+    Cells const& cells() const { return cells_; }
+    View current() { return buffer_[0].view(); }
+    View next() { return buffer_[1].view(); }
+    Portions<Number> portions() const { return {portions_.data(), static_cast<int>(portions_.size())}; }
+    double mass_unit() const { return mass_unit_; } ///< [kg]: masses on the grid are multiples of it
+    Number largest_mass() const { return largest_mass_; }
+
+    /// Adds particles at rest but for a velocity; see Solver::add.
+    template <class Points>
+    std::uint32_t add(Points const& points, double volume, double density, Vector<double, d> const& velocity)
+    {
+        std::vector<CellPosition<d>> const located = locate_all(points);
+        require(std::isfinite(volume) && volume > 0, "the volume per point is not a finite number above 0",
+                "Solver::add",
+                "Pass the volume in m^3 that one particle stands for: the body's volume over the number of "
+                "points.");
+        require(velocity.allFinite(), "the velocity is not finite", "Solver::add", "Pass metres per second.");
+        std::size_t const count = size_ + located.size();
+        require(count < std::numeric_limits<std::uint32_t>::max(),
+                "there would be more than 4 294 967 294 particles", "Solver::add",
+                "Use fewer particles, or several solvers.");
+        auto const first = static_cast<std::uint32_t>(size_);
+        if (located.empty()) return first;
+
+        for (auto& buffer : buffer_) buffer.resize(count);
+        add_portion(first, volume, density);
+        auto record = Record<Number, d, Set>::at_rest();
+        record[Velocity{}] = velocity.template cast<Number>();
+        View const view = current();
+        std::vector<Coordinates<d>> cells(located.size());
+        for (std::size_t i = 0; i < located.size(); ++i) {
+            record[Position{}] = located[i].offset.template cast<Number>();
+            record.for_each([&](int c, Number const& value) { view.component[c][first + i] = value; });
+            view.id[first + i] = static_cast<std::uint32_t>(first + i);
+            cells[i] = located[i].cell;
+        }
+        cells_.insert(cells, first);
+        size_ = count;
+        return first;
+    }
+
+    /// Brings the cell order up to date with positions that have moved.
+    void sort()
+    {
+        if (!moved_) return;
+        cells_.follow(component_pointers<Position>());
+        moved_ = false;
+        require(cells_.size() == size_, "particles were lost while they were sorted into cells",
+                "ParticleTable::sort", "This is a mistake in the library: please report the scene.");
+    }
+
+    /// Takes the next buffer for the current one.
+    void accept()
+    {
+        std::swap(buffer_[0], buffer_[1]);
+        cells_.settle();
+        moved_ = true;
+    }
+
+    std::vector<Vector<double, d>> positions() const
+    {
+        std::vector<Vector<double, d>> by_id(size_);
+        View const view = buffer_[0].view();
+        cells_.for_each([&](std::size_t particle, Coordinates<d> const& cell) {
+            by_id[view.id[particle]] = position_of(view, particle, cell);
+        });
+        return by_id;
+    }
+
+    template <class Tag>
+    std::vector<FieldValue<Tag, Number, d>> download() const
+    {
+        static_assert(!std::is_same_v<Tag, Position>, "positions are stored by cell: ask for positions()");
+        constexpr int first = Set::template first_component<Tag>(d);
+        std::vector<FieldValue<Tag, Number, d>> by_id(size_, value_at_rest<Tag, Number, d>());
+        View const view = buffer_[0].view();
+        for (std::size_t i = 0; i < size_; ++i) {
+            auto& value = by_id[view.id[i]];
+            for_each_component<Tag, d>(value,
+                                       [&](int c, Number& number) { number = view.component[first + c][i]; });
+            if constexpr (Tag::shape == FieldShape::symmetric)
+                value.template triangularView<Eigen::StrictlyLower>() = value.transpose();
+        }
+        return by_id;
+    }
+
+    std::vector<double> masses() const
+    {
+        std::vector<double> by_id(size_);
+        for (std::size_t id = 0; id < size_; ++id)
+            by_id[id] = mass_unit_ * portions_.data()[portions().index(static_cast<std::uint32_t>(id))].mass;
+        return by_id;
+    }
+
+    /// The position of one particle, for error messages.
+    Vector<double, d> position(std::uint32_t id) const
+    {
+        Vector<double, d> found = Vector<double, d>::Constant(std::numeric_limits<double>::quiet_NaN());
+        View const view = buffer_[0].view();
+        cells_.for_each([&](std::size_t particle, Coordinates<d> const& cell) {
+            if (view.id[particle] == id) found = position_of(view, particle, cell);
+        });
+        return found;
+    }
+
+    /// Bytes held, spare capacity included.
+    std::size_t memory() const { return buffer_[0].memory() + buffer_[1].memory() + cells_.memory(); }
+
+private:
+    struct Buffer
+    {
+        std::array<Array<Number>, Set::components(d)> component;
+        Array<std::uint32_t> id;
+
+        void resize(std::size_t count)
+        {
+            for (auto& array : component) array.resize(count);
+            id.resize(count);
+        }
+
+        View view() const
+        {
+            View view;
+            for (int c = 0; c < Set::components(d); ++c)
+                view.component[c] = const_cast<Number*>(component[c].data());
+            view.id = const_cast<std::uint32_t*>(id.data());
+            return view;
+        }
+
+        std::size_t memory() const
+        {
+            std::size_t bytes = id.memory();
+            for (auto const& array : component) bytes += array.memory();
+            return bytes;
+        }
+    };
+
+    template <class Points>
+    std::vector<CellPosition<d>> locate_all(Points const& points) const
+    {
+        std::vector<CellPosition<d>> located;
+        located.reserve(std::size(points));
+        for (auto const& point : points) {
+            Vector<double, d> const x = point.template cast<double>();
+            Vector<double, d> const in_cells = (x - lattice_.origin.template head<d>()) / lattice_.cell_size;
+            if (!(in_cells.cwiseAbs().maxCoeff() < Cells::largest_coordinate) || !x.allFinite())
+                throw Error{"point " + std::to_string(located.size()) +
+                                " is not finite or too far from the lattice's origin",
+                            "Solver::add",
+                            "Pass finite positions in metres, within " +
+                                std::to_string(Cells::largest_coordinate) +
+                                " cells of the origin: use a larger cell or move the lattice's origin."};
+            located.push_back(locate<d>(lattice_, order_, x));
+        }
+        return located;
+    }
+
+    /// Particles of the same mass and volume as those before them belong to the same portion.
+    void add_portion(std::uint32_t first, double volume, double density)
+    {
+        if (portions_.size() == 0) mass_unit_ = volume * density;
+        Portion<Number> const portion{first, Number(volume * density / mass_unit_),
+                                      Number(volume / mass_unit_)};
+        if (portions_.size() > 0) {
+            auto const& last = portions_.data()[portions_.size() - 1];
+            if (last.mass == portion.mass && last.volume == portion.volume) return;
+        }
+        portions_.resize(portions_.size() + 1);
+        portions_.data()[portions_.size() - 1] = portion;
+        largest_mass_ = std::max(largest_mass_, portion.mass);
+    }
+
+    template <class Tag>
+    std::array<Number*, component_count<Tag>(d)> component_pointers()
+    {
+        std::array<Number*, component_count<Tag>(d)> pointers;
+        for (int c = 0; c < component_count<Tag>(d); ++c)
+            pointers[c] = buffer_[0].component[Set::template first_component<Tag>(d) + c].data();
+        return pointers;
+    }
+
+    Vector<double, d> position_of(View const& view, std::size_t particle, Coordinates<d> const& cell) const
+    {
+        Vector<double, d> offset;
+        for (int a = 0; a < d; ++a)
+            offset[a] = view.component[Set::template first_component<Position>(d) + a][particle];
+        return world_position<d>(lattice_, order_, cell, offset);
+    }
+
+    Lattice lattice_;
+    int order_;
+    std::size_t size_ = 0;
+    bool moved_ = false;
+    double mass_unit_ = 1;
+    Number largest_mass_ = 0;
+    std::array<Buffer, 2> buffer_;
+    Array<Portion<Number>> portions_;
+    Cells cells_;
+};
+
+} // namespace firn

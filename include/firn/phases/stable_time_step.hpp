@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/error.hpp>
+#include <firn/transfer/transfer.hpp>
+
+#include <array>
+#include <cmath>
+#include <limits>
+
+namespace firn
+{
+
+/// What bounds a time step.
+enum class StepLimit {
+    wave,         ///< the fastest elastic wave in the current, hardened state
+    advection,    ///< the fastest particle
+    deformation,  ///< the largest velocity gradient
+    acceleration, ///< gravity
+    obstacle,     ///< the fastest obstacle surface that touches something
+    growth,       ///< the step before: steps grow by at most a tenth
+    duration,     ///< what is left of the time asked for
+};
+inline constexpr int step_limit_count = 7;
+
+/// The limit in one word.
+constexpr char const* describe(StepLimit limit)
+{
+    constexpr char const* names[]{"wave", "advection", "deformation", "acceleration", "obstacle", "growth", "duration"};
+    return names[static_cast<int>(limit)];
+}
+
+/// The safety factors of the automatic time step. The defaults hold for every kernel of order two and three.
+struct StepControl
+{
+    double wave = 0.9;        ///< share of the isolated-particle limit, see isolated_limit
+    double advection = 0.3;   ///< cells a particle may move per step, at most 0.5
+    double deformation = 0.2; ///< dt |L|
+    double obstacle = 0.5;    ///< cells an obstacle's surface may move per step
+    double growth = 1.1;      ///< of one step over the one before
+    double rejection = 0.5;   ///< dt |L| found after a step that rejects it
+    double smallest = 1e-12;  ///< a step below this share of the duration asked for is an error
+    int retries = 12;         ///< halvings of a rejected step before it is an error
+
+    void validate() const
+    {
+        bool const good = wave > 0 && advection > 0 && advection <= 0.5 && deformation > 0 && obstacle > 0 && growth > 1 &&
+                          rejection > deformation && rejection < 1 && smallest > 0 && retries >= 0;
+        require(good, "a factor of the step control is out of range", "StepControl",
+                "Keep 0 < wave, 0 < advection <= 0.5, 0 < deformation < rejection < 1, growth > 1.");
+    }
+};
+
+/// What the time step depends on, in the current state.
+struct StepBounds
+{
+    double wave_speed = 0;       ///< [m/s]
+    double speed = 0;            ///< of the fastest particle [m/s]
+    double deformation_rate = 0; ///< largest |L| [1/s]
+    double acceleration = 0;     ///< [m/s^2]
+    double obstacle_speed = 0;   ///< [m/s]
+};
+
+/// The largest c dt / h at which a single free particle is stable, for any Poisson ratio:
+/// sqrt(2 / (d D^-1 (R - K/2))), with R the kernel's gradient bound over D^-1 (1 for MLS forces) and K = 1 for schemes
+/// with an affine matrix, else 0 (derived from the linearised step; the form of Bai & Schroeder 2022).
+/// It lies below the limit of the bulk for all pairs of kernel and transfer.
+template <class Kernel, class Transfer, int d>
+constexpr double isolated_limit()
+{
+    // A tent has no inertia of its own: 4/h^2 is that of a particle in the middle of its cell.
+    double inverse_inertia = 4;
+    if constexpr (HasConstantInertia<Kernel>) inverse_inertia = Kernel::inverse_inertia;
+    double const R = Transfer::template gives<Kernel>.gradient ? Kernel::gradient_bound / inverse_inertia : 1.0;
+    double const K = Transfer::template gives<Kernel>.affine ? 1.0 : 0.0;
+    return std::sqrt(2.0 / (d * inverse_inertia * (R - K / 2)));
+}
+
+/// A step [s] and what bounds it.
+struct ChosenStep
+{
+    double dt = std::numeric_limits<double>::infinity();
+    StepLimit limit = StepLimit::duration;
+
+    void bound(double other, StepLimit by)
+    {
+        if (other < dt) dt = other, limit = by;
+    }
+};
+
+/// The largest step that is stable in the current state, by the bounds of the material and the motion alone.
+template <class Kernel, class Transfer, int d>
+ChosenStep stable_time_step(StepControl const& control, StepBounds const& now, double cell_size)
+{
+    ChosenStep step;
+    double const h = cell_size;
+    step.bound(control.wave * isolated_limit<Kernel, Transfer, d>() * h / now.wave_speed, StepLimit::wave);
+    step.bound(control.advection * h / now.speed, StepLimit::advection);
+    step.bound(control.deformation / now.deformation_rate, StepLimit::deformation);
+    step.bound(std::sqrt(0.5 * h / now.acceleration), StepLimit::acceleration);
+    step.bound(control.obstacle * h / now.obstacle_speed, StepLimit::obstacle);
+    return step;
+}
+
+} // namespace firn

@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/effects/effect.hpp>
+#include <firn/phases/stable_time_step.hpp>
+
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+namespace firn
+{
+
+/// What one step did.
+struct StepReport
+{
+    double dt = 0;                   ///< [s]
+    double stable_dt = 0;            ///< the bound before the step [s]
+    bool beyond_stable = false;      ///< a warning: dt was larger than stable_dt
+    std::uint64_t capped = 0;        ///< particles whose model is at a cap
+    std::vector<Reaction> reactions; ///< one per obstacle, in the order of the arguments
+};
+
+/// What a call of Solver::advance did.
+struct AdvanceReport
+{
+    std::uint64_t substeps = 0;
+    std::uint64_t rejected = 0; ///< attempts that went wrong and were repeated with half the step
+    double smallest_dt = std::numeric_limits<double>::infinity(); ///< [s]
+    double largest_dt = 0;                                        ///< [s]
+    std::array<std::uint64_t, step_limit_count> limited_by{}; ///< substeps by what bounded them: a StepLimit
+    std::uint64_t capped = 0;        ///< the most particles at a cap of their model in any substep
+    std::uint64_t lost = 0;          ///< particles that vanished; anything but 0 would have been an Error
+    std::vector<Reaction> reactions; ///< one per obstacle, summed over the substeps
+
+    /// What bounded most substeps.
+    StepLimit usual_limit() const
+    {
+        int most = 0;
+        for (int i = 1; i < step_limit_count; ++i)
+            if (limited_by[i] > limited_by[most]) most = i;
+        return static_cast<StepLimit>(most);
+    }
+
+    /// Adds a step or, with `merge`, another call's report.
+    void add(StepReport const& step, StepLimit limit)
+    {
+        ++substeps;
+        ++limited_by[static_cast<int>(limit)];
+        smallest_dt = std::min(smallest_dt, step.dt);
+        largest_dt = std::max(largest_dt, step.dt);
+        capped = std::max(capped, step.capped);
+        add_reactions(step.reactions);
+    }
+
+    void merge(AdvanceReport const& other)
+    {
+        substeps += other.substeps;
+        rejected += other.rejected;
+        for (int i = 0; i < step_limit_count; ++i) limited_by[i] += other.limited_by[i];
+        smallest_dt = std::min(smallest_dt, other.smallest_dt);
+        largest_dt = std::max(largest_dt, other.largest_dt);
+        capped = std::max(capped, other.capped);
+        lost += other.lost;
+        add_reactions(other.reactions);
+    }
+
+private:
+    void add_reactions(std::vector<Reaction> const& more)
+    {
+        if (reactions.size() < more.size()) reactions.resize(more.size());
+        for (std::size_t i = 0; i < more.size(); ++i) reactions[i] += more[i];
+    }
+};
+
+} // namespace firn

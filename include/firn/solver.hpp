@@ -1,0 +1,290 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/concepts.hpp>
+#include <firn/interpolation/quadratic_b_spline.hpp>
+#include <firn/particle_table.hpp>
+#include <firn/phases/grid_to_particles.hpp>
+#include <firn/report.hpp>
+#include <firn/transfer/mls.hpp>
+
+#include <cmath>
+#include <sstream>
+#include <string>
+#include <utility>
+
+namespace firn
+{
+
+/// An explicit Material Point Method solver for one material.
+///
+/// `Backend` says where it runs, `Model` what the material is (and with its Space the dimension and
+/// precision), `Kernel` and `Transfer` how particles and grid exchange what they hold. All input in SI units.
+/// Not to be called from two threads at once; two solvers are independent.
+template <class Backend, class Model, InterpolationKernel Kernel = QuadraticBSpline, class Transfer = Mls>
+class Solver
+{
+public:
+    using Space = typename Model::Space;
+    using Number = typename Space::Real;
+    static constexpr int d = Space::dimension;
+    using Real = typename Backend::template Lane<Number>;
+    static_assert(ConstitutiveModel<Model, Real>,
+                  "the model lacks `Response<Real, d> respond(state&, velocity_gradient, dt) const`, "
+                  "a density, a State or validate(): see firn/concepts.hpp");
+    static_assert(TransferScheme<Transfer, Kernel, Real, d>,
+                  "the transfer scheme lacks give or take: see firn/concepts.hpp");
+
+    /// What a particle stores: the union of what solver, transfer and model declare.
+    using State =
+        Join<Fields<Position>, typename Transfer::State, typename Model::State, Fields<KirchhoffStress>>;
+    using Table = ParticleTable<Backend, Space, State>;
+
+    /// The bytes of one particle's state: its fields and its permanent id.
+    static constexpr std::size_t state_bytes_per_particle = Table::state_bytes;
+    /// All resident bytes per particle: two buffers of the state, and the index of the cell order.
+    static constexpr std::size_t bytes_per_particle = Table::resident_bytes;
+
+    explicit Solver(Lattice lattice, Model model = {}, Transfer transfer = {}, StepControl control = {},
+                    Backend backend = {})
+        : lattice_(firn::lattice(lattice.cell_size, lattice.origin)), model_(std::move(model)),
+          transfer_(transfer), control_(control), backend_(std::move(backend)),
+          particles_(lattice_, Kernel::order, backend_)
+    {
+        model_.validate();
+        control_.validate();
+        backend_.validate();
+        if constexpr (requires { transfer_.validate(); }) transfer_.validate();
+    }
+
+    /// Adds particles at `points` [m] with the given volume each [m^3] and one velocity [m/s], at rest
+    /// otherwise; their mass is the model's density times the volume. Returns the id of the first: ids are
+    /// consecutive and permanent.
+    ///
+    /// `points` is any contiguous range of Eigen vectors of d components. Throws an Error, and adds none, if
+    /// a point is not finite or out of the range of cell coordinates, or the volume is not above 0.
+    template <class Points>
+    std::uint32_t add(Points const& points, double volume_per_point,
+                      Vector<double, d> const& velocity = Vector<double, d>::Zero())
+    {
+        auto const first = particles_.add(points, volume_per_point, double(model_.density), velocity);
+        bounds_.speed = std::max(bounds_.speed, velocity.norm());
+        auto at_rest = Record<Number, d, typename Model::State>::at_rest();
+        auto const response = model_.template respond<Number>(at_rest, Matrix<Number, d>::Zero(), Number(0));
+        bounds_.wave_speed = std::max(bounds_.wave_speed, wave_speed(response.wave_modulus));
+        return first;
+    }
+
+    /// Advances the simulation by one time step of length `dt` [s].
+    ///
+    /// A `dt` above the stable one is taken, with a warning in the report. A step that goes wrong changes
+    /// nothing and throws an Error that names particle, place, time and cause.
+    template <NodeEffect<Number, d>... Effects>
+    StepReport step(double dt, Effects const&... effects)
+    {
+        require(std::isfinite(dt) && dt > 0, "the time step is not a finite number above 0", "Solver::step",
+                "Pass seconds.");
+        (effects.validate(), ...);
+        double const stable = stable_step(effects...).dt;
+        Attempt attempted = attempt({time_, time_ + dt}, effects...);
+        if (attempted.wrong > 0) fail(attempted, dt);
+        attempted.report.stable_dt = stable;
+        attempted.report.beyond_stable = dt > stable;
+        return std::move(attempted.report);
+    }
+
+    /// Advances the simulation by `duration` [s] in as many stable steps as needed.
+    ///
+    /// A step that goes wrong is repeated with half its length; after StepControl::retries halvings that is
+    /// an Error that names particle, place, time and cause, and the state is that of the last good step.
+    template <NodeEffect<Number, d>... Effects>
+    AdvanceReport advance(double duration, Effects const&... effects)
+    {
+        require(std::isfinite(duration) && duration >= 0, "the duration is not a finite number, 0 or above",
+                "Solver::advance", "Pass seconds, e.g. 1.0 / 24.");
+        (effects.validate(), ...);
+        AdvanceReport report;
+        double const end = time_ + duration;
+        for (int retries = 0; time_ < end;) {
+            ChosenStep const chosen = choose(end - time_, retries, effects...);
+            require_progress(chosen, duration);
+            bool const last = chosen.dt >= end - time_;
+            Attempt const attempted = attempt({time_, last ? end : time_ + chosen.dt}, effects...);
+            if (attempted.wrong > 0) {
+                ++report.rejected;
+                if (++retries > control_.retries) fail(attempted, chosen.dt);
+                continue;
+            }
+            if (chosen.limit != StepLimit::duration || retries > 0) previous_dt_ = chosen.dt;
+            retries = 0;
+            report.add(attempted.report, chosen.limit);
+        }
+        return report;
+    }
+
+    double time() const { return time_; } ///< [s]
+    std::size_t size() const { return particles_.size(); }
+    Lattice const& lattice() const { return lattice_; }
+    Model const& model() const { return model_; }
+    Transfer const& transfer() const { return transfer_; }
+
+    /// What the next time step depends on.
+    StepBounds const& bounds() const { return bounds_; }
+
+    /// World positions [m], by id.
+    std::vector<Vector<double, d>> positions() const { return particles_.positions(); }
+
+    /// A field's values, by id: `download<Velocity>()`.
+    template <class Tag>
+    std::vector<FieldValue<Tag, Number, d>> download() const
+    {
+        return particles_.template download<Tag>();
+    }
+
+    /// Masses [kg], by id.
+    std::vector<double> masses() const { return particles_.masses(); }
+
+    /// Bytes held by particles and grid, spare capacity included.
+    std::size_t memory() const { return particles_.memory() + grid_.memory(); }
+
+private:
+    using Grid = typename Backend::template Grid<Number, d, Kernel::order,
+                                                 NodeSums<d, Transfer::keeps_old_velocity>::channels,
+                                                 NodeVelocities<d, Transfer::keeps_old_velocity>::channels>;
+
+    /// What became of a step that was tried.
+    struct Attempt
+    {
+        StepReport report;
+        std::uint64_t wrong = 0; ///< particles with a mishap; if any, nothing has changed
+        Mishap mishap = Mishap::none;
+        std::uint32_t particle = 0;
+    };
+
+    /// The step: to the grid, on the grid, back to the particles. One that goes wrong leaves the particles as
+    /// they were.
+    template <class... Effects>
+    Attempt attempt(Interval const& interval, Effects const&... effects)
+    {
+        auto const actions = chain<Number, d>(interval, effects...);
+        using Actions = std::remove_const_t<decltype(actions)>;
+        Number const dt = static_cast<Number>(interval.length()), h = static_cast<Number>(lattice_.cell_size);
+
+        particles_.sort(); // into the order of cells, with blocks of the grid under them
+        auto const& cells = particles_.cells();
+        auto const now = particles_.current(), next = particles_.next();
+        auto const portions = particles_.portions();
+
+        using Scatter = ParticlesToGrid<Space, Kernel, Transfer, State>;
+        using Update = UpdateGrid<Space, Transfer, Actions>;
+        using Gather = GridToParticles<Space, Model, Kernel, Transfer, Actions, State>;
+        grid_.follow(cells);
+        backend_.scatter(cells, grid_, Scatter{transfer_, now, portions, dt, h});
+        auto const reactions =
+            backend_.for_each_node(cells, grid_, Update{actions, lattice_, smallest_node_mass()});
+        auto const found = backend_.gather(cells, grid_,
+                                           Gather{model_, transfer_, actions, now, next, portions, lattice_,
+                                                  dt, Number(control_.rejection)});
+        return finish(interval, reactions, found);
+    }
+
+    /// Accepts the step unless something went wrong in it; keeps what bounds the next one.
+    template <class Reacted, class Found>
+    Attempt finish(Interval const& interval, Reacted const& reactions, Found const& found)
+    {
+        Attempt attempted;
+        attempted.wrong = found.wrong;
+        attempted.mishap = found.mishap;
+        attempted.particle = found.particle;
+        if (found.wrong > 0) return attempted;
+
+        particles_.accept();
+        time_ = interval.end;
+        bounds_.wave_speed = wave_speed(found.wave_modulus);
+        bounds_.speed = std::sqrt(found.speed2);
+        bounds_.deformation_rate = std::sqrt(found.deformation);
+        bounds_.obstacle_speed = std::sqrt(reactions.largest_surface_speed2);
+
+        attempted.report.dt = interval.length();
+        attempted.report.capped = found.capped;
+        for (std::size_t i = 0; i < reactions.of.size(); ++i) {
+            Reaction both = reactions.of[i];
+            both += found.reactions.of[i];
+            attempted.report.reactions.push_back(
+                {both.impulse * particles_.mass_unit(), both.angular_impulse * particles_.mass_unit()});
+        }
+        return attempted;
+    }
+
+    double wave_speed(double modulus) const { return std::sqrt(modulus / double(model_.density)); }
+
+    /// Below this share of a particle's mass, a node's momentum is rounding alone.
+    Number smallest_node_mass() const
+    {
+        return particles_.largest_mass() * (std::is_same_v<Number, float> ? Number(1e-20) : Number(1e-40));
+    }
+
+    template <class... Effects>
+    ChosenStep stable_step(Effects const&... effects) const
+    {
+        StepBounds now = bounds_;
+        auto const ask = [&](auto const& effect) {
+            if constexpr (requires { effect.largest_acceleration(); })
+                now.acceleration = std::max(now.acceleration, effect.largest_acceleration());
+        };
+        (ask(effects), ...);
+        return stable_time_step<Kernel, Transfer, d>(control_, now, lattice_.cell_size);
+    }
+
+    /// The next step of an advance: stable, not much longer than the one before, and no sliver left at the
+    /// end.
+    template <class... Effects>
+    ChosenStep choose(double remaining, int retries, Effects const&... effects) const
+    {
+        ChosenStep step = stable_step(effects...);
+        if (previous_dt_ > 0) step.bound(control_.growth * previous_dt_, StepLimit::growth);
+        step.dt = std::ldexp(step.dt, -retries);
+        if (step.dt >= remaining)
+            step = {remaining, StepLimit::duration};
+        else if (step.dt > remaining / 2)
+            step = {remaining / 2, StepLimit::duration};
+        return step;
+    }
+
+    void require_progress(ChosenStep const& step, double duration) const
+    {
+        if (step.dt > control_.smallest * duration && time_ + step.dt > time_) return;
+        throw Error{"the stable time step fell to " + std::to_string(step.dt) + " s, bounded by " +
+                        describe(step.limit),
+                    "Solver::advance at t = " + std::to_string(time_) + " s",
+                    "Check masses, moduli and velocities of the scene: wave speed " +
+                        std::to_string(bounds_.wave_speed) + " m/s, fastest particle " +
+                        std::to_string(bounds_.speed) + " m/s."};
+    }
+
+    [[noreturn]] void fail(Attempt const& attempted, double dt) const
+    {
+        std::ostringstream what, where;
+        what << "particle " << attempted.particle << " " << describe(attempted.mishap);
+        if (attempted.wrong > 1) what << ", as did " << attempted.wrong - 1 << " more";
+        where << "at (" << particles_.position(attempted.particle).transpose() << ") m, in a step of " << dt
+              << " s at t = " << time_ << " s";
+        throw Error{what.str(), where.str(),
+                    "The state is that of the last good step. Take a smaller step, or look at what drives "
+                    "this particle: "
+                    "obstacles that close in on it, or a material far too stiff or too soft for its speed."};
+    }
+
+    Lattice lattice_;
+    Model model_;
+    Transfer transfer_;
+    StepControl control_;
+    Backend backend_;
+    ParticleTable<Backend, Space, State> particles_;
+    Grid grid_;
+    StepBounds bounds_;
+    double time_ = 0;
+    double previous_dt_ = 0;
+};
+
+} // namespace firn

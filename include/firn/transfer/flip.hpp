@@ -1,0 +1,54 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/error.hpp>
+#include <firn/transfer/transfer.hpp>
+
+namespace firn
+{
+
+/// The blend of PIC and FLIP (Brackbill & Ruppel 1986; Stomakhin et al. 2013, step 8): a particle takes
+/// `fraction` of the change of the grid's velocity and the rest of the velocity itself. The PIC part damps
+/// per step, not per second.
+struct Flip
+{
+    double fraction = 0.95; ///< beta: 1 is pure FLIP, 0 is PIC
+
+    static constexpr auto name = "flip";
+    using State = Fields<Velocity>;
+
+    template <class Kernel>
+    static constexpr Terms gives{.gradient = true};
+    template <class Kernel>
+    static constexpr Terms takes{.gradient = true};
+    static constexpr bool keeps_old_velocity = true;
+
+    void validate() const
+    {
+        require(fraction >= 0 && fraction <= 1, "the FLIP fraction is outside [0, 1]", "Flip",
+                "Pass the share of FLIP: 0.95 as in the snow paper, 1 for pure FLIP.");
+    }
+
+    /// m v, and (apart from it) the force -V0 tau dw_i.
+    template <class Kernel, Lane Real, int d, class Particle>
+    FIRN_HOST_DEVICE Given<Real, d> give(Particle const& particle, Real mass,
+                                         Matrix<Real, d> const& stress_impulse, Real) const
+    {
+        Given<Real, d> given;
+        given.momentum = particle[Velocity{}] * mass;
+        given.gradient = stress_impulse;
+        return given;
+    }
+
+    /// v = (1 - beta) sum w v_i + beta (v + sum w (v_i - v_i^n)); returns L = sum of v_i dw_i^T [1/s].
+    template <class Kernel, Lane Real, int d, class Particle>
+    FIRN_HOST_DEVICE Matrix<Real, d> take(Particle& particle, Gathered<Real, d> const& gathered,
+                                          Real inverse_cell_size) const
+    {
+        Vector<Real, d>& v = particle[Velocity{}];
+        v = gathered.velocity + (v - gathered.old_velocity) * Real(Scalar<Real>(fraction));
+        return gathered.gradient * inverse_cell_size;
+    }
+};
+
+} // namespace firn
