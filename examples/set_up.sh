@@ -18,7 +18,35 @@ need_packages() {
         command -v sudo >/dev/null || stop "root or sudo is needed to install: ${missing[*]}"
         as_root=(sudo)
     fi
-    "${as_root[@]}" apt-get update -qq || stop "apt-get update failed: is there a network?"
-    "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "${missing[@]}" >/dev/null ||
+    local patience=(-o DPkg::Lock::Timeout=120) # another installation may be running
+    "${as_root[@]}" apt-get "${patience[@]}" update -qq || stop "apt-get update failed: is there a network?"
+    "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive \
+        apt-get "${patience[@]}" install -y -qq --no-install-recommends "${missing[@]}" >/dev/null ||
         stop "apt-get could not install: ${missing[*]}"
+}
+
+# need_room <megabytes> <folder>: stops unless that much is free where the folder is.
+need_room() {
+    local free
+    free=$(df -Pm "$2" | awk 'NR == 2 { print $4 }')
+    [ "$free" -ge "$1" ] || stop "$1 MB of disk are needed at $2, and $free MB are free."
+}
+
+# need_python <folder> <requirement>...: a virtual environment in that folder with these packages from PyPI.
+need_python() {
+    local folder=$1 log
+    shift
+    if [ -x "$folder/bin/python" ] && [ "$(cat "$folder/installed" 2>/dev/null)" = "$*" ]; then
+        echo "python: $folder has what is needed ($*)"
+        return
+    fi
+    echo "python: installing $* from PyPI into $folder (about 600 MB)"
+    need_room 800 "$(dirname "$folder")"
+    python3 -m venv --clear "$folder" >/dev/null || stop "python3 -m venv failed: is the package python3-venv installed?"
+    log="$folder/pip.log"
+    "$folder/bin/python" -m pip install --quiet --disable-pip-version-check "$@" >"$log" 2>&1 || {
+        tail -n 5 "$log" >&2
+        stop "pip could not install $*: is there a network? (all of its output: $log)"
+    }
+    echo "$*" >"$folder/installed"
 }

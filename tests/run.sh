@@ -9,4 +9,4 @@ need_packages g++ cmake ninja-build libeigen3-dev libxsimd-dev catch2 libcgal-de
 
 cmake --preset release
 cmake --build --preset release
-ctest --preset release "$@"
+ctest --preset release --parallel "$(nproc)" "$@"

@@ -29,10 +29,14 @@ public:
     template <class T>
     using Array = typename Backend::template Array<T>;
 
-    static constexpr std::size_t state_bytes = Set::components(d) * sizeof(Number) + sizeof(std::uint32_t);
+    using Offset = typename View::Offset;
+    static constexpr std::size_t state_bytes =
+        d * sizeof(Offset) + Set::components(d) * sizeof(Number) + sizeof(std::uint32_t);
     static constexpr std::size_t resident_bytes = 2 * state_bytes + Cells::bytes_per_item;
 
-    ParticleTable(Lattice lattice, int kernel_order, Backend const& backend) : lattice_(lattice), order_(kernel_order), cells_(backend) {}
+    ParticleTable(Lattice lattice, int kernel_order, Backend const& backend)
+        : lattice_(lattice), order_(kernel_order), cells_(backend)
+    {}
 
     std::size_t size() const { return size_; }
     Cells const& cells() const { return cells_; }
@@ -66,7 +70,8 @@ public:
         View const view = current();
         std::vector<Coordinates<d>> cells(located.size());
         for (std::size_t i = 0; i < located.size(); ++i) {
-            record[Position{}] = located[i].offset.template cast<Number>();
+            for (int a = 0; a < d; ++a)
+                view.offset[a][first + i] = CellOffset<Number>::from(located[i].offset[a]);
             record.for_each([&](int c, Number const& value) { view.component[c][first + i] = value; });
             view.id[first + i] = static_cast<std::uint32_t>(first + i);
             cells[i] = located[i].cell;
@@ -80,7 +85,7 @@ public:
     void sort()
     {
         if (!moved_) return;
-        cells_.follow(component_pointers<Position>());
+        cells_.follow(current().offset);
         moved_ = false;
         require(cells_.size() == size_, "particles were lost while they were sorted into cells",
                 "ParticleTable::sort", "This is a mistake in the library: please report the scene.");
@@ -92,6 +97,21 @@ public:
         std::swap(buffer_[0], buffer_[1]);
         cells_.settle();
         moved_ = true;
+    }
+
+    /// Calls `change(id, record)` for every particle, one after the other, and keeps what it made of the
+    /// record; the lower triangles of symmetric fields are not filled in. Positions are to be left as they
+    /// are.
+    template <class Change>
+    void edit(Change const& change)
+    {
+        View const view = current();
+        for (std::size_t i = 0; i < size_; ++i) {
+            Record<Number, d, Set> record;
+            record.for_each([&](int c, Number& value) { value = view.component[c][i]; });
+            change(view.id[i], record);
+            record.for_each([&](int c, Number const& value) { view.component[c][i] = value; });
+        }
     }
 
     std::vector<Vector<double, d>> positions() const
@@ -107,7 +127,6 @@ public:
     template <class Tag>
     std::vector<FieldValue<Tag, Number, d>> download() const
     {
-        static_assert(!std::is_same_v<Tag, Position>, "positions are stored by cell: ask for positions()");
         constexpr int first = Set::template first_component<Tag>(d);
         std::vector<FieldValue<Tag, Number, d>> by_id(size_, value_at_rest<Tag, Number, d>());
         View const view = buffer_[0].view();
@@ -146,11 +165,13 @@ public:
 private:
     struct Buffer
     {
+        std::array<Array<Offset>, d> offset;
         std::array<Array<Number>, Set::components(d)> component;
         Array<std::uint32_t> id;
 
         void resize(std::size_t count)
         {
+            for (auto& array : offset) array.resize(count);
             for (auto& array : component) array.resize(count);
             id.resize(count);
         }
@@ -158,6 +179,7 @@ private:
         View view() const
         {
             View view;
+            for (int a = 0; a < d; ++a) view.offset[a] = const_cast<Offset*>(offset[a].data());
             for (int c = 0; c < Set::components(d); ++c)
                 view.component[c] = const_cast<Number*>(component[c].data());
             view.id = const_cast<std::uint32_t*>(id.data());
@@ -167,6 +189,7 @@ private:
         std::size_t memory() const
         {
             std::size_t bytes = id.memory();
+            for (auto const& array : offset) bytes += array.memory();
             for (auto const& array : component) bytes += array.memory();
             return bytes;
         }
@@ -207,20 +230,10 @@ private:
         largest_mass_ = std::max(largest_mass_, portion.mass);
     }
 
-    template <class Tag>
-    std::array<Number*, component_count<Tag>(d)> component_pointers()
-    {
-        std::array<Number*, component_count<Tag>(d)> pointers;
-        for (int c = 0; c < component_count<Tag>(d); ++c)
-            pointers[c] = buffer_[0].component[Set::template first_component<Tag>(d) + c].data();
-        return pointers;
-    }
-
     Vector<double, d> position_of(View const& view, std::size_t particle, Coordinates<d> const& cell) const
     {
         Vector<double, d> offset;
-        for (int a = 0; a < d; ++a)
-            offset[a] = view.component[Set::template first_component<Position>(d) + a][particle];
+        for (int a = 0; a < d; ++a) offset[a] = CellOffset<Number>::exact(view.offset[a][particle]);
         return world_position<d>(lattice_, order_, cell, offset);
     }
 

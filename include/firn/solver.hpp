@@ -27,6 +27,7 @@ class Solver
 public:
     using Space = typename Model::Space;
     using Number = typename Space::Real;
+    using kernel = Kernel;
     static constexpr int d = Space::dimension;
     using Real = typename Backend::template Lane<Number>;
     static_assert(ConstitutiveModel<Model, Real>,
@@ -35,12 +36,11 @@ public:
     static_assert(TransferScheme<Transfer, Kernel, Real, d>,
                   "the transfer scheme lacks give or take: see firn/concepts.hpp");
 
-    /// What a particle stores: the union of what solver, transfer and model declare.
-    using State =
-        Join<Fields<Position>, typename Transfer::State, typename Model::State, Fields<KirchhoffStress>>;
+    /// What a particle stores beside position and id: the union of what transfer, model and solver declare.
+    using State = Join<typename Transfer::State, typename Model::State, Fields<KirchhoffStress>>;
     using Table = ParticleTable<Backend, Space, State>;
 
-    /// The bytes of one particle's state: its fields and its permanent id.
+    /// The bytes of one particle's state: its position, its fields and its permanent id.
     static constexpr std::size_t state_bytes_per_particle = Table::state_bytes;
     /// All resident bytes per particle: two buffers of the state, and the index of the cell order.
     static constexpr std::size_t bytes_per_particle = Table::resident_bytes;
@@ -68,11 +68,31 @@ public:
                       Vector<double, d> const& velocity = Vector<double, d>::Zero())
     {
         auto const first = particles_.add(points, volume_per_point, double(model_.density), velocity);
-        bounds_.speed = std::max(bounds_.speed, velocity.norm());
+        if (particles_.size() == first) return first;
         auto at_rest = Record<Number, d, typename Model::State>::at_rest();
         auto const response = model_.template respond<Number>(at_rest, Matrix<Number, d>::Zero(), Number(0));
         bounds_.wave_speed = std::max(bounds_.wave_speed, wave_speed(response.wave_modulus));
+        bounds_.speed = std::max(bounds_.speed, velocity.norm());
         return first;
+    }
+
+    /// Sets a field of all particles, by id: velocities, an affine velocity, or a part of the model's state;
+    /// the stress follows. Throws an Error, and changes nothing, unless there is one finite value per
+    /// particle.
+    template <class Tag>
+    void upload(std::vector<FieldValue<Tag, Number, d>> const& by_id)
+    {
+        static_assert(Join<typename Transfer::State, typename Model::State>::template contains<Tag>,
+                      "the scene stores no such field, or one that follows from others");
+        require(by_id.size() == size(), "there is not one value per particle", "Solver::upload",
+                "Pass size() values, by id.");
+        for (auto value : by_id)
+            for_each_component<Tag, d>(value, [](int, Number number) {
+                require(std::isfinite(number), "a value is not finite", "Solver::upload",
+                        "Pass finite values.");
+            });
+        particles_.edit([&](std::uint32_t id, auto& particle) { particle[Tag{}] = by_id[id]; });
+        find_stress_and_bounds();
     }
 
     /// Advances the simulation by one time step of length `dt` [s].
@@ -216,6 +236,21 @@ private:
         return attempted;
     }
 
+    /// The stress of the state as it is, and the bounds of the next step; for states set from outside.
+    void find_stress_and_bounds()
+    {
+        bounds_ = {};
+        double modulus = 0;
+        particles_.edit([&](std::uint32_t, auto& particle) {
+            auto const response =
+                model_.template respond<Number>(particle, Matrix<Number, d>::Zero(), Number(0));
+            particle[KirchhoffStress{}] = response.kirchhoff_stress;
+            modulus = std::max(modulus, double(response.wave_modulus));
+            bounds_.speed = std::max(bounds_.speed, double(particle[Velocity{}].norm()));
+        });
+        bounds_.wave_speed = wave_speed(modulus);
+    }
+
     double wave_speed(double modulus) const { return std::sqrt(modulus / double(model_.density)); }
 
     /// Below this share of a particle's mass, a node's momentum is rounding alone.
@@ -228,7 +263,7 @@ private:
     ChosenStep stable_step(Effects const&... effects) const
     {
         StepBounds now = bounds_;
-        auto const ask = [&](auto const& effect) {
+        [[maybe_unused]] auto const ask = [&](auto const& effect) {
             if constexpr (requires { effect.largest_acceleration(); })
                 now.acceleration = std::max(now.acceleration, effect.largest_acceleration());
         };

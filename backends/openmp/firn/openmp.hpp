@@ -15,8 +15,8 @@ namespace firn
 
 /// Runs a solver on the cores of this machine: threads take blocks of cells, SIMD lanes take cells.
 ///
-/// `Lanes` chooses how many numbers a lane of `Number` holds; unless told otherwise as many as the compile flags allow.
-/// Results do not depend on the number of threads.
+/// `Lanes` chooses how many numbers a lane of `Number` holds; unless told otherwise as many as the compile
+/// flags allow. Results do not depend on the number of threads.
 template <class Lanes = openmp::NativeLanes>
 struct BasicOpenMP
 {
@@ -33,7 +33,8 @@ struct BasicOpenMP
 
     void validate() const
     {
-        require(threads >= 0, "the number of threads is below 0", "OpenMP", "Pass the number of threads, or 0 for all cores.");
+        require(threads >= 0, "the number of threads is below 0", "OpenMP",
+                "Pass the number of threads, or 0 for all cores.");
     }
 
     int thread_count() const { return threads > 0 ? threads : omp_get_max_threads(); }
@@ -45,7 +46,8 @@ struct BasicOpenMP
         openmp::for_each(thread_count(), count, body);
     }
 
-    /// Calls `phase(cell)` for every group of cells that holds items; what cells add to shared nodes is summed.
+    /// Calls `phase(cell)` for every group of cells that holds items; what cells add to shared nodes is
+    /// summed.
     template <class CellOrder, class GridType, class Phase>
     void scatter(CellOrder const& cells, GridType& grid, Phase const& phase) const
     {
@@ -75,7 +77,9 @@ inline std::string openmp_info()
     std::string const lanes = std::to_string(lane_width<openmp::NativeLane<float>>) + " float or " +
                               std::to_string(lane_width<openmp::NativeLane<double>>) + " double lanes";
     return "OpenMP, " + std::to_string(omp_get_max_threads()) + " threads, " + lanes +
-           (lane_width<openmp::NativeLane<float>> == 1 ? " (install xsimd and compile for your processor for more)" : "");
+           (lane_width<openmp::NativeLane<float>> == 1
+                ? " (install xsimd and compile for your processor for more)"
+                : "");
 }
 
 } // namespace firn

@@ -89,7 +89,16 @@ FIRN_HOST_DEVICE void book(Reaction& reaction, Touched<Real, d> const& touched, 
 }
 } // namespace detail
 
-/// The velocity of lanes of nodes after all effects.
+/// Adds what actions on momentum (gravity) do to lanes of nodes.
+template <Lane Real, int d, class... Actions>
+FIRN_HOST_DEVICE void apply_on_momentum(Chain<Actions...> const& chain, Vector<Real, d>& momentum, Real mass)
+{
+    chain.for_each([&](auto const& action) {
+        if constexpr (requires { action.on_momentum(momentum, mass); }) action.on_momentum(momentum, mass);
+    });
+}
+
+/// The velocity of lanes of nodes after all effects on velocities.
 ///
 /// Obstacles act one after the other. Where two of them meet (a corner) a second pass settles friction, and a
 /// third, of pure non-penetration, has the last word.
@@ -117,15 +126,16 @@ FIRN_HOST_DEVICE Vector<Real, d> apply_on_nodes(Chain<Actions...> const& chain, 
                 }
                 ++obstacle;
             }
-            else if (first_pass)
-                velocity = action.template on_node<Real>(velocity);
+            else if constexpr (requires { action.on_node(velocity); }) {
+                if (first_pass) velocity = action.on_node(velocity);
+            }
         });
     };
     pass(true, false);
     if constexpr (obstacles > 1)
         if (any(twice)) {
             pass(false, false);
-            pass(false, true);
+            for (int i = 0; i < 4; ++i) pass(false, true);
         }
     return velocity;
 }

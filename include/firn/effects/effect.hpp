@@ -8,8 +8,9 @@
 
 // An effect is what acts on velocities beside the material itself: gravity, obstacles. Effects are arguments
 // of a step. On the host an effect is a plain description; `during(interval)` turns it into an *action*, a
-// trivially copyable value with the step's numbers filled in, which the phases call on lanes of nodes (and of
-// particles, where it asks for it).
+// trivially copyable value with the step's numbers filled in, which the phases call on lanes of nodes: as
+// `on_momentum(momentum, mass)`, as `on_node(velocity)`, or as an obstacle (on particles too, if it asks for
+// them).
 namespace firn
 {
 

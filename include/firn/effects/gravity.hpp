@@ -17,7 +17,8 @@ struct Gravity
                 "Pass it in m/s^2.");
     }
 
-    /// Adds g dt to every velocity.
+    /// Adds m g dt to every momentum. (Not g dt to every velocity: bodies of one velocity would all round the
+    /// same way, step after step.)
     template <class Number, int d>
     struct Action
     {
@@ -25,11 +26,9 @@ struct Gravity
         Vector<Number, d> change; ///< [m/s]
 
         template <Lane Real>
-        FIRN_HOST_DEVICE Vector<Real, d> on_node(Vector<Real, d> const& velocity) const
+        FIRN_HOST_DEVICE void on_momentum(Vector<Real, d>& momentum, Real mass) const
         {
-            Vector<Real, d> after;
-            for (int a = 0; a < d; ++a) after[a] = velocity[a] + Real(change[a]);
-            return after;
+            for (int a = 0; a < d; ++a) momentum[a] += mass * Real(change[a]);
         }
     };
 

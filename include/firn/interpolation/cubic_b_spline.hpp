@@ -24,8 +24,14 @@ struct CubicBSpline
     {
         Real const a = Real(0.5) - t, b = Real(0.5) + t; // distances to the right and left node of the cell
         Real const sixth = Real(1.0 / 6.0), two_thirds = Real(2.0 / 3.0), half = Real(0.5);
-        return {sixth * a * a * a, two_thirds - b * b * (Real(1) - half * b),
-                two_thirds - a * a * (Real(1) - half * a), sixth * b * b * b};
+        std::array<Real, 4> w{sixth * a * a * a, two_thirds - b * b * (Real(1) - half * b),
+                              two_thirds - a * a * (Real(1) - half * a), sixth * b * b * b};
+        // 1/6 and 2/3 are rounded, so that the sum is always a little off one, which would speed everything
+        // up (or turn it off its course, were it mended on one side) by that much with every step.
+        Real const missing = half * (Real(1) - ((w[0] + w[3]) + (w[1] + w[2])));
+        w[1] += missing;
+        w[2] += missing;
+        return w;
     }
 
     /// dN/dt of the four nodes [1/h].

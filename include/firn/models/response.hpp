@@ -17,12 +17,50 @@ struct Response
     Mask<Real> capped;   ///< the state reached a stated cap: a warning
 };
 
-/// The trial deformation gradient (I + dt L) F of a step (Stomakhin et al. 2013, eq. 11).
+/// The trial deformation (I + dt L) F of a step (Stomakhin et al. 2013, eq. 11), in terms of H = F - I.
 template <Lane Real, int d>
-FIRN_HOST_DEVICE inline Matrix<Real, d> deformed(Matrix<Real, d> const& F,
+FIRN_HOST_DEVICE inline Matrix<Real, d> deformed(Matrix<Real, d> const& H,
                                                  Matrix<Real, d> const& velocity_gradient, Real dt)
 {
-    return F + velocity_gradient * F * dt;
+    return H + (velocity_gradient + velocity_gradient * H) * dt;
+}
+
+/// F = I + H.
+template <Lane Real, int d>
+FIRN_HOST_DEVICE inline Matrix<Real, d> deformation_gradient(Matrix<Real, d> const& H)
+{
+    Matrix<Real, d> F = H;
+    for (int i = 0; i < d; ++i) F(i, i) += Real(1);
+    return F;
+}
+
+/// H = F - I.
+template <Lane Real, int d>
+FIRN_HOST_DEVICE inline Matrix<Real, d> displacement_gradient(Matrix<Real, d> const& F)
+{
+    Matrix<Real, d> H = F;
+    for (int i = 0; i < d; ++i) H(i, i) -= Real(1);
+    return H;
+}
+
+/// J - 1 = det(I + H) - 1, without the cancellation near rest.
+template <Lane Real, int d>
+FIRN_HOST_DEVICE inline Real volume_change(Matrix<Real, d> const& H)
+{
+    auto const minor = [&](int i, int j) { return H(i, i) * H(j, j) - H(i, j) * H(j, i); };
+    if constexpr (d == 2)
+        return H(0, 0) + H(1, 1) + minor(0, 1);
+    else
+        return H(0, 0) + H(1, 1) + H(2, 2) + (minor(0, 1) + minor(0, 2) + minor(1, 2) + H.determinant());
+}
+
+/// ln(1 + x), accurate for small x too: the rounding of 1 + x is divided out (Kahan).
+template <Lane Real>
+FIRN_HOST_DEVICE inline Real log_one_plus(Real x)
+{
+    Real const one(1), u = one + x;
+    Mask<Real> const tiny = u == one;
+    return select(tiny, x, log(u) * x / select(tiny, one, u - one));
 }
 
 /// A mask that is false in every lane.

@@ -68,20 +68,21 @@ struct GridToParticles
         for (int rank = 0, ranks = cell.ranks(); rank < ranks; ++rank) {
             cell.enter(rank);
             auto particle = before.load(cell);
-            Gathered<Real, d> const gathered = gather<Real>(cell, particle[Position{}]);
+            Vector<Real, d> const position = before.position(cell);
+            Gathered<Real, d> const gathered = gather<Real>(cell, position);
 
             Real const h(static_cast<Number>(lattice.cell_size)),
                 inverse_h(static_cast<Number>(1 / lattice.cell_size));
             Matrix<Real, d> const L = transfer.template take<Kernel, Real, d>(particle, gathered, inverse_h);
             Vector<Real, d> displacement = gathered.velocity * Real(dt);
-            touch_obstacles<Real>(cell, particle, displacement, result);
+            touch_obstacles<Real>(cell, position, particle, displacement, result);
             displacement = displacement * inverse_h;
-            particle[Position{}] += displacement;
 
             Response<Real, d> const response = model.template respond<Real>(particle, L, Real(dt));
             particle[KirchhoffStress{}] = response.kirchhoff_stress;
             after.store(cell, particle);
             cell.copy(before.id, after.id);
+            after.move(cell, before, within_a_cell<Real>(displacement));
 
             Real const rate2 = L.squaredNorm();
             wave = max(wave, response.wave_modulus);
@@ -136,16 +137,26 @@ private:
         return sum;
     }
 
+    /// A displacement that can be stored: one beyond a cell, or not a number, rejects the step anyway.
+    template <class Real>
+    FIRN_HOST_DEVICE static Vector<Real, d> within_a_cell(Vector<Real, d> const& displacement)
+    {
+        Vector<Real, d> bounded;
+        for (int a = 0; a < d; ++a) bounded[a] = min(max(Real(-1), displacement[a]), Real(1));
+        return bounded;
+    }
+
     /// Contact of the particles themselves, for obstacles that ask for it.
     template <class Real, class Cell, class Particle>
-    FIRN_HOST_DEVICE void touch_obstacles(Cell const& cell, Particle& particle, Vector<Real, d>& displacement,
+    FIRN_HOST_DEVICE void touch_obstacles(Cell const& cell, Vector<Real, d> const& position,
+                                          Particle& particle, Vector<Real, d>& displacement,
                                           Result& result) const
     {
         if constexpr (Effects::obstacles > 0) {
             if (!effects_touch_particles()) return;
             Number const to_node = Number(0.5 - cell_shift(order));
             Vector<Real, d> where =
-                particle[Position{}] + displacement * Real(Number(1 / lattice.cell_size)) + cell.along();
+                position + displacement * Real(Number(1 / lattice.cell_size)) + cell.along();
             for (int a = 0; a < d; ++a) where[a] += Real(to_node);
             Place<Real, d> const place{lattice, cell.first(), where};
             displacement += apply_on_particles<Real, d>(effects, place, portions.find(cell, before.id).mass,
@@ -170,11 +181,15 @@ private:
         // The sum of all magnitudes is finite if each of them is, and small if nothing is about to overflow.
         Real size(0), moved(0);
         particle.for_each([&](int, auto& value) { size += abs(value); });
-        for (int a = 0; a < d; ++a) moved = max(moved, abs(displacement[a]));
+        for (int a = 0; a < d; ++a) {
+            moved = max(moved, abs(displacement[a]));
+            size += abs(displacement[a]);
+        }
         Mask<Real> const finite = size < Real(std::numeric_limits<Number>::max());
         Real const bound(largest_deformation * largest_deformation);
         Mask<Real> const calm = (moved < Real(1)) & (rate2 * Real(dt * dt) < bound);
-        Mask<Real> const wrong = cell.here() & ((!finite) | response.inverted | (!calm));
+        Mask<Real> wrong = cell.here() & ((!finite) | response.inverted | (!calm));
+        if (cell.at_the_edge()) wrong = cell.here();
         Mask<Real> const capped = cell.here() & response.capped;
         if (!any(wrong | capped)) return;
 

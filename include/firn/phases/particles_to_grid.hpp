@@ -71,11 +71,11 @@ private:
     {
         using Nodes = Stencil<Kernel, Real, d>;
         constexpr Terms terms = Transfer::template gives<Kernel>;
-        using Wanted = Join<Fields<Position, KirchhoffStress>, typename Transfer::State>;
+        using Wanted = Join<Fields<KirchhoffStress>, typename Transfer::State>;
 
         auto const particle = particles.load(cell, Wanted{});
         auto const [mass, volume] = portions.find(cell, particles.id);
-        Nodes const nodes(particle[Position{}], cell.here());
+        Nodes const nodes(particles.position(cell), cell.here());
 
         // dt f_i = -dt V0 tau grad w_i, with the gradient taken per cell
         Matrix<Real, d> const stress_impulse = particle[KirchhoffStress{}] * (volume * Real(-dt / cell_size));

@@ -12,7 +12,8 @@ namespace firn
 {
 
 /// What bounds a time step.
-enum class StepLimit {
+enum class StepLimit
+{
     wave,         ///< the fastest elastic wave in the current, hardened state
     advection,    ///< the fastest particle
     deformation,  ///< the largest velocity gradient
@@ -26,7 +27,8 @@ inline constexpr int step_limit_count = 7;
 /// The limit in one word.
 constexpr char const* describe(StepLimit limit)
 {
-    constexpr char const* names[]{"wave", "advection", "deformation", "acceleration", "obstacle", "growth", "duration"};
+    constexpr char const* names[]{"wave",     "advection", "deformation", "acceleration",
+                                  "obstacle", "growth",    "duration"};
     return names[static_cast<int>(limit)];
 }
 
@@ -44,8 +46,9 @@ struct StepControl
 
     void validate() const
     {
-        bool const good = wave > 0 && advection > 0 && advection <= 0.5 && deformation > 0 && obstacle > 0 && growth > 1 &&
-                          rejection > deformation && rejection < 1 && smallest > 0 && retries >= 0;
+        bool const good = wave > 0 && advection > 0 && advection <= 0.5 && deformation > 0 && obstacle > 0 &&
+                          growth > 1 && rejection > deformation && rejection < 1 && smallest > 0 &&
+                          retries >= 0;
         require(good, "a factor of the step control is out of range", "StepControl",
                 "Keep 0 < wave, 0 < advection <= 0.5, 0 < deformation < rejection < 1, growth > 1.");
     }
@@ -62,16 +65,17 @@ struct StepBounds
 };
 
 /// The largest c dt / h at which a single free particle is stable, for any Poisson ratio:
-/// sqrt(2 / (d D^-1 (R - K/2))), with R the kernel's gradient bound over D^-1 (1 for MLS forces) and K = 1 for schemes
-/// with an affine matrix, else 0 (derived from the linearised step; the form of Bai & Schroeder 2022).
-/// It lies below the limit of the bulk for all pairs of kernel and transfer.
+/// sqrt(2 / (d D^-1 (R - K/2))), with R the kernel's gradient bound over D^-1 (1 for MLS forces) and K = 1
+/// for schemes with an affine matrix, else 0 (derived from the linearised step; the form of Bai & Schroeder
+/// 2022). It lies below the limit of the bulk for all pairs of kernel and transfer.
 template <class Kernel, class Transfer, int d>
 constexpr double isolated_limit()
 {
     // A tent has no inertia of its own: 4/h^2 is that of a particle in the middle of its cell.
     double inverse_inertia = 4;
     if constexpr (HasConstantInertia<Kernel>) inverse_inertia = Kernel::inverse_inertia;
-    double const R = Transfer::template gives<Kernel>.gradient ? Kernel::gradient_bound / inverse_inertia : 1.0;
+    double const R =
+        Transfer::template gives<Kernel>.gradient ? Kernel::gradient_bound / inverse_inertia : 1.0;
     double const K = Transfer::template gives<Kernel>.affine ? 1.0 : 0.0;
     return std::sqrt(2.0 / (d * inverse_inertia * (R - K / 2)));
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/cell_offset.hpp>
 #include <firn/core/fields.hpp>
 
 #include <array>
@@ -10,14 +11,38 @@
 namespace firn
 {
 
-/// Where the table of particles lies: one array per component of each field, and the permanent ids.
+/// Where the table of particles lies: positions as offsets from the centres of their cells, one array per
+/// component of each field, and the permanent ids.
 template <class Number, int d, class Set>
 struct TableView
 {
     static constexpr int components = Set::components(d);
 
+    using Offset = typename CellOffset<Number>::Stored;
+
+    std::array<Offset*, d> offset;
     std::array<Number*, components> component;
     std::uint32_t* id;
+
+    /// Reads the offsets from the centres of their cells of the cell's current lane of particles, in cells.
+    template <class Cell>
+    FIRN_HOST_DEVICE Vector<typename Cell::Real, d> position(Cell const& cell) const
+    {
+        Vector<typename Cell::Real, d> position;
+        for (int a = 0; a < d; ++a)
+            position[a] = cell.map(
+                [&](std::size_t particle) { return CellOffset<Number>::value(offset[a][particle]); });
+        return position;
+    }
+
+    /// Writes the offsets in `before` plus a displacement [cells], each component within [-1, 1].
+    template <class Cell>
+    FIRN_HOST_DEVICE void move(Cell const& cell, TableView const& before,
+                               Vector<typename Cell::Real, d> const& displacement) const
+    {
+        for (int a = 0; a < d; ++a)
+            cell.update(before.offset[a], offset[a], displacement[a], CellOffset<Number>::moved);
+    }
 
     /// Reads the record of the cell's current lane of particles.
     template <class Cell>

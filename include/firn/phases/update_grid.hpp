@@ -19,7 +19,7 @@ struct NodeVelocities
 
 /// Phase 2: momentum becomes velocity, forces, gravity and obstacles act on it.
 ///
-///   v_i = chain((m v + dt f)_i / m_i)      Stomakhin et al. 2013, steps 4 and 5
+///   v_i = chain((m v + dt f + dt m g)_i / m_i)      Stomakhin et al. 2013, steps 4 and 5
 ///
 /// A node of less than `smallest_mass` counts as empty: its quotient would be rounding alone.
 template <class Space, class Transfer, class Effects>
@@ -44,15 +44,16 @@ struct UpdateGrid
         Mask<Real> const filled = mass > Real(smallest_mass);
         Real const inverse_mass = select(filled, Real(1) / select(filled, mass, Real(1)), Real(0));
 
-        Vector<Real, d> velocity;
+        Vector<Real, d> momentum;
         for (int a = 0; a < d; ++a) {
-            Real momentum = node.sum(Sums::momentum + a);
+            momentum[a] = node.sum(Sums::momentum + a);
             if constexpr (Transfer::keeps_old_velocity) {
-                node.set(Velocities::old_velocity + a, momentum * inverse_mass);
-                momentum += node.sum(Sums::impulse + a);
+                node.set(Velocities::old_velocity + a, momentum[a] * inverse_mass);
+                momentum[a] += node.sum(Sums::impulse + a);
             }
-            velocity[a] = momentum * inverse_mass;
         }
+        apply_on_momentum<Real, d>(effects, momentum, mass);
+        Vector<Real, d> velocity = momentum * inverse_mass;
         Place<Real, d> const place{lattice, node.first(), node.offset()};
         velocity =
             apply_on_nodes<Real, d>(effects, place, select(filled, mass, Real(0)), velocity, reactions);

@@ -32,12 +32,14 @@ public:
     Array& operator=(Array const&) = delete;
     ~Array() { release(); }
 
-    /// Changes the size and keeps the elements that stay; grows by half as much again so that repeated growth is cheap.
+    /// Changes the size and keeps the elements that stay; grows by half as much again so that repeated growth
+    /// is cheap.
     void resize(std::size_t size)
     {
         if (size > capacity_) {
             std::size_t const capacity = size_ == 0 ? size : std::max(size, size_ + size_ / 2);
-            auto* const bigger = static_cast<T*>(::operator new(capacity * sizeof(T), std::align_val_t{alignment}));
+            auto* const bigger =
+                static_cast<T*>(::operator new (capacity * sizeof(T), std::align_val_t{alignment}));
             if (size_ > 0) std::memcpy(static_cast<void*>(bigger), data_, size_ * sizeof(T));
             release();
             data_ = bigger;
@@ -56,7 +58,7 @@ public:
 private:
     void release()
     {
-        if (data_) ::operator delete(data_, std::align_val_t{alignment});
+        if (data_) ::operator delete (data_, std::align_val_t{alignment});
         data_ = nullptr;
     }
 

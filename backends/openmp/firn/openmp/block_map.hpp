@@ -16,7 +16,8 @@ std::uint64_t block_key(Coordinates<d> const& block)
     constexpr int bits = d == 3 ? 21 : 32;
     std::uint64_t key = 0;
     for (int a = 0; a < d; ++a) {
-        auto const shifted = static_cast<std::uint64_t>(std::int64_t{block[a]} + (std::int64_t{1} << (bits - 1)));
+        auto const shifted =
+            static_cast<std::uint64_t>(std::int64_t{block[a]} + (std::int64_t{1} << (bits - 1)));
         key = (key << bits) | shifted;
     }
     return key;

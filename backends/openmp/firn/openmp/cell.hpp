@@ -13,8 +13,10 @@ namespace firn::openmp
 template <class Lane>
 Mask<Lane> mask_of(std::uint64_t pattern)
 {
-    if constexpr (requires { Mask<Lane>::from_bits(pattern); }) return Mask<Lane>::from_bits(pattern);
-    else if constexpr (lane_width<Lane> == 1) return pattern != 0;
+    if constexpr (requires { Mask<Lane>::from_bits(pattern); })
+        return Mask<Lane>::from_bits(pattern);
+    else if constexpr (lane_width<Lane> == 1)
+        return pattern != 0;
     else {
         Scalar<Lane> one_or_zero[lane_width<Lane>];
         for (int l = 0; l < lane_width<Lane>; ++l) one_or_zero[l] = Scalar<Lane>((pattern >> l) & 1);
@@ -31,9 +33,9 @@ Lane counting()
     return LaneTraits<Lane>::load(number);
 }
 
-/// A group of cells as a phase sees it: lane l is cell l. What the phase loads comes from where the items lie, what it
-/// stores goes to their slots. A lane without an item repeats another lane's values, so that they are harmless; its
-/// place in here() is false.
+/// A group of cells as a phase sees it: lane l is cell l. What the phase loads comes from where the items
+/// lie, what it stores goes to their slots. A lane without an item repeats another lane's values, so that
+/// they are harmless; its place in here() is false.
 template <class Lane, class CellOrder, int d>
 class CellLanes
 {
@@ -48,8 +50,10 @@ public:
     {
         auto const& block_at = cells.blocks()[block].coordinates;
         int const row = group / Shape::groups_per_row;
-        if constexpr (d == 3) first_ = {row / Shape::across, row % Shape::across, group % Shape::groups_per_row * lanes};
-        else first_ = {row, group % Shape::groups_per_row * lanes};
+        if constexpr (d == 3)
+            first_ = {row / Shape::across, row % Shape::across, group % Shape::groups_per_row * lanes};
+        else
+            first_ = {row, group % Shape::groups_per_row * lanes};
         for (int a = 0; a < d; ++a) first_[a] += block_at[a] * Shape::extent(a);
     }
 
@@ -113,6 +117,18 @@ public:
         for (int i = 0; i < active_; ++i) to[slot_ + i] = from[source[i]];
     }
 
+    /// Writes `change(what lies there, value)` of each item to its slot.
+    template <class T, class Change>
+    void update(T const* from, T* to, Lane const& value, Change const& change) const
+    {
+        Number values[lanes];
+        LaneTraits<Lane>::store(value, values);
+        if (full_)
+            for (int l = 0; l < lanes; ++l) to[slot_ + l] = change(from[from_[l]], values[l]);
+        else
+            for (int i = 0; i < active_; ++i) to[slot_ + i] = change(from[from_[lane_[i]]], values[lane_[i]]);
+    }
+
     /// The lanes of `ask(where the item lies)`.
     template <class Ask>
     Lane map(Ask const& ask) const
@@ -168,14 +184,13 @@ public:
     ScatterCell(CellOrder const& cells, GridType& grid, std::size_t block, int group)
         : CellLanes<Lane, CellOrder, d>(cells, block, group), tile_(grid.tile(block)), group_(group),
           place_(group % GridType::Shape::groups_per_row * lane_width<Lane>)
-    {
-    }
+    {}
 
     /// Adds to channel c of the node at place k in a row of the stencil of each lane.
     void add(int c, int row, int k, Lane const& value) const
     {
-        Number* const at =
-            tile_ + c * GridType::tile_channel + GridType::tile_row(group_, row) * GridType::row_length + place_ + k;
+        Number* const at = tile_ + c * GridType::tile_channel +
+                           GridType::tile_row(group_, row) * GridType::row_length + place_ + k;
         LaneTraits<Lane>::store(LaneTraits<Lane>::load(at) + value, at);
     }
 
@@ -194,8 +209,7 @@ public:
     GatherCell(CellOrder const& cells, Number const* tile, std::size_t block, int group)
         : CellLanes<Lane, CellOrder, d>(cells, block, group), tile_(tile), group_(group),
           place_(group % GridType::Shape::groups_per_row * lane_width<Lane>)
-    {
-    }
+    {}
 
     /// Channel c of the node at place k in a row of the stencil of each lane.
     Lane node(int c, int row, int k) const
@@ -217,10 +231,15 @@ public:
     using Real = Lane;
     using Number = Scalar<Lane>;
 
-    NodeLanes(Number const* sums, Number* values, Coordinates<d> const& first) : sums_(sums), values_(values), first_(first) {}
+    NodeLanes(Number const* sums, Number* values, Coordinates<d> const& first)
+        : sums_(sums), values_(values), first_(first)
+    {}
 
     Lane sum(int c) const { return LaneTraits<Lane>::load(sums_ + c * GridType::Shape::along); }
-    void set(int c, Lane const& value) const { LaneTraits<Lane>::store(value, values_ + c * GridType::block_channel); }
+    void set(int c, Lane const& value) const
+    {
+        LaneTraits<Lane>::store(value, values_ + c * GridType::block_channel);
+    }
 
     /// The coordinates of lane 0's node, and how far the other lanes are along the axes.
     Coordinates<d> first() const { return first_; }

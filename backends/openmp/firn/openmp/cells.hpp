@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/cell_offset.hpp>
 #include <firn/openmp/array.hpp>
 #include <firn/openmp/block_map.hpp>
 #include <firn/openmp/tuning.hpp>
@@ -18,16 +19,18 @@ namespace firn::openmp
 
 /// The order of cells: items by block, in a block by group of `lanes` cells, in a group interleaved by rank.
 ///
-/// First come the first items of the group's cells, then the second ones, and so on, so that lane l of a pack can work
-/// on cell l and read one run of memory. Items are not moved: `source` says where the item of each slot lies. Within a
-/// cell the order is stable, and no result depends on the number of threads.
+/// First come the first items of the group's cells, then the second ones, and so on, so that lane l of a pack
+/// can work on cell l and read one run of memory. Items are not moved: `source` says where the item of each
+/// slot lies. Within a cell the order is stable, and no result depends on the number of threads.
 template <class Number, int d, int lanes>
 class Cells
 {
 public:
     using Shape = BlockShape<d, lanes>;
+    using Offset = typename CellOffset<Number>::Stored;
 
-    /// Cells beyond this coordinate have no key (see block_key); one is kept in reserve for what is about to leave.
+    /// Cells beyond this coordinate have no key (see block_key); one is kept in reserve for what is about to
+    /// leave.
     static constexpr double largest_coordinate = d == 3 ? 4.0e6 : 1.0e9;
     /// Bytes per item: source and place in its block, of the order that holds and of the one being written.
     static constexpr std::size_t bytes_per_item = 2 * sizeof(std::uint32_t) + 3 * sizeof(std::uint16_t);
@@ -41,8 +44,7 @@ public:
     /// `backend` says how many threads work.
     template <class Backend>
     explicit Cells(Backend const& backend) : threads_(backend.thread_count())
-    {
-    }
+    {}
 
     std::size_t size() const { return blocks_.empty() ? 0 : blocks_.back().end; }
     std::span<Block const> blocks() const { return blocks_; }
@@ -50,15 +52,21 @@ public:
     /// Changes whenever the set of blocks does.
     std::uint64_t version() const { return version_; }
     /// The number of items in each cell of a group.
-    std::uint32_t const* counts(std::size_t block, int group) const { return &counts_[block * Shape::cells + group * lanes]; }
+    std::uint32_t const* counts(std::size_t block, int group) const
+    {
+        return &counts_[block * Shape::cells + group * lanes];
+    }
     /// The first slot of a group.
-    std::uint32_t group_begin(std::size_t block, int group) const { return group_begin_[block * Shape::groups + group]; }
+    std::uint32_t group_begin(std::size_t block, int group) const
+    {
+        return group_begin_[block * Shape::groups + group];
+    }
     /// Where the items of the slots from `slot` on lie.
     std::uint32_t const* sources(std::size_t slot) const { return &source_[slot]; }
     std::size_t memory() const
     {
-        return source_.memory() + new_source_.memory() + place_.memory() + new_place_.memory() + counts_.memory() +
-               group_begin_.memory() + map_.memory() + blocks_.capacity() * sizeof(Block);
+        return source_.memory() + new_source_.memory() + place_.memory() + new_place_.memory() +
+               counts_.memory() + group_begin_.memory() + map_.memory() + blocks_.capacity() * sizeof(Block);
     }
 
     /// Adds items that lie at first, first + 1, … in the given cells.
@@ -74,9 +82,9 @@ public:
         rearrange(size() + cells.size());
     }
 
-    /// Moves items whose offset from the centre of their cell, in cells, has left [-1/2, 1/2) to their new cells, and
-    /// the offsets with them. An item lies at its slot (see settle).
-    void follow(std::array<Number*, d> const& offset)
+    /// Moves items whose offset from the centre of their cell, in cells, has left [-1/2, 1/2) to their new
+    /// cells, and the offsets with them. An item lies at its slot (see settle).
+    void follow(std::array<Offset*, d> const& offset)
     {
         leavers_.resize(blocks_.size() + 1);
         stay_.assign(blocks_.size(), 0);
@@ -109,7 +117,10 @@ private:
         std::uint16_t place;
     };
 
-    std::uint32_t source(std::size_t slot) const { return settled_ ? static_cast<std::uint32_t>(slot) : source_[slot]; }
+    std::uint32_t source(std::size_t slot) const
+    {
+        return settled_ ? static_cast<std::uint32_t>(slot) : source_[slot];
+    }
 
     static Item item_in(Coordinates<d> const& cell, std::uint32_t source)
     {
@@ -134,24 +145,20 @@ private:
         return cell;
     }
 
-    void find_leavers(int b, std::array<Number*, d> const& offset)
+    void find_leavers(int b, std::array<Offset*, d> const& offset)
     {
         auto& leavers = leavers_[b];
         leavers.clear();
         Block const& block = blocks_[b];
         for (std::uint32_t slot = block.begin; slot < block.end; ++slot) {
             new_place_[slot] = place_[slot];
-            bool moved = false;
-            for (int a = 0; a < d; ++a) moved |= !(offset[a][slot] >= Number(-0.5) && offset[a][slot] < Number(0.5));
-            if (!moved) continue;
-            Coordinates<d> cell = cell_at(block.coordinates, place_[slot]);
-            for (int a = 0; a < d; ++a) {
-                Number const cells = std::floor(offset[a][slot] + Number(0.5));
-                offset[a][slot] -= cells;
-                cell[a] += static_cast<int>(cells);
-            }
+            Coordinates<d> by;
+            for (int a = 0; a < d; ++a) by[a] = CellOffset<Number>::wrap(offset[a][slot]);
+            if (by.isZero()) continue;
+            Coordinates<d> const cell = cell_at(block.coordinates, place_[slot]) + by;
             Item const item = item_in(cell, slot);
-            if (item.block == block.coordinates) new_place_[slot] = item.place;
+            if (item.block == block.coordinates)
+                new_place_[slot] = item.place;
             else {
                 new_place_[slot] = gone;
                 leavers.push_back(item);
@@ -165,12 +172,15 @@ private:
     {
         std::vector<Block> next = blocks_with_items();
         bool same = next.size() == blocks_.size();
-        for (std::size_t b = 0; same && b < next.size(); ++b) same = next[b].coordinates == blocks_[b].coordinates;
+        for (std::size_t b = 0; same && b < next.size(); ++b)
+            same = next[b].coordinates == blocks_[b].coordinates;
         old_block_.assign(next.size(), BlockMap::absent);
-        for (std::size_t b = 0; b < next.size(); ++b) old_block_[b] = same ? int(b) : map_.find(block_key<d>(next[b].coordinates));
+        for (std::size_t b = 0; b < next.size(); ++b)
+            old_block_[b] = same ? int(b) : map_.find(block_key<d>(next[b].coordinates));
         if (!same) {
             map_.clear(next.size());
-            for (std::size_t b = 0; b < next.size(); ++b) map_.insert(block_key<d>(next[b].coordinates), int(b));
+            for (std::size_t b = 0; b < next.size(); ++b)
+                map_.insert(block_key<d>(next[b].coordinates), int(b));
             ++version_;
         }
         deal_arrivals(next);
@@ -200,8 +210,10 @@ private:
         for (auto const& list : leavers_)
             for (Item const& item : list) {
                 int const existing = map_.find(block_key<d>(item.block));
-                if (existing == BlockMap::absent) fresh.push_back(item.block);
-                else ++stay_[existing];
+                if (existing == BlockMap::absent)
+                    fresh.push_back(item.block);
+                else
+                    ++stay_[existing];
             }
         std::vector<Block> next;
         next.reserve(blocks_.size() + 64);
@@ -212,8 +224,9 @@ private:
         fresh.erase(std::unique(fresh.begin(), fresh.end()), fresh.end());
         std::size_t const old = next.size();
         for (auto const& block : fresh) next.push_back({block});
-        std::inplace_merge(next.begin(), next.begin() + static_cast<std::ptrdiff_t>(old), next.end(),
-                           [&](Block const& a, Block const& b) { return before(a.coordinates, b.coordinates); });
+        std::inplace_merge(
+            next.begin(), next.begin() + static_cast<std::ptrdiff_t>(old), next.end(),
+            [&](Block const& a, Block const& b) { return before(a.coordinates, b.coordinates); });
         return next;
     }
 
@@ -235,7 +248,8 @@ private:
         arrivals_.resize(arrival_begin_.back());
         arrival_end_.assign(arrival_begin_.begin(), arrival_begin_.end() - 1);
         for (auto const& list : leavers_)
-            for (Item const& item : list) arrivals_[arrival_end_[map_.find(block_key<d>(item.block))]++] = item;
+            for (Item const& item : list)
+                arrivals_[arrival_end_[map_.find(block_key<d>(item.block))]++] = item;
     }
 
     /// Counting sort of a block's items by cell, then interleaving by rank within groups.
@@ -247,7 +261,8 @@ private:
             if (int const old = old_block_[b]; old != BlockMap::absent)
                 for (std::uint32_t slot = blocks_[old].begin; slot < blocks_[old].end; ++slot)
                     if (new_place_[slot] != gone) use(new_place_[slot], source(slot));
-            for (std::uint32_t i = arrival_begin_[b]; i < arrival_begin_[b + 1]; ++i) use(arrivals_[i].place, arrivals_[i].source);
+            for (std::uint32_t i = arrival_begin_[b]; i < arrival_begin_[b + 1]; ++i)
+                use(arrivals_[i].place, arrivals_[i].source);
         };
         for_each_item([&](std::uint16_t place, std::uint32_t) { ++counts[place]; });
 

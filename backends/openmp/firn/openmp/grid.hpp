@@ -12,9 +12,10 @@ namespace firn::openmp
 
 /// Blocks of nodes under the blocks of cells: born with them, gone with them.
 ///
-/// A block of cells sums into a *tile* of its own: its nodes and `order` more per axis, so that blocks never write to
-/// the same place. A node then adds up the tiles that cover it in a fixed order, which makes the sums independent of
-/// the number of threads. Node n of the lattice is stored under n + reach: the stencil of cell k begins at node k here.
+/// A block of cells sums into a *tile* of its own: its nodes and `order` more per axis, so that blocks never
+/// write to the same place. A node then adds up the tiles that cover it in a fixed order, which makes the
+/// sums independent of the number of threads. Node n of the lattice is stored under n + reach: the stencil of
+/// cell k begins at node k here.
 template <class Number, int d, int order, int sums, int values, int lanes>
 class Grid
 {
@@ -22,12 +23,13 @@ public:
     using Shape = BlockShape<d, lanes>;
     static constexpr int corners = 1 << d;
     static constexpr int reach = stencil_reach(order);
-    static constexpr int row_length = Shape::along + order;     ///< nodes in a row of a tile
-    static constexpr int rows_across = Shape::across + order;   ///< rows of a tile per axis
+    static constexpr int row_length = Shape::along + order;   ///< nodes in a row of a tile
+    static constexpr int rows_across = Shape::across + order; ///< rows of a tile per axis
     static constexpr int rows = d == 3 ? rows_across * rows_across : rows_across;
     static constexpr int tile_channel = rows * row_length;
     static constexpr int block_channel = Shape::cells;
-    static_assert(order <= Shape::across && order <= Shape::along, "a stencil may reach into the next block only");
+    static_assert(order <= Shape::across && order <= Shape::along,
+                  "a stencil may reach into the next block only");
     static_assert(rows <= 64, "the touched rows of a tile are kept as bits");
 
     static constexpr int absent = BlockMap::absent;
@@ -53,7 +55,8 @@ public:
             for (int corner = 0; corner < corners; ++corner)
                 nodes_of_[b][corner] = node_block(cells.blocks()[b].coordinates + offset(corner));
         for (std::size_t b = 0; b < cells.blocks().size(); ++b)
-            for (int corner = 0; corner < corners; ++corner) nodes_[nodes_of_[b][corner]].covered_by[corner] = int(b);
+            for (int corner = 0; corner < corners; ++corner)
+                nodes_[nodes_of_[b][corner]].covered_by[corner] = int(b);
         values_.resize(nodes_.size() * values * block_channel);
     }
 
@@ -73,8 +76,9 @@ public:
 
     std::size_t memory() const
     {
-        return tiles_.memory() + values_.memory() + touched_.capacity() * sizeof(std::uint64_t) + map_.memory() +
-               nodes_.capacity() * sizeof(NodeBlock) + nodes_of_.capacity() * sizeof(nodes_of_[0]);
+        return tiles_.memory() + values_.memory() + touched_.capacity() * sizeof(std::uint64_t) +
+               map_.memory() + nodes_.capacity() * sizeof(NodeBlock) +
+               nodes_of_.capacity() * sizeof(nodes_of_[0]);
     }
 
     /// The rows of a tile that a group's stencils touch.
@@ -89,8 +93,11 @@ public:
     static constexpr int tile_row(int group, int i)
     {
         int const row = group / Shape::groups_per_row;
-        if constexpr (d == 2) return row + i;
-        else return (row / Shape::across + i / (order + 1)) * rows_across + row % Shape::across + i % (order + 1);
+        if constexpr (d == 2)
+            return row + i;
+        else
+            return (row / Shape::across + i / (order + 1)) * rows_across + row % Shape::across +
+                   i % (order + 1);
     }
 
     static constexpr int stencil_rows = d == 3 ? (order + 1) * (order + 1) : order + 1;

@@ -7,6 +7,7 @@
 #include <concepts>
 #include <cstdint>
 #include <limits>
+#include <type_traits>
 
 #if __has_include(<xsimd/xsimd.hpp>)
 #include <xsimd/xsimd.hpp>
@@ -48,7 +49,9 @@ struct InstructionSet
 // g++ 12 takes the "undefined" registers inside its own AVX-512 intrinsics for mistakes (its bug 105593).
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wuninitialized"
+#if !defined(__clang__)
 #pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
+#endif
 
 /// One truth value per number of a pack. It does not convert to bool, so that `if (mask)` does not compile:
 /// use select(), any(), all() or bits().
@@ -266,6 +269,11 @@ private:
 namespace detail
 {
 
+// What xsimd adds for AVX-512 BW is integers of 8 and 16 bits, and in 8.1 an error without optimisation.
+template <class Arch>
+using WithoutShortIntegers =
+    std::conditional_t<std::derived_from<Arch, xsimd::avx512dq>, xsimd::avx512dq, Arch>;
+
 template <class Number, int width, class Architectures>
 struct ArchOfWidth
 {
@@ -278,7 +286,7 @@ struct ArchOfWidth<Number, width, xsimd::arch_list<First, Others...>>
     static constexpr auto find()
     {
         if constexpr (xsimd::batch<Number, First>::size == width)
-            return First{};
+            return WithoutShortIntegers<First>{};
         else
             return ArchOfWidth<Number, width, xsimd::arch_list<Others...>>::find();
     }
@@ -288,7 +296,7 @@ struct ArchOfWidth<Number, width, xsimd::arch_list<First, Others...>>
 
 /// The widest pack that the compile flags allow.
 template <class Number>
-using NativePack = Pack<Number, xsimd::default_arch>;
+using NativePack = Pack<Number, detail::WithoutShortIntegers<xsimd::default_arch>>;
 
 /// The pack of `width` numbers with the best instructions that the compile flags allow: with AVX-512, eight
 /// floats are PackOf<float, 8>. Narrow packs waste fewer lanes where cells are filled unevenly.

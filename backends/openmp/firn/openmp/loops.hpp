@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/openmp/cell.hpp>
+#include <firn/openmp/lanes.hpp>
 
 #include <vector>
 
@@ -61,7 +62,8 @@ namespace detail
 {
 /// Adds up, for one row of a node block, the tiles that cover it; false if none does.
 template <class GridType, int channels, class Number>
-bool sum_row(GridType& grid, typename GridType::NodeBlock const& node, int row, Number (&sums)[channels][GridType::Shape::along])
+bool sum_row(GridType& grid, typename GridType::NodeBlock const& node, int row,
+             Number (&sums)[channels][GridType::Shape::along])
 {
     using Shape = typename GridType::Shape;
     constexpr int d = GridType::corners == 8 ? 3 : 2, order = GridType::row_length - Shape::along;
@@ -84,7 +86,8 @@ bool sum_row(GridType& grid, typename GridType::NodeBlock const& node, int row, 
             for (auto& channel : sums) std::fill(channel, channel + Shape::along, Number(0));
         any = true;
         for (int c = 0; c < channels; ++c) {
-            Number const* const from = grid.tile(b) + c * GridType::tile_channel + tile_row * GridType::row_length;
+            Number const* const from =
+                grid.tile(b) + c * GridType::tile_channel + tile_row * GridType::row_length;
             if (o[d - 1] == 0)
                 for (int k = 0; k < Shape::along; ++k) sums[c][k] += from[k];
             else
@@ -119,13 +122,16 @@ typename Phase::Result for_each_node(int threads, CellOrder const&, GridType& gr
         for (int row = 0; row < Shape::rows; ++row) {
             if (!detail::sum_row<GridType>(grid, block, row, sums)) continue;
             Coordinates<d> first;
-            if constexpr (d == 3) first = {row / Shape::across, row % Shape::across, 0};
-            else first = {row, 0};
+            if constexpr (d == 3)
+                first = {row / Shape::across, row % Shape::across, 0};
+            else
+                first = {row, 0};
             for (int a = 0; a < d; ++a) first[a] += block.coordinates[a] * Shape::extent(a) - GridType::reach;
             for (int place = 0; place < Shape::along; place += lane_width<Lane>) {
                 Coordinates<d> at = first;
                 at[d - 1] += place;
-                NodeLanes<Lane, GridType, d> node(&sums[0][place], grid.node_values(n) + row * Shape::along + place, at);
+                NodeLanes<Lane, GridType, d> node(&sums[0][place],
+                                                  grid.node_values(n) + row * Shape::along + place, at);
                 phase(node, results[n]);
             }
         }
@@ -150,12 +156,17 @@ void fill_tile(GridType& grid, std::size_t b, Number* tile)
             second = tile_row % GridType::rows_across;
             corner = (first / Shape::across) * 4 + (second / Shape::across) * 2;
         }
-        else corner = (first / Shape::across) * 2;
-        int const row = d == 3 ? first % Shape::across * Shape::across + second % Shape::across : first % Shape::across;
+        else
+            corner = (first / Shape::across) * 2;
+        int const row =
+            d == 3 ? first % Shape::across * Shape::across + second % Shape::across : first % Shape::across;
         for (int c = 0; c < channels; ++c) {
             Number* const to = tile + c * GridType::tile_channel + tile_row * GridType::row_length;
             int const at = c * GridType::block_channel + row * Shape::along;
-            Number const *const near = grid.node_values(nodes[corner]) + at, *const far = grid.node_values(nodes[corner + 1]) + at;
+            Number const *const near = grid.node_values(nodes[corner]) + at, *const far =
+                                                                                 grid.node_values(
+                                                                                     nodes[corner + 1]) +
+                                                                                 at;
             for (int k = 0; k < Shape::along; ++k) to[k] = near[k];
             for (int k = 0; k < order; ++k) to[Shape::along + k] = far[k];
         }

@@ -4,18 +4,19 @@
 namespace firn::openmp
 {
 
-/// The shape of a grid block: the unit of memory, of work and of sums. Rows lie along the last axis, where lanes are.
+/// The shape of a grid block: the unit of memory, of work and of sums. Rows lie along the last axis, where
+/// lanes are.
 ///
-/// Measured on snow with cubic kernels: smaller blocks cost more in their borders (a block sums into its own nodes and
-/// `order` more per axis), larger ones hold more empty cells at free surfaces.
+/// Measured on snow with cubic kernels: smaller blocks cost more in their borders (a block sums into its own
+/// nodes and `order` more per axis), larger ones hold more empty cells at free surfaces.
 template <int d, int lanes>
 struct BlockShape
 {
-    static constexpr int across = d == 3 ? 4 : 8;         ///< cells along every axis but the last
-    static constexpr int along = lanes > 8 ? lanes : 8;   ///< cells along the last axis
+    static constexpr int across = d == 3 ? 4 : 8;       ///< cells along every axis but the last
+    static constexpr int along = lanes > 8 ? lanes : 8; ///< cells along the last axis
     static constexpr int rows = d == 3 ? across * across : across;
     static constexpr int cells = rows * along;
-    static constexpr int groups_per_row = along / lanes;  ///< a group is `lanes` cells of a row
+    static constexpr int groups_per_row = along / lanes; ///< a group is `lanes` cells of a row
     static constexpr int groups = rows * groups_per_row;
 
     static constexpr int extent(int axis) { return axis == d - 1 ? along : across; }

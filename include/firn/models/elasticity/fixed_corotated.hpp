@@ -38,7 +38,7 @@ struct FixedCorotated
 {
     using Space = SpaceType;
     using Number = typename Space::Real;
-    using State = Fields<DeformationGradient>;
+    using State = Fields<DisplacementGradient>;
     static constexpr auto name = "fixed_corotated";
 
     Number density = 1000;                            ///< [kg/m^3]
@@ -56,9 +56,9 @@ struct FixedCorotated
     respond(Particle& state, Matrix<Real, Space::dimension> const& velocity_gradient, Real dt) const
     {
         constexpr int d = Space::dimension;
-        Matrix<Real, d>& F = state[DeformationGradient{}];
-        F = deformed<Real, d>(F, velocity_gradient, dt);
-        auto const svd = singular_values(F);
+        Matrix<Real, d>& H = state[DisplacementGradient{}];
+        H = deformed<Real, d>(H, velocity_gradient, dt);
+        auto const svd = singular_values(deformation_gradient<Real, d>(H));
         CorotatedPrincipal<Real, d> const principal(svd.sigma, Real(elasticity.mu), Real(elasticity.lambda));
 
         Response<Real, d> response;

@@ -16,7 +16,7 @@ struct NeoHookean
 {
     using Space = SpaceType;
     using Number = typename Space::Real;
-    using State = Fields<DeformationGradient>;
+    using State = Fields<DisplacementGradient>;
     static constexpr auto name = "neo_hookean";
 
     Number density = 1000;                            ///< [kg/m^3]
@@ -35,18 +35,20 @@ struct NeoHookean
     {
         constexpr int d = Space::dimension;
         Real const mu(elasticity.mu), lambda(elasticity.lambda);
-        Matrix<Real, d>& F = state[DeformationGradient{}];
-        F = deformed<Real, d>(F, velocity_gradient, dt);
+        Matrix<Real, d>& H = state[DisplacementGradient{}];
+        H = deformed<Real, d>(H, velocity_gradient, dt);
 
-        Real const J = F.determinant();
-        Mask<Real> const inverted = !(J > Real(0));
-        Real const log_J = log(select(inverted, Real(1), J));
+        Real const growth = volume_change<Real, d>(H); // J - 1
+        Mask<Real> const inverted = !(growth > Real(-1));
+        Real const log_J = log_one_plus(select(inverted, Real(0), growth));
 
         Response<Real, d> response;
-        Matrix<Real, d> const b = F * F.transpose();
-        response.kirchhoff_stress = b * mu;
-        for (int i = 0; i < d; ++i) response.kirchhoff_stress(i, i) += lambda * log_J - mu;
-        response.wave_modulus = wave_modulus(b, log_J);
+        Matrix<Real, d> strain = H * H.transpose(); // F F^T - I
+        for (int i = 0; i < d; ++i)
+            for (int j = 0; j < d; ++j) strain(i, j) += H(i, j) + H(j, i);
+        response.kirchhoff_stress = strain * mu;
+        for (int i = 0; i < d; ++i) response.kirchhoff_stress(i, i) += lambda * log_J;
+        response.wave_modulus = wave_modulus(strain, log_J);
         response.inverted = inverted;
         response.capped = nowhere<Real>();
         return response;
@@ -54,17 +56,17 @@ struct NeoHookean
 
 private:
     /// The largest of sigma_i^2 Psi_ii = mu (sigma_i^2 + 1) + lambda (1 - ln J) and the shear value mu
-    /// sigma_1^2, not below its value at rest. The largest row sum of |b| stands for sigma_1^2: it is never
-    /// below, and exact at rest.
+    /// sigma_1^2, not below its value at rest. The largest row sum of |F F^T| stands for sigma_1^2: it is
+    /// never below, and exact at rest.
     template <class Real>
-    FIRN_HOST_DEVICE Real wave_modulus(Matrix<Real, Space::dimension> const& b, Real log_J) const
+    FIRN_HOST_DEVICE Real wave_modulus(Matrix<Real, Space::dimension> const& strain, Real log_J) const
     {
         constexpr int d = Space::dimension;
         Real const mu(elasticity.mu), lambda(elasticity.lambda);
         Real stretch2(0);
         for (int i = 0; i < d; ++i) {
             Real row(0);
-            for (int j = 0; j < d; ++j) row += abs(b(i, j));
+            for (int j = 0; j < d; ++j) row += i == j ? abs(Real(1) + strain(i, j)) : abs(strain(i, j));
             stretch2 = max(stretch2, row);
         }
         Real const longitudinal = mu * (stretch2 + Real(1)) + lambda * (Real(1) - log_J);

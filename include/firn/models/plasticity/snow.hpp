@@ -14,7 +14,7 @@ struct Snow
 {
     using Space = SpaceType;
     using Number = typename Space::Real;
-    using State = Fields<DeformationGradient, PlasticVolumeRatio>;
+    using State = Fields<DisplacementGradient, PlasticVolumeRatio>;
     static constexpr auto name = "snow";
 
     Number density = 400;                               ///< [kg/m^3]
@@ -48,10 +48,10 @@ struct Snow
     respond(Particle& state, Matrix<Real, Space::dimension> const& velocity_gradient, Real dt) const
     {
         constexpr int d = Space::dimension;
-        Matrix<Real, d>& F = state[DeformationGradient{}];
+        Matrix<Real, d>& H = state[DisplacementGradient{}];
         Real& J_P = state[PlasticVolumeRatio{}];
-        Matrix<Real, d> const trial = deformed<Real, d>(F, velocity_gradient, dt);
-        auto const svd = singular_values(trial);
+        Matrix<Real, d> const trial = deformed<Real, d>(H, velocity_gradient, dt);
+        auto const svd = singular_values(deformation_gradient<Real, d>(trial));
 
         Vector<Real, d> elastic;
         Real plastic_part(1);
@@ -63,9 +63,10 @@ struct Snow
             yields = yields | !(elastic[i] == svd.sigma[i]);
         }
         // Without yielding F stays as it is: rebuilding it would add the rounding of the SVD with every step.
-        Matrix<Real, d> const mapped = svd.U * elastic.asDiagonal() * svd.V.transpose();
+        Matrix<Real, d> const F_E = svd.U * elastic.asDiagonal() * svd.V.transpose();
+        Matrix<Real, d> const mapped = displacement_gradient<Real, d>(F_E);
         for (int i = 0; i < d; ++i)
-            for (int j = 0; j < d; ++j) F(i, j) = select(yields, mapped(i, j), trial(i, j));
+            for (int j = 0; j < d; ++j) H(i, j) = select(yields, mapped(i, j), trial(i, j));
         J_P = J_P * plastic_part; // J_P = det F / det F_E
 
         Real const within = min(max(J_P, Real(smallest_plastic_ratio)), Real(largest_plastic_ratio));

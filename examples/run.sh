@@ -1,0 +1,74 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+#
+# Sets the machine up, builds the examples, runs one and renders it:
+#
+#     bash examples/run.sh [--scene NAME] [arguments of the example]
+#
+#   --scene NAME   snow_on_moving_ball (default) or torus_against_wall
+#   --out DIR      where the results go (default: out/NAME in the project)
+#   --help         this text and the example's own options
+#
+#   FIRN_NO_RENDER=1   in the environment: no pictures, and no Python
+#   FIRN_RENDER="..."  in the environment: options of render.py, such as "--quality best --size 1920x1080"
+#
+# It installs Debian packages (as root or with sudo) and, for the pictures, Python packages from PyPI under build/.
+set -euo pipefail
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+source "$root/examples/set_up.sh"
+
+scene=snow_on_moving_ball out="" help="" arguments=()
+while [ $# -gt 0 ]; do
+    case $1 in
+        --scene) [ $# -ge 2 ] || stop "--scene needs a name."; scene=$2; shift ;;
+        --scene=*) scene=${1#*=} ;;
+        --out) [ $# -ge 2 ] || stop "--out needs a folder."; out=$2; shift ;;
+        --out=*) out=${1#*=} ;;
+        --help | -h) help=yes ;;
+        *) arguments+=("$1") ;;
+    esac
+    shift
+done
+[ -n "$out" ] || out="$root/out/$scene"
+case $scene in
+    snow_on_moving_ball | torus_against_wall) ;;
+    *) stop "there is no scene '$scene': choose snow_on_moving_ball or torus_against_wall." ;;
+esac
+render=yes
+[ -z "$help" ] && [ "${FIRN_NO_RENDER:-0}" != 1 ] || render=""
+
+packages=(g++ cmake ninja-build libeigen3-dev libxsimd-dev libcgal-dev libassimp-dev libcli11-dev)
+# Python, and what VTK draws with where there is no screen
+[ -z "$render" ] || packages+=(python3 python3-venv libegl1 libgl1 libgl1-mesa-dri)
+need_packages "${packages[@]}"
+need_room 500 "$root"
+
+echo "building: $root/build/examples"
+(cd "$root" && cmake --preset examples && cmake --build --preset examples) || stop "the examples could not be built."
+program="$root/build/examples/examples/$scene"
+[ -x "$program" ] || stop "the build left no program $program."
+
+if [ -n "$help" ]; then
+    sed -n '/^# Sets/,/^# It installs/s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"
+    echo
+    exec "$program" --help
+fi
+
+echo "running: $program --out $out ${arguments[*]-}"
+mkdir -p "$out" || stop "the folder $out cannot be made."
+"$program" --out "$out" "${arguments[@]}" || stop "the example failed with exit code $?."
+
+if [ -n "$render" ]; then
+    need_python "$root/build/venv" 'pyvista>=0.44,<1' 'vtk>=9.3,<10' 'numpy>=1.26,<3' 'pillow>=10' 'imageio>=2.34,<3' \
+        'imageio-ffmpeg>=0.5,<1'
+    echo "rendering: $out"
+    # shellcheck disable=SC2086 # several options
+    "$root/build/venv/bin/python" "$root/examples/render.py" "$out" ${FIRN_RENDER:-} ||
+        stop "the pictures failed; the frames of the simulation are in $out."
+fi
+
+echo
+echo "results in $out"
+for result in pictures video.mp4 report.json particles.pvd; do
+    [ ! -e "$out/$result" ] || echo "  $out/$result"
+done

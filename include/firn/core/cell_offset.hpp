@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/host_device.hpp>
+#include <firn/core/lane.hpp>
+
+#include <concepts>
+#include <cstdint>
+
+namespace firn
+{
+
+/// How an offset from the centre of a cell, in cells, is stored.
+///
+/// In double precision as it is. In single precision as a multiple of 2^-30 cells in an integer of the same
+/// size: the resolution is that of a float 2^-6 cells from the centre, but it is so everywhere in the cell;
+/// slow and steady motion, which in floats rounds the same way step after step, does not drift; and moving to
+/// the next cell is exact.
+template <std::floating_point Number>
+struct CellOffset
+{
+    using Stored = Number;
+
+    FIRN_HOST_DEVICE static Number value(Stored stored) { return stored; }
+    FIRN_HOST_DEVICE static Stored from(double offset) { return offset; }
+    FIRN_HOST_DEVICE static double exact(Stored stored) { return stored; }
+
+    /// The offset after a displacement of at most a cell.
+    FIRN_HOST_DEVICE static Stored moved(Stored stored, Number displacement) { return stored + displacement; }
+
+    /// Brings the offset back to [-1/2, 1/2); returns by how many cells it was out.
+    FIRN_HOST_DEVICE static int wrap(Stored& stored)
+    {
+        Number const cells = floor(stored + Number(0.5));
+        stored -= cells;
+        return static_cast<int>(cells);
+    }
+};
+
+template <>
+struct CellOffset<float>
+{
+    using Stored = std::int32_t;
+    static constexpr int bits = 30;
+
+    FIRN_HOST_DEVICE static float value(Stored stored) { return static_cast<float>(stored) * 0x1p-30f; }
+    FIRN_HOST_DEVICE static Stored from(double offset)
+    {
+        return static_cast<Stored>(std::lrint(offset * 0x1p30));
+    }
+    FIRN_HOST_DEVICE static double exact(Stored stored) { return static_cast<double>(stored) * 0x1p-30; }
+
+    FIRN_HOST_DEVICE static Stored moved(Stored stored, float displacement)
+    {
+        return stored + static_cast<Stored>(std::lrint(displacement * 0x1p30f));
+    }
+
+    FIRN_HOST_DEVICE static int wrap(Stored& stored)
+    {
+        int const cells = (stored + (1 << (bits - 1))) >> bits; // rounds down, also below zero
+        stored -= cells * (1 << bits);
+        return cells;
+    }
+};
+
+} // namespace firn

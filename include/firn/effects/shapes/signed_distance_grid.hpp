@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/error.hpp>
+#include <firn/core/host_device.hpp>
+#include <firn/core/space.hpp>
+#include <firn/effects/shapes/shape.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <concepts>
+#include <cstddef>
+#include <memory>
+#include <utility>
+#include <vector>
+
+namespace firn
+{
+
+/// The values of a SignedDistanceGrid where they lie, on a host or on a device: a plain value to hand to a
+/// loop.
+template <std::floating_point Real, int d>
+struct SignedDistanceGridView
+{
+    Vector<Real, d> origin;        ///< the first node [m]
+    Real cell_size;                ///< [m]
+    Eigen::Array<int, d, 1> nodes; ///< along each axis
+    Real const* values;            ///< distance of each node [m], x fastest
+
+    /// Signed distance and outward normal at `x` [m].
+    ///
+    /// Within the grid: the multilinear interpolant and its normalised gradient (the last axis where that
+    /// vanishes). Beyond it: c being the nearest point of the grid's box, sqrt(|x - c|² + distance(c)²),
+    /// which is never more than the true distance of a solid that lies within the box.
+    FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const
+    {
+        Vector<Real, d> nearest;
+        auto const here = interpolate(x, nearest);
+        Vector<Real, d> const away = x - nearest;
+        Real const squared = away.squaredNorm();
+        if (!(squared > 0)) return {here.distance, unit(here.normal)};
+        // A solid that reaches out of the box: all that is known is how far it sticks in at the border.
+        if (!(here.distance > 0)) return {here.distance + std::sqrt(squared), unit(away)};
+        return {std::sqrt(squared + here.distance * here.distance),
+                unit(away + here.distance * unit(here.normal))};
+    }
+
+private:
+    /// Distance and (not normalised) gradient at the grid's point nearest to `x`.
+    FIRN_HOST_DEVICE SurfaceSample<Real, d> interpolate(Vector<Real, d> const& x,
+                                                        Vector<Real, d>& nearest) const
+    {
+        std::ptrdiff_t first = 0, stride = 1, step[d];
+        Real within[d];
+        for (int i = 0; i < d; ++i) {
+            Real const last = Real(nodes[i] - 1);
+            Real u = (x[i] - origin[i]) / cell_size;
+            bool const inside = u >= 0 && u <= last;
+            u = u > 0 ? (u < last ? u : last) : Real(0); // 0 for what is not a number
+            nearest[i] = inside ? x[i] : origin[i] + u * cell_size;
+            int const cell = int(u) < nodes[i] - 2 ? int(u) : nodes[i] - 2;
+            within[i] = u - Real(cell);
+            first += cell * stride;
+            step[i] = stride;
+            stride *= nodes[i];
+        }
+        SurfaceSample<Real, d> result{0, Vector<Real, d>::Zero()};
+        for (int corner = 0; corner < (1 << d); ++corner) {
+            std::ptrdiff_t at = first;
+            for (int i = 0; i < d; ++i)
+                if (corner >> i & 1) at += step[i];
+            Real const value = values[at];
+            Real weight = 1;
+            Vector<Real, d> slope = Vector<Real, d>::Constant(1 / cell_size);
+            for (int i = 0; i < d; ++i) {
+                bool const high = corner >> i & 1;
+                Real const w = high ? within[i] : 1 - within[i];
+                weight *= w;
+                for (int j = 0; j < d; ++j) slope[j] *= j != i ? w : (high ? Real(1) : Real(-1));
+            }
+            result.distance += weight * value;
+            result.normal += value * slope;
+        }
+        return result;
+    }
+
+    FIRN_HOST_DEVICE static Vector<Real, d> unit(Vector<Real, d> const& v)
+    {
+        Real const length = v.norm();
+        // The gradient of a distance is 1 long; where the sides meet it is the rest of a cancellation.
+        if (length > Real(1e-6)) return v / length;
+        Vector<Real, d> up = Vector<Real, d>::Zero();
+        up[d - 1] = 1;
+        return up;
+    }
+};
+
+/// A solid given by its signed distance [m] on the nodes of a regular grid: a Shape. Cheap to copy.
+///
+/// `Real` is a number, not a pack of them. The distance is as good as its nodes: the interpolant errs by
+/// cell_size² / 8 times the curvature, and rounds edges off within a cell.
+template <std::floating_point Real, int d>
+    requires(d == 2 || d == 3)
+class SignedDistanceGrid
+{
+public:
+    /// Takes `nodes` values along each axis, x fastest, the first at `origin` [m], `cell_size` [m] apart.
+    ///
+    /// Throws firn::Error: cell size not above 0, fewer than 2 nodes along an axis, a number of values that
+    /// does not fit, a value or an origin that is not finite.
+    SignedDistanceGrid(Vector<Real, d> const& origin, Real cell_size, Eigen::Array<int, d, 1> const& nodes,
+                       std::vector<Real> values)
+        : origin_(origin), cell_size_(cell_size), nodes_(nodes)
+    {
+        char const* const where = "SignedDistanceGrid";
+        require(std::isfinite(cell_size) && cell_size > 0 && origin.allFinite(),
+                "the grid's cell size is not above 0, or its origin is not finite", where,
+                "Pass lengths in metres.");
+        require((nodes >= 2).all(), "the grid has an axis of fewer than 2 nodes", where, "Use more nodes.");
+        require(values.size() == nodes.template cast<std::size_t>().prod(),
+                "the number of values is not that of the nodes", where,
+                "Pass one distance for each node, x fastest.");
+        require(std::ranges::all_of(values, [](Real v) { return std::isfinite(v); }),
+                "a distance is not finite", where, "Pass a distance [m] for each node.");
+        values_ = std::make_shared<std::vector<Real> const>(std::move(values));
+    }
+
+    /// Signed distance and outward normal at `x` [m]; see SignedDistanceGridView::surface.
+    SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const { return view().surface(x); }
+
+    /// Its values where they lie; valid while the grid or a copy of it lives.
+    SignedDistanceGridView<Real, d> view() const { return {origin_, cell_size_, nodes_, values_->data()}; }
+    std::vector<Real> const& values() const { return *values_; } ///< [m]
+
+private:
+    Vector<Real, d> origin_;
+    Real cell_size_;
+    Eigen::Array<int, d, 1> nodes_;
+    std::shared_ptr<std::vector<Real> const> values_;
+};
+
+} // namespace firn

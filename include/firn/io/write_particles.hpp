@@ -1,0 +1,308 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/error.hpp>
+
+#include <Eigen/Core>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cctype>
+#include <charconv>
+#include <cstdint>
+#include <filesystem>
+#include <fstream>
+#include <limits>
+#include <numeric>
+#include <string>
+#include <vector>
+
+namespace firn
+{
+
+/// One named value per particle: `components` numbers each, particle after particle.
+struct ParticleField
+{
+    std::string name; ///< letters, digits and `_`
+    int components;   ///< 1: a scalar, 3: a vector
+    std::vector<float> values;
+};
+
+/// What is written of a moment: where the particles are and what is known of each.
+///
+/// Filled from any range: `ParticleFrame frame{t}; frame.at(x).vector("velocity", v).scalar("J_P", j);`
+struct ParticleFrame
+{
+    double time = 0;                          ///< [s]
+    std::vector<Eigen::Vector3d> positions{}; ///< [m]
+    std::vector<ParticleField> fields{};
+
+    /// Takes the positions [m] of a range of 2- or 3-vectors; z = 0 in two dimensions.
+    template <class Range>
+    ParticleFrame& at(Range const& range)
+    {
+        positions.clear();
+        for (auto const& x : range) positions.push_back(in_space(x));
+        return *this;
+    }
+
+    /// Adds a field of one number per particle.
+    template <class Range>
+    ParticleFrame& scalar(std::string name, Range const& range)
+    {
+        fields.push_back({std::move(name), 1, {}});
+        for (auto const& value : range) fields.back().values.push_back(static_cast<float>(value));
+        return *this;
+    }
+
+    /// Adds a field of one 2- or 3-vector per particle; z = 0 in two dimensions.
+    template <class Range>
+    ParticleFrame& vector(std::string name, Range const& range)
+    {
+        fields.push_back({std::move(name), 3, {}});
+        for (auto const& value : range) {
+            Eigen::Vector3f const v = in_space(value).template cast<float>();
+            fields.back().values.insert(fields.back().values.end(), v.data(), v.data() + 3);
+        }
+        return *this;
+    }
+
+private:
+    template <class Derived>
+    static Eigen::Vector3d in_space(Eigen::MatrixBase<Derived> const& x)
+    {
+        constexpr int d = Derived::RowsAtCompileTime;
+        static_assert(d == 2 || d == 3, "particles live in two or three dimensions");
+        Eigen::Vector3d result = Eigen::Vector3d::Zero();
+        result.template head<d>() = x.template cast<double>();
+        return result;
+    }
+};
+
+namespace detail
+{
+
+static_assert(
+    std::endian::native == std::endian::little,
+    "the writers copy memory into little-endian files; a big-endian machine needs a byte swap here");
+
+/// Shortest text that reads back as the same number, whatever the locale.
+inline std::string exact_text(double value)
+{
+    std::array<char, 32> text;
+    auto const end = std::to_chars(text.data(), text.data() + text.size(), value).ptr;
+    return {text.data(), end};
+}
+
+template <class T>
+void put(std::ostream& out, std::vector<T> const& values)
+{
+    out.write(reinterpret_cast<char const*>(values.data()),
+              static_cast<std::streamsize>(values.size() * sizeof(T)));
+}
+
+/// Writes a file under a temporary name and gives it its own only when all of it is on the disk, so that a
+/// reader never meets half a file and a failure leaves the file of before.
+template <class Write>
+void replace_file(std::filesystem::path const& path, Write const& write)
+{
+    auto temporary = path;
+    temporary += ".part";
+    std::error_code ignored;
+    auto const refuse = [&](char const* what, std::string remedy) {
+        std::filesystem::remove(temporary, ignored);
+        throw Error{what, path.string(), std::move(remedy)};
+    };
+    if (std::filesystem::is_directory(path, ignored)) refuse("this is a folder", "Pass the name of a file.");
+    std::ofstream out(temporary, std::ios::binary | std::ios::trunc);
+    if (!out)
+        refuse("the file cannot be created", "Create its folder first, and check that it may be written.");
+    write(out);
+    out.close();
+    if (!out) refuse("the file could not be written to its end", "Is the disk full?");
+    std::error_code failed;
+    std::filesystem::rename(temporary, path, failed);
+    if (failed) refuse("the finished file could not be given its name", failed.message() + ".");
+}
+
+inline void check_frame(ParticleFrame const& frame, std::filesystem::path const& path)
+{
+    auto const refuse = [&](std::string what, char const* remedy) {
+        throw Error{std::move(what), path.string(), remedy};
+    };
+    // Cells count their points in 32 bits.
+    if (frame.positions.size() > std::size_t(std::numeric_limits<std::int32_t>::max()))
+        refuse("a frame holds more than 2^31 - 1 particles", "Write several files.");
+    for (auto field = frame.fields.begin(); field != frame.fields.end(); ++field) {
+        bool const plain = !field->name.empty() && std::ranges::all_of(field->name, [](unsigned char c) {
+            return std::isalnum(c) || c == '_';
+        });
+        if (!plain)
+            refuse("the field name '" + field->name + "' is not plain", "Use letters, digits and `_` only.");
+        if (std::any_of(frame.fields.begin(), field, [&](auto const& f) { return f.name == field->name; }))
+            refuse("two fields are named '" + field->name + "'", "Give each field its own name.");
+        if (field->components != 1 && field->components != 3)
+            refuse("the field '" + field->name + "' has " + std::to_string(field->components) + " components",
+                   "Use 1 (scalar) or 3 (vector).");
+        if (field->values.size() != frame.positions.size() * std::size_t(field->components))
+            refuse("the field '" + field->name + "' holds " + std::to_string(field->values.size()) +
+                       " numbers for " + std::to_string(frame.positions.size()) + " particles",
+                   "Give one value to each particle.");
+    }
+}
+
+/// The XML head of a VTP file; each appended array is a 64-bit length and its bytes.
+inline std::string vtp_head(ParticleFrame const& frame)
+{
+    std::uint64_t offset = 0;
+    auto const array = [&](std::string const& name, char const* type, int components, std::uint64_t bytes) {
+        auto const text = "<DataArray type=\"" + std::string{type} + "\" Name=\"" + name +
+                          "\" NumberOfComponents=\"" + std::to_string(components) +
+                          "\" format=\"appended\" offset=\"" + std::to_string(offset) + "\"/>\n";
+        offset += sizeof(std::uint64_t) + bytes;
+        return text;
+    };
+    auto const count = frame.positions.size();
+    std::string head =
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"PolyData\" version=\"1.0\" "
+        "byte_order=\"LittleEndian\" header_type=\"UInt64\">\n<PolyData>\n<FieldData>\n"
+        "<DataArray type=\"Float64\" Name=\"TimeValue\" NumberOfTuples=\"1\" format=\"ascii\">";
+    head += exact_text(frame.time) + "</DataArray>\n<DataArray type=\"Int32\" Name=\"firn_schema\" "
+                                     "NumberOfTuples=\"1\" format=\"ascii\">1</DataArray>\n</FieldData>\n";
+    head += "<Piece NumberOfPoints=\"" + std::to_string(count) + "\" NumberOfVerts=\"" + (count ? "1" : "0") +
+            "\" NumberOfLines=\"0\" NumberOfStrips=\"0\" NumberOfPolys=\"0\">\n";
+    // One statement for each array: their offsets follow one another.
+    head += "<Points>\n" + array("Points", "Float64", 3, count * 24) + "</Points>\n<Verts>\n";
+    head += array("connectivity", "Int32", 1, count * 4);
+    head += array("offsets", "Int32", 1, count ? 4 : 0);
+    head += "</Verts>\n<PointData>\n";
+    for (auto const& field : frame.fields)
+        head += array(field.name, "Float32", field.components, field.values.size() * sizeof(float));
+    return head + "</PointData>\n</Piece>\n</PolyData>\n<AppendedData encoding=\"raw\">\n_";
+}
+
+} // namespace detail
+
+/// Writes a frame as VTK PolyData (`.vtp`): positions in double precision [m], the fields as float, and the
+/// time [s] as the field datum `TimeValue`. ParaView and PyVista open it; all points are one poly-vertex.
+///
+/// Throws firn::Error: the file cannot be created or not written to its end, a field does not fit the frame.
+inline void write_vtp(std::filesystem::path const& path, ParticleFrame const& frame)
+{
+    detail::check_frame(frame, path);
+    detail::replace_file(path, [&](std::ostream& out) {
+        auto const array = [&](auto const& values) {
+            detail::put(out, std::vector<std::uint64_t>{values.size() * sizeof(values[0])});
+            detail::put(out, values);
+        };
+        auto const head = detail::vtp_head(frame);
+        out.write(head.data(), static_cast<std::streamsize>(head.size()));
+        static_assert(sizeof(Eigen::Vector3d) == 3 * sizeof(double));
+        array(frame.positions);
+        std::vector<std::int32_t> numbers(frame.positions.size());
+        std::iota(numbers.begin(), numbers.end(), 0);
+        array(numbers);
+        numbers.assign(frame.positions.empty() ? 0 : 1, static_cast<std::int32_t>(frame.positions.size()));
+        array(numbers);
+        for (auto const& field : frame.fields) array(field.values);
+        out << "\n</AppendedData>\n</VTKFile>\n";
+    });
+}
+
+/// Writes a frame as a binary little-endian PLY point cloud: x, y, z [m] and the fields as float, a vector
+/// `name` as `name_x`, `name_y`, `name_z`; the time [s] is a comment. Houdini and Blender open it.
+///
+/// Throws firn::Error: the file cannot be created or not written to its end, a field does not fit the frame.
+inline void write_ply(std::filesystem::path const& path, ParticleFrame const& frame)
+{
+    detail::check_frame(frame, path);
+    std::vector<std::string> properties{"x", "y", "z"};
+    for (auto const& field : frame.fields) {
+        if (field.components == 1)
+            properties.push_back(field.name);
+        else
+            for (char const* axis : {"_x", "_y", "_z"}) properties.push_back(field.name + axis);
+    }
+    std::string head = "ply\nformat binary_little_endian 1.0\ncomment firn schema 1\ncomment time " +
+                       detail::exact_text(frame.time) + " s\nelement vertex " +
+                       std::to_string(frame.positions.size()) + "\n";
+    for (auto name = properties.begin(); name != properties.end(); ++name) {
+        if (std::find(properties.begin(), name, *name) != name)
+            throw Error{"two PLY properties are named '" + *name + "'", path.string(), "Rename a field."};
+        head += "property float " + *name + "\n";
+    }
+    head += "end_header\n";
+    detail::replace_file(path, [&](std::ostream& out) {
+        out.write(head.data(), static_cast<std::streamsize>(head.size()));
+        std::size_t constexpr chunk = 4096;
+        std::vector<float> rows;
+        for (std::size_t first = 0; first < frame.positions.size(); first += chunk) {
+            auto const last = std::min(first + chunk, frame.positions.size());
+            rows.clear();
+            rows.reserve(chunk * properties.size());
+            for (auto p = first; p < last; ++p) {
+                for (int i = 0; i < 3; ++i) rows.push_back(static_cast<float>(frame.positions[p][i]));
+                for (auto const& field : frame.fields) {
+                    auto const n = std::size_t(field.components);
+                    rows.insert(rows.end(), field.values.begin() + std::ptrdiff_t(p * n),
+                                field.values.begin() + std::ptrdiff_t((p + 1) * n));
+                }
+            }
+            detail::put(out, rows);
+        }
+    });
+}
+
+/// One moment of a series: its time [s] and its file, relative to the folder of the index.
+struct PvdEntry
+{
+    double time;
+    std::filesystem::path file;
+};
+
+/// Writes a ParaView index (`.pvd`) of the files of a series.
+///
+/// Throws firn::Error: the file cannot be created or not written to its end.
+inline void write_pvd(std::filesystem::path const& path, std::vector<PvdEntry> const& entries)
+{
+    std::string text = "<?xml version=\"1.0\"?>\n<!-- firn schema 1 -->\n<VTKFile type=\"Collection\" "
+                       "version=\"0.1\" byte_order=\"LittleEndian\">\n<Collection>\n";
+    for (auto const& entry : entries) {
+        text += "<DataSet timestep=\"" + detail::exact_text(entry.time) + "\" group=\"\" part=\"0\" file=\"";
+        for (char const c : entry.file.generic_string()) {
+            if (c == '&')
+                text += "&amp;";
+            else if (c == '<')
+                text += "&lt;";
+            else if (c == '"')
+                text += "&quot;";
+            else
+                text += c;
+        }
+        text += "\"/>\n";
+    }
+    text += "</Collection>\n</VTKFile>\n";
+    detail::replace_file(
+        path, [&](std::ostream& out) { out.write(text.data(), static_cast<std::streamsize>(text.size())); });
+}
+
+/// A ParaView index that grows with its series and is whole on the disk after every frame.
+class PvdIndex
+{
+public:
+    explicit PvdIndex(std::filesystem::path path) : path_(std::move(path)) {}
+
+    /// Adds a file (relative to the index's folder) of time `time` [s] and writes the index again.
+    void add(double time, std::filesystem::path file)
+    {
+        entries_.push_back({time, std::move(file)});
+        write_pvd(path_, entries_);
+    }
+
+private:
+    std::filesystem::path path_;
+    std::vector<PvdEntry> entries_;
+};
+
+} // namespace firn

@@ -1,0 +1,287 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+// LICENCE: including this file makes your binary GPL-3, unless you hold a commercial CGAL licence. This text
+// itself is under the licence named above. It takes 20 s to compile: include it from one translation unit.
+
+#include <firn/core/error.hpp>
+#include <firn/core/serial.hpp>
+#include <firn/io/triangle_mesh.hpp>
+#include <firn/sampling/filled_surface.hpp>
+#include <firn/sampling/mesh_topology.hpp>
+
+#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
+#include <CGAL/Polygon_mesh_processing/orient_polygon_soup.h>
+#include <CGAL/Polygon_mesh_processing/orientation.h>
+#include <CGAL/Polygon_mesh_processing/polygon_soup_to_polygon_mesh.h>
+#include <CGAL/Polygon_mesh_processing/repair_polygon_soup.h>
+#include <CGAL/Polygon_mesh_processing/self_intersections.h>
+#include <CGAL/Polygon_mesh_processing/shape_predicates.h>
+#include <CGAL/Side_of_triangle_mesh.h>
+#include <CGAL/Surface_mesh.h>
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <iterator>
+#include <memory>
+#include <optional>
+#include <span>
+#include <sstream>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace firn
+{
+
+/// What to do with a surface that bounds no volume.
+enum class Repair
+{
+    none, ///< refuse it
+    fill  ///< take what it winds around by more than one half (`FilledSurface`)
+};
+
+namespace detail
+{
+
+using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
+using SurfaceMesh = CGAL::Surface_mesh<Kernel::Point_3>;
+
+/// A closed surface, oriented outwards, and the tree that answers on which side of it a point lies.
+struct ClosedSurface
+{
+    SurfaceMesh mesh;
+    CGAL::Side_of_triangle_mesh<SurfaceMesh, Kernel> side;
+
+    explicit ClosedSurface(SurfaceMesh closed) : mesh(std::move(closed)), side(mesh) {}
+};
+
+inline std::string near(Eigen::Vector3d const& x)
+{
+    std::ostringstream text;
+    text << "near (" << x.x() << ", " << x.y() << ", " << x.z() << ") m";
+    return text.str();
+}
+
+inline std::string number_of(std::size_t count, std::string const& thing, char const* plural = "s")
+{
+    return std::to_string(count) + " " + thing + (count == 1 ? "" : plural);
+}
+
+inline Error mesh_error(std::string what, std::string const& where, std::string const& remedy)
+{
+    return Error{std::move(what), "MeshInterior, " + where,
+                 remedy + " in the modelling program, or pass Repair::fill (--repair)."};
+}
+
+inline void check_triangles(TriangleMesh const& mesh)
+{
+    require(!mesh.triangles.empty(), "the mesh has no triangles", "MeshInterior",
+            "Pass a closed triangle surface.");
+    for (std::size_t t = 0; t < mesh.triangles.size(); ++t)
+        for (auto const corner : mesh.triangles[t])
+            if (corner >= mesh.vertices.size() || !mesh.vertices[corner].allFinite())
+                throw Error{"triangle " + std::to_string(t) + " has a corner (vertex " +
+                                std::to_string(corner) + ") that does not exist or is not finite",
+                            "MeshInterior", "Correct the mesh's indices and coordinates."};
+}
+
+/// Welds equal points and drops what is no triangle; tells what of the edges is wrong; then turns the
+/// triangles of each component the same way round, as far as that can be done.
+struct Soup
+{
+    std::vector<Kernel::Point_3> points;
+    std::vector<std::vector<std::size_t>> triangles;
+    EdgeDefects edges;
+
+    explicit Soup(TriangleMesh const& mesh)
+    {
+        namespace PMP = CGAL::Polygon_mesh_processing;
+        for (auto const& x : mesh.vertices) points.emplace_back(x.x(), x.y(), x.z());
+        for (auto const& t : mesh.triangles) triangles.push_back({t[0], t[1], t[2]});
+        PMP::repair_polygon_soup(points, triangles);
+        edges = edge_defects(triangle_mesh());
+        PMP::orient_polygon_soup(points, triangles);
+    }
+
+    TriangleMesh triangle_mesh() const
+    {
+        TriangleMesh mesh;
+        for (auto const& p : points) mesh.vertices.emplace_back(p.x(), p.y(), p.z());
+        for (auto const& t : triangles)
+            if (t.size() == 3)
+                mesh.triangles.push_back({std::uint32_t(t[0]), std::uint32_t(t[1]), std::uint32_t(t[2])});
+        return mesh;
+    }
+
+    SurfaceMesh surface_mesh() const
+    {
+        SurfaceMesh mesh;
+        CGAL::Polygon_mesh_processing::polygon_soup_to_polygon_mesh(points, triangles, mesh);
+        return mesh;
+    }
+};
+
+inline Eigen::Vector3d centre(SurfaceMesh const& mesh, SurfaceMesh::Face_index face)
+{
+    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
+    for (auto const v : mesh.vertices_around_face(mesh.halfedge(face)))
+        sum += Eigen::Vector3d{mesh.point(v).x(), mesh.point(v).y(), mesh.point(v).z()} / 3;
+    return sum;
+}
+
+/// Tells by its edges alone why a surface bounds no volume.
+inline std::optional<Error> edge_error(EdgeDefects const& edges, std::uint32_t components)
+{
+    if (edges.crowded_edges > 0)
+        return mesh_error("the mesh is not a manifold: " + number_of(edges.crowded_edges, "edge") +
+                              " with more than two triangles",
+                          near(edges.crowded_edge), "Separate the surfaces that share these edges");
+    if (edges.boundary_edges > 0)
+        return mesh_error("the mesh is open: " + number_of(edges.boundary_edges, "boundary edge") +
+                              " around " + number_of(edges.holes, "hole") + "; it has " +
+                              number_of(components, "component"),
+                          near(edges.largest_hole), "Close it, or weld vertices that nearly coincide,");
+    return {};
+}
+
+/// Tells by its geometry why a surface whose edges are sound bounds no volume.
+inline std::optional<Error> geometry_error(SurfaceMesh const& mesh)
+{
+    namespace PMP = CGAL::Polygon_mesh_processing;
+    for (auto const edge : mesh.halfedges())
+        if (mesh.is_border(edge))
+            return mesh_error(
+                "the mesh has no inside and outside: its triangles cannot be turned the same way round",
+                near(centre(mesh, mesh.face(mesh.opposite(edge)))), "Cut and cap it");
+    std::vector<SurfaceMesh::Face_index> flat;
+    for (auto const face : mesh.faces())
+        if (PMP::is_degenerate_triangle_face(face, mesh)) flat.push_back(face);
+    if (!flat.empty())
+        return mesh_error(number_of(flat.size(), "triangle") + " without area",
+                          near(centre(mesh, flat.front())), "Collapse them");
+    std::vector<std::pair<SurfaceMesh::Face_index, SurfaceMesh::Face_index>> crossings;
+    PMP::self_intersections(mesh, std::back_inserter(crossings));
+    if (!crossings.empty())
+        return mesh_error("the mesh crosses or touches itself: " + number_of(crossings.size(), "pair") +
+                              " of triangles",
+                          near(centre(mesh, crossings.front().first)), "Unite the parts (boolean union)");
+    return {};
+}
+
+} // namespace detail
+
+/// The solid that a triangle surface bounds: answers which points lie inside.
+///
+/// The surface must be closed, a manifold and free of self-intersections. Solids beside one another add up;
+/// of shells inside one another every second one is a hole (a ball in a hollow ball), however each of them is
+/// oriented. Solids that overlap cross each other and are refused.
+///
+/// With `Repair::fill` a surface that is refused otherwise is taken as what it winds around by more than one
+/// half (`FilledSurface`, generalised winding number); a sound one is not touched. What was wrong is told by
+/// `defect()`.
+///
+/// Throws firn::Error: no triangles, a corner that does not exist or is not finite, an edge with one triangle
+/// or more than two, triangles without area, not orientable, crossing itself, no volume.
+///
+/// Cheap to copy; may be asked from several threads.
+class MeshInterior
+{
+public:
+    template <class Loop = Serial>
+    explicit MeshInterior(TriangleMesh const& mesh, Repair repair = Repair::none, Loop const& loop = {})
+    {
+        detail::check_triangles(mesh);
+        detail::Soup const soup(mesh);
+        auto surface = soup.triangle_mesh();
+        if (surface.triangles.empty())
+            throw detail::mesh_error("every triangle of the mesh is collapsed", "all of it",
+                                     "Model a closed surface");
+        components_ = detail::components(surface).count;
+        auto defect = detail::edge_error(soup.edges, components_);
+        if (!defect) defect = close(soup.surface_mesh());
+        if (!defect) return;
+        if (repair == Repair::none) throw *defect;
+        closed_.reset();
+        defect_ = std::string{defect->what_is_wrong()} + " [" + defect->where() + "]";
+        filled_ = std::make_shared<FilledSurface const>(std::move(surface), loop);
+        surface_ = std::shared_ptr<TriangleMesh const>(filled_, &filled_->surface());
+        box_ = filled_->bounding_box();
+        volume_ = filled_->volume();
+    }
+
+    /// Tells of each point [m] whether it lies inside (1) or not (0, on the surface too).
+    template <class Loop = Serial>
+    std::vector<char> contains(std::span<Eigen::Vector3d const> points, Loop const& loop = {}) const
+    {
+        std::vector<char> inside(points.size());
+        constexpr std::size_t chunk = 256; // a query takes less than a microsecond, too little for a task
+        loop.for_each((points.size() + chunk - 1) / chunk, [&](std::size_t c) {
+            for (auto i = c * chunk; i < std::min(points.size(), (c + 1) * chunk); ++i)
+                inside[i] = contains(points[i]);
+        });
+        return inside;
+    }
+
+    bool contains(Eigen::Vector3d const& x) const
+    {
+        if (!box_.contains(x)) return false; // and so is every point that is not a number
+        if (filled_) return filled_->contains(x);
+        return closed_->side({x.x(), x.y(), x.z()}) == CGAL::ON_BOUNDED_SIDE;
+    }
+
+    /// The volume [m³]: of a sound mesh exact to rounding, of a repaired one estimated.
+    double volume() const { return volume_; }
+    /// Standard error of `volume()` [m³]: 0 of a sound mesh, of a repaired one about 0.03 % of the volume.
+    double volume_error() const { return filled_ ? filled_->volume_error() : 0; }
+
+    Eigen::AlignedBox3d const& bounding_box() const { return box_; } ///< of the surface [m]
+    std::size_t components() const { return components_; }           ///< connected pieces of the surface
+    bool repaired() const { return filled_ != nullptr; }             ///< true if Repair::fill was needed
+    std::string const& defect() const { return defect_; } ///< what was repaired, and where; or nothing
+
+    /// The surface, welded and oriented outwards.
+    TriangleMesh const& surface() const { return *surface_; }
+
+private:
+    /// Takes the mesh as it is, or tells why it bounds no volume.
+    std::optional<Error> close(detail::SurfaceMesh mesh)
+    {
+        if (auto defect = detail::geometry_error(mesh)) return defect;
+        CGAL::Polygon_mesh_processing::orient_to_bound_a_volume(mesh);
+        auto surface = std::make_shared<TriangleMesh>();
+        for (auto const v : mesh.vertices()) {
+            auto const& p = mesh.point(v);
+            surface->vertices.emplace_back(p.x(), p.y(), p.z());
+        }
+        for (auto const face : mesh.faces()) {
+            auto corner = mesh.vertices_around_face(mesh.halfedge(face)).begin();
+            auto& triangle = surface->triangles.emplace_back();
+            for (auto& index : triangle) index = static_cast<std::uint32_t>(*corner++);
+        }
+        volume_ = detail::surface_sums(*surface).volume;
+        box_ = detail::bounding_box(*surface);
+        if (!(volume_ > 0))
+            return detail::mesh_error("the mesh bounds no volume", detail::near(box_.center()),
+                                      "Give it a thickness");
+        surface_ = std::move(surface);
+        closed_ = std::make_shared<detail::ClosedSurface const>(std::move(mesh));
+        // The tree builds itself on the first query; that is not for several threads to do.
+        closed_->side({box_.center().x(), box_.center().y(), box_.center().z()});
+        return {};
+    }
+
+    std::shared_ptr<detail::ClosedSurface const> closed_;
+    std::shared_ptr<FilledSurface const> filled_;
+    std::shared_ptr<TriangleMesh const> surface_;
+    Eigen::AlignedBox3d box_;
+    double volume_ = 0;
+    std::size_t components_ = 0;
+    std::string defect_;
+};
+
+} // namespace firn

@@ -1,0 +1,136 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/policies.hpp"
+
+using namespace firn;
+using namespace firn::test;
+
+// One element of snow, driven by its deformation gradient: the curves have closed forms. With s = 1 - e the
+// confined stretch, s_E = clamp(s), J_P = s / s_E and h = e^(xi (1 - J_P)) the Cauchy stress is sigma_xx = h
+// s_E (s_E - 1)(2 mu + lambda) / s and sigma_yy = h lambda s_E (s_E - 1) / s, independent of the steps.
+namespace
+{
+
+template <class SpaceType>
+struct Element
+{
+    static constexpr int d = SpaceType::dimension;
+    using Number = typename SpaceType::Real;
+    Snow<SpaceType> model{};
+    Record<Number, d, typename Snow<SpaceType>::State> state = decltype(state)::at_rest();
+    Matrix<double, d> F = Matrix<double, d>::Identity();
+    Matrix<Number, d> tau;
+
+    /// Deforms to F in steps, and returns the Cauchy stress there.
+    Matrix<double, d> to(Matrix<double, d> const& target, int steps)
+    {
+        Matrix<double, d> const start = F;
+        for (int i = 1; i <= steps; ++i) {
+            Matrix<double, d> const next = start + (target - start) * (double(i) / steps);
+            Matrix<double, d> const L = next * F.inverse() - Matrix<double, d>::Identity();
+            auto const response = model.template respond<Number>(
+                state, Matrix<Number, d>(L.template cast<Number>()), Number(1));
+            tau = response.kirchhoff_stress;
+            F = next;
+        }
+        return tau.template cast<double>() / F.determinant();
+    }
+
+    double J_P() const { return double(state[PlasticVolumeRatio{}]); }
+};
+
+struct Confined
+{
+    double compression, stress, plastic_ratio;
+};
+
+// the closed form at the default parameters [Pa]
+constexpr Confined curve[]{{.01, -1555.56, 1},       {.025, -3888.89, 1},      {.05, -5157.80, .974359},
+                           {.10, -9092.02, .923077}, {.15, -16076.8, .871795}, {.20, -28526.1, .820513},
+                           {.25, -50814.4, .769231}, {.30, -90921.2, .717949}};
+
+template <class SpaceType>
+void confined_compression(int steps, double relative, double floor)
+{
+    constexpr int d = SpaceType::dimension;
+    for (auto const& point : curve) {
+        Element<SpaceType> element;
+        Matrix<double, d> F = Matrix<double, d>::Identity();
+        F(0, 0) = 1 - point.compression;
+        auto const sigma = element.to(F, steps);
+        double const h = std::exp(10 * (1 - point.plastic_ratio));
+        double const allowed =
+            relative * std::abs(point.stress) + floor * h * element.model.elasticity.p_wave_modulus();
+        CHECK(std::abs(sigma(0, 0) - point.stress) <= allowed);
+        CHECK(std::abs(sigma(1, 1) - point.stress / 4) <= allowed);
+        CHECK(std::abs(element.J_P() - point.plastic_ratio) <= std::max(relative, 1e-6));
+    }
+}
+
+} // namespace
+
+TEST_CASE("snow in confined compression follows the closed form, whatever the number of steps")
+{
+    double const half_of_the_sixth_digit = 4e-6;
+    confined_compression<Solid>(1, half_of_the_sixth_digit, 0);
+    confined_compression<Solid>(100, half_of_the_sixth_digit, 0);
+    confined_compression<Plane>(100, half_of_the_sixth_digit, 0);
+}
+
+TEST_CASE("snow in confined compression follows the closed form to ten digits where it is evaluated")
+{
+    Snow<Solid> const model;
+    auto const [mu, lambda] = model.elasticity;
+    for (double e = 0.005; e < 0.38; e += 0.013) {
+        Element<Solid> element;
+        double const s = 1 - e, s_E = std::max(s, 1 - 2.5e-2), h = std::exp(10 * (1 - s / s_E));
+        Eigen::Matrix3d const sigma = element.to(Eigen::Vector3d(s, 1, 1).asDiagonal(), 7);
+        double const exact = h * s_E * (s_E - 1) * (2 * mu + lambda) / s;
+        CHECK(std::abs(sigma(0, 0) - exact) <= 1e-10 * std::abs(exact));
+    }
+}
+
+TEST_CASE("snow in confined compression follows the closed form in single precision")
+{
+    confined_compression<SolidFloat>(20, 1e-4, 5e-7);
+    confined_compression<PlaneFloat>(20, 1e-4, 5e-7);
+}
+
+TEST_CASE("snow in confined tension softens along the closed form")
+{
+    struct
+    {
+        double stretch, stress;
+    } const points[]{{.005, 777.78}, {.0075, 1166.67}, {.01, 1135.26},
+                     {.02, 1017.91}, {.05, 734.18},    {.10, 426.65}};
+    for (auto const& point : points) {
+        Element<Solid> element;
+        Eigen::Matrix3d const sigma = element.to(Eigen::Vector3d(1 + point.stretch, 1, 1).asDiagonal(), 20);
+        CHECK(sigma(0, 0) == Approx(point.stress).epsilon(2e-5));
+    }
+}
+
+TEST_CASE("snow in simple shear reaches its plateau")
+{
+    struct
+    {
+        double shear, stress;
+    } const points[]{{.01, 583.341}, {.02, 989.997}, {.05, 1545.97}, {.1, 1555.02}, {.2, 1554.89}};
+    for (auto const& point : points) {
+        Element<Plane> element;
+        Eigen::Matrix2d F = Eigen::Matrix2d::Identity();
+        F(0, 1) = point.shear;
+        auto const sigma = element.to(F, 1000);
+        CHECK(sigma(0, 1) == Approx(point.stress).epsilon(1e-5));
+    }
+}
+
+TEST_CASE("snow says when its hardening is at the cap, and hardens no further")
+{
+    Element<Solid> element;
+    element.to(Eigen::Vector3d(0.55, 1, 1).asDiagonal(), 200);
+    CHECK(element.J_P() < 0.6);
+    auto const response = element.model.respond<double>(element.state, Eigen::Matrix3d::Zero(), 0.0);
+    CHECK(response.capped);
+    CHECK(response.wave_modulus <= std::exp(4.0) * element.model.elasticity.p_wave_modulus() * 1.05);
+}

@@ -1,0 +1,160 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/policies.hpp"
+#include "support/test_lane.hpp"
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+using Vec = Vector<double, 3>;
+
+Vec random_vector(std::mt19937& random)
+{
+    std::normal_distribution<double> normal;
+    return {normal(random), normal(random), normal(random)};
+}
+
+template <class Use>
+void for_each_random(Use const& use)
+{
+    std::mt19937 random(5);
+    for (int i = 0; i < 10000; ++i) {
+        Vec const v = random_vector(random);
+        use(v, Vec(random_vector(random).normalized()), std::abs(random_vector(random)[0]));
+    }
+}
+
+} // namespace
+
+TEST_CASE("friction sticks where the tangential speed is within mu times the approach, and slides beyond")
+{
+    Vec const up = Vec::UnitZ();
+    auto const rule = Contact::coulomb(0.5);
+    CHECK(rule.after<double, 3>({0.1, 0, -1}, up) == Vec(0, 0, 0)); // the swapped rule gives (-0.4, 0, 0)
+    CHECK((rule.after<double, 3>({2, 0, -1}, up) - Vec(1.5, 0, 0)).norm() <= 1e-15);
+    CHECK(rule.after<double, 3>({2, 0, 1}, up) == Vec(2, 0, 1));
+    CHECK(rule.after<double, 3>({0, 0, -1}, up) == Vec(0, 0, 0));
+}
+
+TEST_CASE("contact never makes anything faster, keeps the direction of sliding, and is done after once")
+{
+    for_each_random([](Vec const& v, Vec const& n, double mu) {
+        for (auto const& rule :
+             {Contact::coulomb(mu), Contact::slip(), Contact::bound_slip(), Contact::sticky()}) {
+            Vec const after = rule.after<double, 3>(v, n);
+            CHECK(after.norm() <= v.norm() * (1 + 1e-15));
+            CHECK(after.dot(n) >= -1e-15 * v.norm());
+            Vec const tangential = v - n * v.dot(n), left = after - n * after.dot(n);
+            CHECK((left * tangential.norm() - tangential * left.norm()).norm() <=
+                  1e-14 * (1 + v.squaredNorm()));
+            if (v.dot(n) < 0)
+                CHECK((rule.after<double, 3>(after, n) - after).norm() <= 1e-15 * (1 + v.norm()));
+        }
+    });
+}
+
+TEST_CASE("no friction is slip, and infinite friction sticks on approach")
+{
+    auto const infinite = Contact::coulomb(std::numeric_limits<double>::infinity());
+    for_each_random([&](Vec const& v, Vec const& n, double) {
+        CHECK(Contact::coulomb(0).after<double, 3>(v, n) == Contact::slip().after<double, 3>(v, n));
+        if (v.dot(n) < 0)
+            CHECK(infinite.after<double, 3>(v, n).norm() == 0);
+        else
+            CHECK((infinite.after<double, 3>(v, n) - v).norm() <= 1e-15 * (1 + v.norm()));
+    });
+}
+
+TEST_CASE("contact with packs of velocities is contact with each")
+{
+    using Pack = TestLane<double>;
+    std::mt19937 random(8);
+    for (int i = 0; i < 1000; ++i) {
+        double v[3][4], n[3][4];
+        Vector<Pack, 3> packed_v, packed_n;
+        for (int l = 0; l < 4; ++l) {
+            Vec const one = random_vector(random), normal = random_vector(random).normalized();
+            for (int a = 0; a < 3; ++a) v[a][l] = one[a], n[a][l] = normal[a];
+        }
+        for (int a = 0; a < 3; ++a)
+            packed_v[a] = LaneTraits<Pack>::load(v[a]), packed_n[a] = LaneTraits<Pack>::load(n[a]);
+        auto const rule = Contact::coulomb(0.4);
+        Vector<Pack, 3> const after = rule.after<Pack, 3>(packed_v, packed_n);
+        for (int a = 0; a < 3; ++a) {
+            double lane[4];
+            LaneTraits<Pack>::store(after[a], lane);
+            for (int l = 0; l < 4; ++l) {
+                Vec const one =
+                    rule.after<double, 3>({v[0][l], v[1][l], v[2][l]}, {n[0][l], n[1][l], n[2][l]});
+                CHECK(std::abs(lane[l] - one[a]) <= 1e-14 * (1 + one.norm()));
+            }
+        }
+    }
+}
+
+TEST_CASE("the distance of a shape falls by its normal: gradient and distance agree inside and outside")
+{
+    std::mt19937 random(9);
+    auto const check = [&](auto const& shape) {
+        for (int i = 0; i < 2000; ++i) {
+            Vec const x = random_vector(random);
+            auto const here = shape.template surface<double, 3>(x);
+            CHECK(std::abs(here.normal.norm() - 1) <= 1e-12);
+            double const step = 1e-6;
+            auto const beyond = shape.template surface<double, 3>(Vec(x + step * here.normal));
+            if (std::abs(here.distance) > 1e-3 && (beyond.normal - here.normal).norm() < 1e-3)
+                CHECK(std::abs((beyond.distance - here.distance) / step - 1) <= 1e-5);
+        }
+    };
+    check(Sphere{0.8});
+    check(Box{{0.5, 0.7, 0.9}});
+    check(Capsule{0.3, 0.6});
+    check(HalfSpace{Vec(1, 2, 3).normalized()});
+}
+
+TEST_CASE("shapes know their distances")
+{
+    CHECK(Sphere{2}.surface<double, 3>({3, 0, 4}).distance == Approx(3));
+    CHECK(Capsule{1, 2}.surface<double, 3>({3, 1, 0}).distance == Approx(2));
+    CHECK(Capsule{1, 2}.surface<double, 3>({0, 5, 0}).distance == Approx(2));
+    CHECK(Box{{1, 2, 3}}.surface<double, 3>({4, 6, 0}).distance == Approx(5));
+    CHECK(Box{{1, 2, 3}}.surface<double, 3>({0.5, 0, 0}).distance == Approx(-0.5));
+    CHECK(HalfSpace{}.surface<double, 3>({7, -2, 1}).distance == Approx(-2));
+    CHECK(Sphere{1}.surface<double, 3>({0, 0, 0}).normal.norm() == Approx(1));
+    CHECK(Box{{1, 1, 1}}.surface<double, 3>({0, 0, 0}).normal.norm() == Approx(1));
+    CHECK(Sphere{1}.surface<double, 2>({0, 3}).distance == Approx(2));
+}
+
+TEST_CASE("a rotating body comes round, and moves its surface at v + omega x r")
+{
+    Motion const motion{
+        .position = {1, 2, 3}, .velocity = {0.5, 0, 0}, .angular_velocity = {0, 0, 2 * M_PI}, .time = 1};
+    auto const later = motion.at(2.25);
+    CHECK((later.position - Eigen::Vector3d(1.625, 2, 3)).norm() <= 1e-14);
+    CHECK((later.orientation * Eigen::Vector3d(1, 0, 0) - Eigen::Vector3d(0, 1, 0)).norm() <= 1e-12);
+
+    Obstacle<Sphere> const wheel{.shape = {1}, .contact = Contact::sticky(), .motion = motion};
+    auto const action = wheel.during<double, 3>({1.0, 1.0});
+    Place<double, 3> const place{
+        lattice(0.1), {10, 25, 30}, Vec::Zero()}; // (1, 2.5, 3): half a metre above the centre
+    auto const touched = action.touch<double>(place, Vec(0, 0, 0), wheel.contact);
+    CHECK(touched.inside);
+    CHECK((touched.velocity - Vec(0.5 - M_PI, 0, 0)).norm() <= 1e-12);
+}
+
+TEST_CASE("in a corner the last word is that nothing moves into either wall")
+{
+    Obstacle<HalfSpace> const floor{.shape = {{0, 1, 0}}, .contact = Contact::coulomb(0.8)};
+    Obstacle<HalfSpace> const slope{.shape = {Vec(1, 1, 0).normalized()}, .contact = Contact::coulomb(0.3)};
+    auto const both = chain<double, 3>({0, 0.1}, floor, slope);
+    Reactions<2> reactions;
+    Place<double, 3> const place{lattice(0.1), {0, 0, 0}, Vec(-1, -1, 0)};
+    Vec const before(-3, -1, 0.5);
+    Vec const after = apply_on_nodes<double, 3>(both, place, 2.0, before, reactions);
+    CHECK(after[1] >= -1e-12);
+    CHECK(after.dot(Vec(1, 1, 0)) >= -1e-12);
+    CHECK((reactions.of[0].impulse + reactions.of[1].impulse - 2.0 * (before - after)).norm() <= 1e-12);
+}

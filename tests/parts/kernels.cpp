@@ -1,0 +1,172 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/test_lane.hpp"
+
+#include <firn/concepts.hpp>
+#include <firn/grid/lattice.hpp>
+#include <firn/grid/stencil.hpp>
+#include <firn/interpolation/cubic_b_spline.hpp>
+#include <firn/interpolation/linear.hpp>
+#include <firn/interpolation/quadratic_b_spline.hpp>
+
+#include <random>
+#include <tuple>
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+template <class KernelType, class SpaceType>
+struct Case
+{
+    using Kernel = KernelType;
+    using Space = SpaceType;
+    using Real = typename Space::Real;
+    static constexpr int d = Space::dimension;
+};
+
+/// The sums over a stencil that identities are about, added up in double precision: the weights are what is
+/// tested.
+template <class Kernel, class Real, int d>
+struct Moments
+{
+    double unity = 0;
+    Vector<double, d> first = Vector<double, d>::Zero(), gradient_sum = Vector<double, d>::Zero();
+    Matrix<double, d> gradient_moment = Matrix<double, d>::Zero(), inertia = Matrix<double, d>::Zero();
+
+    explicit Moments(Vector<Real, d> const& offset)
+    {
+        Stencil<Kernel, Real, d> const nodes(offset, true);
+        for (int row = 0; row < nodes.rows; ++row)
+            for (int k = 0; k < nodes.width; ++k) {
+                Vector<double, d> distance, gradient;
+                for (int a = 0; a < nodes.last; ++a) {
+                    distance[a] = nodes.row_distance(row, a);
+                    gradient[a] = nodes.row_gradient(row, a) * nodes.weight[nodes.last][k];
+                }
+                distance[nodes.last] = nodes.distance[nodes.last][k];
+                gradient[nodes.last] = nodes.row_weight(row) * nodes.derivative[nodes.last][k];
+                double const w = nodes.row_weight(row) * nodes.weight[nodes.last][k];
+                unity += w;
+                first += w * distance;
+                gradient_sum += gradient;
+                gradient_moment += distance * gradient.transpose();
+                inertia += w * distance * distance.transpose();
+            }
+    }
+};
+
+/// Offsets in a cell: random ones, and the faces, centres and their floating-point neighbours.
+template <class Real, int d, class Use>
+void for_each_offset(int count, Use const& use)
+{
+    std::mt19937 random(11);
+    std::uniform_real_distribution<Real> inside(Real(-0.5), Real(0.5));
+    Real const below_half = std::nextafter(Real(0.5), Real(0));
+    Real const special[]{Real(-0.5), Real(0), Real(-0.0), below_half, std::nextafter(Real(-0.5), Real(0))};
+    for (int i = 0; i < count; ++i) {
+        Vector<Real, d> offset;
+        for (int a = 0; a < d; ++a) offset[a] = i % 4 == 0 ? special[random() % 5] : inside(random);
+        use(offset);
+    }
+}
+
+} // namespace
+
+using Cases = std::tuple<Case<Linear, Space<2, double>>, Case<QuadraticBSpline, Space<2, double>>,
+                         Case<CubicBSpline, Space<2, double>>, Case<Linear, Space<3, double>>,
+                         Case<QuadraticBSpline, Space<3, double>>, Case<CubicBSpline, Space<3, double>>,
+                         Case<QuadraticBSpline, Space<2, float>>, Case<CubicBSpline, Space<2, float>>,
+                         Case<QuadraticBSpline, Space<3, float>>, Case<CubicBSpline, Space<3, float>>,
+                         Case<Linear, Space<3, float>>>;
+
+TEMPLATE_LIST_TEST_CASE("weights sum to one, reproduce positions, and gradients do so for linear fields", "",
+                        Cases)
+{
+    using Real = typename TestType::Real;
+    constexpr int d = TestType::d;
+    double const tolerance = std::is_same_v<Real, float> ? 5e-7 : 1e-14;
+    double worst = 0;
+    for_each_offset<Real, d>(100000, [&](Vector<Real, d> const& offset) {
+        Moments<typename TestType::Kernel, Real, d> const sums(offset);
+        double errors[]{std::abs(double(sums.unity) - 1), double(sums.first.cwiseAbs().maxCoeff()),
+                        double(sums.gradient_sum.cwiseAbs().maxCoeff()),
+                        double((sums.gradient_moment - Matrix<double, d>::Identity()).cwiseAbs().maxCoeff())};
+        for (double error : errors) worst = std::max(worst, error);
+        if constexpr (HasConstantInertia<typename TestType::Kernel>) {
+            auto const D = Matrix<double, d>::Identity() / TestType::Kernel::inverse_inertia;
+            worst = std::max(worst, double((sums.inertia - D).cwiseAbs().maxCoeff()));
+        }
+    });
+    CHECK(worst <= tolerance);
+}
+
+TEMPLATE_TEST_CASE("derivatives of weights are those of the weights", "", Linear, QuadraticBSpline,
+                   CubicBSpline)
+{
+    double const step = 1e-6;
+    for (double t = -0.49; t < 0.49; t += 0.01) {
+        auto const left = TestType::weights(t - step), right = TestType::weights(t + step),
+                   slope = TestType::derivatives(t);
+        for (int i = 0; i <= TestType::order; ++i)
+            CHECK(std::abs((right[i] - left[i]) / (2 * step) - slope[i]) <= 1e-8);
+    }
+}
+
+TEMPLATE_TEST_CASE("weights are continuous from one cell to the next, and of splines so are the derivatives",
+                   "", Linear, QuadraticBSpline, CubicBSpline)
+{
+    auto const end = TestType::weights(0.5), begin = TestType::weights(-0.5);
+    auto const end_slope = TestType::derivatives(0.5), begin_slope = TestType::derivatives(-0.5);
+    for (int i = 0; i < TestType::order; ++i) {
+        CHECK(std::abs(end[i + 1] - begin[i]) <= 1e-15);
+        if (TestType::order > 1) CHECK(std::abs(end_slope[i + 1] - begin_slope[i]) <= 1e-15);
+    }
+    CHECK(std::abs(end[0]) <= 1e-15);
+}
+
+TEMPLATE_TEST_CASE("the gradient bound of a kernel is the largest sum of |dN|^2 / N", "", QuadraticBSpline,
+                   CubicBSpline)
+{
+    double largest = 0;
+    for (double t = -0.5 + 1e-6; t < 0.5; t += 1e-5) {
+        auto const w = TestType::weights(t), dw = TestType::derivatives(t);
+        double sum = 0;
+        for (int i = 0; i <= TestType::order; ++i) sum += dw[i] * dw[i] / w[i];
+        largest = std::max(largest, sum);
+    }
+    CHECK(largest <= TestType::gradient_bound);
+    CHECK(largest >= 0.999 * TestType::gradient_bound);
+}
+
+TEMPLATE_TEST_CASE("a kernel gives a pack of numbers what it gives each number", "", Linear, QuadraticBSpline,
+                   CubicBSpline)
+{
+    using Pack = TestLane<double>;
+    STATIC_REQUIRE(InterpolationKernel<TestType, Pack>);
+    double const t[]{-0.5, -0.123, 0.0, 0.4999};
+    auto const packed = TestType::weights(LaneTraits<Pack>::load(t));
+    for (int i = 0; i <= TestType::order; ++i) {
+        double lane[4];
+        LaneTraits<Pack>::store(packed[i], lane);
+        for (int l = 0; l < 4; ++l) CHECK(std::abs(lane[l] - TestType::weights(t[l])[i]) <= 1e-15);
+    }
+}
+
+TEST_CASE("a position is found again from its cell and offset, on both sides of the origin and far from it")
+{
+    auto const grid = lattice(0.1, {0.03, -0.07, 1.0});
+    std::mt19937 random(3);
+    std::uniform_real_distribution<double> anywhere(-200, 200);
+    for (int order = 1; order <= 3; ++order)
+        for (int i = 0; i < 2000; ++i) {
+            Vector<double, 3> const x{anywhere(random), anywhere(random),
+                                      i % 3 == 0 ? 1.0 : anywhere(random)};
+            auto const at = locate<3>(grid, order, x);
+            CHECK(at.offset.minCoeff() >= -0.5);
+            CHECK(at.offset.maxCoeff() < 0.5);
+            CHECK((world_position<3>(grid, order, at.cell, at.offset) - x).cwiseAbs().maxCoeff() <= 1e-13);
+        }
+}

@@ -1,0 +1,278 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/test_lane.hpp"
+
+#include <firn/openmp/lanes.hpp>
+
+#include <bit>
+#include <cmath>
+#include <limits>
+#include <random>
+#include <tuple>
+#include <type_traits>
+#include <vector>
+
+#if __has_include(<xsimd/xsimd.hpp>)
+
+namespace
+{
+
+using namespace firn;
+using openmp::NativePack;
+using openmp::PackOf;
+
+#if defined(__AVX512F__)
+using Packs = std::tuple<NativePack<float>, NativePack<double>, PackOf<float, 8>, PackOf<double, 4>,
+                         PackOf<float, 4>, PackOf<double, 2>>;
+static_assert(lane_width<NativePack<float>> == 16 && lane_width<NativePack<double>> == 8);
+#elif defined(__AVX__)
+using Packs = std::tuple<NativePack<float>, NativePack<double>, PackOf<float, 4>, PackOf<double, 2>>;
+static_assert(lane_width<NativePack<float>> == 8 && lane_width<NativePack<double>> == 4);
+#else
+using Packs = std::tuple<NativePack<float>, NativePack<double>>;
+#endif
+
+template <class Number>
+using Limits = std::numeric_limits<Number>;
+
+/// Zeros, denormals, infinities, NaN, and numbers of every size; a multiple of every pack's width.
+template <class Number>
+std::vector<Number> numbers()
+{
+    Number const inf = Limits<Number>::infinity(), tiny = Limits<Number>::denorm_min();
+    std::vector<Number> all{0,
+                            Number(-0.0),
+                            inf,
+                            -inf,
+                            Limits<Number>::quiet_NaN(),
+                            tiny,
+                            -tiny,
+                            Limits<Number>::min(),
+                            Limits<Number>::min() / 3,
+                            Limits<Number>::max(),
+                            Limits<Number>::lowest(),
+                            Limits<Number>::epsilon(),
+                            1,
+                            -1,
+                            Number(0.5),
+                            Number(2.5),
+                            Number(-2.5),
+                            Number(1e9),
+                            Number(-1e9),
+                            Number(4e9),
+                            1 - Limits<Number>::epsilon()};
+    std::mt19937_64 generator(11);
+    std::uniform_real_distribution<double> size(Limits<Number>::min_exponent10,
+                                                Limits<Number>::max_exponent10);
+    std::normal_distribution<double> plain;
+    while (all.size() < 40000) {
+        all.push_back(static_cast<Number>(std::pow(10, size(generator)) * (generator() % 2 ? 1 : -1)));
+        all.push_back(static_cast<Number>(10 * plain(generator)));
+    }
+    return all;
+}
+
+template <class Number>
+bool same_bits(Number a, Number b)
+{
+    using Bits = std::conditional_t<sizeof(Number) == 4, std::uint32_t, std::uint64_t>;
+    return (std::isnan(a) && std::isnan(b)) || std::bit_cast<Bits>(a) == std::bit_cast<Bits>(b);
+}
+
+/// Distance in units of the last place of `expected`; 0 if both are NaN or the same infinity.
+template <class Number>
+double distance(Number found, double expected)
+{
+    if (std::isnan(expected) || std::isnan(found))
+        return std::isnan(expected) && std::isnan(found) ? 0 : 1e30;
+    if (double(found) == expected) return 0;
+    if (std::isinf(expected) || std::isinf(found)) return 1e30;
+    int exponent = 0;
+    std::frexp(std::max(std::abs(expected), double(Limits<Number>::min())), &exponent);
+    return std::abs(found - expected) / std::ldexp(1.0, exponent - Limits<Number>::digits);
+}
+
+/// The largest distance between a pack's function and a scalar one, over all numbers that `wanted` accepts.
+template <class Pack, class OfPack, class OfNumber, class Wanted>
+double worst(OfPack of_pack, OfNumber of_number, Wanted wanted)
+{
+    using Number = Scalar<Pack>;
+    auto const all = numbers<Number>();
+    double found = 0;
+    for (std::size_t i = 0; i + Pack::width <= all.size(); i += Pack::width) {
+        Number results[Pack::width];
+        of_pack(Pack::load(&all[i])).store(results);
+        for (std::size_t lane = 0; lane < Pack::width; ++lane) {
+            Number const x = all[i + lane];
+            if (wanted(x)) found = std::max(found, distance(results[lane], double(of_number(x))));
+        }
+    }
+    return found;
+}
+
+/// Calls `check(pack a, pack b, numbers a, numbers b)` for many pairs.
+template <class Pack, class Check>
+void for_pairs(Check check)
+{
+    auto const all = numbers<Scalar<Pack>>();
+    for (std::size_t shift : {0, 1, 2, 3, 5, 7, 11, 13, 17, 19, 301}) {
+        for (std::size_t i = 0; i + shift + Pack::width <= 400; i += Pack::width)
+            check(Pack::load(&all[i]), Pack::load(&all[i + shift]), &all[i], &all[i + shift]);
+    }
+}
+
+template <class Pack, class OfPack, class OfNumber>
+bool agrees(OfPack of_pack, OfNumber of_number)
+{
+    bool same = true;
+    for_pairs<Pack>([&](Pack a, Pack b, auto const* x, auto const* y) {
+        Scalar<Pack> results[Pack::width];
+        of_pack(a, b).store(results);
+        for (int i = 0; i < Pack::width; ++i) same = same && same_bits(results[i], of_number(x[i], y[i]));
+    });
+    return same;
+}
+
+template <class Pack, class OfPack, class OfNumber>
+bool mask_agrees(OfPack of_pack, OfNumber of_number)
+{
+    bool same = true;
+    for_pairs<Pack>([&](Pack a, Pack b, auto const* x, auto const* y) {
+        std::uint64_t expected = 0;
+        for (int i = 0; i < Pack::width; ++i) expected |= std::uint64_t{bool(of_number(x[i], y[i]))} << i;
+        same = same && bits(of_pack(a, b)) == expected;
+    });
+    return same;
+}
+
+auto const everything = [](auto) { return true; };
+
+template <class Mask>
+concept Branchable = requires(Mask mask)
+{
+    mask ? 1 : 0;
+};
+
+} // namespace
+
+TEMPLATE_LIST_TEST_CASE("A pack computes what its numbers would, bit by bit", "", Packs)
+{
+    auto const check = [](auto f) { return agrees<TestType>(f, f); };
+    CHECK(check([](auto a, auto b) { return a + b; }));
+    CHECK(check([](auto a, auto b) { return a - b; }));
+    CHECK(check([](auto a, auto b) { return a * b; }));
+    CHECK(check([](auto a, auto b) { return a / b; }));
+    CHECK(check([](auto a, auto) { return -a; }));
+    CHECK(check([](auto a, auto) { return sqrt(a); }));
+    CHECK(check([](auto a, auto) { return abs(a); }));
+    CHECK(check([](auto a, auto b) { return min(a, b); }));
+    CHECK(check([](auto a, auto b) { return max(a, b); }));
+    CHECK(check([](auto a, auto b) { return select(a < b, a, b); }));
+}
+
+TEMPLATE_LIST_TEST_CASE("A pack compares as its numbers would, NaN included", "", Packs)
+{
+    auto const check = [](auto f) { return mask_agrees<TestType>(f, f); };
+    CHECK(check([](auto a, auto b) { return a < b; }));
+    CHECK(check([](auto a, auto b) { return a > b; }));
+    CHECK(check([](auto a, auto b) { return a <= b; }));
+    CHECK(check([](auto a, auto b) { return a >= b; }));
+    CHECK(check([](auto a, auto b) { return a == b; }));
+    CHECK(check([](auto a, auto b) { return a != b; }));
+    CHECK(check([](auto a, auto b) { return !(a < b); }));
+    CHECK(check([](auto a, auto b) { return (a < b) & (b > decltype(b)(0)); }));
+    CHECK(check([](auto a, auto b) { return (a < b) | (a == a); }));
+}
+
+TEMPLATE_LIST_TEST_CASE("Functions of a pack are exact to two units of the last place", "", Packs)
+{
+    using N = Scalar<TestType>;
+    CHECK(worst<TestType>([](auto x) { return log(x); }, [](N x) { return std::log(x); }, everything) <= 2);
+    CHECK(worst<TestType>([](auto x) { return floor(x); }, [](N x) { return std::floor(x); }, everything) ==
+          0);
+    // results that are denormal come out as zero, those near the largest number as infinity
+    double const lowest = std::log(double(Limits<N>::min())) + 1e-3, highest = -lowest + 1;
+    CHECK(worst<TestType>([](auto x) { return exp(x); }, [](N x) { return std::exp(x); },
+                          [=](N x) { return !(x < lowest || x > highest) || std::isinf(x); }) <= 2);
+    CHECK(worst<TestType>([](auto x) { return exp(x); },
+                          [](N x) { return x < 0 ? N(0) : Limits<N>::infinity(); },
+                          [=](N x) { return x < lowest - 1 || x > highest + 1; }) == 0);
+}
+
+TEMPLATE_LIST_TEST_CASE("The inverse square root is exact to 2e-7 for every number, denormal ones included",
+                        "", Packs)
+{
+    using N = Scalar<TestType>;
+    std::vector<N> const all = numbers<N>();
+    double error = 0;
+    int wrong = 0;
+    for (std::size_t i = 0; i + TestType::width <= all.size(); i += TestType::width) {
+        N results[TestType::width];
+        inverse_sqrt(TestType::load(&all[i])).store(results);
+        for (std::size_t lane = 0; lane < TestType::width; ++lane) {
+            N const x = all[i + lane], found = results[lane];
+            double const expected = 1 / std::sqrt(double(x));
+            if (std::isfinite(expected) && expected > 0)
+                error = std::max(error, std::abs(found / expected - 1));
+            else
+                wrong += std::isnan(expected) ? !std::isnan(found) : found != N(expected);
+        }
+    }
+    CHECK(error <= (sizeof(N) == 4 ? 2e-7 : 4e-16));
+    CHECK(wrong == 0);
+}
+
+TEMPLATE_LIST_TEST_CASE("A mask has one bit per lane, comes back from its bits, and is no branch", "", Packs)
+{
+    using M = Mask<TestType>;
+    constexpr std::uint64_t full = (std::uint64_t{1} << TestType::width) - 1;
+    for (std::uint64_t i = 0; i < 100; ++i) {
+        std::uint64_t const pattern = i < 2 ? i * full : 0x9e3779b97f4a7c15u * i & full;
+        M const mask = M::from_bits(pattern | ~full); // bits beyond the width are ignored
+        CHECK(bits(mask) == pattern);
+        CHECK(bits(!mask) == (full & ~pattern));
+        CHECK(any(mask) == (pattern != 0));
+        CHECK(all(mask) == (pattern == full));
+        CHECK(bits(select(mask, TestType(1), TestType(0)) > TestType(0)) == pattern);
+    }
+    STATIC_REQUIRE(!std::is_convertible_v<M, bool>);
+    STATIC_REQUIRE(!Branchable<M>);
+    STATIC_REQUIRE(!Branchable<Mask<test::TestLane<float>>>);
+    STATIC_REQUIRE(Branchable<Mask<float>>);
+}
+
+TEMPLATE_LIST_TEST_CASE("The largest number of a pack is found in every lane, and NaN wins", "", Packs)
+{
+    using N = Scalar<TestType>;
+    for (int i = 0; i < TestType::width; ++i) {
+        std::vector<N> lanes(TestType::width);
+        for (int j = 0; j < TestType::width; ++j) lanes[j] = N(-1 - (i + j) % TestType::width);
+        CHECK(largest(TestType::load(lanes.data())) == -1);
+        lanes[i] = Limits<N>::quiet_NaN();
+        CHECK(std::isnan(largest(TestType::load(lanes.data()))));
+    }
+}
+
+TEMPLATE_LIST_TEST_CASE("Numbers are gathered from anywhere", "", Packs)
+{
+    using N = Scalar<TestType>;
+    auto const all = numbers<N>();
+    std::vector<std::int32_t> index(TestType::width);
+    for (int i = 0; i < TestType::width; ++i) index[i] = (7919 * i + 25) % 40000;
+    N results[TestType::width];
+    TestType::gather(all.data(), index.data()).store(results);
+    for (int i = 0; i < TestType::width; ++i) CHECK(same_bits(results[i], all[index[i]]));
+}
+
+TEMPLATE_LIST_TEST_CASE("A pack is a scalar of Eigen, and mixes with plain numbers", "", Packs)
+{
+    using N = Scalar<TestType>;
+    Matrix<TestType, 3> F = Matrix<TestType, 3>::Identity() * N(2);
+    F = F * F.transpose() - F * TestType(1) + N(1) * F;
+    CHECK(all(F.determinant() == TestType(64)));
+    CHECK(all(F.trace() == TestType(12)));
+    CHECK(all(F.norm() == sqrt(TestType(48))));
+    CHECK(all(N(1) + TestType(2) * N(3) - 1 == TestType(6)));
+}
+
+#endif

@@ -1,0 +1,187 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/meshes.hpp"
+
+#include <firn/io/write_particles.hpp>
+
+#include <csignal>
+#include <sys/resource.h>
+
+using Eigen::Vector3d;
+
+namespace
+{
+
+std::string content(std::filesystem::path const& path)
+{
+    std::ifstream file(path, std::ios::binary);
+    return {std::istreambuf_iterator<char>(file), {}};
+}
+
+template <class T>
+T read(std::string const& bytes, std::size_t& at)
+{
+    T value;
+    std::memcpy(&value, bytes.data() + at, sizeof(T));
+    at += sizeof(T);
+    return value;
+}
+
+firn::ParticleFrame small_frame()
+{
+    firn::ParticleFrame frame{.time = 0.1};
+    std::vector<Vector3d> const x{{1, 2, 3}, {1e6 + 0.125, 5, 6}}, v{{-1, 0, 0.5}, {7, 8, 9}};
+    return frame.at(x).vector("velocity", v).scalar("J_P", std::vector<double>{0.9, 1.1});
+}
+
+std::size_t files_in(meshes::Folder const& folder)
+{
+    auto const begin = std::filesystem::directory_iterator(folder / "");
+    return std::size_t(std::distance(begin, std::filesystem::directory_iterator{}));
+}
+
+} // namespace
+
+TEST_CASE("a VTP file holds positions, fields and time where its head says")
+{
+    meshes::Folder const folder;
+    firn::write_vtp(folder / "a.vtp", small_frame());
+    auto const text = content(folder / "a.vtp");
+    CHECK_THAT(text, Catch::Contains("Name=\"TimeValue\" NumberOfTuples=\"1\" format=\"ascii\">0.1<"));
+    CHECK_THAT(text, Catch::Contains("NumberOfPoints=\"2\" NumberOfVerts=\"1\""));
+    CHECK_THAT(text,
+               Catch::Contains("Name=\"Points\" NumberOfComponents=\"3\" format=\"appended\" offset=\"0\""));
+    CHECK_THAT(text, Catch::Contains(
+                         "Name=\"velocity\" NumberOfComponents=\"3\" format=\"appended\" offset=\"84\""));
+    CHECK_THAT(text,
+               Catch::Contains("Name=\"J_P\" NumberOfComponents=\"1\" format=\"appended\" offset=\"116\""));
+    auto const begin = text.find("\n_") + 2;
+    std::size_t at = begin;
+    CHECK(read<std::uint64_t>(text, at) == 48);
+    for (double const x : {1.0, 2.0, 3.0, 1e6 + 0.125, 5.0, 6.0}) CHECK(read<double>(text, at) == x);
+    CHECK(read<std::uint64_t>(text, at) == 8);
+    CHECK(read<std::int32_t>(text, at) == 0);
+    CHECK(read<std::int32_t>(text, at) == 1);
+    CHECK(read<std::uint64_t>(text, at) == 4);
+    CHECK(read<std::int32_t>(text, at) == 2);
+    CHECK(at - begin == 84);
+    CHECK(read<std::uint64_t>(text, at) == 24);
+    for (float const v : {-1.0f, 0.0f, 0.5f, 7.0f, 8.0f, 9.0f}) CHECK(read<float>(text, at) == v);
+    CHECK(read<std::uint64_t>(text, at) == 8);
+    for (float const j : {0.9f, 1.1f}) CHECK(read<float>(text, at) == j);
+    CHECK(text.substr(at) == "\n</AppendedData>\n</VTKFile>\n");
+    CHECK(files_in(folder) == 1);
+}
+
+TEST_CASE("a PLY file holds one row of floats for each particle")
+{
+    meshes::Folder const folder;
+    firn::write_ply(folder / "a.ply", small_frame());
+    auto const text = content(folder / "a.ply");
+    CHECK_THAT(text, Catch::StartsWith("ply\nformat binary_little_endian 1.0\n"));
+    CHECK_THAT(text,
+               Catch::Contains("comment time 0.1 s\nelement vertex 2\nproperty float x\nproperty float y\n"
+                               "property float z\nproperty float velocity_x\nproperty float velocity_y\n"
+                               "property float velocity_z\nproperty float J_P\nend_header\n"));
+    auto at = text.find("end_header\n") + 11;
+    for (float const value :
+         {1.f, 2.f, 3.f, -1.f, 0.f, 0.5f, 0.9f, 1000000.125f, 5.f, 6.f, 7.f, 8.f, 9.f, 1.1f})
+        CHECK(read<float>(text, at) == value);
+    CHECK(at == text.size());
+}
+
+TEST_CASE("particles in the plane are written with z = 0")
+{
+    firn::ParticleFrame frame;
+    frame.at(std::vector<Eigen::Vector2f>{{1, 2}}).vector("velocity", std::vector<Eigen::Vector2d>{{3, 4}});
+    CHECK(frame.positions[0] == Vector3d{1, 2, 0});
+    CHECK(frame.fields[0].values == std::vector<float>{3, 4, 0});
+}
+
+TEST_CASE("a frame without particles is a file too")
+{
+    meshes::Folder const folder;
+    firn::ParticleFrame frame;
+    frame.scalar("J_P", std::vector<float>{});
+    firn::write_vtp(folder / "a.vtp", frame);
+    firn::write_ply(folder / "a.ply", frame);
+    CHECK_THAT(content(folder / "a.vtp"), Catch::Contains("NumberOfPoints=\"0\" NumberOfVerts=\"0\""));
+    CHECK_THAT(content(folder / "a.ply"),
+               Catch::Contains("element vertex 0\n") && Catch::EndsWith("end_header\n"));
+}
+
+TEST_CASE("an index lists each file with its time and is whole after each")
+{
+    meshes::Folder const folder;
+    firn::PvdIndex index(folder / "series.pvd");
+    index.add(0, "frame_0.vtp");
+    auto const one = content(folder / "series.pvd");
+    CHECK_THAT(one, Catch::Contains("timestep=\"0\"") && Catch::EndsWith("</VTKFile>\n"));
+    index.add(1.0 / 24, "snow & <ice>.vtp");
+    auto const two = content(folder / "series.pvd");
+    CHECK_THAT(two, Catch::Contains("<DataSet timestep=\"0\" group=\"\" part=\"0\" file=\"frame_0.vtp\"/>"));
+    CHECK_THAT(two, Catch::Contains("timestep=\"0.041666666666666664\"") &&
+                        Catch::Contains("snow &amp; &lt;ice>.vtp"));
+}
+
+TEST_CASE("a file that cannot be written is refused, for root too, and leaves nothing behind")
+{
+    meshes::Folder const folder;
+    auto const frame = small_frame();
+    auto const below_a_file = folder.file("file", "x") / "a.vtp";
+    CHECK_THROWS_AS(firn::write_vtp(below_a_file, frame), firn::Error);
+    CHECK_THROWS_AS(firn::write_ply(below_a_file, frame), firn::Error);
+    CHECK_THROWS_AS(firn::write_pvd(below_a_file, {}), firn::Error);
+    CHECK_THROWS_WITH(firn::write_vtp(folder / "none" / "a.vtp", frame),
+                      Catch::Contains("Create its folder first"));
+    CHECK_THROWS_WITH(firn::write_vtp(folder / "", frame), Catch::Contains("folder"));
+    CHECK(files_in(folder) == 1);
+}
+
+TEST_CASE("a write cut short is refused and leaves the file of before")
+{
+    meshes::Folder const folder;
+    auto const path = folder.file("a.vtp", "before");
+    firn::ParticleFrame frame;
+    frame.at(std::vector<Vector3d>(100000, Vector3d::Zero()));
+    // A limit on the size of files stands for a full disk.
+    rlimit before{};
+    REQUIRE(getrlimit(RLIMIT_FSIZE, &before) == 0);
+    auto const handler = std::signal(SIGXFSZ, SIG_IGN);
+    rlimit const small{100000, before.rlim_max};
+    REQUIRE(setrlimit(RLIMIT_FSIZE, &small) == 0);
+    std::string refused;
+    for (auto const& write : {firn::write_vtp, firn::write_ply}) {
+        try {
+            write(path, frame);
+        }
+        catch (firn::Error const& error) {
+            refused += error.what_is_wrong() + "; ";
+        }
+    }
+    setrlimit(RLIMIT_FSIZE, &before);
+    std::signal(SIGXFSZ, handler);
+    CHECK(refused == "the file could not be written to its end; the file could not be written to its end; ");
+    CHECK(content(path) == "before");
+    CHECK(files_in(folder) == 1);
+}
+
+TEST_CASE("fields that do not fit the particles are refused")
+{
+    meshes::Folder const folder;
+    auto const refused = [&](auto const& change, std::string const& what) {
+        auto frame = small_frame();
+        change(frame);
+        CHECK_THROWS_WITH(firn::write_vtp(folder / "a.vtp", frame), Catch::Contains(what));
+        CHECK_THROWS_WITH(firn::write_ply(folder / "a.ply", frame), Catch::Contains(what));
+    };
+    refused([](auto& frame) { frame.scalar("J", std::vector<float>{1}); }, "holds 1 numbers for 2 particles");
+    refused([](auto& frame) { frame.scalar("J_P", std::vector<float>{1, 2}); }, "two fields are named");
+    refused([](auto& frame) { frame.scalar("a b", std::vector<float>{1, 2}); }, "is not plain");
+    refused([](auto& frame) { frame.scalar("", std::vector<float>{1, 2}); }, "is not plain");
+    refused([](auto& frame) { frame.fields[0].components = 2; }, "2 components");
+    auto frame = small_frame();
+    CHECK_THROWS_WITH(firn::write_ply(folder / "a.ply", frame.scalar("x", std::vector<float>{1, 2})),
+                      Catch::Contains("two PLY properties"));
+    CHECK(files_in(folder) == 0);
+}

@@ -1,0 +1,235 @@
+// SPDX-License-Identifier: MIT
+#include "support/meshes.hpp"
+#include "catch.hpp"
+
+#include <firn/io/read_mesh.hpp>
+#include <firn/sampling/distance_from_mesh.hpp>
+#include <firn/sampling/mesh_interior.hpp>
+
+#include <limits>
+
+using Catch::Contains;
+using Eigen::Vector3d;
+using firn::MeshInterior;
+using firn::Repair;
+
+namespace
+{
+
+/// The error of `what`, which must be one that says where and what to do.
+template <class What>
+firn::Error error_of(What const& what)
+{
+    try {
+        what();
+    }
+    catch (firn::Error const& error) {
+        CHECK_FALSE(error.where().empty());
+        CHECK_FALSE(error.remedy().empty());
+        return error;
+    }
+    FAIL("nothing was refused");
+    throw;
+}
+
+firn::Error interior_error(firn::TriangleMesh const& mesh, Repair repair = Repair::none)
+{
+    return error_of([&] { MeshInterior{mesh, repair}; });
+}
+
+void check_refused(std::filesystem::path const& path, std::string const& what)
+{
+    INFO(path.string());
+    auto const error = error_of([&] { firn::read_mesh(path); });
+    CHECK_THAT(error.what_is_wrong(), Contains(what));
+    CHECK_THAT(error.where(), Contains(path.string()));
+}
+
+} // namespace
+
+TEST_CASE("an open mesh is refused with the number of its edges and the place of its hole")
+{
+    auto mesh = meshes::box({0, 0, 0}, {1, 1, 1});
+    std::erase(mesh.triangles, std::array<std::uint32_t, 3>{4, 5, 6});
+    auto const error = interior_error(mesh);
+    CHECK_THAT(error.what_is_wrong(), Contains("open: 3 boundary edges around 1 hole; it has 1 component"));
+    CHECK_THAT(error.where(), Contains("(0.333333, 0.333333, 1)"));
+    CHECK_THAT(error.remedy(), Contains("Repair::fill") && Contains("--repair"));
+
+    auto const head = interior_error(meshes::head(24));
+    CHECK_THAT(head.what_is_wrong(), Contains("around 2 holes; it has 3 components"));
+}
+
+TEST_CASE("a mesh that crosses itself is refused with the number of crossings and a place")
+{
+    auto mesh = meshes::box({0, 0, 0}, {1, 1, 1});
+    meshes::append(mesh, meshes::box({0.9, 0.2, 0.2}, {2, 0.8, 0.8}));
+    auto const error = interior_error(mesh);
+    CHECK_THAT(error.what_is_wrong(), Contains("crosses") && Contains("pairs of triangles"));
+    CHECK_THAT(error.where(), Contains("near ("));
+    CHECK_THAT(error.remedy(), Contains("--repair"));
+}
+
+TEST_CASE("an edge with more than two triangles is refused with its place")
+{
+    auto mesh = meshes::box({0, 0, 0}, {1, 1, 1});
+    meshes::append(mesh, meshes::box({1, 1, 0}, {2, 2, 1})); // touches along an edge
+    auto const error = interior_error(mesh);
+    CHECK_THAT(error.what_is_wrong(), Contains("1 edge with more than two triangles"));
+    CHECK_THAT(error.where(), Contains("(1, 1, 0.5)"));
+}
+
+TEST_CASE("solids that touch in a point are refused")
+{
+    auto mesh = meshes::box({0, 0, 0}, {1, 1, 1});
+    meshes::append(mesh, meshes::box({1, 1, 1}, {2, 2, 2}));
+    CHECK_THAT(interior_error(mesh).what_is_wrong(), Contains("touches itself"));
+}
+
+TEST_CASE("a surface without an inside and outside is refused")
+{
+    // A Klein bottle: a torus of which one direction returns mirrored.
+    firn::TriangleMesh mesh;
+    std::uint32_t const n = 12;
+    for (std::uint32_t i = 0; i < n; ++i)
+        for (std::uint32_t j = 0; j < n; ++j) {
+            double const u = 2 * std::numbers::pi * i / n, v = 2 * std::numbers::pi * j / n;
+            double const r = 3 + std::cos(u / 2) * std::sin(v) - std::sin(u / 2) * std::sin(2 * v);
+            mesh.vertices.push_back({r * std::cos(u), r * std::sin(u),
+                                     std::sin(u / 2) * std::sin(v) + std::cos(u / 2) * std::sin(2 * v)});
+        }
+    auto const at = [&](std::uint32_t i, std::uint32_t j) {
+        return i == n ? (n - j % n) % n : i * n + j % n;
+    };
+    for (std::uint32_t i = 0; i < n; ++i)
+        for (std::uint32_t j = 0; j < n; ++j) {
+            mesh.triangles.push_back({at(i, j), at(i + 1, j), at(i + 1, j + 1)});
+            mesh.triangles.push_back({at(i, j), at(i + 1, j + 1), at(i, j + 1)});
+        }
+    CHECK_THAT(interior_error(mesh).what_is_wrong(), Contains("no inside and outside"));
+}
+
+TEST_CASE("a mesh without triangles, with lost corners or with coordinates that are no numbers is refused")
+{
+    CHECK_THAT(interior_error({}).what_is_wrong(), Contains("no triangles"));
+    auto lost = meshes::box({0, 0, 0}, {1, 1, 1});
+    lost.triangles[3][1] = 8;
+    CHECK_THAT(interior_error(lost).what_is_wrong(), Contains("triangle 3") && Contains("vertex 8"));
+    auto broken = meshes::box({0, 0, 0}, {1, 1, 1});
+    broken.vertices[5].y() = std::numeric_limits<double>::quiet_NaN();
+    CHECK_THAT(interior_error(broken).what_is_wrong(), Contains("vertex 5"));
+    firn::TriangleMesh const point{{{0, 0, 0}, {1, 0, 0}}, {{0, 1, 1}, {0, 0, 0}}};
+    CHECK_THAT(interior_error(point).what_is_wrong(), Contains("collapsed"));
+    CHECK_THAT(interior_error(point, Repair::fill).what_is_wrong(), Contains("collapsed"));
+}
+
+TEST_CASE("a flat sheet has no interior, with repair neither")
+{
+    firn::TriangleMesh const sheet{{{0, 0, 0}, {1, 0, 0}, {1, 1, 0.5}, {0, 1, 0.5}}, {{0, 1, 2}, {0, 2, 3}}};
+    CHECK_THAT(interior_error(sheet).what_is_wrong(), Contains("open"));
+    CHECK_THAT(interior_error(sheet, Repair::fill).what_is_wrong(), Contains("no volume"));
+    firn::TriangleMesh const level{{{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}}, {{0, 1, 2}, {0, 2, 3}}};
+    CHECK_THAT(interior_error(level, Repair::fill).what_is_wrong(), Contains("no volume"));
+    auto const squashed = meshes::box({0, 0, 0}, {1, 1, 0});
+    CHECK_FALSE(interior_error(squashed).what_is_wrong().empty());
+    CHECK_THAT(interior_error(squashed, Repair::fill).what_is_wrong(), Contains("no volume"));
+}
+
+TEST_CASE("a distance grid of no cells or too many is refused")
+{
+    MeshInterior const box(meshes::box({0, 0, 0}, {1, 1, 1}));
+    for (double const cell : {0.0, -1.0, std::nan(""), 1e-9})
+        error_of([&] { firn::distance_from_mesh(box, cell, 0.1); });
+    error_of([&] { firn::distance_from_mesh(box, 0.1, -1); });
+}
+
+TEST_CASE("a mesh file that is not there, is none, or is empty is refused")
+{
+    meshes::Folder const folder;
+    check_refused(folder / "none.obj", "no such mesh file");
+    check_refused(folder / "", "not a file");
+    check_refused(folder.file("a.txt", "v 0 0 0"), "kind of mesh file is not known");
+    check_refused(folder.file("noextension", "v 0 0 0"), "kind of mesh file is not known");
+    check_refused(folder.file("a.fbx", "; FBX 7.3.0"), "kind of mesh file is not known");
+    for (char const* name : {"a.obj", "a.stl", "a.ply", "a.gltf", "a.glb"})
+        check_refused(folder.file(name, ""), "empty");
+}
+
+TEST_CASE("garbage under the name of a mesh is refused")
+{
+    meshes::Folder const folder;
+    std::string garbage;
+    for (int i = 0; i < 1000; ++i) garbage += char(i * 37 + i / 7);
+    for (char const* name : {"a.obj", "a.stl", "a.ply", "a.gltf", "a.glb"}) {
+        check_refused(folder.file(name, garbage), "");
+        check_refused(folder.file(name, "this is no mesh\n"), "");
+    }
+}
+
+TEST_CASE("a mesh file cut short is refused, or what is left of it is an open mesh")
+{
+    meshes::Folder const folder;
+    auto const ball = meshes::sphere(1, 12);
+    auto const half = [](std::string const& text) { return text.substr(0, text.size() / 2); };
+    folder.file("a.bin", half(meshes::gltf_buffer(ball)));
+    check_refused(folder.file("a.stl", half(meshes::stl(ball))), "");
+    check_refused(folder.file("a.ply", half(meshes::ply(ball))), "");
+    check_refused(folder.file("a.glb", half(meshes::glb(ball))), "");
+    check_refused(folder.file("a.gltf", half(meshes::gltf_json(ball, "a.bin", {0, 0, 0}))), "");
+    check_refused(folder.file("b.gltf", meshes::gltf_json(ball, "a.bin", {0, 0, 0})), "");
+    check_refused(folder.file("c.gltf", meshes::gltf_json(ball, "none.bin", {0, 0, 0})), "");
+    // OBJ has no count: half a file is a whole smaller one.
+    auto const text = meshes::obj(ball);
+    auto const cut =
+        firn::read_mesh(folder.file("a.obj", text.substr(0, text.rfind('\n', text.size() - 200) + 1)));
+    CHECK_THAT(interior_error(cut).what_is_wrong(), Contains("open"));
+}
+
+TEST_CASE("a PLY header that promises more than the file holds is refused before memory is reserved for it")
+{
+    meshes::Folder const folder;
+    for (char const* count : {"4000000000", "99999999999999999999", "-1", "many"})
+        check_refused(folder.file("a.ply", "ply\nformat binary_little_endian 1.0\nelement vertex " +
+                                               std::string{count} + "\nproperty float x\nend_header\n"),
+                      "promises");
+}
+
+TEST_CASE("coordinates that are no numbers are refused with the vertex")
+{
+    meshes::Folder const folder;
+    auto mesh = meshes::box({0, 0, 0}, {1, 1, 1});
+    mesh.vertices[2].x() = std::numeric_limits<double>::quiet_NaN();
+    check_refused(folder.file("a.stl", meshes::stl(mesh)), "is not finite");
+    check_refused(folder.file("a.ply", meshes::ply(mesh)), "vertex 2 ");
+    check_refused(folder.file("a.glb", meshes::glb(mesh)), "");
+    mesh.vertices[2].x() = std::numeric_limits<double>::infinity();
+    check_refused(folder.file("a.ply", meshes::ply(mesh)), "vertex 2 ");
+    check_refused(folder.file("a.obj", meshes::obj(mesh)), "");
+}
+
+TEST_CASE("a file of points or lines alone is refused")
+{
+    meshes::Folder const folder;
+    check_refused(folder.file("a.obj", "v 0 0 0\nv 1 0 0\nl 1 2\n"), "");
+    check_refused(folder.file("a.ply",
+                              "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+                              "property float z\nend_header\n0 0 0\n"),
+                  "");
+    check_refused(folder.file("b.obj", "v 0 0 0\nv 1 0 0\nv 1 0 0\nf 1 2 3\n"), "no triangles");
+}
+
+TEST_CASE("a placement that is none is refused")
+{
+    meshes::Folder const folder;
+    auto const path = folder.file("a.obj", meshes::obj(meshes::box({0, 0, 0}, {1, 1, 1})));
+    for (double const scale : {0.0, -1.0, std::nan(""), std::numeric_limits<double>::infinity()})
+        CHECK_THAT(error_of([&] { firn::read_mesh(path, {.scale = scale}); }).what_is_wrong(),
+                   Contains("scale"));
+    Eigen::Matrix3d const mirror = Vector3d{-1, 1, 1}.asDiagonal();
+    CHECK_THAT(error_of([&] { firn::read_mesh(path, {.rotation = mirror}); }).what_is_wrong(),
+               Contains("rotation"));
+    CHECK_THAT(error_of([&] {
+                   firn::read_mesh(path, {.translation = {0, std::nan(""), 0}});
+               }).what_is_wrong(),
+               Contains("translation"));
+}

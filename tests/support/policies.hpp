@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/firn.hpp>
+#include <firn/openmp.hpp>
+
+#include <cmath>
+#include <random>
+#include <string>
+#include <vector>
+
+// What tests of whole scenes share: one name for a combination of policies, bodies of particles, sums over
+// them.
+namespace firn::test
+{
+
+/// A combination of policies, to be listed in TEMPLATE_TEST_CASE.
+template <class ModelType, class KernelType, class TransferType, class BackendType = OpenMP>
+struct Scene
+{
+    using Model = ModelType;
+    using Kernel = KernelType;
+    using Transfer = TransferType;
+    using Backend = BackendType;
+    using Solver = firn::Solver<Backend, Model, Kernel, Transfer>;
+    using Space = typename Model::Space;
+    using Number = typename Space::Real;
+    static constexpr int d = Space::dimension;
+    static constexpr bool is_float = std::is_same_v<Number, float>;
+};
+
+using Plane = Space<2, double>;
+using PlaneFloat = Space<2, float>;
+using Solid = Space<3, double>;
+using SolidFloat = Space<3, float>;
+
+/// Points at the middles of a regular lattice of `per_cell` points per cell and axis in a box.
+template <int d>
+std::vector<Vector<double, d>> box_of_points(Vector<double, d> const& low, Vector<double, d> const& high,
+                                             double cell_size, int per_cell = 2)
+{
+    double const spacing = cell_size / per_cell;
+    Eigen::Matrix<int, d, 1> count;
+    for (int a = 0; a < d; ++a) count[a] = static_cast<int>(std::lround((high[a] - low[a]) / spacing));
+    std::vector<Vector<double, d>> points;
+    for (int i = 0; i < count[0]; ++i)
+        for (int j = 0; j < count[1]; ++j)
+            for (int k = 0; k < (d == 3 ? count[d - 1] : 1); ++k) {
+                Vector<double, d> x = low;
+                int const index[]{i, j, k};
+                for (int a = 0; a < d; ++a) x[a] += (index[a] + 0.5) * spacing;
+                points.push_back(x);
+            }
+    return points;
+}
+
+/// The points of a box that lie in a ball.
+template <int d>
+std::vector<Vector<double, d>> ball_of_points(Vector<double, d> const& centre, double radius,
+                                              double cell_size, int per_cell = 2)
+{
+    Vector<double, d> const reach = Vector<double, d>::Constant(std::ceil(radius / cell_size) * cell_size);
+    std::vector<Vector<double, d>> points;
+    for (auto const& x : box_of_points<d>(centre - reach, centre + reach, cell_size, per_cell))
+        if ((x - centre).norm() < radius) points.push_back(x);
+    return points;
+}
+
+/// A random matrix of standard normal numbers.
+template <int d>
+Matrix<double, d> random_matrix(std::mt19937& random)
+{
+    std::normal_distribution<double> normal;
+    Matrix<double, d> matrix;
+    for (int i = 0; i < d; ++i)
+        for (int j = 0; j < d; ++j) matrix(i, j) = normal(random);
+    return matrix;
+}
+
+/// A random rotation.
+template <int d>
+Matrix<double, d> random_rotation(std::mt19937& random)
+{
+    Matrix<double, d> q = random_matrix<d>(random);
+    for (int i = 0; i < d; ++i) { // Gram–Schmidt
+        for (int j = 0; j < i; ++j) q.col(i) -= q.col(j) * q.col(j).dot(q.col(i));
+        q.col(i).normalize();
+    }
+    if (q.determinant() < 0) q.col(0) = -q.col(0);
+    return q;
+}
+
+/// Sums over all particles: mass, momentum, angular momentum about the origin (the affine part included),
+/// energy.
+template <class Solver>
+struct Totals
+{
+    static constexpr int d = Solver::d;
+    double mass = 0, kinetic_energy = 0, angular_momentum = 0; ///< about z
+    Vector<double, d> momentum = Vector<double, d>::Zero();
+    Vector<double, d> centre = Vector<double, d>::Zero();
+
+    explicit Totals(Solver const& solver)
+    {
+        auto const x = solver.positions();
+        auto const v = solver.template download<Velocity>();
+        auto const m = solver.masses();
+        for (std::size_t i = 0; i < x.size(); ++i) {
+            Vector<double, d> const u = v[i].template cast<double>();
+            mass += m[i];
+            momentum += m[i] * u;
+            centre += m[i] * x[i];
+            kinetic_energy += 0.5 * m[i] * u.squaredNorm();
+            angular_momentum += m[i] * (x[i][0] * u[1] - x[i][1] * u[0]);
+        }
+        centre /= mass;
+        if constexpr (Solver::State::template contains<AffineVelocity>)
+            add_affine_part(solver.template download<AffineVelocity>(), m, solver.lattice().cell_size);
+    }
+
+private:
+    /// A particle's affine field carries m D (C_yx - C_xy) and m D |C|^2 / 2, D = h^2 / 4 or h^2 / 3.
+    template <class Affine>
+    void add_affine_part(Affine const& C, std::vector<double> const& m, double h)
+    {
+        double D = 0; // a tent's particles have no inertia of their own that is the same everywhere
+        if constexpr (HasConstantInertia<typename Solver::kernel>)
+            D = h * h / Solver::kernel::inverse_inertia;
+        for (std::size_t i = 0; i < m.size(); ++i) {
+            angular_momentum += m[i] * D * (double(C[i](1, 0)) - double(C[i](0, 1)));
+            kinetic_energy += 0.5 * m[i] * D * C[i].template cast<double>().squaredNorm();
+        }
+    }
+};
+
+/// Damps all velocities by e^(-rate t): settles a scene.
+struct Damping
+{
+    double rate; ///< [1/s]
+
+    void validate() const {}
+
+    template <class Number>
+    struct Action
+    {
+        static constexpr bool is_obstacle = false;
+        Number factor;
+
+        template <Lane Real, int d>
+        Vector<Real, d> on_node(Vector<Real, d> const& velocity) const
+        {
+            return velocity * Real(factor);
+        }
+    };
+
+    template <class Number, int d>
+    Action<Number> during(Interval const& interval) const
+    {
+        return {static_cast<Number>(std::exp(-rate * interval.length()))};
+    }
+};
+
+} // namespace firn::test
