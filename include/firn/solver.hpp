@@ -21,10 +21,13 @@ namespace firn
 /// `Backend` says where it runs, `Model` what the material is (and with its Space the dimension and
 /// precision), `Kernel` and `Transfer` how particles and grid exchange what they hold. All input in SI units.
 /// Not to be called from two threads at once; two solvers are independent.
-template <class Backend, class Model, InterpolationKernel Kernel = QuadraticBSpline, class Transfer = Mls>
+template <class Backend, class ModelType, InterpolationKernel Kernel = QuadraticBSpline,
+          class TransferType = Mls>
 class Solver
 {
 public:
+    using Model = ModelType;
+    using Transfer = TransferType;
     using Space = typename Model::Space;
     using Number = typename Space::Real;
     using kernel = Kernel;
@@ -147,6 +150,7 @@ public:
     Lattice const& lattice() const { return lattice_; }
     Model const& model() const { return model_; }
     Transfer const& transfer() const { return transfer_; }
+    Backend const& backend() const { return backend_; }
 
     /// What the next time step depends on.
     StepBounds const& bounds() const { return bounds_; }

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "sample_mesh.hpp"
+
+#include <CLI/CLI.hpp>
+
+#include <string>
+
+namespace firn::examples
+{
+
+/// What the user asked for.
+struct Options
+{
+    Sampling sampling{};
+    std::string mesh{}; ///< empty: the scene's own
+    double scale = 1;
+    double cell = 0; ///< [m]; 0: about eight particles per cell
+    int frames = 72;
+    double frames_per_second = 24;
+    std::string out{};
+    std::string backend = "openmp", transfer = "flip", kernel = "cubic";
+    double flip = 0.95;
+    int threads = 0;
+    bool write_ply = true;
+};
+
+/// Reads the command line; ends the program after --help or a mistake.
+inline Options command_line(int argc, char** argv, std::string const& name, std::string const& description)
+{
+    Options options;
+    options.out = "out/" + name;
+    CLI::App app{description, name};
+    app.option_defaults()->always_capture_default();
+    auto const positive = CLI::PositiveNumber;
+    app.add_option("--mesh", options.mesh,
+                   "closed OBJ, PLY, STL, glTF or GLB file [m, y up]; default: generated");
+    app.add_option("--scale", options.scale, "factor on the mesh file's coordinates")->check(positive);
+    app.add_flag("--repair", options.sampling.repair,
+                 "fill a mesh that is open or broken, and say what volume it took");
+    app.add_option("--particles", options.sampling.particles, "number of particles")->check(positive);
+    app.add_option("--sampling", options.sampling.pattern, "how particles are placed")
+        ->check(CLI::IsMember({"lattice", "uniform", "poisson"}));
+    app.add_option("--seed", options.sampling.seed, "of the random numbers that place particles");
+    app.add_option("--cell", options.cell, "grid spacing [m]; 0: eight particles per cell")
+        ->check(CLI::NonNegativeNumber);
+    app.add_option("--frames", options.frames, "number of frames after the first")
+        ->check(CLI::NonNegativeNumber);
+    app.add_option("--fps", options.frames_per_second, "frames per second of simulated time")
+        ->check(positive);
+    app.add_option("--out", options.out, "folder of the results");
+    app.add_option("--backend", options.backend, "where it runs")->check(CLI::IsMember({"openmp"}));
+    app.add_option("--transfer", options.transfer, "between particles and grid")
+        ->check(CLI::IsMember({"pic", "flip", "apic", "mls"}));
+    app.add_option("--flip", options.flip, "share of FLIP in --transfer flip")->check(CLI::Range(0.0, 1.0));
+    app.add_option("--kernel", options.kernel, "interpolation kernel")
+        ->check(CLI::IsMember({"quadratic", "cubic"}));
+    app.add_option("--threads", options.threads, "0: all cores")->check(CLI::NonNegativeNumber);
+    app.add_flag("--ply,!--no-ply", options.write_ply, "write each frame as binary PLY, too");
+    try {
+        app.parse(argc, argv);
+    }
+    catch (CLI::ParseError const& error) {
+        std::exit(app.exit(error));
+    }
+    return options;
+}
+
+} // namespace firn::examples

@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "command_line.hpp"
+
+#include <firn/firn.hpp>
+#include <firn/io/write_particles.hpp>
+
+#include <chrono>
+#include <cstdio>
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <string>
+#include <sys/resource.h>
+#include <unistd.h>
+#include <vector>
+
+// What a run leaves: frames with an index, obstacles for the pictures, a report; and its progress line.
+namespace firn::examples
+{
+
+/// An obstacle as render.py draws it: its shape as JSON members, and one pose per frame.
+struct DrawnObstacle
+{
+    std::string shape;
+    std::vector<Motion> poses{};
+};
+
+/// A view for the pictures [m].
+struct Camera
+{
+    Eigen::Vector3d position, focal_point;
+};
+
+inline std::string json(Eigen::Vector3d const& x)
+{
+    std::ostringstream text;
+    text.precision(12);
+    text << "[" << x[0] << ", " << x[1] << ", " << x[2] << "]";
+    return text.str();
+}
+
+/// Writes a text file as a whole; throws an Error if the folder does not let it.
+inline void write_text(std::filesystem::path const& path, std::string const& text)
+{
+    std::ofstream file(path);
+    file << text;
+    file.close();
+    if (!file)
+        throw Error{"a file cannot be written", path.string(),
+                    "Check the folder's permissions and the space left."};
+}
+
+/// The folder of a run.
+class Results
+{
+public:
+    Results(std::filesystem::path folder, bool write_ply)
+        : folder_(std::move(folder)), index_(folder_ / "particles.pvd"), write_ply_(write_ply)
+    {
+        std::error_code failed;
+        std::filesystem::remove_all(folder_ / "frames", failed);
+        std::filesystem::create_directories(folder_ / "frames", failed);
+        if (failed)
+            throw Error{"the folder cannot be made: " + failed.message(), folder_.string(),
+                        "Choose another --out."};
+    }
+
+    std::filesystem::path const& folder() const { return folder_; }
+
+    /// Writes the particles of a frame.
+    template <class Solver>
+    void frame(int number, Solver const& solver)
+    {
+        auto const started = std::chrono::steady_clock::now();
+        ParticleFrame frame;
+        frame.time = solver.time();
+        frame.at(solver.positions()).vector("velocity", solver.template download<Velocity>());
+        frame.scalar("J_P", solver.template download<PlasticVolumeRatio>());
+        char name[32];
+        std::snprintf(name, sizeof name, "frames/frame_%04d", number);
+        write_vtp(folder_ / (std::string(name) + ".vtp"), frame);
+        if (write_ply_) write_ply(folder_ / (std::string(name) + ".ply"), frame);
+        index_.add(frame.time, std::string(name) + ".vtp");
+        seconds_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
+    }
+
+    /// Writes what render.py needs beside the frames.
+    void obstacles(std::vector<DrawnObstacle> const& obstacles, Camera const& camera, double cell_size,
+                   double spacing, double frames_per_second) const
+    {
+        std::ostringstream text;
+        text.precision(12);
+        text << "{ \"cell_size\": " << cell_size << ", \"particle_spacing\": " << spacing
+             << ", \"frames_per_second\": " << frames_per_second
+             << ",\n  \"camera\": {\"position\": " << json(camera.position)
+             << ", \"focal_point\": " << json(camera.focal_point) << "},\n  \"obstacles\": [";
+        for (std::size_t i = 0; i < obstacles.size(); ++i) {
+            text << (i ? ",\n    {" : "\n    {") << obstacles[i].shape << ", \"poses\": [";
+            for (std::size_t k = 0; k < obstacles[i].poses.size(); ++k) {
+                auto const& q = obstacles[i].poses[k].orientation;
+                text << (k ? ", " : "") << "{\"position\": " << json(obstacles[i].poses[k].position)
+                     << ", \"quaternion\": [" << q.w() << ", " << q.x() << ", " << q.y() << ", " << q.z()
+                     << "]}";
+            }
+            text << "]}";
+        }
+        text << "\n  ] }\n";
+        write_text(folder_ / "obstacles.json", text.str());
+    }
+
+    double seconds() const { return seconds_; } ///< spent on writing frames
+
+private:
+    std::filesystem::path folder_;
+    PvdIndex index_;
+    bool write_ply_;
+    double seconds_ = 0;
+};
+
+/// The line that says how far a run is: rewritten in place on a terminal, else one line per frame.
+inline void show_progress(int frame, int frames, double time, AdvanceReport const& last,
+                          double particle_steps_per_second, double seconds_left)
+{
+    bool const terminal = isatty(fileno(stderr)) != 0;
+    int const left = static_cast<int>(seconds_left + 0.5);
+    std::fprintf(stderr, "%sframe %d/%d  t %.3f s  dt %.2e s (%s)  %.2f M particle-steps/s  ETA %d:%02d%s",
+                 terminal ? "\r" : "", frame, frames, time, last.smallest_dt, describe(last.usual_limit()),
+                 particle_steps_per_second * 1e-6, left / 60, left % 60,
+                 terminal && frame < frames ? "   " : "\n");
+    std::fflush(stderr);
+}
+
+/// The largest resident size of the process so far [bytes].
+inline double peak_memory()
+{
+    rusage usage{};
+    getrusage(RUSAGE_SELF, &usage);
+    return 1024.0 * static_cast<double>(usage.ru_maxrss);
+}
+
+/// Mass [kg] and momentum [kg m/s] of all particles.
+struct MassAndMomentum
+{
+    double mass = 0;
+    Eigen::Vector3d momentum = Eigen::Vector3d::Zero();
+
+    template <class Solver>
+    explicit MassAndMomentum(Solver const& solver)
+    {
+        auto const m = solver.masses();
+        auto const v = solver.template download<Velocity>();
+        for (std::size_t i = 0; i < m.size(); ++i) {
+            mass += m[i];
+            momentum += m[i] * v[i].template cast<double>();
+        }
+    }
+};
+
+} // namespace firn::examples
