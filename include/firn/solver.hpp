@@ -272,7 +272,10 @@ private:
                 now.acceleration = std::max(now.acceleration, effect.largest_acceleration());
         };
         (ask(effects), ...);
-        return stable_time_step<Kernel, Transfer, d>(control_, now, lattice_.cell_size);
+        double expansion_ratio = d; // the largest there is, for models that do not say
+        if constexpr (requires { model_.elasticity.expansion_ratio(d); })
+            expansion_ratio = model_.elasticity.expansion_ratio(d);
+        return stable_time_step<Kernel, Transfer>(control_, now, lattice_.cell_size, expansion_ratio);
     }
 
     /// The next step of an advance: stable, not much longer than the one before, and no sliver left at the

@@ -141,7 +141,7 @@ FIRN_HOST_DEVICE Vector<Real, d> apply_on_nodes(Chain<Actions...> const& chain, 
 }
 
 /// Contact of lanes of particles, for the obstacles that ask for it: corrects v, and returns the displacement
-/// [m] that goes with it, the push out of the obstacle included.
+/// [m] that goes with it, a push out of the obstacle of at most a quarter of a cell included.
 template <Lane Real, int d, class... Actions>
 FIRN_HOST_DEVICE Vector<Real, d>
 apply_on_particles(Chain<Actions...> const& chain, Place<Real, d> const& place, Real mass, Real dt,
@@ -155,7 +155,10 @@ apply_on_particles(Chain<Actions...> const& chain, Place<Real, d> const& place, 
                 auto const touched = action.template touch<Real>(place, velocity, action.contact);
                 if (any(touched.inside)) {
                     detail::book<Real, d>(reactions.of[obstacle], touched, velocity, mass);
-                    displacement += (touched.velocity - velocity) * dt + touched.normal * touched.depth;
+                    // a particle deep inside comes out over several steps: a step that moves it by a cell is
+                    // rejected
+                    Real const out = min(touched.depth, Real(Scalar<Real>(0.25 * place.lattice.cell_size)));
+                    displacement += (touched.velocity - velocity) * dt + touched.normal * out;
                     velocity = touched.velocity;
                 }
             }

@@ -18,6 +18,13 @@ struct Lame
     /// lambda + 2 mu [Pa]: rho c^2 of the longitudinal wave at rest.
     constexpr Number p_wave_modulus() const { return lambda + 2 * mu; }
 
+    /// (2 mu + d lambda) / (lambda + 2 mu): the modulus of a uniform expansion in d dimensions over that of
+    /// the wave. It goes into the time step at which a particle with no neighbours is stable; at most d.
+    constexpr double expansion_ratio(int d) const
+    {
+        return double(2 * mu + d * lambda) / double(p_wave_modulus());
+    }
+
     void validate(char const* where) const
     {
         require(std::isfinite(mu) && std::isfinite(lambda) && mu > 0 && p_wave_modulus() > 0,

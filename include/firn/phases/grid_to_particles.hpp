@@ -71,8 +71,7 @@ struct GridToParticles
             Vector<Real, d> const position = before.position(cell);
             Gathered<Real, d> const gathered = gather<Real>(cell, position);
 
-            Real const h(static_cast<Number>(lattice.cell_size)),
-                inverse_h(static_cast<Number>(1 / lattice.cell_size));
+            Real const inverse_h(static_cast<Number>(1 / lattice.cell_size));
             Matrix<Real, d> const L = transfer.template take<Kernel, Real, d>(particle, gathered, inverse_h);
             Vector<Real, d> displacement = gathered.velocity * Real(dt);
             touch_obstacles<Real>(cell, position, particle, displacement, result);

@@ -64,12 +64,13 @@ struct StepBounds
     double obstacle_speed = 0;   ///< [m/s]
 };
 
-/// The largest c dt / h at which a single free particle is stable, for any Poisson ratio:
-/// sqrt(2 / (d D^-1 (R - K/2))), with R the kernel's gradient bound over D^-1 (1 for MLS forces) and K = 1
-/// for schemes with an affine matrix, else 0 (derived from the linearised step; the form of Bai & Schroeder
-/// 2022). It lies below the limit of the bulk for all pairs of kernel and transfer.
-template <class Kernel, class Transfer, int d>
-constexpr double isolated_limit()
+/// The largest c dt / h at which a particle with no neighbours is stable:
+/// sqrt(2 / (e D^-1 (R - K/2))), with R the kernel's gradient bound over D^-1 (1 for MLS forces), K = 1 for
+/// schemes with an affine matrix, else 0, and e the model's expansion ratio (derived from the linearised
+/// step; the form of Bai & Schroeder 2022). It lies below the limit of the bulk for all pairs of kernel and
+/// transfer.
+template <class Kernel, class Transfer>
+double isolated_limit(double expansion_ratio)
 {
     // A tent has no inertia of its own: 4/h^2 is that of a particle in the middle of its cell.
     double inverse_inertia = 4;
@@ -77,7 +78,7 @@ constexpr double isolated_limit()
     double const R =
         Transfer::template gives<Kernel>.gradient ? Kernel::gradient_bound / inverse_inertia : 1.0;
     double const K = Transfer::template gives<Kernel>.affine ? 1.0 : 0.0;
-    return std::sqrt(2.0 / (d * inverse_inertia * (R - K / 2)));
+    return std::sqrt(2.0 / (expansion_ratio * inverse_inertia * (R - K / 2)));
 }
 
 /// A step [s] and what bounds it.
@@ -93,12 +94,14 @@ struct ChosenStep
 };
 
 /// The largest step that is stable in the current state, by the bounds of the material and the motion alone.
-template <class Kernel, class Transfer, int d>
-ChosenStep stable_time_step(StepControl const& control, StepBounds const& now, double cell_size)
+template <class Kernel, class Transfer>
+ChosenStep stable_time_step(StepControl const& control, StepBounds const& now, double cell_size,
+                            double expansion_ratio)
 {
     ChosenStep step;
     double const h = cell_size;
-    step.bound(control.wave * isolated_limit<Kernel, Transfer, d>() * h / now.wave_speed, StepLimit::wave);
+    step.bound(control.wave * isolated_limit<Kernel, Transfer>(expansion_ratio) * h / now.wave_speed,
+               StepLimit::wave);
     step.bound(control.advection * h / now.speed, StepLimit::advection);
     step.bound(control.deformation / now.deformation_rate, StepLimit::deformation);
     step.bound(std::sqrt(0.5 * h / now.acceleration), StepLimit::acceleration);

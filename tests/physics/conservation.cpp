@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/policies.hpp"
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+/// Random points in a box: what a lattice would hide.
+template <int d>
+std::vector<Vector<double, d>> random_points(int count, double side, unsigned seed = 4)
+{
+    std::mt19937 random(seed);
+    std::uniform_real_distribution<double> inside(0, side);
+    std::vector<Vector<double, d>> points(count);
+    for (auto& x : points)
+        for (int a = 0; a < d; ++a) x[a] = inside(random);
+    return points;
+}
+
+/// A splash: a body of random particles thrown on a floor and a moving ball.
+template <class Solver>
+AdvanceReport splash(Solver& solver, int steps, double dt)
+{
+    constexpr int d = Solver::d;
+    Vector<double, d> velocity = Vector<double, d>::Zero();
+    velocity[1] = -4;
+    solver.add(random_points<d>(d == 3 ? 4000 : 800, 0.2), std::pow(0.2, d) / (d == 3 ? 4000 : 800),
+               velocity);
+    Obstacle<HalfSpace> const floor{.motion = {.position = {0, -0.01, 0}}};
+    Obstacle<Sphere> const ball{
+        .shape = {0.08},
+        .contact = Contact::coulomb(0.5),
+        .motion = {.position = {0.1, -0.03, 0.1}, .velocity = {0.5, 0, 0}, .angular_velocity = {0, 0, 3}}};
+    AdvanceReport total;
+    for (int i = 0; i < steps; ++i) total.add(solver.step(dt, Gravity{}, floor, ball), StepLimit::duration);
+    return total;
+}
+
+} // namespace
+
+using Cases = std::tuple<Scene<Snow<Plane>, QuadraticBSpline, Pic>, Scene<Snow<Solid>, CubicBSpline, Flip>,
+                         Scene<NeoHookean<Plane>, CubicBSpline, Apic>,
+                         Scene<FixedCorotated<Solid>, QuadraticBSpline, Mls>,
+                         Scene<NeoHookean<Plane>, Linear, Pic>, Scene<Snow<SolidFloat>, CubicBSpline, Mls>>;
+
+TEMPLATE_LIST_TEST_CASE("mass stays, and momentum changes by the impulses of gravity and obstacles", "",
+                        Cases)
+{
+    constexpr int d = TestType::d;
+    typename TestType::Solver solver(lattice(0.025));
+    double const dt = 5e-5;
+    int const steps = 200;
+    auto const report = splash(solver, steps, dt);
+    Totals const end(solver);
+    double const mass = std::pow(0.2, d) * double(solver.model().density);
+    CHECK(std::abs(end.mass / mass - 1) <= (TestType::is_float ? 1e-6 : 1e-13));
+
+    Vector<double, d> expected = Vector<double, d>::Zero();
+    expected[1] = -4 * mass - 9.81 * steps * dt * mass;
+    for (auto const& reaction : report.reactions) expected -= reaction.impulse.template head<d>();
+    CHECK((end.momentum - expected).norm() <= (TestType::is_float ? 1e-5 : 1e-12) * 4 * mass);
+    CHECK(report.reactions[0].impulse.y() < 0); // the floor is pressed down
+    CHECK(report.lost == 0);
+}
+
+TEST_CASE("the tent goes wrong at a step that a spline takes: no step is safe for it at a free surface")
+{
+    Scene<NeoHookean<Plane>, Linear, Apic>::Solver tent(lattice(0.025));
+    CHECK_THROWS_AS(splash(tent, 200, 5e-5), Error);
+    Scene<NeoHookean<Plane>, QuadraticBSpline, Apic>::Solver spline(lattice(0.025));
+    CHECK_NOTHROW(splash(spline, 200, 5e-5));
+}
+
+TEST_CASE("a scene gives the same bits with any number of threads, and every time")
+{
+    using Ball = Scene<Snow<SolidFloat>, CubicBSpline, Flip>::Solver;
+    auto const run = [](int threads) {
+        Ball solver(lattice(0.02), {}, {}, {}, OpenMP{.threads = threads});
+        splash(solver, 100, 1e-4);
+        return std::pair{solver.positions(), solver.download<Velocity>()};
+    };
+    auto const one = run(1);
+    for (int threads : {1, 2, 3, 5}) {
+        auto const other = run(threads);
+        CHECK(other.first == one.first);
+        CHECK(other.second == one.second);
+    }
+}
+
+TEST_CASE("one lane at a time and packs of lanes take a scene to the same place")
+{
+    using Packs = Scene<Snow<Solid>, QuadraticBSpline, Mls>::Solver;
+    using Singles = Scene<Snow<Solid>, QuadraticBSpline, Mls, BasicOpenMP<openmp::ScalarLanes>>::Solver;
+    Packs packs(lattice(0.025));
+    Singles singles(lattice(0.025));
+    splash(packs, 100, 5e-5);
+    splash(singles, 100, 5e-5);
+    auto const a = packs.positions(), b = singles.positions();
+    double worst = 0;
+    for (std::size_t i = 0; i < a.size(); ++i) worst = std::max(worst, (a[i] - b[i]).norm());
+    CHECK(worst <= 1e-12);
+}
+
+TEST_CASE("the reaction of a resting body is its weight, and its moment that of the weight")
+{
+    using Solver = Scene<NeoHookean<Solid>, QuadraticBSpline, Pic>::Solver;
+    Solver solver(lattice(0.05));
+    solver.add(box_of_points<3>({0.5, 0.025, 0}, {0.7, 0.225, 0.2}, 0.05), std::pow(0.025, 3));
+    Obstacle<HalfSpace> const floor{.contact = Contact::coulomb(0.5)};
+    solver.advance(0.3, Gravity{}, floor);
+    double const duration = 0.1, weight = 0.008 * 1000 * 9.81;
+    auto const report = solver.advance(duration, Gravity{}, floor);
+    Eigen::Vector3d const force = report.reactions[0].impulse / duration,
+                          moment = report.reactions[0].angular_impulse / duration;
+    CHECK(force.y() == Approx(-weight).epsilon(0.01));
+    CHECK(std::abs(force.x()) <= 0.01 * weight);
+    CHECK(moment.z() == Approx(-0.6 * weight).epsilon(0.01)); // r x F with r = (0.6, 0, 0.1)
+    CHECK(moment.x() == Approx(0.1 * weight).epsilon(0.01));
+}
+
+TEST_CASE("particle contact keeps particles out of an obstacle, and pushes out those inside")
+{
+    using Solver = Scene<Snow<Solid>, QuadraticBSpline, Mls>::Solver;
+    Obstacle<Sphere> ball{.shape = {0.1},
+                          .contact = Contact::slip(),
+                          .motion = {.position = {0.1, -0.05, 0.1}},
+                          .on_particles = true};
+    Solver solver(lattice(0.025));
+    solver.add(random_points<3>(3000, 0.2), 0.008 / 3000, {0, -3, 0}); // some of them inside the ball
+    solver.advance(0.02, Gravity{}, ball);
+    double deepest = 0;
+    for (auto const& x : solver.positions())
+        deepest = std::max(deepest, 0.1 - (x - ball.motion.position).norm());
+    CHECK(deepest <= 0.002);
+}
+
+TEST_CASE("a particle may be anywhere: blocks of the grid are born under it and die behind it")
+{
+    using Solver = Scene<Snow<SolidFloat>, QuadraticBSpline, Mls>::Solver;
+    Solver solver(lattice(0.05));
+    std::vector<Eigen::Vector3d> points;
+    for (double x : {-900.0, -3.0, 0.0, 2.5, 777.0})
+        for (double y : {-50.0, 0.1, 60.0}) points.emplace_back(x, y, -x / 3);
+    solver.add(points, 1e-4, {20, 0, 0});
+    solver.step(5e-4);
+    auto const early = solver.memory();
+    for (int i = 1; i < 400; ++i) solver.step(5e-4);
+    auto const x = solver.positions();
+    for (std::size_t i = 0; i < points.size(); ++i)
+        CHECK((x[i] - points[i] - Eigen::Vector3d(4, 0, 0)).norm() <= 2e-5 * 4);
+    CHECK(solver.memory() <= 2 * early);
+}
+
+TEST_CASE("particles added while a scene runs join it")
+{
+    using Solver = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>::Solver;
+    Solver solver(lattice(0.05));
+    auto const block = box_of_points<2>({0, 0}, {0.2, 0.2}, 0.05);
+    CHECK(solver.add(block, 0.025 * 0.025, {1, 0}) == 0);
+    for (int i = 0; i < 50; ++i) solver.step(1e-3);
+    auto above = block;
+    for (auto& x : above) x += Eigen::Vector2d(0, 0.5);
+    CHECK(solver.add(above, 2 * 0.025 * 0.025, {-1, 0}) == block.size());
+    for (int i = 0; i < 50; ++i) solver.step(1e-3);
+    auto const x = solver.positions();
+    auto const m = solver.masses();
+    for (std::size_t i = 0; i < block.size(); ++i) {
+        CHECK((x[i] - block[i] - Eigen::Vector2d(0.1, 0)).norm() <= 1e-12);
+        CHECK((x[block.size() + i] - above[i] + Eigen::Vector2d(0.05, 0)).norm() <= 1e-12);
+        CHECK(m[i] == Approx(0.625));
+        CHECK(m[block.size() + i] == Approx(1.25));
+    }
+}
+
+TEST_CASE("a body of snow that is packed takes shorter steps: hardening raises the wave speed")
+{
+    using Solver = Scene<Snow<Plane>, QuadraticBSpline, Mls>::Solver;
+    Solver fresh(lattice(0.05)), packed(lattice(0.05));
+    for (auto* solver : {&fresh, &packed})
+        solver->add(box_of_points<2>({0, 0}, {0.2, 0.2}, 0.05), 0.025 * 0.025);
+    packed.upload<PlasticVolumeRatio>(std::vector<double>(packed.size(), 0.8));
+    auto const slow = packed.advance(0.01), fast = fresh.advance(0.01);
+    CHECK(packed.bounds().wave_speed / fresh.bounds().wave_speed ==
+          Approx(std::exp(1.0)).epsilon(1e-6)); // e^(10 * 0.2 / 2)
+    CHECK(slow.substeps > 2 * fast.substeps);
+    CHECK(slow.usual_limit() == StepLimit::wave);
+}

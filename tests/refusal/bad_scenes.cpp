@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/policies.hpp"
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+using Sheet = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>::Solver;
+using SnowBall = Scene<Snow<SolidFloat>, CubicBSpline, Flip>::Solver;
+constexpr double infinite = std::numeric_limits<double>::infinity();
+double const not_a_number = std::numeric_limits<double>::quiet_NaN();
+
+/// Runs what must be refused; returns the error, whose three parts must be there.
+template <class Call>
+Error refused(Call const& call)
+{
+    try {
+        call();
+    }
+    catch (Error const& error) {
+        CHECK(!error.what_is_wrong().empty());
+        CHECK(!error.where().empty());
+        CHECK(!error.remedy().empty());
+        return error;
+    }
+    FAIL("nothing was refused");
+    return {"", "", ""};
+}
+
+/// A block that has already taken a few steps.
+Sheet running_scene()
+{
+    Sheet solver(lattice(0.1));
+    solver.add(box_of_points<2>({0, 0}, {0.4, 0.4}, 0.1), 0.0025, {0.1, 0});
+    for (int i = 0; i < 5; ++i) solver.step(1e-3, Gravity{});
+    return solver;
+}
+
+/// Whether two scenes are in the same state to the last bit.
+template <class Solver>
+bool same(Solver const& a, Solver const& b)
+{
+    return a.time() == b.time() && a.positions() == b.positions() &&
+           a.template download<Velocity>() == b.template download<Velocity>() &&
+           a.template download<DisplacementGradient>() == b.template download<DisplacementGradient>();
+}
+
+} // namespace
+
+TEST_CASE("cell sizes, moduli and densities that make no sense are refused")
+{
+    for (double h : {0.0, -1.0, not_a_number, infinite}) refused([&] { lattice(h); });
+    refused([] { lattice(0.1, {not_a_number, 0, 0}); });
+    for (double E : {0.0, -1e5, not_a_number, infinite}) refused([&] { lame(E, 0.3); });
+    for (double nu : {0.5, 0.7, -1.0, not_a_number}) refused([&] { lame(1e5, nu); });
+    for (double density : {0.0, -400.0, not_a_number, infinite}) {
+        Snow<SolidFloat> snow;
+        snow.density = static_cast<float>(density);
+        CHECK(refused([&] { SnowBall(lattice(0.1), snow); }).remedy().find("kg/m^3") != std::string::npos);
+    }
+    Snow<SolidFloat> snow;
+    snow.critical_compression = -0.1f;
+    refused([&] { SnowBall(lattice(0.1), snow); });
+    refused([] { SnowBall(lattice(0.1), {}, Flip{.fraction = 1.5}); });
+    refused([] { SnowBall(lattice(0.1), {}, {}, StepControl{.advection = 2}); });
+    refused([] { SnowBall(lattice(0.1), {}, {}, {}, OpenMP{.threads = -1}); });
+}
+
+TEST_CASE("particles that are not finite, too far or of no volume are refused, and none of them is added")
+{
+    auto solver = running_scene();
+    auto const untouched = running_scene();
+    using Points = std::vector<Eigen::Vector2d>;
+    auto const error = refused([&] { solver.add(Points{{0, 0}, {not_a_number, 0}}, 1e-3); });
+    CHECK(error.what_is_wrong().find("point 1") != std::string::npos);
+    refused([&] { solver.add(Points{{0, infinite}}, 1e-3); });
+    refused([&] { solver.add(Points{{0, 1e30}}, 1e-3); });
+    for (double volume : {0.0, -1.0, not_a_number, infinite})
+        refused([&] { solver.add(Points{{0, 0}}, volume); });
+    refused([&] { solver.add(Points{{0, 0}}, 1e-3, {not_a_number, 0}); });
+    CHECK(solver.size() == untouched.size());
+    CHECK(same(solver, untouched));
+    solver.step(1e-3, Gravity{}); // and it still runs
+}
+
+TEST_CASE("steps, effects and uploads that make no sense are refused, and the state stays as it is")
+{
+    auto solver = running_scene();
+    auto const untouched = running_scene();
+    for (double dt : {0.0, -1.0, not_a_number, infinite}) refused([&] { solver.step(dt); });
+    for (double duration : {-1.0, not_a_number, infinite}) refused([&] { solver.advance(duration); });
+    refused([&] { solver.step(1e-3, Gravity{{0, not_a_number, 0}}); });
+    refused([&] { solver.step(1e-3, Obstacle<Sphere>{.shape = {-1}}); });
+    refused([&] { solver.step(1e-3, Obstacle<Sphere>{.shape = {1}, .contact = Contact::coulomb(-0.5)}); });
+    refused([&] { solver.step(1e-3, Obstacle<HalfSpace>{.shape = {{0, 2, 0}}}); });
+    refused([&] { solver.advance(0.1, Obstacle<Box>{.shape = {{1, 0, 1}}}); });
+    refused([&] { solver.advance(0.1, Obstacle<Capsule>{.shape = {0.1, not_a_number}}); });
+    refused([&] {
+        solver.advance(0.1, Obstacle<Sphere>{.shape = {1}, .motion = {.velocity = {not_a_number, 0, 0}}});
+    });
+    refused([&] { solver.upload<Velocity>({{1, 0}}); });
+    refused([&] { solver.upload<Velocity>(std::vector<Eigen::Vector2d>(solver.size(), {not_a_number, 0})); });
+    CHECK(same(solver, untouched));
+}
+
+TEST_CASE("a step that goes wrong names particle, place, time and cause, and changes nothing")
+{
+    auto solver = running_scene();
+    auto const untouched = running_scene();
+    auto const error = refused([&] { solver.step(100.0, Gravity{}); });
+    CHECK(error.what_is_wrong().find("particle ") == 0);
+    CHECK(error.where().find(" m, in a step of ") != std::string::npos);
+    CHECK(error.where().find("t = ") != std::string::npos);
+    CHECK(same(solver, untouched));
+    solver.step(1e-3, Gravity{});
+    CHECK(solver.time() > untouched.time());
+}
+
+TEST_CASE("a step beyond the stable one is taken, with a warning")
+{
+    auto solver = running_scene();
+    auto const safe = solver.step(1e-4);
+    CHECK(!safe.beyond_stable);
+    CHECK(safe.stable_dt > 1e-4);
+    auto const bold = solver.step(safe.stable_dt * 1.5);
+    CHECK(bold.beyond_stable);
+}
+
+TEST_CASE("a neo-Hookean body that is turned inside out stops the run with the particle's name")
+{
+    Sheet solver(lattice(0.1));
+    solver.add(box_of_points<2>({0, 0}, {0.4, 0.4}, 0.1), 0.0025);
+    auto H = std::vector<Eigen::Matrix2d>(solver.size(), Eigen::Matrix2d::Zero());
+    H[17](0, 0) = -1.5; // det F = -0.5
+    solver.upload<DisplacementGradient>(H);
+    auto const error = refused([&] { solver.advance(0.01); });
+    CHECK(error.what_is_wrong().find("particle 17 was turned inside out") == 0);
+}
+
+TEST_CASE("a body hurled at a wall takes rejected steps, repeats them shorter, and loses nothing")
+{
+    // fast enough that the bounds before the impact do not foresee it
+    Scene<FixedCorotated<Plane>, QuadraticBSpline, Mls>::Solver solver(lattice(0.05));
+    solver.add(box_of_points<2>({0, 0.1}, {0.3, 0.4}, 0.05), 0.025 * 0.025, {0, -60});
+    Obstacle<HalfSpace> const floor{};
+    auto const report = solver.advance(0.02, floor);
+    CHECK(report.lost == 0);
+    for (auto const& x : solver.positions()) CHECK(x.allFinite());
+    CHECK(Totals(solver).mass == Approx(0.09 * 1000));
+}
