@@ -17,7 +17,7 @@ struct Options
     std::string mesh{}; ///< empty: the scene's own
     double scale = 1;
     double cell = 0; ///< [m]; 0: about eight particles per cell
-    int frames = 72;
+    int frames = 48;
     double frames_per_second = 24;
     std::string out{};
     std::string backend = "openmp", transfer = "flip", kernel = "cubic";
