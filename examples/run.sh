@@ -54,6 +54,8 @@ if [ -n "$help" ]; then
     exec "$program" --help
 fi
 
+# threads that wait sleep: on a machine with other work, spinning costs more than waking up
+export OMP_WAIT_POLICY="${OMP_WAIT_POLICY:-passive}"
 echo "running: $program --out $out ${arguments[*]-}"
 mkdir -p "$out" || stop "the folder $out cannot be made."
 "$program" --out "$out" "${arguments[@]}" || stop "the example failed with exit code $?."
