@@ -5,7 +5,7 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 source examples/set_up.sh
 
-need_packages g++ cmake ninja-build libeigen3-dev libxsimd-dev catch2 libcgal-dev libassimp-dev libcli11-dev git
+need_packages g++ cmake ninja-build libeigen3-dev libxsimd-dev catch2 libcgal-dev libassimp-dev libcli11-dev libbenchmark-dev git
 
 cmake --preset release
 cmake --build --preset release
