@@ -62,6 +62,8 @@ public:
                 "Use fewer particles, or several solvers.");
         auto const first = static_cast<std::uint32_t>(size_);
         if (located.empty()) return first;
+        require_comparable(volume, density);
+        sort(); // inserting is for items whose cells are up to date
 
         for (auto& buffer : buffer_) buffer.resize(count);
         add_portion(first, volume, density);
@@ -213,6 +215,23 @@ private:
             located.push_back(locate<d>(lattice_, order_, x));
         }
         return located;
+    }
+
+    /// On a node, a particle far lighter than another is lost to rounding and taken for an empty node.
+    void require_comparable(double volume, double density) const
+    {
+        double const unit = portions_.size() == 0 ? volume * density : mass_unit_;
+        double const mass = volume * density / unit, range = std::is_same_v<Number, float> ? 1e10 : 1e20;
+        bool comparable =
+            std::isfinite(mass) && std::isfinite(Number(volume / unit)) && Number(volume / unit) > 0;
+        for (std::size_t i = 0; i < portions_.size(); ++i) {
+            double const ratio = mass / double(portions_.data()[i].mass);
+            comparable = comparable && ratio < range && ratio > 1 / range;
+        }
+        require(
+            comparable,
+            "the new particles are lighter or heavier than others by a factor that rounding does not bear",
+            "Solver::add", "Keep the masses of one scene within a factor of 1e10 (float) or 1e20 (double).");
     }
 
     /// Particles of the same mass and volume as those before them belong to the same portion.

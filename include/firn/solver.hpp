@@ -20,7 +20,8 @@ namespace firn
 ///
 /// `Backend` says where it runs, `Model` what the material is (and with its Space the dimension and
 /// precision), `Kernel` and `Transfer` how particles and grid exchange what they hold. All input in SI units.
-/// Not to be called from two threads at once; two solvers are independent.
+/// Not to be called from two threads at once; two solvers are independent. One that was moved from may only
+/// be destroyed or assigned.
 template <class Backend, class ModelType, InterpolationKernel Kernel = QuadraticBSpline,
           class TransferType = Mls>
 class Solver
@@ -107,7 +108,7 @@ public:
     {
         require(std::isfinite(dt) && dt > 0, "the time step is not a finite number above 0", "Solver::step",
                 "Pass seconds.");
-        (effects.validate(), ...);
+        (validate(effects), ...);
         double const stable = stable_step(effects...).dt;
         Attempt attempted = attempt({time_, time_ + dt}, effects...);
         if (attempted.wrong > 0) fail(attempted, dt);
@@ -125,13 +126,13 @@ public:
     {
         require(std::isfinite(duration) && duration >= 0, "the duration is not a finite number, 0 or above",
                 "Solver::advance", "Pass seconds, e.g. 1.0 / 24.");
-        (effects.validate(), ...);
+        (validate(effects), ...);
         AdvanceReport report;
         double const end = time_ + duration;
         for (int retries = 0; time_ < end;) {
             ChosenStep const chosen = choose(end - time_, retries, effects...);
             require_progress(chosen, duration);
-            bool const last = chosen.dt >= end - time_;
+            bool const last = retries == 0 && chosen.dt >= end - time_;
             Attempt const attempted = attempt({time_, last ? end : time_ + chosen.dt}, effects...);
             if (attempted.wrong > 0) {
                 ++report.rejected;
@@ -263,6 +264,13 @@ private:
         return particles_.largest_mass() * (std::is_same_v<Number, float> ? Number(1e-20) : Number(1e-40));
     }
 
+    template <class Effect>
+    static void validate(Effect const& effect)
+    {
+        effect.validate();
+        if constexpr (d == 2 && requires { effect.validate_in_plane(); }) effect.validate_in_plane();
+    }
+
     template <class... Effects>
     ChosenStep stable_step(Effects const&... effects) const
     {
@@ -270,6 +278,8 @@ private:
         [[maybe_unused]] auto const ask = [&](auto const& effect) {
             if constexpr (requires { effect.largest_acceleration(); })
                 now.acceleration = std::max(now.acceleration, effect.largest_acceleration());
+            if constexpr (requires { effect.largest_speed(); })
+                now.obstacle_speed = std::max(now.obstacle_speed, effect.largest_speed());
         };
         (ask(effects), ...);
         double expansion_ratio = d; // the largest there is, for models that do not say
@@ -285,23 +295,24 @@ private:
     {
         ChosenStep step = stable_step(effects...);
         if (previous_dt_ > 0) step.bound(control_.growth * previous_dt_, StepLimit::growth);
-        step.dt = std::ldexp(step.dt, -retries);
         if (step.dt >= remaining)
             step = {remaining, StepLimit::duration};
         else if (step.dt > remaining / 2)
             step = {remaining / 2, StepLimit::duration};
+        step.dt =
+            std::ldexp(step.dt, -retries); // half of what was tried, also where that was all that remained
         return step;
     }
 
     void require_progress(ChosenStep const& step, double duration) const
     {
         if (step.dt > control_.smallest * duration && time_ + step.dt > time_) return;
-        throw Error{"the stable time step fell to " + std::to_string(step.dt) + " s, bounded by " +
-                        describe(step.limit),
-                    "Solver::advance at t = " + std::to_string(time_) + " s",
-                    "Check masses, moduli and velocities of the scene: wave speed " +
-                        std::to_string(bounds_.wave_speed) + " m/s, fastest particle " +
-                        std::to_string(bounds_.speed) + " m/s."};
+        std::ostringstream what, where, remedy;
+        what << "the stable time step fell to " << step.dt << " s, bounded by " << describe(step.limit);
+        where << "Solver::advance at t = " << time_ << " s";
+        remedy << "Check masses, moduli and velocities of the scene: wave speed " << bounds_.wave_speed
+               << " m/s, fastest particle " << bounds_.speed << " m/s.";
+        throw Error{what.str(), where.str(), remedy.str()};
     }
 
     [[noreturn]] void fail(Attempt const& attempted, double dt) const

@@ -86,6 +86,51 @@ TEST_CASE("particles that are not finite, too far or of no volume are refused, a
     solver.step(1e-3, Gravity{}); // and it still runs
 }
 
+TEST_CASE("particles that are lighter than others by more than rounding bears are refused")
+{
+    using Points = std::vector<Eigen::Vector3d>;
+    SnowBall solver(lattice(0.1));
+    solver.add(Points{{0, 0, 0}}, 1.0);
+    refused([&] { solver.add(Points{{1, 0, 0}}, 1e-21); });
+    refused([&] { solver.add(Points{{1, 0, 0}}, 1e21); });
+    solver.add(Points{{1, 0, 0}}, 1e-6);
+    CHECK(solver.size() == 2);
+}
+
+TEST_CASE("a half attempt is half of what was tried, also of the last step of a call")
+{
+    using Solver = Scene<Snow<Plane>, QuadraticBSpline, Mls>::Solver;
+    Solver solver(lattice(0.05));
+    solver.add(box_of_points<2>({0, 0}, {0.1, 0.1}, 0.05), 0.025 * 0.025);
+    // the wall would be through the body by the end of the call, and nothing has touched it before
+    Obstacle<HalfSpace> const wall{
+        .shape = {{1, 0, 0}}, .contact = Contact::sticky(), .motion = {.position = {-0.2, 0, 0}}};
+    Obstacle<HalfSpace> rushing = wall;
+    rushing.motion.velocity = {1e5, 0, 0};
+    auto const report = solver.advance(0.08 / 1e5, rushing);
+    CHECK(report.rejected <= 2);
+}
+
+TEST_CASE("in two dimensions an obstacle that leaves the plane is refused")
+{
+    auto solver = running_scene();
+    refused([&] { solver.step(1e-3, Obstacle<HalfSpace>{.shape = {{0, 0, 1}}}); });
+    refused([&] { solver.step(1e-3, Obstacle<Sphere>{.shape = {1}, .motion = {.velocity = {0, 0, 1}}}); });
+    refused([&] {
+        solver.step(1e-3, Obstacle<Sphere>{.shape = {1}, .motion = {.angular_velocity = {1, 0, 0}}});
+    });
+    Eigen::Quaterniond const tilted(Eigen::AngleAxisd(0.5, Eigen::Vector3d::UnitX()));
+    refused([&] { solver.step(1e-3, Obstacle<Sphere>{.shape = {1}, .motion = {.orientation = tilted}}); });
+}
+
+TEST_CASE("a particle about to leave the range of cell coordinates is said to escape")
+{
+    Sheet solver(lattice(1e-3));
+    solver.add(std::vector<Eigen::Vector2d>{{999999.99, 0}}, 1e-9, {10, 0});
+    auto const error = refused([&] { solver.advance(20.0); });
+    CHECK(error.what_is_wrong().find("range of cell coordinates") != std::string::npos);
+}
+
 TEST_CASE("steps, effects and uploads that make no sense are refused, and the state stays as it is")
 {
     auto solver = running_scene();

@@ -26,6 +26,26 @@ struct Obstacle
         motion.validate("Obstacle");
     }
 
+    /// In two dimensions there is nothing along z: motion stays in the plane and rotation is about z.
+    void validate_in_plane() const
+    {
+        Eigen::Vector3d const turned_z = motion.orientation.normalized() * Eigen::Vector3d::UnitZ();
+        bool const in_plane = motion.velocity.z() == 0 && motion.angular_velocity.head<2>().isZero() &&
+                              std::abs(turned_z.z()) > 1 - 1e-9;
+        require(in_plane, "an obstacle of a scene in two dimensions leaves the plane", "Obstacle",
+                "Keep z out of its velocity, and let it turn about z alone.");
+        if constexpr (requires { shape.validate_in_plane(); }) shape.validate_in_plane();
+    }
+
+    /// A bound on the speed of its surface [m/s], which bounds the time step: nothing is to pass through a
+    /// layer of nodes. The rotation of a shape without end counts only where it touches something.
+    double largest_speed() const
+    {
+        double reach = 0;
+        if constexpr (requires { shape.reach(); }) reach = shape.reach();
+        return motion.velocity.norm() + motion.angular_velocity.norm() * reach;
+    }
+
     template <class Number, int d>
     struct Action;
 

@@ -197,9 +197,11 @@ private:
             if ((rest & 1) == 0) continue;
             if (result.wrong++ > 0) continue;
             result.particle = cell.value(before.id, int(lane));
-            result.mishap = ((bits(!finite) >> lane) & 1)             ? Mishap::not_finite
-                            : ((bits(response.inverted) >> lane) & 1) ? Mishap::inverted
-                                                                      : Mishap::rejected;
+            auto const holds = [&](Mask<Real> const& mask) { return ((bits(mask) >> lane) & 1) != 0; };
+            result.mishap = holds(!finite)             ? Mishap::not_finite
+                            : holds(response.inverted) ? Mishap::inverted
+                            : holds(calm)              ? Mishap::escaped
+                                                       : Mishap::rejected;
         }
     }
 };

@@ -60,7 +60,8 @@ private:
     template <class Loop>
     void estimate_volume(Loop const& loop)
     {
-        if (!(box_.volume() > 0)) return;
+        // a sheet has no inside, and counting it in cubes would take as many of them as it is thin
+        if (!(box_.sizes().minCoeff() > 1e-4 * box_.sizes().maxCoeff())) return;
         constexpr double wanted = 0.0003, coarse = 48, finest = 200;
         auto count = count_inside(coarse, loop);
         // The relative error falls with the square of the cells along an edge.

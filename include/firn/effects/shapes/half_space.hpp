@@ -20,6 +20,13 @@ struct HalfSpace
                 "Pass e.g. normal.normalized().");
     }
 
+    void validate_in_plane() const
+    {
+        require(std::abs(normal.z()) < 1e-6,
+                "the normal of a half-space leaves the plane of a scene in two dimensions", "HalfSpace",
+                "Pass a normal with z = 0.");
+    }
+
     template <Lane Real, int d>
     FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const
     {

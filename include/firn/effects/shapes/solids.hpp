@@ -36,6 +36,7 @@ struct Sphere
     double radius = 1; ///< [m]
 
     void validate() const { detail::require_length(radius, "Sphere"); }
+    double reach() const { return radius; } ///< of its farthest point from the reference point [m]
 
     template <Lane Real, int d>
     FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const
@@ -57,6 +58,10 @@ struct Capsule
                 "the half length of a capsule is below 0 or not finite", "Capsule",
                 "Pass a length in metres.");
     }
+    double reach() const
+    {
+        return radius + half_length;
+    } ///< of its farthest point from the reference point [m]
 
     template <Lane Real, int d>
     FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const
@@ -77,6 +82,10 @@ struct Box
     {
         for (int a = 0; a < 3; ++a) detail::require_length(half_extents[a], "Box");
     }
+    double reach() const
+    {
+        return half_extents.norm();
+    } ///< of its farthest point from the reference point [m]
 
     /// Outside, the distance to the closest point of the box; inside, the negative distance to the closest
     /// face.

@@ -67,7 +67,11 @@ struct Snow
         Matrix<Real, d> const mapped = displacement_gradient<Real, d>(F_E);
         for (int i = 0; i < d; ++i)
             for (int j = 0; j < d; ++j) H(i, j) = select(yields, mapped(i, j), trial(i, j));
-        J_P = J_P * plastic_part; // J_P = det F / det F_E
+        // J_P = det F / det F_E, kept track of far beyond the caps, so that it may come back, but not without
+        // end.
+        Real const far(Number(100));
+        J_P = min(max(J_P * plastic_part, Real(smallest_plastic_ratio) / far),
+                  Real(largest_plastic_ratio) * far);
 
         Real const within = min(max(J_P, Real(smallest_plastic_ratio)), Real(largest_plastic_ratio));
         Real const harder = exp(Real(hardening) * (Real(1) - within));
