@@ -71,8 +71,8 @@ void simulate(Options const& options, Scene const& scene, Sampled const& body, T
 
     double const cell = options.cell > 0 ? options.cell : std::cbrt(8 * body.volume_per_point);
     auto snow = materials::fresh_snow<Space<3, float>>();
-    // Crushed snow would otherwise set the step of all: at J_P = 0.6 its wave is 7.4 times as fast as in fresh snow,
-    // at 0.75 it is 3.5 times. report.json counts the particles at the cap.
+    // Crushed snow would otherwise set the step of all: at J_P = 0.6 its wave is 7.4 times as fast as in
+    // fresh snow, at 0.75 it is 3.5 times. report.json counts the particles at the cap.
     snow.smallest_plastic_ratio = 0.75f;
     Solver solver(lattice(cell), snow, transfer, {}, OpenMP{options.threads});
     solver.add(body.points, body.volume_per_point, scene.velocity);
