@@ -38,7 +38,7 @@ try {
         {6, 1, 0},
         {R"("shape": "half_space", "point": [0, 0, 0], "normal": [0, 1, 0])",
          R"("shape": "half_space", "point": [0, 0, 0], "normal": [-1, 0, 0])"},
-        {{-2.6, 1.7, 2.8}, {0.2, 0.75, 0}},
+        {{-2.9, 1.8, 3.2}, {0.2, 0.85, 0}},
         effects_of};
     return run(options, scene);
 }
