@@ -195,15 +195,15 @@ private:
         using Actions = std::remove_const_t<decltype(actions)>;
         Number const dt = static_cast<Number>(interval.length()), h = static_cast<Number>(lattice_.cell_size);
 
-        particles_.sort(); // into the order of cells, with blocks of the grid under them
+        particles_.sort(); // into the order of cells
         auto const& cells = particles_.cells();
+        grid_.follow(cells); // blocks of nodes under them
         auto const now = particles_.current(), next = particles_.next();
         auto const portions = particles_.portions();
 
         using Scatter = ParticlesToGrid<Space, Kernel, Transfer, State>;
         using Update = UpdateGrid<Space, Transfer, Actions>;
         using Gather = GridToParticles<Space, Model, Kernel, Transfer, Actions, State>;
-        grid_.follow(cells);
         backend_.scatter(cells, grid_, Scatter{transfer_, now, portions, dt, h});
         auto const reactions =
             backend_.for_each_node(cells, grid_, Update{actions, lattice_, smallest_node_mass()});

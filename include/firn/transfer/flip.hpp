@@ -2,7 +2,7 @@
 #pragma once
 
 #include <firn/core/error.hpp>
-#include <firn/transfer/transfer.hpp>
+#include <firn/transfer/pic.hpp>
 
 namespace firn
 {
@@ -32,12 +32,9 @@ struct Flip
     /// m v, and (apart from it) the force -V0 tau dw_i.
     template <class Kernel, Lane Real, int d, class Particle>
     FIRN_HOST_DEVICE Given<Real, d> give(Particle const& particle, Real mass,
-                                         Matrix<Real, d> const& stress_impulse, Real) const
+                                         Matrix<Real, d> const& stress_impulse, Real cell_size) const
     {
-        Given<Real, d> given;
-        given.momentum = particle[Velocity{}] * mass;
-        given.gradient = stress_impulse;
-        return given;
+        return Pic{}.give<Kernel, Real, d>(particle, mass, stress_impulse, cell_size);
     }
 
     /// v = (1 - beta) sum w v_i + beta (v + sum w (v_i - v_i^n)); returns L = sum of v_i dw_i^T [1/s].

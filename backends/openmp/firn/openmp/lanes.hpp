@@ -39,11 +39,6 @@ inline namespace plain
 #endif
 {
 
-/// An empty type that differs between files compiled for different instruction sets: a template argument for
-/// what must not be shared between them although no pack is among its arguments.
-struct InstructionSet
-{};
-
 #if __has_include(<xsimd/xsimd.hpp>)
 
 // g++ 12 takes the "undefined" registers inside its own AVX-512 intrinsics for mistakes (its bug 105593).
