@@ -216,11 +216,13 @@ inline QuadMesh isosurface(std::function<double(Point const&)> const& field, Poi
                 mesh.vertices.push_back(sum / crossings);
             }
 
-    for (int i = 1; i < n.x(); ++i)
-        for (int j = 1; j < n.y(); ++j)
-            for (int k = 1; k < n.z(); ++k)
+    for (int i = 0; i < n.x(); ++i)
+        for (int j = 0; j < n.y(); ++j)
+            for (int k = 0; k < n.z(); ++k)
                 for (int axis = 0; axis < 3; ++axis) {
                     Eigen::Vector3i const here(i, j, k), along = Eigen::Vector3i::Unit(axis);
+                    bool const at_border = here[(axis + 1) % 3] == 0 || here[(axis + 2) % 3] == 0;
+                    if (at_border) continue;
                     Eigen::Vector3i const u = Eigen::Vector3i::Unit((axis + 1) % 3),
                                           v = Eigen::Vector3i::Unit((axis + 2) % 3);
                     auto const at = [&](Eigen::Vector3i const& c) { return node(c.x(), c.y(), c.z()); };

@@ -247,8 +247,9 @@ private:
         bounds_ = {};
         double modulus = 0;
         particles_.edit([&](std::uint32_t, auto& particle) {
+            auto as_set = particle; // what lies beyond the yield surface returns in the next step, not now
             auto const response =
-                model_.template respond<Number>(particle, Matrix<Number, d>::Zero(), Number(0));
+                model_.template respond<Number>(as_set, Matrix<Number, d>::Zero(), Number(0));
             particle[KirchhoffStress{}] = response.kirchhoff_stress;
             modulus = std::max(modulus, double(response.wave_modulus));
             bounds_.speed = std::max(bounds_.speed, double(particle[Velocity{}].norm()));

@@ -228,6 +228,18 @@ TEST_CASE("Poisson-disk points by number keep the distance that is promised")
     }
 }
 
+TEST_CASE("a sheet much thinner than its points are apart is one layer of them")
+{
+    Solid const sheet{[](Vector3d const& x) { return std::abs(x.z()) < 1e-9; },
+                      2e-9,
+                      {Vector3d{0, 0, -1e-9}, Vector3d{1, 1, 1e-9}}};
+    CHECK(firn::detail::spacing_for(sheet, 900) == Approx(1.0 / 30));
+    CHECK(firn::lattice_points(sheet, Count{900}).points.size() == 900);
+    auto const disks = firn::poisson_disk_points(sheet, Count{900}).points;
+    CHECK(disks.size() == 900);
+    CHECK(least_distance(disks) > 0.5 / 30);
+}
+
 TEST_CASE("samplers reach every part of a solid")
 {
     auto const right = [](std::vector<Vector3d> const& points) {

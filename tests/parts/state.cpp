@@ -44,3 +44,14 @@ TEST_CASE("fields are joined once each, and found where they lie")
     STATIC_REQUIRE(Both::first_component<PlasticVolumeRatio>(2) == 6);
     STATIC_REQUIRE(std::is_same_v<Join<>, Fields<>>);
 }
+
+TEST_CASE("what is uploaded is what is downloaded, beyond the yield surface too")
+{
+    Scene<Snow<SolidFloat>, CubicBSpline, Flip>::Solver solver(lattice(0.1));
+    solver.add(box_of_points<3>({0, 0, 0}, {0.2, 0.2, 0.2}, 0.1), 1.25e-4);
+    std::vector<Matrix<float, 3>> H(solver.size());
+    for (std::size_t i = 0; i < H.size(); ++i) H[i] = Eigen::Vector3f{-0.1f, 0.f, 0.001f * i}.asDiagonal();
+    solver.upload<DisplacementGradient>(H);
+    CHECK(solver.download<DisplacementGradient>() == H);
+    CHECK(solver.download<PlasticVolumeRatio>() == std::vector<float>(H.size(), 1.f));
+}

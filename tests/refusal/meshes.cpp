@@ -133,6 +133,9 @@ TEST_CASE("a flat sheet has no interior, with repair neither")
     auto const squashed = meshes::box({0, 0, 0}, {1, 1, 0});
     CHECK_FALSE(interior_error(squashed).what_is_wrong().empty());
     CHECK_THAT(interior_error(squashed, Repair::fill).what_is_wrong(), Contains("no volume"));
+    auto open_slab = meshes::box({0, 0, 0}, {1, 1, 1e-7}); // would take 1e21 cubes to measure
+    open_slab.triangles.pop_back();
+    CHECK_THAT(interior_error(open_slab, Repair::fill).what_is_wrong(), Contains("no volume"));
 }
 
 TEST_CASE("a distance grid of no cells or too many is refused")
@@ -141,6 +144,9 @@ TEST_CASE("a distance grid of no cells or too many is refused")
     for (double const cell : {0.0, -1.0, std::nan(""), 1e-9})
         error_of([&] { firn::distance_from_mesh(box, cell, 0.1); });
     error_of([&] { firn::distance_from_mesh(box, 0.1, -1); });
+    MeshInterior const sheet(meshes::box({0, 0, 0.52}, {1, 1, 0.53}));
+    auto const missed = error_of([&] { firn::distance_from_mesh(sheet, 0.1, 0.1); });
+    CHECK_THAT(missed.what_is_wrong(), Contains("no node"));
 }
 
 TEST_CASE("a mesh file that is not there, is none, or is empty is refused")

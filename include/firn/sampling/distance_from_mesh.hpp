@@ -130,7 +130,8 @@ inline TriangleDistance::Triangles hole_squares(MeshInterior const& interior, No
 /// an obstacle of any form.
 ///
 /// At the nodes the distance is exact to rounding; in the holes of a repaired mesh it is exact to a cell.
-/// Throws firn::Error: cell size not above 0, margin below 0, more than 5e8 nodes.
+/// What is thinner than a cell may fall between
+/// the nodes. Throws firn::Error: cell size not above 0, margin below 0, more than 5e8 nodes, none inside.
 template <std::floating_point Real = float, class Loop = Serial>
 SignedDistanceGrid<Real, 3> distance_from_mesh(MeshInterior const& interior, double cell_size, double margin,
                                                Loop const& loop = {})
@@ -152,6 +153,9 @@ SignedDistanceGrid<Real, 3> distance_from_mesh(MeshInterior const& interior, dou
         inside[i] = interior.contains(grid.place(i));
         distance[i] = to_mesh(grid.place(i));
     });
+    require(std::ranges::any_of(inside, [](char in) { return in != 0; }),
+            "no node of the grid falls inside the solid: the obstacle would not be there", where,
+            "Use smaller cells, a few across the thinnest part.");
     if (interior.repaired()) {
         detail::TriangleDistance const to_holes(detail::hole_squares(interior, grid, inside, distance));
         loop.for_each(grid.count(),

@@ -107,6 +107,21 @@ inline void check_candidates(double candidates, char const* sampler)
             "Ask for fewer points (a coarser spacing), or split a solid that leaves most of its box empty.");
 }
 
+/// The spacing [m] of a lattice of which `count` places fall inside, by the volumes alone. A solid thinner
+/// than that is one layer thick: the cube root of the volume per point would then be far too small.
+template <Interior Solid>
+double spacing_for(Solid const& interior, double count)
+{
+    Eigen::Array3d const box = interior.bounding_box().sizes().array();
+    double const places = count * box.prod() / interior.volume();
+    double low = 0, high = std::cbrt(box.prod()) + box.maxCoeff();
+    for (int halving = 0; halving < 60; ++halving) {
+        double const middle = (low + high) / 2;
+        ((box / middle).max(1).prod() > places ? low : high) = middle;
+    }
+    return high;
+}
+
 /// Appends those of the candidates that lie inside.
 template <Interior Solid, class Loop>
 void keep_inside(Solid const& interior, std::span<Eigen::Vector3d const> candidates, Loop const& loop,

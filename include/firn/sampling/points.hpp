@@ -88,7 +88,7 @@ PointSample lattice_points(Solid const& interior, Count count, double jitter = 0
     // What the surface's chance cut through the lattice adds or takes is of the order of count^(1/3).
     auto const enough =
         wanted + static_cast<std::size_t>(2 * std::cbrt(double(wanted)) + 0.002 * double(wanted));
-    double spacing = std::cbrt(interior.volume() / double(wanted));
+    double spacing = detail::spacing_for(interior, double(wanted));
     std::vector<Eigen::Vector3d> best;
     for (int attempt = 0; attempt < 40; ++attempt) {
         auto points = detail::lattice_inside(interior, spacing, jitter, seed, loop);

@@ -33,9 +33,16 @@ class DartThrowing
 {
 public:
     DartThrowing(Eigen::AlignedBox3d const& box, double radius, std::uint64_t seed)
-        : lowest_(box.min().array() - radius), radius_(radius), size_(radius / std::sqrt(3.0)), random_(seed)
+        : lowest_(box.min().array() - radius), radius_(radius),
+          size_(Eigen::Array3d::Constant(radius / std::sqrt(3.0))), random_(seed)
     {
-        Eigen::Array3d const cells = ((box.sizes().array() + 2 * radius) / size_).ceil();
+        Eigen::Array3d cells = ((box.sizes().array() + 2 * radius) / size_).ceil();
+        for (int i = 0; i < 3; ++i)
+            if (box.sizes()[i] < size_[i]) { // a sheet: darts beside it would be wasted
+                lowest_[i] = box.min()[i];
+                size_[i] = box.sizes()[i];
+                cells[i] = 1;
+            }
         require(
             cells.prod() <= most_cells, "this needs more than 5e8 cells of memory", "poisson_disk_points",
             "Ask for fewer points (a larger radius), or split a solid that leaves most of its box empty.");
@@ -137,7 +144,8 @@ private:
     static constexpr std::int32_t empty = -1;
 
     Eigen::Vector3d lowest_;
-    double radius_, size_;
+    double radius_;
+    Eigen::Array3d size_; ///< of a cell
     UnitRandom random_;
     std::array<std::uint32_t, 3> count_{};
     std::ptrdiff_t row_ = 0, slab_ = 0;
@@ -186,7 +194,7 @@ PointSample poisson_disk_points(Solid const& interior, Count count, std::uint64_
     auto const wanted = detail::checked_count(count, "poisson_disk_points");
     auto const box = detail::box_to_sample(interior, "poisson_disk_points");
     auto const target = double(wanted);
-    double radius = 0.842 * std::cbrt(interior.volume() / (target + std::cbrt(target)));
+    double radius = 0.842 * detail::spacing_for(interior, target + std::cbrt(target));
     std::vector<Eigen::Vector3d> best;
     for (int attempt = 0; attempt < 30; ++attempt) {
         auto points = detail::poisson_disk_inside(interior, radius, seed, loop);
