@@ -5,6 +5,8 @@
 
 #include <CLI/CLI.hpp>
 
+#include <cmath>
+#include <cstdlib>
 #include <string>
 
 namespace firn::examples
@@ -33,7 +35,14 @@ inline Options command_line(int argc, char** argv, std::string const& name, std:
     options.out = "out/" + name;
     CLI::App app{description, name};
     app.option_defaults()->always_capture_default();
-    auto const positive = CLI::PositiveNumber;
+    CLI::Validator const positive(
+        [](std::string const& text) -> std::string {
+            char* end = nullptr;
+            double const number = std::strtod(text.c_str(), &end);
+            return *end == '\0' && std::isfinite(number) && number > 0 ? ""
+                                                                       : text + " is not a number above 0";
+        },
+        "NUMBER > 0");
     app.add_option("--mesh", options.mesh,
                    "closed OBJ, PLY, STL, glTF or GLB file [m, y up]; default: generated");
     app.add_option("--scale", options.scale, "factor on the mesh file's coordinates")->check(positive);

@@ -58,7 +58,7 @@ fi
 export OMP_WAIT_POLICY="${OMP_WAIT_POLICY:-passive}"
 echo "running: $program --out $out ${arguments[*]-}"
 mkdir -p "$out" || stop "the folder $out cannot be made."
-"$program" --out "$out" "${arguments[@]}" || stop "the example failed with exit code $?."
+"$program" --out "$out" "${arguments[@]}" || stop "the example did not run to its end (exit code $?); bash examples/run.sh --help lists its options."
 
 if [ -n "$render" ]; then
     need_python "$root/build/venv" 'pyvista>=0.44,<1' 'vtk>=9.3,<10' 'numpy>=1.26,<3' 'pillow>=10' 'imageio>=2.34,<3' \

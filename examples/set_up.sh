@@ -15,7 +15,9 @@ need_packages() {
     echo "packages: installing ${missing[*]}"
     local as_root=()
     if [ "$(id -u)" -ne 0 ]; then
-        command -v sudo >/dev/null || stop "root or sudo is needed to install: ${missing[*]}"
+        # asks for the password now, where there is somebody to ask
+        sudo -n true 2>/dev/null || { [ -t 0 ] && command -v sudo >/dev/null && sudo -v; } ||
+            stop "root or sudo is needed to install: ${missing[*]}"
         as_root=(sudo)
     fi
     local patience=(-o DPkg::Lock::Timeout=120) # another installation may be running
@@ -46,7 +48,8 @@ need_python() {
     log="$folder/pip.log"
     "$folder/bin/python" -m pip install --quiet --disable-pip-version-check "$@" >"$log" 2>&1 || {
         tail -n 5 "$log" >&2
-        stop "pip could not install $*: is there a network? (all of its output: $log)"
+        stop "pip could not install $*: is there a network, and are its certificates trusted? (all of its output: $log)
+FIRN_NO_RENDER=1 runs the example without pictures and without Python."
     }
     echo "$*" >"$folder/installed"
 }

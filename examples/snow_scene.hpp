@@ -70,16 +70,17 @@ void simulate(Options const& options, Scene const& scene, Sampled const& body, T
     auto const started = Clock::now();
 
     double const cell = options.cell > 0 ? options.cell : std::cbrt(8 * body.volume_per_point);
+    require(cell < std::cbrt(body.volume), "a cell would be larger than the body", "--cell",
+            "Give a few hundredths of its size [m], or 0 for eight particles per cell.");
     auto snow = materials::fresh_snow<Space<3, float>>();
     // Crushed snow would otherwise set the step of all: at J_P = 0.6 its wave is 7.4 times as fast as in
     // fresh snow, at 0.75 it is 3.5 times. report.json counts the particles at the cap.
     snow.smallest_plastic_ratio = 0.75f;
     Solver solver(lattice(cell), snow, transfer, {}, OpenMP{options.threads});
     solver.add(body.points, body.volume_per_point, scene.velocity);
-    std::cout << solver.size() << " particles, " << body.volume_per_point / std::pow(cell, 3)
-              << " cells each, cell " << cell << " m, " << Solver::bytes_per_particle
-              << " bytes per particle (" << Solver::state_bytes_per_particle << " of state), "
-              << openmp_info() << "\n";
+    std::cout << solver.size() << " particles, " << std::pow(cell, 3) / body.volume_per_point
+              << " per cell, cell " << cell << " m, " << Solver::bytes_per_particle << " bytes per particle ("
+              << Solver::state_bytes_per_particle << " of state), " << openmp_info() << std::endl;
 
     Results results(options.out, options.write_ply);
     std::vector<DrawnObstacle> drawn;
@@ -135,7 +136,7 @@ int run(Options const& options, Scene const& scene)
 {
     auto const body = sample(scene.mesh, options.sampling);
     if (body.repaired) std::cout << "repaired: " << body.defect << "\n";
-    std::cout << "solid of " << body.volume << " m^3\n";
+    std::cout << "solid of " << body.volume << " m^3" << std::endl;
     auto const with_kernel = [&]<class Kernel>(Kernel) {
         if (options.transfer == "pic")
             simulate<Kernel>(options, scene, body, Pic{});

@@ -40,6 +40,7 @@ public:
 
     std::size_t size() const { return size_; }
     Cells const& cells() const { return cells_; }
+    Cells& cells() { return cells_; }
     View current() { return buffer_[0].view(); }
     View next() { return buffer_[1].view(); }
     Portions<Number> portions() const { return {portions_.data(), static_cast<int>(portions_.size())}; }
@@ -102,8 +103,7 @@ public:
     }
 
     /// Calls `change(id, record)` for every particle, one after the other, and keeps what it made of the
-    /// record; the lower triangles of symmetric fields are not filled in. Positions are to be left as they
-    /// are.
+    /// record. Positions are to be left as they are.
     template <class Change>
     void edit(Change const& change)
     {
@@ -136,8 +136,6 @@ public:
             auto& value = by_id[view.id[i]];
             for_each_component<Tag, d>(value,
                                        [&](int c, Number& number) { number = view.component[first + c][i]; });
-            if constexpr (Tag::shape == FieldShape::symmetric)
-                value.template triangularView<Eigen::StrictlyLower>() = value.transpose();
         }
         return by_id;
     }

@@ -4,7 +4,7 @@
 #include <firn/concepts.hpp>
 #include <firn/interpolation/quadratic_b_spline.hpp>
 #include <firn/particle_table.hpp>
-#include <firn/phases/grid_to_particles.hpp>
+#include <firn/phases/move_particles.hpp>
 #include <firn/report.hpp>
 #include <firn/transfer/mls.hpp>
 
@@ -40,8 +40,8 @@ public:
     static_assert(TransferScheme<Transfer, Kernel, Real, d>,
                   "the transfer scheme lacks give or take: see firn/concepts.hpp");
 
-    /// What a particle stores beside position and id: the union of what transfer, model and solver declare.
-    using State = Join<typename Transfer::State, typename Model::State, Fields<KirchhoffStress>>;
+    /// What a particle stores beside position and id: the union of what transfer and model declare.
+    using State = Join<typename Transfer::State, typename Model::State>;
     using Table = ParticleTable<Backend, Space, State>;
 
     /// The bytes of one particle's state: its position, its fields and its permanent id.
@@ -73,6 +73,7 @@ public:
     {
         auto const first = particles_.add(points, volume_per_point, double(model_.density), velocity);
         if (particles_.size() == first) return first;
+        given_for_ = 0;
         auto at_rest = Record<Number, d, typename Model::State>::at_rest();
         auto const response = model_.template respond<Number>(at_rest, Matrix<Number, d>::Zero(), Number(0));
         bounds_.wave_speed = std::max(bounds_.wave_speed, wave_speed(response.wave_modulus));
@@ -80,9 +81,8 @@ public:
         return first;
     }
 
-    /// Sets a field of all particles, by id: velocities, an affine velocity, or a part of the model's state;
-    /// the stress follows. Throws an Error, and changes nothing, unless there is one finite value per
-    /// particle.
+    /// Sets a field of all particles, by id: velocities, an affine velocity, or a part of the model's state.
+    /// Throws an Error, and changes nothing, unless there is one finite value per particle.
     template <class Tag>
     void upload(std::vector<FieldValue<Tag, Number, d>> const& by_id)
     {
@@ -96,7 +96,8 @@ public:
                         "Pass finite values.");
             });
         particles_.edit([&](std::uint32_t id, auto& particle) { particle[Tag{}] = by_id[id]; });
-        find_stress_and_bounds();
+        given_for_ = 0;
+        find_bounds();
     }
 
     /// Advances the simulation by one time step of length `dt` [s].
@@ -110,8 +111,12 @@ public:
                 "Pass seconds.");
         (validate(effects), ...);
         double const stable = stable_step(effects...).dt;
-        Attempt attempted = attempt({time_, time_ + dt}, effects...);
+        Interval const now{time_, time_ + dt};
+        // Who takes equal steps is expected to go on so.
+        Interval const next = dt == previous_user_dt_ ? Interval{now.end, now.end + dt} : Interval{};
+        Attempt attempted = attempt(now, next.length(), effects...);
         if (attempted.wrong > 0) fail(attempted, dt);
+        previous_user_dt_ = dt;
         attempted.report.stable_dt = stable;
         attempted.report.beyond_stable = dt > stable;
         return std::move(attempted.report);
@@ -130,17 +135,19 @@ public:
         AdvanceReport report;
         double const end = time_ + duration;
         for (int retries = 0; time_ < end;) {
-            ChosenStep const chosen = choose(end - time_, retries, effects...);
+            PlannedStep const chosen = choose(end, retries, effects...);
             require_progress(chosen, duration);
-            bool const last = retries == 0 && chosen.dt >= end - time_;
-            Attempt const attempted = attempt({time_, last ? end : time_ + chosen.dt}, effects...);
+            PlannedStep const next =
+                plan_after(chosen, chosen.interval.end < end ? end : end + duration, effects...);
+            Attempt const attempted = attempt(chosen.interval, next.interval.length(), effects...);
             if (attempted.wrong > 0) {
                 ++report.rejected;
-                if (++retries > control_.retries) fail(attempted, chosen.dt);
+                if (++retries > control_.retries) fail(attempted, chosen.interval.length());
                 continue;
             }
-            if (chosen.limit != StepLimit::duration || retries > 0) previous_dt_ = chosen.dt;
+            if (chosen.limit != StepLimit::duration || retries > 0) previous_dt_ = chosen.interval.length();
             retries = 0;
+            planned_ = next;
             report.add(attempted.report, chosen.limit);
         }
         return report;
@@ -177,6 +184,10 @@ private:
                                                  NodeSums<d, Transfer::keeps_old_velocity>::channels,
                                                  NodeVelocities<d, Transfer::keeps_old_velocity>::channels>;
 
+    /// How much longer than the bound a step may be that was planned by the bound one step before: the safety
+    /// factors of StepControl allow for that and more.
+    static constexpr double plan_tolerance = 1.02;
+
     /// What became of a step that was tried.
     struct Attempt
     {
@@ -186,30 +197,45 @@ private:
         std::uint32_t particle = 0;
     };
 
-    /// The step: to the grid, on the grid, back to the particles. One that goes wrong leaves the particles as
-    /// they were.
+    /// The step: to the grid, on the grid, back to the particles and, if the length of the next step is known
+    /// (not 0), at once to its grid. One that goes wrong leaves the particles as they were.
     template <class... Effects>
-    Attempt attempt(Interval const& interval, Effects const&... effects)
+    Attempt attempt(Interval const& interval, double next_dt, Effects const&... effects)
     {
         auto const actions = chain<Number, d>(interval, effects...);
         using Actions = std::remove_const_t<decltype(actions)>;
         Number const dt = static_cast<Number>(interval.length()), h = static_cast<Number>(lattice_.cell_size);
 
         particles_.sort(); // into the order of cells
-        auto const& cells = particles_.cells();
+        auto& cells = particles_.cells();
         grid_.follow(cells); // blocks of nodes under them
         auto const now = particles_.current(), next = particles_.next();
         auto const portions = particles_.portions();
 
-        using Scatter = ParticlesToGrid<Space, Kernel, Transfer, State>;
+        using Scatter = ParticlesToGrid<Space, Model, Kernel, Transfer, State>;
         using Update = UpdateGrid<Space, Transfer, Actions>;
-        using Gather = GridToParticles<Space, Model, Kernel, Transfer, Actions, State>;
-        backend_.scatter(cells, grid_, Scatter{transfer_, now, portions, dt, h});
+        using Move = MoveParticles<Space, Model, Kernel, Transfer, Actions, State>;
+        Scatter const scatter{{}, model_, transfer_, now, portions, dt, h};
+        if (given_for_ == interval.length())
+            backend_.template scatter_movers<Scatter>(cells, grid_);
+        else
+            backend_.scatter(cells, grid_, scatter);
+        given_for_ = 0;
         auto const reactions =
             backend_.for_each_node(cells, grid_, Update{actions, lattice_, smallest_node_mass()});
-        auto const found = backend_.gather(cells, grid_,
-                                           Gather{model_, transfer_, actions, now, next, portions, lattice_,
-                                                  dt, Number(control_.rejection)});
+        auto const found = backend_.move(cells, grid_,
+                                         Move{{},
+                                              model_,
+                                              transfer_,
+                                              actions,
+                                              now,
+                                              next,
+                                              portions,
+                                              lattice_,
+                                              dt,
+                                              static_cast<Number>(next_dt),
+                                              Number(control_.rejection)});
+        if (found.wrong == 0) given_for_ = next_dt;
         return finish(interval, reactions, found);
     }
 
@@ -241,17 +267,16 @@ private:
         return attempted;
     }
 
-    /// The stress of the state as it is, and the bounds of the next step; for states set from outside.
-    void find_stress_and_bounds()
+    /// The bounds of the next step, for states set from outside.
+    void find_bounds()
     {
         bounds_ = {};
         double modulus = 0;
         particles_.edit([&](std::uint32_t, auto& particle) {
             auto as_set = particle; // what lies beyond the yield surface returns in the next step, not now
-            auto const response =
-                model_.template respond<Number>(as_set, Matrix<Number, d>::Zero(), Number(0));
-            particle[KirchhoffStress{}] = response.kirchhoff_stress;
-            modulus = std::max(modulus, double(response.wave_modulus));
+            modulus = std::max(
+                modulus, double(model_.template respond<Number>(as_set, Matrix<Number, d>::Zero(), Number(0))
+                                    .wave_modulus));
             bounds_.speed = std::max(bounds_.speed, double(particle[Velocity{}].norm()));
         });
         bounds_.wave_speed = wave_speed(modulus);
@@ -289,27 +314,57 @@ private:
         return stable_time_step<Kernel, Transfer>(control_, now, lattice_.cell_size, expansion_ratio);
     }
 
-    /// The next step of an advance: stable, not much longer than the one before, and no sliver left at the
-    /// end.
+    struct PlannedStep
+    {
+        Interval interval{};
+        StepLimit limit = StepLimit::duration;
+    };
+
+    /// A stable step from `begin` that is not much longer than the one before and leaves no sliver before
+    /// `end`; after `retries` failures, half as long each time.
     template <class... Effects>
-    ChosenStep choose(double remaining, int retries, Effects const&... effects) const
+    PlannedStep plan(double begin, double end, double previous, int retries, Effects const&... effects) const
     {
         ChosenStep step = stable_step(effects...);
-        if (previous_dt_ > 0) step.bound(control_.growth * previous_dt_, StepLimit::growth);
+        double const remaining = end - begin;
+        if (previous > 0) step.bound(control_.growth * previous, StepLimit::growth);
+        bool const last = step.dt >= remaining && retries == 0;
         if (step.dt >= remaining)
             step = {remaining, StepLimit::duration};
         else if (step.dt > remaining / 2)
             step = {remaining / 2, StepLimit::duration};
         step.dt =
             std::ldexp(step.dt, -retries); // half of what was tried, also where that was all that remained
-        return step;
+        return {{begin, last ? end : begin + step.dt}, step.limit};
     }
 
-    void require_progress(ChosenStep const& step, double duration) const
+    /// The next step: as planned one step ago, for which the particles have given already, unless the state
+    /// has changed so that it would be too long or needlessly short.
+    template <class... Effects>
+    PlannedStep choose(double end, int retries, Effects const&... effects) const
     {
-        if (step.dt > control_.smallest * duration && time_ + step.dt > time_) return;
+        PlannedStep const best = plan(time_, end, previous_dt_, retries, effects...);
+        double const planned = planned_.interval.length(), stable = best.interval.length();
+        bool const fits = planned_.interval.begin == time_ && planned_.interval.end <= end &&
+                          given_for_ == planned && planned <= plan_tolerance * stable &&
+                          planned >= stable / plan_tolerance;
+        return fits && retries == 0 ? planned_ : best;
+    }
+
+    /// The step after this one, as far as it can be told from the state before this one.
+    template <class... Effects>
+    PlannedStep plan_after(PlannedStep const& step, double end, Effects const&... effects) const
+    {
+        double const previous = step.limit != StepLimit::duration ? step.interval.length() : previous_dt_;
+        return plan(step.interval.end, end, previous, 0, effects...);
+    }
+
+    void require_progress(PlannedStep const& step, double duration) const
+    {
+        if (step.interval.length() > control_.smallest * duration && step.interval.end > time_) return;
         std::ostringstream what, where, remedy;
-        what << "the stable time step fell to " << step.dt << " s, bounded by " << describe(step.limit);
+        what << "the stable time step fell to " << step.interval.length() << " s, bounded by "
+             << describe(step.limit);
         where << "Solver::advance at t = " << time_ << " s";
         remedy << "Check masses, moduli and velocities of the scene: wave speed " << bounds_.wave_speed
                << " m/s, fastest particle " << bounds_.speed << " m/s.";
@@ -338,7 +393,9 @@ private:
     Grid grid_;
     StepBounds bounds_;
     double time_ = 0;
-    double previous_dt_ = 0;
+    double previous_dt_ = 0, previous_user_dt_ = 0;
+    PlannedStep planned_;
+    double given_for_ = 0; ///< the grid holds what particles give to a step of this length [s]; 0: nothing
 };
 
 } // namespace firn

@@ -38,7 +38,7 @@ struct Moments
 
     explicit Moments(Vector<Real, d> const& offset)
     {
-        Stencil<Kernel, Real, d> const nodes(offset, true);
+        Stencil<Kernel, Real, d> const nodes(offset);
         for (int row = 0; row < nodes.rows; ++row)
             for (int k = 0; k < nodes.width; ++k) {
                 Vector<double, d> distance, gradient;

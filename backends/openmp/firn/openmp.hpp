@@ -46,12 +46,18 @@ struct BasicOpenMP
         openmp::for_each(thread_count(), count, body);
     }
 
-    /// Calls `phase(cell)` for every group of cells that holds items; what cells add to shared nodes is
-    /// summed.
+    /// All items give to the grid, by `phase.prepare`, `give` and `add` (see Giving).
     template <class CellOrder, class GridType, class Phase>
     void scatter(CellOrder const& cells, GridType& grid, Phase const& phase) const
     {
         openmp::scatter<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase);
+    }
+
+    /// Items that changed their cells when they moved give to the grid, to which the others already gave.
+    template <class Phase, class CellOrder, class GridType>
+    void scatter_movers(CellOrder const& cells, GridType& grid) const
+    {
+        openmp::scatter_movers<Lane<typename Phase::Number>, Phase>(thread_count(), cells, grid);
     }
 
     /// Calls `phase(node, result)` for every lane of nodes that was added to; returns the merged results.
@@ -61,11 +67,12 @@ struct BasicOpenMP
         return openmp::for_each_node<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase);
     }
 
-    /// Calls `phase(cell, result)` for every group of cells that holds items; returns the merged results.
+    /// All items take from the grid, move, and give to the grid of the next step (see MoveParticles); returns
+    /// the merged results.
     template <class CellOrder, class GridType, class Phase>
-    auto gather(CellOrder const& cells, GridType& grid, Phase const& phase) const
+    auto move(CellOrder& cells, GridType& grid, Phase const& phase) const
     {
-        return openmp::gather<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase);
+        return openmp::move<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase);
     }
 };
 

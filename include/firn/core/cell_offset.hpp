@@ -28,6 +28,9 @@ struct CellOffset
     /// The offset after a displacement of at most a cell.
     FIRN_HOST_DEVICE static Stored moved(Stored stored, Number displacement) { return stored + displacement; }
 
+    /// Whether the offset is in [-1/2, 1/2), in the very words of wrap().
+    FIRN_HOST_DEVICE static bool inside(Stored stored) { return floor(stored + Number(0.5)) == 0; }
+
     /// Brings the offset back to [-1/2, 1/2); returns by how many cells it was out.
     FIRN_HOST_DEVICE static int wrap(Stored& stored)
     {
@@ -52,8 +55,16 @@ struct CellOffset<float>
 
     FIRN_HOST_DEVICE static Stored moved(Stored stored, float displacement)
     {
-        return stored + static_cast<Stored>(std::lrint(displacement * 0x1p30f));
+        // To the nearest, halves away from zero, in operations that packs of integers have.
+        float const exact = displacement * 0x1p30f;
+        auto whole = static_cast<Stored>(exact);
+        float const rest = exact - static_cast<float>(whole);
+        whole += rest >= 0.5f;
+        whole -= rest <= -0.5f;
+        return stored + whole;
     }
+
+    FIRN_HOST_DEVICE static bool inside(Stored stored) { return ((stored + (1 << (bits - 1))) >> bits) == 0; }
 
     FIRN_HOST_DEVICE static int wrap(Stored& stored)
     {

@@ -17,8 +17,7 @@ enum class FieldShape
 {
     scalar,
     vector,
-    matrix,
-    symmetric
+    matrix
 };
 
 /// Velocity [m/s].
@@ -53,13 +52,6 @@ struct PlasticVolumeRatio
     static constexpr auto shape = FieldShape::scalar;
 };
 
-/// The Kirchhoff stress tau = J sigma [Pa], kept from the update of the state to the next scatter.
-struct KirchhoffStress
-{
-    static constexpr auto name = "kirchhoff_stress";
-    static constexpr auto shape = FieldShape::symmetric;
-};
-
 /// The number of components of a field in `d` dimensions.
 template <class Tag>
 constexpr int component_count(int d)
@@ -71,8 +63,6 @@ constexpr int component_count(int d)
         return d;
     case FieldShape::matrix:
         return d * d;
-    case FieldShape::symmetric:
-        return d * (d + 1) / 2;
     }
     return 0;
 }
@@ -83,8 +73,7 @@ using FieldValue = std::conditional_t<
     Tag::shape == FieldShape::scalar, Real,
     std::conditional_t<Tag::shape == FieldShape::vector, Vector<Real, d>, Matrix<Real, d>>>;
 
-/// Calls `use(component, reference)` for each stored component of a field's value, row by row; of a symmetric
-/// matrix that is its upper triangle.
+/// Calls `use(component, reference)` for each component of a field's value, row by row.
 template <class Tag, int d, class Value, class Use>
 FIRN_HOST_DEVICE inline void for_each_component(Value& value, Use const& use)
 {
@@ -94,14 +83,9 @@ FIRN_HOST_DEVICE inline void for_each_component(Value& value, Use const& use)
     else if constexpr (Tag::shape == FieldShape::vector) {
         for (int i = 0; i < d; ++i) use(i, value[i]);
     }
-    else if constexpr (Tag::shape == FieldShape::matrix) {
+    else {
         for (int i = 0; i < d; ++i)
             for (int j = 0; j < d; ++j) use(i * d + j, value(i, j));
-    }
-    else {
-        int component = 0;
-        for (int i = 0; i < d; ++i)
-            for (int j = i; j < d; ++j) use(component++, value(i, j));
     }
 }
 
@@ -122,7 +106,7 @@ FIRN_HOST_DEVICE inline FieldValue<Tag, Real, d> value_at_rest()
 template <class... Tags>
 struct Fields
 {
-    /// The number of stored components in `d` dimensions.
+    /// The number of components in `d` dimensions.
     static constexpr int components(int d) { return (0 + ... + component_count<Tags>(d)); }
 
     template <class Tag>
@@ -202,7 +186,7 @@ struct Record<Real, d, Fields<Tags...>> : detail::Slot<Tags, Real, d>...
         return record;
     }
 
-    /// Calls `use(component, reference)` for every stored component of every field.
+    /// Calls `use(component, reference)` for every component of every field.
     template <class Use>
     FIRN_HOST_DEVICE void for_each(Use const& use)
     {

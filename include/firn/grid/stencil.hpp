@@ -26,20 +26,14 @@ struct Stencil
     std::array<std::array<Real, width>, d> derivative; ///< dN_i/dx in 1/h
     std::array<std::array<Real, width>, d> distance;   ///< x_i - x_p in cells
 
-    /// The stencil of a particle at an offset from its cell's centre; weights are zero where the mask is
-    /// false.
-    FIRN_HOST_DEVICE Stencil(Vector<Real, d> const& offset, Mask<Real> mask)
+    /// The stencil of a particle at an offset from its cell's centre, in cells.
+    FIRN_HOST_DEVICE explicit Stencil(Vector<Real, d> const& offset)
     {
         for (int a = 0; a < d; ++a) {
             weight[a] = Kernel::weights(offset[a]);
             derivative[a] = Kernel::derivatives(offset[a]);
             for (int i = 0; i < width; ++i)
                 distance[a][i] = Real(Scalar<Real>(i) - Scalar<Real>(0.5) * Kernel::order) - offset[a];
-        }
-        for (int i = 0; i < width;
-             ++i) { // each product has one factor of axis 0: silencing it silences the stencil
-            weight[0][i] = select(mask, weight[0][i], Real(0));
-            derivative[0][i] = select(mask, derivative[0][i], Real(0));
         }
     }
 

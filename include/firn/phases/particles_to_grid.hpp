@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/grid/stencil.hpp>
+#include <firn/models/response.hpp>
 #include <firn/phases/table_view.hpp>
 #include <firn/transfer/transfer.hpp>
 
@@ -20,85 +21,80 @@ struct NodeSums
     static constexpr int channels = 1 + d + (forces_apart ? d : 0);
 };
 
-/// Phase 1: mass, momentum and the impulse of the material's forces go from the particles of a cell to its
-/// nodes.
+/// How particles give to the grid.
 ///
 ///   m_i      = sum_p w_ip m_p
 ///   (m v)_i  = sum_p w_ip (m_p v_p + A_p (x_i - x_p))            A_p: the transfer's affine term
 ///   (dt f)_i = - dt sum_p V0_p tau_p grad w_ip                    or the transfer's own form of it
 ///
-/// (Stomakhin et al. 2013, eq. 6 with V^n sigma = V0 tau; Jiang et al. 2015, eq. 8). A cell adds its sums to
-/// the grid once, whatever the number of its particles.
-template <class Space, class Kernel, class Transfer, class Set>
-struct ParticlesToGrid
+/// (Stomakhin et al. 2013, eq. 6 with V^n sigma = V0 tau; Jiang et al. 2015, eq. 8). First each particle's
+/// terms are found, particle by particle, and kept; then each cell sums what its particles give to each node
+/// of its stencil, and adds that to the grid once, whatever the number of its particles.
+template <class Space, class Kernel, class Transfer>
+struct Giving
 {
     static constexpr int d = Space::dimension;
     using Number = typename Space::Real;
     using Sums = NodeSums<d, Transfer::keeps_old_velocity>;
-    static constexpr int order = Kernel::order;
+    static constexpr Terms terms = Transfer::template gives<Kernel>;
     static constexpr int channels = Sums::channels;
 
-    Transfer transfer;
-    TableView<Number, d, Set> particles;
-    Portions<Number> portions;
-    Number dt;        ///< [s]
-    Number cell_size; ///< [m]
+    // What is kept of a particle.
+    static constexpr int position = 0, mass = d, momentum = d + 1, affine = 2 * d + 1;
+    static constexpr int gradient = affine + (terms.affine ? d * d : 0);
+    static constexpr int kept = gradient + (terms.gradient ? d * d : 0);
 
-    template <class Cell>
-    FIRN_HOST_DEVICE void operator()(Cell& cell) const
+    template <class Real>
+    using CellSums = Real[Stencil<Kernel, Real, d>::width][Stencil<Kernel, Real, d>::rows][channels];
+
+    template <class Items, class Real>
+    FIRN_HOST_DEVICE static void keep(Items& items, Vector<Real, d> const& x, Real m,
+                                      Given<Real, d> const& given)
     {
-        using Real = typename Cell::Real;
-        using Nodes = Stencil<Kernel, Real, d>;
-        Real sums[Nodes::width][Nodes::rows][channels];
-        for (auto& column : sums)
-            for (auto& node : column)
-                for (Real& sum : node) sum = Real(0);
-
-        for (int rank = 0, ranks = cell.ranks(); rank < ranks; ++rank) {
-            cell.enter(rank);
-            add_particles<Real>(cell, sums);
+        items.keep(mass, m);
+        for (int i = 0; i < d; ++i) {
+            items.keep(position + i, x[i]);
+            items.keep(momentum + i, given.momentum[i]);
+            for (int j = 0; j < d; ++j) {
+                if constexpr (terms.affine) items.keep(affine + i * d + j, given.affine(i, j));
+                if constexpr (terms.gradient) items.keep(gradient + i * d + j, given.gradient(i, j));
+            }
         }
-        // Neighbouring lanes share nodes, one place apart: going through all rows before the next place keeps
-        // a write and the read that overlaps it far apart.
-        for (int k = 0; k < Nodes::width; ++k)
-            for (int row = 0; row < Nodes::rows; ++row)
-                for (int c = 0; c < channels; ++c) cell.add(c, row, k, sums[k][row][c]);
     }
 
-private:
-    template <class Real, class Cell, class Array>
-    FIRN_HOST_DEVICE void add_particles(Cell const& cell, Array& sums) const
+    /// Adds what the row's particles give, one per cell, to the sums of the cells.
+    template <class Row, class Real = typename Row::Real>
+    FIRN_HOST_DEVICE static void give(Row const& row_of_cells, CellSums<Real>& sums)
     {
         using Nodes = Stencil<Kernel, Real, d>;
-        constexpr Terms terms = Transfer::template gives<Kernel>;
-        using Wanted = Join<Fields<KirchhoffStress>, typename Transfer::State>;
-
-        auto const particle = particles.load(cell, Wanted{});
-        auto const [mass, volume] = portions.find(cell, particles.id);
-        Nodes const nodes(particles.position(cell), cell.here());
-
-        // dt f_i = -dt V0 tau grad w_i, with the gradient taken per cell
-        Matrix<Real, d> const stress_impulse = particle[KirchhoffStress{}] * (volume * Real(-dt / cell_size));
-        Given<Real, d> const given =
-            transfer.template give<Kernel, Real, d>(particle, mass, stress_impulse, Real(cell_size));
+        Vector<Real, d> x, p;
+        Matrix<Real, d> A, G;
+        for (int i = 0; i < d; ++i) {
+            x[i] = row_of_cells.kept(position + i);
+            p[i] = row_of_cells.kept(momentum + i);
+            for (int j = 0; j < d; ++j) {
+                if constexpr (terms.affine) A(i, j) = row_of_cells.kept(affine + i * d + j);
+                if constexpr (terms.gradient) G(i, j) = row_of_cells.kept(gradient + i * d + j);
+            }
+        }
+        Real const m_p = row_of_cells.kept(mass);
+        Nodes const nodes(x);
 
         for (int row = 0; row < Nodes::rows; ++row) {
             // Along a row, what a node gets is constant * w + slope * (w distance) + gradient * dw: three
             // vectors a row.
             Real const w_row = nodes.row_weight(row);
-            Real const m = mass * w_row;
-            Vector<Real, d> constant = given.momentum, force, slope, gradient;
+            Real const m = m_p * w_row;
+            Vector<Real, d> constant = p, force, slope, along;
             if constexpr (terms.affine) {
-                for (int a = 0; a < Nodes::last; ++a)
-                    constant += given.affine.col(a) * nodes.row_distance(row, a);
-                slope = given.affine.col(Nodes::last) * w_row;
+                for (int a = 0; a < Nodes::last; ++a) constant += A.col(a) * nodes.row_distance(row, a);
+                slope = A.col(Nodes::last) * w_row;
             }
             constant = constant * w_row;
             if constexpr (terms.gradient) {
-                force = given.gradient.col(0) * nodes.row_gradient(row, 0);
-                for (int a = 1; a < Nodes::last; ++a)
-                    force += given.gradient.col(a) * nodes.row_gradient(row, a);
-                gradient = given.gradient.col(Nodes::last) * w_row;
+                force = G.col(0) * nodes.row_gradient(row, 0);
+                for (int a = 1; a < Nodes::last; ++a) force += G.col(a) * nodes.row_gradient(row, a);
+                along = G.col(Nodes::last) * w_row;
                 if constexpr (Sums::impulse == Sums::momentum) constant += force;
             }
             for (int k = 0; k < Nodes::width; ++k) {
@@ -107,15 +103,59 @@ private:
                 Real(&node)[channels] = sums[k][row];
                 node[Sums::mass] += m * w;
                 for (int a = 0; a < d; ++a) {
-                    Real p = constant[a] * w;
-                    if constexpr (terms.affine) p += slope[a] * reach;
-                    if constexpr (terms.gradient && Sums::impulse == Sums::momentum) p += gradient[a] * dw;
-                    node[Sums::momentum + a] += p;
+                    Real sum = node[Sums::momentum + a] + constant[a] * w;
+                    if constexpr (terms.affine) sum += slope[a] * reach;
+                    if constexpr (terms.gradient && Sums::impulse == Sums::momentum) sum += along[a] * dw;
+                    node[Sums::momentum + a] = sum;
                     if constexpr (Sums::impulse != Sums::momentum)
-                        node[Sums::impulse + a] += force[a] * w + gradient[a] * dw;
+                        node[Sums::impulse + a] += force[a] * w + along[a] * dw;
                 }
             }
         }
+    }
+
+    /// Adds the sums of the cells to the grid.
+    template <class Cell, class Real>
+    FIRN_HOST_DEVICE static void add(Cell const& cell, CellSums<Real> const& sums)
+    {
+        using Nodes = Stencil<Kernel, Real, d>;
+        // Neighbouring lanes share nodes, one place apart: going through all rows before the next place keeps
+        // a write and the read that overlaps it far apart.
+        for (int k = 0; k < Nodes::width; ++k)
+            for (int row = 0; row < Nodes::rows; ++row)
+                for (int c = 0; c < channels; ++c) cell.add(c, row, k, sums[k][row][c]);
+    }
+};
+
+/// Phase 1: particles give mass, momentum and the impulse of their stress to the nodes. The stress follows
+/// from the state: a model's answer to no deformation.
+template <class Space, class Model, class Kernel, class TransferType, class Set>
+struct ParticlesToGrid : Giving<Space, Kernel, TransferType>
+{
+    using Transfer = TransferType;
+    using Base = Giving<Space, Kernel, Transfer>;
+    using Base::d, Base::kept;
+    using Number = typename Space::Real;
+
+    Model model;
+    Transfer transfer;
+    TableView<Number, d, Set> particles;
+    Portions<Number> portions;
+    Number dt;        ///< [s]
+    Number cell_size; ///< [m]
+
+    /// Finds and keeps what some particles give.
+    template <class Items>
+    FIRN_HOST_DEVICE void prepare(Items& items) const
+    {
+        using Real = typename Items::Real;
+        auto particle = particles.load(items);
+        auto const [mass, volume] = portions.find(items, particles.id);
+        auto const response = model.template respond<Real>(particle, Matrix<Real, d>::Zero(), Real(0));
+        // dt f_i = -dt V0 tau grad w_i, with the gradient taken per cell
+        Matrix<Real, d> const impulse = response.kirchhoff_stress * (volume * Real(-dt / cell_size));
+        Base::keep(items, particles.position(items), mass,
+                   transfer.template give<Kernel, Real, d>(particle, mass, impulse, Real(cell_size)));
     }
 };
 

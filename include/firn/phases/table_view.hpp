@@ -24,73 +24,75 @@ struct TableView
     std::array<Number*, components> component;
     std::uint32_t* id;
 
-    /// Reads the offsets from the centres of their cells of the cell's current lane of particles, in cells.
-    template <class Cell>
-    FIRN_HOST_DEVICE Vector<typename Cell::Real, d> position(Cell const& cell) const
+    /// Reads the items' offsets from the centres of their cells, in cells.
+    template <class Items>
+    FIRN_HOST_DEVICE Vector<typename Items::Real, d> position(Items const& items) const
     {
-        Vector<typename Cell::Real, d> position;
-        for (int a = 0; a < d; ++a)
-            position[a] = cell.map(
-                [&](std::size_t particle) { return CellOffset<Number>::value(offset[a][particle]); });
+        Vector<typename Items::Real, d> position;
+        for (int a = 0; a < d; ++a) position[a] = items.load_offset(offset[a]);
         return position;
     }
 
-    /// Writes the offsets in `before` plus a displacement [cells], each component within [-1, 1].
-    template <class Cell>
-    FIRN_HOST_DEVICE void move(Cell const& cell, TableView const& before,
-                               Vector<typename Cell::Real, d> const& displacement) const
+    /// Writes the offsets in `before` plus a displacement [cells], each component within [-1, 1]; `position`
+    /// becomes what was written. Returns which items are still in their cells.
+    template <class Items>
+    FIRN_HOST_DEVICE auto move(Items const& items, TableView const& before,
+                               Vector<typename Items::Real, d> const& displacement,
+                               Vector<typename Items::Real, d>& position) const
     {
+        auto stays = items.here();
         for (int a = 0; a < d; ++a)
-            cell.update(before.offset[a], offset[a], displacement[a], CellOffset<Number>::moved);
+            stays = stays & items.move_offset(before.offset[a], offset[a], displacement[a], position[a]);
+        return stays;
     }
 
-    /// Reads the record of the cell's current lane of particles.
-    template <class Cell>
-    FIRN_HOST_DEVICE Record<typename Cell::Real, d, Set> load(Cell const& cell) const
+    /// Reads all fields of the items.
+    template <class Items>
+    FIRN_HOST_DEVICE Record<typename Items::Real, d, Set> load(Items const& items) const
     {
-        Record<typename Cell::Real, d, Set> record;
-        record.for_each([&](int c, auto& value) { value = cell.load(component[c]); });
-        mirror(record, Set{});
+        Record<typename Items::Real, d, Set> record;
+        record.for_each([&](int c, auto& value) { value = items.load(component[c]); });
         return record;
     }
 
-    /// Reads some of the fields.
-    template <class Cell, class... Tags>
-    FIRN_HOST_DEVICE Record<typename Cell::Real, d, Fields<Tags...>> load(Cell const& cell,
-                                                                          Fields<Tags...> wanted) const
+    /// Reads some of the fields and leaves the others of the record unset.
+    template <class Items, class... Tags>
+    FIRN_HOST_DEVICE Record<typename Items::Real, d, Set> load(Items const& items, Fields<Tags...>) const
     {
-        Record<typename Cell::Real, d, Fields<Tags...>> record;
+        Record<typename Items::Real, d, Set> record;
         (for_each_component<Tags, d>(record[Tags{}],
                                      [&](int c, auto& value) {
-                                         value =
-                                             cell.load(component[Set::template first_component<Tags>(d) + c]);
+                                         value = items.load(
+                                             component[Set::template first_component<Tags>(d) + c]);
                                      }),
          ...);
-        mirror(record, wanted);
         return record;
     }
 
-    /// Writes the record of the cell's current lane of particles.
-    template <class Cell>
-    FIRN_HOST_DEVICE void store(Cell& cell, Record<typename Cell::Real, d, Set>& record) const
+    /// Says that some of the fields will soon be read.
+    template <class Items, class... Tags>
+    FIRN_HOST_DEVICE void expect_load(Items const& items, Fields<Tags...>) const
     {
-        record.for_each([&](int c, auto& value) { cell.store(component[c], value); });
+        auto const announce = [&](int first, int count) {
+            for (int c = 0; c < count; ++c) items.expect_load(component[first + c]);
+        };
+        (announce(Set::template first_component<Tags>(d), component_count<Tags>(d)), ...);
     }
 
-private:
-    /// Fills the lower triangles of symmetric fields, of which the table holds the upper ones.
-    template <class Values, class... Tags>
-    FIRN_HOST_DEVICE static void mirror(Values& record, Fields<Tags...>)
+    /// Says that all of the table will soon be written.
+    template <class Items>
+    FIRN_HOST_DEVICE void expect_store(Items const& items) const
     {
-        (mirror_one<Tags>(record), ...);
+        for (auto* const array : offset) items.expect_store(array);
+        for (auto* const array : component) items.expect_store(array);
+        items.expect_store(id);
     }
 
-    template <class Tag, class Values>
-    FIRN_HOST_DEVICE static void mirror_one(Values& record)
+    /// Writes the record of the items.
+    template <class Items>
+    FIRN_HOST_DEVICE void store(Items const& items, Record<typename Items::Real, d, Set>& record) const
     {
-        if constexpr (Tag::shape == FieldShape::symmetric)
-            for (int i = 0; i < d; ++i)
-                for (int j = 0; j < i; ++j) record[Tag{}](i, j) = record[Tag{}](j, i);
+        record.for_each([&](int c, auto& value) { items.store(component[c], value); });
     }
 };
 
@@ -111,22 +113,22 @@ struct Portions
     Portion<Number> const* of;
     int count;
 
-    /// The lanes' masses and volumes: both zero in idle lanes.
-    template <class Cell>
-    FIRN_HOST_DEVICE auto find(Cell const& cell, std::uint32_t const* id) const
+    /// The lanes' masses and volumes: both zero in lanes without an item.
+    template <class Items>
+    FIRN_HOST_DEVICE auto find(Items const& items, std::uint32_t const* id) const
     {
-        using Real = typename Cell::Real;
+        using Real = typename Items::Real;
         struct Found
         {
             Real mass, volume;
         };
         Found found{Real(of[0].mass), Real(of[0].volume)};
         if (count > 1) {
-            found.mass = cell.map([&](std::size_t particle) { return of[index(id[particle])].mass; });
-            found.volume = cell.map([&](std::size_t particle) { return of[index(id[particle])].volume; });
+            found.mass = items.map([&](std::size_t particle) { return of[index(id[particle])].mass; });
+            found.volume = items.map([&](std::size_t particle) { return of[index(id[particle])].volume; });
         }
-        found.mass = select(cell.here(), found.mass, Real(0));
-        found.volume = select(cell.here(), found.volume, Real(0));
+        found.mass = select(items.here(), found.mass, Real(0));
+        found.volume = select(items.here(), found.volume, Real(0));
         return found;
     }
 

@@ -19,6 +19,9 @@ class Array
     static constexpr std::size_t alignment = 64;
 
 public:
+    /// Bytes behind the last element that may be read (not used): packs are loaded whole.
+    static constexpr std::size_t padding = 256;
+
     Array() = default;
     Array(Array&& other) noexcept { *this = std::move(other); }
     Array& operator=(Array&& other) noexcept
@@ -39,7 +42,7 @@ public:
         if (size > capacity_) {
             std::size_t const capacity = size_ == 0 ? size : std::max(size, size_ + size_ / 2);
             auto* const bigger =
-                static_cast<T*>(::operator new (capacity * sizeof(T), std::align_val_t{alignment}));
+                static_cast<T*>(::operator new (capacity * sizeof(T) + padding, std::align_val_t{alignment}));
             if (size_ > 0) std::memcpy(static_cast<void*>(bigger), data_, size_ * sizeof(T));
             release();
             data_ = bigger;

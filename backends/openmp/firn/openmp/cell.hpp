@@ -3,8 +3,12 @@
 
 #include <firn/core/lane.hpp>
 #include <firn/openmp/grid.hpp>
+#include <firn/openmp/lanes.hpp>
 
+#include <algorithm>
 #include <bit>
+#include <cstring>
+#include <span>
 
 namespace firn::openmp
 {
@@ -33,100 +37,123 @@ Lane counting()
     return LaneTraits<Lane>::load(number);
 }
 
-/// A group of cells as a phase sees it: lane l is cell l. What the phase loads comes from where the items
-/// lie, what it stores goes to their slots. A lane without an item repeats another lane's values, so that
-/// they are harmless; its place in here() is false.
+/// Values that a phase keeps of each item of a group from one of its functions to the next: one array per
+/// channel, in the order of slots.
+template <class Number, int lanes>
+class Scratch
+{
+public:
+    void reserve(int channels, std::size_t items)
+    {
+        stride_ = (items + 2 * lanes - 1) / lanes * lanes; // whole packs may be written behind the last item
+        values_.resize(static_cast<std::size_t>(channels) * stride_);
+    }
+
+    Number* at(int channel, std::size_t item) { return &values_[channel * stride_ + item]; }
+    Number const* at(int channel, std::size_t item) const { return &values_[channel * stride_ + item]; }
+
+private:
+    std::size_t stride_ = 0;
+    Array<Number> values_;
+};
+
+/// Some items side by side, whatever their cells, as a phase sees them. What it loads comes from where they
+/// lie
+/// (`source`), what it stores goes to their slots. Lanes beyond the last item repeat it, so that they are
+/// harmless; their place in here() is false.
 template <class Lane, class CellOrder, int d>
-class CellLanes
+class Items
 {
 public:
     using Real = Lane;
     using Number = Scalar<Lane>;
-    using Shape = typename CellOrder::Shape;
+    using Offset = typename CellOrder::Offset;
     static constexpr int lanes = lane_width<Lane>;
 
-    CellLanes(CellOrder const& cells, std::size_t block, int group)
-        : cells_(cells), count_(cells.counts(block, group)), slot_(cells.group_begin(block, group))
-    {
-        auto const& block_at = cells.blocks()[block].coordinates;
-        int const row = group / Shape::groups_per_row;
-        if constexpr (d == 3)
-            first_ = {row / Shape::across, row % Shape::across, group % Shape::groups_per_row * lanes};
-        else
-            first_ = {row, group % Shape::groups_per_row * lanes};
-        for (int a = 0; a < d; ++a) first_[a] += block_at[a] * Shape::extent(a);
-    }
+    Items(CellOrder const& cells, std::size_t block, Scratch<Number, lanes>& scratch)
+        : scratch_(scratch), cells_(cells), block_(cells.blocks()[block].coordinates)
+    {}
 
-    /// The largest number of items in one of the cells.
-    int ranks() const
+    /// Goes to the items of the slots from `slot` on, up to `end`; the first of them is number `item` in the
+    /// scratch.
+    void enter(std::size_t slot, std::size_t end, std::size_t item)
     {
-        std::uint32_t most = 0;
-        for (int l = 0; l < lanes; ++l) most = std::max(most, count_[l]);
-        return static_cast<int>(most);
-    }
-
-    /// Goes on to the next items, one of each cell; ranks are entered in order.
-    void enter(int rank)
-    {
-        slot_ += active_;
-        std::uint64_t pattern = 0;
-        for (int l = 0; l < lanes; ++l) pattern |= std::uint64_t(count_[l] > std::uint32_t(rank)) << l;
-        active_ = std::popcount(pattern);
-        here_ = mask_of<Lane>(pattern);
-        std::uint32_t const* const source = cells_.sources(slot_);
-        full_ = active_ == lanes;
-        contiguous_ = full_;
-        if (full_)
-            for (int l = 0; l < lanes; ++l) {
-                from_[l] = source[l];
-                contiguous_ &= source[l] == source[0] + std::uint32_t(l);
-            }
-        else {
-            for (int l = 0; l < lanes; ++l) from_[l] = source[0];
-            std::uint64_t rest = pattern;
-            for (int i = 0; i < active_; ++i, rest &= rest - 1) {
-                lane_[i] = std::countr_zero(rest);
-                from_[lane_[i]] = source[i];
-            }
-        }
+        enter_sources(cells_.sources(slot), static_cast<int>(std::min<std::size_t>(lanes, end - slot)), item);
+        slot_ = slot;
     }
 
     Mask<Lane> here() const { return here_; }
 
+    void keep(int channel, Lane const& value) { LaneTraits<Lane>::store(value, scratch_.at(channel, item_)); }
+    Lane kept(int channel) const { return LaneTraits<Lane>::load(scratch_.at(channel, item_)); }
+
     Lane load(Number const* array) const
     {
-        if (contiguous_) return LaneTraits<Lane>::load(array + from_[0]);
-        Number values[lanes];
-        for (int l = 0; l < lanes; ++l) values[l] = array[from_[l]];
-        return LaneTraits<Lane>::load(values);
+        if constexpr (lanes == 1)
+            return array[from_[0]];
+        else
+            return reader_.load(array);
     }
 
     void store(Number* array, Lane const& value) const
     {
-        if (full_) return LaneTraits<Lane>::store(value, array + slot_);
+        if (active_ == lanes) return LaneTraits<Lane>::store(value, array + slot_);
         Number values[lanes];
         LaneTraits<Lane>::store(value, values);
-        for (int i = 0; i < active_; ++i) array[slot_ + i] = values[lane_[i]];
+        for (int l = 0; l < active_; ++l) array[slot_ + l] = values[l];
+    }
+
+    /// Fetches what will be read or written from memory while there is other work to do.
+    template <class T>
+    void expect_load(T const* array) const
+    {
+        __builtin_prefetch(array + from_[0], 0, 2);
+        __builtin_prefetch(array + from_[lanes - 1], 0, 2);
+    }
+    template <class T>
+    void expect_store(T const* array) const
+    {
+        __builtin_prefetch(array + slot_, 1, 2);
+    }
+
+    /// The offsets, in cells.
+    Lane load_offset(Offset const* array) const
+    {
+        Offset stored[lanes];
+        Number values[lanes];
+        gather(array, stored);
+        for (int l = 0; l < lanes; ++l) values[l] = CellOffset<Number>::value(stored[l]);
+        return LaneTraits<Lane>::load(values);
+    }
+
+    /// Moves the offsets in `from` by a displacement [cells] into `to`; `value` becomes what was written.
+    /// Returns which are still within their cells.
+    Mask<Lane> move_offset(Offset const* from, Offset* to, Lane const& displacement, Lane& value) const
+    {
+        Offset stored[lanes];
+        Number by[lanes], values[lanes], inside[lanes];
+        gather(from, stored);
+        LaneTraits<Lane>::store(displacement, by);
+        for (int l = 0; l < lanes; ++l) {
+            stored[l] = CellOffset<Number>::moved(stored[l], by[l]);
+            values[l] = CellOffset<Number>::value(stored[l]);
+            inside[l] = CellOffset<Number>::inside(stored[l]) ? Number(1) : Number(0);
+        }
+        if (active_ == lanes)
+            std::memcpy(to + slot_, stored, sizeof stored);
+        else
+            for (int l = 0; l < active_; ++l) to[slot_ + l] = stored[l];
+        value = LaneTraits<Lane>::load(values);
+        return LaneTraits<Lane>::load(inside) > Lane(Number(0));
     }
 
     /// Copies what no phase computes with.
     template <class T>
     void copy(T const* from, T* to) const
     {
-        std::uint32_t const* const source = cells_.sources(slot_);
-        for (int i = 0; i < active_; ++i) to[slot_ + i] = from[source[i]];
-    }
-
-    /// Writes `change(what lies there, value)` of each item to its slot.
-    template <class T, class Change>
-    void update(T const* from, T* to, Lane const& value, Change const& change) const
-    {
-        Number values[lanes];
-        LaneTraits<Lane>::store(value, values);
-        if (full_)
-            for (int l = 0; l < lanes; ++l) to[slot_ + l] = change(from[from_[l]], values[l]);
-        else
-            for (int i = 0; i < active_; ++i) to[slot_ + i] = change(from[from_[lane_[i]]], values[lane_[i]]);
+        if constexpr (lanes > 1 && sizeof(T) == sizeof(Number))
+            if (active_ == lanes) return reader_.copy(from, to + slot_);
+        for (int l = 0; l < active_; ++l) to[slot_ + l] = from[from_[l]];
     }
 
     /// The lanes of `ask(where the item lies)`.
@@ -145,82 +172,228 @@ public:
         return array[from_[lane]];
     }
 
-    /// The coordinates of lane 0's cell, and how far the other lanes are along the axes.
-    Coordinates<d> first() const { return first_; }
+    /// The coordinates of a cell, and how far the lanes' own cells are from it along the axes.
+    Coordinates<d> first() const { return CellOrder::cell_at(block_, 0); }
     Vector<Lane, d> along() const
     {
-        Vector<Lane, d> steps = Vector<Lane, d>::Zero();
-        steps[d - 1] = counting<Lane>();
-        return steps;
+        Number steps[d][lanes];
+        for (int l = 0; l < lanes; ++l) {
+            auto const cell =
+                CellOrder::cell_at(Coordinates<d>::Zero(), cells_.place(slot_ + std::min(l, active_ - 1)));
+            for (int a = 0; a < d; ++a) steps[a][l] = Number(cell[a]);
+        }
+        Vector<Lane, d> along;
+        for (int a = 0; a < d; ++a) along[a] = LaneTraits<Lane>::load(steps[a]);
+        return along;
     }
 
     /// Whether the cells are so far out that an item may be about to leave the range of coordinates.
     bool at_the_edge() const
     {
+        auto const cell = first();
         for (int a = 0; a < d; ++a)
-            if (std::abs(double(first_[a])) > CellOrder::largest_coordinate) return true;
+            if (std::abs(double(cell[a])) > CellOrder::largest_coordinate) return true;
         return false;
     }
 
+protected:
+    void enter_sources(std::uint32_t const* source, int count, std::size_t item)
+    {
+        item_ = item;
+        active_ = count;
+        for (int l = 0; l < lanes; ++l) from_[l] = source[l < count ? l : count - 1];
+        if constexpr (lanes > 1) reader_.follow(from_);
+        if (count != entered_) here_ = mask_of<Lane>((std::uint64_t{1} << count) - 1);
+        entered_ = count;
+    }
+
+    Scratch<Number, lanes>& scratch_;
+    std::size_t slot_ = 0, item_ = 0;
+
 private:
+    void gather(Offset const* array, Offset (&values)[lanes]) const
+    {
+        if constexpr (lanes > 1)
+            reader_.copy(array, values);
+        else
+            values[0] = array[from_[0]];
+    }
+
+    struct NoReader
+    {};
+    template <class L>
+    static auto reader_for()
+    {
+        if constexpr (lane_width < L >> 1)
+            return RunsOfPlaces<L>{};
+        else
+            return NoReader{};
+    }
+
     CellOrder const& cells_;
-    std::uint32_t const* count_;
-    std::size_t slot_;
-    int active_ = 0;
-    bool full_ = false, contiguous_ = false;
+    Coordinates<d> block_;
+    int active_ = 0, entered_ = 0;
     std::uint32_t from_[lanes];
-    int lane_[lanes];
+    decltype(reader_for<Lane>()) reader_;
     Mask<Lane> here_{};
-    Coordinates<d> first_;
 };
 
-/// A group of cells that adds to the tile of its block.
-template <class Lane, class CellOrder, class GridType, int d>
-class ScatterCell : public CellLanes<Lane, CellOrder, d>
+/// Items that move and may depart from their cells.
+template <class Lane, class CellOrder, int d>
+class MovingItems : public Items<Lane, CellOrder, d>
+{
+    using Base = Items<Lane, CellOrder, d>;
+
+public:
+    MovingItems(CellOrder& cells, std::size_t block, Scratch<typename Base::Number, Base::lanes>& scratch)
+        : Base(cells, block, scratch), departures_(cells.departures(block))
+    {}
+
+    /// Notes that some items have left their cells, and takes away what they keep to give: all but the first
+    /// `zero_from` of `kept` channels become zero.
+    void depart(Mask<Lane> const& which, int zero_from, int kept)
+    {
+        for (std::uint64_t rest = bits(which); rest != 0; rest &= rest - 1) {
+            int const lane = std::countr_zero(rest);
+            departures_.slots.push_back(static_cast<std::uint32_t>(this->slot_ + lane));
+            for (int c = 0; c < kept; ++c) {
+                auto& value = *this->scratch_.at(c, this->item_ + lane);
+                departures_.given.push_back(value);
+                if (c >= zero_from) value = 0;
+            }
+        }
+    }
+
+private:
+    typename CellOrder::Departures& departures_;
+};
+
+/// Items that have changed their cells, as a group of cells with one item each: lane l gives to the stencil
+/// of its own cell.
+template <class Lane, class CellOrder, class GridType>
+class MovedItems
 {
 public:
+    using Real = Lane;
     using Number = Scalar<Lane>;
+    using Shape = typename CellOrder::Shape;
+    static constexpr int lanes = lane_width<Lane>;
 
-    ScatterCell(CellOrder const& cells, GridType& grid, std::size_t block, int group)
-        : CellLanes<Lane, CellOrder, d>(cells, block, group), tile_(grid.tile(block)), group_(group),
-          place_(group % GridType::Shape::groups_per_row * lane_width<Lane>)
-    {}
+    /// The first of `movers`, as many as there are lanes, and the tile of their block.
+    MovedItems(std::span<typename CellOrder::Mover const> movers, Number* tile)
+        : tile_(tile), count_(static_cast<int>(std::min<std::size_t>(lanes, movers.size())))
+    {
+        for (int l = 0; l < count_; ++l) {
+            given_[l] = movers[l].given;
+            int const row = movers[l].place / Shape::along;
+            at_[l] = GridType::tile_row(row * Shape::groups_per_row, 0) * GridType::row_length +
+                     movers[l].place % Shape::along;
+        }
+    }
+
+    int ranks() const { return 1; }
+    void restart() const {}
+    void enter(int) const {}
+
+    Lane kept(int channel) const
+    {
+        Number values[lanes] = {};
+        for (int l = 0; l < count_; ++l) values[l] = given_[l][channel];
+        return LaneTraits<Lane>::load(values);
+    }
 
     /// Adds to channel c of the node at place k in a row of the stencil of each lane.
     void add(int c, int row, int k, Lane const& value) const
     {
-        Number* const at = tile_ + c * GridType::tile_channel +
-                           GridType::tile_row(group_, row) * GridType::row_length + place_ + k;
-        LaneTraits<Lane>::store(LaneTraits<Lane>::load(at) + value, at);
+        Number values[lanes];
+        LaneTraits<Lane>::store(value, values);
+        int const step = c * GridType::tile_channel + GridType::stencil_row(row) * GridType::row_length + k;
+        for (int l = 0; l < count_; ++l) tile_[at_[l] + step] += values[l];
     }
 
 private:
     Number* tile_;
-    int group_, place_;
+    int count_;
+    Number const* given_[lanes];
+    int at_[lanes];
 };
 
-/// A group of cells that reads the nodes of its block, copied into one tile.
+/// A group of neighbouring cells as a phase sees it: lane l is cell l. It goes through the items of its cells
+/// rank by rank: the first of each cell, then the second ones.
 template <class Lane, class CellOrder, class GridType, int d>
-class GatherCell : public CellLanes<Lane, CellOrder, d>
+class GroupOfCells
 {
 public:
+    using Real = Lane;
     using Number = Scalar<Lane>;
+    using Shape = typename CellOrder::Shape;
+    static constexpr int lanes = lane_width<Lane>;
 
-    GatherCell(CellOrder const& cells, Number const* tile, std::size_t block, int group)
-        : CellLanes<Lane, CellOrder, d>(cells, block, group), tile_(tile), group_(group),
-          place_(group % GridType::Shape::groups_per_row * lane_width<Lane>)
+    /// `read` is a tile of node values, `write` one of sums; a phase that does not need one is given none.
+    GroupOfCells(CellOrder const& cells, std::size_t block, int group, Scratch<Number, lanes>& scratch,
+                 Number const* read, Number* write)
+        : count_(cells.counts(block, group)), scratch_(scratch), group_(group),
+          place_(group % Shape::groups_per_row * lanes), read_(read), write_(write)
     {}
 
-    /// Channel c of the node at place k in a row of the stencil of each lane.
-    Lane node(int c, int row, int k) const
+    /// The largest number of items in one of the cells.
+    int ranks() const { return static_cast<int>(*std::max_element(count_, count_ + lanes)); }
+
+    /// Goes back before the first items.
+    void restart() { item_ = 0, active_ = 0; }
+
+    /// Goes on to the next items, one of each cell that has so many; ranks are entered in order.
+    void enter(int rank)
     {
-        return LaneTraits<Lane>::load(tile_ + c * GridType::tile_channel +
-                                      GridType::tile_row(group_, row) * GridType::row_length + place_ + k);
+        item_ += active_;
+        pattern_ = 0;
+        for (int l = 0; l < lanes; ++l) pattern_ |= std::uint64_t(count_[l] > std::uint32_t(rank)) << l;
+        active_ = static_cast<std::size_t>(std::popcount(pattern_));
+    }
+
+    void keep(int channel, Lane const& value)
+    {
+        Number* const to = scratch_.at(channel, item_);
+        if constexpr (lanes == 1)
+            *to = value;
+        else
+            value.compressed(pattern_).store(to);
+    }
+
+    /// Lanes without an item are zero.
+    Lane kept(int channel) const
+    {
+        Number const* const from = scratch_.at(channel, item_);
+        if constexpr (lanes == 1)
+            return *from;
+        else
+            return Lane::load(from).expanded(pattern_);
+    }
+
+    /// Channel c of the node at place k in a row of the stencil of each lane.
+    Lane node(int c, int row, int k) const { return LaneTraits<Lane>::load(read_ + at(c, row, k)); }
+
+    /// Adds to it.
+    void add(int c, int row, int k, Lane const& value) const
+    {
+        Number* const to = write_ + at(c, row, k);
+        LaneTraits<Lane>::store(LaneTraits<Lane>::load(to) + value, to);
     }
 
 private:
-    Number const* tile_;
+    int at(int c, int row, int k) const
+    {
+        return c * GridType::tile_channel + GridType::tile_row(group_, row) * GridType::row_length + place_ +
+               k;
+    }
+
+    std::uint32_t const* count_;
+    Scratch<Number, lanes>& scratch_;
     int group_, place_;
+    Number const* read_;
+    Number* write_;
+    std::size_t item_ = 0, active_ = 0;
+    std::uint64_t pattern_ = 0;
 };
 
 /// Neighbouring nodes along a row, one per lane.

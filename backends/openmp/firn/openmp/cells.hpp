@@ -8,6 +8,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 #include <cstdint>
 #include <omp.h>
@@ -21,7 +22,7 @@ namespace firn::openmp
 ///
 /// First come the first items of the group's cells, then the second ones, and so on, so that lane l of a pack
 /// can work on cell l and read one run of memory. Items are not moved: `source` says where the item of each
-/// slot lies. Within a cell the order is stable, and no result depends on the number of threads.
+/// slot lies. No result depends on the number of threads.
 template <class Number, int d, int lanes>
 class Cells
 {
@@ -33,12 +34,29 @@ public:
     /// leave.
     static constexpr double largest_coordinate = d == 3 ? 4.0e6 : 1.0e9;
     /// Bytes per item: source and place in its block, of the order that holds and of the one being written.
-    static constexpr std::size_t bytes_per_item = 2 * sizeof(std::uint32_t) + 3 * sizeof(std::uint16_t);
+    static constexpr std::size_t bytes_per_item = 2 * (sizeof(std::uint32_t) + sizeof(std::uint16_t));
 
     struct Block
     {
         Coordinates<d> coordinates;
         std::uint32_t begin = 0, end = 0; ///< its slots
+    };
+
+    /// Items of a block that have left their cells since the last follow(): their slots in rising order, and
+    /// what each of them gives to the grid, its offset from the centre of its cell first; the loops that move
+    /// items write this.
+    struct Departures
+    {
+        std::vector<std::uint32_t> slots;
+        std::vector<Number> given;
+    };
+
+    /// An item that has changed its cell.
+    struct Mover
+    {
+        std::uint32_t source; ///< where the item lies
+        std::uint16_t place;  ///< its cell now
+        Number const* given;  ///< what it gives, its offset in the new cell first
     };
 
     /// `backend` says how many threads work.
@@ -51,6 +69,8 @@ public:
     BlockMap const& map() const { return map_; }
     /// Changes whenever the set of blocks does.
     std::uint64_t version() const { return version_; }
+    /// How many times the order was written anew.
+    std::uint64_t generation() const { return generation_; }
     /// The number of items in each cell of a group.
     std::uint32_t const* counts(std::size_t block, int group) const
     {
@@ -61,38 +81,65 @@ public:
     {
         return group_begin_[block * Shape::groups + group];
     }
+    /// The cell of a slot's item, counted within its block, along the last axis first.
+    std::uint16_t place(std::size_t slot) const { return place_[slot]; }
+    /// The items of a block that were in another cell before the last follow().
+    std::span<Mover const> movers(std::size_t block) const { return movers_[block]; }
+    Departures& departures(std::size_t block) { return departures_[block]; }
+    /// The block's index before the last follow(), or absent.
+    int old_block(std::size_t block) const { return old_block_[block]; }
     /// Where the items of the slots from `slot` on lie.
     std::uint32_t const* sources(std::size_t slot) const { return &source_[slot]; }
     std::size_t memory() const
     {
         return source_.memory() + new_source_.memory() + place_.memory() + new_place_.memory() +
-               counts_.memory() + group_begin_.memory() + map_.memory() + blocks_.capacity() * sizeof(Block);
+               counts_.memory() + new_counts_.memory() + group_begin_.memory() + new_group_begin_.memory() +
+               map_.memory() + blocks_.capacity() * sizeof(Block);
+    }
+
+    /// The coordinates of a place in a block.
+    static Coordinates<d> cell_at(Coordinates<d> const& block, int place)
+    {
+        Coordinates<d> cell;
+        for (int a = d - 1; a >= 0; --a) {
+            cell[a] = block[a] * Shape::extent(a) + place % Shape::extent(a);
+            place /= Shape::extent(a);
+        }
+        return cell;
     }
 
     /// Adds items that lie at first, first + 1, … in the given cells.
     void insert(std::span<Coordinates<d> const> cells, std::uint32_t first)
     {
-        leavers_.resize(blocks_.size() + 1);
-        for (auto& list : leavers_) list.clear();
+        prepare_lists();
         for (std::size_t i = 0; i < cells.size(); ++i)
-            leavers_.back().push_back(item_in(cells[i], static_cast<std::uint32_t>(first + i)));
-        for (std::size_t slot = 0; slot < size(); ++slot) new_place_[slot] = place_[slot];
-        stay_.assign(blocks_.size(), 0);
-        for (std::size_t b = 0; b < blocks_.size(); ++b) stay_[b] = blocks_[b].end - blocks_[b].begin;
+            leavers_.back().push_back(item_in(cells[i], static_cast<std::uint32_t>(first + i), nullptr));
+        for (std::size_t b = 0; b < blocks_.size(); ++b) {
+            departures_[b].slots.clear();
+            stay_[b] = blocks_[b].end - blocks_[b].begin;
+        }
         rearrange(size() + cells.size());
     }
 
-    /// Moves items whose offset from the centre of their cell, in cells, has left [-1/2, 1/2) to their new
-    /// cells, and the offsets with them. An item lies at its slot (see settle).
+    /// Moves the items that departed to their new cells, and wraps their offsets. An item lies at its slot
+    /// (see settle).
     void follow(std::array<Offset*, d> const& offset)
     {
-        leavers_.resize(blocks_.size() + 1);
-        stay_.assign(blocks_.size(), 0);
-        leavers_.back().clear();
+        prepare_lists();
         int const count = static_cast<int>(blocks_.size());
-#pragma omp parallel for schedule(dynamic, 4) num_threads(threads_)
-        for (int b = 0; b < count; ++b) find_leavers(b, offset);
+#pragma omp parallel for schedule(dynamic, 16) num_threads(threads_)
+        for (int b = 0; b < count; ++b) find_new_cells(b, offset);
         rearrange(size());
+    }
+
+    /// Forgets departures: those that follow are written by a loop that moves items.
+    void expect_departures()
+    {
+        departures_.resize(blocks_.size());
+        for (auto& [slots, given] : departures_) {
+            slots.clear();
+            given.clear();
+        }
     }
 
     /// Says that all items now lie at their slots.
@@ -108,13 +155,70 @@ public:
     }
 
 private:
-    static constexpr std::uint16_t gone = 0xffff;
-
-    struct Item
+    struct Item : Mover
     {
         Coordinates<d> block;
-        std::uint32_t source;
-        std::uint16_t place;
+    };
+
+    /// The items of a block's cells by rank, as one thread works on them.
+    struct Order
+    {
+        static constexpr std::uint32_t hole = ~std::uint32_t(0);
+
+        std::array<std::uint32_t, Shape::cells> before, first,
+            next; ///< next: the first rank that may be free
+        std::array<std::int32_t, Shape::cells> change;
+        std::vector<std::uint32_t> at; ///< of cell c from first[c] on
+
+        /// Starts with the items as they were: `counts` of each cell.
+        void start(std::uint32_t const* counts)
+        {
+            if (counts)
+                std::copy(counts, counts + Shape::cells, before.begin());
+            else
+                before.fill(0);
+            next.fill(0);
+            change.fill(0);
+        }
+
+        void make_room(std::uint32_t* counts)
+        {
+            std::uint32_t sum = 0;
+            for (int cell = 0; cell < Shape::cells; ++cell) {
+                counts[cell] = before[cell] + static_cast<std::uint32_t>(change[cell]);
+                first[cell] = sum;
+                sum += std::max(before[cell], counts[cell]);
+            }
+            at.resize(sum);
+        }
+
+        void leave(int cell, std::uint32_t source)
+        {
+            *std::find(at.begin() + first[cell], at.begin() + first[cell] + before[cell], source) = hole;
+        }
+
+        /// Puts a new item into the first hole of a cell, or behind its items.
+        void fill(int cell, std::uint32_t source)
+        {
+            auto& rank = next[cell];
+            while (rank < before[cell] && at[first[cell] + rank] != hole) ++rank;
+            at[first[cell] + rank++] = source;
+        }
+
+        void close_holes(std::uint32_t const* counts)
+        {
+            for (int cell = 0; cell < Shape::cells; ++cell) {
+                if (change[cell] >= 0) continue; // as many came as left
+                auto const from = at.begin() + first[cell];
+                auto last = from + before[cell];
+                for (auto room = from; room < from + counts[cell]; ++room)
+                    if (*room == hole) {
+                        do --last;
+                        while (*last == hole);
+                        *room = *last;
+                    }
+            }
+        }
     };
 
     std::uint32_t source(std::size_t slot) const
@@ -122,9 +226,9 @@ private:
         return settled_ ? static_cast<std::uint32_t>(slot) : source_[slot];
     }
 
-    static Item item_in(Coordinates<d> const& cell, std::uint32_t source)
+    static Item item_in(Coordinates<d> const& cell, std::uint32_t source, Number const* given)
     {
-        Item item{Coordinates<d>::Zero(), source, 0};
+        Item item{{source, 0, given}, Coordinates<d>::Zero()};
         int place = 0;
         for (int a = 0; a < d; ++a) {
             int const extent = Shape::extent(a), inside = ((cell[a] % extent) + extent) % extent;
@@ -135,36 +239,37 @@ private:
         return item;
     }
 
-    static Coordinates<d> cell_at(Coordinates<d> const& block, int place)
+    void prepare_lists()
     {
-        Coordinates<d> cell;
-        for (int a = d - 1; a >= 0; --a) {
-            cell[a] = block[a] * Shape::extent(a) + place % Shape::extent(a);
-            place /= Shape::extent(a);
-        }
-        return cell;
+        leavers_.resize(blocks_.size() + 1);
+        for (auto& list : leavers_) list.clear();
+        inside_.resize(blocks_.size());
+        for (auto& list : inside_) list.clear();
+        departures_.resize(blocks_.size());
+        stay_.assign(blocks_.size(), 0);
     }
 
-    void find_leavers(int b, std::array<Offset*, d> const& offset)
+    /// Finds where the items go that departed from their cells: to another one of the block, or out of it.
+    void find_new_cells(int b, std::array<Offset*, d> const& offset)
     {
-        auto& leavers = leavers_[b];
-        leavers.clear();
         Block const& block = blocks_[b];
-        for (std::uint32_t slot = block.begin; slot < block.end; ++slot) {
-            new_place_[slot] = place_[slot];
-            Coordinates<d> by;
-            for (int a = 0; a < d; ++a) by[a] = CellOffset<Number>::wrap(offset[a][slot]);
-            if (by.isZero()) continue;
-            Coordinates<d> const cell = cell_at(block.coordinates, place_[slot]) + by;
-            Item const item = item_in(cell, slot);
-            if (item.block == block.coordinates)
-                new_place_[slot] = item.place;
-            else {
-                new_place_[slot] = gone;
-                leavers.push_back(item);
+        auto& [slots, given] = departures_[b];
+        std::size_t const channels = slots.empty() ? 0 : given.size() / slots.size();
+        for (std::size_t i = 0; i < slots.size(); ++i) {
+            std::uint32_t const slot = slots[i];
+            Number* const gives = given.data() + i * channels;
+            Coordinates<d> cell = cell_at(block.coordinates, place_[slot]);
+            for (int a = 0; a < d; ++a) {
+                cell[a] += CellOffset<Number>::wrap(offset[a][slot]);
+                if (channels > 0) gives[a] = CellOffset<Number>::value(offset[a][slot]);
             }
+            Item const item = item_in(cell, slot, gives);
+            if (item.block == block.coordinates)
+                inside_[b].push_back(item);
+            else
+                leavers_[b].push_back(item);
         }
-        stay_[b] = static_cast<std::uint32_t>(block.end - block.begin - leavers.size());
+        stay_[b] = static_cast<std::uint32_t>(block.end - block.begin - leavers_[b].size());
     }
 
     /// Writes the new order: the items that stay in their block, and those that come from elsewhere.
@@ -183,22 +288,25 @@ private:
                 map_.insert(block_key<d>(next[b].coordinates), int(b));
             ++version_;
         }
+        ++generation_;
         deal_arrivals(next);
 
         new_source_.resize(count);
-        for (auto* places : {&place_, &new_place_}) places->resize(count);
-        after_place_.resize(count);
-        counts_.resize(next.size() * Shape::cells);
-        group_begin_.resize(next.size() * Shape::groups);
+        new_place_.resize(count);
+        new_counts_.resize(next.size() * Shape::cells);
+        new_group_begin_.resize(next.size() * Shape::groups);
+        movers_.resize(next.size());
         int const blocks = static_cast<int>(next.size());
 #pragma omp parallel num_threads(threads_)
         {
-            std::vector<std::uint32_t> sorted;
+            Order order;
 #pragma omp for schedule(dynamic, 4)
-            for (int b = 0; b < blocks; ++b) sort_block(b, next[b], sorted);
+            for (int b = 0; b < blocks; ++b) sort_block(b, next[b], order);
         }
         std::swap(source_, new_source_);
-        std::swap(place_, after_place_);
+        std::swap(place_, new_place_);
+        std::swap(counts_, new_counts_);
+        std::swap(group_begin_, new_group_begin_);
         blocks_ = std::move(next);
         settled_ = false;
     }
@@ -252,53 +360,73 @@ private:
                 arrivals_[arrival_end_[map_.find(block_key<d>(item.block))]++] = item;
     }
 
-    /// Counting sort of a block's items by cell, then interleaving by rank within groups.
-    void sort_block(int b, Block const& block, std::vector<std::uint32_t>& sorted)
+    /// Orders a block's items by cell and rank, then interleaves them by rank within groups.
+    ///
+    /// Who stays in a cell keeps its rank, so that sources nearly follow one another; who leaves makes room
+    /// for who comes, and if none comes for the last of the cell.
+    void sort_block(int b, Block const& block, Order& order)
     {
-        std::uint32_t* const counts = &counts_[std::size_t(b) * Shape::cells];
-        std::fill(counts, counts + Shape::cells, 0u);
-        auto const for_each_item = [&](auto const& use) {
-            if (int const old = old_block_[b]; old != BlockMap::absent)
-                for (std::uint32_t slot = blocks_[old].begin; slot < blocks_[old].end; ++slot)
-                    if (new_place_[slot] != gone) use(new_place_[slot], source(slot));
-            for (std::uint32_t i = arrival_begin_[b]; i < arrival_begin_[b + 1]; ++i)
-                use(arrivals_[i].place, arrivals_[i].source);
-        };
-        for_each_item([&](std::uint16_t place, std::uint32_t) { ++counts[place]; });
-
-        std::array<std::uint32_t, Shape::cells> next;
-        std::uint32_t sum = 0;
-        for (int cell = 0; cell < Shape::cells; ++cell) {
-            next[cell] = sum;
-            sum += counts[cell];
+        std::uint32_t* const counts = &new_counts_[std::size_t(b) * Shape::cells];
+        auto& movers = movers_[b];
+        movers.clear();
+        int const old = old_block_[b];
+        order.start(old != BlockMap::absent ? &counts_[std::size_t(old) * Shape::cells] : nullptr);
+        if (old != BlockMap::absent) {
+            movers.assign(inside_[old].begin(), inside_[old].end());
+            for (auto const slot : departures_[old].slots) --order.change[place_[slot]];
         }
-        sorted.resize(sum);
-        for_each_item([&](std::uint16_t place, std::uint32_t from) { sorted[next[place]++] = from; });
+        for (std::uint32_t i = arrival_begin_[b]; i < arrival_begin_[b + 1]; ++i)
+            movers.push_back(arrivals_[i]);
+        for (Mover const& mover : movers) ++order.change[mover.place];
+        order.make_room(counts);
+
+        if (old != BlockMap::absent) {
+            std::uint32_t slot = blocks_[old].begin;
+            for (int first = 0; first < Shape::cells; first += lanes)
+                for_each_rank(&order.before[first], [&](std::uint32_t rank, int lane) {
+                    order.at[order.first[first + lane] + rank] = source(slot++);
+                });
+            for (auto const left : departures_[old].slots) order.leave(place_[left], source(left));
+        }
+        for (Mover const& mover : movers) order.fill(mover.place, mover.source);
+        order.close_holes(counts);
 
         std::uint32_t slot = block.begin;
         for (int group = 0; group < Shape::groups; ++group) {
-            group_begin_[std::size_t(b) * Shape::groups + group] = slot;
+            new_group_begin_[std::size_t(b) * Shape::groups + group] = slot;
             int const first = group * lanes;
-            std::uint32_t const end = slot + (next[first + lanes - 1] - (next[first] - counts[first]));
-            for (std::uint32_t rank = 0; slot < end; ++rank)
-                for (int cell = first; cell < first + lanes; ++cell)
-                    if (rank < counts[cell]) {
-                        new_source_[slot] = sorted[next[cell] - counts[cell] + rank];
-                        after_place_[slot++] = static_cast<std::uint16_t>(cell);
-                    }
+            for_each_rank(counts + first, [&](std::uint32_t rank, int lane) {
+                new_source_[slot] = order.at[order.first[first + lane] + rank];
+                new_place_[slot++] = static_cast<std::uint16_t>(first + lane);
+            });
+        }
+    }
+
+    /// Calls `use(rank, lane)` for the items of a group, rank by rank.
+    template <class Use>
+    static void for_each_rank(std::uint32_t const* counts, Use const& use)
+    {
+        std::uint32_t const most = *std::max_element(counts, counts + lanes);
+        for (std::uint32_t rank = 0; rank < most; ++rank) {
+            std::uint64_t pattern = 0;
+            for (int lane = 0; lane < lanes; ++lane) pattern |= std::uint64_t(rank < counts[lane]) << lane;
+            for (; pattern != 0; pattern &= pattern - 1) use(rank, std::countr_zero(pattern));
         }
     }
 
     int threads_;
     bool settled_ = true;
-    std::uint64_t version_ = 0;
+    std::uint64_t version_ = 0, generation_ = 0;
     std::vector<Block> blocks_;
     BlockMap map_;
-    Array<std::uint32_t> source_, new_source_, counts_, group_begin_;
-    Array<std::uint16_t> place_, new_place_, after_place_;
+    Array<std::uint32_t> source_, new_source_, counts_, new_counts_, group_begin_, new_group_begin_;
+    Array<std::uint16_t> place_, new_place_;
     std::vector<std::vector<Item>> leavers_; ///< per block, and last those that are new
     std::vector<std::uint32_t> stay_;
     std::vector<int> old_block_;
+    std::vector<std::vector<Mover>> inside_; ///< per block before: those that stay in it
+    std::vector<std::vector<Mover>> movers_; ///< per block now
+    std::vector<Departures> departures_;     ///< per block before
     std::vector<Item> arrivals_;
     std::vector<std::uint32_t> arrival_begin_, arrival_end_;
 };

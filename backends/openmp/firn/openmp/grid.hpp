@@ -3,8 +3,10 @@
 
 #include <firn/openmp/cells.hpp>
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 namespace firn::openmp
@@ -40,14 +42,15 @@ public:
         std::array<int, corners> covered_by; ///< the cell blocks at coordinates - corner, or absent
     };
 
-    /// Brings blocks up to date with the cells.
+    /// Brings blocks up to date with the cells; a block that was there before keeps its sums.
     template <class CellOrder>
     void follow(CellOrder const& cells)
     {
-        tiles_.resize(cells.blocks().size() * sums * tile_channel);
-        touched_.resize(cells.blocks().size());
+        bool const missed_none = cells.generation() <= generation_ + 1;
+        generation_ = cells.generation();
         if (cells.version() == version_) return;
         version_ = cells.version();
+        follow_tiles(cells, missed_none);
         nodes_.clear();
         nodes_of_.resize(cells.blocks().size());
         map_.clear(cells.blocks().size() * corners);
@@ -70,15 +73,16 @@ public:
 
     std::vector<NodeBlock> const& nodes() const { return nodes_; }
     std::array<int, corners> const& nodes_of(std::size_t block) const { return nodes_of_[block]; }
-    Number* tile(std::size_t block) { return &tiles_[block * sums * tile_channel]; }
-    std::uint64_t& touched(std::size_t block) { return touched_[block]; }
+    Number* tile(std::size_t block) { return &tiles_[tile_of_[block] * sums * tile_channel]; }
+    /// One bit for each row of the block's tile that holds sums; the others are not to be read.
+    std::uint64_t& touched(std::size_t block) { return touched_[tile_of_[block]]; }
     Number* node_values(std::size_t node_block) { return &values_[node_block * values * block_channel]; }
 
     std::size_t memory() const
     {
         return tiles_.memory() + values_.memory() + touched_.capacity() * sizeof(std::uint64_t) +
-               map_.memory() + nodes_.capacity() * sizeof(NodeBlock) +
-               nodes_of_.capacity() * sizeof(nodes_of_[0]);
+               tile_of_.capacity() * sizeof(std::size_t) + map_.memory() +
+               nodes_.capacity() * sizeof(NodeBlock) + nodes_of_.capacity() * sizeof(nodes_of_[0]);
     }
 
     /// The rows of a tile that a group's stencils touch.
@@ -94,15 +98,46 @@ public:
     {
         int const row = group / Shape::groups_per_row;
         if constexpr (d == 2)
-            return row + i;
+            return row + stencil_row(i);
         else
-            return (row / Shape::across + i / (order + 1)) * rows_across + row % Shape::across +
-                   i % (order + 1);
+            return row / Shape::across * rows_across + row % Shape::across + stencil_row(i);
+    }
+
+    /// How many rows of a tile the i-th row of a stencil lies behind its first.
+    static constexpr int stencil_row(int i)
+    {
+        return d == 2 ? i : i / (order + 1) * rows_across + i % (order + 1);
     }
 
     static constexpr int stencil_rows = d == 3 ? (order + 1) * (order + 1) : order + 1;
 
 private:
+    /// Finds each block its tile: the one it had, or one that is free.
+    template <class CellOrder>
+    void follow_tiles(CellOrder const& cells, bool have_history)
+    {
+        std::size_t const blocks = cells.blocks().size();
+        std::vector<std::size_t> next(blocks, blocks);
+        std::vector<char> taken(std::max(blocks, touched_.size()), 0);
+        for (std::size_t b = 0; b < blocks; ++b)
+            if (int const old = cells.old_block(b); have_history && old != absent)
+                taken[next[b] = tile_of_[static_cast<std::size_t>(old)]] = 1;
+        std::size_t free = 0, count = 0;
+        touched_.resize(taken.size(), 0);
+        for (std::size_t b = 0; b < blocks; ++b) {
+            bool const is_new = !have_history || cells.old_block(b) == absent;
+            if (is_new) {
+                while (taken[free]) ++free;
+                touched_[free] = 0;
+                next[b] = free++;
+            }
+            count = std::max(count, next[b] + 1);
+        }
+        tile_of_ = std::move(next);
+        touched_.resize(count);
+        tiles_.resize(count * sums * tile_channel);
+    }
+
     int node_block(Coordinates<d> const& coordinates)
     {
         auto const key = block_key<d>(coordinates);
@@ -116,13 +151,14 @@ private:
         return index;
     }
 
-    std::uint64_t version_ = 0;
+    std::uint64_t version_ = 0, generation_ = 0;
     std::vector<NodeBlock> nodes_;
     std::vector<std::array<int, corners>> nodes_of_; ///< per cell block: the node blocks at + corner
     BlockMap map_;
-    Array<Number> tiles_;  ///< per cell block: [channel][row][place]
-    Array<Number> values_; ///< per node block: [channel][row][place]
-    std::vector<std::uint64_t> touched_;
+    std::vector<std::size_t> tile_of_;   ///< per cell block
+    Array<Number> tiles_;                ///< [channel][row][place] of each
+    Array<Number> values_;               ///< per node block: [channel][row][place]
+    std::vector<std::uint64_t> touched_; ///< per tile
 };
 
 } // namespace firn::openmp

@@ -4,8 +4,10 @@
 #include <firn/core/lane.hpp>
 #include <firn/core/space.hpp>
 
+#include <bit>
 #include <concepts>
 #include <cstdint>
+#include <cstring>
 #include <limits>
 #include <type_traits>
 
@@ -105,9 +107,11 @@ struct PackMask
 };
 
 /// A lane type that holds several numbers in one register: Pack<float, Arch> for Space<d, float>.
-template <class Number, class Arch>
+template <class NumberType, class ArchType>
 struct Pack
 {
+    using Number = NumberType;
+    using Arch = ArchType;
     using Batch = xsimd::batch<Number, Arch>;
     using Mask = PackMask<Number, Arch>;
     static constexpr int width = static_cast<int>(Batch::size);
@@ -130,6 +134,52 @@ struct Pack
         alignas(64) Number lanes[width];
         for (int i = 0; i < width; ++i) lanes[i] = base[index[i]];
         return Pack(Batch::load_aligned(lanes));
+    }
+
+    /// The lanes of the pattern side by side from lane 0 on; zeros beyond them.
+    Pack compressed(std::uint64_t pattern) const
+    {
+#if defined(__AVX512VL__)
+        if constexpr (sizeof(Number) == 4) {
+            if constexpr (width == 16)
+                return Pack(Batch(_mm512_maskz_compress_ps(static_cast<__mmask16>(pattern), value.data)));
+            else if constexpr (width == 8)
+                return Pack(Batch(_mm256_maskz_compress_ps(static_cast<__mmask8>(pattern), value.data)));
+        }
+        else {
+            if constexpr (width == 8)
+                return Pack(Batch(_mm512_maskz_compress_pd(static_cast<__mmask8>(pattern), value.data)));
+            else if constexpr (width == 4)
+                return Pack(Batch(_mm256_maskz_compress_pd(static_cast<__mmask8>(pattern), value.data)));
+        }
+#endif
+        alignas(64) Number from[width], to[width] = {};
+        value.store_aligned(from);
+        for (int i = 0; pattern != 0; pattern &= pattern - 1) to[i++] = from[std::countr_zero(pattern)];
+        return Pack(Batch::load_aligned(to));
+    }
+
+    /// The reverse: lanes 0, 1, … go to the lanes of the pattern; zeros elsewhere.
+    Pack expanded(std::uint64_t pattern) const
+    {
+#if defined(__AVX512VL__)
+        if constexpr (sizeof(Number) == 4) {
+            if constexpr (width == 16)
+                return Pack(Batch(_mm512_maskz_expand_ps(static_cast<__mmask16>(pattern), value.data)));
+            else if constexpr (width == 8)
+                return Pack(Batch(_mm256_maskz_expand_ps(static_cast<__mmask8>(pattern), value.data)));
+        }
+        else {
+            if constexpr (width == 8)
+                return Pack(Batch(_mm512_maskz_expand_pd(static_cast<__mmask8>(pattern), value.data)));
+            else if constexpr (width == 4)
+                return Pack(Batch(_mm256_maskz_expand_pd(static_cast<__mmask8>(pattern), value.data)));
+        }
+#endif
+        alignas(64) Number from[width], to[width] = {};
+        value.store_aligned(from);
+        for (int i = 0; pattern != 0; pattern &= pattern - 1) to[std::countr_zero(pattern)] = from[i++];
+        return Pack(Batch::load_aligned(to));
     }
 
     Pack& operator+=(Pack b) { return *this = *this + b; }
@@ -257,6 +307,149 @@ private:
             return select(small, root * Number(0x1p12), root);
         }
     }
+};
+
+/// Reads one number for each lane from places of an array that mostly lie in runs, if with gaps: a few
+/// windows of two packs, each permuted. Up to two packs beyond the places are read as well (see
+/// Array::padding).
+template <class Pack>
+class RunsOfPlaces
+{
+    using Number = typename Pack::Number;
+    using Mask = typename Pack::Mask;
+    static constexpr int width = Pack::width;
+    static constexpr bool has_permutation = width * sizeof(Number) >= 32; // with AVX-512 VL
+
+public:
+    void follow(std::uint32_t const (&places)[width])
+    {
+        places_ = places;
+#if defined(__AVX512VL__)
+        if constexpr (has_permutation) return find_windows();
+#endif
+        in_order_ = true;
+        for (int l = 0; l < width; ++l) in_order_ &= places[l] == places[0] + std::uint32_t(l);
+    }
+
+    Pack load(Number const* array) const
+    {
+        if (in_order_) return Pack::load(array + places_[0]);
+#if defined(__AVX512VL__)
+        if constexpr (has_permutation) {
+            Pack result = permuted(array + window_[0]);
+            for (int w = 1; w < windows_; ++w)
+                result = select(mask_[w], permuted(array + window_[w]), result);
+            return result;
+        }
+#endif
+        Number values[width];
+        for (int l = 0; l < width; ++l) values[l] = array[places_[l]];
+        return Pack::load(values);
+    }
+
+    /// The same of an array of integers as wide as Number.
+    template <class Integer>
+    void copy(Integer const* array, Integer* to) const
+    {
+        static_assert(sizeof(Integer) == sizeof(Number));
+        Number bits[width];
+        load(reinterpret_cast<Number const*>(array)).store(bits);
+        std::memcpy(to, bits, sizeof bits);
+    }
+
+private:
+    std::uint32_t const* places_ = nullptr;
+    bool in_order_ = false;
+
+#if defined(__AVX512VL__)
+    using Integer = std::conditional_t<sizeof(Number) == 4, std::int32_t, std::int64_t>;
+    using Steps = typename xsimd::batch<Integer, typename Pack::Arch>::register_type;
+
+    int windows_ = 0;
+    std::uint32_t window_[width];
+    Mask mask_[width];
+    Steps steps_; ///< from the lane's window to its place
+
+    void find_windows()
+    {
+        std::uint32_t const first = places_[0];
+        if constexpr (width == 16) {
+            __m512i const places = _mm512_loadu_si512(places_);
+            __m512i const counted = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
+            in_order_ =
+                _mm512_cmpeq_epi32_mask(_mm512_sub_epi32(places, _mm512_set1_epi32(static_cast<int>(first))),
+                                        counted) == 0xffff;
+            if (in_order_) return;
+            __m512i steps = _mm512_setzero_si512();
+            cover([&](std::uint32_t window, std::uint64_t rest) {
+                __m512i const step = _mm512_sub_epi32(places, _mm512_set1_epi32(static_cast<int>(window)));
+                auto const here = _mm512_cmplt_epu32_mask(step, _mm512_set1_epi32(2 * width)) & rest;
+                steps = _mm512_mask_mov_epi32(steps, static_cast<__mmask16>(here), step);
+                return here;
+            });
+            steps_ = steps;
+        }
+        else {
+            __m256i const places = load_places();
+            __m256i const counted = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
+            constexpr unsigned all = (1u << width) - 1;
+            in_order_ = (_mm256_cmpeq_epi32_mask(
+                             _mm256_sub_epi32(places, _mm256_set1_epi32(static_cast<int>(first))), counted) &
+                         all) == all;
+            if (in_order_) return;
+            __m256i steps = _mm256_setzero_si256();
+            cover([&](std::uint32_t window, std::uint64_t rest) {
+                __m256i const step = _mm256_sub_epi32(places, _mm256_set1_epi32(static_cast<int>(window)));
+                auto const here = _mm256_cmplt_epu32_mask(step, _mm256_set1_epi32(2 * width)) & rest;
+                steps = _mm256_mask_mov_epi32(steps, static_cast<__mmask8>(here), step);
+                return here;
+            });
+            if constexpr (sizeof(Number) == 4)
+                steps_ = steps;
+            else if constexpr (width == 8)
+                steps_ = _mm512_cvtepu32_epi64(steps);
+            else
+                steps_ = _mm256_cvtepu32_epi64(_mm256_castsi256_si128(steps));
+        }
+    }
+
+    __m256i load_places() const
+    {
+        if constexpr (width == 8)
+            return _mm256_loadu_si256(reinterpret_cast<__m256i const*>(places_));
+        else
+            return _mm256_castsi128_si256(_mm_loadu_si128(reinterpret_cast<__m128i const*>(places_)));
+    }
+
+    /// Lays windows until they cover all lanes; `lay(where, which lanes are left)` says which one covers.
+    template <class Lay>
+    void cover(Lay const& lay)
+    {
+        windows_ = 0;
+        for (std::uint64_t rest = (std::uint64_t{1} << width) - 1; rest != 0; ++windows_) {
+            auto const place = places_[std::countr_zero(rest)];
+            std::uint32_t const window = place > width / 2 ? place - width / 2 : 0;
+            std::uint64_t const here = lay(window, rest);
+            window_[windows_] = window;
+            mask_[windows_] = Mask::from_bits(here);
+            rest &= ~here;
+        }
+    }
+
+    Pack permuted(Number const* from) const
+    {
+        auto const low = Pack::load(from).value.data, high = Pack::load(from + width).value.data;
+        using Batch = typename Pack::Batch;
+        if constexpr (sizeof(Number) == 4 && width == 16)
+            return Pack(Batch(_mm512_permutex2var_ps(low, steps_, high)));
+        else if constexpr (sizeof(Number) == 4)
+            return Pack(Batch(_mm256_permutex2var_ps(low, steps_, high)));
+        else if constexpr (width == 8)
+            return Pack(Batch(_mm512_permutex2var_pd(low, steps_, high)));
+        else
+            return Pack(Batch(_mm256_permutex2var_pd(low, steps_, high)));
+    }
+#endif
 };
 
 #pragma GCC diagnostic pop

@@ -31,29 +31,140 @@ void for_each(int threads, std::size_t count, Body const& body)
     for (std::int64_t i = 0; i < last; ++i) body(static_cast<std::size_t>(i));
 }
 
-/// Each block of cells sums into its own tile, of which only the rows that it touches are cleared.
+namespace detail
+{
+/// Clears the rows of a tile that are told by bits.
+template <class GridType, int channels, class Number>
+void clear_rows(Number* tile, std::uint64_t rows)
+{
+    for (; rows != 0; rows &= rows - 1)
+        for (int c = 0; c < channels; ++c) {
+            auto* const from =
+                tile + c * GridType::tile_channel + std::countr_zero(rows) * GridType::row_length;
+            std::fill(from, from + GridType::row_length, Number(0));
+        }
+}
+
+/// The slots of a group: where they begin, and how many there are.
+template <class CellOrder>
+struct Slots
+{
+    std::size_t begin, count;
+
+    Slots(CellOrder const& cells, std::size_t block, int group)
+        : begin(cells.group_begin(block, group)),
+          count((group + 1 < CellOrder::Shape::groups ? cells.group_begin(block, group + 1)
+                                                      : cells.blocks()[block].end) -
+                begin)
+    {}
+};
+
+/// Clears the rows of a block's tile that its cells touch, and says which they are.
+template <class GridType, int channels, class CellOrder>
+void clear_own_rows(CellOrder const& cells, GridType& grid, std::size_t b)
+{
+    std::uint64_t touched = 0;
+    for (int group = 0; group < GridType::Shape::groups; ++group)
+        if (Slots(cells, b, group).count > 0) touched |= GridType::rows_of_group(group);
+    grid.touched(b) = touched;
+    clear_rows<GridType, channels>(grid.tile(b), touched);
+}
+
+/// What some items keep, given by the cells of their group.
+///
+/// Here and below `flatten` asks for the phases to be inlined whole: the compiler's own measure stops in the
+/// middle of the formulas, and packs then travel through memory.
+template <class Phase, class Group>
+[[gnu::flatten]] void give(Group& group)
+{
+    typename Phase::template CellSums<typename Group::Real> sums;
+    for (auto& column : sums)
+        for (auto& node : column)
+            for (auto& sum : node) sum = typename Group::Real(0);
+    group.restart();
+    for (int rank = 0, ranks = group.ranks(); rank < ranks; ++rank) {
+        group.enter(rank);
+        Phase::give(group, sums);
+    }
+    Phase::add(group, sums);
+}
+
+template <class Phase, class Items>
+[[gnu::flatten]] void prepare(Phase const& phase, Items& items)
+{
+    phase.prepare(items);
+}
+
+template <class Phase, class Items>
+[[gnu::flatten]] void locate(Phase const& phase, Items& items)
+{
+    phase.locate(items);
+}
+
+template <class Phase, class Group>
+[[gnu::flatten]] void take(Phase const& phase, Group& group)
+{
+    for (int rank = 0, ranks = group.ranks(); rank < ranks; ++rank) {
+        group.enter(rank);
+        phase.take(group);
+    }
+}
+
+template <class Phase, class Items>
+[[gnu::flatten]] void answer(Phase const& phase, Items& items, typename Phase::Result& result)
+{
+    phase.answer(items, result);
+}
+} // namespace detail
+
+/// Each block of cells sums what its items give into its own tile.
 template <class Lane, class CellOrder, class GridType, class Phase>
 void scatter(int threads, CellOrder const& cells, GridType& grid, Phase const& phase)
 {
-    constexpr int d = Phase::d;
-    using Cell = ScatterCell<Lane, CellOrder, GridType, d>;
+    constexpr int d = Phase::d, lanes = lane_width<Lane>;
     int const blocks = static_cast<int>(cells.blocks().size());
-#pragma omp parallel for schedule(dynamic, 1) num_threads(threads)
-    for (int b = 0; b < blocks; ++b) {
-        std::uint64_t touched = 0;
-        for (int group = 0; group < GridType::Shape::groups; ++group)
-            if (Cell(cells, grid, b, group).ranks() > 0) touched |= GridType::rows_of_group(group);
-        grid.touched(b) = touched;
-        auto* const tile = grid.tile(b);
-        for (int c = 0; c < Phase::channels; ++c)
-            for (int row = 0; row < GridType::rows; ++row)
-                if ((touched >> row) & 1) {
-                    auto* const from = tile + c * GridType::tile_channel + row * GridType::row_length;
-                    std::fill(from, from + GridType::row_length, 0);
+#pragma omp parallel num_threads(threads)
+    {
+        Scratch<typename Phase::Number, lanes> scratch;
+#pragma omp for schedule(dynamic, 1)
+        for (int b = 0; b < blocks; ++b) {
+            detail::clear_own_rows<GridType, Phase::channels>(cells, grid, b);
+            Items<Lane, CellOrder, d> items(cells, b, scratch);
+            for (int g = 0; g < GridType::Shape::groups; ++g) {
+                detail::Slots const slots(cells, b, g);
+                if (slots.count == 0) continue;
+                scratch.reserve(Phase::kept, slots.count);
+                for (std::size_t i = 0; i < slots.count; i += lanes) {
+                    items.enter(slots.begin + i, slots.begin + slots.count, i);
+                    detail::prepare(phase, items);
                 }
-        for (int group = 0; group < GridType::Shape::groups; ++group) {
-            Cell cell(cells, grid, b, group);
-            if (cell.ranks() > 0) phase(cell);
+                GroupOfCells<Lane, CellOrder, GridType, d> group(cells, b, g, scratch, nullptr, grid.tile(b));
+                detail::give<Phase>(group);
+            }
+        }
+    }
+}
+
+/// Completes sums that were given by items in the cells where they were: those that departed give where they
+/// are now.
+template <class Lane, class Phase, class CellOrder, class GridType>
+void scatter_movers(int threads, CellOrder const& cells, GridType& grid)
+{
+    using Group = MovedItems<Lane, CellOrder, GridType>;
+    using Shape = typename GridType::Shape;
+    int const blocks = static_cast<int>(cells.blocks().size());
+#pragma omp parallel for schedule(dynamic, 4) num_threads(threads)
+    for (int b = 0; b < blocks; ++b) {
+        auto movers = cells.movers(b);
+        std::uint64_t fresh = 0;
+        for (auto const& mover : movers)
+            fresh |= GridType::rows_of_group(mover.place / Shape::along * Shape::groups_per_row);
+        fresh &= ~grid.touched(b);
+        grid.touched(b) |= fresh;
+        detail::clear_rows<GridType, Phase::channels>(grid.tile(b), fresh);
+        for (; !movers.empty(); movers = movers.subspan(std::min(movers.size(), std::size_t(Group::lanes)))) {
+            Group group(movers, grid.tile(b));
+            detail::give<Phase>(group);
         }
     }
 }
@@ -174,23 +285,42 @@ void fill_tile(GridType& grid, std::size_t b, Number* tile)
 }
 } // namespace detail
 
-/// Each block of cells copies the nodes it needs side by side, and its groups read them.
+/// Each block of cells copies the nodes it needs side by side; its items take from them, move, and give to
+/// the block's tile for the next step.
 template <class Lane, class CellOrder, class GridType, class Phase>
-typename Phase::Result gather(int threads, CellOrder const& cells, GridType& grid, Phase const& phase)
+typename Phase::Result move(int threads, CellOrder& cells, GridType& grid, Phase const& phase)
 {
-    using Cell = GatherCell<Lane, CellOrder, GridType, Phase::d>;
+    constexpr int d = Phase::d, lanes = lane_width<Lane>;
+    using Number = typename Phase::Number;
     int const blocks = static_cast<int>(cells.blocks().size());
     std::vector<typename Phase::Result> results(blocks);
+    cells.expect_departures();
 #pragma omp parallel num_threads(threads)
     {
-        Array<typename Phase::Number> tile;
-        tile.resize(Phase::channels * GridType::tile_channel);
+        Array<Number> nodes;
+        nodes.resize(Phase::node_channels * GridType::tile_channel);
+        Scratch<Number, lanes> scratch;
 #pragma omp for schedule(dynamic, 1)
         for (int b = 0; b < blocks; ++b) {
-            detail::fill_tile<GridType, Phase::channels>(grid, b, tile.data());
-            for (int group = 0; group < GridType::Shape::groups; ++group) {
-                Cell cell(cells, tile.data(), b, group);
-                if (cell.ranks() > 0) phase(cell, results[b]);
+            detail::fill_tile<GridType, Phase::node_channels>(grid, b, nodes.data());
+            if (phase.gives()) detail::clear_own_rows<GridType, Phase::channels>(cells, grid, b);
+            MovingItems<Lane, CellOrder, d> items(cells, b, scratch);
+            for (int g = 0; g < GridType::Shape::groups; ++g) {
+                detail::Slots const slots(cells, b, g);
+                if (slots.count == 0) continue;
+                scratch.reserve(Phase::kept, slots.count);
+                auto const for_each_pack = [&](auto const& use) {
+                    for (std::size_t i = 0; i < slots.count; i += lanes) {
+                        items.enter(slots.begin + i, slots.begin + slots.count, i);
+                        use();
+                    }
+                };
+                GroupOfCells<Lane, CellOrder, GridType, d> group(cells, b, g, scratch, nodes.data(),
+                                                                 grid.tile(b));
+                for_each_pack([&] { detail::locate(phase, items); });
+                detail::take(phase, group);
+                for_each_pack([&] { detail::answer(phase, items, results[b]); });
+                if (phase.gives()) detail::give<Phase>(group);
             }
         }
     }

@@ -1,0 +1,287 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/mishap.hpp>
+#include <firn/phases/particles_to_grid.hpp>
+#include <firn/phases/update_grid.hpp>
+
+#include <limits>
+
+namespace firn
+{
+
+/// What moving the particles found out: the bounds of the next step, and what went wrong in this one.
+template <int obstacles>
+struct MoveResult
+{
+    double wave_modulus = 0; ///< largest rho_0 c^2 [Pa]
+    double speed2 = 0;       ///< largest squared speed [m^2/s^2]
+    double deformation = 0;  ///< largest Frobenius norm of the velocity gradient, squared [1/s^2]
+    std::uint64_t capped = 0;
+    std::uint64_t wrong = 0;      ///< particles with a mishap that rejects the step
+    Mishap mishap = Mishap::none; ///< of the first of them
+    std::uint32_t particle = 0;   ///< its id
+    Reactions<obstacles> reactions{};
+
+    void merge(MoveResult const& other)
+    {
+        wave_modulus = max(wave_modulus, other.wave_modulus);
+        speed2 = max(speed2, other.speed2);
+        deformation = max(deformation, other.deformation);
+        capped += other.capped;
+        if (wrong == 0) mishap = other.mishap, particle = other.particle;
+        wrong += other.wrong;
+        reactions.merge(other.reactions);
+    }
+};
+
+/// Phase 3: particles take velocities from their nodes, move, and their material answers; and at once they
+/// give to the grid of the next step, whose length is known in advance.
+///
+///   v_p, C_p by the transfer;  x_p += dt sum_i w_ip v_i;  F_p, state and tau by the model from L_p and dt
+///
+/// (Stomakhin et al. 2013, steps 7 to 10; one pass for both directions after Wang et al. 2020, *A massively
+/// parallel and scalable multi-GPU material point method*). Reads the old table and writes the new one: a
+/// step that goes wrong leaves the old one as it was.
+///
+/// What is done particle by particle (`locate`, `answer`) and what is done cell by cell (`take`, `give`) are
+/// separate functions, so that a backend may put different particles side by side for each.
+template <class Space, class Model, class Kernel, class TransferType, class Effects, class Set>
+struct MoveParticles : Giving<Space, Kernel, TransferType>
+{
+    using Transfer = TransferType;
+    using Base = Giving<Space, Kernel, Transfer>;
+    static constexpr int d = Space::dimension;
+    using Number = typename Space::Real;
+    using Velocities = NodeVelocities<d, Transfer::keeps_old_velocity>;
+    using Result = MoveResult<Effects::obstacles>;
+    static constexpr int order = Kernel::order;
+    static constexpr int node_channels = Velocities::channels;
+    static constexpr Terms terms = Transfer::template takes<Kernel>;
+
+    // What is kept of a particle before it gives: its position, and what it took.
+    static constexpr int velocity = d, old_velocity = 2 * d;
+    static constexpr int affine = old_velocity + (Transfer::keeps_old_velocity ? d : 0);
+    static constexpr int gradient = affine + (terms.affine ? d * d : 0);
+    static constexpr int taken = gradient + (terms.gradient ? d * d : 0);
+    static constexpr int kept = taken > Base::kept ? taken : Base::kept;
+
+    /// All that is not found anew from the nodes.
+    using Read = Join<typename Model::State,
+                      std::conditional_t<Transfer::keeps_old_velocity, Fields<Velocity>, Fields<>>>;
+
+    Model model;
+    Transfer transfer;
+    Effects effects;
+    TableView<Number, d, Set> before, after;
+    Portions<Number> portions;
+    Lattice lattice;
+    Number dt;                  ///< [s]
+    Number next_dt;             ///< of the step after this one [s]; 0 if not known: then nothing is given
+    Number largest_deformation; ///< dt |L| beyond which the step is rejected
+
+    bool gives() const { return next_dt > 0; }
+
+    /// Keeps where some particles are.
+    template <class Items>
+    FIRN_HOST_DEVICE void locate(Items& items) const
+    {
+        auto const x = before.position(items);
+        for (int a = 0; a < d; ++a) items.keep(a, x[a]);
+        before.expect_load(items, Read{});
+        after.expect_store(items);
+    }
+
+    /// Keeps what a row of particles, one per cell, takes from the nodes of its cells.
+    template <class Row>
+    FIRN_HOST_DEVICE void take(Row& row_of_cells) const
+    {
+        using Real = typename Row::Real;
+        Vector<Real, d> x;
+        for (int a = 0; a < d; ++a) x[a] = row_of_cells.kept(a);
+        Gathered<Real, d> const sum = gather<Real>(row_of_cells, x);
+        for (int i = 0; i < d; ++i) {
+            row_of_cells.keep(velocity + i, sum.velocity[i]);
+            if constexpr (Transfer::keeps_old_velocity)
+                row_of_cells.keep(old_velocity + i, sum.old_velocity[i]);
+            for (int j = 0; j < d; ++j) {
+                if constexpr (terms.affine) row_of_cells.keep(affine + i * d + j, sum.affine(i, j));
+                if constexpr (terms.gradient) row_of_cells.keep(gradient + i * d + j, sum.gradient(i, j));
+            }
+        }
+    }
+
+    /// Moves and deforms some particles by what they took, and keeps what they give to the next step.
+    template <class Items>
+    FIRN_HOST_DEVICE void answer(Items& items, Result& result) const
+    {
+        using Real = typename Items::Real;
+        Vector<Real, d> x;
+        for (int a = 0; a < d; ++a) x[a] = items.kept(a);
+        Gathered<Real, d> const gathered = taken_by<Real>(items);
+        auto particle = before.load(items, Read{});
+
+        Real const inverse_h(static_cast<Number>(1 / lattice.cell_size));
+        Matrix<Real, d> const L = transfer.template take<Kernel, Real, d>(particle, gathered, inverse_h);
+        Vector<Real, d> displacement = gathered.velocity * Real(dt);
+        touch_obstacles<Real>(items, x, particle, displacement, result);
+        displacement = displacement * inverse_h;
+
+        Response<Real, d> const response = model.template respond<Real>(particle, L, Real(dt));
+        after.store(items, particle);
+        items.copy(before.id, after.id);
+        auto const stays = after.move(items, before, within_a_cell<Real>(displacement), x);
+
+        Real const speed2 = particle[Velocity{}].squaredNorm(), rate2 = L.squaredNorm();
+        auto const most = [&](double& bound, Real const& value) {
+            Mask<Real> const more = items.here() & !(value <= Real(Number(bound)));
+            if (any(more)) bound = max(bound, double(largest(select(more, value, Real(0)))));
+        };
+        most(result.wave_modulus, response.wave_modulus);
+        most(result.speed2, speed2);
+        most(result.deformation, rate2);
+        inspect<Real>(items, particle, displacement, rate2, response, result);
+        if (gives()) keep_given<Real>(items, particle, x, response.kirchhoff_stress);
+        // Who has left its cell gives from the new one, and nothing here.
+        Mask<Real> const left = items.here() & !stays;
+        if (any(left)) items.depart(left, Base::mass, gives() ? Base::kept : 0);
+    }
+
+private:
+    /// The sums over the particle's stencil that the transfer takes.
+    template <class Real, class Row>
+    FIRN_HOST_DEVICE Gathered<Real, d> gather(Row const& row_of_cells, Vector<Real, d> const& offset) const
+    {
+        using Nodes = Stencil<Kernel, Real, d>;
+        Nodes const nodes(offset);
+        Gathered<Real, d> sum;
+        sum.velocity.setZero();
+        sum.old_velocity.setZero();
+        sum.affine.setZero();
+        sum.gradient.setZero();
+
+        for (int row = 0; row < Nodes::rows; ++row) {
+            Vector<Real, d> plain = Vector<Real, d>::Zero(), old = plain, reach = plain, slope = plain;
+            for (int k = 0; k < Nodes::width; ++k) {
+                Real const w = nodes.weight[Nodes::last][k];
+                Real const w_distance = w * nodes.distance[Nodes::last][k],
+                           dw = nodes.derivative[Nodes::last][k];
+                for (int a = 0; a < d; ++a) {
+                    Real const v = row_of_cells.node(Velocities::velocity + a, row, k);
+                    plain[a] += v * w;
+                    if constexpr (terms.affine) reach[a] += v * w_distance;
+                    if constexpr (terms.gradient) slope[a] += v * dw;
+                    if constexpr (Transfer::keeps_old_velocity)
+                        old[a] += row_of_cells.node(Velocities::old_velocity + a, row, k) * w;
+                }
+            }
+            Real const w_row = nodes.row_weight(row);
+            sum.velocity += plain * w_row;
+            if constexpr (Transfer::keeps_old_velocity) sum.old_velocity += old * w_row;
+            for (int a = 0; a < Nodes::last; ++a) {
+                if constexpr (terms.affine) sum.affine.col(a) += plain * (w_row * nodes.row_distance(row, a));
+                if constexpr (terms.gradient) sum.gradient.col(a) += plain * nodes.row_gradient(row, a);
+            }
+            if constexpr (terms.affine) sum.affine.col(Nodes::last) += reach * w_row;
+            if constexpr (terms.gradient) sum.gradient.col(Nodes::last) += slope * w_row;
+        }
+        return sum;
+    }
+
+    template <class Real, class Items>
+    FIRN_HOST_DEVICE static Gathered<Real, d> taken_by(Items const& items)
+    {
+        Gathered<Real, d> sum;
+        for (int i = 0; i < d; ++i) {
+            sum.velocity[i] = items.kept(velocity + i);
+            if constexpr (Transfer::keeps_old_velocity) sum.old_velocity[i] = items.kept(old_velocity + i);
+            for (int j = 0; j < d; ++j) {
+                if constexpr (terms.affine) sum.affine(i, j) = items.kept(affine + i * d + j);
+                if constexpr (terms.gradient) sum.gradient(i, j) = items.kept(gradient + i * d + j);
+            }
+        }
+        return sum;
+    }
+
+    /// Keeps what particles give to the next step.
+    template <class Real, class Items, class Particle>
+    FIRN_HOST_DEVICE void keep_given(Items& items, Particle const& particle, Vector<Real, d> const& x,
+                                     Matrix<Real, d> const& stress) const
+    {
+        Number const h = static_cast<Number>(lattice.cell_size);
+        auto const [mass, volume] = portions.find(items, before.id);
+        Matrix<Real, d> const impulse = stress * (volume * Real(-next_dt / h));
+        Base::keep(items, x, mass, transfer.template give<Kernel, Real, d>(particle, mass, impulse, Real(h)));
+    }
+
+    /// A displacement that can be stored: one beyond a cell, or not a number, rejects the step anyway.
+    template <class Real>
+    FIRN_HOST_DEVICE static Vector<Real, d> within_a_cell(Vector<Real, d> const& displacement)
+    {
+        Vector<Real, d> bounded;
+        for (int a = 0; a < d; ++a) bounded[a] = min(max(Real(-1), displacement[a]), Real(1));
+        return bounded;
+    }
+
+    /// Contact of the particles themselves, for obstacles that ask for it.
+    template <class Real, class Items, class Particle>
+    FIRN_HOST_DEVICE void touch_obstacles(Items const& items, Vector<Real, d> const& position,
+                                          Particle& particle, Vector<Real, d>& displacement,
+                                          Result& result) const
+    {
+        if constexpr (Effects::obstacles > 0) {
+            if (!effects_touch_particles()) return;
+            Number const to_node = Number(0.5 - cell_shift(order));
+            Vector<Real, d> where =
+                position + displacement * Real(Number(1 / lattice.cell_size)) + items.along();
+            for (int a = 0; a < d; ++a) where[a] += Real(to_node);
+            Place<Real, d> const place{lattice, items.first(), where};
+            displacement += apply_on_particles<Real, d>(effects, place, portions.find(items, before.id).mass,
+                                                        Real(dt), particle[Velocity{}], result.reactions);
+        }
+    }
+
+    FIRN_HOST_DEVICE bool effects_touch_particles() const
+    {
+        bool wanted = false;
+        effects.for_each([&](auto const& action) {
+            if constexpr (std::decay_t<decltype(action)>::is_obstacle) wanted = wanted || action.on_particles;
+        });
+        return wanted;
+    }
+
+    /// Counts caps and mishaps, and keeps the first mishap's particle.
+    template <class Real, class Items, class Particle>
+    FIRN_HOST_DEVICE void inspect(Items const& items, Particle& particle, Vector<Real, d> const& displacement,
+                                  Real rate2, Response<Real, d> const& response, Result& result) const
+    {
+        // The sum of all magnitudes is finite if each of them is, and small if nothing is about to overflow.
+        Real size(0), moved(0);
+        particle.for_each([&](int, auto& value) { size += abs(value); });
+        for (int a = 0; a < d; ++a) {
+            moved = max(moved, abs(displacement[a]));
+            size += abs(displacement[a]);
+        }
+        Mask<Real> const finite = size < Real(std::numeric_limits<Number>::max());
+        Real const bound(largest_deformation * largest_deformation);
+        Mask<Real> const calm = (moved < Real(1)) & (rate2 * Real(dt * dt) < bound);
+        Mask<Real> wrong = items.here() & ((!finite) | response.inverted | (!calm));
+        if (items.at_the_edge()) wrong = items.here();
+        Mask<Real> const capped = items.here() & response.capped;
+        if (!any(wrong | capped)) return;
+
+        for (std::uint64_t rest = bits(capped); rest != 0; rest &= rest - 1) ++result.capped;
+        for (std::uint64_t rest = bits(wrong), lane = 0; rest != 0; rest >>= 1, ++lane) {
+            if ((rest & 1) == 0) continue;
+            if (result.wrong++ > 0) continue;
+            result.particle = items.value(before.id, int(lane));
+            auto const holds = [&](Mask<Real> const& mask) { return ((bits(mask) >> lane) & 1) != 0; };
+            result.mishap = holds(!finite)             ? Mishap::not_finite
+                            : holds(response.inverted) ? Mishap::inverted
+                            : holds(calm)              ? Mishap::escaped
+                                                       : Mishap::rejected;
+        }
+    }
+};
+
+} // namespace firn
