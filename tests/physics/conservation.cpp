@@ -270,3 +270,44 @@ TEST_CASE("a body of snow that is packed takes shorter steps: hardening raises t
     CHECK(slow.substeps > 2 * fast.substeps);
     CHECK(slow.usual_limit() == StepLimit::wave);
 }
+
+using OnePass =
+    std::tuple<Scene<NeoHookean<Solid>, QuadraticBSpline, Mls>, Scene<Snow<Solid>, CubicBSpline, Flip>,
+               Scene<FixedCorotated<Plane>, CubicBSpline, Apic>, Scene<Snow<Plane>, QuadraticBSpline, Pic>>;
+
+// Equal steps give to the next grid in the pass that moves the particles; after an upload they give afresh.
+TEMPLATE_LIST_TEST_CASE("giving while moving is giving afresh, for particles that change their cells too", "",
+                        OnePass)
+{
+    constexpr int d = TestType::d;
+    double const h = 0.1, dt = 2e-4;
+    typename TestType::Solver once(lattice(h)), afresh(lattice(h));
+    auto const points = ball_of_points<d>(Vector<double, d>::Constant(0.013), 0.35, h);
+    auto velocity = [&](Vector<double, d> const& x) {
+        Vector<double, d> v = 40 * Vector<double, d>::Ones() - 8 * x;
+        v[0] += 12 * x[1];
+        return v;
+    };
+    std::vector<Vector<double, d>> velocities;
+    for (auto const& x : points) velocities.push_back(velocity(x));
+    for (auto* const solver : {&once, &afresh}) {
+        solver->add(points, std::pow(h / 2, d));
+        solver->template upload<Velocity>(velocities);
+    }
+    for (int i = 0; i < 60; ++i) {
+        once.step(dt);
+        afresh.step(dt);
+        afresh.template upload<Velocity>(afresh.template download<Velocity>());
+    }
+    auto const x = once.positions(), y = afresh.positions();
+    double worst = 0, travelled = 0;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+        worst = std::max(worst, (x[i] - y[i]).norm());
+        travelled = std::max(travelled, (x[i] - points[i]).norm());
+    }
+    CHECK(travelled > 4 * h);
+    CHECK(worst < 1e-12);
+    auto const v = once.template download<Velocity>(), w = afresh.template download<Velocity>();
+    for (std::size_t i = 0; i < x.size(); ++i) worst = std::max(worst, (v[i] - w[i]).norm());
+    CHECK(worst < 1e-10);
+}
