@@ -22,16 +22,12 @@ struct CubicBSpline
     template <Lane Real>
     FIRN_HOST_DEVICE static std::array<Real, 4> weights(Real t)
     {
-        Real const a = Real(0.5) - t, b = Real(0.5) + t; // distances to the right and left node of the cell
-        Real const sixth = Real(1.0 / 6.0), two_thirds = Real(2.0 / 3.0), half = Real(0.5);
-        std::array<Real, 4> w{sixth * a * a * a, two_thirds - b * b * (Real(1) - half * b),
-                              two_thirds - a * a * (Real(1) - half * a), sixth * b * b * b};
-        // 1/6 and 2/3 are rounded, so that the sum is always a little off one, which would speed everything
-        // up (or turn it off its course, were it mended on one side) by that much with every step.
-        Real const missing = half * (Real(1) - ((w[0] + w[3]) + (w[1] + w[2])));
-        w[1] += missing;
-        w[2] += missing;
-        return w;
+        Real const left = Real(0.5) - t, right = Real(0.5) + t, sixth = Real(1.0 / 6.0);
+        Real const first = sixth * left * left * left, last = sixth * right * right * right;
+        // The inner two from their sum and their difference: 1/6 and 2/3 are rounded, and a sum of weights
+        // that is always a little off one would speed everything up by that much with every step.
+        Real const sum = Real(1) - (first + last), difference = t * (Real(1.25) - t * t), half = Real(0.5);
+        return {first, half * (sum - difference), half * (sum + difference), last};
     }
 
     /// dN/dt of the four nodes [1/h].
