@@ -81,11 +81,13 @@ FIRN_HOST_DEVICE inline void for_each_component(Value& value, Use const& use)
         use(0, value);
     }
     else if constexpr (Tag::shape == FieldShape::vector) {
+        FIRN_UNROLL
         for (int i = 0; i < d; ++i) use(i, value[i]);
     }
     else {
-        for (int i = 0; i < d; ++i)
-            for (int j = 0; j < d; ++j) use(i * d + j, value(i, j));
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) FIRN_UNROLL
+        for (int j = 0; j < d; ++j) use(i * d + j, value(i, j));
     }
 }
 

@@ -1,9 +1,21 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-/// Marks what runs both on the host and on a device: the only macro of the library.
+/// Marks what runs both on the host and on a device.
 #if defined(__CUDACC__)
 #define FIRN_HOST_DEVICE __host__ __device__
 #else
 #define FIRN_HOST_DEVICE
+#endif
+
+// Before a loop over the components of vectors and matrices: unrolled, so that they are registers. Compilers
+// stop short of it where the body is long.
+#if defined(__CUDACC__)
+#define FIRN_UNROLL _Pragma("unroll")
+#elif defined(__clang__)
+#define FIRN_UNROLL _Pragma("clang loop unroll(full)")
+#elif defined(__GNUC__)
+#define FIRN_UNROLL _Pragma("GCC unroll 16")
+#else
+#define FIRN_UNROLL
 #endif

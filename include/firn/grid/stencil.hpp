@@ -29,9 +29,11 @@ struct Stencil
     /// The stencil of a particle at an offset from its cell's centre, in cells.
     FIRN_HOST_DEVICE explicit Stencil(Vector<Real, d> const& offset)
     {
+        FIRN_UNROLL
         for (int a = 0; a < d; ++a) {
             weight[a] = Kernel::weights(offset[a]);
             derivative[a] = Kernel::derivatives(offset[a]);
+            FIRN_UNROLL
             for (int i = 0; i < width; ++i)
                 distance[a][i] = Real(Scalar<Real>(i) - Scalar<Real>(0.5) * Kernel::order) - offset[a];
         }

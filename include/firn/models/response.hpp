@@ -30,6 +30,7 @@ template <Lane Real, int d>
 FIRN_HOST_DEVICE inline Matrix<Real, d> deformation_gradient(Matrix<Real, d> const& H)
 {
     Matrix<Real, d> F = H;
+    FIRN_UNROLL
     for (int i = 0; i < d; ++i) F(i, i) += Real(1);
     return F;
 }
@@ -39,6 +40,7 @@ template <Lane Real, int d>
 FIRN_HOST_DEVICE inline Matrix<Real, d> displacement_gradient(Matrix<Real, d> const& F)
 {
     Matrix<Real, d> H = F;
+    FIRN_UNROLL
     for (int i = 0; i < d; ++i) H(i, i) -= Real(1);
     return H;
 }

@@ -87,6 +87,7 @@ struct MoveParticles : Giving<Space, Kernel, TransferType>
     FIRN_HOST_DEVICE void locate(Items& items) const
     {
         auto const x = before.position(items);
+        FIRN_UNROLL
         for (int a = 0; a < d; ++a) items.keep(a, x[a]);
         before.expect_load(items, Read{});
         after.expect_store(items);
@@ -98,12 +99,15 @@ struct MoveParticles : Giving<Space, Kernel, TransferType>
     {
         using Real = typename Row::Real;
         Vector<Real, d> x;
+        FIRN_UNROLL
         for (int a = 0; a < d; ++a) x[a] = row_of_cells.kept(a);
         Gathered<Real, d> const sum = gather<Real>(row_of_cells, x);
+        FIRN_UNROLL
         for (int i = 0; i < d; ++i) {
             row_of_cells.keep(velocity + i, sum.velocity[i]);
             if constexpr (Transfer::keeps_old_velocity)
                 row_of_cells.keep(old_velocity + i, sum.old_velocity[i]);
+            FIRN_UNROLL
             for (int j = 0; j < d; ++j) {
                 if constexpr (terms.affine) row_of_cells.keep(affine + i * d + j, sum.affine(i, j));
                 if constexpr (terms.gradient) row_of_cells.keep(gradient + i * d + j, sum.gradient(i, j));
@@ -117,6 +121,7 @@ struct MoveParticles : Giving<Space, Kernel, TransferType>
     {
         using Real = typename Items::Real;
         Vector<Real, d> x;
+        FIRN_UNROLL
         for (int a = 0; a < d; ++a) x[a] = items.kept(a);
         Gathered<Real, d> const gathered = taken_by<Real>(items);
         auto particle = before.load(items, Read{});
@@ -162,10 +167,12 @@ private:
 
         for (int row = 0; row < Nodes::rows; ++row) {
             Vector<Real, d> plain = Vector<Real, d>::Zero(), old = plain, reach = plain, slope = plain;
+            FIRN_UNROLL
             for (int k = 0; k < Nodes::width; ++k) {
                 Real const w = nodes.weight[Nodes::last][k];
                 Real const w_distance = w * nodes.distance[Nodes::last][k],
                            dw = nodes.derivative[Nodes::last][k];
+                FIRN_UNROLL
                 for (int a = 0; a < d; ++a) {
                     Real const v = row_of_cells.node(Velocities::velocity + a, row, k);
                     plain[a] += v * w;
@@ -178,6 +185,7 @@ private:
             Real const w_row = nodes.row_weight(row);
             sum.velocity += plain * w_row;
             if constexpr (Transfer::keeps_old_velocity) sum.old_velocity += old * w_row;
+            FIRN_UNROLL
             for (int a = 0; a < Nodes::last; ++a) {
                 if constexpr (terms.affine) sum.affine.col(a) += plain * (w_row * nodes.row_distance(row, a));
                 if constexpr (terms.gradient) sum.gradient.col(a) += plain * nodes.row_gradient(row, a);
@@ -192,9 +200,11 @@ private:
     FIRN_HOST_DEVICE static Gathered<Real, d> taken_by(Items const& items)
     {
         Gathered<Real, d> sum;
+        FIRN_UNROLL
         for (int i = 0; i < d; ++i) {
             sum.velocity[i] = items.kept(velocity + i);
             if constexpr (Transfer::keeps_old_velocity) sum.old_velocity[i] = items.kept(old_velocity + i);
+            FIRN_UNROLL
             for (int j = 0; j < d; ++j) {
                 if constexpr (terms.affine) sum.affine(i, j) = items.kept(affine + i * d + j);
                 if constexpr (terms.gradient) sum.gradient(i, j) = items.kept(gradient + i * d + j);
@@ -219,6 +229,7 @@ private:
     FIRN_HOST_DEVICE static Vector<Real, d> within_a_cell(Vector<Real, d> const& displacement)
     {
         Vector<Real, d> bounded;
+        FIRN_UNROLL
         for (int a = 0; a < d; ++a) bounded[a] = min(max(Real(-1), displacement[a]), Real(1));
         return bounded;
     }
@@ -234,6 +245,7 @@ private:
             Number const to_node = Number(0.5 - cell_shift(order));
             Vector<Real, d> where =
                 position + displacement * Real(Number(1 / lattice.cell_size)) + items.along();
+            FIRN_UNROLL
             for (int a = 0; a < d; ++a) where[a] += Real(to_node);
             Place<Real, d> const place{lattice, items.first(), where};
             displacement += apply_on_particles<Real, d>(effects, place, portions.find(items, before.id).mass,
@@ -258,6 +270,7 @@ private:
         // The sum of all magnitudes is finite if each of them is, and small if nothing is about to overflow.
         Real size(0), moved(0);
         particle.for_each([&](int, auto& value) { size += abs(value); });
+        FIRN_UNROLL
         for (int a = 0; a < d; ++a) {
             moved = max(moved, abs(displacement[a]));
             size += abs(displacement[a]);

@@ -52,9 +52,11 @@ struct Giving
                                       Given<Real, d> const& given)
     {
         items.keep(mass, m);
+        FIRN_UNROLL
         for (int i = 0; i < d; ++i) {
             items.keep(position + i, x[i]);
             items.keep(momentum + i, given.momentum[i]);
+            FIRN_UNROLL
             for (int j = 0; j < d; ++j) {
                 if constexpr (terms.affine) items.keep(affine + i * d + j, given.affine(i, j));
                 if constexpr (terms.gradient) items.keep(gradient + i * d + j, given.gradient(i, j));
@@ -69,9 +71,11 @@ struct Giving
         using Nodes = Stencil<Kernel, Real, d>;
         Vector<Real, d> x, p;
         Matrix<Real, d> A, G;
+        FIRN_UNROLL
         for (int i = 0; i < d; ++i) {
             x[i] = row_of_cells.kept(position + i);
             p[i] = row_of_cells.kept(momentum + i);
+            FIRN_UNROLL
             for (int j = 0; j < d; ++j) {
                 if constexpr (terms.affine) A(i, j) = row_of_cells.kept(affine + i * d + j);
                 if constexpr (terms.gradient) G(i, j) = row_of_cells.kept(gradient + i * d + j);
@@ -87,6 +91,7 @@ struct Giving
             Real const m = m_p * w_row;
             Vector<Real, d> constant = p, force, slope, along;
             if constexpr (terms.affine) {
+                FIRN_UNROLL
                 for (int a = 0; a < Nodes::last; ++a) constant += A.col(a) * nodes.row_distance(row, a);
                 slope = A.col(Nodes::last) * w_row;
             }
@@ -97,11 +102,13 @@ struct Giving
                 along = G.col(Nodes::last) * w_row;
                 if constexpr (Sums::impulse == Sums::momentum) constant += force;
             }
+            FIRN_UNROLL
             for (int k = 0; k < Nodes::width; ++k) {
                 Real const w = nodes.weight[Nodes::last][k], dw = nodes.derivative[Nodes::last][k];
                 Real const reach = w * nodes.distance[Nodes::last][k];
                 Real(&node)[channels] = sums[k][row];
                 node[Sums::mass] += m * w;
+                FIRN_UNROLL
                 for (int a = 0; a < d; ++a) {
                     Real sum = node[Sums::momentum + a] + constant[a] * w;
                     if constexpr (terms.affine) sum += slope[a] * reach;
@@ -121,9 +128,10 @@ struct Giving
         using Nodes = Stencil<Kernel, Real, d>;
         // Neighbouring lanes share nodes, one place apart: going through all rows before the next place keeps
         // a write and the read that overlaps it far apart.
+        FIRN_UNROLL
         for (int k = 0; k < Nodes::width; ++k)
-            for (int row = 0; row < Nodes::rows; ++row)
-                for (int c = 0; c < channels; ++c) cell.add(c, row, k, sums[k][row][c]);
+            for (int row = 0; row < Nodes::rows; ++row) FIRN_UNROLL
+        for (int c = 0; c < channels; ++c) cell.add(c, row, k, sums[k][row][c]);
     }
 };
 

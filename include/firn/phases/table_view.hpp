@@ -29,6 +29,7 @@ struct TableView
     FIRN_HOST_DEVICE Vector<typename Items::Real, d> position(Items const& items) const
     {
         Vector<typename Items::Real, d> position;
+        FIRN_UNROLL
         for (int a = 0; a < d; ++a) position[a] = items.load_offset(offset[a]);
         return position;
     }
@@ -41,6 +42,7 @@ struct TableView
                                Vector<typename Items::Real, d>& position) const
     {
         auto stays = items.here();
+        FIRN_UNROLL
         for (int a = 0; a < d; ++a)
             stays = stays & items.move_offset(before.offset[a], offset[a], displacement[a], position[a]);
         return stays;
@@ -74,6 +76,7 @@ struct TableView
     FIRN_HOST_DEVICE void expect_load(Items const& items, Fields<Tags...>) const
     {
         auto const announce = [&](int first, int count) {
+            FIRN_UNROLL
             for (int c = 0; c < count; ++c) items.expect_load(component[first + c]);
         };
         (announce(Set::template first_component<Tags>(d), component_count<Tags>(d)), ...);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <atomic>
 #include <cstddef>
 #include <cstring>
 #include <new>
@@ -16,7 +17,7 @@ template <class T>
 class Array
 {
     static_assert(std::is_trivially_copyable_v<T>);
-    static constexpr std::size_t alignment = 64;
+    static constexpr std::size_t alignment = 64, page = 4096;
 
 public:
     /// Bytes behind the last element that may be read (not used): packs are loaded whole.
@@ -26,6 +27,7 @@ public:
     Array(Array&& other) noexcept { *this = std::move(other); }
     Array& operator=(Array&& other) noexcept
     {
+        std::swap(block_, other.block_);
         std::swap(data_, other.data_);
         std::swap(size_, other.size_);
         std::swap(capacity_, other.capacity_);
@@ -41,10 +43,12 @@ public:
     {
         if (size > capacity_) {
             std::size_t const capacity = size_ == 0 ? size : std::max(size, size_ + size_ / 2);
-            auto* const bigger =
-                static_cast<T*>(::operator new (capacity * sizeof(T) + padding, std::align_val_t{alignment}));
+            auto* const block = static_cast<char*>(
+                ::operator new (capacity * sizeof(T) + padding + page, std::align_val_t{alignment}));
+            auto* const bigger = reinterpret_cast<T*>(block + colour());
             if (size_ > 0) std::memcpy(static_cast<void*>(bigger), data_, size_ * sizeof(T));
             release();
+            block_ = block;
             data_ = bigger;
             capacity_ = capacity;
         }
@@ -61,10 +65,20 @@ public:
 private:
     void release()
     {
-        if (data_) ::operator delete (data_, std::align_val_t{alignment});
+        if (block_) ::operator delete (block_, std::align_val_t{alignment});
+        block_ = nullptr;
         data_ = nullptr;
     }
 
+    /// Where in a page the next array begins [bytes]. Large blocks begin on a page, all at the same place,
+    /// and the elements of one particle in several arrays would compete for the same few lines of the cache.
+    static std::size_t colour()
+    {
+        static std::atomic<std::size_t> arrays = 0;
+        return arrays++ * 5 * alignment % page;
+    }
+
+    char* block_ = nullptr;
     T* data_ = nullptr;
     std::size_t size_ = 0;
     std::size_t capacity_ = 0;

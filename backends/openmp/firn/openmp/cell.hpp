@@ -253,12 +253,15 @@ public:
     /// `zero_from` of `kept` channels become zero.
     void depart(Mask<Lane> const& which, int zero_from, int kept)
     {
-        for (std::uint64_t rest = bits(which); rest != 0; rest &= rest - 1) {
+        std::uint64_t rest = bits(which);
+        auto at = departures_.given.size();
+        departures_.given.resize(at + static_cast<std::size_t>(std::popcount(rest) * kept));
+        for (; rest != 0; rest &= rest - 1) {
             int const lane = std::countr_zero(rest);
             departures_.slots.push_back(static_cast<std::uint32_t>(this->slot_ + lane));
             for (int c = 0; c < kept; ++c) {
                 auto& value = *this->scratch_.at(c, this->item_ + lane);
-                departures_.given.push_back(value);
+                departures_.given[at++] = value;
                 if (c >= zero_from) value = 0;
             }
         }

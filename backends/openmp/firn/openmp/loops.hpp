@@ -4,6 +4,7 @@
 #include <firn/openmp/cell.hpp>
 #include <firn/openmp/lanes.hpp>
 
+#include <cstring>
 #include <vector>
 
 namespace firn::openmp
@@ -278,8 +279,8 @@ void fill_tile(GridType& grid, std::size_t b, Number* tile)
                                                                                  grid.node_values(
                                                                                      nodes[corner + 1]) +
                                                                                  at;
-            for (int k = 0; k < Shape::along; ++k) to[k] = near[k];
-            for (int k = 0; k < order; ++k) to[Shape::along + k] = far[k];
+            std::memcpy(to, near, Shape::along * sizeof(Number));
+            std::memcpy(to + Shape::along, far, order * sizeof(Number));
         }
     }
 }

@@ -24,6 +24,7 @@ struct CorotatedPrincipal
         Real J = sigma[0];
         for (int i = 1; i < d; ++i) J = J * sigma[i];
         Real const pressure = lambda * (J - Real(1)) * J;
+        FIRN_UNROLL
         for (int i = 0; i < d; ++i) kirchhoff[i] = Real(2) * mu * (sigma[i] - Real(1)) * sigma[i] + pressure;
         // The shear values 2 mu sigma_1^2 (1 - 1/(sigma_i + sigma_j)) are always below the longitudinal one.
         wave_modulus = max(Real(2) * mu * sigma[0] * sigma[0] + lambda * J * J, lambda + Real(2) * mu);

@@ -44,9 +44,11 @@ struct NeoHookean
 
         Response<Real, d> response;
         Matrix<Real, d> strain = H * H.transpose(); // F F^T - I
-        for (int i = 0; i < d; ++i)
-            for (int j = 0; j < d; ++j) strain(i, j) += H(i, j) + H(j, i);
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) FIRN_UNROLL
+        for (int j = 0; j < d; ++j) strain(i, j) += H(i, j) + H(j, i);
         response.kirchhoff_stress = strain * mu;
+        FIRN_UNROLL
         for (int i = 0; i < d; ++i) response.kirchhoff_stress(i, i) += lambda * log_J;
         response.wave_modulus = wave_modulus(strain, log_J);
         response.inverted = inverted;
@@ -64,8 +66,10 @@ private:
         constexpr int d = Space::dimension;
         Real const mu(elasticity.mu), lambda(elasticity.lambda);
         Real stretch2(0);
+        FIRN_UNROLL
         for (int i = 0; i < d; ++i) {
             Real row(0);
+            FIRN_UNROLL
             for (int j = 0; j < d; ++j) row += i == j ? abs(Real(1) + strain(i, j)) : abs(strain(i, j));
             stretch2 = max(stretch2, row);
         }

@@ -57,6 +57,7 @@ struct Snow
         Real plastic_part(1);
         Mask<Real> yields = nowhere<Real>();
         Real const low(Number(1) - critical_compression), high(Number(1) + critical_stretch);
+        FIRN_UNROLL
         for (int i = 0; i < d; ++i) {
             elastic[i] = min(max(svd.sigma[i], low), high);
             plastic_part = plastic_part * (svd.sigma[i] / elastic[i]);
@@ -65,8 +66,9 @@ struct Snow
         // Without yielding F stays as it is: rebuilding it would add the rounding of the SVD with every step.
         Matrix<Real, d> const F_E = svd.U * elastic.asDiagonal() * svd.V.transpose();
         Matrix<Real, d> const mapped = displacement_gradient<Real, d>(F_E);
-        for (int i = 0; i < d; ++i)
-            for (int j = 0; j < d; ++j) H(i, j) = select(yields, mapped(i, j), trial(i, j));
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) FIRN_UNROLL
+        for (int j = 0; j < d; ++j) H(i, j) = select(yields, mapped(i, j), trial(i, j));
         // J_P = det F / det F_E, kept track of far beyond the caps, so that it may come back, but not without
         // end.
         Real const far(Number(100));
