@@ -184,9 +184,9 @@ private:
                                                  NodeSums<d, Transfer::keeps_old_velocity>::channels,
                                                  NodeVelocities<d, Transfer::keeps_old_velocity>::channels>;
 
-    /// How much longer than the bound a step may be that was planned by the bound one step before: the safety
-    /// factors of StepControl allow for that and more.
-    static constexpr double plan_tolerance = 1.02;
+    /// A step that was planned by the bounds of one step before may be so much longer than the bounds of now,
+    /// for which StepControl's safety factors have room, and so much shorter: giving afresh costs more.
+    static constexpr double longest_plan = 1.02, shortest_plan = 0.75;
 
     /// What became of a step that was tried.
     struct Attempt
@@ -346,8 +346,8 @@ private:
         PlannedStep const best = plan(time_, end, previous_dt_, retries, effects...);
         double const planned = planned_.interval.length(), stable = best.interval.length();
         bool const fits = planned_.interval.begin == time_ && planned_.interval.end <= end &&
-                          given_for_ == planned && planned <= plan_tolerance * stable &&
-                          planned >= stable / plan_tolerance;
+                          given_for_ == planned && planned <= longest_plan * stable &&
+                          planned >= shortest_plan * stable;
         return fits && retries == 0 ? planned_ : best;
     }
 

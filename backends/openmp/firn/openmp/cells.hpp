@@ -92,9 +92,15 @@ public:
     std::uint32_t const* sources(std::size_t slot) const { return &source_[slot]; }
     std::size_t memory() const
     {
-        return source_.memory() + new_source_.memory() + place_.memory() + new_place_.memory() +
+        auto const of = [](auto const& list) { return list.capacity() * sizeof(list[0]); };
+        std::size_t lists = of(blocks_) + of(arrivals_) + of(stay_) + of(old_block_) + of(arrival_begin_);
+        for (auto const& list : leavers_) lists += of(list);
+        for (auto const& list : inside_) lists += of(list);
+        for (auto const& list : movers_) lists += of(list);
+        for (auto const& [slots, given] : departures_) lists += of(slots) + of(given);
+        return lists + source_.memory() + new_source_.memory() + place_.memory() + new_place_.memory() +
                counts_.memory() + new_counts_.memory() + group_begin_.memory() + new_group_begin_.memory() +
-               map_.memory() + blocks_.capacity() * sizeof(Block);
+               map_.memory();
     }
 
     /// The coordinates of a place in a block.
@@ -119,6 +125,12 @@ public:
             stay_[b] = blocks_[b].end - blocks_[b].begin;
         }
         rearrange(size() + cells.size());
+        // Every new item was in these lists; they need not stay so large.
+        leavers_.clear();
+        leavers_.shrink_to_fit();
+        arrivals_.clear();
+        arrivals_.shrink_to_fit();
+        for (auto& list : movers_) std::vector<Mover>().swap(list);
     }
 
     /// Moves the items that departed to their new cells, and wraps their offsets. An item lies at its slot
