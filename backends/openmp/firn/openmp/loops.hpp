@@ -3,6 +3,7 @@
 
 #include <firn/openmp/cell.hpp>
 #include <firn/openmp/lanes.hpp>
+#include <firn/openmp/tuning.hpp>
 
 #include <cstring>
 #include <vector>
@@ -72,11 +73,8 @@ void clear_own_rows(CellOrder const& cells, GridType& grid, std::size_t b)
 }
 
 /// What some items keep, given by the cells of their group.
-///
-/// Here and below `flatten` asks for the phases to be inlined whole: the compiler's own measure stops in the
-/// middle of the formulas, and packs then travel through memory.
 template <class Phase, class Group>
-[[gnu::flatten]] void give(Group& group)
+FIRN_INLINE_WHOLE void give(Group& group)
 {
     typename Phase::template CellSums<typename Group::Real> sums;
     for (auto& column : sums)
@@ -91,19 +89,19 @@ template <class Phase, class Group>
 }
 
 template <class Phase, class Items>
-[[gnu::flatten]] void prepare(Phase const& phase, Items& items)
+FIRN_INLINE_WHOLE void prepare(Phase const& phase, Items& items)
 {
     phase.prepare(items);
 }
 
 template <class Phase, class Items>
-[[gnu::flatten]] void locate(Phase const& phase, Items& items)
+FIRN_INLINE_WHOLE void locate(Phase const& phase, Items& items)
 {
     phase.locate(items);
 }
 
 template <class Phase, class Group>
-[[gnu::flatten]] void take(Phase const& phase, Group& group)
+FIRN_INLINE_WHOLE void take(Phase const& phase, Group& group)
 {
     for (int rank = 0, ranks = group.ranks(); rank < ranks; ++rank) {
         group.enter(rank);
@@ -112,7 +110,7 @@ template <class Phase, class Group>
 }
 
 template <class Phase, class Items>
-[[gnu::flatten]] void answer(Phase const& phase, Items& items, typename Phase::Result& result)
+FIRN_INLINE_WHOLE void answer(Phase const& phase, Items& items, typename Phase::Result& result)
 {
     phase.answer(items, result);
 }
