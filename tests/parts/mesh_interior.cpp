@@ -157,7 +157,7 @@ TEST_CASE("a head with open eyes is filled to the volume of the closed one")
     MeshInterior const open(meshes::head(n), Repair::fill);
     MeshInterior const closed(meshes::head(n, false), Repair::fill);
     CHECK(open.repaired());
-    CHECK_THAT(open.defect(), Catch::Contains("2 holes") && Catch::Contains("3 components"));
+    CHECK_THAT(open.defect(), Contains("2 holes") && Contains("3 components"));
     CHECK(open.components() == 3);
     CHECK(open.volume() == Approx(closed.volume()).epsilon(3e-3));
     CHECK(open.volume_error() / open.volume() < 4e-4);

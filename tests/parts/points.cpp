@@ -266,7 +266,7 @@ TEST_CASE("samplers refuse what cannot be sampled")
     for (double const jitter : {-0.1, 1.1, nan})
         CHECK_THROWS_AS(firn::lattice_points(ball(), Count{10}, jitter), firn::Error);
     // Two spacings to a box leave eight points in its corners, none in the ball.
-    CHECK_THROWS_WITH(firn::lattice_points(ball(), Spacing{1.9}), Catch::Contains("no point falls inside"));
+    CHECK_THROWS_WITH(firn::lattice_points(ball(), Spacing{1.9}), Contains("no point falls inside"));
 
     auto nothing = ball();
     nothing.inside = [](Vector3d const&) { return false; };

@@ -47,14 +47,12 @@ TEST_CASE("a VTP file holds positions, fields and time where its head says")
     meshes::Folder const folder;
     firn::write_vtp(folder / "a.vtp", small_frame());
     auto const text = content(folder / "a.vtp");
-    CHECK_THAT(text, Catch::Contains("Name=\"TimeValue\" NumberOfTuples=\"1\" format=\"ascii\">0.1<"));
-    CHECK_THAT(text, Catch::Contains("NumberOfPoints=\"2\" NumberOfVerts=\"1\""));
+    CHECK_THAT(text, Contains("Name=\"TimeValue\" NumberOfTuples=\"1\" format=\"ascii\">0.1<"));
+    CHECK_THAT(text, Contains("NumberOfPoints=\"2\" NumberOfVerts=\"1\""));
+    CHECK_THAT(text, Contains("Name=\"Points\" NumberOfComponents=\"3\" format=\"appended\" offset=\"0\""));
     CHECK_THAT(text,
-               Catch::Contains("Name=\"Points\" NumberOfComponents=\"3\" format=\"appended\" offset=\"0\""));
-    CHECK_THAT(text, Catch::Contains(
-                         "Name=\"velocity\" NumberOfComponents=\"3\" format=\"appended\" offset=\"84\""));
-    CHECK_THAT(text,
-               Catch::Contains("Name=\"J_P\" NumberOfComponents=\"1\" format=\"appended\" offset=\"116\""));
+               Contains("Name=\"velocity\" NumberOfComponents=\"3\" format=\"appended\" offset=\"84\""));
+    CHECK_THAT(text, Contains("Name=\"J_P\" NumberOfComponents=\"1\" format=\"appended\" offset=\"116\""));
     auto const begin = text.find("\n_") + 2;
     std::size_t at = begin;
     CHECK(read<std::uint64_t>(text, at) == 48);
@@ -78,11 +76,10 @@ TEST_CASE("a PLY file holds one row of floats for each particle")
     meshes::Folder const folder;
     firn::write_ply(folder / "a.ply", small_frame());
     auto const text = content(folder / "a.ply");
-    CHECK_THAT(text, Catch::StartsWith("ply\nformat binary_little_endian 1.0\n"));
-    CHECK_THAT(text,
-               Catch::Contains("comment time 0.1 s\nelement vertex 2\nproperty float x\nproperty float y\n"
-                               "property float z\nproperty float velocity_x\nproperty float velocity_y\n"
-                               "property float velocity_z\nproperty float J_P\nend_header\n"));
+    CHECK_THAT(text, StartsWith("ply\nformat binary_little_endian 1.0\n"));
+    CHECK_THAT(text, Contains("comment time 0.1 s\nelement vertex 2\nproperty float x\nproperty float y\n"
+                              "property float z\nproperty float velocity_x\nproperty float velocity_y\n"
+                              "property float velocity_z\nproperty float J_P\nend_header\n"));
     auto at = text.find("end_header\n") + 11;
     for (float const value :
          {1.f, 2.f, 3.f, -1.f, 0.f, 0.5f, 0.9f, 1000000.125f, 5.f, 6.f, 7.f, 8.f, 9.f, 1.1f})
@@ -105,9 +102,8 @@ TEST_CASE("a frame without particles is a file too")
     frame.scalar("J_P", std::vector<float>{});
     firn::write_vtp(folder / "a.vtp", frame);
     firn::write_ply(folder / "a.ply", frame);
-    CHECK_THAT(content(folder / "a.vtp"), Catch::Contains("NumberOfPoints=\"0\" NumberOfVerts=\"0\""));
-    CHECK_THAT(content(folder / "a.ply"),
-               Catch::Contains("element vertex 0\n") && Catch::EndsWith("end_header\n"));
+    CHECK_THAT(content(folder / "a.vtp"), Contains("NumberOfPoints=\"0\" NumberOfVerts=\"0\""));
+    CHECK_THAT(content(folder / "a.ply"), Contains("element vertex 0\n") && EndsWith("end_header\n"));
 }
 
 TEST_CASE("an index lists each file with its time and is whole after each")
@@ -116,12 +112,11 @@ TEST_CASE("an index lists each file with its time and is whole after each")
     firn::PvdIndex index(folder / "series.pvd");
     index.add(0, "frame_0.vtp");
     auto const one = content(folder / "series.pvd");
-    CHECK_THAT(one, Catch::Contains("timestep=\"0\"") && Catch::EndsWith("</VTKFile>\n"));
+    CHECK_THAT(one, Contains("timestep=\"0\"") && EndsWith("</VTKFile>\n"));
     index.add(1.0 / 24, "snow & <ice>.vtp");
     auto const two = content(folder / "series.pvd");
-    CHECK_THAT(two, Catch::Contains("<DataSet timestep=\"0\" group=\"\" part=\"0\" file=\"frame_0.vtp\"/>"));
-    CHECK_THAT(two, Catch::Contains("timestep=\"0.041666666666666664\"") &&
-                        Catch::Contains("snow &amp; &lt;ice>.vtp"));
+    CHECK_THAT(two, Contains("<DataSet timestep=\"0\" group=\"\" part=\"0\" file=\"frame_0.vtp\"/>"));
+    CHECK_THAT(two, Contains("timestep=\"0.041666666666666664\"") && Contains("snow &amp; &lt;ice>.vtp"));
 }
 
 TEST_CASE("a file that cannot be written is refused, for root too, and leaves nothing behind")
@@ -132,9 +127,8 @@ TEST_CASE("a file that cannot be written is refused, for root too, and leaves no
     CHECK_THROWS_AS(firn::write_vtp(below_a_file, frame), firn::Error);
     CHECK_THROWS_AS(firn::write_ply(below_a_file, frame), firn::Error);
     CHECK_THROWS_AS(firn::write_pvd(below_a_file, {}), firn::Error);
-    CHECK_THROWS_WITH(firn::write_vtp(folder / "none" / "a.vtp", frame),
-                      Catch::Contains("Create its folder first"));
-    CHECK_THROWS_WITH(firn::write_vtp(folder / "", frame), Catch::Contains("folder"));
+    CHECK_THROWS_WITH(firn::write_vtp(folder / "none" / "a.vtp", frame), Contains("Create its folder first"));
+    CHECK_THROWS_WITH(firn::write_vtp(folder / "", frame), Contains("folder"));
     CHECK(files_in(folder) == 1);
 }
 
@@ -172,8 +166,8 @@ TEST_CASE("fields that do not fit the particles are refused")
     auto const refused = [&](auto const& change, std::string const& what) {
         auto frame = small_frame();
         change(frame);
-        CHECK_THROWS_WITH(firn::write_vtp(folder / "a.vtp", frame), Catch::Contains(what));
-        CHECK_THROWS_WITH(firn::write_ply(folder / "a.ply", frame), Catch::Contains(what));
+        CHECK_THROWS_WITH(firn::write_vtp(folder / "a.vtp", frame), Contains(what));
+        CHECK_THROWS_WITH(firn::write_ply(folder / "a.ply", frame), Contains(what));
     };
     refused([](auto& frame) { frame.scalar("J", std::vector<float>{1}); }, "holds 1 numbers for 2 particles");
     refused([](auto& frame) { frame.scalar("J_P", std::vector<float>{1, 2}); }, "two fields are named");
@@ -182,6 +176,6 @@ TEST_CASE("fields that do not fit the particles are refused")
     refused([](auto& frame) { frame.fields[0].components = 2; }, "2 components");
     auto frame = small_frame();
     CHECK_THROWS_WITH(firn::write_ply(folder / "a.ply", frame.scalar("x", std::vector<float>{1, 2})),
-                      Catch::Contains("two PLY properties"));
+                      Contains("two PLY properties"));
     CHECK(files_in(folder) == 0);
 }

@@ -8,7 +8,6 @@
 
 #include <limits>
 
-using Catch::Contains;
 using Eigen::Vector3d;
 using firn::MeshInterior;
 using firn::Repair;
