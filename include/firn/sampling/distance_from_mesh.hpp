@@ -10,9 +10,14 @@
 #include <firn/effects/shapes/signed_distance_grid.hpp>
 #include <firn/sampling/mesh_interior.hpp>
 
-#include <CGAL/AABB_traits.h>
 #include <CGAL/AABB_tree.h>
+#if __has_include(<CGAL/AABB_traits_3.h>) // since CGAL 6
+#include <CGAL/AABB_traits_3.h>
+#include <CGAL/AABB_triangle_primitive_3.h>
+#else
+#include <CGAL/AABB_traits.h>
 #include <CGAL/AABB_triangle_primitive.h>
+#endif
 
 #include <Eigen/Core>
 
@@ -53,9 +58,15 @@ public:
     static Kernel::Point_3 point(Eigen::Vector3d const& x) { return {x.x(), x.y(), x.z()}; }
 
 private:
-    using Primitive = CGAL::AABB_triangle_primitive<Kernel, Triangles::const_iterator>;
+#if __has_include(<CGAL/AABB_traits_3.h>)
+    using Traits =
+        CGAL::AABB_traits_3<Kernel, CGAL::AABB_triangle_primitive_3<Kernel, Triangles::const_iterator>>;
+#else
+    using Traits =
+        CGAL::AABB_traits<Kernel, CGAL::AABB_triangle_primitive<Kernel, Triangles::const_iterator>>;
+#endif
     Triangles triangles_;
-    CGAL::AABB_tree<CGAL::AABB_traits<Kernel, Primitive>> tree_;
+    CGAL::AABB_tree<Traits> tree_;
 };
 
 /// The triangles between inside and outside; a repaired mesh may have others, where its parts overlap.
