@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/openmp.hpp>
+
 #include <algorithm>
 #include <chrono>
 #include <cstring>
@@ -33,6 +35,35 @@ inline double copy_bandwidth()
             from[i] = to[from.size() - 1 - i];
         }
         return 2 * double(from.size()) / shortest;
+    }();
+    return best;
+}
+
+/// Operations per second of one thread that does nothing but a * b + c on the lanes of the backend, two
+/// operations each; the best of five.
+template <class Number>
+double multiply_add_peak()
+{
+    static double const best = [] {
+        using Lane = openmp::NativeLane<Number>;
+        constexpr int chains = 12, rounds = 1 << 20; // as many as hide the latency
+        double shortest = 1e9;
+        for (int i = 0; i < 5; ++i) {
+            Lane sum[chains];
+            for (int c = 0; c < chains; ++c) sum[c] = Lane(Number(c));
+            Lane const a(Number(0.999)), b(Number(1e-3) * Number(i));
+            auto const start = std::chrono::steady_clock::now();
+            for (int r = 0; r < rounds; ++r) {
+                FIRN_UNROLL
+                for (int c = 0; c < chains; ++c) sum[c] = sum[c] * a + b;
+            }
+            std::chrono::duration<double> const took = std::chrono::steady_clock::now() - start;
+            for (int c = 1; c < chains; ++c) sum[0] += sum[c];
+            volatile Number const used = largest(sum[0]); // or all of it could be left out
+            static_cast<void>(used);
+            shortest = std::min(shortest, took.count());
+        }
+        return 2.0 * chains * rounds * lane_width<Lane> / shortest;
     }();
     return best;
 }

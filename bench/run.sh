@@ -5,7 +5,7 @@
 #
 #     bash bench/run.sh --short | --long [--threads N] [--out FILE]
 #
-#   --short   10 000 and 100 000 particles, about 3 minutes
+#   --short   100 000 particles and the phases of one step, about 3 minutes
 #   --long    up to 10 million particles, about an hour
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
@@ -25,13 +25,16 @@ done
 [ -n "$size" ] || stop "choose --short (3 minutes) or --long (an hour)."
 case $threads in '' | *[!0-9]* | 0) stop "--threads needs a number above 0, not '$threads'." ;; esac
 
-need_packages g++ cmake ninja-build libeigen3-dev libxsimd-dev libbenchmark-dev
+need_packages g++ cmake ninja-build libeigen3-dev libxsimd-dev libcgal-dev libbenchmark-dev
 (cd "$root" && cmake --preset bench && cmake --build --preset bench) || stop "the benchmarks could not be built."
 
-filter='.*'
-[ "$size" = long ] || filter='/(lattice|random|splash)/100000$|neo_hookean.*/10000$'
+filter='.*' seconds=1
+[ "$size" = long ] || {
+    filter='^step.*/(lattice|random|splash)/100000$|^step/openmp/neo_hookean.*/10000$|^phase.*neo_hookean.*lattice|sampling/openmp/lattice|^compile'
+    seconds=0.3
+}
 export OMP_WAIT_POLICY="${OMP_WAIT_POLICY:-passive}"
-"$root/build/bench/bench/step" "$threads" --benchmark_filter="$filter" --benchmark_min_time=0.5 \
+"$root/build/bench/bench/benchmarks" "$threads" --benchmark_filter="$filter" --benchmark_min_time="$seconds" \
     --benchmark_out="$out" --benchmark_out_format=json --benchmark_counters_tabular=true ||
     stop "the benchmark failed."
 echo "results in $out"

@@ -25,7 +25,7 @@ TEST_CASE("a particle stores what its policies declare, and nothing else")
 TEST_CASE("resident bytes are two buffers of the state and the order of cells, and memory keeps to them")
 {
     using Solver = Scene<Snow<SolidFloat>, CubicBSpline, Flip>::Solver;
-    STATIC_REQUIRE(Solver::bytes_per_particle == 2 * 68 + 12);
+    STATIC_REQUIRE(Solver::bytes_per_particle == 2 * 68 + 8);
     Solver solver(lattice(0.01));
     solver.add(box_of_points<3>({0, 0, 0}, {0.3, 0.3, 0.3}, 0.01), 1.25e-7);
     solver.step(1e-5);

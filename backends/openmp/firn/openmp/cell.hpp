@@ -71,7 +71,7 @@ public:
     static constexpr int lanes = lane_width<Lane>;
 
     Items(CellOrder const& cells, std::size_t block, Scratch<Number, lanes>& scratch)
-        : scratch_(scratch), cells_(cells), block_(cells.blocks()[block].coordinates)
+        : scratch_(scratch), cells_(cells), block_(block)
     {}
 
     /// Goes to the items of the slots from `slot` on, up to `end`; the first of them is number `item` in the
@@ -97,10 +97,12 @@ public:
 
     void store(Number* array, Lane const& value) const
     {
-        if (active_ == lanes) return LaneTraits<Lane>::store(value, array + slot_);
-        Number values[lanes];
-        LaneTraits<Lane>::store(value, values);
-        for (int l = 0; l < active_; ++l) array[slot_ + l] = values[l];
+        if constexpr (lanes == 1)
+            array[slot_] = value;
+        else if (active_ == lanes)
+            value.store(array + slot_);
+        else
+            value.store_first(active_, array + slot_);
     }
 
     /// Fetches what will be read or written from memory while there is other work to do.
@@ -139,10 +141,7 @@ public:
             values[l] = CellOffset<Number>::value(stored[l]);
             inside[l] = CellOffset<Number>::inside(stored[l]) ? Number(1) : Number(0);
         }
-        if (active_ == lanes)
-            std::memcpy(to + slot_, stored, sizeof stored);
-        else
-            for (int l = 0; l < active_; ++l) to[slot_ + l] = stored[l];
+        store_bits(stored, to);
         value = LaneTraits<Lane>::load(values);
         return LaneTraits<Lane>::load(inside) > Lane(Number(0));
     }
@@ -151,9 +150,13 @@ public:
     template <class T>
     void copy(T const* from, T* to) const
     {
-        if constexpr (lanes > 1 && sizeof(T) == sizeof(Number))
-            if (active_ == lanes) return reader_.copy(from, to + slot_);
-        for (int l = 0; l < active_; ++l) to[slot_ + l] = from[from_[l]];
+        if constexpr (lanes > 1 && sizeof(T) == sizeof(Number)) {
+            T values[lanes];
+            reader_.copy(from, values);
+            store_bits(values, to);
+        }
+        else
+            for (int l = 0; l < active_; ++l) to[slot_ + l] = from[from_[l]];
     }
 
     /// The lanes of `ask(where the item lies)`.
@@ -173,13 +176,14 @@ public:
     }
 
     /// The coordinates of a cell, and how far the lanes' own cells are from it along the axes.
-    Coordinates<d> first() const { return CellOrder::cell_at(block_, 0); }
+    Coordinates<d> first() const { return CellOrder::cell_at(cells_.blocks()[block_].coordinates, 0); }
     Vector<Lane, d> along() const
     {
+        int place[lanes];
+        cells_.find_places(block_, slot_, active_, place);
         Number steps[d][lanes];
         for (int l = 0; l < lanes; ++l) {
-            auto const cell =
-                CellOrder::cell_at(Coordinates<d>::Zero(), cells_.place(slot_ + std::min(l, active_ - 1)));
+            auto const cell = CellOrder::cell_at(Coordinates<d>::Zero(), place[std::min(l, active_ - 1)]);
             for (int a = 0; a < d; ++a) steps[a][l] = Number(cell[a]);
         }
         Vector<Lane, d> along;
@@ -201,7 +205,9 @@ protected:
     {
         item_ = item;
         active_ = count;
-        for (int l = 0; l < lanes; ++l) from_[l] = source[l < count ? l : count - 1];
+        std::memcpy(from_, source,
+                    sizeof from_); // whole: what is loaded next is found in the stores before it
+        if (count < lanes) std::fill(from_ + count, from_ + lanes, from_[count - 1]);
         if constexpr (lanes > 1) reader_.follow(from_);
         if (count != entered_) here_ = mask_of<Lane>((std::uint64_t{1} << count) - 1);
         entered_ = count;
@@ -211,6 +217,20 @@ protected:
     std::size_t slot_ = 0, item_ = 0;
 
 private:
+    /// Stores integers as wide as a number.
+    template <class T>
+    void store_bits(T const (&values)[lanes], T* to) const
+    {
+        static_assert(sizeof(T) == sizeof(Number));
+        if constexpr (lanes == 1)
+            to[slot_] = values[0];
+        else {
+            Number bits[lanes];
+            std::memcpy(bits, values, sizeof bits);
+            store(reinterpret_cast<Number*>(to), Lane::load(bits));
+        }
+    }
+
     void gather(Offset const* array, Offset (&values)[lanes]) const
     {
         if constexpr (lanes > 1)
@@ -231,7 +251,7 @@ private:
     }
 
     CellOrder const& cells_;
-    Coordinates<d> block_;
+    std::size_t block_;
     int active_ = 0, entered_ = 0;
     std::uint32_t from_[lanes];
     decltype(reader_for<Lane>()) reader_;
@@ -271,72 +291,23 @@ private:
     typename CellOrder::Departures& departures_;
 };
 
-/// Items that have changed their cells, as a group of cells with one item each: lane l gives to the stencil
-/// of its own cell.
-template <class Lane, class CellOrder, class GridType>
-class MovedItems
-{
-public:
-    using Real = Lane;
-    using Number = Scalar<Lane>;
-    using Shape = typename CellOrder::Shape;
-    static constexpr int lanes = lane_width<Lane>;
-
-    /// The first of `movers`, as many as there are lanes, and the tile of their block.
-    MovedItems(std::span<typename CellOrder::Mover const> movers, Number* tile)
-        : tile_(tile), count_(static_cast<int>(std::min<std::size_t>(lanes, movers.size())))
-    {
-        for (int l = 0; l < count_; ++l) {
-            given_[l] = movers[l].given;
-            int const row = movers[l].place / Shape::along;
-            at_[l] = GridType::tile_row(row * Shape::groups_per_row, 0) * GridType::row_length +
-                     movers[l].place % Shape::along;
-        }
-    }
-
-    int ranks() const { return 1; }
-    void restart() const {}
-    void enter(int) const {}
-
-    Lane kept(int channel) const
-    {
-        Number values[lanes] = {};
-        for (int l = 0; l < count_; ++l) values[l] = given_[l][channel];
-        return LaneTraits<Lane>::load(values);
-    }
-
-    /// Adds to channel c of the node at place k in a row of the stencil of each lane.
-    void add(int c, int row, int k, Lane const& value) const
-    {
-        Number values[lanes];
-        LaneTraits<Lane>::store(value, values);
-        int const step = c * GridType::tile_channel + GridType::stencil_row(row) * GridType::row_length + k;
-        for (int l = 0; l < count_; ++l) tile_[at_[l] + step] += values[l];
-    }
-
-private:
-    Number* tile_;
-    int count_;
-    Number const* given_[lanes];
-    int at_[lanes];
-};
-
 /// A group of neighbouring cells as a phase sees it: lane l is cell l. It goes through the items of its cells
 /// rank by rank: the first of each cell, then the second ones.
-template <class Lane, class CellOrder, class GridType, int d>
+template <class Lane, class GridType>
 class GroupOfCells
 {
 public:
     using Real = Lane;
     using Number = Scalar<Lane>;
-    using Shape = typename CellOrder::Shape;
+    using Shape = typename GridType::Shape;
     static constexpr int lanes = lane_width<Lane>;
 
-    /// `read` is a tile of node values, `write` one of sums; a phase that does not need one is given none.
-    GroupOfCells(CellOrder const& cells, std::size_t block, int group, Scratch<Number, lanes>& scratch,
-                 Number const* read, Number* write)
-        : count_(cells.counts(block, group)), scratch_(scratch), group_(group),
-          place_(group % Shape::groups_per_row * lanes), read_(read), write_(write)
+    /// `counts` has the number of items of each cell, `scratch` what they keep; `read` is a tile of node
+    /// values, `write` one of sums: a phase that does not need one is given none.
+    GroupOfCells(std::uint32_t const* counts, int group, Scratch<Number, lanes>& scratch, Number const* read,
+                 Number* write)
+        : count_(counts), scratch_(scratch), group_(group), place_(group % Shape::groups_per_row * lanes),
+          read_(read), write_(write)
     {}
 
     /// The largest number of items in one of the cells.
@@ -349,8 +320,7 @@ public:
     void enter(int rank)
     {
         item_ += active_;
-        pattern_ = 0;
-        for (int l = 0; l < lanes; ++l) pattern_ |= std::uint64_t(count_[l] > std::uint32_t(rank)) << l;
+        pattern_ = lanes_above<lanes>(count_, static_cast<std::uint32_t>(rank));
         active_ = static_cast<std::size_t>(std::popcount(pattern_));
     }
 

@@ -4,6 +4,7 @@
 #include <firn/core/cell_offset.hpp>
 #include <firn/openmp/array.hpp>
 #include <firn/openmp/block_map.hpp>
+#include <firn/openmp/lanes.hpp>
 #include <firn/openmp/tuning.hpp>
 
 #include <algorithm>
@@ -11,6 +12,7 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <numeric>
 #include <omp.h>
 #include <span>
 #include <vector>
@@ -33,8 +35,8 @@ public:
     /// Cells beyond this coordinate have no key (see block_key); one is kept in reserve for what is about to
     /// leave.
     static constexpr double largest_coordinate = d == 3 ? 4.0e6 : 1.0e9;
-    /// Bytes per item: source and place in its block, of the order that holds and of the one being written.
-    static constexpr std::size_t bytes_per_item = 2 * (sizeof(std::uint32_t) + sizeof(std::uint16_t));
+    /// Bytes per item: its source in the order that holds and in the one being written.
+    static constexpr std::size_t bytes_per_item = 2 * sizeof(std::uint32_t);
 
     struct Block
     {
@@ -66,7 +68,6 @@ public:
 
     std::size_t size() const { return blocks_.empty() ? 0 : blocks_.back().end; }
     std::span<Block const> blocks() const { return blocks_; }
-    BlockMap const& map() const { return map_; }
     /// Changes whenever the set of blocks does.
     std::uint64_t version() const { return version_; }
     /// How many times the order was written anew.
@@ -81,13 +82,28 @@ public:
     {
         return group_begin_[block * Shape::groups + group];
     }
-    /// The cell of a slot's item, counted within its block, along the last axis first.
-    std::uint16_t place(std::size_t slot) const { return place_[slot]; }
-    /// The items of a block that were in another cell before the last follow().
+    /// The slot behind the last of a group.
+    std::uint32_t group_end(std::size_t block, int group) const
+    {
+        return group + 1 < Shape::groups ? group_begin(block, group + 1) : blocks_[block].end;
+    }
+    /// The items of a block that were in another cell before the last follow(), in the order of their cells.
     std::span<Mover const> movers(std::size_t block) const { return movers_[block]; }
     Departures& departures(std::size_t block) { return departures_[block]; }
     /// The block's index before the last follow(), or absent.
     int old_block(std::size_t block) const { return old_block_[block]; }
+    /// The cells of some slots of a block, side by side in one group, counted along the last axis first.
+    void find_places(std::size_t block, std::size_t slot, int count, int* places) const
+    {
+        auto const begins = group_begin_.data() + block * Shape::groups;
+        int const group =
+            static_cast<int>(std::upper_bound(begins, begins + Shape::groups, slot) - begins) - 1;
+        for_each_rank(block, group, [&](std::uint32_t at, std::uint32_t, std::uint64_t pattern) {
+            for (; pattern != 0; pattern &= pattern - 1, ++at)
+                if (at >= slot && at < slot + count)
+                    places[at - slot] = group * lanes + std::countr_zero(pattern);
+        });
+    }
     /// Where the items of the slots from `slot` on lie.
     std::uint32_t const* sources(std::size_t slot) const { return &source_[slot]; }
     std::size_t memory() const
@@ -97,10 +113,10 @@ public:
         for (auto const& list : leavers_) lists += of(list);
         for (auto const& list : inside_) lists += of(list);
         for (auto const& list : movers_) lists += of(list);
+        for (auto const& list : left_) lists += of(list);
         for (auto const& [slots, given] : departures_) lists += of(slots) + of(given);
-        return lists + source_.memory() + new_source_.memory() + place_.memory() + new_place_.memory() +
-               counts_.memory() + new_counts_.memory() + group_begin_.memory() + new_group_begin_.memory() +
-               map_.memory();
+        return lists + source_.memory() + new_source_.memory() + counts_.memory() + new_counts_.memory() +
+               group_begin_.memory() + new_group_begin_.memory() + map_.memory();
     }
 
     /// The coordinates of a place in a block.
@@ -161,9 +177,27 @@ public:
     template <class Visit>
     void for_each(Visit const& visit) const
     {
-        for (Block const& block : blocks_)
-            for (std::uint32_t slot = block.begin; slot < block.end; ++slot)
-                visit(std::size_t{source(slot)}, cell_at(block.coordinates, place_[slot]));
+        for (std::size_t b = 0; b < blocks_.size(); ++b)
+            for (int group = 0; group < Shape::groups; ++group)
+                for_each_rank(b, group, [&](std::uint32_t slot, std::uint32_t, std::uint64_t pattern) {
+                    for (; pattern != 0; pattern &= pattern - 1, ++slot)
+                        visit(std::size_t{source(slot)},
+                              cell_at(blocks_[b].coordinates, group * lanes + std::countr_zero(pattern)));
+                });
+    }
+
+    /// Goes through a group rank by rank: `use(first slot of the rank, rank, one bit for each cell that has
+    /// so many items)`.
+    template <class Use>
+    void for_each_rank(std::size_t block, int group, Use const& use) const
+    {
+        std::uint32_t slot = group_begin(block, group);
+        std::uint32_t const end = group_end(block, group);
+        for (std::uint32_t rank = 0; slot < end; ++rank) {
+            std::uint64_t const pattern = lanes_above<lanes>(counts(block, group), rank);
+            use(slot, rank, pattern);
+            slot += static_cast<std::uint32_t>(std::popcount(pattern));
+        }
     }
 
 private:
@@ -172,65 +206,61 @@ private:
         Coordinates<d> block;
     };
 
-    /// The items of a block's cells by rank, as one thread works on them.
-    struct Order
+    /// Where an item was that left: its cell in its block, and its rank there.
+    struct Left
     {
-        static constexpr std::uint32_t hole = ~std::uint32_t(0);
+        std::uint32_t rank;
+        std::uint16_t place;
+    };
 
-        std::array<std::uint32_t, Shape::cells> before, first,
-            next; ///< next: the first rank that may be free
-        std::array<std::int32_t, Shape::cells> change;
-        std::vector<std::uint32_t> at; ///< of cell c from first[c] on
-
-        /// Starts with the items as they were: `counts` of each cell.
-        void start(std::uint32_t const* counts)
+    /// The sources of a group's items, a row of lanes for each rank, as one thread changes them.
+    class Ranks
+    {
+    public:
+        /// Starts with no items, in cells that will have `counts` of them after having had `before`.
+        void start(std::uint32_t const* before, std::uint32_t const* counts)
         {
-            if (counts)
-                std::copy(counts, counts + Shape::cells, before.begin());
-            else
-                before.fill(0);
-            next.fill(0);
-            change.fill(0);
+            before_ = before;
+            counts_ = counts;
+            next_.fill(0);
+            auto const most = std::max(*std::max_element(before, before + lanes), //
+                                       *std::max_element(counts, counts + lanes));
+            if (at_.size() < std::size_t(most) * lanes) at_.resize(std::size_t(most) * lanes);
         }
 
-        void make_room(std::uint32_t* counts)
-        {
-            std::uint32_t sum = 0;
-            for (int cell = 0; cell < Shape::cells; ++cell) {
-                counts[cell] = before[cell] + static_cast<std::uint32_t>(change[cell]);
-                first[cell] = sum;
-                sum += std::max(before[cell], counts[cell]);
-            }
-            at.resize(sum);
-        }
+        std::uint32_t* row(std::uint32_t rank) { return &at_[std::size_t(rank) * lanes]; }
 
-        void leave(int cell, std::uint32_t source)
-        {
-            *std::find(at.begin() + first[cell], at.begin() + first[cell] + before[cell], source) = hole;
-        }
+        void leave(std::uint32_t rank, int lane) { row(rank)[lane] = hole; }
 
         /// Puts a new item into the first hole of a cell, or behind its items.
-        void fill(int cell, std::uint32_t source)
+        void fill(int lane, std::uint32_t source)
         {
-            auto& rank = next[cell];
-            while (rank < before[cell] && at[first[cell] + rank] != hole) ++rank;
-            at[first[cell] + rank++] = source;
+            auto& rank = next_[lane];
+            while (rank < before_[lane] && row(rank)[lane] != hole) ++rank;
+            row(rank++)[lane] = source;
         }
 
-        void close_holes(std::uint32_t const* counts)
+        /// Fills the holes that are left with the last items of their cells.
+        void close_holes()
         {
-            for (int cell = 0; cell < Shape::cells; ++cell) {
-                if (change[cell] >= 0) continue; // as many came as left
-                auto const from = at.begin() + first[cell];
-                auto last = from + before[cell];
-                for (auto room = from; room < from + counts[cell]; ++room)
-                    if (*room == hole) {
+            for (int lane = 0; lane < lanes; ++lane) {
+                if (counts_[lane] >= before_[lane]) continue; // as many came as left
+                std::uint32_t last = before_[lane];
+                for (std::uint32_t rank = next_[lane]; rank < counts_[lane]; ++rank)
+                    if (row(rank)[lane] == hole) {
                         do --last;
-                        while (*last == hole);
-                        *room = *last;
+                        while (row(last)[lane] == hole);
+                        row(rank)[lane] = row(last)[lane];
                     }
             }
         }
+
+    private:
+        static constexpr std::uint32_t hole = ~std::uint32_t(0);
+
+        std::uint32_t const *before_ = nullptr, *counts_ = nullptr;
+        std::array<std::uint32_t, lanes> next_; ///< the first rank that may be free
+        std::vector<std::uint32_t> at_;
     };
 
     std::uint32_t source(std::size_t slot) const
@@ -257,6 +287,8 @@ private:
         for (auto& list : leavers_) list.clear();
         inside_.resize(blocks_.size());
         for (auto& list : inside_) list.clear();
+        left_.resize(blocks_.size());
+        for (auto& list : left_) list.clear();
         departures_.resize(blocks_.size());
         stay_.assign(blocks_.size(), 0);
     }
@@ -267,19 +299,28 @@ private:
         Block const& block = blocks_[b];
         auto& [slots, given] = departures_[b];
         std::size_t const channels = slots.empty() ? 0 : given.size() / slots.size();
-        for (std::size_t i = 0; i < slots.size(); ++i) {
-            std::uint32_t const slot = slots[i];
-            Number* const gives = given.data() + i * channels;
-            Coordinates<d> cell = cell_at(block.coordinates, place_[slot]);
-            for (int a = 0; a < d; ++a) {
-                cell[a] += CellOffset<Number>::wrap(offset[a][slot]);
-                if (channels > 0) gives[a] = CellOffset<Number>::value(offset[a][slot]);
-            }
-            Item const item = item_in(cell, slot, gives);
-            if (item.block == block.coordinates)
-                inside_[b].push_back(item);
-            else
-                leavers_[b].push_back(item);
+        std::size_t i = 0;
+        for (int group = 0; i < slots.size(); ++group) {
+            if (slots[i] >= group_end(b, group)) continue;
+            for_each_rank(b, group, [&](std::uint32_t first, std::uint32_t rank, std::uint64_t pattern) {
+                std::uint32_t const end = first + static_cast<std::uint32_t>(std::popcount(pattern));
+                for (; i < slots.size() && slots[i] < end; ++i) {
+                    std::uint32_t const slot = slots[i];
+                    int const place = group * lanes + bit_place(pattern, slot - first);
+                    left_[b].push_back({rank, static_cast<std::uint16_t>(place)});
+                    Number* const gives = given.data() + i * channels;
+                    Coordinates<d> cell = cell_at(block.coordinates, place);
+                    for (int a = 0; a < d; ++a) {
+                        cell[a] += CellOffset<Number>::wrap(offset[a][slot]);
+                        if (channels > 0) gives[a] = CellOffset<Number>::value(offset[a][slot]);
+                    }
+                    Item const item = item_in(cell, slot, gives);
+                    if (item.block == block.coordinates)
+                        inside_[b].push_back(item);
+                    else
+                        leavers_[b].push_back(item);
+                }
+            });
         }
         stay_[b] = static_cast<std::uint32_t>(block.end - block.begin - leavers_[b].size());
     }
@@ -304,19 +345,17 @@ private:
         deal_arrivals(next);
 
         new_source_.resize(count);
-        new_place_.resize(count);
         new_counts_.resize(next.size() * Shape::cells);
         new_group_begin_.resize(next.size() * Shape::groups);
         movers_.resize(next.size());
         int const blocks = static_cast<int>(next.size());
 #pragma omp parallel num_threads(threads_)
         {
-            Order order;
+            Ranks ranks;
 #pragma omp for schedule(dynamic, 4)
-            for (int b = 0; b < blocks; ++b) sort_block(b, next[b], order);
+            for (int b = 0; b < blocks; ++b) sort_block(b, next[b], ranks);
         }
         std::swap(source_, new_source_);
-        std::swap(place_, new_place_);
         std::swap(counts_, new_counts_);
         std::swap(group_begin_, new_group_begin_);
         blocks_ = std::move(next);
@@ -372,57 +411,68 @@ private:
                 arrivals_[arrival_end_[map_.find(block_key<d>(item.block))]++] = item;
     }
 
-    /// Orders a block's items by cell and rank, then interleaves them by rank within groups.
+    /// Collects the items that come into the cells of a block, in the order of its cells; `came` becomes the
+    /// number for each.
+    void collect_movers(int b, std::array<std::uint32_t, Shape::cells>& came)
+    {
+        std::span<Mover const> const inside = old_block_[b] != BlockMap::absent
+                                                  ? std::span<Mover const>(inside_[old_block_[b]])
+                                                  : std::span<Mover const>();
+        auto const arrivals = std::span<Item const>(arrivals_).subspan(
+            arrival_begin_[b], arrival_begin_[b + 1] - arrival_begin_[b]);
+        came.fill(0);
+        for (Mover const& mover : inside) ++came[mover.place];
+        for (Mover const& mover : arrivals) ++came[mover.place];
+        std::array<std::uint32_t, Shape::cells> next;
+        std::exclusive_scan(came.begin(), came.end(), next.begin(), std::uint32_t(0));
+        auto& movers = movers_[b];
+        movers.resize(inside.size() + arrivals.size());
+        for (Mover const& mover : inside) movers[next[mover.place]++] = mover;
+        for (Mover const& mover : arrivals) movers[next[mover.place]++] = mover;
+    }
+
+    /// Orders a block's items by cell and rank, interleaved by rank within groups.
     ///
     /// Who stays in a cell keeps its rank, so that sources nearly follow one another; who leaves makes room
     /// for who comes, and if none comes for the last of the cell.
-    void sort_block(int b, Block const& block, Order& order)
+    void sort_block(int b, Block const& block, Ranks& ranks)
     {
-        std::uint32_t* const counts = &new_counts_[std::size_t(b) * Shape::cells];
-        auto& movers = movers_[b];
-        movers.clear();
         int const old = old_block_[b];
-        order.start(old != BlockMap::absent ? &counts_[std::size_t(old) * Shape::cells] : nullptr);
-        if (old != BlockMap::absent) {
-            movers.assign(inside_[old].begin(), inside_[old].end());
-            for (auto const slot : departures_[old].slots) --order.change[place_[slot]];
-        }
-        for (std::uint32_t i = arrival_begin_[b]; i < arrival_begin_[b + 1]; ++i)
-            movers.push_back(arrivals_[i]);
-        for (Mover const& mover : movers) ++order.change[mover.place];
-        order.make_room(counts);
+        static constexpr std::array<std::uint32_t, Shape::cells> none{};
+        std::uint32_t const* const before =
+            old != BlockMap::absent ? &counts_[std::size_t(old) * Shape::cells] : none.data();
+        std::uint32_t* const counts = &new_counts_[std::size_t(b) * Shape::cells];
+        std::array<std::uint32_t, Shape::cells> came;
+        collect_movers(b, came);
+        for (int cell = 0; cell < Shape::cells; ++cell) counts[cell] = before[cell] + came[cell];
+        std::span<Left const> left;
+        if (old != BlockMap::absent) left = left_[old];
+        for (Left const& from : left) --counts[from.place];
 
-        if (old != BlockMap::absent) {
-            std::uint32_t slot = blocks_[old].begin;
-            for (int first = 0; first < Shape::cells; first += lanes)
-                for_each_rank(&order.before[first], [&](std::uint32_t rank, int lane) {
-                    order.at[order.first[first + lane] + rank] = source(slot++);
-                });
-            for (auto const left : departures_[old].slots) order.leave(place_[left], source(left));
-        }
-        for (Mover const& mover : movers) order.fill(mover.place, mover.source);
-        order.close_holes(counts);
-
+        auto mover = movers_[b].begin();
+        auto gone = left.begin();
         std::uint32_t slot = block.begin;
         for (int group = 0; group < Shape::groups; ++group) {
-            new_group_begin_[std::size_t(b) * Shape::groups + group] = slot;
             int const first = group * lanes;
-            for_each_rank(counts + first, [&](std::uint32_t rank, int lane) {
-                new_source_[slot] = order.at[order.first[first + lane] + rank];
-                new_place_[slot++] = static_cast<std::uint16_t>(first + lane);
-            });
-        }
-    }
-
-    /// Calls `use(rank, lane)` for the items of a group, rank by rank.
-    template <class Use>
-    static void for_each_rank(std::uint32_t const* counts, Use const& use)
-    {
-        std::uint32_t const most = *std::max_element(counts, counts + lanes);
-        for (std::uint32_t rank = 0; rank < most; ++rank) {
-            std::uint64_t pattern = 0;
-            for (int lane = 0; lane < lanes; ++lane) pattern |= std::uint64_t(rank < counts[lane]) << lane;
-            for (; pattern != 0; pattern &= pattern - 1) use(rank, std::countr_zero(pattern));
+            new_group_begin_[std::size_t(b) * Shape::groups + group] = slot;
+            ranks.start(before + first, counts + first);
+            if (old != BlockMap::absent)
+                for_each_rank(old, group, [&](std::uint32_t from, std::uint32_t rank, std::uint64_t pattern) {
+                    std::uint32_t sources[lanes];
+                    for (int l = 0; l < lanes; ++l) sources[l] = from + static_cast<std::uint32_t>(l);
+                    expand<lanes>(settled_ ? sources : &source_[from], pattern, ranks.row(rank));
+                });
+            for (; gone != left.end() && gone->place < first + lanes; ++gone)
+                ranks.leave(gone->rank, gone->place - first);
+            for (; mover != movers_[b].end() && mover->place < first + lanes; ++mover)
+                ranks.fill(mover->place - first, mover->source);
+            ranks.close_holes();
+            for (std::uint32_t rank = 0;; ++rank) {
+                std::uint64_t const pattern = lanes_above<lanes>(counts + first, rank);
+                if (pattern == 0) break;
+                compress<lanes>(ranks.row(rank), pattern, &new_source_[slot]);
+                slot += static_cast<std::uint32_t>(std::popcount(pattern));
+            }
         }
     }
 
@@ -432,12 +482,12 @@ private:
     std::vector<Block> blocks_;
     BlockMap map_;
     Array<std::uint32_t> source_, new_source_, counts_, new_counts_, group_begin_, new_group_begin_;
-    Array<std::uint16_t> place_, new_place_;
     std::vector<std::vector<Item>> leavers_; ///< per block, and last those that are new
     std::vector<std::uint32_t> stay_;
     std::vector<int> old_block_;
     std::vector<std::vector<Mover>> inside_; ///< per block before: those that stay in it
-    std::vector<std::vector<Mover>> movers_; ///< per block now
+    std::vector<std::vector<Left>> left_;    ///< per block before, as departures
+    std::vector<std::vector<Mover>> movers_; ///< per block now, by cell
     std::vector<Departures> departures_;     ///< per block before
     std::vector<Item> arrivals_;
     std::vector<std::uint32_t> arrival_begin_, arrival_end_;

@@ -128,6 +128,25 @@ struct Pack
     /// Writes the numbers to `to`, `to + 1`, …; no alignment is asked for.
     void store(Number* to) const { value.store_unaligned(to); }
 
+    /// Writes the first `count` of them and nothing behind.
+    void store_first(int count, Number* to) const
+    {
+#if defined(__AVX512VL__)
+        auto const first = (1u << count) - 1;
+        if constexpr (sizeof(Number) == 4 && width == 16)
+            return _mm512_mask_storeu_ps(to, static_cast<__mmask16>(first), value.data);
+        else if constexpr (sizeof(Number) == 4 && width == 8)
+            return _mm256_mask_storeu_ps(to, static_cast<__mmask8>(first), value.data);
+        else if constexpr (sizeof(Number) == 8 && width == 8)
+            return _mm512_mask_storeu_pd(to, static_cast<__mmask8>(first), value.data);
+        else if constexpr (sizeof(Number) == 8 && width == 4)
+            return _mm256_mask_storeu_pd(to, static_cast<__mmask8>(first), value.data);
+#endif
+        alignas(64) Number lanes[width];
+        value.store_aligned(lanes);
+        for (int i = 0; i < count; ++i) to[i] = lanes[i];
+    }
+
     /// The numbers at `base[index[0]]`, `base[index[1]]`, …
     static Pack gather(Number const* base, std::int32_t const* index)
     {
@@ -308,6 +327,71 @@ private:
         }
     }
 };
+
+/// One bit for each of `lanes` counts that is above `rank`.
+template <int lanes>
+std::uint64_t lanes_above(std::uint32_t const* counts, std::uint32_t rank)
+{
+#if defined(__AVX512VL__) && __has_include(<xsimd/xsimd.hpp>)
+    if constexpr (lanes == 16)
+        return _mm512_cmpgt_epu32_mask(_mm512_loadu_si512(counts), _mm512_set1_epi32(static_cast<int>(rank)));
+    if constexpr (lanes == 8)
+        return _mm256_cmpgt_epu32_mask(_mm256_loadu_si256(reinterpret_cast<__m256i const*>(counts)),
+                                       _mm256_set1_epi32(static_cast<int>(rank)));
+#endif
+    std::uint64_t pattern = 0;
+    for (int l = 0; l < lanes; ++l) pattern |= std::uint64_t(counts[l] > rank) << l;
+    return pattern;
+}
+
+/// Where the bit number `n` of those that are set is.
+inline int bit_place(std::uint64_t pattern, std::uint32_t n)
+{
+#if defined(__BMI2__) && __has_include(<xsimd/xsimd.hpp>)
+    return std::countr_zero(_pdep_u64(std::uint64_t{1} << n, pattern));
+#else
+    for (; n > 0; --n) pattern &= pattern - 1;
+    return std::countr_zero(pattern);
+#endif
+}
+
+/// Integers that lie side by side go to the lanes of the pattern; the other places may hold anything
+/// afterwards. Up to `lanes` integers are read.
+template <int lanes>
+void expand(std::uint32_t const* from, std::uint64_t pattern, std::uint32_t* to)
+{
+#if defined(__AVX512VL__) && __has_include(<xsimd/xsimd.hpp>)
+    if constexpr (lanes == 16)
+        return _mm512_storeu_si512(
+            to, _mm512_maskz_expand_epi32(static_cast<__mmask16>(pattern), _mm512_loadu_si512(from)));
+    if constexpr (lanes == 8)
+        return _mm256_storeu_si256(
+            reinterpret_cast<__m256i*>(to),
+            _mm256_maskz_expand_epi32(static_cast<__mmask8>(pattern),
+                                      _mm256_loadu_si256(reinterpret_cast<__m256i const*>(from))));
+#endif
+    for (; pattern != 0; pattern &= pattern - 1) to[std::countr_zero(pattern)] = *from++;
+}
+
+/// The reverse: the integers in the lanes of the pattern are written side by side, and nothing behind them.
+template <int lanes>
+void compress(std::uint32_t const* from, std::uint64_t pattern, std::uint32_t* to)
+{
+#if defined(__AVX512VL__) && __has_include(<xsimd/xsimd.hpp>)
+    // Stores under a mask: the instruction that compresses into memory is a slow one on some processors.
+    auto const together = (std::uint64_t{1} << std::popcount(pattern)) - 1;
+    if constexpr (lanes == 16)
+        return _mm512_mask_storeu_epi32(
+            to, static_cast<__mmask16>(together),
+            _mm512_maskz_compress_epi32(static_cast<__mmask16>(pattern), _mm512_loadu_si512(from)));
+    if constexpr (lanes == 8)
+        return _mm256_mask_storeu_epi32(
+            to, static_cast<__mmask8>(together),
+            _mm256_maskz_compress_epi32(static_cast<__mmask8>(pattern),
+                                        _mm256_loadu_si256(reinterpret_cast<__m256i const*>(from))));
+#endif
+    for (; pattern != 0; pattern &= pattern - 1) *to++ = from[std::countr_zero(pattern)];
+}
 
 /// Reads one number for each lane from places of an array that mostly lie in runs, if with gaps: a few
 /// windows of two packs, each permuted. Up to two packs beyond the places are read as well (see

@@ -5,7 +5,10 @@
 #include <firn/openmp/lanes.hpp>
 #include <firn/openmp/tuning.hpp>
 
+#include <array>
+#include <bit>
 #include <cstring>
+#include <numeric>
 #include <vector>
 
 namespace firn::openmp
@@ -47,27 +50,14 @@ void clear_rows(Number* tile, std::uint64_t rows)
         }
 }
 
-/// The slots of a group: where they begin, and how many there are.
-template <class CellOrder>
-struct Slots
-{
-    std::size_t begin, count;
-
-    Slots(CellOrder const& cells, std::size_t block, int group)
-        : begin(cells.group_begin(block, group)),
-          count((group + 1 < CellOrder::Shape::groups ? cells.group_begin(block, group + 1)
-                                                      : cells.blocks()[block].end) -
-                begin)
-    {}
-};
-
 /// Clears the rows of a block's tile that its cells touch, and says which they are.
 template <class GridType, int channels, class CellOrder>
 void clear_own_rows(CellOrder const& cells, GridType& grid, std::size_t b)
 {
     std::uint64_t touched = 0;
     for (int group = 0; group < GridType::Shape::groups; ++group)
-        if (Slots(cells, b, group).count > 0) touched |= GridType::rows_of_group(group);
+        if (cells.group_end(b, group) > cells.group_begin(b, group))
+            touched |= GridType::rows_of_group(group);
     grid.touched(b) = touched;
     clear_rows<GridType, channels>(grid.tile(b), touched);
 }
@@ -130,40 +120,73 @@ void scatter(int threads, CellOrder const& cells, GridType& grid, Phase const& p
             detail::clear_own_rows<GridType, Phase::channels>(cells, grid, b);
             Items<Lane, CellOrder, d> items(cells, b, scratch);
             for (int g = 0; g < GridType::Shape::groups; ++g) {
-                detail::Slots const slots(cells, b, g);
-                if (slots.count == 0) continue;
-                scratch.reserve(Phase::kept, slots.count);
-                for (std::size_t i = 0; i < slots.count; i += lanes) {
-                    items.enter(slots.begin + i, slots.begin + slots.count, i);
+                std::size_t const begin = cells.group_begin(b, g), end = cells.group_end(b, g);
+                if (begin == end) continue;
+                scratch.reserve(Phase::kept, end - begin);
+                for (std::size_t slot = begin; slot < end; slot += lanes) {
+                    items.enter(slot, end, slot - begin);
                     detail::prepare(phase, items);
                 }
-                GroupOfCells<Lane, CellOrder, GridType, d> group(cells, b, g, scratch, nullptr, grid.tile(b));
+                GroupOfCells<Lane, GridType> group(cells.counts(b, g), g, scratch, nullptr, grid.tile(b));
                 detail::give<Phase>(group);
             }
         }
     }
 }
 
+namespace detail
+{
+/// Copies what some items of a group give, listed cell by cell, to where a group of cells looks for it: rank
+/// by rank.
+template <int channels, int lanes, class Mover, class Number>
+void copy_given(Mover const* movers, std::uint32_t const* counts, Scratch<Number, lanes>& scratch)
+{
+    std::uint32_t first[lanes];
+    std::exclusive_scan(counts, counts + lanes, first, std::uint32_t(0));
+    std::size_t item = 0;
+    for (std::uint32_t rank = 0;; ++rank) {
+        std::uint64_t pattern = lanes_above<lanes>(counts, rank);
+        if (pattern == 0) break;
+        for (; pattern != 0; pattern &= pattern - 1, ++item) {
+            Number const* const given = movers[first[std::countr_zero(pattern)] + rank].given;
+            for (int c = 0; c < channels; ++c) *scratch.at(c, item) = given[c];
+        }
+    }
+}
+} // namespace detail
+
 /// Completes sums that were given by items in the cells where they were: those that departed give where they
 /// are now.
 template <class Lane, class Phase, class CellOrder, class GridType>
 void scatter_movers(int threads, CellOrder const& cells, GridType& grid)
 {
-    using Group = MovedItems<Lane, CellOrder, GridType>;
     using Shape = typename GridType::Shape;
+    constexpr int lanes = lane_width<Lane>;
     int const blocks = static_cast<int>(cells.blocks().size());
-#pragma omp parallel for schedule(dynamic, 4) num_threads(threads)
-    for (int b = 0; b < blocks; ++b) {
-        auto movers = cells.movers(b);
-        std::uint64_t fresh = 0;
-        for (auto const& mover : movers)
-            fresh |= GridType::rows_of_group(mover.place / Shape::along * Shape::groups_per_row);
-        fresh &= ~grid.touched(b);
-        grid.touched(b) |= fresh;
-        detail::clear_rows<GridType, Phase::channels>(grid.tile(b), fresh);
-        for (; !movers.empty(); movers = movers.subspan(std::min(movers.size(), std::size_t(Group::lanes)))) {
-            Group group(movers, grid.tile(b));
-            detail::give<Phase>(group);
+#pragma omp parallel num_threads(threads)
+    {
+        Scratch<typename Phase::Number, lanes> scratch;
+        std::array<std::uint32_t, Shape::cells> counts;
+#pragma omp for schedule(dynamic, 4)
+        for (int b = 0; b < blocks; ++b) {
+            auto const movers = cells.movers(b);
+            if (movers.empty()) continue;
+            counts.fill(0);
+            for (auto const& mover : movers) ++counts[mover.place];
+            auto const* next = movers.data();
+            for (int g = 0; g < Shape::groups; ++g) {
+                std::uint32_t const* const count = &counts[g * lanes];
+                std::size_t const here = std::accumulate(count, count + lanes, std::size_t(0));
+                if (here == 0) continue;
+                std::uint64_t const fresh = GridType::rows_of_group(g) & ~grid.touched(b);
+                detail::clear_rows<GridType, Phase::channels>(grid.tile(b), fresh);
+                grid.touched(b) |= fresh;
+                scratch.reserve(Phase::kept, here);
+                detail::copy_given<Phase::kept>(next, count, scratch);
+                GroupOfCells<Lane, GridType> group(count, g, scratch, nullptr, grid.tile(b));
+                detail::give<Phase>(group);
+                next += here;
+            }
         }
     }
 }
@@ -305,17 +328,17 @@ typename Phase::Result move(int threads, CellOrder& cells, GridType& grid, Phase
             if (phase.gives()) detail::clear_own_rows<GridType, Phase::channels>(cells, grid, b);
             MovingItems<Lane, CellOrder, d> items(cells, b, scratch);
             for (int g = 0; g < GridType::Shape::groups; ++g) {
-                detail::Slots const slots(cells, b, g);
-                if (slots.count == 0) continue;
-                scratch.reserve(Phase::kept, slots.count);
+                std::size_t const begin = cells.group_begin(b, g), end = cells.group_end(b, g);
+                if (begin == end) continue;
+                scratch.reserve(Phase::kept, end - begin);
                 auto const for_each_pack = [&](auto const& use) {
-                    for (std::size_t i = 0; i < slots.count; i += lanes) {
-                        items.enter(slots.begin + i, slots.begin + slots.count, i);
+                    for (std::size_t slot = begin; slot < end; slot += lanes) {
+                        items.enter(slot, end, slot - begin);
                         use();
                     }
                 };
-                GroupOfCells<Lane, CellOrder, GridType, d> group(cells, b, g, scratch, nodes.data(),
-                                                                 grid.tile(b));
+                GroupOfCells<Lane, GridType> group(cells.counts(b, g), g, scratch, nodes.data(),
+                                                   grid.tile(b));
                 for_each_pack([&] { detail::locate(phase, items); });
                 detail::take(phase, group);
                 for_each_pack([&] { detail::answer(phase, items, results[b]); });

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// Times whole substeps: `step [threads] [options of Google Benchmark]`.
+// All benchmarks: `benchmarks [threads] [options of Google Benchmark]`.
 #include "step.hpp"
 
 #include <cstdlib>
@@ -21,6 +21,11 @@ int main(int argc, char** argv)
     bench::add_steps<Snow<S>, CubicBSpline, Mls>(threads);
     bench::add_steps<Snow<S>, CubicBSpline, Flip>(threads);
     bench::add_double_steps(threads);
+    bench::add_phases(threads);
+#if FIRN_BENCH_SAMPLING
+    bench::add_sampling(threads);
+#endif
+    bench::add_compile_time();
     benchmark::AddCustomContext("firn", openmp_info());
     benchmark::AddCustomContext("threads", std::to_string(threads));
     benchmark::Initialize(&argc, argv);

@@ -1,0 +1,191 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/firn.hpp>
+
+#include <array>
+#include <cstdint>
+#include <memory>
+
+// The floating-point operations of one particle's step, counted by running the phases themselves on a number
+// that counts.
+namespace firn::bench
+{
+
+/// A number that counts the sums, products, quotients and roots it takes part in (exp and log as one each).
+template <class Number>
+struct Counted
+{
+    Number value;
+    static inline std::uint64_t operations = 0;
+
+    Counted() = default;
+    Counted(Number number) : value(number) {}
+
+    static Counted counted(Number result)
+    {
+        ++operations;
+        return result;
+    }
+
+    Counted& operator+=(Counted b) { return *this = *this + b; }
+    Counted& operator-=(Counted b) { return *this = *this - b; }
+    Counted& operator*=(Counted b) { return *this = *this * b; }
+    Counted& operator/=(Counted b) { return *this = *this / b; }
+
+    friend Counted operator+(Counted a) { return a; }
+    friend Counted operator-(Counted a) { return -a.value; }
+    friend Counted operator+(Counted a, Counted b) { return counted(a.value + b.value); }
+    friend Counted operator-(Counted a, Counted b) { return counted(a.value - b.value); }
+    friend Counted operator*(Counted a, Counted b) { return counted(a.value * b.value); }
+    friend Counted operator/(Counted a, Counted b) { return counted(a.value / b.value); }
+    friend Counted sqrt(Counted a) { return counted(firn::sqrt(a.value)); }
+    friend Counted inverse_sqrt(Counted a) { return counted(firn::inverse_sqrt(a.value)); }
+    friend Counted exp(Counted a) { return counted(firn::exp(a.value)); }
+    friend Counted log(Counted a) { return counted(firn::log(a.value)); }
+
+    friend bool operator<(Counted a, Counted b) { return a.value < b.value; }
+    friend bool operator>(Counted a, Counted b) { return a.value > b.value; }
+    friend bool operator<=(Counted a, Counted b) { return a.value <= b.value; }
+    friend bool operator>=(Counted a, Counted b) { return a.value >= b.value; }
+    friend bool operator==(Counted a, Counted b) { return a.value == b.value; }
+    friend bool operator!=(Counted a, Counted b) { return a.value != b.value; }
+    friend Counted select(bool condition, Counted a, Counted b) { return condition ? a : b; }
+    friend Counted min(Counted a, Counted b) { return firn::min(a.value, b.value); }
+    friend Counted max(Counted a, Counted b) { return firn::max(a.value, b.value); }
+    friend Counted abs(Counted a) { return firn::abs(a.value); }
+    friend Counted floor(Counted a) { return firn::floor(a.value); }
+    friend Number largest(Counted a) { return a.value; }
+};
+
+} // namespace firn::bench
+
+template <class Number>
+struct firn::LaneTraits<firn::bench::Counted<Number>>
+{
+    using Scalar = Number;
+    using Mask = bool;
+    static constexpr int width = 1;
+    static firn::bench::Counted<Number> load(Number const* from) { return *from; }
+    static void store(firn::bench::Counted<Number> const& lane, Number* to) { *to = lane.value; }
+};
+
+template <class Number>
+struct Eigen::NumTraits<firn::bench::Counted<Number>> : Eigen::GenericNumTraits<firn::bench::Counted<Number>>
+{
+    using Real = firn::bench::Counted<Number>;
+    using NonInteger = Real;
+    using Nested = Real;
+    using Literal = Real;
+    enum
+    {
+        IsComplex = 0,
+        IsInteger = 0,
+        IsSigned = 1,
+        RequireInitialization = 0,
+        ReadCost = 1,
+        AddCost = 1,
+        MulCost = 1
+    };
+    static Real epsilon() { return Eigen::NumTraits<Number>::epsilon(); }
+    static Real dummy_precision() { return Eigen::NumTraits<Number>::dummy_precision(); }
+    static Real highest() { return Eigen::NumTraits<Number>::highest(); }
+    static Real lowest() { return Eigen::NumTraits<Number>::lowest(); }
+};
+
+namespace firn::bench
+{
+
+/// One particle in one cell, as a phase sees it: it plays both the items and their row of cells. The nodes
+/// move as a linear field.
+template <class Number, int d, int kept_channels>
+struct OneParticle
+{
+    using Real = Counted<Number>;
+    std::array<Real, kept_channels> kept_{};
+
+    bool here() const { return true; }
+    void keep(int channel, Real value) { kept_[std::size_t(channel)] = value; }
+    Real kept(int channel) const { return kept_[std::size_t(channel)]; }
+    Real load(Number const* array) const { return *array; }
+    void store(Number* array, Real value) const { *array = value.value; }
+    template <class Offset>
+    Real load_offset(Offset const* array) const
+    {
+        return CellOffset<Number>::value(*array);
+    }
+    template <class Offset>
+    bool move_offset(Offset const* from, Offset* to, Real displacement, Real& value) const
+    {
+        *to = CellOffset<Number>::moved(*from, displacement.value);
+        value = CellOffset<Number>::value(*to);
+        return true;
+    }
+    template <class T>
+    void expect_load(T const*) const
+    {}
+    template <class T>
+    void expect_store(T const*) const
+    {}
+    template <class T>
+    void copy(T const* from, T* to) const
+    {
+        *to = *from;
+    }
+    template <class Ask>
+    Real map(Ask const& ask) const
+    {
+        return ask(0);
+    }
+    template <class T>
+    T value(T const* array, int) const
+    {
+        return *array;
+    }
+    bool at_the_edge() const { return false; }
+    Coordinates<d> first() const { return Coordinates<d>::Zero(); }
+    Vector<Real, d> along() const { return Vector<Real, d>::Zero(); }
+    void depart(bool, int, int) const {}
+    Real node(int c, int row, int k) const { return Number(0.01) * Number(1 + c + row - 2 * k); }
+};
+
+/// The operations of one particle in one step that takes, answers and gives, the grid left out.
+template <class Model, class Kernel, class Transfer>
+double flops_per_particle_step()
+{
+    using Space = typename Model::Space;
+    using Number = typename Space::Real;
+    constexpr int d = Space::dimension;
+    using Set = Join<typename Transfer::State, typename Model::State>;
+    using Move = MoveParticles<Space, Model, Kernel, Transfer, Chain<>, Set>;
+
+    typename CellOffset<Number>::Stored offset[d]{};
+    auto record = Record<Number, d, Set>::at_rest();
+    std::array<Number, std::size_t(Set::components(d))> state{};
+    record.for_each([&](int c, Number& value) { state[std::size_t(c)] = value; });
+    std::uint32_t id = 0;
+    TableView<Number, d, Set> table;
+    for (int a = 0; a < d; ++a) table.offset[a] = &offset[a];
+    for (std::size_t c = 0; c < state.size(); ++c) table.component[c] = &state[c];
+    table.id = &id;
+    Portion<Number> const portion{0, Number(1), Number(1e-3)};
+
+    Move const move{{},           {},           {},       {}, table, table, {&portion, 1}, lattice(0.01),
+                    Number(1e-5), Number(1e-5), Number(1)};
+    OneParticle<Number, d, Move::kept> particle;
+    typename Move::Result result;
+    using Real = Counted<Number>;
+    struct Sums
+    {
+        typename Move::template CellSums<Real> of_cell;
+    };
+    auto const sums = std::make_unique<Sums>();
+    Real::operations = 0;
+    move.locate(particle);
+    move.take(particle);
+    move.answer(particle, result);
+    Move::give(particle, sums->of_cell);
+    return double(Real::operations);
+}
+
+} // namespace firn::bench

@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: MIT
+#include "step.hpp"
+
+#include <map>
+#include <memory>
+
+// The phases of a step, each by itself.
+namespace firn::bench
+{
+namespace
+{
+
+using Clock = std::chrono::steady_clock;
+
+/// Seconds by phase.
+struct Times
+{
+    std::map<std::string, double> of;
+
+    template <class Work>
+    auto take(std::string const& phase, Work const& work)
+    {
+        struct Watch
+        {
+            double& sum;
+            Clock::time_point start = Clock::now();
+            ~Watch() { sum += std::chrono::duration<double>(Clock::now() - start).count(); }
+        } const watch{of[phase]};
+        return work();
+    }
+};
+
+/// The OpenMP backend, with a watch on what a solver asks of it.
+struct TimedOpenMP : OpenMP
+{
+    std::shared_ptr<Times> times = std::make_shared<Times>();
+
+    template <class Number, int d>
+    struct Cells : OpenMP::Cells<Number, d>
+    {
+        using Base = OpenMP::Cells<Number, d>;
+        explicit Cells(TimedOpenMP const& backend) : Base(backend), times(backend.times) {}
+
+        template <class Offsets>
+        void follow(Offsets const& offsets)
+        {
+            times->take("order", [&] { Base::follow(offsets); });
+        }
+
+        std::shared_ptr<Times> times;
+    };
+
+    template <class CellOrder, class GridType, class Phase>
+    void scatter(CellOrder const& cells, GridType& grid, Phase const& phase) const
+    {
+        times->take("scatter", [&] { OpenMP::scatter(cells, grid, phase); });
+    }
+
+    template <class Phase, class CellOrder, class GridType>
+    void scatter_movers(CellOrder const& cells, GridType& grid) const
+    {
+        times->take("scatter_movers", [&] { OpenMP::scatter_movers<Phase>(cells, grid); });
+    }
+
+    template <class CellOrder, class GridType, class Phase>
+    auto for_each_node(CellOrder const& cells, GridType& grid, Phase const& phase) const
+    {
+        return times->take("grid", [&] { return OpenMP::for_each_node(cells, grid, phase); });
+    }
+
+    template <class CellOrder, class GridType, class Phase>
+    auto move(CellOrder& cells, GridType& grid, Phase const& phase) const
+    {
+        // The nodes have read the sums: clearing them twice changes nothing.
+        times->take("clear", [&] {
+            for (std::size_t b = 0; b < cells.blocks().size(); ++b)
+                openmp::detail::clear_own_rows<GridType, Phase::channels>(cells, grid, b);
+        });
+        return times->take(phase.gives() ? "gather_and_scatter" : "gather",
+                           [&] { return OpenMP::move(cells, grid, phase); });
+    }
+};
+
+/// Times one phase of a step. Phases of unfused steps are seen when each step has another length than the one
+/// before: then nothing is given in advance.
+template <class Model, class Kernel, class Transfer>
+void phase(benchmark::State& run, std::string const& name, bool fused, Layout layout, int count, int threads)
+{
+    TimedOpenMP backend;
+    backend.threads = threads;
+    Scene<Solver<TimedOpenMP, Model, Kernel, Transfer>> scene(layout, count, backend);
+    double sum = 0;
+    bool odd = false;
+    for (auto _ : run) {
+        double const before = backend.times->of[name];
+        scene.step(fused || (odd = !odd) ? scene.dt : 0.999 * scene.dt);
+        double const took = backend.times->of[name] - before;
+        run.SetIterationTime(took);
+        sum += took;
+    }
+    run.counters["ns_per_particle"] = 1e9 * sum / double(run.iterations()) / double(scene.solver.size());
+}
+
+template <class Model, class Kernel, class Transfer>
+void add(int threads)
+{
+    for (Layout layout : {Layout::lattice, Layout::random, Layout::splash})
+        for (auto [name, fused] : {std::pair{"clear", true},
+                                   {"order", true},
+                                   {"scatter_movers", true},
+                                   {"grid", true},
+                                   {"gather_and_scatter", true},
+                                   {"scatter", false},
+                                   {"gather", false}}) {
+            int const count = 100000;
+            std::string const entry = std::string("phase/") + name + "/openmp/" + Model::name + "/" +
+                                      Kernel::name + "/" + Transfer::name + "/float/" +
+                                      layout_names[int(layout)] + "/" + std::to_string(count);
+            benchmark::RegisterBenchmark(entry.c_str(),
+                                         [=, name = std::string(name), fused = fused](benchmark::State& run) {
+                                             phase<Model, Kernel, Transfer>(run, name, fused, layout, count,
+                                                                            threads);
+                                         })
+                ->Unit(benchmark::kMillisecond)
+                ->UseManualTime();
+        }
+}
+
+} // namespace
+
+void add_phases(int threads)
+{
+    using S = Space<3, float>;
+    add<NeoHookean<S>, QuadraticBSpline, Mls>(threads);
+    add<Snow<S>, CubicBSpline, Flip>(threads);
+}
+
+} // namespace firn::bench

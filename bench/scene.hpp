@@ -1,0 +1,107 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/firn.hpp>
+#include <firn/openmp.hpp>
+
+#include <cmath>
+#include <random>
+#include <vector>
+
+// The scenes that are timed: eight particles per cell, in flight or splashed.
+namespace firn::bench
+{
+
+/// How the particles lie: regularly (jittered by a tenth of their spacing), at random, or as a splash leaves
+/// them: thrown on a floor, deformed and scattered.
+enum class Layout
+{
+    lattice,
+    random,
+    splash
+};
+inline constexpr char const* layout_names[]{"lattice", "random", "splash"};
+
+inline constexpr double cell = 0.01;    ///< [m]; eight particles per cell at the start
+inline constexpr double courant = 0.1;  ///< cells that a body in flight falls per step
+inline constexpr double throwing = 5.0; ///< speed of what splashes [m/s]
+
+inline std::vector<Eigen::Vector3d> cube(int count, Layout layout)
+{
+    int const side = static_cast<int>(std::lround(std::cbrt(double(count))));
+    double const spacing = cell / 2;
+    std::mt19937 random(7);
+    auto const unit = [&] { return double(random()) * 0x1p-32; };
+    std::vector<Eigen::Vector3d> points;
+    for (int i = 0; i < side * side * side; ++i) {
+        Eigen::Vector3d const place(i % side, i / side % side, i / side / side);
+        Eigen::Vector3d jitter;
+        for (double& x : jitter) x = unit();
+        if (layout == Layout::random)
+            points.push_back(side * spacing * jitter);
+        else
+            points.push_back((place + Eigen::Vector3d::Constant(0.45) + 0.1 * jitter) * spacing);
+    }
+    return points;
+}
+
+/// A solver that is ready to take equal steps of half the stable length.
+template <class Solver>
+struct Scene
+{
+    Solver solver;
+    bool on_floor;
+    double dt = 0; ///< [s]
+    Gravity gravity{};
+    Obstacle<HalfSpace> floor{.shape = {{0, 1, 0}}, .contact = Contact::coulomb(0.3)};
+
+    template <class Backend>
+    Scene(Layout layout, int count, Backend backend)
+        : solver(lattice(cell), {}, {}, {}, std::move(backend)), on_floor(layout == Layout::splash)
+    {
+        auto const points = cube(count, layout);
+        double const volume = std::pow(cell / 2, 3);
+        if (on_floor) {
+            solver.add(points, volume, {0, -throwing, 0});
+            solver.advance(0.5 * std::cbrt(double(count)) * cell / 2 / throwing, gravity, floor);
+            dt = 0.5 * solver.step(1e-6, gravity, floor).stable_dt;
+        }
+        else {
+            solver.add(points, volume);
+            dt = 0.5 * solver.step(1e-6).stable_dt; // at rest: all that bounds it is the wave
+            using Velocities = Vector<typename Solver::Number, 3>;
+            auto const fall = static_cast<typename Solver::Number>(-courant * cell / dt);
+            solver.template upload<Velocity>(std::vector<Velocities>(solver.size(), Velocities(0, fall, 0)));
+        }
+        step();
+        step(); // the first two steps find out that steps are equal
+    }
+
+    StepReport step() { return step(dt); }
+    StepReport step(double length)
+    {
+        return on_floor ? solver.step(length, gravity, floor) : solver.step(length);
+    }
+
+    /// The cell of each particle, by id.
+    std::vector<Coordinates<3>> cells() const
+    {
+        std::vector<Coordinates<3>> found;
+        for (auto const& x : solver.positions())
+            found.push_back(locate<3>(solver.lattice(), Solver::kernel::order, x).cell);
+        return found;
+    }
+
+    /// The share of the particles that a step takes to another cell; it takes one.
+    double leaver_share()
+    {
+        auto const before = cells();
+        step();
+        auto const after = cells();
+        double left = 0;
+        for (std::size_t i = 0; i < after.size(); ++i) left += before[i] != after[i];
+        return left / double(after.size());
+    }
+};
+
+} // namespace firn::bench
