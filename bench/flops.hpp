@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/firn.hpp>
+#include <firn/openmp.hpp>
 
 #include <array>
 #include <cstdint>
@@ -127,6 +128,7 @@ struct OneParticle
     template <class T>
     void expect_store(T const*) const
     {}
+    void store_at(Number*, std::uint32_t const*, Real) const {}
     template <class T>
     void copy(T const* from, T* to) const
     {
@@ -149,6 +151,12 @@ struct OneParticle
     Real node(int c, int row, int k) const { return Number(0.01) * Number(1 + c + row - 2 * k); }
 };
 
+/// The phase that moves a solver's particles, without obstacles.
+template <class Solver>
+using MoveOf =
+    MoveParticles<typename Solver::Space, typename Solver::Model, typename Solver::kernel,
+                  typename Solver::Transfer, Chain<>, typename Solver::Stored, typename Solver::Taken>;
+
 /// The operations of one particle in one step that takes, answers and gives, the grid left out.
 template <class Model, class Kernel, class Transfer>
 double flops_per_particle_step()
@@ -156,8 +164,8 @@ double flops_per_particle_step()
     using Space = typename Model::Space;
     using Number = typename Space::Real;
     constexpr int d = Space::dimension;
-    using Set = Join<typename Transfer::State, typename Model::State>;
-    using Move = MoveParticles<Space, Model, Kernel, Transfer, Chain<>, Set>;
+    using Set = typename Solver<OpenMP, Model, Kernel, Transfer>::Stored;
+    using Move = MoveOf<Solver<OpenMP, Model, Kernel, Transfer>>;
 
     typename CellOffset<Number>::Stored offset[d]{};
     auto record = Record<Number, d, Set>::at_rest();
@@ -170,7 +178,7 @@ double flops_per_particle_step()
     table.id = &id;
     Portion<Number> const portion{0, Number(1), Number(1e-3)};
 
-    Move const move{{},           {},           {},       {}, table, table, {&portion, 1}, lattice(0.01),
+    Move const move{{},           {},           {},       table, table, {}, {&portion, 1}, lattice(0.01),
                     Number(1e-5), Number(1e-5), Number(1)};
     OneParticle<Number, d, Move::kept> particle;
     typename Move::Result result;

@@ -29,11 +29,12 @@ concept InterpolationKernel = Lane<Real> && requires(Real t)
         } -> std::same_as<std::array<Real, T::order + 1>>;
 };
 
-/// A transfer scheme: the fields it keeps, the terms it needs, what a particle gives and takes.
+/// A transfer scheme: the fields it gives a particle, those of them that are stored from step to step, the
+/// terms it needs, what a particle gives and takes.
 template <class T, class Kernel, class Real, int d>
 concept TransferScheme = Lane<Real> &&
     requires(T const transfer, Record<Real, d, typename T::State> particle, Gathered<Real, d> gathered,
-             Matrix<Real, d> stress_impulse, Real number)
+             Matrix<Real, d> stress_impulse, Real number, typename T::Stored)
 {
     {
         T::template gives<Kernel>

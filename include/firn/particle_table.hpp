@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -14,24 +15,27 @@
 namespace firn
 {
 
-/// The particles of a scene: two buffers of their fields, and the order of cells in which they are visited.
+/// The particles of a scene: two buffers of the fields that are stored from step to step, and the order of
+/// cells in which they are visited.
 ///
 /// A step reads the current buffer through the cell order and writes the next one in that order; accepting
-/// the step swaps them. Only add() and accept() change what the table holds.
-template <class Backend, class Space, class Set>
+/// the step swaps them. Only add() and accept() change what the table holds. Fields that particles take from
+/// the grid have a place here only while somebody has set them (see hold_taken).
+template <class Backend, class Space, class StoredSet, class TakenSet>
 class ParticleTable
 {
 public:
     static constexpr int d = Space::dimension;
     using Number = typename Space::Real;
-    using View = TableView<Number, d, Set>;
+    using View = TableView<Number, d, StoredSet>;
+    using TakenView = FieldsById<Number, d, TakenSet>;
     using Cells = typename Backend::template Cells<Number, d>;
     template <class T>
     using Array = typename Backend::template Array<T>;
 
     using Offset = typename View::Offset;
     static constexpr std::size_t state_bytes =
-        d * sizeof(Offset) + Set::components(d) * sizeof(Number) + sizeof(std::uint32_t);
+        d * sizeof(Offset) + StoredSet::components(d) * sizeof(Number) + sizeof(std::uint32_t);
     static constexpr std::size_t resident_bytes = 2 * state_bytes + Cells::bytes_per_item;
 
     ParticleTable(Lattice lattice, int kernel_order, Backend const& backend)
@@ -43,6 +47,45 @@ public:
     Cells& cells() { return cells_; }
     View current() { return buffer_[0].view(); }
     View next() { return buffer_[1].view(); }
+    /// The buffer that the order of cells refers to: after a step that of before it, until the next sort().
+    View ordered() const { return buffer_[moved_ ? 1 : 0].view(); }
+
+    /// One array per component of the fields that are taken from the grid, by id.
+    struct Taken
+    {
+        std::array<Array<Number>, TakenSet::components(d)> component;
+
+        void resize(std::size_t count)
+        {
+            for (auto& array : component) array.resize(count);
+        }
+
+        TakenView view() const
+        {
+            TakenView view;
+            for (std::size_t c = 0; c < component.size(); ++c)
+                view.component[c] = const_cast<Number*>(component[c].data());
+            view.present = true;
+            return view;
+        }
+
+        template <class Tag>
+        std::vector<FieldValue<Tag, Number, d>> by_id(std::size_t count) const
+        {
+            constexpr int first = TakenSet::template first_component<Tag>(d);
+            std::vector<FieldValue<Tag, Number, d>> values(count, value_at_rest<Tag, Number, d>());
+            for (std::size_t id = 0; id < count; ++id)
+                for_each_component<Tag, d>(
+                    values[id], [&](int c, Number& number) { number = component[first + c].data()[id]; });
+            return values;
+        }
+    };
+
+    /// Whether the fields that are taken from the grid are held here; with no such fields, always.
+    bool holds_taken() const { return TakenSet::components(d) == 0 || taken_.has_value(); }
+    TakenView taken() const { return taken_ ? taken_->view() : TakenView{}; }
+    void hold_taken(Taken values) { taken_ = std::move(values); }
+    void forget_taken() { taken_.reset(); }
     Portions<Number> portions() const { return {portions_.data(), static_cast<int>(portions_.size())}; }
     double mass_unit() const { return mass_unit_; } ///< [kg]: masses on the grid are multiples of it
     Number largest_mass() const { return largest_mass_; }
@@ -67,15 +110,21 @@ public:
         sort(); // inserting is for items whose cells are up to date
 
         for (auto& buffer : buffer_) buffer.resize(count);
+        if (!taken_) taken_.emplace();
+        taken_->resize(count);
         add_portion(first, volume, density);
-        auto record = Record<Number, d, Set>::at_rest();
+        auto record = Record<Number, d, Join<StoredSet, TakenSet>>::at_rest();
         record[Velocity{}] = velocity.template cast<Number>();
         View const view = current();
+        TakenView const taken = taken_->view();
         std::vector<Coordinates<d>> cells(located.size());
         for (std::size_t i = 0; i < located.size(); ++i) {
             for (int a = 0; a < d; ++a)
                 view.offset[a][first + i] = CellOffset<Number>::from(located[i].offset[a]);
-            record.for_each([&](int c, Number const& value) { view.component[c][first + i] = value; });
+            for_each_component_of<StoredSet, d>(
+                record, [&](int c, Number const& value) { view.component[c][first + i] = value; });
+            for_each_component_of<TakenSet, d>(
+                record, [&](int c, Number const& value) { taken.component[c][first + i] = value; });
             view.id[first + i] = static_cast<std::uint32_t>(first + i);
             cells[i] = located[i].cell;
         }
@@ -109,7 +158,7 @@ public:
     {
         View const view = current();
         for (std::size_t i = 0; i < size_; ++i) {
-            Record<Number, d, Set> record;
+            Record<Number, d, StoredSet> record;
             record.for_each([&](int c, Number& value) { value = view.component[c][i]; });
             change(view.id[i], record);
             record.for_each([&](int c, Number const& value) { view.component[c][i] = value; });
@@ -129,7 +178,7 @@ public:
     template <class Tag>
     std::vector<FieldValue<Tag, Number, d>> download() const
     {
-        constexpr int first = Set::template first_component<Tag>(d);
+        constexpr int first = StoredSet::template first_component<Tag>(d);
         std::vector<FieldValue<Tag, Number, d>> by_id(size_, value_at_rest<Tag, Number, d>());
         View const view = buffer_[0].view();
         for (std::size_t i = 0; i < size_; ++i) {
@@ -160,13 +209,19 @@ public:
     }
 
     /// Bytes held, spare capacity included.
-    std::size_t memory() const { return buffer_[0].memory() + buffer_[1].memory() + cells_.memory(); }
+    std::size_t memory() const
+    {
+        std::size_t bytes = buffer_[0].memory() + buffer_[1].memory() + cells_.memory();
+        if (taken_)
+            for (auto const& array : taken_->component) bytes += array.memory();
+        return bytes;
+    }
 
 private:
     struct Buffer
     {
         std::array<Array<Offset>, d> offset;
-        std::array<Array<Number>, Set::components(d)> component;
+        std::array<Array<Number>, StoredSet::components(d)> component;
         Array<std::uint32_t> id;
 
         void resize(std::size_t count)
@@ -180,7 +235,7 @@ private:
         {
             View view;
             for (int a = 0; a < d; ++a) view.offset[a] = const_cast<Offset*>(offset[a].data());
-            for (int c = 0; c < Set::components(d); ++c)
+            for (int c = 0; c < StoredSet::components(d); ++c)
                 view.component[c] = const_cast<Number*>(component[c].data());
             view.id = const_cast<std::uint32_t*>(id.data());
             return view;
@@ -261,6 +316,7 @@ private:
     double mass_unit_ = 1;
     Number largest_mass_ = 0;
     std::array<Buffer, 2> buffer_;
+    std::optional<Taken> taken_;
     Array<Portion<Number>> portions_;
     Cells cells_;
 };

@@ -40,13 +40,16 @@ public:
     static_assert(TransferScheme<Transfer, Kernel, Real, d>,
                   "the transfer scheme lacks give or take: see firn/concepts.hpp");
 
-    /// What a particle stores beside position and id: the union of what transfer and model declare.
+    /// A particle's fields beside position and id: the union of what transfer and model declare.
     using State = Join<typename Transfer::State, typename Model::State>;
-    using Table = ParticleTable<Backend, Space, State>;
+    /// Those that are stored from step to step, and those that particles take from the grid when asked for.
+    using Stored = Join<typename Transfer::Stored, typename Model::State>;
+    using Taken = Without<typename Transfer::State, Stored>;
+    using Table = ParticleTable<Backend, Space, Stored, Taken>;
 
-    /// The bytes of one particle's state: its position, its fields and its permanent id.
+    /// The bytes of what is stored of one particle: its position, its fields and its permanent id.
     static constexpr std::size_t state_bytes_per_particle = Table::state_bytes;
-    /// All resident bytes per particle: two buffers of the state, and the index of the cell order.
+    /// All resident bytes per particle: two buffers of that, and the index of the cell order.
     static constexpr std::size_t bytes_per_particle = Table::resident_bytes;
 
     explicit Solver(Lattice lattice, Model model = {}, Transfer transfer = {}, StepControl control = {},
@@ -71,6 +74,7 @@ public:
     std::uint32_t add(Points const& points, double volume_per_point,
                       Vector<double, d> const& velocity = Vector<double, d>::Zero())
     {
+        hold_taken();
         auto const first = particles_.add(points, volume_per_point, double(model_.density), velocity);
         if (particles_.size() == first) return first;
         given_for_ = 0;
@@ -86,8 +90,8 @@ public:
     template <class Tag>
     void upload(std::vector<FieldValue<Tag, Number, d>> const& by_id)
     {
-        static_assert(Join<typename Transfer::State, typename Model::State>::template contains<Tag>,
-                      "the scene stores no such field, or one that follows from others");
+        static_assert(State::template contains<Tag>,
+                      "the scene's particles have no such field, or it follows from others");
         require(by_id.size() == size(), "there is not one value per particle", "Solver::upload",
                 "Pass size() values, by id.");
         for (auto value : by_id)
@@ -95,7 +99,14 @@ public:
                 require(std::isfinite(number), "a value is not finite", "Solver::upload",
                         "Pass finite values.");
             });
-        particles_.edit([&](std::uint32_t id, auto& particle) { particle[Tag{}] = by_id[id]; });
+        hold_taken();
+        if constexpr (Stored::template contains<Tag>)
+            particles_.edit([&](std::uint32_t id, auto& particle) { particle[Tag{}] = by_id[id]; });
+        else
+            for (std::size_t id = 0; id < by_id.size(); ++id)
+                for_each_component<Tag, d>(by_id[id], [&](int c, Number number) {
+                    particles_.taken().component[Taken::template first_component<Tag>(d) + c][id] = number;
+                });
         given_for_ = 0;
         find_bounds();
     }
@@ -103,7 +114,9 @@ public:
     /// Advances the simulation by one time step of length `dt` [s].
     ///
     /// A `dt` above the stable one is taken, with a warning in the report. A step that goes wrong changes
-    /// nothing and throws an Error that names particle, place, time and cause.
+    /// nothing and throws an Error that names particle, place, time and cause. (If it was within the stable
+    /// one, velocities that are not stored, see Taken, are then taken anew from what particles gave to the
+    /// grid: momentum and uniform or affine motion are exact, the rest is smoothed by one transfer.)
     template <NodeEffect<Number, d>... Effects>
     StepReport step(double dt, Effects const&... effects)
     {
@@ -112,11 +125,10 @@ public:
         (validate(effects), ...);
         double const stable = stable_step(effects...).dt;
         Interval const now{time_, time_ + dt};
-        // Who takes equal steps is expected to go on so.
-        Interval const next = dt == previous_user_dt_ ? Interval{now.end, now.end + dt} : Interval{};
+        if (dt > stable) hold_taken();              // it may go wrong
+        Interval const next{now.end, now.end + dt}; // who takes equal steps is expected to go on so
         Attempt attempted = attempt(now, next.length(), effects...);
         if (attempted.wrong > 0) fail(attempted, dt);
-        previous_user_dt_ = dt;
         attempted.report.stable_dt = stable;
         attempted.report.beyond_stable = dt > stable;
         return std::move(attempted.report);
@@ -125,7 +137,8 @@ public:
     /// Advances the simulation by `duration` [s] in as many stable steps as needed.
     ///
     /// A step that goes wrong is repeated with half its length; after StepControl::retries halvings that is
-    /// an Error that names particle, place, time and cause, and the state is that of the last good step.
+    /// an Error that names particle, place, time and cause, and the state is that of the last good step (but
+    /// see step() for velocities).
     template <NodeEffect<Number, d>... Effects>
     AdvanceReport advance(double duration, Effects const&... effects)
     {
@@ -170,7 +183,10 @@ public:
     template <class Tag>
     std::vector<FieldValue<Tag, Number, d>> download() const
     {
-        return particles_.template download<Tag>();
+        if constexpr (Stored::template contains<Tag>)
+            return particles_.template download<Tag>();
+        else
+            return take_again().template by_id<Tag>(size());
     }
 
     /// Masses [kg], by id.
@@ -197,46 +213,109 @@ private:
         std::uint32_t particle = 0;
     };
 
-    /// The step: to the grid, on the grid, back to the particles and, if the length of the next step is known
-    /// (not 0), at once to its grid. One that goes wrong leaves the particles as they were.
+    /// The step: to the grid, on the grid, back to the particles and at once to the grid of the next step,
+    /// which should be `next_dt` long. One that goes wrong leaves the particles, and what they gave, as it
+    /// was.
     template <class... Effects>
     Attempt attempt(Interval const& interval, double next_dt, Effects const&... effects)
     {
         auto const actions = chain<Number, d>(interval, effects...);
         using Actions = std::remove_const_t<decltype(actions)>;
-        Number const dt = static_cast<Number>(interval.length()), h = static_cast<Number>(lattice_.cell_size);
-
         particles_.sort(); // into the order of cells
         auto& cells = particles_.cells();
         grid_.follow(cells); // blocks of nodes under them
-        auto const now = particles_.current(), next = particles_.next();
-        auto const portions = particles_.portions();
-
-        using Scatter = ParticlesToGrid<Space, Model, Kernel, Transfer, State>;
-        using Update = UpdateGrid<Space, Transfer, Actions>;
-        using Move = MoveParticles<Space, Model, Kernel, Transfer, Actions, State>;
-        Scatter const scatter{{}, model_, transfer_, now, portions, dt, h};
-        if (given_for_ == interval.length())
-            backend_.template scatter_movers<Scatter>(cells, grid_);
-        else
-            backend_.scatter(cells, grid_, scatter);
-        given_for_ = 0;
-        auto const reactions =
-            backend_.for_each_node(cells, grid_, Update{actions, lattice_, smallest_node_mass()});
-        auto const found = backend_.move(cells, grid_,
-                                         Move{{},
-                                              model_,
-                                              transfer_,
-                                              actions,
-                                              now,
-                                              next,
-                                              portions,
-                                              lattice_,
-                                              dt,
-                                              static_cast<Number>(next_dt),
-                                              Number(control_.rejection)});
-        if (found.wrong == 0) given_for_ = next_dt;
+        give_for(interval.length());
+        auto const reactions = backend_.for_each_node(
+            cells, grid_, UpdateGrid<Space, Transfer, Actions>{actions, lattice_, smallest_node_mass()});
+        typename Table::Taken velocities; // only obstacles that push particles set what cannot be taken again
+        bool const pushed = Taken::components(d) > 0 && touches_particles(actions);
+        if (pushed) velocities.resize(size());
+        using Move = MoveParticles<Space, Model, Kernel, Transfer, Actions, Stored, Taken>;
+        auto const found =
+            backend_.move(cells, grid_,
+                          Move{model_, transfer_, actions, particles_.current(), particles_.next(),
+                               pushed ? velocities.view() : typename Table::TakenView{},
+                               particles_.portions(), lattice_, static_cast<Number>(interval.length()),
+                               static_cast<Number>(next_dt), Number(control_.rejection)});
+        spoiled_ = found.wrong > 0;
+        if (!spoiled_) {
+            particles_.accept();
+            particles_.forget_taken();
+            if (pushed) particles_.hold_taken(std::move(velocities));
+            grid_.accept();
+            given_for_ = next_dt;
+            movers_gave_ = false;
+        }
         return finish(interval, reactions, found);
+    }
+
+    using Scatter = ParticlesToGrid<Space, Model, Kernel, Transfer, Stored, Taken>;
+
+    Scatter scatter(double dt, bool impulse_only)
+    {
+        return {{},
+                model_,
+                transfer_,
+                particles_.current(),
+                particles_.taken(),
+                particles_.portions(),
+                static_cast<Number>(dt),
+                static_cast<Number>(lattice_.cell_size),
+                impulse_only};
+    }
+
+    /// Brings the sums on the grid to what particles give to a step of this length [s]: they may have given
+    /// already, and for another length.
+    void give_for(double dt)
+    {
+        auto const& cells = particles_.cells();
+        if (given_for_ == 0)
+            backend_.scatter(cells, grid_, scatter(dt, false), true);
+        else {
+            if (!movers_gave_) backend_.template scatter_movers<Scatter>(cells, grid_);
+            if (given_for_ != dt) backend_.scatter(cells, grid_, scatter(dt - given_for_, true), false);
+        }
+        movers_gave_ = true;
+        given_for_ = dt;
+    }
+
+    /// The fields that particles take from the grid, as they took them in the last step.
+    typename Table::Taken take_again() const
+    {
+        typename Table::Taken taken;
+        taken.resize(size());
+        if (particles_.holds_taken())
+            for (std::size_t c = 0; c < taken.component.size(); ++c)
+                std::copy_n(particles_.taken().component[c], size(), taken.component[c].data());
+        else if constexpr (Taken::components(d) > 0)
+            backend_.take(particles_.cells(), grid_,
+                          TakeVelocities<Space, Kernel, Transfer, Stored, Taken>{
+                              {},
+                              transfer_,
+                              particles_.ordered(),
+                              taken.view(),
+                              static_cast<Number>(lattice_.cell_size)});
+        return taken;
+    }
+
+    /// Holds them beside the particles, before what they are taken from changes.
+    void hold_taken()
+    {
+        if (!particles_.holds_taken()) particles_.hold_taken(take_again());
+    }
+
+    /// After a step that went wrong: the grid no longer has the velocities that particles took, but still
+    /// what they gave. They take from that, without the forces of the step.
+    void regain_velocities()
+    {
+        if (!spoiled_ || particles_.holds_taken()) return;
+        auto& cells = particles_.cells();
+        backend_.scatter(cells, grid_, scatter(-given_for_, true), false);
+        given_for_ = 0;
+        backend_.for_each_node(cells, grid_,
+                               UpdateGrid<Space, Transfer, Chain<>>{{}, lattice_, smallest_node_mass()});
+        hold_taken();
+        spoiled_ = false;
     }
 
     /// Accepts the step unless something went wrong in it; keeps what bounds the next one.
@@ -249,7 +328,6 @@ private:
         attempted.particle = found.particle;
         if (found.wrong > 0) return attempted;
 
-        particles_.accept();
         time_ = interval.end;
         bounds_.wave_speed = wave_speed(found.wave_modulus);
         bounds_.speed = std::sqrt(found.speed2);
@@ -277,8 +355,9 @@ private:
             modulus = std::max(
                 modulus, double(model_.template respond<Number>(as_set, Matrix<Number, d>::Zero(), Number(0))
                                     .wave_modulus));
-            bounds_.speed = std::max(bounds_.speed, double(particle[Velocity{}].norm()));
         });
+        for (auto const& velocity : download<Velocity>())
+            bounds_.speed = std::max(bounds_.speed, double(velocity.norm()));
         bounds_.wave_speed = wave_speed(modulus);
     }
 
@@ -359,9 +438,10 @@ private:
         return plan(step.interval.end, end, previous, 0, effects...);
     }
 
-    void require_progress(PlannedStep const& step, double duration) const
+    void require_progress(PlannedStep const& step, double duration)
     {
         if (step.interval.length() > control_.smallest * duration && step.interval.end > time_) return;
+        regain_velocities();
         std::ostringstream what, where, remedy;
         what << "the stable time step fell to " << step.interval.length() << " s, bounded by "
              << describe(step.limit);
@@ -371,8 +451,9 @@ private:
         throw Error{what.str(), where.str(), remedy.str()};
     }
 
-    [[noreturn]] void fail(Attempt const& attempted, double dt) const
+    [[noreturn]] void fail(Attempt const& attempted, double dt)
     {
+        regain_velocities();
         std::ostringstream what, where;
         what << "particle " << attempted.particle << " " << describe(attempted.mishap);
         if (attempted.wrong > 1) what << ", as did " << attempted.wrong - 1 << " more";
@@ -389,13 +470,15 @@ private:
     Transfer transfer_;
     StepControl control_;
     Backend backend_;
-    ParticleTable<Backend, Space, State> particles_;
+    Table particles_;
     Grid grid_;
     StepBounds bounds_;
     double time_ = 0;
-    double previous_dt_ = 0, previous_user_dt_ = 0;
+    double previous_dt_ = 0;
     PlannedStep planned_;
     double given_for_ = 0; ///< the grid holds what particles give to a step of this length [s]; 0: nothing
+    bool movers_gave_ = false; ///< so have those that changed their cells since
+    bool spoiled_ = false;     ///< a step went wrong: nodes do not hold the velocities of the last good one
 };
 
 } // namespace firn

@@ -280,9 +280,12 @@ using OnePass =
     std::tuple<Scene<NeoHookean<Solid>, QuadraticBSpline, Mls>, Scene<Snow<Solid>, CubicBSpline, Flip>,
                Scene<FixedCorotated<Plane>, CubicBSpline, Apic>, Scene<Snow<Plane>, QuadraticBSpline, Pic>>;
 
-// Equal steps give to the next grid in the pass that moves the particles; after an upload they give afresh.
-TEMPLATE_LIST_TEST_CASE("giving while moving is giving afresh, for particles that change their cells too", "",
-                        OnePass)
+// A step gives to the next grid in the pass that moves the particles, for a step as long as itself; after an
+// upload particles give afresh.
+TEMPLATE_LIST_TEST_CASE(
+    "giving while moving is giving afresh, for particles that change their cells and steps "
+    "that change their length too",
+    "", OnePass)
 {
     constexpr int d = TestType::d;
     double const h = 0.1, dt = 2e-4;
@@ -300,8 +303,10 @@ TEMPLATE_LIST_TEST_CASE("giving while moving is giving afresh, for particles tha
         solver->template upload<Velocity>(velocities);
     }
     for (int i = 0; i < 60; ++i) {
-        once.step(dt);
-        afresh.step(dt);
+        // now and then another length than the one they gave for
+        double const length = i % 7 == 3 ? 0.6 * dt : i % 7 == 5 ? 1.3 * dt : dt;
+        once.step(length);
+        afresh.step(length);
         afresh.template upload<Velocity>(afresh.template download<Velocity>());
     }
     auto const x = once.positions(), y = afresh.positions();

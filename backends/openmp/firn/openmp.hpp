@@ -46,11 +46,12 @@ struct BasicOpenMP
         openmp::for_each(thread_count(), count, body);
     }
 
-    /// All items give to the grid, by `phase.prepare`, `give` and `add` (see Giving).
+    /// All items give to the grid, by `phase.prepare`, `give` and `add` (see Giving): afresh, or onto what is
+    /// there.
     template <class CellOrder, class GridType, class Phase>
-    void scatter(CellOrder const& cells, GridType& grid, Phase const& phase) const
+    void scatter(CellOrder const& cells, GridType& grid, Phase const& phase, bool afresh) const
     {
-        openmp::scatter<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase);
+        openmp::scatter<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase, afresh);
     }
 
     /// Items that changed their cells when they moved give to the grid, to which the others already gave.
@@ -65,6 +66,13 @@ struct BasicOpenMP
     auto for_each_node(CellOrder const& cells, GridType& grid, Phase const& phase) const
     {
         return openmp::for_each_node<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase);
+    }
+
+    /// All items take from the grid as they did when they moved last; the phase stores what it wants of that.
+    template <class CellOrder, class GridType, class Phase>
+    void take(CellOrder const& cells, GridType const& grid, Phase const& phase) const
+    {
+        openmp::take<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase);
     }
 
     /// All items take from the grid, move, and give to the grid of the next step (see MoveParticles); returns

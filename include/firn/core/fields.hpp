@@ -109,7 +109,7 @@ template <class... Tags>
 struct Fields
 {
     /// The number of components in `d` dimensions.
-    static constexpr int components(int d) { return (0 + ... + component_count<Tags>(d)); }
+    static constexpr int components([[maybe_unused]] int d) { return (0 + ... + component_count<Tags>(d)); }
 
     template <class Tag>
     static constexpr bool contains = (std::is_same_v<Tag, Tags> || ...);
@@ -169,6 +169,30 @@ struct Slot
 /// The union of sets of fields, each field once.
 template <class... Sets>
 using Join = typename detail::JoinAll<Sets...>::Type;
+
+namespace detail
+{
+template <class Others, class... Tags>
+auto without(Fields<Tags...>)
+    -> Join<std::conditional_t<Others::template contains<Tags>, Fields<>, Fields<Tags>>...>;
+}
+
+/// The fields of a set that are not in another.
+template <class Set, class Others>
+using Without = decltype(detail::without<Others>(Set{}));
+
+/// Calls `use(component, reference)` for every component of the set's fields in a record that has them, and
+/// maybe others; components are counted within the set.
+template <class Set, int d, class Record, class Use>
+FIRN_HOST_DEVICE inline void for_each_component_of(Record& record, Use const& use)
+{
+    [&]<class... Tags>(Fields<Tags...>) {
+        (for_each_component<Tags, d>(
+             record[Tags{}],
+             [&](int c, auto& value) { use(Fields<Tags...>::template first_component<Tags>(d) + c, value); }),
+         ...);
+    }(Set{});
+}
 
 /// The values of a set of fields of one particle (or one lane of particles):
 /// `record[DisplacementGradient{}]`.

@@ -50,6 +50,17 @@ struct Chain<First, Rest...>
     }
 };
 
+/// Whether one of them acts on particles, too.
+template <class... Actions>
+FIRN_HOST_DEVICE bool touches_particles(Chain<Actions...> const& chain)
+{
+    bool wanted = false;
+    chain.for_each([&](auto const& action) {
+        if constexpr (std::decay_t<decltype(action)>::is_obstacle) wanted = wanted || action.on_particles;
+    });
+    return wanted;
+}
+
 /// The chain of the effects' actions during a step.
 template <class Number, int d>
 Chain<> chain(Interval const&)

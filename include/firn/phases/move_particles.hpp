@@ -3,7 +3,7 @@
 
 #include <firn/core/mishap.hpp>
 #include <firn/phases/particles_to_grid.hpp>
-#include <firn/phases/update_grid.hpp>
+#include <firn/phases/taking.hpp>
 
 #include <limits>
 
@@ -36,7 +36,7 @@ struct MoveResult
 };
 
 /// Phase 3: particles take velocities from their nodes, move, and their material answers; and at once they
-/// give to the grid of the next step, whose length is known in advance.
+/// give to the grid of the next step, for a length of it that is a good guess.
 ///
 ///   v_p, C_p by the transfer;  x_p += dt sum_i w_ip v_i;  F_p, state and tau by the model from L_p and dt
 ///
@@ -46,73 +46,46 @@ struct MoveResult
 ///
 /// What is done particle by particle (`locate`, `answer`) and what is done cell by cell (`take`, `give`) are
 /// separate functions, so that a backend may put different particles side by side for each.
-template <class Space, class Model, class Kernel, class TransferType, class Effects, class Set>
-struct MoveParticles : Giving<Space, Kernel, TransferType>
+template <class Space, class Model, class Kernel, class TransferType, class Effects, class StoredSet,
+          class TakenSet>
+struct MoveParticles
 {
     using Transfer = TransferType;
-    using Base = Giving<Space, Kernel, Transfer>;
+    using Gives = Giving<Space, Kernel, Transfer>;
+    using Takes = Taking<Space, Kernel, Transfer>;
     static constexpr int d = Space::dimension;
     using Number = typename Space::Real;
-    using Velocities = NodeVelocities<d, Transfer::keeps_old_velocity>;
     using Result = MoveResult<Effects::obstacles>;
     static constexpr int order = Kernel::order;
-    static constexpr int node_channels = Velocities::channels;
-    static constexpr Terms terms = Transfer::template takes<Kernel>;
-
-    // What is kept of a particle before it gives: its position, and what it took.
-    static constexpr int velocity = d, old_velocity = 2 * d;
-    static constexpr int affine = old_velocity + (Transfer::keeps_old_velocity ? d : 0);
-    static constexpr int gradient = affine + (terms.affine ? d * d : 0);
-    static constexpr int taken = gradient + (terms.gradient ? d * d : 0);
-    static constexpr int kept = taken > Base::kept ? taken : Base::kept;
-
-    /// All that is not found anew from the nodes.
-    using Read = Join<typename Model::State,
-                      std::conditional_t<Transfer::keeps_old_velocity, Fields<Velocity>, Fields<>>>;
+    static constexpr int node_channels = Takes::node_channels, channels = Gives::channels;
+    static constexpr int kept = Takes::kept > Gives::kept ? Takes::kept : Gives::kept;
+    template <class Real>
+    using CellSums = typename Gives::template CellSums<Real>;
 
     Model model;
     Transfer transfer;
     Effects effects;
-    TableView<Number, d, Set> before, after;
+    TableView<Number, d, StoredSet> before, after;
+    FieldsById<Number, d, TakenSet> velocities; ///< written if present
     Portions<Number> portions;
     Lattice lattice;
     Number dt;                  ///< [s]
-    Number next_dt;             ///< of the step after this one [s]; 0 if not known: then nothing is given
+    Number next_dt;             ///< of the step after this one [s]
     Number largest_deformation; ///< dt |L| beyond which the step is rejected
-
-    bool gives() const { return next_dt > 0; }
 
     /// Keeps where some particles are.
     template <class Items>
     FIRN_HOST_DEVICE void locate(Items& items) const
     {
-        auto const x = before.position(items);
-        FIRN_UNROLL
-        for (int a = 0; a < d; ++a) items.keep(a, x[a]);
-        before.expect_load(items, Read{});
+        Takes::template keep_position<typename Items::Real>(items, before.position(items));
+        before.expect_load(items);
         after.expect_store(items);
     }
 
-    /// Keeps what a row of particles, one per cell, takes from the nodes of its cells.
     template <class Row>
-    FIRN_HOST_DEVICE void take(Row& row_of_cells) const
+    FIRN_HOST_DEVICE static void take(Row& row_of_cells)
     {
-        using Real = typename Row::Real;
-        Vector<Real, d> x;
-        FIRN_UNROLL
-        for (int a = 0; a < d; ++a) x[a] = row_of_cells.kept(a);
-        Gathered<Real, d> const sum = gather<Real>(row_of_cells, x);
-        FIRN_UNROLL
-        for (int i = 0; i < d; ++i) {
-            row_of_cells.keep(velocity + i, sum.velocity[i]);
-            if constexpr (Transfer::keeps_old_velocity)
-                row_of_cells.keep(old_velocity + i, sum.old_velocity[i]);
-            FIRN_UNROLL
-            for (int j = 0; j < d; ++j) {
-                if constexpr (terms.affine) row_of_cells.keep(affine + i * d + j, sum.affine(i, j));
-                if constexpr (terms.gradient) row_of_cells.keep(gradient + i * d + j, sum.gradient(i, j));
-            }
-        }
+        Takes::take(row_of_cells);
     }
 
     /// Moves and deforms some particles by what they took, and keeps what they give to the next step.
@@ -120,11 +93,10 @@ struct MoveParticles : Giving<Space, Kernel, TransferType>
     FIRN_HOST_DEVICE void answer(Items& items, Result& result) const
     {
         using Real = typename Items::Real;
-        Vector<Real, d> x;
-        FIRN_UNROLL
-        for (int a = 0; a < d; ++a) x[a] = items.kept(a);
-        Gathered<Real, d> const gathered = taken_by<Real>(items);
-        auto particle = before.load(items, Read{});
+        Vector<Real, d> x = Takes::template kept_position<Real>(items);
+        Gathered<Real, d> const gathered = Takes::template taken<Real>(items);
+        Record<Real, d, Join<StoredSet, TakenSet>> particle;
+        before.load(items, particle);
 
         Real const inverse_h(static_cast<Number>(1 / lattice.cell_size));
         Matrix<Real, d> const L = transfer.template take<Kernel, Real, d>(particle, gathered, inverse_h);
@@ -134,6 +106,7 @@ struct MoveParticles : Giving<Space, Kernel, TransferType>
 
         Response<Real, d> const response = model.template respond<Real>(particle, L, Real(dt));
         after.store(items, particle);
+        if (velocities.present) velocities.store(items, before.id, particle);
         items.copy(before.id, after.id);
         auto const stays = after.move(items, before, within_a_cell<Real>(displacement), x);
 
@@ -146,73 +119,25 @@ struct MoveParticles : Giving<Space, Kernel, TransferType>
         most(result.speed2, speed2);
         most(result.deformation, rate2);
         inspect<Real>(items, particle, displacement, rate2, response, result);
-        if (gives()) keep_given<Real>(items, particle, x, response.kirchhoff_stress);
+        keep_given<Real>(items, particle, x, response.kirchhoff_stress);
         // Who has left its cell gives from the new one, and nothing here.
         Mask<Real> const left = items.here() & !stays;
-        if (any(left)) items.depart(left, Base::mass, gives() ? Base::kept : 0);
+        if (any(left)) items.depart(left, Gives::mass, Gives::kept);
+    }
+
+    template <class Row, class Real = typename Row::Real>
+    FIRN_HOST_DEVICE static void give(Row const& row_of_cells, CellSums<Real>& sums)
+    {
+        Gives::give(row_of_cells, sums);
+    }
+
+    template <class Cell, class Real>
+    FIRN_HOST_DEVICE static void add(Cell const& cell, CellSums<Real> const& sums)
+    {
+        Gives::add(cell, sums);
     }
 
 private:
-    /// The sums over the particle's stencil that the transfer takes.
-    template <class Real, class Row>
-    FIRN_HOST_DEVICE Gathered<Real, d> gather(Row const& row_of_cells, Vector<Real, d> const& offset) const
-    {
-        using Nodes = Stencil<Kernel, Real, d>;
-        Nodes const nodes(offset);
-        Gathered<Real, d> sum;
-        sum.velocity.setZero();
-        sum.old_velocity.setZero();
-        sum.affine.setZero();
-        sum.gradient.setZero();
-
-        for (int row = 0; row < Nodes::rows; ++row) {
-            Vector<Real, d> plain = Vector<Real, d>::Zero(), old = plain, reach = plain, slope = plain;
-            FIRN_UNROLL
-            for (int k = 0; k < Nodes::width; ++k) {
-                Real const w = nodes.weight[Nodes::last][k];
-                Real const w_distance = w * nodes.distance[Nodes::last][k],
-                           dw = nodes.derivative[Nodes::last][k];
-                FIRN_UNROLL
-                for (int a = 0; a < d; ++a) {
-                    Real const v = row_of_cells.node(Velocities::velocity + a, row, k);
-                    plain[a] += v * w;
-                    if constexpr (terms.affine) reach[a] += v * w_distance;
-                    if constexpr (terms.gradient) slope[a] += v * dw;
-                    if constexpr (Transfer::keeps_old_velocity)
-                        old[a] += row_of_cells.node(Velocities::old_velocity + a, row, k) * w;
-                }
-            }
-            Real const w_row = nodes.row_weight(row);
-            sum.velocity += plain * w_row;
-            if constexpr (Transfer::keeps_old_velocity) sum.old_velocity += old * w_row;
-            FIRN_UNROLL
-            for (int a = 0; a < Nodes::last; ++a) {
-                if constexpr (terms.affine) sum.affine.col(a) += plain * (w_row * nodes.row_distance(row, a));
-                if constexpr (terms.gradient) sum.gradient.col(a) += plain * nodes.row_gradient(row, a);
-            }
-            if constexpr (terms.affine) sum.affine.col(Nodes::last) += reach * w_row;
-            if constexpr (terms.gradient) sum.gradient.col(Nodes::last) += slope * w_row;
-        }
-        return sum;
-    }
-
-    template <class Real, class Items>
-    FIRN_HOST_DEVICE static Gathered<Real, d> taken_by(Items const& items)
-    {
-        Gathered<Real, d> sum;
-        FIRN_UNROLL
-        for (int i = 0; i < d; ++i) {
-            sum.velocity[i] = items.kept(velocity + i);
-            if constexpr (Transfer::keeps_old_velocity) sum.old_velocity[i] = items.kept(old_velocity + i);
-            FIRN_UNROLL
-            for (int j = 0; j < d; ++j) {
-                if constexpr (terms.affine) sum.affine(i, j) = items.kept(affine + i * d + j);
-                if constexpr (terms.gradient) sum.gradient(i, j) = items.kept(gradient + i * d + j);
-            }
-        }
-        return sum;
-    }
-
     /// Keeps what particles give to the next step.
     template <class Real, class Items, class Particle>
     FIRN_HOST_DEVICE void keep_given(Items& items, Particle const& particle, Vector<Real, d> const& x,
@@ -221,7 +146,8 @@ private:
         Number const h = static_cast<Number>(lattice.cell_size);
         auto const [mass, volume] = portions.find(items, before.id);
         Matrix<Real, d> const impulse = stress * (volume * Real(-next_dt / h));
-        Base::keep(items, x, mass, transfer.template give<Kernel, Real, d>(particle, mass, impulse, Real(h)));
+        Gives::keep(items, x, mass,
+                    transfer.template give<Kernel, Real, d>(particle, mass, impulse, Real(h)));
     }
 
     /// A displacement that can be stored: one beyond a cell, or not a number, rejects the step anyway.
@@ -241,7 +167,7 @@ private:
                                           Result& result) const
     {
         if constexpr (Effects::obstacles > 0) {
-            if (!effects_touch_particles()) return;
+            if (!touches_particles(effects)) return;
             Number const to_node = Number(0.5 - cell_shift(order));
             Vector<Real, d> where =
                 position + displacement * Real(Number(1 / lattice.cell_size)) + items.along();
@@ -251,15 +177,6 @@ private:
             displacement += apply_on_particles<Real, d>(effects, place, portions.find(items, before.id).mass,
                                                         Real(dt), particle[Velocity{}], result.reactions);
         }
-    }
-
-    FIRN_HOST_DEVICE bool effects_touch_particles() const
-    {
-        bool wanted = false;
-        effects.for_each([&](auto const& action) {
-            if constexpr (std::decay_t<decltype(action)>::is_obstacle) wanted = wanted || action.on_particles;
-        });
-        return wanted;
     }
 
     /// Counts caps and mishaps, and keeps the first mishap's particle.

@@ -137,7 +137,10 @@ struct Giving
 
 /// Phase 1: particles give mass, momentum and the impulse of their stress to the nodes. The stress follows
 /// from the state: a model's answer to no deformation.
-template <class Space, class Model, class Kernel, class TransferType, class Set>
+///
+/// A step that moves particles gives to the next one's grid in the same pass; what is left for this phase is
+/// the first step, and the correction where a step gets another length than was guessed.
+template <class Space, class Model, class Kernel, class TransferType, class StoredSet, class TakenSet>
 struct ParticlesToGrid : Giving<Space, Kernel, TransferType>
 {
     using Transfer = TransferType;
@@ -147,23 +150,28 @@ struct ParticlesToGrid : Giving<Space, Kernel, TransferType>
 
     Model model;
     Transfer transfer;
-    TableView<Number, d, Set> particles;
+    TableView<Number, d, StoredSet> particles;
+    FieldsById<Number, d, TakenSet> velocities;
     Portions<Number> portions;
-    Number dt;        ///< [s]
-    Number cell_size; ///< [m]
+    Number dt;         ///< [s]; of the impulse alone: the difference to what was given
+    Number cell_size;  ///< [m]
+    bool impulse_only; ///< mass and momentum have been given
 
     /// Finds and keeps what some particles give.
     template <class Items>
     FIRN_HOST_DEVICE void prepare(Items& items) const
     {
         using Real = typename Items::Real;
-        auto particle = particles.load(items);
+        auto particle = Record<Real, d, Join<StoredSet, TakenSet>>::at_rest();
+        particles.load(items, particle);
+        if (!impulse_only) velocities.load(items, particles.id, particle);
         auto const [mass, volume] = portions.find(items, particles.id);
         auto const response = model.template respond<Real>(particle, Matrix<Real, d>::Zero(), Real(0));
         // dt f_i = -dt V0 tau grad w_i, with the gradient taken per cell
         Matrix<Real, d> const impulse = response.kirchhoff_stress * (volume * Real(-dt / cell_size));
-        Base::keep(items, particles.position(items), mass,
-                   transfer.template give<Kernel, Real, d>(particle, mass, impulse, Real(cell_size)));
+        Real const given_mass = impulse_only ? Real(0) : mass;
+        Base::keep(items, particles.position(items), given_mass,
+                   transfer.template give<Kernel, Real, d>(particle, given_mass, impulse, Real(cell_size)));
     }
 };
 

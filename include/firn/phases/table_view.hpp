@@ -48,38 +48,19 @@ struct TableView
         return stays;
     }
 
-    /// Reads all fields of the items.
+    /// Reads the fields of the items into a record that has them.
+    template <class Items, class Record>
+    FIRN_HOST_DEVICE void load(Items const& items, Record& record) const
+    {
+        for_each_component_of<Set, d>(record, [&](int c, auto& value) { value = items.load(component[c]); });
+    }
+
+    /// Says that the fields will soon be read.
     template <class Items>
-    FIRN_HOST_DEVICE Record<typename Items::Real, d, Set> load(Items const& items) const
+    FIRN_HOST_DEVICE void expect_load(Items const& items) const
     {
-        Record<typename Items::Real, d, Set> record;
-        record.for_each([&](int c, auto& value) { value = items.load(component[c]); });
-        return record;
-    }
-
-    /// Reads some of the fields and leaves the others of the record unset.
-    template <class Items, class... Tags>
-    FIRN_HOST_DEVICE Record<typename Items::Real, d, Set> load(Items const& items, Fields<Tags...>) const
-    {
-        Record<typename Items::Real, d, Set> record;
-        (for_each_component<Tags, d>(record[Tags{}],
-                                     [&](int c, auto& value) {
-                                         value = items.load(
-                                             component[Set::template first_component<Tags>(d) + c]);
-                                     }),
-         ...);
-        return record;
-    }
-
-    /// Says that some of the fields will soon be read.
-    template <class Items, class... Tags>
-    FIRN_HOST_DEVICE void expect_load(Items const& items, Fields<Tags...>) const
-    {
-        auto const announce = [&](int first, int count) {
-            FIRN_UNROLL
-            for (int c = 0; c < count; ++c) items.expect_load(component[first + c]);
-        };
-        (announce(Set::template first_component<Tags>(d), component_count<Tags>(d)), ...);
+        FIRN_UNROLL
+        for (int c = 0; c < components; ++c) items.expect_load(component[c]);
     }
 
     /// Says that all of the table will soon be written.
@@ -91,11 +72,36 @@ struct TableView
         items.expect_store(id);
     }
 
-    /// Writes the record of the items.
-    template <class Items>
-    FIRN_HOST_DEVICE void store(Items const& items, Record<typename Items::Real, d, Set>& record) const
+    /// Writes the fields of the items from a record that has them.
+    template <class Items, class Record>
+    FIRN_HOST_DEVICE void store(Items const& items, Record& record) const
     {
-        record.for_each([&](int c, auto& value) { items.store(component[c], value); });
+        for_each_component_of<Set, d>(record, [&](int c, auto& value) { items.store(component[c], value); });
+    }
+};
+
+/// Fields that are not stored from step to step, when somebody has set or asked for them: one array per
+/// component, by id.
+template <class Number, int d, class Set>
+struct FieldsById
+{
+    static constexpr int components = Set::components(d);
+    std::array<Number*, components> component{};
+    bool present = false;
+
+    template <class Items, class Record>
+    FIRN_HOST_DEVICE void load(Items const& items, std::uint32_t const* id, Record& record) const
+    {
+        for_each_component_of<Set, d>(record, [&](int c, auto& value) {
+            value = items.map([&](std::size_t particle) { return component[c][id[particle]]; });
+        });
+    }
+
+    template <class Items, class Record>
+    FIRN_HOST_DEVICE void store(Items const& items, std::uint32_t const* id, Record& record) const
+    {
+        for_each_component_of<Set, d>(record,
+                                      [&](int c, auto& value) { items.store_at(component[c], id, value); });
     }
 };
 

@@ -12,6 +12,7 @@ struct Apic
 {
     static constexpr auto name = "apic";
     using State = Fields<Velocity, AffineVelocity>;
+    using Stored = Fields<>;
 
     template <class Kernel>
     static constexpr Terms gives{.affine = true, .gradient = true};

@@ -16,6 +16,7 @@ struct Flip
 
     static constexpr auto name = "flip";
     using State = Fields<Velocity>;
+    using Stored = Fields<Velocity>;
 
     template <class Kernel>
     static constexpr Terms gives{.gradient = true};

@@ -13,6 +13,7 @@ struct Mls
 {
     static constexpr auto name = "mls";
     using State = Apic::State;
+    using Stored = Apic::Stored;
 
     template <class Kernel>
     static constexpr Terms gives{.affine = true, .gradient = !HasConstantInertia<Kernel>};

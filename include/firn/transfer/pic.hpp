@@ -12,6 +12,7 @@ struct Pic
 {
     static constexpr auto name = "pic";
     using State = Fields<Velocity>;
+    using Stored = Fields<>;
 
     template <class Kernel>
     static constexpr Terms gives{.gradient = true};

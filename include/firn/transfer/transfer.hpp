@@ -7,7 +7,10 @@
 #include <concepts>
 
 // A transfer scheme says what a particle gives to the nodes of its stencil and what it takes from them. The
-// phases do the sums; a scheme names the terms it needs, and a phase computes no other.
+// phases do the sums; a scheme names the terms it needs, and a phase computes no other. Of the fields that a
+// scheme gives a particle (its State), only those are stored from step to step that the next step asks for
+// (Stored): the others are what was taken from the grid last, and are taken again when somebody wants to
+// know.
 namespace firn
 {
 

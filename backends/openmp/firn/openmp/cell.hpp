@@ -105,6 +105,14 @@ public:
             value.store_first(active_, array + slot_);
     }
 
+    /// Stores to the element of an array that the item's own number in `index` says.
+    void store_at(Number* array, std::uint32_t const* index, Lane const& value) const
+    {
+        Number values[lanes];
+        LaneTraits<Lane>::store(value, values);
+        for (int l = 0; l < active_; ++l) array[index[from_[l]]] = values[l];
+    }
+
     /// Fetches what will be read or written from memory while there is other work to do.
     template <class T>
     void expect_load(T const* array) const

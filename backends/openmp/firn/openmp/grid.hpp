@@ -73,14 +73,29 @@ public:
 
     std::vector<NodeBlock> const& nodes() const { return nodes_; }
     std::array<int, corners> const& nodes_of(std::size_t block) const { return nodes_of_[block]; }
-    Number* tile(std::size_t block) { return &tiles_[tile_of_[block] * sums * tile_channel]; }
+    /// The tile of a block with the sums of this step, and the one that is being filled for the next step.
+    Number* tile(std::size_t block) { return tile_in(tiles_[0], block); }
+    Number* next_tile(std::size_t block) { return tile_in(tiles_[1], block); }
     /// One bit for each row of the block's tile that holds sums; the others are not to be read.
-    std::uint64_t& touched(std::size_t block) { return touched_[tile_of_[block]]; }
+    std::uint64_t& touched(std::size_t block) { return touched_[0][tile_of_[block]]; }
+    std::uint64_t& next_touched(std::size_t block) { return touched_[1][tile_of_[block]]; }
     Number* node_values(std::size_t node_block) { return &values_[node_block * values * block_channel]; }
+    Number const* node_values(std::size_t node_block) const
+    {
+        return &values_[node_block * values * block_channel];
+    }
+
+    /// Takes the sums for the next step for those of this one.
+    void accept()
+    {
+        std::swap(tiles_[0], tiles_[1]);
+        std::swap(touched_[0], touched_[1]);
+    }
 
     std::size_t memory() const
     {
-        return tiles_.memory() + values_.memory() + touched_.capacity() * sizeof(std::uint64_t) +
+        return tiles_[0].memory() + tiles_[1].memory() + values_.memory() +
+               (touched_[0].capacity() + touched_[1].capacity()) * sizeof(std::uint64_t) +
                tile_of_.capacity() * sizeof(std::size_t) + map_.memory() +
                nodes_.capacity() * sizeof(NodeBlock) + nodes_of_.capacity() * sizeof(nodes_of_[0]);
     }
@@ -118,24 +133,30 @@ private:
     {
         std::size_t const blocks = cells.blocks().size();
         std::vector<std::size_t> next(blocks, blocks);
-        std::vector<char> taken(std::max(blocks, touched_.size()), 0);
+        auto& touched = touched_[0];
+        std::vector<char> taken(std::max(blocks, touched.size()), 0);
         for (std::size_t b = 0; b < blocks; ++b)
             if (int const old = cells.old_block(b); have_history && old != absent)
                 taken[next[b] = tile_of_[static_cast<std::size_t>(old)]] = 1;
         std::size_t free = 0, count = 0;
-        touched_.resize(taken.size(), 0);
+        touched.resize(taken.size(), 0);
         for (std::size_t b = 0; b < blocks; ++b) {
             bool const is_new = !have_history || cells.old_block(b) == absent;
             if (is_new) {
                 while (taken[free]) ++free;
-                touched_[free] = 0;
+                touched[free] = 0;
                 next[b] = free++;
             }
             count = std::max(count, next[b] + 1);
         }
         tile_of_ = std::move(next);
-        touched_.resize(count);
-        tiles_.resize(count * sums * tile_channel);
+        for (auto& rows : touched_) rows.resize(count);
+        for (auto& tiles : tiles_) tiles.resize(count * sums * tile_channel);
+    }
+
+    Number* tile_in(Array<Number>& tiles, std::size_t block)
+    {
+        return &tiles[tile_of_[block] * sums * tile_channel];
     }
 
     int node_block(Coordinates<d> const& coordinates)
@@ -156,9 +177,9 @@ private:
     std::vector<std::array<int, corners>> nodes_of_; ///< per cell block: the node blocks at + corner
     BlockMap map_;
     std::vector<std::size_t> tile_of_;   ///< per cell block
-    Array<Number> tiles_;                ///< [channel][row][place] of each
+    std::array<Array<Number>, 2> tiles_; ///< [channel][row][place] of each: of this step and of the next
     Array<Number> values_;               ///< per node block: [channel][row][place]
-    std::vector<std::uint64_t> touched_; ///< per tile
+    std::array<std::vector<std::uint64_t>, 2> touched_; ///< per tile
 };
 
 } // namespace firn::openmp

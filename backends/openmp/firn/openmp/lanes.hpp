@@ -50,6 +50,18 @@ inline namespace plain
 #pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
 #endif
 
+#if defined(__AVX512F__)
+/// A mask register as a number. g++ 12 may spill the register's one or two bytes and read eight back: the
+/// empty assembly hides where the number comes from, and what is beyond the mask is cut off after that.
+template <class Register>
+std::uint64_t number_of(Register mask)
+{
+    unsigned number = mask;
+    asm("" : "+r"(number));
+    return number & ((std::uint64_t{1} << (8 * sizeof(Register))) - 1);
+}
+#endif
+
 /// One truth value per number of a pack. It does not convert to bool, so that `if (mask)` does not compile:
 /// use select(), any(), all() or bits().
 template <class Number, class Arch>
@@ -73,7 +85,7 @@ struct PackMask
     friend std::uint64_t bits(PackMask a)
     {
         if constexpr (std::derived_from<Arch, xsimd::avx512f>)
-            return a.value.data;
+            return number_of(a.value.data);
         else if constexpr (std::derived_from<Arch, xsimd::avx> && sizeof(Number) == 4)
             return static_cast<unsigned>(_mm256_movemask_ps(a.value.data));
         else if constexpr (std::derived_from<Arch, xsimd::avx>)
@@ -334,10 +346,11 @@ std::uint64_t lanes_above(std::uint32_t const* counts, std::uint32_t rank)
 {
 #if defined(__AVX512VL__) && __has_include(<xsimd/xsimd.hpp>)
     if constexpr (lanes == 16)
-        return _mm512_cmpgt_epu32_mask(_mm512_loadu_si512(counts), _mm512_set1_epi32(static_cast<int>(rank)));
+        return number_of(
+            _mm512_cmpgt_epu32_mask(_mm512_loadu_si512(counts), _mm512_set1_epi32(static_cast<int>(rank))));
     if constexpr (lanes == 8)
-        return _mm256_cmpgt_epu32_mask(_mm256_loadu_si256(reinterpret_cast<__m256i const*>(counts)),
-                                       _mm256_set1_epi32(static_cast<int>(rank)));
+        return number_of(_mm256_cmpgt_epu32_mask(_mm256_loadu_si256(reinterpret_cast<__m256i const*>(counts)),
+                                                 _mm256_set1_epi32(static_cast<int>(rank))));
 #endif
     std::uint64_t pattern = 0;
     for (int l = 0; l < lanes; ++l) pattern |= std::uint64_t(counts[l] > rank) << l;

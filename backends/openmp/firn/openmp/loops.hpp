@@ -50,16 +50,14 @@ void clear_rows(Number* tile, std::uint64_t rows)
         }
 }
 
-/// Clears the rows of a block's tile that its cells touch, and says which they are.
-template <class GridType, int channels, class CellOrder>
-void clear_own_rows(CellOrder const& cells, GridType& grid, std::size_t b)
+/// The rows of a block's tile that its cells touch.
+template <class GridType, class CellOrder>
+std::uint64_t own_rows(CellOrder const& cells, std::size_t b)
 {
-    std::uint64_t touched = 0;
+    std::uint64_t rows = 0;
     for (int group = 0; group < GridType::Shape::groups; ++group)
-        if (cells.group_end(b, group) > cells.group_begin(b, group))
-            touched |= GridType::rows_of_group(group);
-    grid.touched(b) = touched;
-    clear_rows<GridType, channels>(grid.tile(b), touched);
+        if (cells.group_end(b, group) > cells.group_begin(b, group)) rows |= GridType::rows_of_group(group);
+    return rows;
 }
 
 /// What some items keep, given by the cells of their group.
@@ -106,9 +104,9 @@ FIRN_INLINE_WHOLE void answer(Phase const& phase, Items& items, typename Phase::
 }
 } // namespace detail
 
-/// Each block of cells sums what its items give into its own tile.
+/// Each block of cells sums what its items give into its own tile: afresh, or onto what is there.
 template <class Lane, class CellOrder, class GridType, class Phase>
-void scatter(int threads, CellOrder const& cells, GridType& grid, Phase const& phase)
+void scatter(int threads, CellOrder const& cells, GridType& grid, Phase const& phase, bool afresh)
 {
     constexpr int d = Phase::d, lanes = lane_width<Lane>;
     int const blocks = static_cast<int>(cells.blocks().size());
@@ -117,7 +115,10 @@ void scatter(int threads, CellOrder const& cells, GridType& grid, Phase const& p
         Scratch<typename Phase::Number, lanes> scratch;
 #pragma omp for schedule(dynamic, 1)
         for (int b = 0; b < blocks; ++b) {
-            detail::clear_own_rows<GridType, Phase::channels>(cells, grid, b);
+            if (afresh) grid.touched(b) = 0;
+            std::uint64_t const rows = detail::own_rows<GridType>(cells, b);
+            detail::clear_rows<GridType, Phase::channels>(grid.tile(b), rows & ~grid.touched(b));
+            grid.touched(b) |= rows;
             Items<Lane, CellOrder, d> items(cells, b, scratch);
             for (int g = 0; g < GridType::Shape::groups; ++g) {
                 std::size_t const begin = cells.group_begin(b, g), end = cells.group_end(b, g);
@@ -274,14 +275,14 @@ typename Phase::Result for_each_node(int threads, CellOrder const&, GridType& gr
 
 namespace detail
 {
-/// Copies the rows of nodes that a block of cells touches into one tile.
+/// Copies some rows of the nodes under a block of cells into one tile.
 template <class GridType, int channels, class Number>
-void fill_tile(GridType& grid, std::size_t b, Number* tile)
+void fill_tile(GridType const& grid, std::size_t b, std::uint64_t rows, Number* tile)
 {
     using Shape = typename GridType::Shape;
     constexpr int d = GridType::corners == 8 ? 3 : 2, order = GridType::row_length - Shape::along;
     auto const& nodes = grid.nodes_of(b);
-    for (std::uint64_t rest = grid.touched(b); rest != 0; rest &= rest - 1) {
+    for (std::uint64_t rest = rows; rest != 0; rest &= rest - 1) {
         int const tile_row = std::countr_zero(rest);
         int first = tile_row, second = 0, corner = 0;
         if constexpr (d == 3) {
@@ -307,16 +308,18 @@ void fill_tile(GridType& grid, std::size_t b, Number* tile)
 }
 } // namespace detail
 
-/// Each block of cells copies the nodes it needs side by side; its items take from them, move, and give to
-/// the block's tile for the next step.
-template <class Lane, class CellOrder, class GridType, class Phase>
-typename Phase::Result move(int threads, CellOrder& cells, GridType& grid, Phase const& phase)
+namespace detail
 {
-    constexpr int d = Phase::d, lanes = lane_width<Lane>;
+/// Each block of cells copies the nodes it needs side by side; its items take from them and answer, and what
+/// they keep then is handed on, group by group: `done(block, group, scratch)`.
+template <class ItemsType, class Lane, class CellOrder, class GridType, class Phase, class Begin, class Done>
+typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& grid, Phase const& phase,
+                                       Begin const& begin_block, Done const& done)
+{
+    constexpr int lanes = lane_width<Lane>;
     using Number = typename Phase::Number;
     int const blocks = static_cast<int>(cells.blocks().size());
     std::vector<typename Phase::Result> results(blocks);
-    cells.expect_departures();
 #pragma omp parallel num_threads(threads)
     {
         Array<Number> nodes;
@@ -324,9 +327,10 @@ typename Phase::Result move(int threads, CellOrder& cells, GridType& grid, Phase
         Scratch<Number, lanes> scratch;
 #pragma omp for schedule(dynamic, 1)
         for (int b = 0; b < blocks; ++b) {
-            detail::fill_tile<GridType, Phase::node_channels>(grid, b, nodes.data());
-            if (phase.gives()) detail::clear_own_rows<GridType, Phase::channels>(cells, grid, b);
-            MovingItems<Lane, CellOrder, d> items(cells, b, scratch);
+            std::uint64_t const rows = own_rows<GridType>(cells, b);
+            fill_tile<GridType, Phase::node_channels>(grid, b, rows, nodes.data());
+            begin_block(b, rows);
+            ItemsType items(cells, b, scratch);
             for (int g = 0; g < GridType::Shape::groups; ++g) {
                 std::size_t const begin = cells.group_begin(b, g), end = cells.group_end(b, g);
                 if (begin == end) continue;
@@ -337,16 +341,41 @@ typename Phase::Result move(int threads, CellOrder& cells, GridType& grid, Phase
                         use();
                     }
                 };
-                GroupOfCells<Lane, GridType> group(cells.counts(b, g), g, scratch, nodes.data(),
-                                                   grid.tile(b));
-                for_each_pack([&] { detail::locate(phase, items); });
-                detail::take(phase, group);
-                for_each_pack([&] { detail::answer(phase, items, results[b]); });
-                if (phase.gives()) detail::give<Phase>(group);
+                for_each_pack([&] { locate(phase, items); });
+                GroupOfCells<Lane, GridType> group(cells.counts(b, g), g, scratch, nodes.data(), nullptr);
+                take(phase, group);
+                for_each_pack([&] { answer(phase, items, results[b]); });
+                done(b, g, scratch);
             }
         }
     }
-    return detail::merged(results);
+    return merged(results);
+}
+} // namespace detail
+
+/// Items take from the nodes, move, and give to their block's tile for the next step.
+template <class Lane, class CellOrder, class GridType, class Phase>
+typename Phase::Result move(int threads, CellOrder& cells, GridType& grid, Phase const& phase)
+{
+    cells.expect_departures();
+    return detail::take_and_answer<MovingItems<Lane, CellOrder, Phase::d>, Lane>(
+        threads, cells, grid, phase,
+        [&](int b, std::uint64_t rows) {
+            detail::clear_rows<GridType, Phase::channels>(grid.next_tile(b), rows);
+            grid.next_touched(b) = rows;
+        },
+        [&](int b, int g, auto& scratch) {
+            GroupOfCells<Lane, GridType> group(cells.counts(b, g), g, scratch, nullptr, grid.next_tile(b));
+            detail::give<Phase>(group);
+        });
+}
+
+/// Items take from the nodes as they did when they moved last, and the phase keeps what they took.
+template <class Lane, class CellOrder, class GridType, class Phase>
+void take(int threads, CellOrder const& cells, GridType const& grid, Phase const& phase)
+{
+    detail::take_and_answer<Items<Lane, CellOrder, Phase::d>, Lane>(
+        threads, cells, grid, phase, [](int, std::uint64_t) {}, [](int, int, auto&) {});
 }
 
 } // namespace firn::openmp

@@ -1,0 +1,163 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/phases/table_view.hpp>
+#include <firn/phases/update_grid.hpp>
+
+namespace firn
+{
+
+/// How particles take from the grid: the sums over their stencils that a transfer scheme asks for.
+///
+/// Nodes are read cell by cell (`take`), each cell for all of its particles; what was taken is kept of each
+/// particle until it is asked for, particle by particle (`taken`).
+template <class Space, class Kernel, class Transfer>
+struct Taking
+{
+    static constexpr int d = Space::dimension;
+    using Number = typename Space::Real;
+    using Velocities = NodeVelocities<d, Transfer::keeps_old_velocity>;
+    static constexpr int node_channels = Velocities::channels;
+    static constexpr Terms terms = Transfer::template takes<Kernel>;
+
+    // What is kept of a particle: its position, and what it took.
+    static constexpr int velocity = d, old_velocity = 2 * d;
+    static constexpr int affine = old_velocity + (Transfer::keeps_old_velocity ? d : 0);
+    static constexpr int gradient = affine + (terms.affine ? d * d : 0);
+    static constexpr int kept = gradient + (terms.gradient ? d * d : 0);
+
+    template <class Real, class Items>
+    FIRN_HOST_DEVICE static void keep_position(Items& items, Vector<Real, d> const& x)
+    {
+        FIRN_UNROLL
+        for (int a = 0; a < d; ++a) items.keep(a, x[a]);
+    }
+
+    template <class Real, class Items>
+    FIRN_HOST_DEVICE static Vector<Real, d> kept_position(Items const& items)
+    {
+        Vector<Real, d> x;
+        FIRN_UNROLL
+        for (int a = 0; a < d; ++a) x[a] = items.kept(a);
+        return x;
+    }
+
+    /// Keeps what a row of particles, one per cell, takes from the nodes of its cells.
+    template <class Row>
+    FIRN_HOST_DEVICE static void take(Row& row_of_cells)
+    {
+        using Real = typename Row::Real;
+        Gathered<Real, d> const sum = gather<Real>(row_of_cells, kept_position<Real>(row_of_cells));
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) {
+            row_of_cells.keep(velocity + i, sum.velocity[i]);
+            if constexpr (Transfer::keeps_old_velocity)
+                row_of_cells.keep(old_velocity + i, sum.old_velocity[i]);
+            FIRN_UNROLL
+            for (int j = 0; j < d; ++j) {
+                if constexpr (terms.affine) row_of_cells.keep(affine + i * d + j, sum.affine(i, j));
+                if constexpr (terms.gradient) row_of_cells.keep(gradient + i * d + j, sum.gradient(i, j));
+            }
+        }
+    }
+
+    /// What some particles took.
+    template <class Real, class Items>
+    FIRN_HOST_DEVICE static Gathered<Real, d> taken(Items const& items)
+    {
+        Gathered<Real, d> sum;
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) {
+            sum.velocity[i] = items.kept(velocity + i);
+            if constexpr (Transfer::keeps_old_velocity) sum.old_velocity[i] = items.kept(old_velocity + i);
+            FIRN_UNROLL
+            for (int j = 0; j < d; ++j) {
+                if constexpr (terms.affine) sum.affine(i, j) = items.kept(affine + i * d + j);
+                if constexpr (terms.gradient) sum.gradient(i, j) = items.kept(gradient + i * d + j);
+            }
+        }
+        return sum;
+    }
+
+private:
+    /// The sums over a particle's stencil.
+    template <class Real, class Row>
+    FIRN_HOST_DEVICE static Gathered<Real, d> gather(Row const& row_of_cells, Vector<Real, d> const& offset)
+    {
+        using Nodes = Stencil<Kernel, Real, d>;
+        Nodes const nodes(offset);
+        Gathered<Real, d> sum;
+        sum.velocity.setZero();
+        sum.old_velocity.setZero();
+        sum.affine.setZero();
+        sum.gradient.setZero();
+
+        for (int row = 0; row < Nodes::rows; ++row) {
+            Vector<Real, d> plain = Vector<Real, d>::Zero(), old = plain, reach = plain, slope = plain;
+            FIRN_UNROLL
+            for (int k = 0; k < Nodes::width; ++k) {
+                Real const w = nodes.weight[Nodes::last][k];
+                Real const w_distance = w * nodes.distance[Nodes::last][k],
+                           dw = nodes.derivative[Nodes::last][k];
+                FIRN_UNROLL
+                for (int a = 0; a < d; ++a) {
+                    Real const v = row_of_cells.node(Velocities::velocity + a, row, k);
+                    plain[a] += v * w;
+                    if constexpr (terms.affine) reach[a] += v * w_distance;
+                    if constexpr (terms.gradient) slope[a] += v * dw;
+                    if constexpr (Transfer::keeps_old_velocity)
+                        old[a] += row_of_cells.node(Velocities::old_velocity + a, row, k) * w;
+                }
+            }
+            Real const w_row = nodes.row_weight(row);
+            sum.velocity += plain * w_row;
+            if constexpr (Transfer::keeps_old_velocity) sum.old_velocity += old * w_row;
+            FIRN_UNROLL
+            for (int a = 0; a < Nodes::last; ++a) {
+                if constexpr (terms.affine) sum.affine.col(a) += plain * (w_row * nodes.row_distance(row, a));
+                if constexpr (terms.gradient) sum.gradient.col(a) += plain * nodes.row_gradient(row, a);
+            }
+            if constexpr (terms.affine) sum.affine.col(Nodes::last) += reach * w_row;
+            if constexpr (terms.gradient) sum.gradient.col(Nodes::last) += slope * w_row;
+        }
+        return sum;
+    }
+};
+
+/// Particles take their velocities once more, by id: for somebody who asks. Positions are those from which
+/// they took last, nodes still hold what they held then.
+template <class Space, class Kernel, class TransferType, class StoredSet, class TakenSet>
+struct TakeVelocities : Taking<Space, Kernel, TransferType>
+{
+    using Transfer = TransferType;
+    using Base = Taking<Space, Kernel, Transfer>;
+    using Base::d;
+    using Number = typename Space::Real;
+    struct Result
+    {
+        void merge(Result const&) {}
+    };
+
+    Transfer transfer;
+    TableView<Number, d, StoredSet> particles;
+    FieldsById<Number, d, TakenSet> velocities;
+    Number cell_size; ///< [m]
+
+    template <class Items>
+    FIRN_HOST_DEVICE void locate(Items& items) const
+    {
+        Base::template keep_position<typename Items::Real>(items, particles.position(items));
+    }
+
+    template <class Items>
+    FIRN_HOST_DEVICE void answer(Items& items, Result&) const
+    {
+        using Real = typename Items::Real;
+        Record<Real, d, TakenSet> particle;
+        transfer.template take<Kernel, Real, d>(particle, Base::template taken<Real>(items),
+                                                Real(1 / cell_size));
+        velocities.store(items, particles.id, particle);
+    }
+};
+
+} // namespace firn
