@@ -92,15 +92,20 @@ struct Scene
         return found;
     }
 
-    /// The share of the particles that a step takes to another cell; it takes one.
+    /// The share of the particles that a step takes to another cell, on average; it takes ten steps. (Layers of a
+    /// lattice change together, every few steps.)
     double leaver_share()
     {
-        auto const before = cells();
-        step();
-        auto const after = cells();
         double left = 0;
-        for (std::size_t i = 0; i < after.size(); ++i) left += before[i] != after[i];
-        return left / double(after.size());
+        int const steps = 10;
+        auto before = cells();
+        for (int i = 0; i < steps; ++i) {
+            step();
+            auto const after = cells();
+            for (std::size_t p = 0; p < after.size(); ++p) left += before[p] != after[p];
+            before = after;
+        }
+        return left / (steps * double(before.size()));
     }
 };
 

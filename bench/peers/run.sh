@@ -1,0 +1,48 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+#
+# Sets the machine up, builds, runs Firn and its peers in turns and writes peers.json:
+#
+#     bash bench/peers/run.sh [--only CASE] [--particles N] [--steps K] [--rounds R] [--threads T] [--double]
+#                             [--patience S] [--out FILE]
+#
+#   --only CASE     neo_hookean, fixed_corotated, snow_early, snow_packed or snow_cubic, instead of all
+#   --particles N   about so many (125000)
+#   --steps K       timed steps (50), after those that bring the body into its state
+#   --rounds R      turns that every program takes (3); medians are printed
+#   --threads T     of the runs with several threads (2)
+#   --double        compares the peers in double precision, too
+#   --patience S    waits up to S seconds before a run for other programs to leave the machine alone (0)
+#
+# Without options half an hour on a quiet machine; with --particles 10000 --rounds 1 about 5 minutes.
+set -euo pipefail
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
+source "$root/examples/set_up.sh"
+
+arguments=("$@")
+while [ $# -gt 0 ]; do
+    case $1 in
+        --only | --particles | --steps | --rounds | --threads | --patience | --out)
+            [ $# -ge 2 ] || stop "$1 needs a value."
+            shift ;;
+        --double) ;;
+        --help | -h) sed -n '/^# Sets/,/^# Without/s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit ;;
+        *) stop "unknown argument '$1': bash bench/peers/run.sh --help." ;;
+    esac
+    shift
+done
+
+need_packages g++ cmake ninja-build libeigen3-dev libxsimd-dev libbenchmark-dev python3 python3-venv
+python3 -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))' ||
+    stop "Taichi 1.7.4 and Warp 1.19.0 are published for Python 3.10 to 3.13, and python3 here is $(python3 -V 2>&1).
+Put one of those first on the PATH."
+[ "$(uname -m)" = x86_64 ] || stop "Taichi 1.7.4 is published for x86-64 alone, and this machine is $(uname -m)."
+mkdir -p "$root/build"
+(need_python "$root/build/venv-peers" taichi==1.7.4 warp-lang==1.19.0 numpy) 2> >(grep -v FIRN_NO_RENDER >&2) ||
+    stop "without Taichi and Warp there is nothing to compare with."
+
+(cd "$root" && cmake --preset bench && cmake --build --preset bench --target firn_scene) ||
+    stop "Firn's program of the scenes could not be built."
+
+exec "$root/build/venv-peers/bin/python" "$root/bench/peers/compare.py" \
+    --firn "$root/build/bench/bench/firn_scene" --out "$root/peers.json" ${arguments[@]+"${arguments[@]}"}
