@@ -157,13 +157,14 @@ using MoveOf =
     MoveParticles<typename Solver::Space, typename Solver::Model, typename Solver::kernel,
                   typename Solver::Transfer, Chain<>, typename Solver::Stored, typename Solver::Taken>;
 
-/// The operations of one particle in one step that takes, answers and gives, the grid left out.
+/// The operations of one particle in one step that takes, answers and gives, with its share of what is done
+/// once per cell; the grid is left out.
 template <class Model, class Kernel, class Transfer>
 double flops_per_particle_step()
 {
     using Space = typename Model::Space;
     using Number = typename Space::Real;
-    constexpr int d = Space::dimension;
+    constexpr int d = Space::dimension, particles_per_cell = 1 << d;
     using Set = typename Solver<OpenMP, Model, Kernel, Transfer>::Stored;
     using Move = MoveOf<Solver<OpenMP, Model, Kernel, Transfer>>;
 
@@ -189,11 +190,18 @@ double flops_per_particle_step()
     };
     auto const sums = std::make_unique<Sums>();
     Real::operations = 0;
+    typename Move::template CellNodes<Real> nodes;
+    double of_cell = 0;
     move.locate(particle);
-    move.take(particle);
+    for (int channel = 0; channel < Move::node_channels; channel += nodes.channels) {
+        auto const before = Real::operations;
+        nodes.read(particle, channel);
+        of_cell += double(Real::operations - before);
+        move.take(particle, nodes, channel);
+    }
     move.answer(particle, result);
     Move::give(particle, sums->of_cell);
-    return double(Real::operations);
+    return double(Real::operations) - of_cell + of_cell / particles_per_cell;
 }
 
 } // namespace firn::bench

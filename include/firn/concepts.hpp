@@ -13,9 +13,11 @@
 namespace firn
 {
 
-/// An interpolation kernel: weights and derivatives of its order + 1 nodes per axis.
+/// An interpolation kernel: weights and derivatives of its order + 1 nodes per axis, and the polynomial that
+/// they are within a cell (see grid/expansion.hpp). With a constant inertia also `spreads(t)`: what each term
+/// of the polynomial contributes to the sum of w_i v_i (x_i - x_p) D^-1.
 template <class T, class Real = double>
-concept InterpolationKernel = Lane<Real> && requires(Real t)
+concept InterpolationKernel = Lane<Real> && requires(Real t, std::array<Real, T::order + 1> nodes)
 {
     requires T::order >= 1;
     {
@@ -27,6 +29,15 @@ concept InterpolationKernel = Lane<Real> && requires(Real t)
     {
         T::derivatives(t)
         } -> std::same_as<std::array<Real, T::order + 1>>;
+    {
+        T::expanded(nodes)
+        } -> std::same_as<std::array<Real, T::order + 1>>;
+    requires !HasConstantInertia<T> || requires
+    {
+        {
+            T::spreads(t)
+            } -> std::same_as<std::array<Real, T::order>>;
+    };
 };
 
 /// A transfer scheme: the fields it gives a particle, those of them that are stored from step to step, the

@@ -3,6 +3,7 @@
 #include "support/test_lane.hpp"
 
 #include <firn/concepts.hpp>
+#include <firn/grid/expansion.hpp>
 #include <firn/grid/lattice.hpp>
 #include <firn/grid/stencil.hpp>
 #include <firn/interpolation/cubic_b_spline.hpp>
@@ -101,6 +102,73 @@ TEMPLATE_LIST_TEST_CASE("weights sum to one, reproduce positions, and gradients 
         }
     });
     CHECK(worst <= tolerance);
+}
+
+TEMPLATE_TEST_CASE("what particles find by the expansion of their cell is what the weights give", "",
+                   (Case<Linear, Space<3, double>>), (Case<QuadraticBSpline, Space<3, double>>),
+                   (Case<CubicBSpline, Space<3, double>>), (Case<QuadraticBSpline, Space<2, double>>),
+                   (Case<CubicBSpline, Space<2, double>>), (Case<QuadraticBSpline, Space<3, float>>),
+                   (Case<CubicBSpline, Space<3, float>>))
+{
+    using Kernel = typename TestType::Kernel;
+    using Real = typename TestType::Real;
+    constexpr int d = TestType::d;
+    using Nodes = Stencil<Kernel, Real, d>;
+    constexpr bool has_inertia = HasConstantInertia<Kernel>;
+    double const epsilon = std::numeric_limits<Real>::epsilon();
+
+    // Nodes of no pattern, in two channels: the second is read.
+    struct
+    {
+        Real value[Nodes::rows][Nodes::width];
+        Real node(int c, int row, int k) const { return c == 7 ? value[row][k] : Real(NAN); }
+    } field;
+    std::mt19937 random(5);
+    std::uniform_real_distribution<double> anywhere(-1, 1), in_cell(-0.5, 0.5);
+    for (auto& row : field.value)
+        for (auto& value : row) value = Real(anywhere(random));
+
+    Expansion<Kernel, Real, d, 1> expansion;
+    double worst = 0;
+    expansion.read(field, 7);
+    for (int sample = 0; sample < 200; ++sample) {
+        Vector<Real, d> offset;
+        for (int a = 0; a < d; ++a) offset[a] = Real(in_cell(random));
+        Nodes const nodes(offset);
+        double value = 0;
+        Vector<double, d> affine = Vector<double, d>::Zero(), gradient = affine;
+        for (int row = 0; row < Nodes::rows; ++row)
+            for (int k = 0; k < Nodes::width; ++k) {
+                double const v = field.value[row][k], along = nodes.weight[d - 1][k],
+                             w = double(nodes.row_weight(row)) * along;
+                value += v * w;
+                for (int a = 0; a < d - 1; ++a) {
+                    affine[a] += v * w * nodes.row_distance(row, a);
+                    gradient[a] += v * nodes.row_gradient(row, a) * along;
+                }
+                affine[d - 1] += v * w * nodes.distance[d - 1][k];
+                gradient[d - 1] += v * nodes.row_weight(row) * nodes.derivative[d - 1][k];
+            }
+        auto const found = expansion.template at<has_inertia, true>(Powers<Kernel, Real, d>(offset));
+        worst = std::max(worst, std::abs(found.value[0] - value));
+        for (int a = 0; a < d; ++a) {
+            worst = std::max(worst, std::abs(found.gradient[0][a] - gradient[a]));
+            if constexpr (has_inertia)
+                worst = std::max(worst, std::abs(found.affine[0][a] - Kernel::inverse_inertia * affine[a]));
+        }
+    }
+    CHECK(worst <= 40 * epsilon);
+
+    for (auto& row : field.value)
+        for (auto& value : row) value = Real(0.1);
+    expansion.read(field, 7);
+    Vector<Real, d> offset = Vector<Real, d>::Constant(Real(0.3));
+    auto const found = expansion.template at<has_inertia, true>(Powers<Kernel, Real, d>(offset));
+    CHECK(found.value[0] == Real(0.1)); // exactly: a body in free flight keeps its velocity
+    for (int a = 0; a < d; ++a) {
+        CHECK(found.gradient[0][a] == 0);
+        if constexpr (has_inertia) CHECK(found.affine[0][a] == 0);
+    }
 }
 
 TEMPLATE_TEST_CASE("derivatives of weights are those of the weights", "", Linear, QuadraticBSpline,

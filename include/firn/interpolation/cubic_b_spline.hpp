@@ -37,6 +37,24 @@ struct CubicBSpline
         Real const a = Real(0.5) - t, b = Real(0.5) + t, half = Real(0.5);
         return {-half * a * a, b * (Real(1.5) * b - Real(2)), a * (Real(2) - Real(1.5) * a), half * b * b};
     }
+
+    /// Value and derivatives at the cell's centre of what the nodes interpolate.
+    template <Lane Real>
+    FIRN_HOST_DEVICE static std::array<Real, 4> expanded(std::array<Real, 4> const& node)
+    {
+        Real const inner = node[2] - node[1], outer = node[3] - node[0],
+                   curvature = Real(0.5) * ((node[3] - node[2]) - (node[1] - node[0]));
+        return {Real(0.5) * (node[1] + node[2]) + Real(1.0 / 24) * curvature,
+                Real(0.125) * outer + Real(0.625) * inner, curvature, outer - Real(3) * inner};
+    }
+
+    /// Factors of those derivatives in sum of w_i v_i (x_i - x_p) D^-1.
+    template <Lane Real>
+    FIRN_HOST_DEVICE static std::array<Real, 3> spreads(Real t)
+    {
+        Real const square = t * t;
+        return {Real(1), t, square * (Real(0.75) - Real(0.5) * square) - Real(0.03125)};
+    }
 };
 
 } // namespace firn

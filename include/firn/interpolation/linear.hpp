@@ -32,6 +32,13 @@ struct Linear
     {
         return {Real(-1), Real(1)};
     }
+
+    /// Value and derivative at the cell's centre of what the nodes interpolate.
+    template <Lane Real>
+    FIRN_HOST_DEVICE static std::array<Real, 2> expanded(std::array<Real, 2> const& node)
+    {
+        return {Real(0.5) * (node[0] + node[1]), node[1] - node[0]};
+    }
 };
 
 } // namespace firn

@@ -32,6 +32,21 @@ struct QuadraticBSpline
     {
         return {t - Real(0.5), Real(-2) * t, t + Real(0.5)};
     }
+
+    /// Value and derivatives at the cell's centre of what the nodes interpolate.
+    template <Lane Real>
+    FIRN_HOST_DEVICE static std::array<Real, 3> expanded(std::array<Real, 3> const& node)
+    {
+        Real const curvature = (node[2] - node[1]) - (node[1] - node[0]);
+        return {node[1] + Real(0.125) * curvature, Real(0.5) * (node[2] - node[0]), curvature};
+    }
+
+    /// Factors of those derivatives in sum of w_i v_i (x_i - x_p) D^-1.
+    template <Lane Real>
+    FIRN_HOST_DEVICE static std::array<Real, 2> spreads(Real t)
+    {
+        return {Real(1), t * (Real(1.5) - Real(2) * t * t)};
+    }
 };
 
 } // namespace firn

@@ -60,6 +60,8 @@ struct MoveParticles
     static constexpr int node_channels = Takes::node_channels, channels = Gives::channels;
     static constexpr int kept = Takes::kept > Gives::kept ? Takes::kept : Gives::kept;
     template <class Real>
+    using CellNodes = typename Takes::template CellNodes<Real>;
+    template <class Real>
     using CellSums = typename Gives::template CellSums<Real>;
 
     Model model;
@@ -82,10 +84,10 @@ struct MoveParticles
         after.expect_store(items);
     }
 
-    template <class Row>
-    FIRN_HOST_DEVICE static void take(Row& row_of_cells)
+    template <class Row, class Real = typename Row::Real>
+    FIRN_HOST_DEVICE static void take(Row& row_of_cells, CellNodes<Real> const& nodes, int first)
     {
-        Takes::take(row_of_cells);
+        Takes::take(row_of_cells, nodes, first);
     }
 
     /// Moves and deforms some particles by what they took, and keeps what they give to the next step.

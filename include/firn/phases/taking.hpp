@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/grid/expansion.hpp>
 #include <firn/phases/table_view.hpp>
 #include <firn/phases/update_grid.hpp>
 
@@ -9,8 +10,8 @@ namespace firn
 
 /// How particles take from the grid: the sums over their stencils that a transfer scheme asks for.
 ///
-/// Nodes are read cell by cell (`take`), each cell for all of its particles; what was taken is kept of each
-/// particle until it is asked for, particle by particle (`taken`).
+/// Nodes are read once for all particles of a cell (`CellNodes`), particles take from that (`take`); what was
+/// taken is kept of each particle until it is asked for, particle by particle (`taken`).
 template <class Space, class Kernel, class Transfer>
 struct Taking
 {
@@ -42,21 +43,33 @@ struct Taking
         return x;
     }
 
-    /// Keeps what a row of particles, one per cell, takes from the nodes of its cells.
-    template <class Row>
-    FIRN_HOST_DEVICE static void take(Row& row_of_cells)
+    /// What the nodes of a row of cells hold for all of its particles: some channels at a time, no more than
+    /// stay in the fastest cache.
+    template <class Real>
+    using CellNodes = Expansion<Kernel, Real, d, Kernel::order <= 2 ? d : 1>;
+
+    /// Keeps what a row of particles, one per cell, takes from some channels of the nodes of its cells.
+    template <class Row, class Real = typename Row::Real>
+    FIRN_HOST_DEVICE static void take(Row& row_of_cells, CellNodes<Real> const& nodes, int first)
     {
-        using Real = typename Row::Real;
-        Gathered<Real, d> const sum = gather<Real>(row_of_cells, kept_position<Real>(row_of_cells));
+        Powers<Kernel, Real, d> const powers(kept_position<Real>(row_of_cells));
+        if (Transfer::keeps_old_velocity && first >= Velocities::old_velocity) {
+            auto const found = nodes.template at<false, false>(powers);
+            FIRN_UNROLL
+            for (int c = 0; c < nodes.channels; ++c)
+                row_of_cells.keep(old_velocity + first - Velocities::old_velocity + c, found.value[c]);
+            return;
+        }
+        auto const found = nodes.template at<terms.affine, terms.gradient>(powers);
         FIRN_UNROLL
-        for (int i = 0; i < d; ++i) {
-            row_of_cells.keep(velocity + i, sum.velocity[i]);
-            if constexpr (Transfer::keeps_old_velocity)
-                row_of_cells.keep(old_velocity + i, sum.old_velocity[i]);
+        for (int c = 0; c < nodes.channels; ++c) {
+            row_of_cells.keep(velocity + first + c, found.value[c]);
             FIRN_UNROLL
             for (int j = 0; j < d; ++j) {
-                if constexpr (terms.affine) row_of_cells.keep(affine + i * d + j, sum.affine(i, j));
-                if constexpr (terms.gradient) row_of_cells.keep(gradient + i * d + j, sum.gradient(i, j));
+                if constexpr (terms.affine)
+                    row_of_cells.keep(affine + (first + c) * d + j, found.affine[c][j]);
+                if constexpr (terms.gradient)
+                    row_of_cells.keep(gradient + (first + c) * d + j, found.gradient[c][j]);
             }
         }
     }
@@ -75,50 +88,6 @@ struct Taking
                 if constexpr (terms.affine) sum.affine(i, j) = items.kept(affine + i * d + j);
                 if constexpr (terms.gradient) sum.gradient(i, j) = items.kept(gradient + i * d + j);
             }
-        }
-        return sum;
-    }
-
-private:
-    /// The sums over a particle's stencil.
-    template <class Real, class Row>
-    FIRN_HOST_DEVICE static Gathered<Real, d> gather(Row const& row_of_cells, Vector<Real, d> const& offset)
-    {
-        using Nodes = Stencil<Kernel, Real, d>;
-        Nodes const nodes(offset);
-        Gathered<Real, d> sum;
-        sum.velocity.setZero();
-        sum.old_velocity.setZero();
-        sum.affine.setZero();
-        sum.gradient.setZero();
-
-        for (int row = 0; row < Nodes::rows; ++row) {
-            Vector<Real, d> plain = Vector<Real, d>::Zero(), old = plain, reach = plain, slope = plain;
-            FIRN_UNROLL
-            for (int k = 0; k < Nodes::width; ++k) {
-                Real const w = nodes.weight[Nodes::last][k];
-                Real const w_distance = w * nodes.distance[Nodes::last][k],
-                           dw = nodes.derivative[Nodes::last][k];
-                FIRN_UNROLL
-                for (int a = 0; a < d; ++a) {
-                    Real const v = row_of_cells.node(Velocities::velocity + a, row, k);
-                    plain[a] += v * w;
-                    if constexpr (terms.affine) reach[a] += v * w_distance;
-                    if constexpr (terms.gradient) slope[a] += v * dw;
-                    if constexpr (Transfer::keeps_old_velocity)
-                        old[a] += row_of_cells.node(Velocities::old_velocity + a, row, k) * w;
-                }
-            }
-            Real const w_row = nodes.row_weight(row);
-            sum.velocity += plain * w_row;
-            if constexpr (Transfer::keeps_old_velocity) sum.old_velocity += old * w_row;
-            FIRN_UNROLL
-            for (int a = 0; a < Nodes::last; ++a) {
-                if constexpr (terms.affine) sum.affine.col(a) += plain * (w_row * nodes.row_distance(row, a));
-                if constexpr (terms.gradient) sum.gradient.col(a) += plain * nodes.row_gradient(row, a);
-            }
-            if constexpr (terms.affine) sum.affine.col(Nodes::last) += reach * w_row;
-            if constexpr (terms.gradient) sum.gradient.col(Nodes::last) += slope * w_row;
         }
         return sum;
     }

@@ -42,8 +42,7 @@ struct Apic
         particle[Velocity{}] = gathered.velocity;
         Matrix<Real, d> const gradient = gathered.gradient * inverse_cell_size;
         if constexpr (HasConstantInertia<Kernel>)
-            particle[AffineVelocity{}] =
-                gathered.affine * (Real(Scalar<Real>(Kernel::inverse_inertia)) * inverse_cell_size);
+            particle[AffineVelocity{}] = gathered.affine * inverse_cell_size;
         else
             particle[AffineVelocity{}] = gradient;
         return gradient;

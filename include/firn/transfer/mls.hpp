@@ -47,8 +47,7 @@ struct Mls
             return Apic{}.take<Kernel, Real, d>(particle, gathered, inverse_cell_size);
         else {
             particle[Velocity{}] = gathered.velocity;
-            particle[AffineVelocity{}] =
-                gathered.affine * (Real(Scalar<Real>(Kernel::inverse_inertia)) * inverse_cell_size);
+            particle[AffineVelocity{}] = gathered.affine * inverse_cell_size;
             return particle[AffineVelocity{}];
         }
     }

@@ -36,7 +36,7 @@ struct Gathered
 {
     Vector<Real, d> velocity;     ///< sum of w_i v_i [m/s]
     Vector<Real, d> old_velocity; ///< sum of w_i v_i before the forces of the step; if the scheme keeps it
-    Matrix<Real, d> affine;   ///< sum of w_i v_i (x_i - x_p)^T [m/s cell]; if the scheme takes Terms::affine
+    Matrix<Real, d> affine;   ///< sum of w_i v_i (x_i - x_p)^T D^-1 [m/s per cell]; if it takes Terms::affine
     Matrix<Real, d> gradient; ///< sum of v_i dw_i^T [m/s per cell]; if the scheme takes Terms::gradient
 };
 

@@ -8,6 +8,7 @@
 #include <array>
 #include <bit>
 #include <cstring>
+#include <memory>
 #include <numeric>
 #include <vector>
 
@@ -88,12 +89,16 @@ FIRN_INLINE_WHOLE void locate(Phase const& phase, Items& items)
     phase.locate(items);
 }
 
-template <class Phase, class Group>
-FIRN_INLINE_WHOLE void take(Phase const& phase, Group& group)
+template <class Phase, class Group, class Nodes>
+FIRN_INLINE_WHOLE void take(Phase const& phase, Group& group, Nodes& nodes)
 {
-    for (int rank = 0, ranks = group.ranks(); rank < ranks; ++rank) {
-        group.enter(rank);
-        phase.take(group);
+    for (int channel = 0; channel < Phase::node_channels; channel += Nodes::channels) {
+        nodes.read(group, channel);
+        group.restart();
+        for (int rank = 0, ranks = group.ranks(); rank < ranks; ++rank) {
+            group.enter(rank);
+            phase.take(group, nodes, channel);
+        }
     }
 }
 
@@ -325,6 +330,8 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
         Array<Number> nodes;
         nodes.resize(Phase::node_channels * GridType::tile_channel);
         Scratch<Number, lanes> scratch;
+        // Not on the stack: compilers would take it apart and copy it for every group.
+        auto const nodes_of_cells = std::make_unique<typename Phase::template CellNodes<Lane>>();
 #pragma omp for schedule(dynamic, 1)
         for (int b = 0; b < blocks; ++b) {
             std::uint64_t const rows = own_rows<GridType>(cells, b);
@@ -343,7 +350,7 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
                 };
                 for_each_pack([&] { locate(phase, items); });
                 GroupOfCells<Lane, GridType> group(cells.counts(b, g), g, scratch, nodes.data(), nullptr);
-                take(phase, group);
+                take(phase, group, *nodes_of_cells);
                 for_each_pack([&] { answer(phase, items, results[b]); });
                 done(b, g, scratch);
             }

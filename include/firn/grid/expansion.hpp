@@ -1,0 +1,149 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/lane.hpp>
+#include <firn/core/space.hpp>
+
+#include <array>
+
+namespace firn
+{
+
+/// What a particle at a place within its cell multiplies the terms of an Expansion with: along each axis the
+/// powers t^m / m! of its offset from the cell's centre, and the kernel's spreads.
+template <class Kernel, Lane Real, int d>
+struct Powers
+{
+    static constexpr int order = Kernel::order;
+
+    std::array<std::array<Real, order>, d> power;  ///< t^m / m!, m = 1, 2, …
+    std::array<std::array<Real, order>, d> spread; ///< Kernel::spreads: m = 1, 2, …
+
+    FIRN_HOST_DEVICE explicit Powers(Vector<Real, d> const& offset)
+    {
+        FIRN_UNROLL
+        for (int a = 0; a < d; ++a) {
+            power[a][0] = offset[a];
+            FIRN_UNROLL
+            for (int m = 1; m < order; ++m)
+                power[a][m] = power[a][m - 1] * offset[a] * Real(Scalar<Real>(1.0 / (m + 1)));
+            if constexpr (requires { Kernel::spreads(offset[a]); }) spread[a] = Kernel::spreads(offset[a]);
+        }
+    }
+};
+
+/// What the nodes around a cell interpolate within it: a B-spline is a polynomial there, this is its
+/// expansion about the cell's centre, of some channels, the same for all particles of the cell.
+///
+/// Sums over a particle's stencil become polynomials of its offset, with half the multiplications and none of
+/// the weights. A field that is the same on all nodes has no term but the first, so its gradient is exactly
+/// zero.
+template <class Kernel, Lane RealType, int d, int channel_count>
+class Expansion
+{
+    static constexpr int order = Kernel::order, width = order + 1;
+    static constexpr int rows = d == 3 ? width * width : width, terms = rows * width;
+
+public:
+    using Real = RealType;
+    static constexpr int channels = channel_count;
+
+    /// Reads the channels from `first` on: `nodes.node(channel, row, k)`, rows as in Stencil.
+    template <class Nodes>
+    FIRN_HOST_DEVICE void read(Nodes const& nodes, int first)
+    {
+        for (int c = 0; c < channels; ++c) {
+            Real term[terms];
+            FIRN_UNROLL
+            for (int row = 0; row < rows; ++row) {
+                FIRN_UNROLL
+                for (int k = 0; k < width; ++k) term[row * width + k] = nodes.node(first + c, row, k);
+                expand<1>(&term[row * width]);
+            }
+            expand_across(term);
+            FIRN_UNROLL
+            for (int row = 0; row < rows; ++row) FIRN_UNROLL
+            for (int k = 0; k < width; ++k) term_[c][row * width + k] = term[row * width + k];
+        }
+    }
+
+    /// What particles find at their places; what was not asked for is not set.
+    struct Found
+    {
+        Real value[channels];       ///< sum of w_i v_i
+        Real affine[channels][d];   ///< sum of w_i v_i (x_i - x_p)^T D^-1 [per cell]
+        Real gradient[channels][d]; ///< sum of v_i dw_i^T [per cell]
+    };
+
+    template <bool has_affine, bool has_gradient>
+    FIRN_HOST_DEVICE Found at(Powers<Kernel, Real, d> const& powers) const
+    {
+        Found found;
+        sum<0, has_affine, has_gradient>(powers, 0, found);
+        return found;
+    }
+
+private:
+    /// Expands along one axis, in place.
+    template <int stride>
+    FIRN_HOST_DEVICE static void expand(Real* line)
+    {
+        std::array<Real, width> node;
+        FIRN_UNROLL
+        for (int m = 0; m < width; ++m) node[m] = line[m * stride];
+        node = Kernel::expanded(node);
+        FIRN_UNROLL
+        for (int m = 0; m < width; ++m) line[m * stride] = node[m];
+    }
+
+    /// Expands along all axes but the last.
+    FIRN_HOST_DEVICE static void expand_across(Real (&term)[terms])
+    {
+        if constexpr (d == 3) {
+            FIRN_UNROLL
+            for (int row = 0; row < rows; ++row) expand<width>(&term[row / width * rows + row % width]);
+        }
+        FIRN_UNROLL
+        for (int i = 0; i < rows; ++i) expand<rows>(&term[i]);
+    }
+
+    /// The sum over the axes from `axis` on of the terms from `first` on.
+    template <int axis, bool has_affine, bool has_gradient>
+    FIRN_HOST_DEVICE void sum(Powers<Kernel, Real, d> const& powers, int first, Found& found) const
+    {
+        if constexpr (axis == d) {
+            FIRN_UNROLL
+            for (int c = 0; c < channels; ++c) found.value[c] = term_[c][first];
+        }
+        else {
+            sum<axis + 1, has_affine, has_gradient>(powers, first * width, found);
+            FIRN_UNROLL
+            for (int m = 1; m <= order; ++m) {
+                Found part;
+                sum<axis + 1, has_affine, has_gradient>(powers, first * width + m, part);
+                Real const power = powers.power[axis][m - 1];
+                FIRN_UNROLL
+                for (int c = 0; c < channels; ++c) {
+                    Real const value = part.value[c];
+                    // The first spread is 1, and so is the derivative of the first power.
+                    if constexpr (has_affine)
+                        found.affine[c][axis] =
+                            m == 1 ? value : found.affine[c][axis] + value * powers.spread[axis][m - 1];
+                    if constexpr (has_gradient)
+                        found.gradient[c][axis] =
+                            m == 1 ? value : found.gradient[c][axis] + value * powers.power[axis][m - 2];
+                    found.value[c] += value * power;
+                    FIRN_UNROLL
+                    for (int a = axis + 1; a < d; ++a) {
+                        if constexpr (has_affine) found.affine[c][a] += part.affine[c][a] * power;
+                        if constexpr (has_gradient) found.gradient[c][a] += part.gradient[c][a] * power;
+                    }
+                }
+            }
+        }
+    }
+
+    Real term_[channels][terms];
+};
+
+} // namespace firn
