@@ -2,7 +2,6 @@
 #pragma once
 
 #include <firn/firn.hpp>
-#include <firn/openmp.hpp>
 
 #include <cmath>
 #include <random>

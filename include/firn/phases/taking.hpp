@@ -92,6 +92,7 @@ private:
         sum.affine.setZero();
         sum.gradient.setZero();
 
+        FIRN_UNROLL_ON_DEVICE
         for (int row = 0; row < Nodes::rows; ++row) {
             Vector<Real, d> plain = Vector<Real, d>::Zero(), old = plain, reach = plain, slope = plain;
             FIRN_UNROLL
@@ -135,7 +136,7 @@ struct TakeVelocities : Taking<Space, Kernel, TransferType>
     using Number = typename Space::Real;
     struct Result
     {
-        void merge(Result const&) {}
+        FIRN_HOST_DEVICE void merge(Result const&) {}
     };
 
     Transfer transfer;

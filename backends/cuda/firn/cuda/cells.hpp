@@ -1,0 +1,319 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/cuda/order.hpp>
+
+#include <algorithm>
+#include <bit>
+#include <span>
+#include <vector>
+
+namespace firn::cuda
+{
+
+/// The order of cells on a device: items by block, in a block by group of 32 cells, in a group interleaved by
+/// rank.
+///
+/// First come the first items of the group's cells, then the second ones, and so on, so that lane l of a warp
+/// can work on cell l and read one run of memory. Items are not moved: `order` says, cell by cell, where they
+/// lie. Blocks that have lost all of their items stay until the next compact().
+template <class Number, int d>
+class Cells
+{
+public:
+    using Shape = BlockShape<d>;
+    using Offset = typename CellOffset<Number>::Stored;
+    using Movers = detail::Movers<Number>;
+
+    /// Cells beyond this coordinate have no key (see block_key); one is kept in reserve for what is about to
+    /// leave.
+    static constexpr double largest_coordinate = d == 3 ? 4.0e6 : 1.0e9;
+    /// Bytes per item: where it lies, and whether it left its cell.
+    static constexpr std::size_t bytes_per_item = sizeof(std::uint32_t) + 1;
+
+    /// The cells as loops see them.
+    struct View
+    {
+        std::uint64_t const* keys;  ///< of blocks
+        std::uint32_t const* begin; ///< of the items of each cell, in the order
+        std::uint32_t const* order; ///< where the items of a cell lie
+
+        __device__ Coordinates<d> cell(std::uint32_t c) const
+        {
+            Coordinates<d> const block = block_of_key<d>(keys[c / Shape::cells]);
+            return block * int{Shape::extent} + Shape::cell(static_cast<int>(c % Shape::cells));
+        }
+    };
+
+    template <class Backend>
+    explicit Cells(Backend const& backend)
+        : queue_(backend.queue()), set_(queue_), begin_(queue_), new_begin_(queue_), order_(queue_),
+          left_(queue_), stay_(queue_), arrivals_(queue_), group_left_(queue_), block_arrived_(queue_),
+          block_begin_(queue_), movers_begin_(queue_), arrived_(queue_), spare_(queue_), movers_(queue_)
+    {}
+
+    Queue const& queue() const { return queue_; }
+    std::size_t size() const { return size_; }
+    std::uint32_t blocks() const { return set_.size(); }
+    View view() const { return {set_.keys(), begin_.data(), order_.data()}; }
+
+    std::size_t memory() const
+    {
+        return set_.memory() + begin_.memory() + new_begin_.memory() + order_.memory() + left_.memory() +
+               stay_.memory() + arrivals_.memory() + group_left_.memory() + block_arrived_.memory() +
+               block_begin_.memory() + movers_begin_.memory() + arrived_.memory() + spare_.memory() +
+               movers_.memory();
+    }
+
+    /// Adds items that lie at first, first + 1, … in the given cells.
+    void insert(std::span<Coordinates<d> const> cells, std::uint32_t first)
+    {
+        OnDevice const here(queue_);
+        auto const count = static_cast<std::uint32_t>(cells.size());
+        using Place = std::array<int, d>;
+        static_assert(sizeof(Place) == sizeof(Coordinates<d>));
+        Array<Place> where(queue_);
+        where.resize(cells.size());
+        where.upload(0, {reinterpret_cast<Place const*>(cells.data()), cells.size()});
+        MoverArrays fresh(queue_);
+        fresh.renew(count, 0);
+        if (blocks() == 0) set_.reserve(64);
+        for (;;) { // once more if there are blocks to be born
+            stay_all();
+            detail::find_cells<d><<<groups_of(count, 256), 256, 0, queue_.stream>>>(
+                fresh.view(), where.data(), first, count, changes(), set_.view());
+            check_launch("find_cells");
+            if (!bear_blocks()) break;
+        }
+        rearrange(fresh.view(), count, nullptr);
+        moved_count_ = 0;
+        arrived_.clear(); // every new item was in these lists; they need not stay so large
+        spare_.clear();
+    }
+
+    /// Moves the items that departed to their new cells, and wraps their offsets. An item lies at its slot
+    /// (see settle).
+    void follow(std::array<Offset*, d> const& offset)
+    {
+        if (size_ == 0) return;
+        OnDevice const here(queue_);
+        if (moved_count_ > 0) {
+            detail::wrap_offsets<d><<<groups_of(moved_count_, 256), 256, 0, queue_.stream>>>(
+                movers_.view(), moved_count_, offset);
+            check_launch("wrap_offsets");
+        }
+        rearrange(movers_.view(), moved_count_, left_.data());
+    }
+
+    /// Makes room for items that depart, and forgets those before: the loop that follows notes them.
+    Movers expect_departures(int channels)
+    {
+        OnDevice const here(queue_);
+        movers_.renew(std::max<std::size_t>(movers_.most, size_ / 32 + 256), channels);
+        movers_.count.fill_bytes(0, 1, 0);
+        forget_arrivals();
+        return movers_.view();
+    }
+    unsigned char* left() { return left_.data(); }
+    detail::Changes changes()
+    {
+        return {stay_.data(), arrivals_.data(), group_left_.data(), block_arrived_.data()};
+    }
+
+    /// Finds the cells of those that departed, and bears the blocks that are not there yet. False if there
+    /// was no room for so many: there is now, and the loop that noted them is to be repeated.
+    bool find_departed()
+    {
+        OnDevice const here(queue_);
+        find_new_cells(movers_.most);
+        std::uint32_t departed = 0;
+        movers_.count.download(0, {&departed, 1});
+        if (departed > movers_.most) {
+            movers_.most = departed + departed / 4;
+            return false;
+        }
+        moved_count_ = departed;
+        while (bear_blocks()) {
+            forget_arrivals();
+            find_new_cells(departed);
+        }
+        return true;
+    }
+
+    /// The items that came into each cell when the order was written: as movers, and their list.
+    struct Arrived
+    {
+        std::uint32_t const* begin;   ///< of those of each cell, in the list
+        std::uint32_t const* arrived; ///< numbers of movers
+        std::uint32_t count;
+    };
+    Arrived arrived() const { return {movers_begin_.data(), arrived_.data(), moved_count_}; }
+    Movers movers() const { return movers_.view(); }
+
+    /// Says that all items now lie at their slots.
+    void settle() { settled_ = true; }
+
+    /// Calls `visit(where it lies, coordinates of its cell)` for every item, on the host.
+    template <class Visit>
+    void for_each(Visit const& visit) const
+    {
+        if (size_ == 0) return;
+        std::vector<std::uint32_t> begin(blocks() * Shape::cells + 1), order(settled_ ? 0 : size_);
+        std::vector<std::uint64_t> keys(blocks());
+        begin_.download(0, begin);
+        order_.download(0, order);
+        set_.download_keys(keys);
+        std::size_t slot = 0;
+        for (std::size_t group = 0; group < keys.size() * Shape::groups; ++group) {
+            Coordinates<d> const block = block_of_key<d>(keys[group / Shape::groups]);
+            std::uint32_t const* const first = &begin[group * Shape::lanes];
+            std::size_t const end = first[Shape::lanes];
+            for (std::uint32_t rank = 0; slot < end; ++rank)
+                for (int lane = 0; lane < Shape::lanes; ++lane) {
+                    if (first[lane] + rank >= first[lane + 1]) continue;
+                    int const place = static_cast<int>(group % Shape::groups) * Shape::lanes + lane;
+                    visit(settled_ ? slot : std::size_t{order[first[lane] + rank]},
+                          Coordinates<d>(block * Shape::extent + Shape::cell(place)));
+                    ++slot;
+                }
+        }
+    }
+
+private:
+    struct MoverArrays
+    {
+        std::size_t most = 0;
+        Array<std::uint32_t> count, slot, cell, way, to, arrival;
+        Array<Number> given;
+
+        explicit MoverArrays(Queue queue)
+            : count(queue), slot(queue), cell(queue), way(queue), to(queue), arrival(queue), given(queue)
+        {}
+
+        void renew(std::size_t room, int channels)
+        {
+            most = room;
+            count.renew(1);
+            for (auto* const array : {&slot, &to, &arrival}) array->renew(room);
+            for (auto* const array : {&cell, &way}) array->renew(channels > 0 ? room : 0);
+            given.renew(room * static_cast<std::size_t>(channels));
+        }
+
+        Movers view() const
+        {
+            auto const at = [](auto const& array) { return const_cast<std::uint32_t*>(array.data()); };
+            return {at(count),   static_cast<std::uint32_t>(most), at(slot), at(cell), at(way), at(to),
+                    at(arrival), const_cast<Number*>(given.data())};
+        }
+
+        std::size_t memory() const
+        {
+            return slot.memory() + cell.memory() + way.memory() + to.memory() + arrival.memory() +
+                   given.memory();
+        }
+    };
+
+    void find_new_cells(std::size_t most)
+    {
+        if (most == 0) return;
+        detail::find_new_cells<d><<<groups_of(most, 256), 256, 0, queue_.stream>>>(movers_.view(), changes(),
+                                                                                   set_.view(), set_.keys());
+        check_launch("find_new_cells");
+    }
+
+    void forget_arrivals()
+    {
+        arrivals_.fill_bytes(0, blocks() * Shape::cells, 0);
+        block_arrived_.fill_bytes(0, blocks(), 0);
+    }
+
+    void stay_all()
+    {
+        std::uint32_t const cells = blocks() * Shape::cells;
+        if (cells == 0) return;
+        detail::stay_all<<<groups_of(cells, 256), 256, 0, queue_.stream>>>(begin_.data(), cells, changes());
+        check_launch("stay_all");
+    }
+
+    /// Numbers the blocks that a loop found to be missing; false if there are none.
+    bool bear_blocks()
+    {
+        std::uint32_t const births = set_.births();
+        if (births == 0) return false;
+        if (!set_.has_room_for(births)) {
+            set_.reserve(set_.size() + std::max<std::size_t>(2 * births, set_.size() / 8));
+            return true;
+        }
+        std::uint32_t const before = blocks();
+        set_.number(births);
+        std::size_t const cells = blocks() * Shape::cells;
+        begin_.resize(cells + 1);
+        std::size_t const first = before == 0 ? 0 : before * Shape::cells + 1;
+        begin_.fill(first, cells + 1 - first, static_cast<std::uint32_t>(size_));
+        stay_.resize(cells);
+        stay_.fill_bytes(before * Shape::cells, cells - before * Shape::cells, 0);
+        arrivals_.resize(cells);
+        group_left_.resize(blocks() * Shape::groups);
+        group_left_.fill_bytes(before * Shape::groups, births * Shape::groups, 0);
+        block_arrived_.resize(blocks());
+        return true;
+    }
+
+    /// Writes the new order: those that stay in their cells, and those that come.
+    void rearrange(Movers const& movers, std::uint32_t count, unsigned char const* left)
+    {
+        std::size_t const cells = blocks() * Shape::cells;
+        bool const comes_in = left == nullptr;
+        if (comes_in) size_ += count;
+        new_begin_.renew(cells + 1);
+        movers_begin_.renew(cells + 1);
+        block_begin_.renew(blocks());
+        arrived_.renew(count);
+        spare_.renew(count);
+        Array<std::uint32_t> next(queue_);
+        bool const in_place = settled_;
+        if (in_place)
+            order_.resize(size_);
+        else
+            next.resize(size_);
+        Array<std::uint32_t>& order = in_place ? order_ : next;
+
+        detail::find_block_begins<<<1, detail::scanning_threads, 0, queue_.stream>>>(
+            begin_.data(), blocks(), changes(), block_begin_.data());
+        check_launch("find_block_begins");
+        detail::place_stayers<<<blocks(), 64, 0, queue_.stream>>>(
+            begin_.data(), changes(), block_begin_.data(), left, in_place ? nullptr : order_.data(),
+            new_begin_.data(), movers_begin_.data(), order.data());
+        check_launch("place_stayers");
+        if (count > 0) {
+            detail::place_arrivals<<<groups_of(count, 256), 256, 0, queue_.stream>>>(
+                movers, count, movers_begin_.data(), arrived_.data());
+            check_launch("place_arrivals");
+            detail::sort_arrivals<<<groups_of(cells, 128), 128, 0, queue_.stream>>>(
+                movers, static_cast<std::uint32_t>(cells), movers_begin_.data(), new_begin_.data(), changes(),
+                arrived_.data(), spare_.data(), order.data());
+            check_launch("sort_arrivals");
+        }
+        std::swap(begin_, new_begin_);
+        if (!in_place) std::swap(order_, next);
+        if (comes_in) {
+            left_.renew(size_);
+            queue_.wait(); // for what is about to be given back
+        }
+        settled_ = false;
+    }
+
+    Queue queue_;
+    std::size_t size_ = 0;
+    bool settled_ = true;
+    std::uint32_t moved_count_ = 0;
+    BlockSet set_;
+    Array<std::uint32_t> begin_, new_begin_, order_;
+    Array<unsigned char> left_; ///< per slot: whether the item left its cell
+    Array<std::uint32_t> stay_, arrivals_, group_left_, block_arrived_;
+    Array<std::uint64_t> block_begin_;
+    Array<std::uint32_t> movers_begin_, arrived_, spare_;
+    MoverArrays movers_;
+};
+
+} // namespace firn::cuda
