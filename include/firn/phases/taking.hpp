@@ -80,7 +80,9 @@ struct Taking
     }
 
 private:
-    /// The sums over a particle's stencil.
+    /// The sums over a particle's stencil. Velocities are taken relative to that of the stencil's middle
+    /// node: the weights add up to one, and their distances and gradients to zero, but for a rounding that in
+    /// steady motion would be the same in every step.
     template <class Real, class Row>
     FIRN_HOST_DEVICE static Gathered<Real, d> gather(Row const& row_of_cells, Vector<Real, d> const& offset)
     {
@@ -92,6 +94,14 @@ private:
         sum.affine.setZero();
         sum.gradient.setZero();
 
+        Vector<Real, d> middle, old_middle;
+        FIRN_UNROLL
+        for (int a = 0; a < d; ++a) {
+            middle[a] = row_of_cells.node(Velocities::velocity + a, Nodes::rows / 2, Nodes::width / 2);
+            if constexpr (Transfer::keeps_old_velocity)
+                old_middle[a] =
+                    row_of_cells.node(Velocities::old_velocity + a, Nodes::rows / 2, Nodes::width / 2);
+        }
         FIRN_UNROLL_ON_DEVICE
         for (int row = 0; row < Nodes::rows; ++row) {
             Vector<Real, d> plain = Vector<Real, d>::Zero(), old = plain, reach = plain, slope = plain;
@@ -102,12 +112,13 @@ private:
                            dw = nodes.derivative[Nodes::last][k];
                 FIRN_UNROLL
                 for (int a = 0; a < d; ++a) {
-                    Real const v = row_of_cells.node(Velocities::velocity + a, row, k);
+                    Real const v = row_of_cells.node(Velocities::velocity + a, row, k) - middle[a];
                     plain[a] += v * w;
                     if constexpr (terms.affine) reach[a] += v * w_distance;
                     if constexpr (terms.gradient) slope[a] += v * dw;
                     if constexpr (Transfer::keeps_old_velocity)
-                        old[a] += row_of_cells.node(Velocities::old_velocity + a, row, k) * w;
+                        old[a] +=
+                            (row_of_cells.node(Velocities::old_velocity + a, row, k) - old_middle[a]) * w;
                 }
             }
             Real const w_row = nodes.row_weight(row);
@@ -121,6 +132,8 @@ private:
             if constexpr (terms.affine) sum.affine.col(Nodes::last) += reach * w_row;
             if constexpr (terms.gradient) sum.gradient.col(Nodes::last) += slope * w_row;
         }
+        sum.velocity += middle;
+        if constexpr (Transfer::keeps_old_velocity) sum.old_velocity += old_middle;
         return sum;
     }
 };
