@@ -371,6 +371,9 @@ private:
     template <class Effect>
     static void validate(Effect const& effect)
     {
+        if constexpr (requires { Effect::in_host_memory; })
+            static_assert(Backend::reaches_host_memory || !Effect::in_host_memory,
+                          "the obstacle's shape lies in memory of the host: pass `shape.on(backend)`");
         effect.validate();
         if constexpr (d == 2 && requires { effect.validate_in_plane(); }) effect.validate_in_plane();
     }

@@ -20,6 +20,7 @@ struct Cuda
 {
     int device = 0;                ///< as cudaGetDeviceProperties counts them
     cudaStream_t stream = nullptr; ///< of that device; it must live as long as the solver
+    static constexpr bool reaches_host_memory = false;
 
     template <class Number>
     using Lane = Number;
@@ -92,11 +93,10 @@ struct Cuda
         using Result = typename Phase::Result;
         if (grid.blocks() == 0) return {queue(), nullptr};
         cuda::OnDevice const here(device);
-        std::size_t const warps = 2 * std::size_t(grid.node_blocks());
-        auto* const results = grid.node_results().template expect<Result>(warps);
+        auto const results = grid.node_results().template expect<Result>(2 * grid.node_blocks());
         cuda::detail::launch("for_each_node", queue(), cuda::detail::for_each_node<GridType, Phase>,
                              grid.node_blocks(), 0, phase, grid.view(), results);
-        return grid.node_results().template merge<Result>(warps);
+        return grid.node_results().template later<Result>();
     }
 
     /// All items take from the grid as they did when they moved last; the phase stores what it wants of that.
@@ -118,17 +118,15 @@ struct Cuda
         using Result = typename Phase::Result;
         if (grid.blocks() == 0) return {};
         cuda::OnDevice const here(device);
-        std::size_t const warps = 2 * std::size_t(grid.blocks());
         for (;;) {
             auto const movers = cells.expect_departures(Phase::kept);
-            auto* const results = grid.item_results().template expect<Result>(warps);
+            auto const results = grid.item_results().template expect<Result>(2 * grid.blocks());
             cuda::detail::Moved<typename GridType::Number, Result> const moved{movers, cells.changes(),
                                                                                cells.left(), results};
             cuda::detail::launch("move", queue(), cuda::detail::move<CellOrder, GridType, Phase>,
                                  grid.blocks(), cuda::detail::SharedTiles<GridType>::bytes(true, true), phase,
                                  cells.view(), grid.view(), moved);
-            auto const found = grid.item_results().template merge<Result>(warps);
-            if (cells.find_departed()) return found;
+            if (cells.find_departed()) return grid.item_results().template later<Result>();
         }
     }
 };

@@ -21,6 +21,7 @@ template <class Lanes = openmp::NativeLanes>
 struct BasicOpenMP
 {
     int threads = 0; ///< 0: as many as OpenMP would use
+    static constexpr bool reaches_host_memory = true;
 
     template <class Number>
     using Lane = typename Lanes::template Lane<Number>;

@@ -138,4 +138,39 @@ private:
     std::size_t size_ = 0, capacity_ = 0;
 };
 
+/// A little memory of the host that devices can write to.
+class HostMemory
+{
+    static constexpr std::size_t bytes = 4096;
+
+public:
+    explicit HostMemory(Queue const& queue) : queue_(queue) {}
+    HostMemory(HostMemory&& other) noexcept : queue_(other.queue_) { *this = std::move(other); }
+    HostMemory& operator=(HostMemory&& other) noexcept
+    {
+        std::swap(queue_, other.queue_);
+        std::swap(memory_, other.memory_);
+        return *this;
+    }
+    ~HostMemory()
+    {
+        if (memory_) static_cast<void>(cudaFreeHost(memory_));
+    }
+
+    template <class T>
+    T* as()
+    {
+        static_assert(sizeof(T) <= bytes);
+        if (!memory_) {
+            OnDevice const here(queue_);
+            check(cudaMallocHost(&memory_, bytes), "cudaMallocHost");
+        }
+        return static_cast<T*>(memory_);
+    }
+
+private:
+    Queue queue_;
+    void* memory_ = nullptr;
+};
+
 } // namespace firn::cuda

@@ -85,6 +85,10 @@ public:
     bool has_room_for(std::uint32_t births) const { return births <= room(); }
     /// Numbers them.
     void number(std::uint32_t births);
+    /// Keeps some blocks, told by their indices, under new ones from 0 on.
+    void keep(std::uint32_t const* indices, std::uint32_t count);
+    /// Forgets all blocks.
+    void clear() { size_ = 0; }
 
     std::size_t memory() const
     {
@@ -127,6 +131,12 @@ static __global__ void insert_keys(BlockSet::View set, std::uint64_t const* keys
         set.index[at] = i;
         return;
     }
+}
+static __global__ void copy_keys(std::uint64_t const* keys, std::uint32_t const* indices, std::uint32_t count,
+                                 std::uint64_t* to)
+{
+    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
+    if (i < count) to[i] = keys[indices[i]];
 }
 } // namespace detail
 
@@ -176,6 +186,20 @@ inline void BlockSet::number(std::uint32_t births)
     check_launch("number_births");
     size_ += births;
     expect_births();
+}
+
+inline void BlockSet::keep(std::uint32_t const* indices, std::uint32_t count)
+{
+    OnDevice const here(queue_);
+    Array<std::uint64_t> kept(queue_);
+    kept.resize(keys_.size());
+    detail::copy_keys<<<groups_of(count, 128), 128, 0, queue_.stream>>>(keys_.data(), indices, count,
+                                                                        kept.data());
+    check_launch("copy_keys");
+    queue_.wait(); // for what is about to be given back
+    std::swap(keys_, kept);
+    size_ = count;
+    reserve(keys_.size());
 }
 
 } // namespace firn::cuda

@@ -111,7 +111,7 @@ public:
         movers.cell[i] = cell;
         movers.way[i] = way_;
 #pragma unroll
-        for (int c = 0; c < Phase::kept; ++c) movers.given[std::size_t(c) * movers.most + i] = kept_[c];
+        for (int c = 0; c < Phase::kept; ++c) movers.given[std::size_t(i) * movers.channels + c] = kept_[c];
     }
     __device__ void forget_given()
     {
@@ -123,7 +123,7 @@ public:
     __device__ void read_departure(detail::Movers<Number> const& movers, std::uint32_t i)
     {
 #pragma unroll
-        for (int c = 0; c < Phase::kept; ++c) kept_[c] = movers.given[std::size_t(c) * movers.most + i];
+        for (int c = 0; c < Phase::kept; ++c) kept_[c] = movers.given[std::size_t(i) * movers.channels + c];
     }
 
     /// Channel c of the node at place k in a row of the cell's stencil.

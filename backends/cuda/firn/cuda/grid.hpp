@@ -39,6 +39,17 @@ __global__ void tie(std::uint64_t const* cell_keys, std::uint32_t first, std::ui
     nodes_of[b * corners + corner] = n;
     covered_by[n * corners + corner] = b;
 }
+
+/// Copies tiles to new places; a block that had none gets zeros.
+template <class Sums>
+__global__ void keep_tiles(std::uint32_t const* blocks_before, std::uint32_t known, int nodes,
+                           Sums const* from, Sums* to)
+{
+    std::uint32_t const before = blocks_before[blockIdx.x];
+    for (int n = static_cast<int>(threadIdx.x); n < nodes; n += static_cast<int>(blockDim.x))
+        to[std::size_t(blockIdx.x) * nodes + n] =
+            before < known ? from[std::size_t(before) * nodes + n] : Sums{};
+}
 } // namespace detail
 
 /// Blocks of nodes under the blocks of cells: born with them.
@@ -82,16 +93,18 @@ public:
     template <class CellOrder>
     void follow(CellOrder const& cells)
     {
-        std::uint32_t const before = blocks_;
-        blocks_ = cells.blocks();
-        if (before == blocks_) return;
         OnDevice const here(queue_);
-        unsigned const threads = 128, groups = groups_of(std::size_t(blocks_ - before) * corners, threads);
-        if (before == 0) set_.reserve(2 * std::size_t(blocks_) + 64);
-        std::uint32_t const nodes_before = set_.size();
+        if (cells.generation() != generation_) {
+            generation_ = cells.generation();
+            keep_tiles(cells.blocks_before(), cells.blocks());
+        }
+        std::uint32_t const before = blocks_, blocks = cells.blocks();
+        if (before == blocks) return;
+        unsigned const threads = 128, groups = groups_of(std::size_t(blocks - before) * corners, threads);
+        if (before == 0 && tiles_[0].size() == 0) set_.reserve(2 * std::size_t(blocks) + 64);
         for (;;) {
             detail::want_nodes<d>
-                <<<groups, threads, 0, queue_.stream>>>(cells.view().keys, before, blocks_, set_.view());
+                <<<groups, threads, 0, queue_.stream>>>(cells.view().keys, before, blocks, set_.view());
             check_launch("want_nodes");
             std::uint32_t const births = set_.births();
             if (set_.has_room_for(births)) {
@@ -100,18 +113,20 @@ public:
             }
             set_.reserve(set_.size() + std::max<std::size_t>(2 * births, set_.size() / 8));
         }
-        nodes_of_.resize(std::size_t(blocks_) * corners);
+        nodes_of_.resize(std::size_t(blocks) * corners);
+        std::size_t const covered_before = before == 0 ? 0 : covered_by_.size();
         covered_by_.resize(std::size_t(set_.size()) * corners);
-        std::size_t const covered_before = std::size_t(nodes_before) * corners;
         covered_by_.fill_bytes(covered_before, covered_by_.size() - covered_before, 0xff);
-        detail::tie<d><<<groups, threads, 0, queue_.stream>>>(cells.view().keys, before, blocks_, set_.view(),
+        detail::tie<d><<<groups, threads, 0, queue_.stream>>>(cells.view().keys, before, blocks, set_.view(),
                                                               nodes_of_.data(), covered_by_.data());
         check_launch("tie");
-        std::size_t const tiles_before = tiles_[0].size(), tiles = std::size_t(blocks_) * TileShape::nodes;
+        std::size_t const tiles_before = std::min(tiles_[0].size(), std::size_t(blocks) * TileShape::nodes),
+                          tiles = std::size_t(blocks) * TileShape::nodes;
         tiles_[0].resize(tiles);
         tiles_[0].fill_bytes(tiles_before, tiles - tiles_before, 0);
         tiles_[1].renew(tiles);
         values_.renew(std::size_t(set_.size()) * Shape::cells);
+        blocks_ = blocks;
     }
 
     Queue const& queue() const { return queue_; }
@@ -139,8 +154,21 @@ public:
     }
 
 private:
+    /// Moves the tiles of blocks that were there before to their new places; all else begins anew.
+    void keep_tiles(std::uint32_t const* blocks_before, std::uint32_t blocks)
+    {
+        tiles_[1].renew(std::size_t(blocks) * TileShape::nodes);
+        detail::keep_tiles<<<blocks, 64, 0, queue_.stream>>>(blocks_before, blocks_, TileShape::nodes,
+                                                             tiles_[0].data(), tiles_[1].data());
+        check_launch("keep_tiles");
+        std::swap(tiles_[0], tiles_[1]);
+        set_.clear();
+        set_.reserve(2 * std::size_t(blocks) + 64);
+        blocks_ = 0;
+    }
+
     Queue queue_;
-    std::uint32_t blocks_ = 0;
+    std::uint32_t blocks_ = 0, generation_ = 0;
     BlockSet set_;
     Array<std::uint32_t> nodes_of_, covered_by_;
     std::array<Array<Sums>, 2> tiles_;

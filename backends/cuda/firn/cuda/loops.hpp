@@ -158,7 +158,7 @@ __global__ void __launch_bounds__(block_threads)
 /// Nodes add up the tiles that cover them and are updated.
 template <class GridType, class Phase>
 __global__ void __launch_bounds__(block_threads)
-    for_each_node(Phase phase, typename GridType::View grid, typename Phase::Result* results)
+    for_each_node(Phase phase, typename GridType::View grid, ResultsOfWarps<typename Phase::Result> results)
 {
     using Shape = typename GridType::Shape;
     using Tile = typename GridType::TileShape;
@@ -195,8 +195,7 @@ __global__ void __launch_bounds__(block_threads)
     typename Phase::Result result{};
     if (any) phase(lane, result); // nothing was added to the others
     grid.node_values[std::size_t(blockIdx.x) * Shape::cells + threadIdx.x] = lane.values();
-    result = merged_in_warp(result);
-    if (threadIdx.x % 32 == 0) store_words(result, results + 2 * blockIdx.x + threadIdx.x / 32);
+    results.take(result, 2 * blockIdx.x + threadIdx.x / 32);
 }
 
 /// What the loop that moves items writes beside what the phase does.
@@ -206,7 +205,7 @@ struct Moved
     Movers<Number> movers;
     Changes changes;
     unsigned char* left;
-    Result* results;
+    ResultsOfWarps<Result> results;
 };
 
 /// All items take, answer, and give to the tile of the next step; those that depart are put on a list.
@@ -231,10 +230,13 @@ __global__ void __launch_bounds__(block_threads)
     std::uint32_t stay = 0, group_left = 0;
     Ranks ranks(cells.begin, c);
     std::uint32_t const* const sources = cells.order + ranks.begin;
+    std::uint32_t const count = ranks.count;
+    std::uint32_t next_source = count > 0 ? sources[0] : 0; // loaded one rank ahead
     ranks.for_each([&](std::uint32_t rank, bool here, std::uint32_t slot) {
         cell.forget();
         if (here) {
-            cell.enter(sources[rank], slot);
+            cell.enter(next_source, slot);
+            if (rank + 1 < count) next_source = sources[rank + 1];
             phase.locate(cell);
             Phase::take(cell);
             phase.answer(cell, result);
@@ -255,11 +257,13 @@ __global__ void __launch_bounds__(block_threads)
         Phase::give(cell, sums);
     });
     moved.changes.stay[c] = stay;
+    moved.changes.arrivals[c] = 0; // who comes is counted next
+    moved.changes.first_arrival[c] = absent;
+    if (threadIdx.x == 0) moved.changes.block_arrived[blockIdx.x] = 0;
     if (threadIdx.x % 32 == 0) moved.changes.group_left[2 * blockIdx.x + threadIdx.x / 32] = group_left;
-    result = merged_in_warp(result);
-    if (threadIdx.x % 32 == 0) store_words(result, moved.results + 2 * blockIdx.x + threadIdx.x / 32);
     __syncthreads();
     tiles.write_sums(grid.next_tiles + std::size_t(blockIdx.x) * Tile::nodes, false);
+    moved.results.take(result, 2 * blockIdx.x + threadIdx.x / 32);
 }
 
 /// All items take, and the phase keeps what it wants of that.
