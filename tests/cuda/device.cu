@@ -1,0 +1,103 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/policies.hpp"
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+using Jelly = Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver;
+
+void add_block(Jelly& solver)
+{
+    solver.add(box_of_points<3>({0, 0, 0}, {0.5, 0.5, 0.5}, 0.05), std::pow(0.025, 3), {1, 0, 0});
+}
+
+/// Most of the device's memory, so that what is left can run short.
+class Hoard
+{
+public:
+    explicit Hoard(std::size_t left)
+    {
+        std::size_t available = 0, total = 0;
+        cuda::check(cudaMemGetInfo(&available, &total), "cudaMemGetInfo");
+        if (available > left) cuda::check(cudaMalloc(&memory_, available - left), "cudaMalloc");
+    }
+    ~Hoard() { cudaFree(memory_); }
+
+private:
+    void* memory_ = nullptr;
+};
+
+} // namespace
+
+TEST_CASE("where memory is short an error says how much was needed and had, and the scene goes on as it was")
+{
+    Jelly solver(lattice(0.05)), untouched(lattice(0.05));
+    for (auto* const scene : {&solver, &untouched}) {
+        add_block(*scene);
+        for (int i = 0; i < 5; ++i) scene->step(1e-4, Gravity{});
+    }
+    auto const size = solver.size();
+    {
+        Hoard const hoard(std::size_t(64) << 20);
+        auto const many = box_of_points<3>({2, 2, 2}, {5, 5, 5}, 0.05); // 1.7 million: 100 MB
+        try {
+            solver.add(many, std::pow(0.025, 3));
+            FAIL("there was memory enough");
+        }
+        catch (Error const& error) {
+            CHECK_THAT(error.what_is_wrong(), Contains("memory is short"));
+            CHECK_THAT(error.what_is_wrong(), Contains("were needed"));
+            CHECK_THAT(error.what_is_wrong(), Contains("are available"));
+        }
+    }
+    CHECK(solver.size() == size);
+    for (int i = 0; i < 5; ++i) {
+        solver.step(1e-4, Gravity{});
+        untouched.step(1e-4, Gravity{});
+    }
+    double worst = 0; // velocities were looked at on the way, and given afresh
+    auto const a = solver.positions(), b = untouched.positions();
+    for (std::size_t i = 0; i < a.size(); ++i) worst = std::max(worst, (a[i] - b[i]).norm());
+    CHECK(worst <= 1e-7);
+}
+
+TEST_CASE("two solvers in streams of their own do not disturb each other")
+{
+    cudaStream_t streams[2];
+    for (auto& stream : streams)
+        REQUIRE(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking) == cudaSuccess);
+    {
+        Jelly alone(lattice(0.05)), first(lattice(0.05), {}, {}, {}, Cuda{.stream = streams[0]}),
+            second(lattice(0.05), {}, {}, {}, Cuda{.stream = streams[1]});
+        for (auto* const scene : {&alone, &first, &second}) add_block(*scene);
+        for (int i = 0; i < 20; ++i) {
+            first.step(1e-4, Gravity{});
+            second.step(1e-4, Gravity{});
+        }
+        for (int i = 0; i < 20; ++i) alone.step(1e-4, Gravity{});
+        CHECK((first.positions() == alone.positions()));
+        CHECK((second.positions() == alone.positions()));
+    }
+    for (auto& stream : streams) cudaStreamDestroy(stream);
+}
+
+TEST_CASE("solvers on all devices give the same bits, and the caller's device stays the current one")
+{
+    int devices = 0;
+    REQUIRE(cudaGetDeviceCount(&devices) == cudaSuccess);
+    std::vector<std::vector<Eigen::Vector3d>> ends;
+    for (int device = 0; device < devices; ++device) {
+        Jelly solver(lattice(0.05), {}, {}, {}, Cuda{.device = device});
+        add_block(solver);
+        for (int i = 0; i < 20; ++i) solver.step(1e-4, Gravity{});
+        int current = -1;
+        REQUIRE(cudaGetDevice(&current) == cudaSuccess);
+        CHECK(current == 0);
+        ends.push_back(solver.positions());
+        CHECK((ends.back() == ends.front()));
+    }
+}
