@@ -191,11 +191,11 @@ TEST_CASE("a ball given by signed distances on a grid acts as the ball itself, a
     CHECK(exact.impulse.norm() > 0.1);
     CHECK((sampled.impulse - exact.impulse).norm() <= 0.02 * exact.impulse.norm());
     CHECK((sampled.angular_impulse - exact.angular_impulse).norm() <= 0.02 * 0.08 * exact.impulse.norm());
-    if constexpr (TestedBackend::reaches_host_memory) {
-        auto const direct = run(Obstacle<SignedDistanceGrid<double, 3>>{
-            .shape = values, .contact = grid.contact, .motion = motion});
-        CHECK(direct.impulse == sampled.impulse);
-    }
+#if !defined(__CUDACC__) // there it is refused at compile time
+    auto const direct = run(
+        Obstacle<SignedDistanceGrid<double, 3>>{.shape = values, .contact = grid.contact, .motion = motion});
+    CHECK(direct.impulse == sampled.impulse);
+#endif
 }
 
 TEST_CASE("a particle may be anywhere: blocks of the grid are born under it and die behind it")
