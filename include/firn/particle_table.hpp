@@ -247,6 +247,24 @@ public:
         return by_id;
     }
 
+    /// What writes world positions by id; see Solver::write_positions.
+    WritePositions<Number, d, StoredSet> position_writer(Number* to, std::size_t stride) const
+    {
+        return {buffer_[0].view(), lattice_, order_, to, stride};
+    }
+
+    /// A stored field where it lies.
+    template <class Tag>
+    FieldView<Number, component_count<Tag>(d)> view() const
+    {
+        FieldView<Number, component_count<Tag>(d)> field{
+            .component = {}, .id = buffer_[0].id.data(), .count = size_};
+        constexpr int first = StoredSet::template first_component<Tag>(d);
+        for (int c = 0; c < component_count<Tag>(d); ++c)
+            field.component[c] = buffer_[0].component[first + c].data();
+        return field;
+    }
+
     template <class Tag>
     std::vector<FieldValue<Tag, Number, d>> download() const
     {

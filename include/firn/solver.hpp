@@ -189,6 +189,27 @@ public:
             return take_again().template by_id<Tag>(size());
     }
 
+    /// A stored field where it lies, in memory of the backend: `view<DisplacementGradient>()`. Nothing is
+    /// copied; it holds until the next call that changes the scene.
+    template <class Tag>
+    auto view() const
+    {
+        static_assert(Stored::template contains<Tag>,
+                      "this field is taken from the grid when asked for: use download, or write_positions");
+        return particles_.template view<Tag>();
+    }
+
+    /// Writes world positions [m], by id, to memory that the backend's loops reach: axis a of particle i goes
+    /// to `to[i * stride + a]`. On a device the work is queued in the backend's stream: a renderer's buffer
+    /// that was mapped there needs no copy.
+    void write_positions(Number* to, std::size_t stride = d) const
+    {
+        require(to != nullptr && stride >= d, "there is no place for positions, or they would overlap",
+                "Solver::write_positions",
+                "Pass room for size() times stride numbers, stride at least the dimension.");
+        backend_.for_each_place(particles_.cells(), particles_.position_writer(to, stride));
+    }
+
     /// Masses [kg], by id.
     std::vector<double> masses() const { return particles_.masses(); }
 

@@ -65,6 +65,39 @@ TEST_CASE("where memory is short an error says how much was needed and had, and 
     CHECK(worst <= 1e-7);
 }
 
+TEST_CASE("what is looked at on the device is what is downloaded, before steps and after")
+{
+    Jelly solver(lattice(0.05));
+    add_block(solver);
+    std::size_t const stride = 4;
+    cuda::Array<float> there(solver.backend());
+    there.resize(stride * solver.size());
+    for (int i = 0; i < 3; ++i) {
+        there.fill(0, there.size(), -1);
+        solver.write_positions(there.data(), stride);
+        std::vector<float> x(there.size());
+        there.download(0, x);
+        auto const expected = solver.positions();
+        for (std::size_t id = 0; id < expected.size(); ++id) {
+            REQUIRE((Eigen::Map<Eigen::Vector3f>(&x[stride * id]) == expected[id].cast<float>()));
+            REQUIRE(x[stride * id + 3] == -1);
+        }
+
+        auto const view = solver.view<DisplacementGradient>();
+        REQUIRE(view.count == solver.size());
+        std::vector<float> column(view.count);
+        std::vector<std::uint32_t> ids(view.count);
+        REQUIRE(cudaMemcpy(ids.data(), view.id, 4 * view.count, cudaMemcpyDeviceToHost) == cudaSuccess);
+        REQUIRE(cudaMemcpy(column.data(), view.component[5], 4 * view.count, cudaMemcpyDeviceToHost) ==
+                cudaSuccess);
+        auto const H = solver.download<DisplacementGradient>();
+        for (std::size_t k = 0; k < ids.size(); ++k) REQUIRE(column[k] == H[ids[k]](1, 2));
+        for (int k = 0; k < 40; ++k) solver.step(5e-4, Gravity{}); // cells are left behind
+    }
+    CHECK_THROWS_AS(solver.write_positions(nullptr), Error);
+    CHECK_THROWS_AS(solver.write_positions(there.data(), 2), Error);
+}
+
 TEST_CASE("two solvers in streams of their own do not disturb each other")
 {
     cudaStream_t streams[2];

@@ -6,9 +6,6 @@
 using namespace firn;
 using namespace firn::test;
 
-namespace
-{
-
 /// An effect with a mistake in it.
 struct Astray
 {
@@ -33,8 +30,6 @@ struct Astray
         return {reinterpret_cast<Number*>(16)};
     }
 };
-
-} // namespace
 
 TEST_CASE("a fault in a loop is an error with the call's name, and so is every step after it")
 {

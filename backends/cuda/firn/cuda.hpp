@@ -62,6 +62,16 @@ struct Cuda
         cuda::check_launch("for_each");
     }
 
+    /// Calls `visit(where it lies, coordinates of its cell)` for every item, on the device.
+    template <class CellOrder, class Visit>
+    void for_each_place(CellOrder const& cells, Visit const& visit) const
+    {
+        if (cells.size() == 0) return;
+        cuda::OnDevice const here(device);
+        cuda::detail::launch("for_each_place", queue(), cuda::detail::for_each_place<CellOrder, Visit>,
+                             cells.blocks(), 0, visit, cells.view(), cells.settled());
+    }
+
     /// All items give to the grid, by `phase.prepare` and `give` (see Giving): afresh, or onto what is there.
     template <class CellOrder, class GridType, class Phase>
     void scatter(CellOrder const& cells, GridType& grid, Phase const& phase, bool afresh) const

@@ -47,6 +47,13 @@ struct BasicOpenMP
         openmp::for_each(thread_count(), count, body);
     }
 
+    /// Calls `visit(where it lies, coordinates of its cell)` for every item.
+    template <class CellOrder, class Visit>
+    void for_each_place(CellOrder const& cells, Visit const& visit) const
+    {
+        cells.for_each(visit);
+    }
+
     /// All items give to the grid, by `phase.prepare`, `give` and `add` (see Giving): afresh, or onto what is
     /// there.
     template <class CellOrder, class GridType, class Phase>

@@ -52,7 +52,7 @@ public:
     /// cheap.
     void resize(std::size_t size)
     {
-        if (size > capacity_) grow(size_ == 0 ? size : std::max(size, size_ + size_ / 8), size_);
+        if (size > capacity_) grow(size_ == 0 ? size : std::max(size, size_ + size_ / 16), size_);
         size_ = size;
     }
 
@@ -62,7 +62,7 @@ public:
         if (size > capacity_) {
             queue_.wait();
             release();
-            grow(size + size / 8, 0);
+            grow(size + size / 16, 0);
         }
         size_ = size;
     }

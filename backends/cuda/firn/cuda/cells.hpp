@@ -116,7 +116,6 @@ public:
         OnDevice const here(queue_);
         channels_ = channels;
         movers_.renew(std::max<std::size_t>(movers_.most, size_ / 32 + 256), channels);
-        movers_.count.fill_bytes(0, 2, 0);
         return movers_.view(channels);
     }
     unsigned char* left() { return left_.data(); }
@@ -136,7 +135,7 @@ public:
         auto const* const counts = counts_.template as<detail::Counts>();
         queue_.wait();
         if (counts->departed > movers_.most) {
-            movers_.most = counts->departed + counts->departed / 8;
+            movers_.most = counts->departed + counts->departed / 16;
             return false;
         }
         moved_count_ = counts->departed;
@@ -162,6 +161,7 @@ public:
 
     /// Says that all items now lie at their slots.
     void settle() { settled_ = true; }
+    bool settled() const { return settled_; }
 
     /// Calls `visit(where it lies, coordinates of its cell)` for every item, on the host.
     template <class Visit>
@@ -203,7 +203,10 @@ private:
         void renew(std::size_t room, int channels)
         {
             most = room;
-            count.renew(2);
+            if (count.size() == 0) {
+                count.renew(2);
+                count.fill_bytes(0, 2, 0);
+            }
             for (auto* const array : {&slot, &next}) array->renew(room);
             for (auto* const array : {&cell, &way}) array->renew(channels > 0 ? room : 0);
             given.renew(room * static_cast<std::size_t>(channels));

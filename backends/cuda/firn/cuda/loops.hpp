@@ -288,6 +288,18 @@ __global__ void __launch_bounds__(block_threads)
     });
 }
 
+/// Visits all items: at their slots, or where the order says.
+template <class CellOrder, class Visit>
+__global__ void __launch_bounds__(block_threads)
+    for_each_place(Visit visit, typename CellOrder::View cells, bool at_slots)
+{
+    std::uint32_t const c = blockIdx.x * block_threads + threadIdx.x;
+    auto const cell = cells.cell(c);
+    Ranks(cells.begin, c).for_each([&](std::uint32_t rank, bool here, std::uint32_t slot) {
+        if (here) visit(std::size_t{at_slots ? slot : cells.order[cells.begin[c] + rank]}, cell);
+    });
+}
+
 template <class Body>
 __global__ void for_each(Body body, std::size_t count)
 {

@@ -99,6 +99,8 @@ __global__ void find_new_cells(Movers<Number> movers, Changes changes, BlockSet:
     *finished = 0;
     counts->departed = departed;
     counts->births = *static_cast<std::uint32_t volatile*>(set.born_count);
+    // the next loop that moves items counts anew, unless these are to be found once more
+    if (counts->births == 0 || departed > movers.most) *movers.count = 0;
 }
 
 /// The same for new items, which say where they are.
