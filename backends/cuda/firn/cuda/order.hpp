@@ -97,10 +97,11 @@ __global__ void find_new_cells(Movers<Number> movers, Changes changes, BlockSet:
     std::uint32_t* const finished = movers.count + 1;
     if (atomicAdd(finished, 1u) + 1 != gridDim.x) return;
     *finished = 0;
+    std::uint32_t const births = *static_cast<std::uint32_t volatile*>(set.born_count);
     counts->departed = departed;
-    counts->births = *static_cast<std::uint32_t volatile*>(set.born_count);
+    counts->births = births;
     // the next loop that moves items counts anew, unless these are to be found once more
-    if (counts->births == 0 || departed > movers.most) *movers.count = 0;
+    if (births == 0 || departed > movers.most) *movers.count = 0;
 }
 
 /// The same for new items, which say where they are.
