@@ -33,6 +33,30 @@ private:
 
 } // namespace
 
+using Short =
+    std::tuple<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>, Scene<Snow<Plane>, CubicBSpline, Flip>,
+               Scene<FixedCorotated<Solid>, CubicBSpline, Apic>>;
+
+// Small enough for compute-sanitizer, which looks at every access: see bench/gpu.sh.
+TEMPLATE_LIST_TEST_CASE("a few steps through every loop", "[sanitize]", Short)
+{
+    constexpr int d = TestType::d;
+    typename TestType::Solver solver(lattice(0.1));
+    Vector<double, d> velocity = Vector<double, d>::Constant(-60);
+    auto const points = ball_of_points<d>(Vector<double, d>::Constant(0.2), 0.2, 0.1);
+    solver.add(points, std::pow(0.05, d), velocity);
+    for (int i = 0; i < 5; ++i) solver.step(i % 2 ? 2e-4 : 3e-4, Gravity{}, Obstacle<HalfSpace>{});
+    auto const v = solver.template download<Velocity>();
+    solver.template upload<Velocity>(v);
+    auto far = points;
+    for (auto& x : far) x += Vector<double, d>::Constant(3);
+    solver.add(far, std::pow(0.05, d), velocity);
+    for (int i = 0; i < 5; ++i) solver.step(3e-4, Gravity{}, Obstacle<HalfSpace>{});
+    CHECK_THROWS_AS(solver.step(1.0), Error);
+    solver.step(1e-5);
+    CHECK(solver.positions().size() == 2 * points.size());
+}
+
 TEST_CASE("where memory is short an error says how much was needed and had, and the scene goes on as it was")
 {
     Jelly solver(lattice(0.05)), untouched(lattice(0.05));
