@@ -2,7 +2,6 @@
 #pragma once
 
 #include <firn/firn.hpp>
-#include <firn/openmp.hpp>
 
 #include <cmath>
 #include <random>
@@ -56,7 +55,7 @@ struct Scene
     Obstacle<HalfSpace> floor{.shape = {{0, 1, 0}}, .contact = Contact::coulomb(0.3)};
 
     template <class Backend>
-    Scene(Layout layout, int count, Backend backend)
+    Scene(Layout layout, int count, Backend backend, double courant_number = courant)
         : solver(lattice(cell), {}, {}, {}, std::move(backend)), on_floor(layout == Layout::splash)
     {
         auto const points = cube(count, layout);
@@ -70,7 +69,7 @@ struct Scene
             solver.add(points, volume);
             dt = 0.5 * solver.step(1e-6).stable_dt; // at rest: all that bounds it is the wave
             using Velocities = Vector<typename Solver::Number, 3>;
-            auto const fall = static_cast<typename Solver::Number>(-courant * cell / dt);
+            auto const fall = static_cast<typename Solver::Number>(-courant_number * cell / dt);
             solver.template upload<Velocity>(std::vector<Velocities>(solver.size(), Velocities(0, fall, 0)));
         }
         step();
@@ -81,6 +80,12 @@ struct Scene
     StepReport step(double length)
     {
         return on_floor ? solver.step(length, gravity, floor) : solver.step(length);
+    }
+
+    /// What gravity gives to a mass [kg] in a time [s].
+    Eigen::Vector3d pull(double mass, double duration) const
+    {
+        return on_floor ? Eigen::Vector3d(mass * duration * gravity.acceleration) : Eigen::Vector3d::Zero();
     }
 
     /// The cell of each particle, by id.

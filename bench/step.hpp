@@ -4,33 +4,16 @@
 #include "flops.hpp"
 #include "machine.hpp"
 #include "scene.hpp"
+#include "totals.hpp"
 
 #include <benchmark/benchmark.h>
 
 #include <chrono>
-#include <numeric>
 #include <string>
 
 // Whole substeps: the order of cells, both transfers, grid, material, and the bounds of the next step.
 namespace firn::bench
 {
-
-template <class Solver>
-Eigen::Vector3d momentum(Solver const& solver)
-{
-    Eigen::Vector3d sum = Eigen::Vector3d::Zero();
-    auto const velocity = solver.template download<Velocity>();
-    auto const mass = solver.masses();
-    for (std::size_t i = 0; i < mass.size(); ++i) sum += mass[i] * velocity[i].template cast<double>();
-    return sum;
-}
-
-template <class Solver>
-double mass(Solver const& solver)
-{
-    auto const masses = solver.masses();
-    return std::accumulate(masses.begin(), masses.end(), 0.0);
-}
 
 template <class Model, class Kernel, class Transfer>
 void step(benchmark::State& run, Layout layout, int count, int threads)
@@ -40,8 +23,7 @@ void step(benchmark::State& run, Layout layout, int count, int threads)
     Scene<Solver> scene(layout, count, OpenMP{threads});
     Solver& solver = scene.solver;
 
-    Eigen::Vector3d const before = momentum(solver);
-    double const mass_before = mass(solver);
+    Totals const before(solver);
     Eigen::Vector3d pushed = Eigen::Vector3d::Zero();
     double const start_time = solver.time(), user = user_seconds();
     auto const start = std::chrono::steady_clock::now();
@@ -54,9 +36,9 @@ void step(benchmark::State& run, Layout layout, int count, int threads)
     double const cpu = user_seconds() - user;
     double const particle_steps = double(solver.size()) * double(steps);
 
-    Eigen::Vector3d expected = before - pushed;
-    if (scene.on_floor) expected += mass_before * scene.gravity.acceleration * (solver.time() - start_time);
-    double const momentum_error = (momentum(solver) - expected).norm() / before.norm();
+    Totals const after(solver);
+    Eigen::Vector3d const expected =
+        before.momentum - pushed + scene.pull(before.mass, solver.time() - start_time);
 
     // What must move: the state, read and written, and the order of cells.
     double const traffic = 2.0 * Solver::state_bytes_per_particle + 8;
@@ -70,8 +52,8 @@ void step(benchmark::State& run, Layout layout, int count, int threads)
     run.counters["flops_per_particle_step"] = flops;
     run.counters["percent_of_fma_peak"] = 100 * flops * particle_steps / cpu / multiply_add_peak<Number>();
     run.counters["leaver_share"] = scene.leaver_share();
-    run.counters["mass_error"] = std::abs(mass(solver) - mass_before) / mass_before;
-    run.counters["momentum_error"] = momentum_error;
+    run.counters["mass_error"] = std::abs(after.mass - before.mass) / before.mass;
+    run.counters["momentum_error"] = (after.momentum - expected).norm() / before.momentum.norm();
 }
 
 /// Registers step/openmp/MODEL/KERNEL/TRANSFER/PRECISION/LAYOUT/PARTICLES for some sizes.

@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdlib>
 #include <string>
+#include <unistd.h>
 
 namespace firn::examples
 {
@@ -27,6 +28,24 @@ struct Options
     int threads = 0;
     bool write_ply = true;
 };
+
+/// What this file is compiled for.
+#if defined(__CUDACC__)
+inline constexpr char const* compiled_backend = "cuda";
+#else
+inline constexpr char const* compiled_backend = "openmp";
+#endif
+
+/// Goes on in the program that was built for the other backend: an example is compiled once for each.
+inline void change_backend(std::string const& wanted, char** argv)
+{
+    if (wanted == compiled_backend) return;
+    std::string const end = "_cuda", here = argv[0];
+    std::string const other = wanted == "cuda" ? here + end : here.substr(0, here.size() - end.size());
+    execv(other.c_str(), argv);
+    throw Error{"this example was built without the backend " + wanted, "--backend",
+                "Install the CUDA toolkit and build again, or choose another backend."};
+}
 
 /// Reads the command line; ends the program after --help or a mistake.
 inline Options command_line(int argc, char** argv, std::string const& name, std::string const& description)
@@ -59,7 +78,7 @@ inline Options command_line(int argc, char** argv, std::string const& name, std:
     app.add_option("--fps", options.frames_per_second, "frames per second of simulated time")
         ->check(positive);
     app.add_option("--out", options.out, "folder of the results");
-    app.add_option("--backend", options.backend, "where it runs")->check(CLI::IsMember({"openmp"}));
+    app.add_option("--backend", options.backend, "where it runs")->check(CLI::IsMember({"openmp", "cuda"}));
     app.add_option("--transfer", options.transfer, "between particles and grid")
         ->check(CLI::IsMember({"pic", "flip", "apic", "mls"}));
     app.add_option("--flip", options.flip, "share of FLIP in --transfer flip")->check(CLI::Range(0.0, 1.0));
@@ -73,6 +92,7 @@ inline Options command_line(int argc, char** argv, std::string const& name, std:
     catch (CLI::ParseError const& error) {
         std::exit(app.exit(error));
     }
+    change_backend(options.backend, argv);
     return options;
 }
 

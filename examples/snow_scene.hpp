@@ -3,7 +3,11 @@
 
 #include "results.hpp"
 
+#if defined(__CUDACC__)
+#include <firn/cuda.hpp>
+#else
 #include <firn/openmp.hpp>
+#endif
 
 #include <cmath>
 #include <iostream>
@@ -11,6 +15,16 @@
 // The loop that the snow examples share: sample, add, advance frame by frame, write.
 namespace firn::examples
 {
+
+#if defined(__CUDACC__)
+inline Cuda backend_of(Options const&) { return {}; }
+inline std::string backend_info() { return cuda_info(); }
+inline int threads_of(Cuda const&) { return 1; } ///< of the processor
+#else
+inline OpenMP backend_of(Options const& options) { return {options.threads}; }
+inline std::string backend_info() { return openmp_info(); }
+inline int threads_of(OpenMP const& backend) { return backend.thread_count(); }
+#endif
 
 /// What tells one snow scene from another. `effects(frame)` gives the effects of a frame as a tuple,
 /// obstacles included.
@@ -36,10 +50,10 @@ void write_report(std::filesystem::path const& path, Options const& options, Sce
     text << "{\n  \"scene\": \"" << scene.name << "\",\n  \"backend\": \"" << options.backend
          << "\",\n  \"model\": \"" << Solver::Model::name << "\",\n  \"kernel\": \"" << Solver::kernel::name
          << "\",\n  \"transfer\": \"" << Solver::Transfer::name
-         << "\",\n  \"precision\": \"float\",\n  \"threads\": " << solver.backend().thread_count()
-         << ",\n  \"particles\": " << solver.size() << ",\n  \"cell_size\": " << solver.lattice().cell_size
-         << ",\n  \"frames\": " << options.frames << ",\n  \"substeps\": " << total.substeps
-         << ",\n  \"rejected_steps\": " << total.rejected
+         << "\",\n  \"precision\": \"float\",\n  \"runs_on\": \"" << backend_info()
+         << "\",\n  \"threads\": " << options.threads << ",\n  \"particles\": " << solver.size()
+         << ",\n  \"cell_size\": " << solver.lattice().cell_size << ",\n  \"frames\": " << options.frames
+         << ",\n  \"substeps\": " << total.substeps << ",\n  \"rejected_steps\": " << total.rejected
          << ",\n  \"dt_min\": " << (total.substeps ? total.smallest_dt : 0)
          << ",\n  \"dt_max\": " << total.largest_dt << ",\n  \"limited_by\": {";
     for (int i = 0; i < step_limit_count; ++i)
@@ -63,7 +77,7 @@ template <class Kernel, class Transfer, class Scene>
 void simulate(Options const& options, Scene const& scene, Sampled const& body, Transfer transfer)
 {
     using Clock = std::chrono::steady_clock;
-    using Solver = firn::Solver<OpenMP, Snow<Space<3, float>>, Kernel, Transfer>;
+    using Solver = firn::Solver<decltype(backend_of(options)), Snow<Space<3, float>>, Kernel, Transfer>;
     auto const since = [](Clock::time_point start) {
         return std::chrono::duration<double>(Clock::now() - start).count();
     };
@@ -76,11 +90,11 @@ void simulate(Options const& options, Scene const& scene, Sampled const& body, T
     // Crushed snow would otherwise set the step of all: at J_P = 0.6 its wave is 7.4 times as fast as in
     // fresh snow, at 0.75 it is 3.5 times. report.json counts the particles at the cap.
     snow.smallest_plastic_ratio = 0.75f;
-    Solver solver(lattice(cell), snow, transfer, {}, OpenMP{options.threads});
+    Solver solver(lattice(cell), snow, transfer, {}, backend_of(options));
     solver.add(body.points, body.volume_per_point, scene.velocity);
     std::cout << solver.size() << " particles, " << std::pow(cell, 3) / body.volume_per_point
               << " per cell, cell " << cell << " m, " << Solver::bytes_per_particle << " bytes per particle ("
-              << Solver::state_bytes_per_particle << " of state), " << openmp_info() << std::endl;
+              << Solver::state_bytes_per_particle << " of state), " << backend_info() << std::endl;
 
     Results results(options.out, options.write_ply);
     std::vector<DrawnObstacle> drawn;

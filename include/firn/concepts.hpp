@@ -45,7 +45,7 @@ concept InterpolationKernel = Lane<Real> && requires(Real t, std::array<Real, T:
 template <class T, class Kernel, class Real, int d>
 concept TransferScheme = Lane<Real> &&
     requires(T const transfer, Record<Real, d, typename T::State> particle, Gathered<Real, d> gathered,
-             Matrix<Real, d> stress_impulse, Real number, typename T::Stored)
+             Matrix<Real, d> stress_impulse, Real number, typename T::Stored stored)
 {
     {
         T::template gives<Kernel>

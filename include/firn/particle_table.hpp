@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <limits>
+#include <numeric>
 #include <optional>
 #include <string>
 #include <utility>
@@ -14,6 +15,29 @@
 
 namespace firn
 {
+
+namespace detail
+{
+/// Arrays that lie where the backend's loops can reach them.
+template <class Array, std::size_t count, class Backend>
+std::array<Array, count> arrays_of(Backend const& backend)
+{
+    return [&]<std::size_t... i>(std::index_sequence<i...>)
+    {
+        return std::array<Array, count>{(static_cast<void>(i), Array(backend))...};
+    }
+    (std::make_index_sequence<count>{});
+}
+
+/// All elements of an array, in memory of the host.
+template <class Array>
+auto downloaded(Array const& array)
+{
+    std::vector<typename Array::Value> values(array.size());
+    array.download(0, values);
+    return values;
+}
+} // namespace detail
 
 /// The particles of a scene: two buffers of the fields that are stored from step to step, and the order of
 /// cells in which they are visited.
@@ -39,7 +63,9 @@ public:
     static constexpr std::size_t resident_bytes = 2 * state_bytes + Cells::bytes_per_item;
 
     ParticleTable(Lattice lattice, int kernel_order, Backend const& backend)
-        : lattice_(lattice), order_(kernel_order), cells_(backend)
+        : lattice_(lattice), order_(kernel_order),
+          backend_(backend), buffer_{Buffer(backend), Buffer(backend)}, portions_on_backend_(backend),
+          cells_(backend)
     {}
 
     std::size_t size() const { return size_; }
@@ -51,22 +77,49 @@ public:
     View ordered() const { return buffer_[moved_ ? 1 : 0].view(); }
 
     /// One array per component of the fields that are taken from the grid, by id.
-    struct Taken
+    class Taken
     {
-        std::array<Array<Number>, TakenSet::components(d)> component;
+    public:
+        Taken(Backend const& backend, std::size_t count)
+            : component_(detail::arrays_of<Array<Number>, TakenSet::components(d)>(backend))
+        {
+            resize(count);
+        }
 
         void resize(std::size_t count)
         {
-            for (auto& array : component) array.resize(count);
+            for (auto& array : component_) array.resize(count);
         }
 
         TakenView view() const
         {
             TakenView view;
-            for (std::size_t c = 0; c < component.size(); ++c)
-                view.component[c] = const_cast<Number*>(component[c].data());
+            for (std::size_t c = 0; c < component_.size(); ++c)
+                view.component[c] = const_cast<Number*>(component_[c].data());
             view.present = true;
             return view;
+        }
+
+        /// Sets all components of all fields from `first` on.
+        void fill(std::size_t first, Record<Number, d, TakenSet> record)
+        {
+            record.for_each([&](int c, Number const& value) {
+                component_[c].fill(first, component_[c].size() - first, value);
+            });
+        }
+
+        template <class Tag>
+        void set(std::vector<FieldValue<Tag, Number, d>> const& by_id)
+        {
+            constexpr int first = TakenSet::template first_component<Tag>(d);
+            std::vector<Number> column(by_id.size());
+            for (int c = 0; c < component_count<Tag>(d); ++c) {
+                for (std::size_t id = 0; id < by_id.size(); ++id)
+                    for_each_component<Tag, d>(by_id[id], [&](int component, Number const& number) {
+                        if (component == c) column[id] = number;
+                    });
+                component_[first + c].upload(0, column);
+            }
         }
 
         template <class Tag>
@@ -74,11 +127,25 @@ public:
         {
             constexpr int first = TakenSet::template first_component<Tag>(d);
             std::vector<FieldValue<Tag, Number, d>> values(count, value_at_rest<Tag, Number, d>());
-            for (std::size_t id = 0; id < count; ++id)
-                for_each_component<Tag, d>(
-                    values[id], [&](int c, Number& number) { number = component[first + c].data()[id]; });
+            for (int c = 0; c < component_count<Tag>(d); ++c) {
+                auto const column = detail::downloaded(component_[first + c]);
+                for (std::size_t id = 0; id < count; ++id)
+                    for_each_component<Tag, d>(values[id], [&](int component, Number& number) {
+                        if (component == c) number = column[id];
+                    });
+            }
             return values;
         }
+
+        std::size_t memory() const
+        {
+            std::size_t bytes = 0;
+            for (auto const& array : component_) bytes += array.memory();
+            return bytes;
+        }
+
+    private:
+        std::array<Array<Number>, TakenSet::components(d)> component_;
     };
 
     /// Whether the fields that are taken from the grid are held here; with no such fields, always.
@@ -86,7 +153,13 @@ public:
     TakenView taken() const { return taken_ ? taken_->view() : TakenView{}; }
     void hold_taken(Taken values) { taken_ = std::move(values); }
     void forget_taken() { taken_.reset(); }
-    Portions<Number> portions() const { return {portions_.data(), static_cast<int>(portions_.size())}; }
+    Taken& held() { return *taken_; } ///< if holds_taken()
+    Taken const& held() const { return *taken_; }
+    Taken new_taken() const { return Taken(backend_, size_); }
+    Portions<Number> portions() const
+    {
+        return {portions_on_backend_.data(), static_cast<int>(portions_.size())};
+    }
     double mass_unit() const { return mass_unit_; } ///< [kg]: masses on the grid are multiples of it
     Number largest_mass() const { return largest_mass_; }
 
@@ -110,24 +183,12 @@ public:
         sort(); // inserting is for items whose cells are up to date
 
         for (auto& buffer : buffer_) buffer.resize(count);
-        if (!taken_) taken_.emplace();
+        if (!taken_) taken_.emplace(backend_, count);
         taken_->resize(count);
         add_portion(first, volume, density);
-        auto record = Record<Number, d, Join<StoredSet, TakenSet>>::at_rest();
-        record[Velocity{}] = velocity.template cast<Number>();
-        View const view = current();
-        TakenView const taken = taken_->view();
+        place(located, first, velocity.template cast<Number>());
         std::vector<Coordinates<d>> cells(located.size());
-        for (std::size_t i = 0; i < located.size(); ++i) {
-            for (int a = 0; a < d; ++a)
-                view.offset[a][first + i] = CellOffset<Number>::from(located[i].offset[a]);
-            for_each_component_of<StoredSet, d>(
-                record, [&](int c, Number const& value) { view.component[c][first + i] = value; });
-            for_each_component_of<TakenSet, d>(
-                record, [&](int c, Number const& value) { taken.component[c][first + i] = value; });
-            view.id[first + i] = static_cast<std::uint32_t>(first + i);
-            cells[i] = located[i].cell;
-        }
+        for (std::size_t i = 0; i < located.size(); ++i) cells[i] = located[i].cell;
         cells_.insert(cells, first);
         size_ = count;
         return first;
@@ -156,23 +217,52 @@ public:
     template <class Change>
     void edit(Change const& change)
     {
-        View const view = current();
+        auto component = columns();
+        auto const id = detail::downloaded(buffer_[0].id);
         for (std::size_t i = 0; i < size_; ++i) {
             Record<Number, d, StoredSet> record;
-            record.for_each([&](int c, Number& value) { value = view.component[c][i]; });
-            change(view.id[i], record);
-            record.for_each([&](int c, Number const& value) { view.component[c][i] = value; });
+            record.for_each([&](int c, Number& value) { value = component[c][i]; });
+            change(id[i], record);
+            record.for_each([&](int c, Number const& value) { component[c][i] = value; });
+        }
+        for (std::size_t c = 0; c < component.size(); ++c) buffer_[0].component[c].upload(0, component[c]);
+    }
+
+    /// Calls `visit(record)` for a copy of every particle.
+    template <class Visit>
+    void for_each(Visit const& visit) const
+    {
+        auto const component = columns();
+        for (std::size_t i = 0; i < size_; ++i) {
+            Record<Number, d, StoredSet> record;
+            record.for_each([&](int c, Number& value) { value = component[c][i]; });
+            visit(record);
         }
     }
 
     std::vector<Vector<double, d>> positions() const
     {
         std::vector<Vector<double, d>> by_id(size_);
-        View const view = buffer_[0].view();
-        cells_.for_each([&](std::size_t particle, Coordinates<d> const& cell) {
-            by_id[view.id[particle]] = position_of(view, particle, cell);
-        });
+        for_each_position([&](std::uint32_t id, Vector<double, d> const& x) { by_id[id] = x; });
         return by_id;
+    }
+
+    /// What writes world positions by id; see Solver::write_positions.
+    WritePositions<Number, d, StoredSet> position_writer(Number* to, std::size_t stride) const
+    {
+        return {buffer_[0].view(), lattice_, order_, to, stride};
+    }
+
+    /// A stored field where it lies.
+    template <class Tag>
+    FieldView<Number, component_count<Tag>(d)> view() const
+    {
+        FieldView<Number, component_count<Tag>(d)> field{
+            .component = {}, .id = buffer_[0].id.data(), .count = size_};
+        constexpr int first = StoredSet::template first_component<Tag>(d);
+        for (int c = 0; c < component_count<Tag>(d); ++c)
+            field.component[c] = buffer_[0].component[first + c].data();
+        return field;
     }
 
     template <class Tag>
@@ -180,20 +270,23 @@ public:
     {
         constexpr int first = StoredSet::template first_component<Tag>(d);
         std::vector<FieldValue<Tag, Number, d>> by_id(size_, value_at_rest<Tag, Number, d>());
-        View const view = buffer_[0].view();
-        for (std::size_t i = 0; i < size_; ++i) {
-            auto& value = by_id[view.id[i]];
-            for_each_component<Tag, d>(value,
-                                       [&](int c, Number& number) { number = view.component[first + c][i]; });
+        auto const id = detail::downloaded(buffer_[0].id);
+        for (int c = 0; c < component_count<Tag>(d); ++c) {
+            auto const column = detail::downloaded(buffer_[0].component[first + c]);
+            for (std::size_t i = 0; i < size_; ++i)
+                for_each_component<Tag, d>(by_id[id[i]], [&](int component, Number& number) {
+                    if (component == c) number = column[i];
+                });
         }
         return by_id;
     }
 
     std::vector<double> masses() const
     {
+        Portions<Number> const here{portions_.data(), static_cast<int>(portions_.size())};
         std::vector<double> by_id(size_);
         for (std::size_t id = 0; id < size_; ++id)
-            by_id[id] = mass_unit_ * portions_.data()[portions().index(static_cast<std::uint32_t>(id))].mass;
+            by_id[id] = mass_unit_ * portions_[here.index(static_cast<std::uint32_t>(id))].mass;
         return by_id;
     }
 
@@ -201,9 +294,8 @@ public:
     Vector<double, d> position(std::uint32_t id) const
     {
         Vector<double, d> found = Vector<double, d>::Constant(std::numeric_limits<double>::quiet_NaN());
-        View const view = buffer_[0].view();
-        cells_.for_each([&](std::size_t particle, Coordinates<d> const& cell) {
-            if (view.id[particle] == id) found = position_of(view, particle, cell);
+        for_each_position([&](std::uint32_t other, Vector<double, d> const& x) {
+            if (other == id) found = x;
         });
         return found;
     }
@@ -212,9 +304,7 @@ public:
     std::size_t memory() const
     {
         std::size_t bytes = buffer_[0].memory() + buffer_[1].memory() + cells_.memory();
-        if (taken_)
-            for (auto const& array : taken_->component) bytes += array.memory();
-        return bytes;
+        return bytes + (taken_ ? taken_->memory() : 0);
     }
 
 private:
@@ -223,6 +313,11 @@ private:
         std::array<Array<Offset>, d> offset;
         std::array<Array<Number>, StoredSet::components(d)> component;
         Array<std::uint32_t> id;
+
+        explicit Buffer(Backend const& backend)
+            : offset(detail::arrays_of<Array<Offset>, d>(backend)),
+              component(detail::arrays_of<Array<Number>, StoredSet::components(d)>(backend)), id(backend)
+        {}
 
         void resize(std::size_t count)
         {
@@ -249,6 +344,54 @@ private:
             return bytes;
         }
     };
+
+    /// Writes new particles behind those that are there: at rest but for a velocity.
+    void place(std::vector<CellPosition<d>> const& located, std::uint32_t first,
+               Vector<Number, d> const& velocity)
+    {
+        Buffer& buffer = buffer_[0];
+        std::size_t const count = located.size();
+        std::vector<Offset> offsets(count);
+        for (int a = 0; a < d; ++a) {
+            for (std::size_t i = 0; i < count; ++i)
+                offsets[i] = CellOffset<Number>::from(located[i].offset[a]);
+            buffer.offset[a].upload(first, offsets);
+        }
+        std::vector<std::uint32_t> ids(count);
+        std::iota(ids.begin(), ids.end(), first);
+        buffer.id.upload(first, ids);
+        auto stored = Record<Number, d, StoredSet>::at_rest();
+        auto taken = Record<Number, d, TakenSet>::at_rest();
+        if constexpr (StoredSet::template contains<Velocity>)
+            stored[Velocity{}] = velocity;
+        else
+            taken[Velocity{}] = velocity;
+        stored.for_each([&](int c, Number const& value) { buffer.component[c].fill(first, count, value); });
+        taken_->fill(first, taken);
+    }
+
+    /// The fields of all particles, one column per component, in memory of the host.
+    std::array<std::vector<Number>, StoredSet::components(d)> columns() const
+    {
+        std::array<std::vector<Number>, StoredSet::components(d)> columns;
+        for (std::size_t c = 0; c < columns.size(); ++c)
+            columns[c] = detail::downloaded(buffer_[0].component[c]);
+        return columns;
+    }
+
+    /// Calls `visit(id, position)` for every particle.
+    template <class Visit>
+    void for_each_position(Visit const& visit) const
+    {
+        auto const id = detail::downloaded(buffer_[0].id);
+        std::array<std::vector<Offset>, d> offset;
+        for (int a = 0; a < d; ++a) offset[a] = detail::downloaded(buffer_[0].offset[a]);
+        cells_.for_each([&](std::size_t particle, Coordinates<d> const& cell) {
+            Vector<double, d> in_cell;
+            for (int a = 0; a < d; ++a) in_cell[a] = CellOffset<Number>::exact(offset[a][particle]);
+            visit(id[particle], world_position<d>(lattice_, order_, cell, in_cell));
+        });
+    }
 
     template <class Points>
     std::vector<CellPosition<d>> locate_all(Points const& points) const
@@ -278,7 +421,7 @@ private:
         bool comparable =
             std::isfinite(mass) && std::isfinite(Number(volume / unit)) && Number(volume / unit) > 0;
         for (std::size_t i = 0; i < portions_.size(); ++i) {
-            double const ratio = mass / double(portions_.data()[i].mass);
+            double const ratio = mass / double(portions_[i].mass);
             comparable = comparable && ratio < range && ratio > 1 / range;
         }
         require(
@@ -294,30 +437,26 @@ private:
         Portion<Number> const portion{first, Number(volume * density / mass_unit_),
                                       Number(volume / mass_unit_)};
         if (portions_.size() > 0) {
-            auto const& last = portions_.data()[portions_.size() - 1];
+            auto const& last = portions_.back();
             if (last.mass == portion.mass && last.volume == portion.volume) return;
         }
-        portions_.resize(portions_.size() + 1);
-        portions_.data()[portions_.size() - 1] = portion;
+        portions_.push_back(portion);
+        portions_on_backend_.resize(portions_.size());
+        portions_on_backend_.upload(0, portions_);
         largest_mass_ = std::max(largest_mass_, portion.mass);
-    }
-
-    Vector<double, d> position_of(View const& view, std::size_t particle, Coordinates<d> const& cell) const
-    {
-        Vector<double, d> offset;
-        for (int a = 0; a < d; ++a) offset[a] = CellOffset<Number>::exact(view.offset[a][particle]);
-        return world_position<d>(lattice_, order_, cell, offset);
     }
 
     Lattice lattice_;
     int order_;
+    Backend backend_;
     std::size_t size_ = 0;
     bool moved_ = false;
     double mass_unit_ = 1;
     Number largest_mass_ = 0;
     std::array<Buffer, 2> buffer_;
     std::optional<Taken> taken_;
-    Array<Portion<Number>> portions_;
+    std::vector<Portion<Number>> portions_;
+    Array<Portion<Number>> portions_on_backend_;
     Cells cells_;
 };
 

@@ -9,6 +9,7 @@
 #include <firn/transfer/mls.hpp>
 
 #include <cmath>
+#include <optional>
 #include <sstream>
 #include <string>
 #include <utility>
@@ -56,7 +57,7 @@ public:
                     Backend backend = {})
         : lattice_(firn::lattice(lattice.cell_size, lattice.origin)), model_(std::move(model)),
           transfer_(transfer), control_(control), backend_(std::move(backend)),
-          particles_(lattice_, Kernel::order, backend_)
+          particles_(lattice_, Kernel::order, backend_), grid_(backend_)
     {
         model_.validate();
         control_.validate();
@@ -103,10 +104,7 @@ public:
         if constexpr (Stored::template contains<Tag>)
             particles_.edit([&](std::uint32_t id, auto& particle) { particle[Tag{}] = by_id[id]; });
         else
-            for (std::size_t id = 0; id < by_id.size(); ++id)
-                for_each_component<Tag, d>(by_id[id], [&](int c, Number number) {
-                    particles_.taken().component[Taken::template first_component<Tag>(d) + c][id] = number;
-                });
+            particles_.held().template set<Tag>(by_id);
         given_for_ = 0;
         find_bounds();
     }
@@ -185,8 +183,31 @@ public:
     {
         if constexpr (Stored::template contains<Tag>)
             return particles_.template download<Tag>();
+        else if (particles_.holds_taken())
+            return particles_.held().template by_id<Tag>(size());
         else
             return take_again().template by_id<Tag>(size());
+    }
+
+    /// A stored field where it lies, in memory of the backend: `view<DisplacementGradient>()`. Nothing is
+    /// copied; it holds until the next call that changes the scene.
+    template <class Tag>
+    auto view() const
+    {
+        static_assert(Stored::template contains<Tag>,
+                      "this field is taken from the grid when asked for: use download, or write_positions");
+        return particles_.template view<Tag>();
+    }
+
+    /// Writes world positions [m], by id, to memory that the backend's loops reach: axis a of particle i goes
+    /// to `to[i * stride + a]`. On a device the work is queued in the backend's stream: a renderer's buffer
+    /// that was mapped there needs no copy.
+    void write_positions(Number* to, std::size_t stride = d) const
+    {
+        require(to != nullptr && stride >= d, "there is no place for positions, or they would overlap",
+                "Solver::write_positions",
+                "Pass room for size() times stride numbers, stride at least the dimension.");
+        backend_.for_each_place(particles_.cells(), particles_.position_writer(to, stride));
     }
 
     /// Masses [kg], by id.
@@ -225,28 +246,31 @@ private:
         auto& cells = particles_.cells();
         grid_.follow(cells); // blocks of nodes under them
         give_for(interval.length());
-        auto const reactions = backend_.for_each_node(
-            cells, grid_, UpdateGrid<Space, Transfer, Actions>{actions, lattice_, smallest_node_mass()});
-        typename Table::Taken velocities; // only obstacles that push particles set what cannot be taken again
+        using Update = UpdateGrid<Space, Transfer, Actions>;
+        // What a backend returns here may only become the result once the step is through.
+        auto const reactions =
+            backend_.for_each_node(cells, grid_, Update{actions, lattice_, smallest_node_mass()});
+        // Only obstacles that push particles set what cannot be taken again.
+        std::optional<typename Table::Taken> velocities;
         bool const pushed = Taken::components(d) > 0 && touches_particles(actions);
-        if (pushed) velocities.resize(size());
+        if (pushed) velocities = particles_.new_taken();
         using Move = MoveParticles<Space, Model, Kernel, Transfer, Actions, Stored, Taken>;
         auto const found =
             backend_.move(cells, grid_,
                           Move{model_, transfer_, actions, particles_.current(), particles_.next(),
-                               pushed ? velocities.view() : typename Table::TakenView{},
+                               pushed ? velocities->view() : typename Table::TakenView{},
                                particles_.portions(), lattice_, static_cast<Number>(interval.length()),
                                static_cast<Number>(next_dt), Number(control_.rejection)});
         spoiled_ = found.wrong > 0;
         if (!spoiled_) {
             particles_.accept();
             particles_.forget_taken();
-            if (pushed) particles_.hold_taken(std::move(velocities));
+            if (pushed) particles_.hold_taken(std::move(*velocities));
             grid_.accept();
             given_for_ = next_dt;
             movers_gave_ = false;
         }
-        return finish(interval, reactions, found);
+        return finish<typename Update::Result>(interval, reactions, found);
     }
 
     using Scatter = ParticlesToGrid<Space, Model, Kernel, Transfer, Stored, Taken>;
@@ -282,12 +306,8 @@ private:
     /// The fields that particles take from the grid, as they took them in the last step.
     typename Table::Taken take_again() const
     {
-        typename Table::Taken taken;
-        taken.resize(size());
-        if (particles_.holds_taken())
-            for (std::size_t c = 0; c < taken.component.size(); ++c)
-                std::copy_n(particles_.taken().component[c], size(), taken.component[c].data());
-        else if constexpr (Taken::components(d) > 0)
+        auto taken = particles_.new_taken();
+        if constexpr (Taken::components(d) > 0)
             backend_.take(particles_.cells(), grid_,
                           TakeVelocities<Space, Kernel, Transfer, Stored, Taken>{
                               {},
@@ -350,11 +370,11 @@ private:
     {
         bounds_ = {};
         double modulus = 0;
-        particles_.edit([&](std::uint32_t, auto& particle) {
-            auto as_set = particle; // what lies beyond the yield surface returns in the next step, not now
+        particles_.for_each([&](auto& particle) {
             modulus = std::max(
-                modulus, double(model_.template respond<Number>(as_set, Matrix<Number, d>::Zero(), Number(0))
-                                    .wave_modulus));
+                modulus,
+                double(model_.template respond<Number>(particle, Matrix<Number, d>::Zero(), Number(0))
+                           .wave_modulus));
         });
         for (auto const& velocity : download<Velocity>())
             bounds_.speed = std::max(bounds_.speed, double(velocity.norm()));
@@ -372,6 +392,9 @@ private:
     template <class Effect>
     static void validate(Effect const& effect)
     {
+        if constexpr (requires { Effect::in_host_memory; })
+            static_assert(Backend::reaches_host_memory || !Effect::in_host_memory,
+                          "the obstacle's shape lies in memory of the host: pass `shape.on(backend)`");
         effect.validate();
         if constexpr (d == 2 && requires { effect.validate_in_plane(); }) effect.validate_in_plane();
     }

@@ -66,7 +66,12 @@ TEST_CASE("cell sizes, moduli and densities that make no sense are refused")
     refused([&] { SnowBall(lattice(0.1), snow); });
     refused([] { SnowBall(lattice(0.1), {}, Flip{.fraction = 1.5}); });
     refused([] { SnowBall(lattice(0.1), {}, {}, StepControl{.advection = 2}); });
+#if defined(__CUDACC__)
+    for (int device : {-1, 1000})
+        refused([=] { SnowBall(lattice(0.1), {}, {}, {}, Cuda{.device = device}); });
+#else
     refused([] { SnowBall(lattice(0.1), {}, {}, {}, OpenMP{.threads = -1}); });
+#endif
 }
 
 TEST_CASE("particles that are not finite, too far or of no volume are refused, and none of them is added")

@@ -2,7 +2,12 @@
 #pragma once
 
 #include <firn/firn.hpp>
+
+#if defined(__CUDACC__)
+#include <firn/cuda.hpp>
+#else
 #include <firn/openmp.hpp>
+#endif
 
 #include <cmath>
 #include <random>
@@ -14,8 +19,15 @@
 namespace firn::test
 {
 
+/// The backend that this file is compiled for: tests of whole scenes are compiled once for each.
+#if defined(__CUDACC__)
+using TestedBackend = Cuda;
+#else
+using TestedBackend = OpenMP;
+#endif
+
 /// A combination of policies, to be listed in TEMPLATE_TEST_CASE.
-template <class ModelType, class KernelType, class TransferType, class BackendType = OpenMP>
+template <class ModelType, class KernelType, class TransferType, class BackendType = TestedBackend>
 struct Scene
 {
     using Model = ModelType;
@@ -147,7 +159,7 @@ struct Damping
         Number factor;
 
         template <Lane Real, int d>
-        Vector<Real, d> on_node(Vector<Real, d> const& velocity) const
+        FIRN_HOST_DEVICE Vector<Real, d> on_node(Vector<Real, d> const& velocity) const
         {
             return velocity * Real(factor);
         }

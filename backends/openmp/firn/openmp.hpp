@@ -21,6 +21,7 @@ template <class Lanes = openmp::NativeLanes>
 struct BasicOpenMP
 {
     int threads = 0; ///< 0: as many as OpenMP would use
+    static constexpr bool reaches_host_memory = true;
 
     template <class Number>
     using Lane = typename Lanes::template Lane<Number>;
@@ -44,6 +45,13 @@ struct BasicOpenMP
     void for_each(std::size_t count, Body const& body) const
     {
         openmp::for_each(thread_count(), count, body);
+    }
+
+    /// Calls `visit(where it lies, coordinates of its cell)` for every item.
+    template <class CellOrder, class Visit>
+    void for_each_place(CellOrder const& cells, Visit const& visit) const
+    {
+        cells.for_each(visit);
     }
 
     /// All items give to the grid, by `phase.prepare`, `give` and `add` (see Giving): afresh, or onto what is

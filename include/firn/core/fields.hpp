@@ -181,17 +181,29 @@ auto without(Fields<Tags...>)
 template <class Set, class Others>
 using Without = decltype(detail::without<Others>(Set{}));
 
+namespace detail
+{
+/// The components of one field of a record, counted within a set.
+template <class Tag, class Set, int d, class Record, class Use>
+FIRN_HOST_DEVICE inline void for_each_component_in(Record& record, Use const& use)
+{
+    constexpr int first = Set::template first_component<Tag>(d);
+    for_each_component<Tag, d>(record[Tag{}], [&](int c, auto& value) { use(first + c, value); });
+}
+
+template <class Set, int d, class Record, class Use, class... Tags>
+FIRN_HOST_DEVICE inline void for_each_component_of(Record& record, Use const& use, Fields<Tags...>)
+{
+    (for_each_component_in<Tags, Set, d>(record, use), ...);
+}
+} // namespace detail
+
 /// Calls `use(component, reference)` for every component of the set's fields in a record that has them, and
 /// maybe others; components are counted within the set.
 template <class Set, int d, class Record, class Use>
 FIRN_HOST_DEVICE inline void for_each_component_of(Record& record, Use const& use)
 {
-    [&]<class... Tags>(Fields<Tags...>) {
-        (for_each_component<Tags, d>(
-             record[Tags{}],
-             [&](int c, auto& value) { use(Fields<Tags...>::template first_component<Tags>(d) + c, value); }),
-         ...);
-    }(Set{});
+    detail::for_each_component_of<Set, d>(record, use, Set{});
 }
 
 /// The values of a set of fields of one particle (or one lane of particles):
@@ -216,10 +228,7 @@ struct Record<Real, d, Fields<Tags...>> : detail::Slot<Tags, Real, d>...
     template <class Use>
     FIRN_HOST_DEVICE void for_each(Use const& use)
     {
-        (for_each_component<Tags, d>(
-             (*this)[Tags{}],
-             [&](int c, Real& value) { use(Fields<Tags...>::template first_component<Tags>(d) + c, value); }),
-         ...);
+        for_each_component_of<Fields<Tags...>, d>(*this, use);
     }
 };
 

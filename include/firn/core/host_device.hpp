@@ -19,3 +19,11 @@
 #else
 #define FIRN_UNROLL
 #endif
+
+// Before a loop over the nodes of a stencil: a device has no memory near enough for arrays that are indexed
+// by what is not known to the compiler, and packs would run out of registers.
+#if defined(__CUDACC__)
+#define FIRN_UNROLL_ON_DEVICE _Pragma("unroll")
+#else
+#define FIRN_UNROLL_ON_DEVICE
+#endif

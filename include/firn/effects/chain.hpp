@@ -15,7 +15,7 @@ struct Reactions
     std::array<Reaction, obstacles> of{};
     double largest_surface_speed2 = 0; ///< of an obstacle where something touched it [m^2/s^2]
 
-    void merge(Reactions const& other)
+    FIRN_HOST_DEVICE void merge(Reactions const& other)
     {
         for (int i = 0; i < obstacles; ++i) of[i] += other.of[i];
         largest_surface_speed2 = max(largest_surface_speed2, other.largest_surface_speed2);

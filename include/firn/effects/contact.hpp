@@ -25,7 +25,7 @@ struct Contact
     {
         return {.friction = std::numeric_limits<double>::infinity(), .separates = false, .sticks = true};
     }
-    static Contact slip() { return {}; }
+    FIRN_HOST_DEVICE static Contact slip() { return {}; }
     static Contact bound_slip() { return {.separates = false}; } ///< slips, and never lets go
     static Contact coulomb(double friction_coefficient) { return {.friction = friction_coefficient}; }
 

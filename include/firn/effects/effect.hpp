@@ -52,7 +52,7 @@ struct Reaction
     Eigen::Vector3d angular_impulse =
         Eigen::Vector3d::Zero(); ///< about the obstacle's reference point [N m s]
 
-    Reaction& operator+=(Reaction const& other)
+    FIRN_HOST_DEVICE Reaction& operator+=(Reaction const& other)
     {
         impulse += other.impulse;
         angular_impulse += other.angular_impulse;

@@ -6,8 +6,26 @@
 #include <firn/effects/motion.hpp>
 #include <firn/effects/shapes/shape.hpp>
 
+#include <utility>
+
 namespace firn
 {
+
+namespace detail
+{
+/// A shape as a plain value: its view, if it has one.
+template <class ShapeType>
+auto plain(ShapeType const& shape)
+{
+    if constexpr (requires { shape.view(); })
+        return shape.view();
+    else
+        return shape;
+}
+
+template <class ShapeType>
+using Plain = decltype(plain(std::declval<ShapeType const&>()));
+} // namespace detail
 
 /// A solid of a shape that moves and rotates as told, and acts on the grid nodes inside it (and, if asked, on
 /// the particles inside it, which closes the visible gap of about one cell that node contact leaves).
@@ -46,6 +64,9 @@ struct Obstacle
         return motion.velocity.norm() + motion.angular_velocity.norm() * reach;
     }
 
+    /// Where its values lie: see SignedDistanceGrid::on.
+    static constexpr bool in_host_memory = requires { requires ShapeType::in_host_memory; };
+
     template <class Number, int d>
     struct Action;
 
@@ -55,7 +76,7 @@ struct Obstacle
     {
         Motion const now = motion.at(interval.end);
         Eigen::Matrix3d const rotation = now.orientation.normalized().toRotationMatrix();
-        return {shape,
+        return {detail::plain(shape),
                 contact,
                 now.position,
                 rotation.topLeftCorner<d, d>().template cast<Number>(),
@@ -83,7 +104,7 @@ struct Obstacle<ShapeType>::Action
 {
     static constexpr bool is_obstacle = true;
 
-    ShapeType shape;
+    detail::Plain<ShapeType> shape;
     Contact contact;
     Eigen::Vector3d position;
     Matrix<Number, d> rotation; ///< body to world
@@ -138,7 +159,7 @@ private:
     template <Lane Real>
     FIRN_HOST_DEVICE SurfaceSample<Real, d> surface_sample(Vector<Real, d> const& local) const
     {
-        if constexpr (Shape<ShapeType, Real, d>)
+        if constexpr (Shape<detail::Plain<ShapeType>, Real, d>)
             return shape.surface(local);
         else {
             constexpr int width = lane_width<Real>;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/error.hpp>
+#include <firn/core/host_device.hpp>
 #include <firn/core/space.hpp>
 
 #include <cmath>
@@ -43,10 +44,10 @@ struct CellPosition
 };
 
 /// Half a cell for kernels of even order, whose cells are centred on nodes.
-constexpr double cell_shift(int kernel_order) { return kernel_order % 2 == 0 ? 0.5 : 0.0; }
+FIRN_HOST_DEVICE constexpr double cell_shift(int kernel_order) { return kernel_order % 2 == 0 ? 0.5 : 0.0; }
 
 /// The first node of the stencil of cell k is k - stencil_reach(order).
-constexpr int stencil_reach(int kernel_order) { return kernel_order / 2; }
+FIRN_HOST_DEVICE constexpr int stencil_reach(int kernel_order) { return kernel_order / 2; }
 
 /// The cell of a world position [m] and the offset in it. The cell must fit an int: see Solver::add.
 template <int d>
@@ -64,8 +65,8 @@ CellPosition<d> locate(Lattice const& lattice, int kernel_order, Vector<double, 
 
 /// The world position [m] of an offset in a cell.
 template <int d>
-Vector<double, d> world_position(Lattice const& lattice, int kernel_order, Coordinates<d> const& cell,
-                                 Vector<double, d> const& offset)
+FIRN_HOST_DEVICE Vector<double, d> world_position(Lattice const& lattice, int kernel_order,
+                                                  Coordinates<d> const& cell, Vector<double, d> const& offset)
 {
     Vector<double, d> const in_cells =
         cell.template cast<double>() + offset + Vector<double, d>::Constant(0.5 - cell_shift(kernel_order));

@@ -23,7 +23,7 @@ struct MoveResult
     std::uint32_t particle = 0;   ///< its id
     Reactions<obstacles> reactions{};
 
-    void merge(MoveResult const& other)
+    FIRN_HOST_DEVICE void merge(MoveResult const& other)
     {
         wave_modulus = max(wave_modulus, other.wave_modulus);
         speed2 = max(speed2, other.speed2);
@@ -84,10 +84,16 @@ struct MoveParticles
         after.expect_store(items);
     }
 
+    /// Once per cell before: `nodes.read(row_of_cells, first)`; without nodes each particle reads its own.
     template <class Row, class Real = typename Row::Real>
     FIRN_HOST_DEVICE static void take(Row& row_of_cells, CellNodes<Real> const& nodes, int first)
     {
         Takes::take(row_of_cells, nodes, first);
+    }
+    template <class Row>
+    FIRN_HOST_DEVICE static void take(Row& row_of_cells)
+    {
+        Takes::take(row_of_cells);
     }
 
     /// Moves and deforms some particles by what they took, and keeps what they give to the next step.
@@ -127,8 +133,8 @@ struct MoveParticles
         if (any(left)) items.depart(left, Gives::mass, Gives::kept);
     }
 
-    template <class Row, class Real = typename Row::Real>
-    FIRN_HOST_DEVICE static void give(Row const& row_of_cells, CellSums<Real>& sums)
+    template <class Row, class SumsOfCells>
+    FIRN_HOST_DEVICE static void give(Row const& row_of_cells, SumsOfCells& sums)
     {
         Gives::give(row_of_cells, sums);
     }

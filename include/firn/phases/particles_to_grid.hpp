@@ -64,10 +64,12 @@ struct Giving
         }
     }
 
-    /// Adds what the row's particles give, one per cell, to the sums of the cells.
-    template <class Row, class Real = typename Row::Real>
-    FIRN_HOST_DEVICE static void give(Row const& row_of_cells, CellSums<Real>& sums)
+    /// Adds what the row's particles give, one per cell, to the sums of the cells: CellSums, or what stands
+    /// for them.
+    template <class Row, class SumsOfCells>
+    FIRN_HOST_DEVICE static void give(Row const& row_of_cells, SumsOfCells& sums)
     {
+        using Real = typename Row::Real;
         using Nodes = Stencil<Kernel, Real, d>;
         Vector<Real, d> x, p;
         Matrix<Real, d> A, G;
@@ -84,6 +86,7 @@ struct Giving
         Real const m_p = row_of_cells.kept(mass);
         Nodes const nodes(x);
 
+        FIRN_UNROLL_ON_DEVICE
         for (int row = 0; row < Nodes::rows; ++row) {
             // Along a row, what a node gets is constant * w + slope * (w distance) + gradient * dw: three
             // vectors a row.
@@ -106,7 +109,7 @@ struct Giving
             for (int k = 0; k < Nodes::width; ++k) {
                 Real const w = nodes.weight[Nodes::last][k], dw = nodes.derivative[Nodes::last][k];
                 Real const reach = w * nodes.distance[Nodes::last][k];
-                Real(&node)[channels] = sums[k][row];
+                auto&& node = sums[k][row];
                 node[Sums::mass] += m * w;
                 FIRN_UNROLL
                 for (int a = 0; a < d; ++a) {
@@ -129,8 +132,8 @@ struct Giving
         // Neighbouring lanes share nodes, one place apart: going through all rows before the next place keeps
         // a write and the read that overlaps it far apart.
         FIRN_UNROLL
-        for (int k = 0; k < Nodes::width; ++k)
-            for (int row = 0; row < Nodes::rows; ++row) FIRN_UNROLL
+        for (int k = 0; k < Nodes::width; ++k) FIRN_UNROLL_ON_DEVICE
+        for (int row = 0; row < Nodes::rows; ++row) FIRN_UNROLL
         for (int c = 0; c < channels; ++c) cell.add(c, row, k, sums[k][row][c]);
     }
 };

@@ -3,6 +3,7 @@
 
 #include <firn/core/cell_offset.hpp>
 #include <firn/core/fields.hpp>
+#include <firn/grid/lattice.hpp>
 
 #include <array>
 #include <cstddef>
@@ -102,6 +103,40 @@ struct FieldsById
     {
         for_each_component_of<Set, d>(record,
                                       [&](int c, auto& value) { items.store_at(component[c], id, value); });
+    }
+};
+
+/// One field of all particles where it lies: for who renders them there, without a copy.
+///
+/// Component c of the particle `id[i]` is `component[c][i * stride]`. The order of particles changes with
+/// every step, and the pointers do: ask again after it.
+template <class Number, int components>
+struct FieldView
+{
+    std::array<Number const*, components> component;
+    std::uint32_t const* id;
+    std::size_t stride = 1; ///< from one particle to the next [numbers]
+    std::size_t count;      ///< particles
+};
+
+/// Writes the world position of a particle: called for every particle with where it lies and its cell.
+template <class Number, int d, class Set>
+struct WritePositions
+{
+    TableView<Number, d, Set> particles;
+    Lattice lattice;
+    int kernel_order;
+    Number* to; ///< axis a of particle id at to[id * stride + a] [m]
+    std::size_t stride;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t particle, Coordinates<d> const& cell) const
+    {
+        Vector<double, d> in_cell;
+        FIRN_UNROLL
+        for (int a = 0; a < d; ++a) in_cell[a] = CellOffset<Number>::exact(particles.offset[a][particle]);
+        Vector<double, d> const x = world_position<d>(lattice, kernel_order, cell, in_cell);
+        FIRN_UNROLL
+        for (int a = 0; a < d; ++a) to[particles.id[particle] * stride + a] = static_cast<Number>(x[a]);
     }
 };
 

@@ -74,6 +74,24 @@ struct Taking
         }
     }
 
+    /// The same with each particle reading the nodes for itself: for who has no room to keep them.
+    template <class Row, class Real = typename Row::Real>
+    FIRN_HOST_DEVICE static void take(Row& row_of_cells)
+    {
+        Gathered<Real, d> const sum = gather<Real>(row_of_cells, kept_position<Real>(row_of_cells));
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) {
+            row_of_cells.keep(velocity + i, sum.velocity[i]);
+            if constexpr (Transfer::keeps_old_velocity)
+                row_of_cells.keep(old_velocity + i, sum.old_velocity[i]);
+            FIRN_UNROLL
+            for (int j = 0; j < d; ++j) {
+                if constexpr (terms.affine) row_of_cells.keep(affine + i * d + j, sum.affine(i, j));
+                if constexpr (terms.gradient) row_of_cells.keep(gradient + i * d + j, sum.gradient(i, j));
+            }
+        }
+    }
+
     /// What some particles took.
     template <class Real, class Items>
     FIRN_HOST_DEVICE static Gathered<Real, d> taken(Items const& items)
@@ -91,6 +109,65 @@ struct Taking
         }
         return sum;
     }
+
+private:
+    /// The sums over a particle's stencil. Velocities are taken relative to that of the stencil's middle
+    /// node: the weights add up to one, and their distances and gradients to zero, but for a rounding that in
+    /// steady motion would be the same in every step.
+    template <class Real, class Row>
+    FIRN_HOST_DEVICE static Gathered<Real, d> gather(Row const& row_of_cells, Vector<Real, d> const& offset)
+    {
+        using Nodes = Stencil<Kernel, Real, d>;
+        Nodes const nodes(offset);
+        Gathered<Real, d> sum;
+        sum.velocity.setZero();
+        sum.old_velocity.setZero();
+        sum.affine.setZero();
+        sum.gradient.setZero();
+
+        Vector<Real, d> middle, old_middle;
+        FIRN_UNROLL
+        for (int a = 0; a < d; ++a) {
+            middle[a] = row_of_cells.node(Velocities::velocity + a, Nodes::rows / 2, Nodes::width / 2);
+            if constexpr (Transfer::keeps_old_velocity)
+                old_middle[a] =
+                    row_of_cells.node(Velocities::old_velocity + a, Nodes::rows / 2, Nodes::width / 2);
+        }
+        FIRN_UNROLL_ON_DEVICE
+        for (int row = 0; row < Nodes::rows; ++row) {
+            Vector<Real, d> plain = Vector<Real, d>::Zero(), old = plain, reach = plain, slope = plain;
+            FIRN_UNROLL
+            for (int k = 0; k < Nodes::width; ++k) {
+                Real const w = nodes.weight[Nodes::last][k];
+                Real const w_distance = w * nodes.distance[Nodes::last][k],
+                           dw = nodes.derivative[Nodes::last][k];
+                FIRN_UNROLL
+                for (int a = 0; a < d; ++a) {
+                    Real const v = row_of_cells.node(Velocities::velocity + a, row, k) - middle[a];
+                    plain[a] += v * w;
+                    if constexpr (terms.affine) reach[a] += v * w_distance;
+                    if constexpr (terms.gradient) slope[a] += v * dw;
+                    if constexpr (Transfer::keeps_old_velocity)
+                        old[a] +=
+                            (row_of_cells.node(Velocities::old_velocity + a, row, k) - old_middle[a]) * w;
+                }
+            }
+            Real const w_row = nodes.row_weight(row);
+            sum.velocity += plain * w_row;
+            if constexpr (Transfer::keeps_old_velocity) sum.old_velocity += old * w_row;
+            FIRN_UNROLL
+            for (int a = 0; a < Nodes::last; ++a) {
+                if constexpr (terms.affine) sum.affine.col(a) += plain * (w_row * nodes.row_distance(row, a));
+                if constexpr (terms.gradient) sum.gradient.col(a) += plain * nodes.row_gradient(row, a);
+            }
+            if constexpr (terms.affine) sum.affine.col(Nodes::last) += reach * w_row;
+            if constexpr (terms.gradient) sum.gradient.col(Nodes::last) += slope * w_row;
+        }
+        sum.velocity += middle;
+        if constexpr (Transfer::keeps_old_velocity) sum.old_velocity += old_middle;
+        if constexpr (terms.affine) sum.affine *= Real(Number(Kernel::inverse_inertia));
+        return sum;
+    }
 };
 
 /// Particles take their velocities once more, by id: for somebody who asks. Positions are those from which
@@ -104,7 +181,7 @@ struct TakeVelocities : Taking<Space, Kernel, TransferType>
     using Number = typename Space::Real;
     struct Result
     {
-        void merge(Result const&) {}
+        FIRN_HOST_DEVICE void merge(Result const&) {}
     };
 
     Transfer transfer;

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstring>
 #include <new>
+#include <span>
 #include <type_traits>
 #include <utility>
 
@@ -23,7 +24,13 @@ public:
     /// Bytes behind the last element that may be read (not used): packs are loaded whole.
     static constexpr std::size_t padding = 256;
 
+    using Value = T;
+
     Array() = default;
+    /// All of them lie in the one memory there is.
+    template <class Backend>
+    explicit Array(Backend const&)
+    {}
     Array(Array&& other) noexcept { *this = std::move(other); }
     Array& operator=(Array&& other) noexcept
     {
@@ -53,6 +60,22 @@ public:
             capacity_ = capacity;
         }
         size_ = size;
+    }
+
+    /// Sets elements that are there, from `first` on.
+    void upload(std::size_t first, std::span<T const> values)
+    {
+        std::copy(values.begin(), values.end(), data_ + first);
+    }
+    void fill(std::size_t first, std::size_t count, T const& value)
+    {
+        std::fill_n(data_ + first, count, value);
+    }
+
+    /// Copies elements from `first` on.
+    void download(std::size_t first, std::span<T> values) const
+    {
+        std::copy_n(data_ + first, values.size(), values.begin());
     }
 
     T* data() { return data_; }

@@ -36,6 +36,10 @@ public:
 
     static constexpr int absent = BlockMap::absent;
 
+    template <class Backend>
+    explicit Grid(Backend const&)
+    {}
+
     struct NodeBlock
     {
         Coordinates<d> coordinates;

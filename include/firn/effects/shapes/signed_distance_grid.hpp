@@ -95,6 +95,9 @@ private:
     }
 };
 
+template <class Backend, std::floating_point Real, int d>
+class SignedDistanceGridOn;
+
 /// A solid given by its signed distance [m] on the nodes of a regular grid: a Shape. Cheap to copy.
 ///
 /// `Real` is a number, not a pack of them. The distance is as good as its nodes: the interpolant errs by
@@ -130,6 +133,15 @@ public:
 
     /// Its values where they lie; valid while the grid or a copy of it lives.
     SignedDistanceGridView<Real, d> view() const { return {origin_, cell_size_, nodes_, values_->data()}; }
+    static constexpr bool in_host_memory = true; ///< where a backend for devices cannot reach them
+
+    /// The same with its values where the backend's loops can reach them: for a backend that runs on a
+    /// device.
+    template <class Backend>
+    SignedDistanceGridOn<Backend, Real, d> on(Backend const& backend) const
+    {
+        return {*this, backend};
+    }
     std::vector<Real> const& values() const { return *values_; } ///< [m]
 
 private:
@@ -137,6 +149,29 @@ private:
     Real cell_size_;
     Eigen::Array<int, d, 1> nodes_;
     std::shared_ptr<std::vector<Real> const> values_;
+};
+
+/// A SignedDistanceGrid on a backend: a Shape for that backend's loops. Cheap to copy.
+template <class Backend, std::floating_point Real, int d>
+class SignedDistanceGridOn
+{
+    using Values = typename Backend::template Array<Real>;
+
+public:
+    SignedDistanceGridOn(SignedDistanceGrid<Real, d> const& grid, Backend const& backend)
+        : view_(grid.view()), values_(std::make_shared<Values>(backend))
+    {
+        values_->resize(grid.values().size());
+        values_->upload(0, grid.values());
+        view_.values = values_->data();
+    }
+
+    /// Its values where they lie; valid while the grid or a copy of it lives.
+    SignedDistanceGridView<Real, d> view() const { return view_; }
+
+private:
+    SignedDistanceGridView<Real, d> view_;
+    std::shared_ptr<Values> values_;
 };
 
 } // namespace firn

@@ -1,0 +1,161 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/error.hpp>
+#include <firn/cuda/array.hpp>
+#include <firn/cuda/cells.hpp>
+#include <firn/cuda/grid.hpp>
+#include <firn/cuda/loops.hpp>
+
+#include <string>
+
+namespace firn
+{
+
+/// Runs a solver on a device: a warp takes 32 neighbouring cells, a lane takes one.
+///
+/// Work is queued in the caller's stream, or in the default one. Results do not depend on how the device
+/// schedules its work: every run gives the same bits.
+struct Cuda
+{
+    int device = 0;                ///< as cudaGetDeviceProperties counts them
+    cudaStream_t stream = nullptr; ///< of that device; it must live as long as the solver
+    static constexpr bool reaches_host_memory = false;
+
+    template <class Number>
+    using Lane = Number;
+    template <class T>
+    using Array = cuda::Array<T>;
+    template <class Number, int d>
+    using Cells = cuda::Cells<Number, d>;
+    template <class Number, int d, int order, int sums, int values>
+    using Grid = cuda::Grid<Number, d, order, sums, values>;
+
+    cuda::Queue queue() const { return {device, stream}; }
+
+    /// Throws an Error unless there is such a device and a driver for it.
+    void validate() const
+    {
+        int devices = 0;
+        cudaError_t const status = cudaGetDeviceCount(&devices);
+        static_cast<void>(cudaGetLastError());
+        if (status == cudaErrorInsufficientDriver)
+            throw Error{"there is no driver for CUDA devices, or it is too old for this program", "Cuda",
+                        "Install a driver for CUDA " + std::to_string(CUDART_VERSION / 1000) +
+                            " or newer, or use another backend."};
+        if (status == cudaErrorNoDevice || (status == cudaSuccess && devices == 0))
+            throw Error{"there is no CUDA device", "Cuda", "Use another backend."};
+        cuda::check(status, "cudaGetDeviceCount");
+        if (device < 0 || device >= devices)
+            throw Error{"there is no CUDA device " + std::to_string(device), "Cuda",
+                        "Pass the number of a device: there are " + std::to_string(devices) + ", from 0 on."};
+    }
+
+    /// Calls `body(i)` once for every i in [0, count), in any order and at the same time; `body` is a
+    /// function object that a device can call.
+    template <class Body>
+    void for_each(std::size_t count, Body const& body) const
+    {
+        if (count == 0) return;
+        cuda::OnDevice const here(device);
+        cuda::detail::for_each<<<cuda::groups_of(count, 256), 256, 0, stream>>>(body, count);
+        cuda::check_launch("for_each");
+    }
+
+    /// Calls `visit(where it lies, coordinates of its cell)` for every item, on the device.
+    template <class CellOrder, class Visit>
+    void for_each_place(CellOrder const& cells, Visit const& visit) const
+    {
+        if (cells.size() == 0) return;
+        cuda::OnDevice const here(device);
+        cuda::detail::launch("for_each_place", queue(), cuda::detail::for_each_place<CellOrder, Visit>,
+                             cells.blocks(), 0, visit, cells.view(), cells.settled());
+    }
+
+    /// All items give to the grid, by `phase.prepare` and `give` (see Giving): afresh, or onto what is there.
+    template <class CellOrder, class GridType, class Phase>
+    void scatter(CellOrder const& cells, GridType& grid, Phase const& phase, bool afresh) const
+    {
+        if (grid.blocks() == 0) return;
+        cuda::OnDevice const here(device);
+        cuda::detail::launch("scatter", queue(), cuda::detail::scatter<CellOrder, GridType, Phase>,
+                             grid.blocks(), cuda::detail::SharedTiles<GridType>::bytes(false, true), phase,
+                             cells.view(), grid.view(), afresh);
+    }
+
+    /// Items that changed their cells when they moved give to the grid, to which the others already gave.
+    template <class Phase, class CellOrder, class GridType>
+    void scatter_movers(CellOrder const& cells, GridType& grid) const
+    {
+        if (grid.blocks() == 0 || cells.arrived().count == 0) return;
+        cuda::OnDevice const here(device);
+        cuda::detail::launch("scatter_movers", queue(),
+                             cuda::detail::scatter_movers<CellOrder, GridType, Phase>, grid.blocks(),
+                             cuda::detail::SharedTiles<GridType>::bytes(false, true), cells.view(),
+                             cells.arrived(), cells.movers(), grid.view());
+    }
+
+    /// Calls `phase(node, result)` for every node that was added to; the merged results become known later.
+    template <class CellOrder, class GridType, class Phase>
+    cuda::Later<typename Phase::Result> for_each_node(CellOrder const&, GridType& grid,
+                                                      Phase const& phase) const
+    {
+        using Result = typename Phase::Result;
+        if (grid.blocks() == 0) return {queue(), nullptr};
+        cuda::OnDevice const here(device);
+        auto const results = grid.node_results().template expect<Result>(2 * grid.node_blocks());
+        cuda::detail::launch("for_each_node", queue(), cuda::detail::for_each_node<GridType, Phase>,
+                             grid.node_blocks(), 0, phase, grid.view(), results);
+        return grid.node_results().template later<Result>();
+    }
+
+    /// All items take from the grid as they did when they moved last; the phase stores what it wants of that.
+    template <class CellOrder, class GridType, class Phase>
+    void take(CellOrder const& cells, GridType const& grid, Phase const& phase) const
+    {
+        if (grid.blocks() == 0) return;
+        cuda::OnDevice const here(device);
+        cuda::detail::launch("take", queue(), cuda::detail::take<CellOrder, GridType, Phase>, grid.blocks(),
+                             cuda::detail::SharedTiles<GridType>::bytes(true, false), phase, cells.view(),
+                             grid.view());
+    }
+
+    /// All items take from the grid, move, and give to the grid of the next step (see MoveParticles); returns
+    /// the merged results.
+    template <class CellOrder, class GridType, class Phase>
+    typename Phase::Result move(CellOrder& cells, GridType& grid, Phase const& phase) const
+    {
+        using Result = typename Phase::Result;
+        if (grid.blocks() == 0) return {};
+        cuda::OnDevice const here(device);
+        for (;;) {
+            auto const movers = cells.expect_departures(Phase::kept);
+            auto const results = grid.item_results().template expect<Result>(2 * grid.blocks());
+            cuda::detail::Moved<typename GridType::Number, Result> const moved{movers, cells.changes(),
+                                                                               cells.left(), results};
+            cuda::detail::launch("move", queue(), cuda::detail::move<CellOrder, GridType, Phase>,
+                                 grid.blocks(), cuda::detail::SharedTiles<GridType>::bytes(true, true), phase,
+                                 cells.view(), grid.view(), moved);
+            if (cells.find_departed()) return grid.item_results().template later<Result>();
+        }
+    }
+};
+
+/// The devices of this machine in one sentence: "CUDA 13.0, device 0: NVIDIA H200 (139 GiB)".
+inline std::string cuda_info()
+{
+    int devices = 0;
+    if (cudaGetDeviceCount(&devices) != cudaSuccess) devices = 0;
+    static_cast<void>(cudaGetLastError());
+    std::string text =
+        "CUDA " + std::to_string(CUDART_VERSION / 1000) + "." + std::to_string(CUDART_VERSION / 10 % 100);
+    for (int i = 0; i < devices; ++i) {
+        cudaDeviceProp properties;
+        cuda::check(cudaGetDeviceProperties(&properties, i), "cudaGetDeviceProperties");
+        text += ", device " + std::to_string(i) + ": " + properties.name + " (" +
+                std::to_string(properties.totalGlobalMem >> 30) + " GiB)";
+    }
+    return devices > 0 ? text : text + ", no device";
+}
+
+} // namespace firn

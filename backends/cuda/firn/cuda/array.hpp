@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/cuda/check.hpp>
+
+#include <algorithm>
+#include <cstddef>
+#include <span>
+#include <type_traits>
+#include <utility>
+
+namespace firn::cuda
+{
+
+namespace detail
+{
+template <class T>
+__global__ void fill(T* to, std::size_t count, T value)
+{
+    std::size_t const i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
+    if (i < count) to[i] = value;
+}
+} // namespace detail
+
+/// A growing array of plain values in a device's memory; new elements are not initialised.
+template <class T>
+class Array
+{
+    static_assert(std::is_trivially_copyable_v<T>);
+
+public:
+    using Value = T;
+
+    /// `backend` says on which device, and in which queue its elements are copied.
+    template <class Backend>
+    explicit Array(Backend const& backend) : queue_(backend.queue())
+    {}
+    Array(Array&& other) noexcept : queue_(other.queue_) { *this = std::move(other); }
+    Array& operator=(Array&& other) noexcept
+    {
+        std::swap(queue_, other.queue_);
+        std::swap(data_, other.data_);
+        std::swap(size_, other.size_);
+        std::swap(capacity_, other.capacity_);
+        return *this;
+    }
+    Array(Array const&) = delete;
+    Array& operator=(Array const&) = delete;
+    ~Array() { release(); }
+
+    /// Changes the size and keeps the elements that stay; grows by an eighth so that repeated growth is
+    /// cheap.
+    void resize(std::size_t size)
+    {
+        if (size > capacity_) grow(size_ == 0 ? size : std::max(size, size_ + size_ / 16), size_);
+        size_ = size;
+    }
+
+    /// Changes the size and forgets the elements.
+    void renew(std::size_t size)
+    {
+        if (size > capacity_) {
+            queue_.wait();
+            release();
+            grow(size + size / 16, 0);
+        }
+        size_ = size;
+    }
+
+    /// Gives its memory back.
+    void clear()
+    {
+        if (data_) queue_.wait();
+        release();
+    }
+
+    /// Sets elements that are there, from `first` on.
+    void upload(std::size_t first, std::span<T const> values)
+    {
+        copy(data_ + first, values.data(), values.size(), cudaMemcpyHostToDevice);
+    }
+    void fill(std::size_t first, std::size_t count, T const& value)
+    {
+        if (count == 0) return;
+        OnDevice const here(queue_);
+        detail::fill<<<groups_of(count, 256), 256, 0, queue_.stream>>>(data_ + first, count, value);
+        check_launch("Array::fill");
+    }
+    /// Sets all bytes of some elements.
+    void fill_bytes(std::size_t first, std::size_t count, int byte)
+    {
+        if (count == 0) return;
+        OnDevice const here(queue_);
+        check(cudaMemsetAsync(data_ + first, byte, count * sizeof(T), queue_.stream), "cudaMemsetAsync");
+    }
+
+    /// Copies elements from `first` on.
+    void download(std::size_t first, std::span<T> values) const
+    {
+        copy(values.data(), data_ + first, values.size(), cudaMemcpyDeviceToHost);
+    }
+
+    T* data() { return data_; }
+    T const* data() const { return data_; }
+    std::size_t size() const { return size_; }
+    std::size_t memory() const { return capacity_ * sizeof(T); }
+
+private:
+    void grow(std::size_t capacity, std::size_t kept)
+    {
+        OnDevice const here(queue_);
+        auto* const bigger = static_cast<T*>(allocate(capacity * sizeof(T)));
+        if (kept > 0) copy(bigger, data_, kept, cudaMemcpyDeviceToDevice);
+        std::size_t const size = size_;
+        release();
+        data_ = bigger;
+        size_ = size;
+        capacity_ = capacity;
+    }
+
+    void copy(T* to, T const* from, std::size_t count, cudaMemcpyKind kind) const
+    {
+        if (count == 0) return;
+        OnDevice const here(queue_);
+        check(cudaMemcpyAsync(to, from, count * sizeof(T), kind, queue_.stream), "cudaMemcpyAsync");
+        queue_.wait();
+    }
+
+    void release()
+    {
+        if (data_) static_cast<void>(cudaFree(data_));
+        data_ = nullptr;
+        size_ = capacity_ = 0;
+    }
+
+    Queue queue_;
+    T* data_ = nullptr;
+    std::size_t size_ = 0, capacity_ = 0;
+};
+
+/// A little memory of the host that devices can write to.
+class HostMemory
+{
+    static constexpr std::size_t bytes = 4096;
+
+public:
+    explicit HostMemory(Queue const& queue) : queue_(queue) {}
+    HostMemory(HostMemory&& other) noexcept : queue_(other.queue_) { *this = std::move(other); }
+    HostMemory& operator=(HostMemory&& other) noexcept
+    {
+        std::swap(queue_, other.queue_);
+        std::swap(memory_, other.memory_);
+        return *this;
+    }
+    ~HostMemory()
+    {
+        if (memory_) static_cast<void>(cudaFreeHost(memory_));
+    }
+
+    template <class T>
+    T* as()
+    {
+        static_assert(sizeof(T) <= bytes);
+        if (!memory_) {
+            OnDevice const here(queue_);
+            check(cudaMallocHost(&memory_, bytes), "cudaMallocHost");
+        }
+        return static_cast<T*>(memory_);
+    }
+
+private:
+    Queue queue_;
+    void* memory_ = nullptr;
+};
+
+} // namespace firn::cuda

@@ -1,0 +1,205 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/cuda/array.hpp>
+
+#include <cstdint>
+
+namespace firn::cuda
+{
+
+inline constexpr std::uint32_t absent = ~std::uint32_t(0);
+
+/// A set of blocks on a device, from their keys to their indices: open addressing, at most half full.
+///
+/// Loops look blocks up and say which they want; those that are new are then numbered in the order of their
+/// keys, whatever the order in which they were wanted.
+class BlockSet
+{
+    static constexpr std::uint64_t empty = ~std::uint64_t(0);
+
+public:
+    /// The set as loops see it.
+    struct View
+    {
+        std::uint64_t* key;
+        std::uint32_t* index;
+        std::uint32_t mask;
+        std::uint32_t* born; ///< places in the table of those that are new
+        std::uint32_t*
+            born_count; ///< how many; more than there is room for: the host makes room and asks again
+        std::uint32_t room;
+
+        __device__ std::uint32_t find(std::uint64_t wanted) const
+        {
+            std::uint32_t tries = 0; // where more was wanted than there is room for, no place is empty
+            for (std::uint32_t at = hash(wanted); tries <= mask; at = (at + 1) & mask, ++tries) {
+                std::uint64_t const there = key[at];
+                if (there == wanted) return index[at];
+                if (there == empty) break;
+            }
+            return absent;
+        }
+
+        /// Adds a key unless it is there; it has no index yet.
+        __device__ void want(std::uint64_t wanted) const
+        {
+            std::uint32_t tries = 0;
+            for (std::uint32_t at = hash(wanted); tries <= mask; at = (at + 1) & mask, ++tries) {
+                std::uint64_t const there = key[at];
+                if (there == wanted) return;
+                if (there != empty) continue;
+                if (*static_cast<std::uint32_t volatile*>(born_count) > room) return;
+                auto* const place = reinterpret_cast<unsigned long long*>(key + at);
+                std::uint64_t const found = atomicCAS(place, empty, wanted);
+                if (found == wanted) return;
+                if (found != empty) continue;
+                std::uint32_t const number = atomicAdd(born_count, 1u);
+                if (number < room) born[number] = at;
+                return;
+            }
+            atomicMax(born_count, room + 1);
+        }
+
+        __device__ std::uint32_t hash(std::uint64_t wanted) const
+        {
+            wanted *= 0x9e3779b97f4a7c15u; // 2^64 over the golden ratio: spreads neighbouring keys
+            return static_cast<std::uint32_t>(wanted ^ (wanted >> 32)) & mask;
+        }
+    };
+
+    explicit BlockSet(Queue const& queue);
+
+    std::uint32_t size() const { return size_; }
+    View view();
+    std::uint64_t const* keys() const { return keys_.data(); } ///< by index
+    void download_keys(std::span<std::uint64_t> keys) const { keys_.download(0, keys); }
+
+    /// Makes room for so many blocks in all; forgets what was wanted and not numbered.
+    void reserve(std::size_t blocks);
+    /// Begins to count what is wanted.
+    void expect_births();
+    /// How many are new; the host waits for the loops that want them.
+    std::uint32_t births() const;
+    /// Whether there was room for so many new ones.
+    bool has_room_for(std::uint32_t births) const { return births <= room(); }
+    /// Numbers them.
+    void number(std::uint32_t births);
+    /// Keeps some blocks, told by their indices, under new ones from 0 on.
+    void keep(std::uint32_t const* indices, std::uint32_t count);
+    /// Forgets all blocks.
+    void clear() { size_ = 0; }
+
+    std::size_t memory() const
+    {
+        return key_.memory() + index_.memory() + born_.memory() + keys_.memory() + born_count_.memory();
+    }
+
+private:
+    std::uint32_t room() const { return static_cast<std::uint32_t>(keys_.size()) - size_; }
+
+    Queue queue_;
+    Array<std::uint64_t> key_;
+    Array<std::uint32_t> index_, born_;
+    Array<std::uint64_t> keys_;
+    Array<std::uint32_t> born_count_;
+    std::uint32_t size_ = 0;
+};
+
+namespace detail
+{
+/// Gives each new key the index of its rank among them.
+static __global__ void number_births(BlockSet::View set, std::uint64_t* keys, std::uint32_t size,
+                                     std::uint32_t births)
+{
+    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
+    if (i >= births) return;
+    std::uint64_t const key = set.key[set.born[i]];
+    std::uint32_t rank = size;
+    for (std::uint32_t j = 0; j < births; ++j) rank += set.key[set.born[j]] < key;
+    set.index[set.born[i]] = rank;
+    keys[rank] = key;
+}
+
+static __global__ void insert_keys(BlockSet::View set, std::uint64_t const* keys, std::uint32_t size)
+{
+    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
+    if (i >= size) return;
+    for (std::uint32_t at = set.hash(keys[i]);; at = (at + 1) & set.mask) {
+        auto* const place = reinterpret_cast<unsigned long long*>(set.key + at);
+        if (atomicCAS(place, ~0ull, static_cast<unsigned long long>(keys[i])) != ~0ull) continue;
+        set.index[at] = i;
+        return;
+    }
+}
+static __global__ void copy_keys(std::uint64_t const* keys, std::uint32_t const* indices, std::uint32_t count,
+                                 std::uint64_t* to)
+{
+    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
+    if (i < count) to[i] = keys[indices[i]];
+}
+} // namespace detail
+
+inline BlockSet::BlockSet(Queue const& queue)
+    : queue_(queue), key_(queue), index_(queue), born_(queue), keys_(queue), born_count_(queue)
+{}
+
+inline BlockSet::View BlockSet::view()
+{
+    return {key_.data(),  index_.data(),      static_cast<std::uint32_t>(key_.size() - 1),
+            born_.data(), born_count_.data(), room()};
+}
+
+inline void BlockSet::reserve(std::size_t blocks)
+{
+    OnDevice const here(queue_);
+    std::size_t slots = 64;
+    while (slots < 2 * blocks) slots *= 2;
+    keys_.resize(std::max(blocks, keys_.size()));
+    born_.renew(keys_.size());
+    born_count_.renew(1);
+    key_.renew(std::max(slots, key_.size()));
+    index_.renew(key_.size());
+    key_.fill_bytes(0, key_.size(), 0xff);
+    index_.fill_bytes(0, index_.size(), 0xff);
+    expect_births();
+    if (size_ == 0) return;
+    detail::insert_keys<<<groups_of(size_, 128), 128, 0, queue_.stream>>>(view(), keys_.data(), size_);
+    check_launch("insert_keys");
+}
+
+inline void BlockSet::expect_births() { born_count_.fill_bytes(0, 1, 0); }
+
+inline std::uint32_t BlockSet::births() const
+{
+    std::uint32_t count = 0;
+    born_count_.download(0, {&count, 1});
+    return count;
+}
+
+inline void BlockSet::number(std::uint32_t births)
+{
+    if (births == 0) return;
+    OnDevice const here(queue_);
+    detail::number_births<<<groups_of(births, 128), 128, 0, queue_.stream>>>(view(), keys_.data(), size_,
+                                                                             births);
+    check_launch("number_births");
+    size_ += births;
+    expect_births();
+}
+
+inline void BlockSet::keep(std::uint32_t const* indices, std::uint32_t count)
+{
+    OnDevice const here(queue_);
+    Array<std::uint64_t> kept(queue_);
+    kept.resize(keys_.size());
+    detail::copy_keys<<<groups_of(count, 128), 128, 0, queue_.stream>>>(keys_.data(), indices, count,
+                                                                        kept.data());
+    check_launch("copy_keys");
+    queue_.wait(); // for what is about to be given back
+    std::swap(keys_, kept);
+    size_ = count;
+    reserve(keys_.size());
+}
+
+} // namespace firn::cuda

@@ -1,0 +1,202 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/cuda/grid.hpp>
+
+namespace firn::cuda
+{
+
+/// One cell and one of its items at a time, as a phase sees them: a device thread takes both parts, that of
+/// items side by side and that of a group of cells, and keeps in registers what goes from one to the other.
+template <class CellOrder, class GridType, class Phase, int d>
+class CellOfThread
+{
+public:
+    using Real = typename GridType::Number;
+    using Number = Real;
+    using Offset = typename CellOrder::Offset;
+    using TileShape = typename GridType::TileShape;
+
+    /// `read` is the first node of the cell's stencil in a tile of node values; a phase that needs none is
+    /// given none.
+    __device__ CellOfThread(Coordinates<d> const& cell, typename GridType::Values const* read)
+        : cell_(cell), read_(read)
+    {
+        forget();
+    }
+
+    /// Goes to an item that lies at `source`, and whose slot is `slot`.
+    __device__ void enter(std::uint32_t source, std::uint32_t slot)
+    {
+        source_ = source;
+        slot_ = slot;
+        way_ = 0;
+        departed_ = false;
+    }
+
+    /// Keeps zeros: the cell has no item of this rank.
+    __device__ void forget()
+    {
+#pragma unroll
+        for (int c = 0; c < Phase::kept; ++c) kept_[c] = 0;
+        departed_ = false;
+    }
+
+    __device__ bool here() const { return true; }
+
+    __device__ void keep(int channel, Number value) { kept_[channel] = value; }
+    __device__ Number kept(int channel) const { return kept_[channel]; }
+
+    __device__ Number load(Number const* array) const { return array[source_]; }
+    __device__ void store(Number* array, Number value) const { array[slot_] = value; }
+    __device__ void store_at(Number* array, std::uint32_t const* index, Number value) const
+    {
+        array[index[source_]] = value;
+    }
+    template <class T>
+    __device__ void expect_load(T const*) const
+    {}
+    template <class T>
+    __device__ void expect_store(T const*) const
+    {}
+
+    __device__ Number load_offset(Offset const* array) const
+    {
+        return CellOffset<Number>::value(array[source_]);
+    }
+
+    /// Moves the offset along the next axis; notes to which neighbour it leads.
+    __device__ bool move_offset(Offset const* from, Offset* to, Number displacement, Number& value) const
+    {
+        Offset stored = CellOffset<Number>::moved(from[source_], displacement);
+        to[slot_] = stored;
+        value = CellOffset<Number>::value(stored);
+        int const cells = CellOffset<Number>::wrap(stored);
+        way_ = 3 * way_ + static_cast<std::uint32_t>(cells + 1);
+        return cells == 0;
+    }
+
+    template <class T>
+    __device__ void copy(T const* from, T* to) const
+    {
+        to[slot_] = from[source_];
+    }
+    template <class Ask>
+    __device__ Number map(Ask const& ask) const
+    {
+        return ask(source_);
+    }
+    template <class T>
+    __device__ T value(T const* array, int) const
+    {
+        return array[source_];
+    }
+
+    __device__ Coordinates<d> first() const { return cell_; }
+    __device__ Vector<Number, d> along() const { return Vector<Number, d>::Zero(); }
+    __device__ bool at_the_edge() const
+    {
+        for (int a = 0; a < d; ++a)
+            if (abs(static_cast<double>(cell_[a])) > CellOrder::largest_coordinate) return true;
+        return false;
+    }
+
+    /// Notes that the item has left its cell; what it gives is written to a list, and forgotten here but for
+    /// where it is.
+    __device__ void depart(bool, int zero_from, int) { departed_ = true, zero_from_ = zero_from; }
+    __device__ bool departed() const { return departed_; }
+    __device__ void write_departure(detail::Movers<Number> const& movers, std::uint32_t i, std::uint32_t cell)
+    {
+        movers.slot[i] = slot_;
+        movers.cell[i] = cell;
+        movers.way[i] = way_;
+#pragma unroll
+        for (int c = 0; c < Phase::kept; ++c) movers.given[std::size_t(i) * movers.channels + c] = kept_[c];
+    }
+    __device__ void forget_given()
+    {
+#pragma unroll
+        for (int c = 0; c < Phase::kept; ++c)
+            if (c >= zero_from_) kept_[c] = 0;
+    }
+    /// Keeps what an item gave when it departed.
+    __device__ void read_departure(detail::Movers<Number> const& movers, std::uint32_t i)
+    {
+#pragma unroll
+        for (int c = 0; c < Phase::kept; ++c) kept_[c] = movers.given[std::size_t(i) * movers.channels + c];
+    }
+
+    /// Channel c of the node at place k in a row of the cell's stencil.
+    __device__ Number node(int c, int row, int k) const { return read_[TileShape::in_stencil(row, k)].of[c]; }
+
+private:
+    Coordinates<d> cell_;
+    typename GridType::Values const* read_;
+    std::uint32_t source_ = 0, slot_ = 0;
+    mutable std::uint32_t way_ = 0;
+    bool departed_ = false;
+    int zero_from_ = 0;
+    Number kept_[Phase::kept];
+};
+
+/// The sums of a cell's stencil where its group of cells adds them up: `sums[k][row]` is a node that is
+/// loaded once, added to, and stored. All lanes of a warp do so for the same node of their stencils at a
+/// time: never two for one node of the grid.
+template <class GridType>
+struct SumsInTile
+{
+    using Sums = typename GridType::Sums;
+
+    struct Node
+    {
+        Sums* to;
+        Sums sums;
+
+        __device__ explicit Node(Sums* where) : to(where), sums(*where) {}
+        Node(Node const&) = delete;
+        __device__ ~Node()
+        {
+            *to = sums;
+            __syncwarp();
+        }
+        __device__ auto& operator[](int channel) { return sums.of[channel]; }
+    };
+
+    struct Column
+    {
+        Sums* first;
+        int k;
+        __device__ Node operator[](int row) const
+        {
+            return Node(first + GridType::TileShape::in_stencil(row, k));
+        }
+    };
+
+    Sums* first;
+    __device__ Column operator[](int k) const { return {first, k}; }
+};
+
+/// One node, as a phase sees it.
+template <class GridType, int d>
+class NodeOfThread
+{
+public:
+    using Real = typename GridType::Number;
+
+    __device__ NodeOfThread(typename GridType::Sums const& sums, Coordinates<d> const& node)
+        : sums_(sums), node_(node)
+    {}
+
+    __device__ Real sum(int channel) const { return sums_.of[channel]; }
+    __device__ void set(int channel, Real value) { values_.of[channel] = value; }
+    __device__ Coordinates<d> first() const { return node_; }
+    __device__ Vector<Real, d> offset() const { return Vector<Real, d>::Zero(); }
+    __device__ typename GridType::Values const& values() const { return values_; }
+
+private:
+    typename GridType::Sums sums_;
+    typename GridType::Values values_{};
+    Coordinates<d> node_;
+};
+
+} // namespace firn::cuda

@@ -1,0 +1,353 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/cuda/order.hpp>
+
+#include <algorithm>
+#include <bit>
+#include <span>
+#include <vector>
+
+namespace firn::cuda
+{
+
+/// The order of cells on a device: items by block, in a block by group of 32 cells, in a group interleaved by
+/// rank.
+///
+/// First come the first items of the group's cells, then the second ones, and so on, so that lane l of a warp
+/// can work on cell l and read one run of memory. Items are not moved: `order` says, cell by cell, where they
+/// lie. Blocks that have lost all of their items stay until there are too many of them.
+template <class Number, int d>
+class Cells
+{
+public:
+    using Shape = BlockShape<d>;
+    using Offset = typename CellOffset<Number>::Stored;
+    using Movers = detail::Movers<Number>;
+
+    /// Cells beyond this coordinate have no key (see block_key); one is kept in reserve for what is about to
+    /// leave.
+    static constexpr double largest_coordinate = d == 3 ? 4.0e6 : 1.0e9;
+    /// Bytes per item: where it lies, and whether it left its cell.
+    static constexpr std::size_t bytes_per_item = sizeof(std::uint32_t) + 1;
+
+    /// The cells as loops see them.
+    struct View
+    {
+        std::uint64_t const* keys;  ///< of blocks
+        std::uint32_t const* begin; ///< of the items of each cell, in the order
+        std::uint32_t const* order; ///< where the items of a cell lie
+
+        __device__ Coordinates<d> cell(std::uint32_t c) const
+        {
+            Coordinates<d> const block = block_of_key<d>(keys[c / Shape::cells]);
+            return block * int{Shape::extent} + Shape::cell(static_cast<int>(c % Shape::cells));
+        }
+    };
+
+    template <class Backend>
+    explicit Cells(Backend const& backend)
+        : queue_(backend.queue()), set_(queue_), begin_(queue_), new_begin_(queue_), order_(queue_),
+          left_(queue_), stay_(queue_), arrivals_(queue_), first_arrival_(queue_), group_left_(queue_),
+          block_arrived_(queue_), block_begin_(queue_), arrived_begin_(queue_), arrived_(queue_),
+          spare_(queue_), movers_(queue_), blocks_before_(queue_), counts_(queue_)
+    {}
+
+    Queue const& queue() const { return queue_; }
+    std::size_t size() const { return size_; }
+    std::uint32_t blocks() const { return set_.size(); }
+    View view() const { return {set_.keys(), begin_.data(), order_.data()}; }
+
+    std::size_t memory() const
+    {
+        return set_.memory() + begin_.memory() + new_begin_.memory() + order_.memory() + left_.memory() +
+               stay_.memory() + arrivals_.memory() + first_arrival_.memory() + group_left_.memory() +
+               block_arrived_.memory() + block_begin_.memory() + arrived_begin_.memory() + arrived_.memory() +
+               spare_.memory() + movers_.memory();
+    }
+
+    /// Adds items that lie at first, first + 1, … in the given cells.
+    void insert(std::span<Coordinates<d> const> cells, std::uint32_t first)
+    {
+        OnDevice const here(queue_);
+        auto const count = static_cast<std::uint32_t>(cells.size());
+        using Place = std::array<int, d>;
+        static_assert(sizeof(Place) == sizeof(Coordinates<d>));
+        Array<Place> where(queue_);
+        where.resize(cells.size());
+        where.upload(0, {reinterpret_cast<Place const*>(cells.data()), cells.size()});
+        MoverArrays fresh(queue_);
+        fresh.renew(count, 0);
+        if (blocks() == 0) set_.reserve(64);
+        for (;;) { // once more if there are blocks to be born
+            stay_all();
+            detail::find_cells<d><<<groups_of(count, 256), 256, 0, queue_.stream>>>(
+                fresh.view(0), where.data(), first, count, changes(), set_.view());
+            check_launch("find_cells");
+            std::uint32_t const births = set_.births();
+            if (births == 0) break;
+            bear_blocks(births);
+        }
+        rearrange(fresh.view(0), count, nullptr, {});
+        moved_count_ = 0;
+        live_ = blocks();
+        arrived_.clear(); // every new item was in these lists; they need not stay so large
+        spare_.clear();
+    }
+
+    /// Moves the items that departed to their new cells, and wraps their offsets. An item lies at its slot
+    /// (see settle).
+    void follow(std::array<Offset*, d> const& offset)
+    {
+        if (size_ == 0) return;
+        OnDevice const here(queue_);
+        rearrange(movers_.view(channels_), moved_count_, left_.data(), offset);
+        if (blocks() > 8 + live_ + live_ / 2) forget_empty_blocks();
+    }
+
+    /// How many times empty blocks were forgotten, and which blocks were there before: by their new numbers.
+    std::uint32_t generation() const { return generation_; }
+    std::uint32_t const* blocks_before() const { return blocks_before_.data(); }
+
+    /// Makes room for items that depart, and forgets those before: the loop that follows notes them, and
+    /// clears what is counted of arrivals.
+    Movers expect_departures(int channels)
+    {
+        OnDevice const here(queue_);
+        channels_ = channels;
+        movers_.renew(std::max<std::size_t>(movers_.most, size_ / 32 + 256), channels);
+        return movers_.view(channels);
+    }
+    unsigned char* left() { return left_.data(); }
+    detail::Changes changes()
+    {
+        return {stay_.data(), arrivals_.data(), first_arrival_.data(), group_left_.data(),
+                block_arrived_.data()};
+    }
+
+    /// Finds the cells of those that departed, and bears the blocks that are not there yet; the host waits
+    /// for it. False if there was no room for so many: there is now, and the loop that noted them is to be
+    /// repeated.
+    bool find_departed()
+    {
+        OnDevice const here(queue_);
+        find_new_cells(movers_.most);
+        auto const* const counts = counts_.template as<detail::Counts>();
+        queue_.wait();
+        if (counts->departed > movers_.most) {
+            movers_.most = counts->departed + counts->departed / 16;
+            return false;
+        }
+        moved_count_ = counts->departed;
+        live_ = counts->live;
+        while (counts->births > 0) {
+            bear_blocks(counts->births);
+            forget_arrivals();
+            find_new_cells(moved_count_);
+            queue_.wait();
+        }
+        return true;
+    }
+
+    /// The items that came into each cell when the order was written: as movers, and their list.
+    struct Arrived
+    {
+        std::uint32_t const* begin;   ///< of those of each cell, in the list
+        std::uint32_t const* arrived; ///< numbers of movers
+        std::uint32_t count;
+    };
+    Arrived arrived() const { return {arrived_begin_.data(), arrived_.data(), moved_count_}; }
+    Movers movers() const { return movers_.view(channels_); }
+
+    /// Says that all items now lie at their slots.
+    void settle() { settled_ = true; }
+    bool settled() const { return settled_; }
+
+    /// Calls `visit(where it lies, coordinates of its cell)` for every item, on the host.
+    template <class Visit>
+    void for_each(Visit const& visit) const
+    {
+        if (size_ == 0) return;
+        std::vector<std::uint32_t> begin(blocks() * Shape::cells + 1), order(settled_ ? 0 : size_);
+        std::vector<std::uint64_t> keys(blocks());
+        begin_.download(0, begin);
+        order_.download(0, order);
+        set_.download_keys(keys);
+        std::size_t slot = 0;
+        for (std::size_t group = 0; group < keys.size() * Shape::groups; ++group) {
+            Coordinates<d> const block = block_of_key<d>(keys[group / Shape::groups]);
+            std::uint32_t const* const first = &begin[group * Shape::lanes];
+            std::size_t const end = first[Shape::lanes];
+            for (std::uint32_t rank = 0; slot < end; ++rank)
+                for (int lane = 0; lane < Shape::lanes; ++lane) {
+                    if (first[lane] + rank >= first[lane + 1]) continue;
+                    int const place = static_cast<int>(group % Shape::groups) * Shape::lanes + lane;
+                    visit(settled_ ? slot : std::size_t{order[first[lane] + rank]},
+                          Coordinates<d>(block * Shape::extent + Shape::cell(place)));
+                    ++slot;
+                }
+        }
+    }
+
+private:
+    struct MoverArrays
+    {
+        std::size_t most = 0;
+        Array<std::uint32_t> count, slot, cell, way, next;
+        Array<Number> given;
+
+        explicit MoverArrays(Queue queue)
+            : count(queue), slot(queue), cell(queue), way(queue), next(queue), given(queue)
+        {}
+
+        void renew(std::size_t room, int channels)
+        {
+            most = room;
+            if (count.size() == 0) {
+                count.renew(2);
+                count.fill_bytes(0, 2, 0);
+            }
+            for (auto* const array : {&slot, &next}) array->renew(room);
+            for (auto* const array : {&cell, &way}) array->renew(channels > 0 ? room : 0);
+            given.renew(room * static_cast<std::size_t>(channels));
+        }
+
+        Movers view(int channels) const
+        {
+            auto const at = [](auto const& array) { return const_cast<std::uint32_t*>(array.data()); };
+            return {at(count), static_cast<std::uint32_t>(most), channels, at(slot), at(cell), at(way),
+                    at(next),  const_cast<Number*>(given.data())};
+        }
+
+        std::size_t memory() const
+        {
+            return slot.memory() + cell.memory() + way.memory() + next.memory() + given.memory();
+        }
+    };
+
+    void find_new_cells(std::size_t most)
+    {
+        unsigned const groups = std::max(1u, groups_of(most, 256));
+        detail::find_new_cells<d><<<groups, 256, 0, queue_.stream>>>(movers_.view(channels_), changes(),
+                                                                     set_.view(), set_.keys(),
+                                                                     counts_.template as<detail::Counts>());
+        check_launch("find_new_cells");
+    }
+
+    void forget_arrivals()
+    {
+        arrivals_.fill_bytes(0, blocks() * Shape::cells, 0);
+        first_arrival_.fill_bytes(0, blocks() * Shape::cells, 0xff);
+        block_arrived_.fill_bytes(0, blocks(), 0);
+    }
+
+    void stay_all()
+    {
+        std::uint32_t const cells = blocks() * Shape::cells;
+        if (cells == 0) return;
+        detail::stay_all<<<groups_of(cells, 256), 256, 0, queue_.stream>>>(begin_.data(), cells, changes());
+        check_launch("stay_all");
+    }
+
+    /// Numbers the blocks that a loop found to be missing, or makes room for so many.
+    void bear_blocks(std::uint32_t births)
+    {
+        if (!set_.has_room_for(births)) {
+            set_.reserve(set_.size() + std::max<std::size_t>(2 * births, set_.size() / 8));
+            return;
+        }
+        std::uint32_t const before = blocks();
+        set_.number(births);
+        std::size_t const cells = blocks() * Shape::cells;
+        begin_.resize(cells + 1);
+        std::size_t const first = before == 0 ? 0 : before * Shape::cells + 1;
+        begin_.fill(first, cells + 1 - first, static_cast<std::uint32_t>(size_));
+        stay_.resize(cells);
+        stay_.fill_bytes(before * Shape::cells, cells - before * Shape::cells, 0);
+        arrivals_.resize(cells);
+        first_arrival_.resize(cells);
+        group_left_.resize(blocks() * Shape::groups);
+        group_left_.fill_bytes(before * Shape::groups, births * Shape::groups, 0);
+        block_arrived_.resize(blocks());
+    }
+
+    /// Numbers the blocks that hold items anew, in the order in which they are.
+    void forget_empty_blocks()
+    {
+        std::uint32_t const before = blocks();
+        Array<std::uint32_t> live(queue_);
+        live.resize(1);
+        blocks_before_.renew(before);
+        detail::find_live_blocks<<<1, detail::scanning_threads, 0, queue_.stream>>>(
+            begin_.data(), before, blocks_before_.data(), live.data());
+        check_launch("find_live_blocks");
+        std::uint32_t count = 0;
+        live.download(0, {&count, 1});
+        new_begin_.renew(std::size_t(count) * Shape::cells + 1);
+        spare_.renew(new_begin_.size());
+        detail::keep_blocks<<<count, 64, 0, queue_.stream>>>(
+            blocks_before_.data(), begin_.data(), arrived_begin_.data(), new_begin_.data(), spare_.data());
+        check_launch("keep_blocks");
+        std::swap(begin_, new_begin_);
+        std::swap(arrived_begin_, spare_);
+        set_.keep(blocks_before_.data(), count);
+        ++generation_;
+    }
+
+    /// Writes the new order: those that stay in their cells, and those that come.
+    void rearrange(Movers const& movers, std::uint32_t count, unsigned char const* left,
+                   std::array<Offset*, d> const& offset)
+    {
+        bool const comes_in = left == nullptr;
+        std::size_t const items = size_ + (comes_in ? count : 0);
+        new_begin_.renew(blocks() * Shape::cells + 1);
+        arrived_begin_.renew(new_begin_.size());
+        block_begin_.renew(blocks());
+        arrived_.renew(count);
+        spare_.renew(count);
+        Array<std::uint32_t> next(queue_);
+        bool const in_place = settled_;
+        if (in_place)
+            order_.resize(items);
+        else
+            next.resize(items);
+        if (comes_in) left_.renew(items);
+
+        detail::find_block_begins<<<1, detail::scanning_threads, 0, queue_.stream>>>(
+            begin_.data(), blocks(), changes(), block_begin_.data(), counts_.template as<detail::Counts>());
+        check_launch("find_block_begins");
+        detail::NewOrder const to{in_place ? nullptr : order_.data(),
+                                  left,
+                                  new_begin_.data(),
+                                  arrived_begin_.data(),
+                                  arrived_.data(),
+                                  spare_.data(),
+                                  in_place ? order_.data() : next.data()};
+        detail::rearrange<d><<<blocks(), 64, 0, queue_.stream>>>(begin_.data(), changes(),
+                                                                 block_begin_.data(), movers, to, offset);
+        check_launch("rearrange");
+        std::swap(begin_, new_begin_);
+        if (!in_place) std::swap(order_, next);
+        size_ = items;
+        if (comes_in) queue_.wait(); // for what is about to be given back
+        settled_ = false;
+    }
+
+    Queue queue_;
+    std::size_t size_ = 0;
+    bool settled_ = true;
+    std::uint32_t moved_count_ = 0;
+    BlockSet set_;
+    Array<std::uint32_t> begin_, new_begin_, order_;
+    Array<unsigned char> left_; ///< per slot: whether the item left its cell
+    Array<std::uint32_t> stay_, arrivals_, first_arrival_, group_left_, block_arrived_;
+    Array<std::uint64_t> block_begin_;
+    Array<std::uint32_t> arrived_begin_, arrived_, spare_;
+    MoverArrays movers_;
+    int channels_ = 0;
+    std::uint32_t generation_ = 0, live_ = 0; ///< blocks that held items when that was counted last
+    Array<std::uint32_t> blocks_before_;
+    HostMemory counts_; ///< where the device says what it counted
+};
+
+} // namespace firn::cuda

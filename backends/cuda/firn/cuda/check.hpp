@@ -1,0 +1,83 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#if !defined(__CUDACC__)
+#error "firn/cuda.hpp is compiled by nvcc: give the file the ending .cu and link the target firn::cuda."
+#endif
+
+#include <firn/core/error.hpp>
+
+#include <cstddef>
+#include <cuda_runtime.h>
+#include <string>
+
+namespace firn::cuda
+{
+
+/// Throws an Error that names the call unless it went well.
+inline void check(cudaError_t status, char const* call)
+{
+    if (status == cudaSuccess) return;
+    static_cast<void>(cudaGetLastError()); // or the next call would report it again
+    throw Error{
+        std::string(call) + " failed: " + cudaGetErrorString(status), "CUDA",
+        "After a fault in a kernel the device serves this process no more: what was computed is lost, and "
+        "only a new process can use it."};
+}
+
+/// Throws an Error that names the loop unless it could be started.
+inline void check_launch(char const* loop) { check(cudaGetLastError(), loop); }
+
+/// Where work is queued: a stream of a device.
+struct Queue
+{
+    int device = 0;
+    cudaStream_t stream = nullptr;
+
+    Queue const& queue() const { return *this; }
+    void wait() const { check(cudaStreamSynchronize(stream), "cudaStreamSynchronize"); }
+};
+
+/// Makes a device the current one, and the one before current again at the end of the scope.
+class OnDevice
+{
+public:
+    explicit OnDevice(int device)
+    {
+        check(cudaGetDevice(&before_), "cudaGetDevice");
+        if (before_ != device) check(cudaSetDevice(device), "cudaSetDevice");
+    }
+    explicit OnDevice(Queue const& queue) : OnDevice(queue.device) {}
+    ~OnDevice() { static_cast<void>(cudaSetDevice(before_)); }
+    OnDevice(OnDevice const&) = delete;
+    OnDevice& operator=(OnDevice const&) = delete;
+
+private:
+    int before_ = 0;
+};
+
+/// Memory of the current device; an Error says how much was needed and how much there was.
+inline void* allocate(std::size_t bytes)
+{
+    void* memory = nullptr;
+    cudaError_t const status = cudaMalloc(&memory, bytes);
+    if (status == cudaErrorMemoryAllocation) {
+        static_cast<void>(cudaGetLastError());
+        std::size_t available = 0, total = 0;
+        check(cudaMemGetInfo(&available, &total), "cudaMemGetInfo");
+        throw Error{"the device's memory is short: " + std::to_string(bytes) +
+                        " bytes more were needed, and " + std::to_string(available) + " of " +
+                        std::to_string(total) + " are available",
+                    "CUDA", "Take a smaller scene or larger cells, or a device with more memory."};
+    }
+    check(status, "cudaMalloc");
+    return memory;
+}
+
+/// As many groups of threads as cover a number of items.
+constexpr unsigned groups_of(std::size_t items, unsigned threads)
+{
+    return static_cast<unsigned>((items + threads - 1) / threads);
+}
+
+} // namespace firn::cuda

@@ -1,0 +1,324 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/cuda/cell.hpp>
+
+namespace firn::cuda
+{
+
+namespace detail
+{
+inline constexpr unsigned block_threads = 64; ///< one per cell, and one per node
+
+/// The lane's own part of its warp: which items of the group of cells are where.
+struct Ranks
+{
+    std::uint32_t begin, count; ///< of the items of the lane's cell
+    std::uint32_t slot;         ///< of the first item of the rank
+
+    __device__ Ranks(std::uint32_t const* begins, std::uint32_t cell)
+        : begin(begins[cell]), count(begins[cell + 1] - begin), slot(begins[cell - threadIdx.x % 32])
+    {}
+
+    /// Calls `use(rank, whether the cell has an item of it, the item's slot)` with all lanes of the warp.
+    template <class Use>
+    __device__ void for_each(Use const& use)
+    {
+        std::uint32_t const below = (1u << threadIdx.x % 32) - 1;
+        for (std::uint32_t rank = 0;; ++rank) {
+            std::uint32_t const pattern = __ballot_sync(~0u, rank < count);
+            if (pattern == 0) return;
+            use(rank, rank < count, slot + __popc(pattern & below));
+            slot += __popc(pattern);
+        }
+    }
+};
+
+/// The tiles of one block of cells in shared memory: node values, and sums of each of its two groups.
+template <class GridType>
+struct SharedTiles
+{
+    using Tile = typename GridType::TileShape;
+    using Shape = typename GridType::Shape;
+    using Sums = typename GridType::Sums;
+    using Values = typename GridType::Values;
+    static constexpr int d = GridType::corners == 8 ? 3 : 2;
+
+    static constexpr std::size_t bytes(bool reads, bool adds)
+    {
+        constexpr std::size_t values =
+            (Tile::nodes * sizeof(Values) + 15) / 16 * 16; // sums are aligned to that
+        return (reads ? values : 0) + (adds ? 2 * Tile::group_nodes * sizeof(Sums) : 0);
+    }
+
+    Values* values;
+    Sums* sums; ///< of both groups, one after the other
+
+    __device__ SharedTiles(unsigned char* memory, bool reads)
+        : values(reinterpret_cast<Values*>(memory)),
+          sums(reinterpret_cast<Sums*>(memory + bytes(reads, false)))
+    {}
+
+    __device__ void clear_sums() const
+    {
+        for (int n = int(threadIdx.x); n < 2 * Tile::group_nodes; n += block_threads) sums[n] = Sums{};
+    }
+
+    /// Where the stencil of the thread's cell begins among the sums of its group.
+    __device__ Sums* own_sums(int place) const
+    {
+        int const group = place / Shape::lanes;
+        return sums + group * (Tile::group_nodes - Tile::group_offset) + Tile::at(Shape::cell(place));
+    }
+
+    /// Writes both groups' sums to the block's tile, or adds them to it.
+    __device__ void write_sums(Sums* tile, bool add) const
+    {
+        for (int n = int(threadIdx.x); n < Tile::nodes; n += block_threads) {
+            Sums sum{};
+            if (add) sum = tile[n];
+            if (n < Tile::group_nodes) plus(sum, sums[n]);
+            if (n >= Tile::group_offset) plus(sum, sums[Tile::group_nodes + n - Tile::group_offset]);
+            tile[n] = sum;
+        }
+    }
+
+    /// Copies the nodes under a block of cells.
+    __device__ void read_values(typename GridType::View const& grid, std::uint32_t block) const
+    {
+        for (int n = int(threadIdx.x); n < Tile::nodes; n += block_threads) {
+            Coordinates<d> node;
+            if (!Tile::node_at(n, node)) continue;
+            std::uint32_t corner = 0;
+            int at = 0;
+            for (int a = 0; a < d; ++a) {
+                corner = 2 * corner + static_cast<std::uint32_t>(node[a] >> Shape::bits);
+                at = at * Shape::extent + (node[a] & (Shape::extent - 1));
+            }
+            std::uint32_t const nodes = grid.nodes_of[block * GridType::corners + corner];
+            values[n] = grid.node_values[std::size_t(nodes) * Shape::cells + static_cast<std::size_t>(at)];
+        }
+    }
+
+private:
+    __device__ static void plus(Sums& sum, Sums const& other)
+    {
+#pragma unroll
+        for (int c = 0; c < Sums::stored; ++c) sum.of[c] += other.of[c];
+    }
+};
+
+/// All items give, cell by cell, to the tile of their block.
+template <class CellOrder, class GridType, class Phase>
+__global__ void __launch_bounds__(block_threads)
+    scatter(Phase phase, typename CellOrder::View cells, typename GridType::View grid, bool afresh)
+{
+    extern __shared__ __align__(16) unsigned char memory[];
+    SharedTiles<GridType> const tiles(memory, false);
+    tiles.clear_sums();
+    __syncthreads();
+    std::uint32_t const c = blockIdx.x * block_threads + threadIdx.x;
+    CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(cells.cell(c), nullptr);
+    SumsInTile<GridType> sums{tiles.own_sums(int(threadIdx.x))};
+    Ranks(cells.begin, c).for_each([&](std::uint32_t rank, bool here, std::uint32_t slot) {
+        cell.forget();
+        if (here) {
+            cell.enter(cells.order[cells.begin[c] + rank], slot);
+            phase.prepare(cell);
+        }
+        Phase::give(cell, sums);
+    });
+    __syncthreads();
+    tiles.write_sums(grid.tiles + std::size_t(blockIdx.x) * GridType::TileShape::nodes, !afresh);
+}
+
+/// Items that came into the cells of a block give what they kept when they departed.
+template <class CellOrder, class GridType, class Phase>
+__global__ void __launch_bounds__(block_threads)
+    scatter_movers(typename CellOrder::View cells, typename CellOrder::Arrived arrived,
+                   typename CellOrder::Movers movers, typename GridType::View grid)
+{
+    extern __shared__ __align__(16) unsigned char memory[];
+    std::uint32_t const first = blockIdx.x * block_threads, c = first + threadIdx.x;
+    if (arrived.begin[first] == arrived.begin[first + block_threads]) return;
+    SharedTiles<GridType> const tiles(memory, false);
+    tiles.clear_sums();
+    __syncthreads();
+    CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(cells.cell(c), nullptr);
+    SumsInTile<GridType> sums{tiles.own_sums(int(threadIdx.x))};
+    Ranks(arrived.begin, c).for_each([&](std::uint32_t rank, bool here, std::uint32_t) {
+        cell.forget();
+        if (here) cell.read_departure(movers, arrived.arrived[arrived.begin[c] + rank]);
+        Phase::give(cell, sums);
+    });
+    __syncthreads();
+    tiles.write_sums(grid.tiles + std::size_t(blockIdx.x) * GridType::TileShape::nodes, true);
+}
+
+/// Nodes add up the tiles that cover them and are updated.
+template <class GridType, class Phase>
+__global__ void __launch_bounds__(block_threads)
+    for_each_node(Phase phase, typename GridType::View grid, ResultsOfWarps<typename Phase::Result> results)
+{
+    using Shape = typename GridType::Shape;
+    using Tile = typename GridType::TileShape;
+    using Sums = typename GridType::Sums;
+    constexpr int d = Phase::d;
+    Coordinates<d> here;
+    int place = int(threadIdx.x);
+    for (int a = d - 1; a >= 0; --a, place /= Shape::extent) here[a] = place % Shape::extent;
+
+    Sums sums{};
+    bool any = false;
+    for (int corner = 0; corner < GridType::corners; ++corner) {
+        std::uint32_t const block =
+            grid.covered_by[blockIdx.x * GridType::corners + static_cast<unsigned>(corner)];
+        if (block == absent) continue;
+        Coordinates<d> at = here; // in the tile of a block that lies `corner` before this one
+        bool covers = true;
+        for (int a = 0; a < d; ++a) {
+            at[a] += ((corner >> (d - 1 - a)) & 1) * Shape::extent;
+            covers = covers && at[a] < Tile::width;
+        }
+        if (!covers) continue;
+        Sums const more =
+            grid.tiles[std::size_t(block) * Tile::nodes + static_cast<std::size_t>(Tile::at(at))];
+#pragma unroll
+        for (int c = 0; c < Sums::stored; ++c) {
+            sums.of[c] += more.of[c];
+            any = any || more.of[c] != 0;
+        }
+    }
+    Coordinates<d> const node = block_of_key<d>(grid.keys[blockIdx.x]) * int{Shape::extent} + here -
+                                Coordinates<d>::Constant(int{GridType::reach});
+    NodeOfThread<GridType, d> lane(sums, node);
+    typename Phase::Result result{};
+    if (any) phase(lane, result); // nothing was added to the others
+    grid.node_values[std::size_t(blockIdx.x) * Shape::cells + threadIdx.x] = lane.values();
+    results.take(result, 2 * blockIdx.x + threadIdx.x / 32);
+}
+
+/// What the loop that moves items writes beside what the phase does.
+template <class Number, class Result>
+struct Moved
+{
+    Movers<Number> movers;
+    Changes changes;
+    unsigned char* left;
+    ResultsOfWarps<Result> results;
+};
+
+/// All items take, answer, and give to the tile of the next step; those that depart are put on a list.
+template <class CellOrder, class GridType, class Phase>
+__global__ void __launch_bounds__(block_threads)
+    move(Phase phase, typename CellOrder::View cells, typename GridType::View grid,
+         Moved<typename GridType::Number, typename Phase::Result> moved)
+{
+    using Tile = typename GridType::TileShape;
+    extern __shared__ __align__(16) unsigned char memory[];
+    SharedTiles<GridType> const tiles(memory, true);
+    tiles.read_values(grid, blockIdx.x);
+    tiles.clear_sums();
+    __syncthreads();
+
+    int const place = int(threadIdx.x);
+    std::uint32_t const c = blockIdx.x * block_threads + threadIdx.x, below = (1u << threadIdx.x % 32) - 1;
+    CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(
+        cells.cell(c), tiles.values + Tile::at(GridType::Shape::cell(place)));
+    SumsInTile<GridType> sums{tiles.own_sums(place)};
+    typename Phase::Result result{};
+    std::uint32_t stay = 0, group_left = 0;
+    Ranks ranks(cells.begin, c);
+    std::uint32_t const* const sources = cells.order + ranks.begin;
+    std::uint32_t const count = ranks.count;
+    std::uint32_t next_source = count > 0 ? sources[0] : 0; // loaded one rank ahead
+    ranks.for_each([&](std::uint32_t rank, bool here, std::uint32_t slot) {
+        cell.forget();
+        if (here) {
+            cell.enter(next_source, slot);
+            if (rank + 1 < count) next_source = sources[rank + 1];
+            phase.locate(cell);
+            Phase::take(cell);
+            phase.answer(cell, result);
+            moved.left[slot] = cell.departed();
+            stay += !cell.departed();
+        }
+        if (std::uint32_t const left = __ballot_sync(~0u, cell.departed())) {
+            std::uint32_t first = 0;
+            if (threadIdx.x % 32 == 0)
+                first = atomicAdd(moved.movers.count, static_cast<std::uint32_t>(__popc(left)));
+            std::uint32_t const i = __shfl_sync(~0u, first, 0) + __popc(left & below);
+            if (cell.departed()) {
+                if (i < moved.movers.most) cell.write_departure(moved.movers, i, c);
+                cell.forget_given();
+            }
+            group_left += __popc(left);
+        }
+        Phase::give(cell, sums);
+    });
+    moved.changes.stay[c] = stay;
+    moved.changes.arrivals[c] = 0; // who comes is counted next
+    moved.changes.first_arrival[c] = absent;
+    if (threadIdx.x == 0) moved.changes.block_arrived[blockIdx.x] = 0;
+    if (threadIdx.x % 32 == 0) moved.changes.group_left[2 * blockIdx.x + threadIdx.x / 32] = group_left;
+    __syncthreads();
+    tiles.write_sums(grid.next_tiles + std::size_t(blockIdx.x) * Tile::nodes, false);
+    moved.results.take(result, 2 * blockIdx.x + threadIdx.x / 32);
+}
+
+/// All items take, and the phase keeps what it wants of that.
+template <class CellOrder, class GridType, class Phase>
+__global__ void __launch_bounds__(block_threads)
+    take(Phase phase, typename CellOrder::View cells, typename GridType::View grid)
+{
+    extern __shared__ __align__(16) unsigned char memory[];
+    SharedTiles<GridType> const tiles(memory, true);
+    tiles.read_values(grid, blockIdx.x);
+    __syncthreads();
+    std::uint32_t const c = blockIdx.x * block_threads + threadIdx.x;
+    CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(
+        cells.cell(c), tiles.values + GridType::TileShape::at(GridType::Shape::cell(int(threadIdx.x))));
+    typename Phase::Result result{};
+    Ranks(cells.begin, c).for_each([&](std::uint32_t rank, bool here, std::uint32_t slot) {
+        if (!here) return;
+        cell.enter(cells.order[cells.begin[c] + rank], slot);
+        phase.locate(cell);
+        Phase::take(cell);
+        phase.answer(cell, result);
+    });
+}
+
+/// Visits all items: at their slots, or where the order says.
+template <class CellOrder, class Visit>
+__global__ void __launch_bounds__(block_threads)
+    for_each_place(Visit visit, typename CellOrder::View cells, bool at_slots)
+{
+    std::uint32_t const c = blockIdx.x * block_threads + threadIdx.x;
+    auto const cell = cells.cell(c);
+    Ranks(cells.begin, c).for_each([&](std::uint32_t rank, bool here, std::uint32_t slot) {
+        if (here) visit(std::size_t{at_slots ? slot : cells.order[cells.begin[c] + rank]}, cell);
+    });
+}
+
+template <class Body>
+__global__ void for_each(Body body, std::size_t count)
+{
+    std::size_t const i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
+    if (i < count) body(i);
+}
+
+/// Starts a loop over blocks with its shared memory.
+template <class... Parameters, class... Arguments>
+void launch(char const* name, Queue const& queue, void (*loop)(Parameters...), std::uint32_t blocks,
+            std::size_t shared, Arguments const&... arguments)
+{
+    if (shared > 48 * 1024) // what a device gives without being asked
+        check(
+            cudaFuncSetAttribute(loop, cudaFuncAttributeMaxDynamicSharedMemorySize, static_cast<int>(shared)),
+            "cudaFuncSetAttribute");
+    loop<<<blocks, block_threads, shared, queue.stream>>>(arguments...);
+    check_launch(name);
+}
+} // namespace detail
+
+} // namespace firn::cuda

@@ -1,0 +1,335 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/cell_offset.hpp>
+#include <firn/cuda/block_set.hpp>
+#include <firn/cuda/tuning.hpp>
+
+#include <array>
+#include <cstdint>
+
+// The loops that keep the order of cells up to date.
+namespace firn::cuda::detail
+{
+
+/// Items on their way to other cells.
+template <class Number>
+struct Movers
+{
+    std::uint32_t* count;
+    std::uint32_t most;  ///< there is room for so many
+    int channels;        ///< of what a departed item gives
+    std::uint32_t* slot; ///< where the item lies
+    std::uint32_t* cell; ///< where it was
+    std::uint32_t* way;  ///< to which neighbour it goes: three digits of base 3, first axis highest
+    std::uint32_t* next; ///< another one that comes into the same cell, or absent
+    Number* given;       ///< what a departed item gives to the grid, one after the other; its offset first
+};
+
+/// What changes about cells when items move.
+struct Changes
+{
+    std::uint32_t* stay;          ///< per cell: items that stay
+    std::uint32_t* arrivals;      ///< per cell: items that come
+    std::uint32_t* first_arrival; ///< per cell: one of them, or absent
+    std::uint32_t* group_left;    ///< per group of cells: items that leave
+    std::uint32_t* block_arrived; ///< per block: items that come into its cells
+};
+
+/// What the host is told when items have moved.
+struct Counts
+{
+    std::uint32_t departed; ///< items; more than there is room for: the others were not noted
+    std::uint32_t births;   ///< blocks that are wanted and not there
+    std::uint32_t live;     ///< blocks that hold items, one step ago
+};
+
+/// Enters a mover in the list of its new cell, and counts it there and in the block.
+template <class Number>
+__device__ void arrive(Movers<Number> const& movers, Changes const& changes, std::uint32_t mover,
+                       std::uint32_t block, std::uint32_t place)
+{
+    std::uint32_t const cell = block * 64 + place;
+    movers.next[mover] = atomicExch(changes.first_arrival + cell, mover);
+    atomicAdd(changes.arrivals + cell, 1u);
+    // movers that lie side by side come into the same few blocks
+    std::uint32_t const with_me = __match_any_sync(__activemask(), block);
+    if (static_cast<int>(threadIdx.x % 32) == __ffs(static_cast<int>(with_me)) - 1)
+        atomicAdd(changes.block_arrived + block, static_cast<std::uint32_t>(__popc(with_me)));
+}
+
+/// Finds the new cell of a departed item, or wants its block.
+template <int d, class Number>
+__device__ void find_new_cell(Movers<Number> const& movers, Changes const& changes, BlockSet::View const& set,
+                              std::uint64_t const* keys, std::uint32_t mover)
+{
+    using Shape = BlockShape<d>;
+    std::uint32_t block = movers.cell[mover] / Shape::cells, way = movers.way[mover];
+    Coordinates<d> cell = Shape::cell(movers.cell[mover] % Shape::cells), beyond;
+    bool leaves_block = false;
+    for (int a = d - 1; a >= 0; --a, way /= 3) {
+        int const moved = cell[a] + static_cast<int>(way % 3) - 1;
+        beyond[a] = moved >> Shape::bits;
+        cell[a] = moved & (Shape::extent - 1);
+        leaves_block = leaves_block || beyond[a] != 0;
+    }
+    if (leaves_block) {
+        std::uint64_t const key = block_key<d>(block_of_key<d>(keys[block]) + beyond);
+        block = set.find(key);
+        if (block == absent) {
+            set.want(key);
+            return;
+        }
+    }
+    arrive(movers, changes, mover, block, static_cast<std::uint32_t>(Shape::place(cell)));
+}
+
+/// Finds the new cells of departed items, and counts them there; the last threads tell the host.
+template <int d, class Number>
+__global__ void find_new_cells(Movers<Number> movers, Changes changes, BlockSet::View set,
+                               std::uint64_t const* keys, Counts* counts)
+{
+    std::uint32_t const mover = blockIdx.x * blockDim.x + threadIdx.x, departed = *movers.count;
+    if (mover < departed && mover < movers.most) find_new_cell<d>(movers, changes, set, keys, mover);
+    __syncthreads();
+    if (threadIdx.x != 0) return;
+    __threadfence();
+    std::uint32_t* const finished = movers.count + 1;
+    if (atomicAdd(finished, 1u) + 1 != gridDim.x) return;
+    *finished = 0;
+    std::uint32_t const births = *static_cast<std::uint32_t volatile*>(set.born_count);
+    counts->departed = departed;
+    counts->births = births;
+    // the next loop that moves items counts anew, unless these are to be found once more
+    if (births == 0 || departed > movers.most) *movers.count = 0;
+}
+
+/// The same for new items, which say where they are.
+template <int d, class Number>
+__global__ void find_cells(Movers<Number> movers, std::array<int, d> const* cells, std::uint32_t first,
+                           std::uint32_t count, Changes changes, BlockSet::View set)
+{
+    using Shape = BlockShape<d>;
+    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
+    if (i >= count) return;
+    Coordinates<d> cell, in_block;
+    for (int a = 0; a < d; ++a) {
+        in_block[a] = cells[i][a] & (Shape::extent - 1);
+        cell[a] = cells[i][a] >> Shape::bits;
+    }
+    std::uint64_t const key = block_key<d>(cell);
+    std::uint32_t const block = set.find(key);
+    if (block == absent) {
+        set.want(key);
+        return;
+    }
+    movers.slot[i] = first + i;
+    arrive(movers, changes, i, block, static_cast<std::uint32_t>(Shape::place(in_block)));
+}
+
+/// What changes if nobody moves: nothing.
+static __global__ void stay_all(std::uint32_t const* begin, std::uint32_t cells, Changes changes)
+{
+    std::uint32_t const c = blockIdx.x * blockDim.x + threadIdx.x;
+    if (c >= cells) return;
+    changes.stay[c] = begin[c + 1] - begin[c];
+    changes.arrivals[c] = 0;
+    changes.first_arrival[c] = absent;
+    if (c % 32 == 0) changes.group_left[c / 32] = 0;
+    if (c % 64 == 0) changes.block_arrived[c / 64] = 0;
+}
+
+/// The sum of a value over the lanes of a warp before this one; `total` becomes that over all.
+__device__ inline std::uint64_t sum_before(std::uint64_t value, std::uint64_t& total)
+{
+    int const lane = static_cast<int>(threadIdx.x % 32);
+    std::uint64_t sum = value;
+    for (int step = 1; step < 32; step *= 2) {
+        std::uint64_t const other = __shfl_up_sync(~0u, sum, step);
+        if (lane >= step) sum += other;
+    }
+    total = __shfl_sync(~0u, sum, 31);
+    return sum - value;
+}
+
+/// The same over the threads of a group of them.
+template <int threads>
+__device__ std::uint64_t sum_before_in_block(std::uint64_t value, std::uint64_t& total)
+{
+    __shared__ std::uint64_t of_warp[threads / 32];
+    std::uint64_t of_mine;
+    std::uint64_t before = sum_before(value, of_mine);
+    if (threadIdx.x % 32 == 31) of_warp[threadIdx.x / 32] = of_mine;
+    __syncthreads();
+    total = 0;
+    for (unsigned w = 0; w < threads / 32; ++w) {
+        if (w < threadIdx.x / 32) before += of_warp[w];
+        total += of_warp[w];
+    }
+    __syncthreads();
+    return before;
+}
+
+inline constexpr int scanning_threads = 1024, scanned_at_once = 4;
+
+/// Where each block's items and arrivals begin: both counts in one number, items in its lower half. One group
+/// of threads does it all: there are few blocks.
+static __global__ void __launch_bounds__(scanning_threads)
+    find_block_begins(std::uint32_t const* begin, std::uint32_t blocks, Changes changes,
+                      std::uint64_t* block_begin, Counts* counts)
+{
+    std::uint64_t before = 0;
+    std::uint32_t live = 0;
+    for (std::uint32_t first = 0; first < blocks; first += scanning_threads * scanned_at_once) {
+        std::uint64_t count[scanned_at_once], sum = 0;
+#pragma unroll
+        for (int i = 0; i < scanned_at_once; ++i) {
+            std::uint32_t const b = first + threadIdx.x * scanned_at_once + static_cast<std::uint32_t>(i);
+            count[i] = 0;
+            if (b >= blocks) continue;
+            std::uint32_t const arrived = changes.block_arrived[b];
+            std::uint32_t const had = begin[(b + 1) * 64] - begin[b * 64];
+            std::uint32_t const left = changes.group_left[2 * b] + changes.group_left[2 * b + 1];
+            count[i] = (std::uint64_t(arrived) << 32) | (had - left + arrived);
+            live += count[i] != 0;
+        }
+#pragma unroll
+        for (int i = 0; i < scanned_at_once; ++i) sum += count[i];
+        std::uint64_t total;
+        std::uint64_t mine = before + sum_before_in_block<scanning_threads>(sum, total);
+#pragma unroll
+        for (int i = 0; i < scanned_at_once; ++i) {
+            std::uint32_t const b = first + threadIdx.x * scanned_at_once + static_cast<std::uint32_t>(i);
+            if (b < blocks) block_begin[b] = mine;
+            mine += count[i];
+        }
+        before += total;
+    }
+    std::uint64_t all_live;
+    sum_before_in_block<scanning_threads>(live, all_live);
+    if (threadIdx.x == 0) counts->live = static_cast<std::uint32_t>(all_live);
+}
+
+/// Lists the blocks that hold items, in their order.
+static __global__ void __launch_bounds__(scanning_threads)
+    find_live_blocks(std::uint32_t const* begin, std::uint32_t blocks, std::uint32_t* live,
+                     std::uint32_t* live_count)
+{
+    std::uint32_t before = 0;
+    for (std::uint32_t first = 0; first < blocks; first += scanning_threads) {
+        std::uint32_t const b = first + threadIdx.x;
+        bool const holds = b < blocks && begin[(b + 1) * 64] > begin[b * 64];
+        std::uint64_t total;
+        std::uint64_t const mine = sum_before_in_block<scanning_threads>(holds, total);
+        if (holds) live[before + mine] = b;
+        before += static_cast<std::uint32_t>(total);
+    }
+    if (threadIdx.x == 0) *live_count = before;
+}
+
+/// Copies the cells of some blocks to their new places.
+static __global__ void keep_blocks(std::uint32_t const* blocks_before, std::uint32_t const* begin,
+                                   std::uint32_t const* arrived_begin, std::uint32_t* new_begin,
+                                   std::uint32_t* new_arrived_begin)
+{
+    std::uint32_t const from = blocks_before[blockIdx.x] * 64 + threadIdx.x,
+                        to = blockIdx.x * 64 + threadIdx.x;
+    new_begin[to] = begin[from];
+    new_arrived_begin[to] = arrived_begin[from];
+    if (blockIdx.x + 1 != gridDim.x || threadIdx.x != 63) return;
+    new_begin[to + 1] = begin[from + 1];
+    new_arrived_begin[to + 1] = arrived_begin[from + 1];
+}
+
+/// Orders the arrivals of a cell by where they lie, a warp for a cell that has many.
+template <class Number>
+__device__ void sort_crowd(Movers<Number> const& movers, std::uint32_t* arrived, std::uint32_t* spare,
+                           std::uint32_t count)
+{
+    for (std::uint32_t i = threadIdx.x % 32; i < count; i += 32) {
+        std::uint32_t const item = arrived[i], slot = movers.slot[item];
+        std::uint32_t rank = 0;
+        for (std::uint32_t j = 0; j < count; ++j) rank += movers.slot[arrived[j]] < slot;
+        spare[rank] = item;
+    }
+    __syncwarp();
+    for (std::uint32_t i = threadIdx.x % 32; i < count; i += 32) arrived[i] = spare[i];
+    __syncwarp();
+}
+
+/// How a loop over all cells writes the new order.
+struct NewOrder
+{
+    std::uint32_t const* source; ///< where items lie, cell by cell; none: at their slots
+    unsigned char const* left;   ///< per slot, whether the item left; none: nobody did
+    std::uint32_t* begin;        ///< per cell
+    std::uint32_t* arrived_begin;
+    std::uint32_t *arrived, *spare; ///< lists of movers by cell
+    std::uint32_t* order;
+};
+
+/// Writes a block's new cells and its part of the new order: those who stay keep their order in the cell,
+/// those who come follow in the order in which they lie. Brings the offsets of arrivals back into their
+/// cells, and with them what they give from there.
+template <int d, class Number>
+__global__ void __launch_bounds__(64)
+    rearrange(std::uint32_t const* begin, Changes changes, std::uint64_t const* block_begin,
+              Movers<Number> movers, NewOrder to, std::array<typename CellOffset<Number>::Stored*, d> offset)
+{
+    constexpr std::uint32_t few = 32;
+    std::uint32_t const c = blockIdx.x * 64 + threadIdx.x;
+    std::uint32_t const arrivals = changes.arrivals[c], stay = changes.stay[c];
+    std::uint64_t total;
+    std::uint64_t const mine =
+        block_begin[blockIdx.x] +
+        sum_before_in_block<64>((std::uint64_t(arrivals) << 32) | (stay + arrivals), total);
+    auto const first = static_cast<std::uint32_t>(mine),
+               first_arrived = static_cast<std::uint32_t>(mine >> 32);
+    to.begin[c] = first;
+    to.arrived_begin[c] = first_arrived;
+    if (blockIdx.x + 1 == gridDim.x && threadIdx.x == 63) {
+        to.begin[c + 1] = first + stay + arrivals;
+        to.arrived_begin[c + 1] = first_arrived + arrivals;
+    }
+
+    std::uint32_t const old = begin[c], count = begin[c + 1] - old, below = (1u << threadIdx.x % 32) - 1;
+    bool const all_stay = to.left == nullptr || changes.group_left[c / 32] == 0;
+    std::uint32_t slot = begin[c - threadIdx.x % 32], at = first;
+    for (std::uint32_t rank = 0;; ++rank) {
+        std::uint32_t const pattern = __ballot_sync(~0u, rank < count);
+        if (pattern == 0) break;
+        std::uint32_t const here = slot + __popc(pattern & below);
+        slot += __popc(pattern);
+        if (rank < count && (all_stay || to.left[here] == 0))
+            to.order[at++] = to.source ? to.source[old + rank] : here;
+    }
+
+    // Its arrivals come as a chain in any order: put in one by one.
+    std::uint32_t* const arrived = to.arrived + first_arrived;
+    std::uint32_t placed = 0;
+    for (std::uint32_t mover = arrivals == 0 ? absent : changes.first_arrival[c]; mover != absent;
+         mover = movers.next[mover], ++placed) {
+        std::uint32_t const where = movers.slot[mover];
+        std::uint32_t place = placed;
+        if (arrivals <= few)
+            for (; place > 0 && movers.slot[arrived[place - 1]] > where; --place)
+                arrived[place] = arrived[place - 1];
+        arrived[place] = mover;
+        if (offset[0] == nullptr) continue;
+        for (int a = 0; a < d; ++a) {
+            auto stored = offset[a][where];
+            CellOffset<Number>::wrap(stored);
+            offset[a][where] = stored;
+            movers.given[std::size_t(mover) * movers.channels + a] = CellOffset<Number>::value(stored);
+        }
+    }
+    __syncwarp();
+    for (std::uint32_t crowded = __ballot_sync(~0u, arrivals > few); crowded != 0; crowded &= crowded - 1) {
+        int const lane = __ffs(static_cast<int>(crowded)) - 1;
+        std::uint32_t const where = __shfl_sync(~0u, first_arrived, lane);
+        sort_crowd(movers, to.arrived + where, to.spare + where, __shfl_sync(~0u, arrivals, lane));
+    }
+    for (std::uint32_t i = 0; i < arrivals; ++i) to.order[at + i] = movers.slot[arrived[i]];
+}
+
+} // namespace firn::cuda::detail

@@ -1,0 +1,119 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/grid/lattice.hpp>
+
+#include <cstdint>
+
+namespace firn::cuda
+{
+
+/// The shape of a block of cells, or of nodes: 4 x 4 x 4, or 8 x 8 in two dimensions. A warp takes one of its
+/// two groups of 32 cells, lane l the l-th; a group of 64 threads takes the block.
+template <int d>
+struct BlockShape
+{
+    static constexpr int bits = d == 3 ? 2 : 3; ///< of the coordinates within a block
+    static constexpr int extent = 1 << bits;    ///< cells along each axis
+    static constexpr int cells = 64, lanes = 32, groups = 2;
+    static constexpr int group_extent = extent / groups; ///< cells of a group along the first axis
+
+    /// The cell's coordinates in its block.
+    ///
+    /// In three dimensions eight neighbouring lanes are 2 x 1 x 4 cells: their nodes, 16 bytes each, lie in
+    /// different banks of the shared memory (see Tile).
+    FIRN_HOST_DEVICE static Coordinates<d> cell(int place)
+    {
+        if constexpr (d == 3)
+            return {((place >> 5) << 1) | ((place >> 2) & 1), (place >> 3) & 3, place & 3};
+        else
+            return {place >> 3, place & 7};
+    }
+
+    FIRN_HOST_DEVICE static int place(Coordinates<d> const& cell)
+    {
+        if constexpr (d == 3)
+            return ((cell[0] >> 1) << 5) | (cell[1] << 3) | ((cell[0] & 1) << 2) | cell[2];
+        else
+            return (cell[0] << 3) | cell[1];
+    }
+};
+
+/// The nodes under a block of cells: its own and `order` more per axis, as they lie in memory.
+template <int d, int order>
+struct Tile
+{
+    using Shape = BlockShape<d>;
+    static constexpr int width = Shape::extent + order; ///< nodes per axis
+    /// From one plane (in two dimensions: row) to the next: 4 nodes more than a multiple of 8 in three
+    /// dimensions, so that lanes of both planes read from different banks.
+    static constexpr int plane = d == 3 ? (width * width + 3) / 8 * 8 + 4 : width;
+    static constexpr int nodes = width * plane;
+    static constexpr int group_planes = Shape::group_extent + order;
+    static constexpr int group_nodes = group_planes * plane; ///< under one group of cells
+    static constexpr int group_offset =
+        Shape::group_extent * plane; ///< where those of the second group begin
+
+    FIRN_HOST_DEVICE static int at(Coordinates<d> const& node)
+    {
+        if constexpr (d == 3)
+            return node[0] * plane + node[1] * width + node[2];
+        else
+            return node[0] * plane + node[1];
+    }
+
+    /// Where the node at place k of a row of a stencil lies, counted from the stencil's first node.
+    FIRN_HOST_DEVICE static constexpr int in_stencil(int row, int k)
+    {
+        return d == 2 ? row * plane + k : row / (order + 1) * plane + row % (order + 1) * width + k;
+    }
+
+    /// The node at a place, and whether there is one: planes are padded.
+    FIRN_HOST_DEVICE static bool node_at(int place, Coordinates<d>& node)
+    {
+        node[0] = place / plane;
+        if constexpr (d == 3) {
+            node[1] = place % plane / width;
+            node[2] = place % plane % width;
+        }
+        else
+            node[1] = place % plane;
+        return node[1] < width;
+    }
+};
+
+/// The coordinates of a block as one number.
+template <int d>
+FIRN_HOST_DEVICE std::uint64_t block_key(Coordinates<d> const& block)
+{
+    constexpr int bits = d == 3 ? 21 : 32;
+    std::uint64_t key = 0;
+    for (int a = 0; a < d; ++a)
+        key = (key << bits) |
+              static_cast<std::uint64_t>(std::int64_t{block[a]} + (std::int64_t{1} << (bits - 1)));
+    return key;
+}
+
+template <int d>
+FIRN_HOST_DEVICE Coordinates<d> block_of_key(std::uint64_t key)
+{
+    constexpr int bits = d == 3 ? 21 : 32;
+    Coordinates<d> block;
+    for (int a = d - 1; a >= 0; --a) {
+        block[a] = static_cast<int>(static_cast<std::int64_t>(key & ((std::uint64_t{1} << bits) - 1)) -
+                                    (std::int64_t{1} << (bits - 1)));
+        key >>= bits;
+    }
+    return block;
+}
+
+/// Some numbers of one node, loaded and stored at once.
+template <class Number, int count>
+struct alignas(sizeof(Number) * (count <= 2 ? count : 4) <= 16 ? sizeof(Number) * (count <= 2 ? count : 4)
+                                                               : 16) Channels
+{
+    static constexpr int stored = count <= 2 ? count : (count + 3) / 4 * 4;
+    Number of[stored];
+};
+
+} // namespace firn::cuda

@@ -1,0 +1,62 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+#
+# On a machine with a GPU: builds the CUDA backend's tests and benchmarks, passes the tests (agreement with the
+# processor included), runs compute-sanitizer on a step of every kind, and times steps; in less than nine minutes. The
+# last lines are a table of the timings.
+#
+#     bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--large]
+#
+#   --out FOLDER      where logs and bench_cuda.json go (build/cuda)
+#   --prefix FOLDER   where Eigen, Catch2 and Google Benchmark are, if not in the usual places
+#   --large           64 million particles too: 60 GB of memory of the machine, two minutes more
+set -euo pipefail
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+stop() { echo "stop: $*" >&2; exit 1; }
+
+out="$root/build/cuda" prefix="" large=""
+while [ $# -gt 0 ]; do
+    case $1 in
+        --out) [ $# -ge 2 ] || stop "--out needs a folder."; out=$2; shift ;;
+        --prefix) [ $# -ge 2 ] || stop "--prefix needs a folder."; prefix=$2; shift ;;
+        --large) large='random/64000000' ;;
+        *) stop "unknown argument '$1': bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--large]." ;;
+    esac
+    shift
+done
+PATH=$PATH:/usr/local/cuda/bin
+command -v nvcc >/dev/null || stop "the CUDA toolkit is not installed: there is no nvcc."
+nvidia-smi -L 2>/dev/null | grep GPU || stop "this machine has no NVIDIA GPU, or no driver for it."
+mkdir -p "$out"
+cd "$root"
+
+cmake --preset cuda ${prefix:+-DCMAKE_PREFIX_PATH="$prefix"} >"$out/configure.log" || { cat "$out/configure.log"; exit 1; }
+cmake --build --preset cuda --target cuda cuda_devices cuda_fault cuda_agreement benchmarks_cuda >"$out/build.log" ||
+    { tail -n 40 "$out/build.log"; stop "the programs could not be built."; }
+ctest --preset cuda -E 'hot loops' >"$out/tests.log" || { tail -n 60 "$out/tests.log"; stop "a test failed."; }
+tail -n 4 "$out/tests.log"
+
+for tool in memcheck racecheck initcheck; do
+    compute-sanitizer --tool $tool --error-exitcode 1 build/cuda/tests/cuda '[sanitize]' >"$out/$tool.log" 2>&1 ||
+        { tail -n 40 "$out/$tool.log"; stop "$tool found something."; }
+    echo "$tool: $(grep 'SUMMARY' "$out/$tool.log" | sed 's/=* *//')"
+done
+
+bench=build/cuda/bench/benchmarks_cuda
+most='neo_hookean/quadratic/mls/float/|/(lattice|random)/1000000/|/random/0|fixed_corotated/.*/(lattice|random)/8000000/'
+entries=$($bench --benchmark_list_tests=true | grep -E "$most" | grep -v "${large:-64000000}" | paste -sd'|')
+$bench --benchmark_filter="^($entries)\$" --benchmark_out="$out/bench_cuda.json" \
+    --benchmark_out_format=json >"$out/bench.log" 2>&1 || { tail -n 20 "$out/bench.log"; stop "the benchmark failed."; }
+
+python3 - "$out/bench_cuda.json" <<'PYTHON'
+import json, sys
+print(f"{'step/cuda/…':66}{'ms/step':>9}{'G/s':>7}{'B/p':>6}{'leave':>7}{'momentum':>10}")
+for entry in json.load(open(sys.argv[1]))["benchmarks"]:
+    name = entry["name"].removeprefix("step/cuda/").split("/iterations")[0]
+    if entry.get("error_occurred"):
+        print(f"{name:66} {entry['error_message'][:60]}")
+        continue
+    leavers = f"{entry['leaver_share']:.3f}" if "leaver_share" in entry else ""
+    print(f"{name:66}{entry['real_time']:9.3f}{entry['particle_steps_per_second'] * 1e-9:7.2f}"
+          f"{entry['memory_per_particle']:6.0f}{leavers:>7}{entry['momentum_error']:10.1e}")
+PYTHON

@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "support/policies.hpp"
+
+#include <string>
+#include <vector>
+
+// Scenes that every backend runs, and what is compared of them. Numbers cross from one backend's file to the
+// other's, no types of the library's.
+namespace firn::test
+{
+
+/// What a scene came to: the coordinates of its points, by id, in cells.
+struct Outcome
+{
+    std::vector<double> x;
+    double tolerance; ///< of the root mean square difference between two backends [cells]
+};
+
+/// A scene by its name, run on one backend.
+struct AgreementCase
+{
+    std::string name;
+    Outcome (*run)();
+};
+
+namespace detail
+{
+template <class Solver>
+Outcome outcome(Solver const& solver, double tolerance)
+{
+    Outcome result{{}, tolerance};
+    for (auto const& x : solver.positions())
+        for (int a = 0; a < Solver::d; ++a) result.x.push_back(x[a] / solver.lattice().cell_size);
+    return result;
+}
+
+/// A disk, or a cylinder, that rotates as a rigid body, 100 steps (case 7.3 of the validation suite).
+template <class SceneType>
+Outcome rotating_disk()
+{
+    constexpr int d = SceneType::d;
+    using Number = typename SceneType::Number;
+    double const h = 1.0 / 32;
+    typename SceneType::Model material;
+    material.density = 1;
+    material.elasticity = lame<Number>(25, 0.3);
+    typename SceneType::Solver solver(lattice(h), material);
+    Vector<double, d> centre = Vector<double, d>::Constant(0.017);
+    auto const points = ball_of_points<d>(centre, 0.25, h);
+    solver.add(points, std::pow(h / 2, d));
+    std::vector<Vector<Number, d>> v;
+    for (auto const& x : points) {
+        Vector<Number, d> u = Vector<Number, d>::Zero();
+        u[0] = Number(centre[1] - x[1]);
+        u[1] = Number(x[0] - centre[0]);
+        v.push_back(u);
+    }
+    solver.template upload<Velocity>(v);
+    double const c = std::sqrt(material.elasticity.p_wave_modulus());
+    for (int i = 0; i < 100; ++i) solver.step(0.4 * h / c);
+    return outcome(solver, SceneType::is_float ? 1e-5 : 1e-12);
+}
+
+/// A block that is stretched and sheared by its own waves, 100 steps: a smooth deformation.
+template <class SceneType>
+Outcome vibrating_block()
+{
+    constexpr int d = SceneType::d;
+    using Number = typename SceneType::Number;
+    double const h = 1.0 / 16;
+    typename SceneType::Model material;
+    material.density = 1000;
+    typename SceneType::Solver solver(lattice(h), material);
+    Vector<double, d> const low = Vector<double, d>::Constant(0.01);
+    auto const points = box_of_points<d>(low, low + Vector<double, d>::Constant(0.5), h);
+    solver.add(points, std::pow(h / 2, d));
+    std::vector<Vector<Number, d>> v;
+    for (auto const& x : points) {
+        Vector<Number, d> u;
+        for (int a = 0; a < d; ++a) u[a] = Number(0.3 * std::sin(2 * M_PI * (x[a] - 0.01) + a));
+        v.push_back(u);
+    }
+    solver.template upload<Velocity>(v);
+    for (int i = 0; i < 100; ++i) solver.step(5e-4);
+    return outcome(solver, SceneType::is_float ? 1e-5 : 1e-12);
+}
+} // namespace detail
+
+/// The scenes, on one backend. They cover models, kernels, transfers, dimensions and precisions pairwise.
+template <class Backend>
+std::vector<AgreementCase> agreement_cases()
+{
+    using namespace detail;
+    return {
+        {"disk, 2D double, fixed corotated, quadratic, MLS",
+         rotating_disk<Scene<FixedCorotated<Plane>, QuadraticBSpline, Mls, Backend>>},
+        {"disk, 2D float, fixed corotated, cubic, APIC",
+         rotating_disk<Scene<FixedCorotated<PlaneFloat>, CubicBSpline, Apic, Backend>>},
+        {"disk, 3D float, neo-Hookean, quadratic, MLS",
+         rotating_disk<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls, Backend>>},
+        {"disk, 3D double, neo-Hookean, cubic, PIC",
+         rotating_disk<Scene<NeoHookean<Solid>, CubicBSpline, Pic, Backend>>},
+        {"block, 2D double, snow, cubic, FLIP",
+         vibrating_block<Scene<Snow<Plane>, CubicBSpline, Flip, Backend>>},
+        {"block, 2D float, neo-Hookean, quadratic, PIC",
+         vibrating_block<Scene<NeoHookean<PlaneFloat>, QuadraticBSpline, Pic, Backend>>},
+        {"block, 3D double, snow, quadratic, APIC",
+         vibrating_block<Scene<Snow<Solid>, QuadraticBSpline, Apic, Backend>>},
+        {"block, 3D float, fixed corotated, cubic, MLS",
+         vibrating_block<Scene<FixedCorotated<SolidFloat>, CubicBSpline, Mls, Backend>>},
+        {"block, 3D float, fixed corotated, quadratic, FLIP",
+         vibrating_block<Scene<FixedCorotated<SolidFloat>, QuadraticBSpline, Flip, Backend>>},
+    };
+}
+
+std::vector<AgreementCase> openmp_cases(); ///< openmp.cpp
+std::vector<AgreementCase> cuda_cases();   ///< cuda.cu
+
+} // namespace firn::test

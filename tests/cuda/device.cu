@@ -1,0 +1,160 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/policies.hpp"
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+using Jelly = Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver;
+
+void add_block(Jelly& solver)
+{
+    solver.add(box_of_points<3>({0, 0, 0}, {0.5, 0.5, 0.5}, 0.05), std::pow(0.025, 3), {1, 0, 0});
+}
+
+/// Most of the device's memory, so that what is left can run short.
+class Hoard
+{
+public:
+    explicit Hoard(std::size_t left)
+    {
+        std::size_t available = 0, total = 0;
+        cuda::check(cudaMemGetInfo(&available, &total), "cudaMemGetInfo");
+        if (available > left) cuda::check(cudaMalloc(&memory_, available - left), "cudaMalloc");
+    }
+    ~Hoard() { cudaFree(memory_); }
+
+private:
+    void* memory_ = nullptr;
+};
+
+} // namespace
+
+using Short =
+    std::tuple<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>, Scene<Snow<Plane>, CubicBSpline, Flip>,
+               Scene<FixedCorotated<Solid>, CubicBSpline, Apic>>;
+
+// Small enough for compute-sanitizer, which looks at every access: see bench/gpu.sh.
+TEMPLATE_LIST_TEST_CASE("a few steps through every loop", "[sanitize]", Short)
+{
+    constexpr int d = TestType::d;
+    typename TestType::Solver solver(lattice(0.1));
+    Vector<double, d> velocity = Vector<double, d>::Constant(-60);
+    auto const points = ball_of_points<d>(Vector<double, d>::Constant(0.2), 0.2, 0.1);
+    solver.add(points, std::pow(0.05, d), velocity);
+    for (int i = 0; i < 5; ++i) solver.step(i % 2 ? 2e-4 : 3e-4, Gravity{}, Obstacle<HalfSpace>{});
+    auto const v = solver.template download<Velocity>();
+    solver.template upload<Velocity>(v);
+    auto far = points;
+    for (auto& x : far) x += Vector<double, d>::Constant(3);
+    solver.add(far, std::pow(0.05, d), velocity);
+    for (int i = 0; i < 5; ++i) solver.step(3e-4, Gravity{}, Obstacle<HalfSpace>{});
+    CHECK_THROWS_AS(solver.step(1.0), Error);
+    solver.step(1e-5);
+    CHECK(solver.positions().size() == 2 * points.size());
+}
+
+TEST_CASE("where memory is short an error says how much was needed and had, and the scene goes on as it was")
+{
+    Jelly solver(lattice(0.05)), untouched(lattice(0.05));
+    for (auto* const scene : {&solver, &untouched}) {
+        add_block(*scene);
+        for (int i = 0; i < 5; ++i) scene->step(1e-4, Gravity{});
+    }
+    auto const size = solver.size();
+    {
+        Hoard const hoard(std::size_t(64) << 20);
+        auto const many = box_of_points<3>({2, 2, 2}, {5, 5, 5}, 0.05); // 1.7 million: 100 MB
+        try {
+            solver.add(many, std::pow(0.025, 3));
+            FAIL("there was memory enough");
+        }
+        catch (Error const& error) {
+            CHECK_THAT(error.what_is_wrong(), Contains("memory is short"));
+            CHECK_THAT(error.what_is_wrong(), Contains("were needed"));
+            CHECK_THAT(error.what_is_wrong(), Contains("are available"));
+        }
+    }
+    CHECK(solver.size() == size);
+    for (int i = 0; i < 5; ++i) {
+        solver.step(1e-4, Gravity{});
+        untouched.step(1e-4, Gravity{});
+    }
+    double worst = 0; // velocities were looked at on the way, and given afresh
+    auto const a = solver.positions(), b = untouched.positions();
+    for (std::size_t i = 0; i < a.size(); ++i) worst = std::max(worst, (a[i] - b[i]).norm());
+    CHECK(worst <= 1e-7);
+}
+
+TEST_CASE("what is looked at on the device is what is downloaded, before steps and after")
+{
+    Jelly solver(lattice(0.05));
+    add_block(solver);
+    std::size_t const stride = 4;
+    cuda::Array<float> there(solver.backend());
+    there.resize(stride * solver.size());
+    for (int i = 0; i < 3; ++i) {
+        there.fill(0, there.size(), -1);
+        solver.write_positions(there.data(), stride);
+        std::vector<float> x(there.size());
+        there.download(0, x);
+        auto const expected = solver.positions();
+        for (std::size_t id = 0; id < expected.size(); ++id) {
+            REQUIRE((Eigen::Map<Eigen::Vector3f>(&x[stride * id]) == expected[id].cast<float>()));
+            REQUIRE(x[stride * id + 3] == -1);
+        }
+
+        auto const view = solver.view<DisplacementGradient>();
+        REQUIRE(view.count == solver.size());
+        std::vector<float> column(view.count);
+        std::vector<std::uint32_t> ids(view.count);
+        REQUIRE(cudaMemcpy(ids.data(), view.id, 4 * view.count, cudaMemcpyDeviceToHost) == cudaSuccess);
+        REQUIRE(cudaMemcpy(column.data(), view.component[5], 4 * view.count, cudaMemcpyDeviceToHost) ==
+                cudaSuccess);
+        auto const H = solver.download<DisplacementGradient>();
+        for (std::size_t k = 0; k < ids.size(); ++k) REQUIRE(column[k] == H[ids[k]](1, 2));
+        for (int k = 0; k < 40; ++k) solver.step(5e-4, Gravity{}); // cells are left behind
+    }
+    CHECK_THROWS_AS(solver.write_positions(nullptr), Error);
+    CHECK_THROWS_AS(solver.write_positions(there.data(), 2), Error);
+}
+
+TEST_CASE("two solvers in streams of their own do not disturb each other")
+{
+    cudaStream_t streams[2];
+    for (auto& stream : streams)
+        REQUIRE(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking) == cudaSuccess);
+    {
+        Jelly alone(lattice(0.05)), first(lattice(0.05), {}, {}, {}, Cuda{.stream = streams[0]}),
+            second(lattice(0.05), {}, {}, {}, Cuda{.stream = streams[1]});
+        for (auto* const scene : {&alone, &first, &second}) add_block(*scene);
+        for (int i = 0; i < 20; ++i) {
+            first.step(1e-4, Gravity{});
+            second.step(1e-4, Gravity{});
+        }
+        for (int i = 0; i < 20; ++i) alone.step(1e-4, Gravity{});
+        CHECK((first.positions() == alone.positions()));
+        CHECK((second.positions() == alone.positions()));
+    }
+    for (auto& stream : streams) cudaStreamDestroy(stream);
+}
+
+TEST_CASE("solvers on all devices give the same bits, and the caller's device stays the current one")
+{
+    int devices = 0;
+    REQUIRE(cudaGetDeviceCount(&devices) == cudaSuccess);
+    std::vector<std::vector<Eigen::Vector3d>> ends;
+    for (int device = 0; device < devices; ++device) {
+        Jelly solver(lattice(0.05), {}, {}, {}, Cuda{.device = device});
+        add_block(solver);
+        for (int i = 0; i < 20; ++i) solver.step(1e-4, Gravity{});
+        int current = -1;
+        REQUIRE(cudaGetDevice(&current) == cudaSuccess);
+        CHECK(current == 0);
+        ends.push_back(solver.positions());
+        CHECK((ends.back() == ends.front()));
+    }
+}

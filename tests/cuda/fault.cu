@@ -1,0 +1,52 @@
+// SPDX-License-Identifier: MIT
+// In a program of its own: after a fault the device serves the process no more.
+#include "catch.hpp"
+#include "support/policies.hpp"
+
+using namespace firn;
+using namespace firn::test;
+
+/// An effect with a mistake in it.
+struct Astray
+{
+    void validate() const {}
+
+    template <class Number>
+    struct Action
+    {
+        static constexpr bool is_obstacle = false;
+        Number* nowhere;
+
+        template <Lane Real, int d>
+        FIRN_HOST_DEVICE Vector<Real, d> on_node(Vector<Real, d> const& velocity) const
+        {
+            return velocity * *nowhere;
+        }
+    };
+
+    template <class Number, int d>
+    Action<Number> during(Interval const&) const
+    {
+        return {reinterpret_cast<Number*>(16)};
+    }
+};
+
+TEST_CASE("a fault in a loop is an error with the call's name, and so is every step after it")
+{
+    Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver solver(lattice(0.05));
+    solver.add(box_of_points<3>({0, 0, 0}, {0.2, 0.2, 0.2}, 0.05), std::pow(0.025, 3));
+    solver.step(1e-4);
+    for (int i = 0; i < 2; ++i) {
+        try {
+            if (i == 0)
+                solver.step(1e-4, Astray{});
+            else
+                solver.step(1e-4);
+            FAIL("nothing was refused");
+        }
+        catch (Error const& error) {
+            CHECK_THAT(error.what_is_wrong(), Contains(" failed: "));
+            CHECK_THAT(error.remedy(), Contains("new process"));
+        }
+    }
+}

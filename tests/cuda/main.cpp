@@ -1,0 +1,23 @@
+// SPDX-License-Identifier: MIT
+// Runs tests that need a device, or says that there is none: 77 is ctest's word for a test that was skipped.
+#define CATCH_CONFIG_RUNNER
+#include "catch.hpp"
+
+#include <cstdio>
+#include <cstring>
+#include <cuda_runtime_api.h>
+
+int main(int argc, char** argv)
+{
+#if !defined(FIRN_TESTS_NEED_NO_DEVICE)
+    bool lists = false;
+    for (int i = 1; i < argc; ++i) lists = lists || std::strncmp(argv[i], "--list", 6) == 0;
+    int devices = 0;
+    cudaError_t const status = cudaGetDeviceCount(&devices);
+    if (!lists && (status != cudaSuccess || devices == 0)) {
+        std::printf("skipped: %s\n", status != cudaSuccess ? cudaGetErrorString(status) : "no CUDA device");
+        return 77;
+    }
+#endif
+    return Catch::Session().run(argc, argv);
+}
