@@ -6,7 +6,7 @@
 #     bash bench/peers/run.sh [--only CASE] [--particles N] [--steps K] [--rounds R] [--threads T] [--double]
 #                             [--patience S] [--out FILE]
 #
-#   --only CASE     neo_hookean, fixed_corotated, snow_early, snow_packed or snow_cubic, instead of all
+#   --only CASE     neo_hookean_early, neo_hookean, fixed_corotated, snow_early, snow_packed or snow_cubic, instead of all
 #   --particles N   about so many (125000)
 #   --steps K       timed steps (50), after those that bring the body into its state
 #   --rounds R      turns that every program takes (3); medians are printed

@@ -67,6 +67,7 @@ def _snow(case, kernel, **more):
 CASES = {
     scene.case: scene
     for scene in (
+        _jelly("neo_hookean_early", "neo_hookean", rate=1, warm_up=10, steps=50),
         _jelly("neo_hookean", "neo_hookean", rate=40, warm_up=100, steps=50),
         _jelly("fixed_corotated", "fixed_corotated", rate=40, warm_up=100, steps=50),
         _snow("snow_early", "quadratic", rate=2.5, warm_up=10, steps=50),

@@ -147,8 +147,8 @@ template <class Space, class Model, class Kernel, class TransferType, class Stor
 struct ParticlesToGrid : Giving<Space, Kernel, TransferType>
 {
     using Transfer = TransferType;
-    using Base = Giving<Space, Kernel, Transfer>;
-    using Base::d, Base::kept;
+    using Gives = Giving<Space, Kernel, Transfer>;
+    using Gives::d, Gives::kept;
     using Number = typename Space::Real;
 
     Model model;
@@ -173,7 +173,7 @@ struct ParticlesToGrid : Giving<Space, Kernel, TransferType>
         // dt f_i = -dt V0 tau grad w_i, with the gradient taken per cell
         Matrix<Real, d> const impulse = response.kirchhoff_stress * (volume * Real(-dt / cell_size));
         Real const given_mass = impulse_only ? Real(0) : mass;
-        Base::keep(items, particles.position(items), given_mass,
+        Gives::keep(items, particles.position(items), given_mass,
                    transfer.template give<Kernel, Real, d>(particle, given_mass, impulse, Real(cell_size)));
     }
 };

@@ -176,8 +176,8 @@ template <class Space, class Kernel, class TransferType, class StoredSet, class 
 struct TakeVelocities : Taking<Space, Kernel, TransferType>
 {
     using Transfer = TransferType;
-    using Base = Taking<Space, Kernel, Transfer>;
-    using Base::d;
+    using Takes = Taking<Space, Kernel, Transfer>;
+    using Takes::d;
     using Number = typename Space::Real;
     struct Result
     {
@@ -192,7 +192,7 @@ struct TakeVelocities : Taking<Space, Kernel, TransferType>
     template <class Items>
     FIRN_HOST_DEVICE void locate(Items& items) const
     {
-        Base::template keep_position<typename Items::Real>(items, particles.position(items));
+        Takes::template keep_position<typename Items::Real>(items, particles.position(items));
     }
 
     template <class Items>
@@ -200,7 +200,7 @@ struct TakeVelocities : Taking<Space, Kernel, TransferType>
     {
         using Real = typename Items::Real;
         Record<Real, d, TakenSet> particle;
-        transfer.template take<Kernel, Real, d>(particle, Base::template taken<Real>(items),
+        transfer.template take<Kernel, Real, d>(particle, Takes::template taken<Real>(items),
                                                 Real(1 / cell_size));
         velocities.store(items, particles.id, particle);
     }

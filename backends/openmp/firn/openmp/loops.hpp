@@ -62,19 +62,19 @@ std::uint64_t own_rows(CellOrder const& cells, std::size_t b)
 }
 
 /// What some items keep, given by the cells of their group.
-template <class Phase, class Group>
+template <class Gives, class Group>
 FIRN_INLINE_WHOLE void give(Group& group)
 {
-    typename Phase::template CellSums<typename Group::Real> sums;
+    typename Gives::template CellSums<typename Group::Real> sums;
     for (auto& column : sums)
         for (auto& node : column)
             for (auto& sum : node) sum = typename Group::Real(0);
     group.restart();
     for (int rank = 0, ranks = group.ranks(); rank < ranks; ++rank) {
         group.enter(rank);
-        Phase::give(group, sums);
+        Gives::give(group, sums);
     }
-    Phase::add(group, sums);
+    Gives::add(group, sums);
 }
 
 template <class Phase, class Items>
@@ -89,15 +89,17 @@ FIRN_INLINE_WHOLE void locate(Phase const& phase, Items& items)
     phase.locate(items);
 }
 
-template <class Phase, class Group, class Nodes>
-FIRN_INLINE_WHOLE void take(Phase const& phase, Group& group, Nodes& nodes)
+/// What a group's items take from its nodes. (Like give(), named after what is taken, not after the phase that
+/// takes: phases share the code.)
+template <class Takes, class Group, class Nodes>
+FIRN_INLINE_WHOLE void take(Group& group, Nodes& nodes)
 {
-    for (int channel = 0; channel < Phase::node_channels; channel += Nodes::channels) {
+    for (int channel = 0; channel < Takes::node_channels; channel += Nodes::channels) {
         nodes.read(group, channel);
         group.restart();
         for (int rank = 0, ranks = group.ranks(); rank < ranks; ++rank) {
             group.enter(rank);
-            phase.take(group, nodes, channel);
+            Takes::take(group, nodes, channel);
         }
     }
 }
@@ -134,7 +136,7 @@ void scatter(int threads, CellOrder const& cells, GridType& grid, Phase const& p
                     detail::prepare(phase, items);
                 }
                 GroupOfCells<Lane, GridType> group(cells.counts(b, g), g, scratch, nullptr, grid.tile(b));
-                detail::give<Phase>(group);
+                detail::give<typename Phase::Gives>(group);
             }
         }
     }
@@ -190,7 +192,7 @@ void scatter_movers(int threads, CellOrder const& cells, GridType& grid)
                 scratch.reserve(Phase::kept, here);
                 detail::copy_given<Phase::kept>(next, count, scratch);
                 GroupOfCells<Lane, GridType> group(count, g, scratch, nullptr, grid.tile(b));
-                detail::give<Phase>(group);
+                detail::give<typename Phase::Gives>(group);
                 next += here;
             }
         }
@@ -350,7 +352,7 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
                 };
                 for_each_pack([&] { locate(phase, items); });
                 GroupOfCells<Lane, GridType> group(cells.counts(b, g), g, scratch, nodes.data(), nullptr);
-                take(phase, group, *nodes_of_cells);
+                take<typename Phase::Takes>(group, *nodes_of_cells);
                 for_each_pack([&] { answer(phase, items, results[b]); });
                 done(b, g, scratch);
             }
@@ -373,7 +375,7 @@ typename Phase::Result move(int threads, CellOrder& cells, GridType& grid, Phase
         },
         [&](int b, int g, auto& scratch) {
             GroupOfCells<Lane, GridType> group(cells.counts(b, g), g, scratch, nullptr, grid.next_tile(b));
-            detail::give<Phase>(group);
+            detail::give<typename Phase::Gives>(group);
         });
 }
 
