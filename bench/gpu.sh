@@ -31,13 +31,13 @@ mkdir -p "$out"
 cd "$root"
 
 cmake --preset cuda ${prefix:+-DCMAKE_PREFIX_PATH="$prefix"} >"$out/configure.log" || { cat "$out/configure.log"; exit 1; }
-cmake --build --preset cuda --target cuda cuda_devices cuda_fault cuda_agreement benchmarks_cuda >"$out/build.log" ||
+cmake --build --preset cuda --target cuda_scenes cuda_devices cuda_fault cuda_agreement benchmarks_cuda >"$out/build.log" ||
     { tail -n 40 "$out/build.log"; stop "the programs could not be built."; }
 ctest --preset cuda -E 'hot loops' >"$out/tests.log" || { tail -n 60 "$out/tests.log"; stop "a test failed."; }
 tail -n 4 "$out/tests.log"
 
 for tool in memcheck racecheck initcheck; do
-    compute-sanitizer --tool $tool --error-exitcode 1 build/cuda/tests/cuda '[sanitize]' >"$out/$tool.log" 2>&1 ||
+    compute-sanitizer --tool $tool --error-exitcode 1 build/cuda/tests/cuda_scenes '[sanitize]' >"$out/$tool.log" 2>&1 ||
         { tail -n 40 "$out/$tool.log"; stop "$tool found something."; }
     echo "$tool: $(grep 'SUMMARY' "$out/$tool.log" | sed 's/=* *//')"
 done

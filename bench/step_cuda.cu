@@ -58,17 +58,17 @@ void step(benchmark::State& run, Layout layout, int count, double courant_number
         std::chrono::duration<double> const wall = std::chrono::steady_clock::now() - start;
         double const per_second = double(solver.size()) * double(steps) / wall.count();
         Totals const after(solver);
+        Eigen::Vector3d const expected =
+            before.momentum - pushed + scene.pull(before.mass, solver.time() - start_time);
         double const traffic = 2.0 * Solver::state_bytes_per_particle + 5;
         run.counters["particle_steps_per_second"] = per_second;
         run.counters["bytes_per_particle"] = double(Solver::bytes_per_particle);
         run.counters["memory_per_particle"] = double(solver.memory()) / double(solver.size());
         run.counters["percent_of_copy_bandwidth"] = 100 * traffic * per_second / copy_bandwidth();
-        if (solver.size() <= 2000000) run.counters["leaver_share"] = scene.leaver_share();
         run.counters["mass_error"] = std::abs(after.mass - before.mass) / before.mass;
-        run.counters["momentum_error"] =
-            (after.momentum - before.momentum + pushed - scene.pull(before.mass, solver.time() - start_time))
-                .norm() /
-            before.momentum.norm();
+        run.counters["momentum_error"] = (after.momentum - expected).norm() / before.momentum.norm();
+        // last, because it takes more steps
+        if (solver.size() <= 2000000) run.counters["leaver_share"] = scene.leaver_share();
     }
     catch (Error const& error) {
         run.SkipWithError(error.what());
@@ -97,7 +97,7 @@ void add()
         for (int count : {10000, 125000, 1000000, 8000000, 64000000})
             if (layout != Layout::splash || count <= 1000000)
                 add_one(layout_names[int(layout)], layout, count, courant);
-    for (double number : {0.03, 0.3})
+    for (double number : {0.03, 0.29}) // 0.3 is where a step is beyond the stable one
         add_one("random/" + std::to_string(number).substr(0, 4), Layout::random, 1000000, number);
 }
 

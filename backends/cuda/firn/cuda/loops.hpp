@@ -9,6 +9,9 @@ namespace firn::cuda
 namespace detail
 {
 inline constexpr unsigned block_threads = 64; ///< one per cell, and one per node
+/// Groups of threads that are to be at work on a multiprocessor together: up to 128 registers for each
+/// thread.
+inline constexpr unsigned blocks_at_once = 8;
 
 /// The lane's own part of its warp: which items of the group of cells are where.
 struct Ranks
@@ -210,7 +213,7 @@ struct Moved
 
 /// All items take, answer, and give to the tile of the next step; those that depart are put on a list.
 template <class CellOrder, class GridType, class Phase>
-__global__ void __launch_bounds__(block_threads)
+__global__ void __launch_bounds__(block_threads, blocks_at_once)
     move(Phase phase, typename CellOrder::View cells, typename GridType::View grid,
          Moved<typename GridType::Number, typename Phase::Result> moved)
 {
