@@ -174,7 +174,7 @@ struct ParticlesToGrid : Giving<Space, Kernel, TransferType>
         Matrix<Real, d> const impulse = response.kirchhoff_stress * (volume * Real(-dt / cell_size));
         Real const given_mass = impulse_only ? Real(0) : mass;
         Gives::keep(items, particles.position(items), given_mass,
-                   transfer.template give<Kernel, Real, d>(particle, given_mass, impulse, Real(cell_size)));
+                    transfer.template give<Kernel, Real, d>(particle, given_mass, impulse, Real(cell_size)));
     }
 };
 

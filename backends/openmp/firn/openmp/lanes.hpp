@@ -11,7 +11,9 @@
 #include <limits>
 #include <type_traits>
 
-#if __has_include(<xsimd/xsimd.hpp>)
+// Packs are there where xsimd is, unless FIRN_NO_XSIMD is defined.
+#if !defined(FIRN_NO_XSIMD) && __has_include(<xsimd/xsimd.hpp>)
+#define FIRN_HAS_XSIMD
 #include <xsimd/xsimd.hpp>
 #endif
 
@@ -41,7 +43,7 @@ inline namespace plain
 #endif
 {
 
-#if __has_include(<xsimd/xsimd.hpp>)
+#if defined(FIRN_HAS_XSIMD)
 
 // g++ 12 takes the "undefined" registers inside its own AVX-512 intrinsics for mistakes (its bug 105593).
 #pragma GCC diagnostic push
@@ -340,72 +342,6 @@ private:
     }
 };
 
-/// One bit for each of `lanes` counts that is above `rank`.
-template <int lanes>
-std::uint64_t lanes_above(std::uint32_t const* counts, std::uint32_t rank)
-{
-#if defined(__AVX512VL__) && __has_include(<xsimd/xsimd.hpp>)
-    if constexpr (lanes == 16)
-        return number_of(
-            _mm512_cmpgt_epu32_mask(_mm512_loadu_si512(counts), _mm512_set1_epi32(static_cast<int>(rank))));
-    if constexpr (lanes == 8)
-        return number_of(_mm256_cmpgt_epu32_mask(_mm256_loadu_si256(reinterpret_cast<__m256i const*>(counts)),
-                                                 _mm256_set1_epi32(static_cast<int>(rank))));
-#endif
-    std::uint64_t pattern = 0;
-    for (int l = 0; l < lanes; ++l) pattern |= std::uint64_t(counts[l] > rank) << l;
-    return pattern;
-}
-
-/// Where the bit number `n` of those that are set is.
-inline int bit_place(std::uint64_t pattern, std::uint32_t n)
-{
-#if defined(__BMI2__) && __has_include(<xsimd/xsimd.hpp>)
-    return std::countr_zero(_pdep_u64(std::uint64_t{1} << n, pattern));
-#else
-    for (; n > 0; --n) pattern &= pattern - 1;
-    return std::countr_zero(pattern);
-#endif
-}
-
-/// Integers that lie side by side go to the lanes of the pattern; the other places may hold anything
-/// afterwards. Up to `lanes` integers are read.
-template <int lanes>
-void expand(std::uint32_t const* from, std::uint64_t pattern, std::uint32_t* to)
-{
-#if defined(__AVX512VL__) && __has_include(<xsimd/xsimd.hpp>)
-    if constexpr (lanes == 16)
-        return _mm512_storeu_si512(
-            to, _mm512_maskz_expand_epi32(static_cast<__mmask16>(pattern), _mm512_loadu_si512(from)));
-    if constexpr (lanes == 8)
-        return _mm256_storeu_si256(
-            reinterpret_cast<__m256i*>(to),
-            _mm256_maskz_expand_epi32(static_cast<__mmask8>(pattern),
-                                      _mm256_loadu_si256(reinterpret_cast<__m256i const*>(from))));
-#endif
-    for (; pattern != 0; pattern &= pattern - 1) to[std::countr_zero(pattern)] = *from++;
-}
-
-/// The reverse: the integers in the lanes of the pattern are written side by side, and nothing behind them.
-template <int lanes>
-void compress(std::uint32_t const* from, std::uint64_t pattern, std::uint32_t* to)
-{
-#if defined(__AVX512VL__) && __has_include(<xsimd/xsimd.hpp>)
-    // Stores under a mask: the instruction that compresses into memory is a slow one on some processors.
-    auto const together = (std::uint64_t{1} << std::popcount(pattern)) - 1;
-    if constexpr (lanes == 16)
-        return _mm512_mask_storeu_epi32(
-            to, static_cast<__mmask16>(together),
-            _mm512_maskz_compress_epi32(static_cast<__mmask16>(pattern), _mm512_loadu_si512(from)));
-    if constexpr (lanes == 8)
-        return _mm256_mask_storeu_epi32(
-            to, static_cast<__mmask8>(together),
-            _mm256_maskz_compress_epi32(static_cast<__mmask8>(pattern),
-                                        _mm256_loadu_si256(reinterpret_cast<__m256i const*>(from))));
-#endif
-    for (; pattern != 0; pattern &= pattern - 1) *to++ = from[std::countr_zero(pattern)];
-}
-
 /// Reads one number for each lane from places of an array that mostly lie in runs, if with gaps: a few
 /// windows of two packs, each permuted. Up to two packs beyond the places are read as well (see
 /// Array::padding).
@@ -599,12 +535,81 @@ using NativeLane = NativePack<Number>;
 template <class Number>
 using NativeLane = Number;
 
+template <class Pack>
+class RunsOfPlaces; // packs need it
+
 #endif
+
+/// One bit for each of `lanes` counts that is above `rank`.
+template <int lanes>
+std::uint64_t lanes_above(std::uint32_t const* counts, std::uint32_t rank)
+{
+#if defined(__AVX512VL__) && defined(FIRN_HAS_XSIMD)
+    if constexpr (lanes == 16)
+        return number_of(
+            _mm512_cmpgt_epu32_mask(_mm512_loadu_si512(counts), _mm512_set1_epi32(static_cast<int>(rank))));
+    if constexpr (lanes == 8)
+        return number_of(_mm256_cmpgt_epu32_mask(_mm256_loadu_si256(reinterpret_cast<__m256i const*>(counts)),
+                                                 _mm256_set1_epi32(static_cast<int>(rank))));
+#endif
+    std::uint64_t pattern = 0;
+    for (int l = 0; l < lanes; ++l) pattern |= std::uint64_t(counts[l] > rank) << l;
+    return pattern;
+}
+
+/// Where the bit number `n` of those that are set is.
+inline int bit_place(std::uint64_t pattern, std::uint32_t n)
+{
+#if defined(__BMI2__) && defined(FIRN_HAS_XSIMD)
+    return std::countr_zero(_pdep_u64(std::uint64_t{1} << n, pattern));
+#else
+    for (; n > 0; --n) pattern &= pattern - 1;
+    return std::countr_zero(pattern);
+#endif
+}
+
+/// Integers that lie side by side go to the lanes of the pattern; the other places may hold anything
+/// afterwards. Up to `lanes` integers are read.
+template <int lanes>
+void expand(std::uint32_t const* from, std::uint64_t pattern, std::uint32_t* to)
+{
+#if defined(__AVX512VL__) && defined(FIRN_HAS_XSIMD)
+    if constexpr (lanes == 16)
+        return _mm512_storeu_si512(
+            to, _mm512_maskz_expand_epi32(static_cast<__mmask16>(pattern), _mm512_loadu_si512(from)));
+    if constexpr (lanes == 8)
+        return _mm256_storeu_si256(
+            reinterpret_cast<__m256i*>(to),
+            _mm256_maskz_expand_epi32(static_cast<__mmask8>(pattern),
+                                      _mm256_loadu_si256(reinterpret_cast<__m256i const*>(from))));
+#endif
+    for (; pattern != 0; pattern &= pattern - 1) to[std::countr_zero(pattern)] = *from++;
+}
+
+/// The reverse: the integers in the lanes of the pattern are written side by side, and nothing behind them.
+template <int lanes>
+void compress(std::uint32_t const* from, std::uint64_t pattern, std::uint32_t* to)
+{
+#if defined(__AVX512VL__) && defined(FIRN_HAS_XSIMD)
+    // Stores under a mask: the instruction that compresses into memory is a slow one on some processors.
+    auto const together = (std::uint64_t{1} << std::popcount(pattern)) - 1;
+    if constexpr (lanes == 16)
+        return _mm512_mask_storeu_epi32(
+            to, static_cast<__mmask16>(together),
+            _mm512_maskz_compress_epi32(static_cast<__mmask16>(pattern), _mm512_loadu_si512(from)));
+    if constexpr (lanes == 8)
+        return _mm256_mask_storeu_epi32(
+            to, static_cast<__mmask8>(together),
+            _mm256_maskz_compress_epi32(static_cast<__mmask8>(pattern),
+                                        _mm256_loadu_si256(reinterpret_cast<__m256i const*>(from))));
+#endif
+    for (; pattern != 0; pattern &= pattern - 1) *to++ = from[std::countr_zero(pattern)];
+}
 
 } // inline namespace of the instruction set
 } // namespace firn::openmp
 
-#if __has_include(<xsimd/xsimd.hpp>)
+#if defined(FIRN_HAS_XSIMD)
 
 template <class Number, class Arch>
 struct firn::LaneTraits<firn::openmp::Pack<Number, Arch>>

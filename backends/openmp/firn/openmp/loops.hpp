@@ -89,8 +89,8 @@ FIRN_INLINE_WHOLE void locate(Phase const& phase, Items& items)
     phase.locate(items);
 }
 
-/// What a group's items take from its nodes. (Like give(), named after what is taken, not after the phase that
-/// takes: phases share the code.)
+/// What a group's items take from its nodes. (Like give(), named after what is taken, not after the phase
+/// that takes: phases share the code.)
 template <class Takes, class Group, class Nodes>
 FIRN_INLINE_WHOLE void take(Group& group, Nodes& nodes)
 {
