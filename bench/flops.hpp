@@ -197,7 +197,7 @@ double flops_per_particle_step()
         auto const before = Real::operations;
         nodes.read(particle, channel);
         of_cell += double(Real::operations - before);
-        move.take(particle, nodes, channel);
+        Move::Takes::take(particle, nodes, channel);
     }
     move.answer(particle, result);
     Move::give(particle, sums->of_cell);

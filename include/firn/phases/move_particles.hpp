@@ -84,12 +84,6 @@ struct MoveParticles
         after.expect_store(items);
     }
 
-    /// Once per cell before: `nodes.read(row_of_cells, first)`; without nodes each particle reads its own.
-    template <class Row, class Real = typename Row::Real>
-    FIRN_HOST_DEVICE static void take(Row& row_of_cells, CellNodes<Real> const& nodes, int first)
-    {
-        Takes::take(row_of_cells, nodes, first);
-    }
     template <class Row>
     FIRN_HOST_DEVICE static void take(Row& row_of_cells)
     {
@@ -137,12 +131,6 @@ struct MoveParticles
     FIRN_HOST_DEVICE static void give(Row const& row_of_cells, SumsOfCells& sums)
     {
         Gives::give(row_of_cells, sums);
-    }
-
-    template <class Cell, class Real>
-    FIRN_HOST_DEVICE static void add(Cell const& cell, CellSums<Real> const& sums)
-    {
-        Gives::add(cell, sums);
     }
 
 private:
