@@ -16,6 +16,8 @@ TEST_CASE("a particle stores what the next step asks for, and nothing else")
     STATIC_REQUIRE(state<Scene<Snow<SolidFloat>, CubicBSpline, Flip>> == 4 * (3 + 1 + 3 + 9 + 1));
     STATIC_REQUIRE(state<Scene<FixedCorotated<SolidFloat>, QuadraticBSpline, Mls>> == 4 * (3 + 1 + 9));
     STATIC_REQUIRE(state<Scene<Snow<SolidFloat>, QuadraticBSpline, Apic>> == 4 * (3 + 1 + 9 + 1));
+    STATIC_REQUIRE(state<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Tpic>> == 4 * (3 + 1 + 9));
+    STATIC_REQUIRE(state<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Asflip>> == 4 * (3 + 1 + 3 + 9));
     // in two dimensions: position 2; velocity 2, H 4, J_P 1; the id has four bytes
     STATIC_REQUIRE(state<Scene<Snow<PlaneFloat>, CubicBSpline, Flip>> == 4 * (2 + 1 + 2 + 4 + 1));
     STATIC_REQUIRE(state<Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>> == 8 * (2 + 4) + 4);
