@@ -13,10 +13,12 @@ namespace firn
 /// I).
 ///
 /// Stores ln J alone, which grows by dt tr L: J is never below 0, and needs no deformation gradient, which a
-/// flow shears without end. Viscous stress is that of the step before. (A particle that gives to the grid
-/// afresh, after add or upload, knows its L from the affine matrix of APIC, MLS and their like; with other
-/// transfers it is without viscosity in that step.) Choose K = density (10 v)^2 for a fastest flow of v
-/// [m/s]: it is then compressed by a hundredth.
+/// flow shears without end. Choose K = density (10 v)^2 for a fastest flow of v [m/s]: it is then compressed
+/// by a hundredth.
+///
+/// Viscous stress is that of the step before, for the length that the step was planned with. (A particle that
+/// gives to the grid afresh, after add or upload, knows its L from the affine matrix of APIC, MLS and their
+/// like; with other transfers it is without viscosity in that step.)
 template <class SpaceType>
 struct Fluid
 {
