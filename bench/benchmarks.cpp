@@ -20,6 +20,7 @@ int main(int argc, char** argv)
     bench::add_steps<Snow<S>, QuadraticBSpline, Apic>(threads);
     bench::add_steps<Snow<S>, CubicBSpline, Mls>(threads);
     bench::add_steps<Snow<S>, CubicBSpline, Flip>(threads);
+    bench::add_material_steps(threads);
     bench::add_double_steps(threads);
     bench::add_phases(threads);
 #if FIRN_BENCH_SAMPLING

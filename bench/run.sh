@@ -5,7 +5,7 @@
 #
 #     bash bench/run.sh --short | --long [--threads N] [--out FILE]
 #
-#   --short   100 000 particles and the phases of one step, about 3 minutes
+#   --short   100 000 particles and the phases of one step, about 4 minutes
 #   --long    up to 10 million particles, about an hour
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
@@ -22,7 +22,7 @@ while [ $# -gt 0 ]; do
     esac
     shift
 done
-[ -n "$size" ] || stop "choose --short (3 minutes) or --long (an hour)."
+[ -n "$size" ] || stop "choose --short (4 minutes) or --long (an hour)."
 case $threads in '' | *[!0-9]* | 0) stop "--threads needs a number above 0, not '$threads'." ;; esac
 
 need_packages g++ cmake ninja-build libeigen3-dev libxsimd-dev libcgal-dev libbenchmark-dev

@@ -56,13 +56,15 @@ void step(benchmark::State& run, Layout layout, int count, int threads)
     run.counters["momentum_error"] = (after.momentum - expected).norm() / before.momentum.norm();
 }
 
-/// Registers step/openmp/MODEL/KERNEL/TRANSFER/PRECISION/LAYOUT/PARTICLES for some sizes.
+/// Registers step/openmp/MODEL/KERNEL/TRANSFER/PRECISION/LAYOUT/PARTICLES for some layouts and sizes.
 template <class Model, class Kernel, class Transfer>
-void add_steps(int threads)
+void add_steps(int threads,
+               std::initializer_list<Layout> layouts = {Layout::lattice, Layout::random, Layout::splash},
+               std::initializer_list<int> counts = {10000, 100000, 1000000, 10000000})
 {
     constexpr bool is_float = std::is_same_v<typename Model::Space::Real, float>;
-    for (Layout layout : {Layout::lattice, Layout::random, Layout::splash})
-        for (int count : {10000, 100000, 1000000, 10000000}) {
+    for (Layout layout : layouts)
+        for (int count : counts) {
             std::string const name = std::string("step/openmp/") + Model::name + "/" + Kernel::name + "/" +
                                      Transfer::name + "/" + (is_float ? "float" : "double") + "/" +
                                      layout_names[int(layout)] + "/" + std::to_string(count);
@@ -72,9 +74,10 @@ void add_steps(int threads)
         }
 }
 
-void add_double_steps(int threads); ///< step_double.cpp: its own file, to be compiled beside the other
-void add_phases(int threads);       ///< phases.cpp
-void add_sampling(int threads);     ///< sampling.cpp, where CGAL is
-void add_compile_time();            ///< compile_time.cpp
+void add_double_steps(int threads);   ///< step_double.cpp: its own file, to be compiled beside the other
+void add_material_steps(int threads); ///< step_materials.cpp: the same
+void add_phases(int threads);         ///< phases.cpp
+void add_sampling(int threads);       ///< sampling.cpp, where CGAL is
+void add_compile_time();              ///< compile_time.cpp
 
 } // namespace firn::bench

@@ -14,6 +14,8 @@
 #include <firn/models/materials.hpp>
 #include <firn/solver.hpp>
 #include <firn/transfer/apic.hpp>
+#include <firn/transfer/asflip.hpp>
 #include <firn/transfer/flip.hpp>
 #include <firn/transfer/mls.hpp>
 #include <firn/transfer/pic.hpp>
+#include <firn/transfer/tpic.hpp>

@@ -410,6 +410,8 @@ private:
                 now.obstacle_speed = std::max(now.obstacle_speed, effect.largest_speed());
         };
         (ask(effects), ...);
+        if constexpr (requires { model_.kinematic_viscosity(); })
+            now.viscosity = model_.kinematic_viscosity();
         double expansion_ratio = d; // the largest there is, for models that do not say
         if constexpr (requires { model_.elasticity.expansion_ratio(d); })
             expansion_ratio = model_.elasticity.expansion_ratio(d);

@@ -112,6 +112,16 @@ std::vector<AgreementCase> agreement_cases()
          vibrating_block<Scene<FixedCorotated<SolidFloat>, CubicBSpline, Mls, Backend>>},
         {"block, 3D float, fixed corotated, quadratic, FLIP",
          vibrating_block<Scene<FixedCorotated<SolidFloat>, QuadraticBSpline, Flip, Backend>>},
+        {"block, 3D double, von Mises, quadratic, MLS",
+         vibrating_block<Scene<VonMises<Solid>, QuadraticBSpline, Mls, Backend>>},
+        {"block, 2D double, sand, quadratic, TPIC",
+         vibrating_block<Scene<Sand<Plane>, QuadraticBSpline, Tpic, Backend>>},
+        {"block, 2D double, Cam-Clay, quadratic, MLS",
+         vibrating_block<Scene<CamClay<Plane>, QuadraticBSpline, Mls, Backend>>},
+        {"block, 2D double, Herschel-Bulkley, quadratic, ASFLIP",
+         vibrating_block<Scene<HerschelBulkley<Plane>, QuadraticBSpline, Asflip, Backend>>},
+        {"block, 3D float, fluid, quadratic, MLS",
+         vibrating_block<Scene<Fluid<SolidFloat>, QuadraticBSpline, Mls, Backend>>},
     };
 }
 

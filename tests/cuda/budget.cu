@@ -20,6 +20,10 @@ void all(std::vector<Eigen::Vector3d> const& points)
     step<NeoHookean<Solid>, QuadraticBSpline, Mls>(points);
     step<FixedCorotated<Solid>, QuadraticBSpline, Mls>(points);
     step<Snow<Solid>, QuadraticBSpline, Mls>(points);
+    step<Sand<Solid>, QuadraticBSpline, Mls>(points);
+    step<CamClay<Solid>, QuadraticBSpline, Mls>(points);
+    step<HerschelBulkley<Solid>, QuadraticBSpline, Mls>(points);
+    step<Fluid<Solid>, QuadraticBSpline, Mls>(points);
     step<Snow<Solid>, QuadraticBSpline, Flip>(points);
     step<Snow<Solid>, CubicBSpline, Flip>(points);
 }

@@ -40,6 +40,53 @@ struct Forgetful : SoftFoam<SpaceType>
                                                        firn::Matrix<Real, SpaceType::dimension> const&) const;
 };
 
+/// The plastic flow of somebody's own: what cracks where a stretch goes beyond a limit, and keeps count of
+/// it.
+template <class SpaceType>
+struct Cracking
+{
+    using Space = SpaceType;
+    using Number = typename Space::Real;
+    using Kept = firn::Fields<firn::EquivalentPlasticStrain>;
+    static constexpr auto name = "cracking";
+    static constexpr Number usual_density = 2000;
+    static firn::Lame<Number> usual_elasticity() { return firn::lame<Number>(1e5, 0.2); }
+    template <class Law>
+    static constexpr bool suits = std::is_same_v<Law, firn::HenckyLaw>;
+    Number limit = Number(0.01); // logarithmic strain
+
+    void validate() const { firn::require(limit > 0, "the limit is not above 0", name, "Pass a strain."); }
+
+    template <firn::Lane Real, int d, class Particle>
+    firn::PlasticFlow<Real, d> flow(firn::Vector<Real, d> const& trial, firn::Lame<Real> const&,
+                                    Particle& state, Real) const
+    {
+        using firn::min; // of numbers; that of packs is found beside them
+        firn::PlasticFlow<Real, d> plastic{trial, firn::nowhere<Real>(), Real(1), firn::nowhere<Real>()};
+        for (int i = 0; i < d; ++i) {
+            plastic.strains[i] = min(trial[i], Real(limit));
+            state[firn::EquivalentPlasticStrain{}] += trial[i] - plastic.strains[i];
+            plastic.flowed = plastic.flowed | (trial[i] > Real(limit));
+        }
+        return plastic;
+    }
+};
+
+TEST_CASE("a user's own plastic flow composes with an elastic law of the library's")
+{
+    using Ice = firn::Elastoplastic<firn::HenckyLaw, Cracking<Solid>>;
+    STATIC_REQUIRE(firn::ConstitutiveModel<Ice, TestLane<double>>);
+    STATIC_REQUIRE(!Cracking<Solid>::suits<firn::FixedCorotatedLaw>);
+    Ice const ice;
+    ice.validate();
+    auto state = firn::Record<double, 3, Ice::State>::at_rest();
+    Eigen::Matrix3d L = Eigen::Matrix3d::Zero();
+    L(0, 0) = std::exp(0.05) - 1;
+    auto const tau = ice.respond<double>(state, L, 1.0).kirchhoff_stress;
+    CHECK(tau(0, 0) == Approx(0.01 * ice.elasticity.p_wave_modulus()));
+    CHECK(state[firn::EquivalentPlasticStrain{}] == Approx(0.04));
+}
+
 TEST_CASE("a user's own material runs, and one without the call is refused")
 {
     STATIC_REQUIRE(firn::ConstitutiveModel<SoftFoam<Solid>, double>);

@@ -16,9 +16,31 @@ TEST_CASE("a particle stores what the next step asks for, and nothing else")
     STATIC_REQUIRE(state<Scene<Snow<SolidFloat>, CubicBSpline, Flip>> == 4 * (3 + 1 + 3 + 9 + 1));
     STATIC_REQUIRE(state<Scene<FixedCorotated<SolidFloat>, QuadraticBSpline, Mls>> == 4 * (3 + 1 + 9));
     STATIC_REQUIRE(state<Scene<Snow<SolidFloat>, QuadraticBSpline, Apic>> == 4 * (3 + 1 + 9 + 1));
+    STATIC_REQUIRE(state<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Tpic>> == 4 * (3 + 1 + 9));
+    STATIC_REQUIRE(state<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Asflip>> == 4 * (3 + 1 + 3 + 9));
     // in two dimensions: position 2; velocity 2, H 4, J_P 1; the id has four bytes
     STATIC_REQUIRE(state<Scene<Snow<PlaneFloat>, CubicBSpline, Flip>> == 4 * (2 + 1 + 2 + 4 + 1));
     STATIC_REQUIRE(state<Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>> == 8 * (2 + 4) + 4);
+}
+
+/// What a material adds to position and id.
+template <class Model>
+constexpr std::size_t of_material = state<Scene<Model, QuadraticBSpline, Mls>> - 4 * (3 + 1);
+
+TEST_CASE("a material stores what its law needs, and nothing else")
+{
+    using S = SolidFloat;
+    STATIC_REQUIRE(of_material<NeoHookean<S>> == 4 * 9);
+    STATIC_REQUIRE(of_material<FixedCorotated<S>> == 4 * 9);
+    STATIC_REQUIRE(of_material<Hencky<S>> == 4 * 9);
+    STATIC_REQUIRE(of_material<SplitNeoHookean<S>> == 4 * 9);
+    STATIC_REQUIRE(of_material<Snow<S>> == 4 * (9 + 1));
+    STATIC_REQUIRE(of_material<VonMises<S>> == 4 * 9);
+    STATIC_REQUIRE(of_material<HardeningVonMises<S>> == 4 * (9 + 1));
+    STATIC_REQUIRE(of_material<Sand<S>> == 4 * (9 + 1));
+    STATIC_REQUIRE(of_material<CamClay<S>> == 4 * (9 + 1));
+    STATIC_REQUIRE(of_material<HerschelBulkley<S>> == 4 * 9);
+    STATIC_REQUIRE(of_material<Fluid<S>> == 4 * 1); // no deformation gradient
 }
 
 using Stores = std::tuple<Scene<Snow<SolidFloat>, CubicBSpline, Flip>,

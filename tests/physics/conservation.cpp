@@ -303,7 +303,8 @@ TEST_CASE("a body of snow that is packed takes shorter steps: hardening raises t
 
 using OnePass =
     std::tuple<Scene<NeoHookean<Solid>, QuadraticBSpline, Mls>, Scene<Snow<Solid>, CubicBSpline, Flip>,
-               Scene<FixedCorotated<Plane>, CubicBSpline, Apic>, Scene<Snow<Plane>, QuadraticBSpline, Pic>>;
+               Scene<FixedCorotated<Plane>, CubicBSpline, Apic>, Scene<Snow<Plane>, QuadraticBSpline, Pic>,
+               Scene<Fluid<Plane>, QuadraticBSpline, Asflip>>;
 
 // A step gives to the next grid in the pass that moves the particles, for a step as long as itself; after an
 // upload particles give afresh.

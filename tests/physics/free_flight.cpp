@@ -10,7 +10,8 @@ using Cases = std::tuple<
     Scene<FixedCorotated<Plane>, CubicBSpline, Apic>, Scene<Snow<Plane>, CubicBSpline, Mls>,
     Scene<FixedCorotated<Solid>, QuadraticBSpline, Mls>, Scene<Snow<Solid>, CubicBSpline, Flip>,
     Scene<NeoHookean<PlaneFloat>, QuadraticBSpline, Mls>, Scene<Snow<PlaneFloat>, CubicBSpline, Flip>,
-    Scene<FixedCorotated<SolidFloat>, QuadraticBSpline, Apic>>;
+    Scene<FixedCorotated<SolidFloat>, QuadraticBSpline, Apic>,
+    Scene<NeoHookean<Plane>, QuadraticBSpline, Tpic>, Scene<NeoHookean<Plane>, CubicBSpline, Asflip>>;
 
 // A block thrown sideways falls as the symplectic Euler rule says, exactly: after n steps y = y0 - g dt^2 n
 // (n + 1) / 2.

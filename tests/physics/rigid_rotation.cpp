@@ -76,3 +76,23 @@ TEST_CASE("pure FLIP loses a few per cent of the angular momentum in a revolutio
     CHECK(pic.angular_momentum < -0.9); // the negative control
     CHECK(pic.momentum <= 1e-13);
 }
+
+TEST_CASE("TPIC keeps momentum, and angular momentum nearly")
+{
+    for (auto const& change : {revolve(Scene<FixedCorotated<Plane>, QuadraticBSpline, Tpic>{}),
+                               revolve(Scene<FixedCorotated<Plane>, CubicBSpline, Tpic>{})}) {
+        CHECK(change.momentum <= 1e-13);
+        CHECK(std::abs(change.angular_momentum) <= 1e-4);
+        CHECK(std::abs(change.angular_momentum) > 1e-9); // or it were APIC
+    }
+}
+
+TEST_CASE("affine FLIP keeps momentum, and angular momentum better than FLIP does")
+{
+    for (double separation : {0.0, 1.0}) {
+        auto const change = revolve(Scene<FixedCorotated<Plane>, QuadraticBSpline, Asflip>{},
+                                    Asflip{.fraction = 0.97, .separation = separation});
+        CHECK(change.momentum <= 1e-13);
+        CHECK(std::abs(change.angular_momentum) <= 5e-3);
+    }
+}

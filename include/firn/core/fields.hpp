@@ -52,6 +52,34 @@ struct PlasticVolumeRatio
     static constexpr auto shape = FieldShape::scalar;
 };
 
+/// ln J, J being the volume ratio of a fluid [-].
+struct LogVolumeRatio
+{
+    static constexpr auto name = "log_volume_ratio";
+    static constexpr auto shape = FieldShape::scalar;
+};
+
+/// ln J_P since the start, J_P being the volume ratio of the plastic part of the deformation [-].
+struct LogPlasticVolumeRatio
+{
+    static constexpr auto name = "log_plastic_volume_ratio";
+    static constexpr auto shape = FieldShape::scalar;
+};
+
+/// The equivalent plastic strain: the sum of sqrt(2/3) |d eps_p| [-].
+struct EquivalentPlasticStrain
+{
+    static constexpr auto name = "equivalent_plastic_strain";
+    static constexpr auto shape = FieldShape::scalar;
+};
+
+/// v_c: the logarithmic volume that loose grains have gained, and give back before they bear load again [-].
+struct LooseVolume
+{
+    static constexpr auto name = "loose_volume";
+    static constexpr auto shape = FieldShape::scalar;
+};
+
 /// The number of components of a field in `d` dimensions.
 template <class Tag>
 constexpr int component_count(int d)

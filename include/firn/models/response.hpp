@@ -65,6 +65,18 @@ FIRN_HOST_DEVICE inline Real log_one_plus(Real x)
     return select(tiny, x, log(u) * x / select(tiny, one, u - one));
 }
 
+/// e^x - 1, accurate for small x too: below 1/4, where the difference would cancel, the series of x^n / n!.
+template <Lane Real>
+FIRN_HOST_DEVICE inline Real exp_minus_one(Real x)
+{
+    using Number = Scalar<Real>;
+    constexpr int terms = sizeof(Number) == 4 ? 7 : 13;
+    Real series(1);
+    FIRN_UNROLL
+    for (int n = terms; n > 1; --n) series = Real(1) + series * x * Real(Number(1.0 / n));
+    return select(abs(x) < Real(Number(0.25)), x * series, exp(x) - Real(1));
+}
+
 /// A mask that is false in every lane.
 template <Lane Real>
 FIRN_HOST_DEVICE inline Mask<Real> nowhere()

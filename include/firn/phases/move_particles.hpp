@@ -99,8 +99,8 @@ struct MoveParticles
         before.load(items, particle);
 
         Real const inverse_h(static_cast<Number>(1 / lattice.cell_size));
+        Vector<Real, d> displacement = motion<Real>(particle, gathered) * Real(dt);
         Matrix<Real, d> const L = transfer.template take<Kernel, Real, d>(particle, gathered, inverse_h);
-        Vector<Real, d> displacement = gathered.velocity * Real(dt);
         touch_obstacles<Real>(items, x, particle, displacement, result);
         displacement = displacement * inverse_h;
 
@@ -132,6 +132,16 @@ struct MoveParticles
     }
 
 private:
+    /// The velocity by which particles move: the grid's, unless the transfer has one of its own.
+    template <class Real, class Particle>
+    FIRN_HOST_DEVICE Vector<Real, d> motion(Particle const& particle, Gathered<Real, d> const& gathered) const
+    {
+        if constexpr (requires { transfer.template motion<Kernel, Real, d>(particle, gathered); })
+            return transfer.template motion<Kernel, Real, d>(particle, gathered);
+        else
+            return gathered.velocity;
+    }
+
     /// Keeps what particles give to the next step.
     template <class Real, class Items, class Particle>
     FIRN_HOST_DEVICE void keep_given(Items& items, Particle const& particle, Vector<Real, d> const& x,

@@ -15,6 +15,7 @@ namespace firn
 enum class StepLimit
 {
     wave,         ///< the fastest elastic wave in the current, hardened state
+    viscosity,    ///< what a viscous fluid's shear decays by
     advection,    ///< the fastest particle
     deformation,  ///< the largest velocity gradient
     acceleration, ///< gravity
@@ -22,20 +23,20 @@ enum class StepLimit
     growth,       ///< the step before: steps grow by at most a tenth
     duration,     ///< what is left of the time asked for
 };
-inline constexpr int step_limit_count = 7;
+inline constexpr int step_limit_count = 8;
 
 /// The limit in one word.
 constexpr char const* describe(StepLimit limit)
 {
-    constexpr char const* names[]{"wave",     "advection", "deformation", "acceleration",
-                                  "obstacle", "growth",    "duration"};
+    constexpr char const* names[]{"wave",         "viscosity", "advection", "deformation",
+                                  "acceleration", "obstacle",  "growth",    "duration"};
     return names[static_cast<int>(limit)];
 }
 
 /// The safety factors of the automatic time step. The defaults hold for every kernel of order two and three.
 struct StepControl
 {
-    double wave = 0.9;        ///< share of the isolated-particle limit, see isolated_limit
+    double wave = 0.9;        ///< share of the isolated-particle limit, see isolated_limit and damped_limit
     double advection = 0.3;   ///< cells a particle may move per step, at most 0.5
     double deformation = 0.2; ///< dt |L|
     double obstacle = 0.5;    ///< cells an obstacle's surface may move per step
@@ -58,6 +59,7 @@ struct StepControl
 struct StepBounds
 {
     double wave_speed = 0;       ///< [m/s]
+    double viscosity = 0;        ///< kinematic [m^2/s]
     double speed = 0;            ///< of the fastest particle [m/s]
     double deformation_rate = 0; ///< largest |L| [1/s]
     double acceleration = 0;     ///< [m/s^2]
@@ -81,6 +83,19 @@ double isolated_limit(double expansion_ratio)
     return std::sqrt(2.0 / (expansion_ratio * inverse_inertia * (R - K / 2)));
 }
 
+/// The largest step [s] for a wave whose own limit is `wave` [s] in a fluid of a kinematic viscosity [m^2/s].
+///
+/// The linearised step of a particle with no neighbours is that of a damped oscillator, v += -dt (w^2 u + c
+/// v) and u += dt v, stable while (dt w / 2)^2 + dt c / 2 < 1. Shear alone, of stress eta (L + L^T), has w =
+/// 0 and c / 2 = 2 nu / h^2 D^-1 (R - K/2), in the terms of isolated_limit.
+inline double damped_limit(double wave, double viscosity, double cell_size, double isolated_limit,
+                           double expansion_ratio)
+{
+    double const shear =
+        0.25 * expansion_ratio * isolated_limit * isolated_limit * cell_size * cell_size / viscosity;
+    return 1 / (0.5 / shear + std::sqrt(0.25 / (shear * shear) + 1 / (wave * wave)));
+}
+
 /// A step [s] and what bounds it.
 struct ChosenStep
 {
@@ -100,8 +115,12 @@ ChosenStep stable_time_step(StepControl const& control, StepBounds const& now, d
 {
     ChosenStep step;
     double const h = cell_size;
-    step.bound(control.wave * isolated_limit<Kernel, Transfer>(expansion_ratio) * h / now.wave_speed,
-               StepLimit::wave);
+    double const isolated = isolated_limit<Kernel, Transfer>(expansion_ratio);
+    step.bound(control.wave * isolated * h / now.wave_speed, StepLimit::wave);
+    if (now.viscosity > 0)
+        step.bound(control.wave * damped_limit(isolated * h / now.wave_speed, now.viscosity, h, isolated,
+                                               expansion_ratio),
+                   StepLimit::viscosity);
     step.bound(control.advection * h / now.speed, StepLimit::advection);
     step.bound(control.deformation / now.deformation_rate, StepLimit::deformation);
     step.bound(std::sqrt(0.5 * h / now.acceleration), StepLimit::acceleration);

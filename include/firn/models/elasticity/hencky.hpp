@@ -1,0 +1,71 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/models/elastoplastic.hpp>
+
+namespace firn
+{
+
+/// St. Venant–Kirchhoff's law of logarithmic (Hencky) strains eps_i = ln sigma_i:
+/// Psi = mu sum eps_i^2 + lambda/2 (sum eps_i)^2 (Klár et al. 2016, eq. 26).
+struct HenckyLaw
+{
+    static constexpr auto name = "hencky";
+    /// Stretches below count as this one: there is no logarithm at 0.
+    static constexpr double smallest_stretch = 1e-4;
+
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE static Vector<Real, d> strains(Vector<Real, d> const& sigma)
+    {
+        Vector<Real, d> strains;
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) strains[i] = log(max(sigma[i], Real(Scalar<Real>(smallest_stretch))));
+        return strains;
+    }
+
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE static Vector<Real, d> stretches(Vector<Real, d> const& strains)
+    {
+        Vector<Real, d> sigma;
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) sigma[i] = exp(strains[i]);
+        return sigma;
+    }
+
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE static Mask<Real> inverted(Vector<Real, d> const& sigma)
+    {
+        return !(sigma[d - 1] > Real(0));
+    }
+
+    /// tau_i = 2 mu eps_i + lambda tr eps.
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE static PrincipalStress<Real, d> stress(Vector<Real, d> const& strains, Real mu,
+                                                            Real lambda)
+    {
+        Real trace = strains[0], low = strains[0], high = strains[0];
+        FIRN_UNROLL
+        for (int i = 1; i < d; ++i) {
+            trace += strains[i];
+            low = min(low, strains[i]);
+            high = max(high, strains[i]);
+        }
+        PrincipalStress<Real, d> found;
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) found.kirchhoff[i] = Real(2) * mu * strains[i] + lambda * trace;
+        // sigma_i^2 Psi_ii = lambda + 2 mu - tau_i. The shear value sigma_1^2 (tau_1 - tau_3) / (sigma_1^2 -
+        // sigma_3^2) = 2 mu x / (1 - e^(-2 x)) with x = eps_1 - eps_3 is at most mu (1 + 2 x), and that at
+        // rest.
+        Real const rest = lambda + Real(2) * mu;
+        Real const longitudinal = rest - (Real(2) * mu * low + lambda * trace);
+        found.wave_modulus = max(max(longitudinal, mu * (Real(1) + Real(2) * (high - low))), rest);
+        return found;
+    }
+};
+
+/// St. Venant–Kirchhoff–Hencky solid: linear in the logarithms of the stretches, for strains that are large
+/// in compression; under tension it softens, and beyond a stretch of about e loses its stability.
+template <class Space>
+using Hencky = Elastoplastic<HenckyLaw, NoFlow<Space>>;
+
+} // namespace firn

@@ -1,0 +1,87 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/fields.hpp>
+#include <firn/models/lame.hpp>
+#include <firn/models/response.hpp>
+
+namespace firn
+{
+
+/// Weakly compressible fluid: Tait's equation p = K/gamma (J^-gamma - 1) (Batchelor 1967, eq. 1.8.2; in MPM
+/// Tampubolon et al. 2017, section 4.2.2) and Newton's viscosity, tau = -p J I + eta J (L + L^T - (2/d) tr L
+/// I).
+///
+/// Stores ln J alone, which grows by dt tr L: J is never below 0, and needs no deformation gradient, which a
+/// flow shears without end. Choose K = density (10 v)^2 for a fastest flow of v [m/s]: it is then compressed
+/// by a hundredth.
+///
+/// Viscous stress is that of the step before, for the length that the step was planned with. (A particle that
+/// gives to the grid afresh, after add or upload, knows its L from the affine matrix of APIC, MLS and their
+/// like; with other transfers it is without viscosity in that step.)
+template <class SpaceType>
+struct Fluid
+{
+    using Space = SpaceType;
+    using Number = typename Space::Real;
+    using State = Fields<LogVolumeRatio>;
+    static constexpr auto name = "fluid";
+
+    Number density = 1000;     ///< [kg/m^3]
+    Number bulk_modulus = 2e5; ///< K [Pa], far below that of water: it bounds the time step
+    Number exponent = 7;       ///< gamma
+    Number viscosity = 0;      ///< eta [Pa s]
+    /// Whether it bears no tension: J is then at most 1, and splashes part. (In a flow that is stretched and
+    /// pressed again this forgets volume.)
+    bool parts = true;
+
+    void validate() const
+    {
+        require_density(double(density), name);
+        require(bulk_modulus > 0 && std::isfinite(bulk_modulus),
+                "the bulk modulus is not a finite number above 0", name,
+                "Pass Pa: density times the square of ten times the fastest flow.");
+        require(exponent >= 1 && std::isfinite(exponent), "the exponent is below 1", name,
+                "Pass gamma, e.g. 7 for water.");
+        require(viscosity >= 0 && std::isfinite(viscosity),
+                "the viscosity is not a finite number, 0 or above", name, "Pass Pa s, e.g. 1e-3 for water.");
+    }
+
+    /// eta / rho [m^2/s]: bounds the time step, see StepBounds.
+    double kinematic_viscosity() const { return double(viscosity) / double(density); }
+
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Response<Real, Space::dimension>
+    respond(Particle& state, Matrix<Real, Space::dimension> const& velocity_gradient, Real dt) const
+    {
+        constexpr int d = Space::dimension;
+        Real const rate = velocity_gradient.trace();
+        Real& log_J = state[LogVolumeRatio{}];
+        log_J += dt * rate;
+        if (parts) log_J = min(log_J, Real(0)); // the same for all particles
+        Real const J = exp(log_J), gamma(exponent), K(bulk_modulus);
+        Real const compressed = exp_minus_one(-gamma * log_J); // J^-gamma - 1
+        Real const pressure = K / gamma * compressed;
+
+        Response<Real, d> response;
+        Real const shear = Real(viscosity) * J;
+        Real const isotropic = -pressure * J - shear * rate * Real(Number(2.0 / d));
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) {
+            response.kirchhoff_stress(i, i) = isotropic + Real(2) * shear * velocity_gradient(i, i);
+            FIRN_UNROLL
+            for (int j = 0; j < i; ++j) {
+                Real const stress = shear * (velocity_gradient(i, j) + velocity_gradient(j, i));
+                response.kirchhoff_stress(i, j) = stress;
+                response.kirchhoff_stress(j, i) = stress;
+            }
+        }
+        // rho_0 c^2 = J^2 Psi_JJ = K J^(1 - gamma)
+        response.wave_modulus = max(K * J * (compressed + Real(1)), K);
+        response.inverted = nowhere<Real>();
+        response.capped = nowhere<Real>();
+        return response;
+    }
+};
+
+} // namespace firn

@@ -1,0 +1,120 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/models/elasticity/split_neo_hookean.hpp>
+#include <firn/models/plasticity/isochoric.hpp>
+
+namespace firn
+{
+
+/// Non-associated Cam-Clay (NACC; Gaume et al. 2018, Wolper et al. 2019, section 4.2): snow, clay, and what
+/// crumbles. The stress stays within the ellipse y = (1 + 2 beta) q^2 + M^2 (p + beta p0)(p - p0) <= 0 of
+/// pressure p and shear q, which grows where material is compacted and shrinks where it opens.
+///
+/// Keeps ln J_P since the start: with alpha = start + ln J_P, p0 = kappa (1e-5 + sinh(xi max(-alpha, 0))).
+/// Flow in shear keeps the volume to rounding (see relaxed_stretches).
+template <class SpaceType>
+struct CamClayFlow
+{
+    using Space = SpaceType;
+    using Number = typename Space::Real;
+    using Kept = Fields<LogPlasticVolumeRatio>;
+    static constexpr auto name = "cam_clay";
+    static constexpr Number usual_density = 250;
+    static Lame<Number> usual_elasticity() { return lame<Number>(2e6, 0.3); }
+    template <class Law>
+    static constexpr bool suits = std::is_same_v<Law, SplitNeoHookeanLaw>;
+
+    Number slope = Number(1.2);    ///< M: q over p on the critical-state line
+    Number cohesion = Number(0.5); ///< beta: the share of p0 that it bears in tension
+    Number hardening = 3;          ///< xi
+    Number start = Number(-0.01);  ///< alpha at the start; the lower, the more compacted
+
+    void validate() const
+    {
+        require(slope > 0 && std::isfinite(slope), "the slope M is not a finite number above 0", name,
+                "Pass M = 6 sin phi / (3 - sin phi), e.g. 1.2.");
+        require(cohesion >= 0 && std::isfinite(cohesion), "the cohesion is not a finite number, 0 or above",
+                name, "Pass beta, e.g. 0.5; 0 for what bears no tension.");
+        require(hardening >= 0 && std::isfinite(hardening),
+                "the hardening is not a finite number, 0 or above", name, "Pass xi, e.g. 3.");
+        require(std::isfinite(start), "alpha at the start is not finite", name, "Pass alpha, e.g. -0.01.");
+    }
+
+    template <Lane Real, int d, class Particle>
+    FIRN_HOST_DEVICE PlasticFlow<Real, d> flow(Vector<Real, d> const& trial, Lame<Real> const& moduli,
+                                               Particle& state, Real dt) const
+    {
+        Real& opened = state[LogPlasticVolumeRatio{}];
+        Real const one(1), half(Number(0.5)), beta(cohesion), M(slope);
+        Real const kappa = moduli.lambda + moduli.mu * Real(Number(2.0 / d));
+        Vector<Real, d> squares;
+        Real J = one;
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) {
+            squares[i] = trial[i] * trial[i];
+            J = J * trial[i];
+        }
+        Deviator<Real, d> const b(squares);
+        Mask<Real> const upright = J > Real(0);
+        J = select(upright, J, one);
+        Real const root = root_of_volume<d>(J);
+        Real const p = half * kappa * (one - J * J);
+        Real const q = Real(Number(d == 2 ? 1.41421356237309504880 : 1.22474487139158904910)) * moduli.mu /
+                       (root * root) * b.norm; // sqrt((6 - d) / 2) |dev tau|
+        Real const p0 = preconsolidation(kappa, opened);
+
+        // Nothing flows in no time: who asks for the stress of a state again gets the same.
+        Mask<Real> const time = (dt > Real(0)) & upright;
+        Mask<Real> const crushed = time & (p > p0), torn = time & (p < -beta * p0);
+        Real const range = (p + beta * p0) * (p - p0), shear = one + Real(2) * beta;
+        Mask<Real> const sheared = time & (!crushed) & (!torn) & (shear * q * q + M * M * range > Real(0));
+
+        // Beyond the ends of the ellipse: to its end, without shear.
+        Real const end = select(crushed, p0, -beta * p0);
+        Real const J_end = volume_at(end, kappa);
+        // Beyond its side: to the same pressure on it. What that does to the ellipse is found where the line
+        // from the trial state to its centre meets it.
+        Real const share = M * sqrt(max(-range, Real(0)) / shear) / select(sheared, q, one);
+        Real const centre = half * (one - beta) * p0, axis = half * (one + beta) * p0, away = p - centre;
+        Real const met =
+            centre + away * M * axis / sqrt(select(sheared, shear * q * q + M * M * away * away, one));
+        Real const J_met = volume_at(met, kappa);
+
+        Vector<Real, d> const slid = relaxed_stretches<Real, d>(b, select(sheared, share, one), J);
+        Real const isotropic = root_of_volume<d>(J_end);
+        PlasticFlow<Real, d> plastic;
+        plastic.flowed = crushed | torn | sheared;
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i)
+            plastic.strains[i] = select(sheared, slid[i], select(plastic.flowed, isotropic, trial[i]));
+        opened += select(plastic.flowed, log(J / select(sheared, J_met, J_end)), Real(0));
+        plastic.hardening = one;
+        plastic.capped = nowhere<Real>();
+        return plastic;
+    }
+
+    /// p0 [Pa]: the pressure up to which it has been compacted.
+    template <Lane Real>
+    FIRN_HOST_DEVICE Real preconsolidation(Real kappa, Real opened) const
+    {
+        Real const alpha = Real(start) + opened;
+        Real const growth = exp_minus_one(Real(hardening) * max(-alpha, Real(0)));
+        // sinh x from e^x - 1
+        return kappa * (Real(Number(1e-5)) + Real(Number(0.5)) * (growth + growth / (growth + Real(1))));
+    }
+
+private:
+    /// The elastic volume ratio at a pressure [Pa]: p = kappa/2 (1 - J^2), always below kappa/2.
+    template <Lane Real>
+    FIRN_HOST_DEVICE static Real volume_at(Real pressure, Real kappa)
+    {
+        return sqrt(max(Real(1) - Real(2) * pressure / kappa, Real(Number(1e-6))));
+    }
+};
+
+/// Clay and snow that is compacted, sheared and torn: split neo-Hookean elasticity and Cam-Clay.
+template <class Space>
+using CamClay = Elastoplastic<SplitNeoHookeanLaw, CamClayFlow<Space>>;
+
+} // namespace firn
