@@ -22,11 +22,15 @@ struct BasicOpenMP
 {
     int threads = 0; ///< 0: as many as OpenMP would use
     static constexpr bool reaches_host_memory = true;
+    static constexpr bool queues = false;   ///< loops are through when they return
+    static constexpr std::size_t batch = 1; ///< steps that are queued before the host listens
 
     template <class Number>
     using Lane = typename Lanes::template Lane<Number>;
     template <class T>
     using Array = openmp::Array<T>;
+    template <class T>
+    using Outbox = openmp::Outbox<T>;
     template <class Number, int d>
     using Cells = openmp::Cells<Number, d, lane_width<Lane<Number>>>;
     template <class Number, int d, int order, int sums, int values>
@@ -83,12 +87,12 @@ struct BasicOpenMP
         openmp::take<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase);
     }
 
-    /// All items take from the grid, move, and give to the grid of the next step (see MoveParticles); returns
-    /// the merged results.
-    template <class CellOrder, class GridType, class Phase>
-    auto move(CellOrder& cells, GridType& grid, Phase const& phase) const
+    /// All items take from the grid, move, and give to the grid of the next step (see MoveParticles); then
+    /// calls `conclude(merged results)`.
+    template <class CellOrder, class GridType, class Phase, class Conclude>
+    void move(CellOrder& cells, GridType& grid, Phase const& phase, Conclude const& conclude) const
     {
-        return openmp::move<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase);
+        conclude(openmp::move<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase));
     }
 };
 

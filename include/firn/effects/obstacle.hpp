@@ -15,7 +15,7 @@ namespace detail
 {
 /// A shape as a plain value: its view, if it has one.
 template <class ShapeType>
-auto plain(ShapeType const& shape)
+FIRN_HOST_DEVICE auto plain(ShapeType const& shape)
 {
     if constexpr (requires { shape.view(); })
         return shape.view();
@@ -70,9 +70,15 @@ struct Obstacle
     template <class Number, int d>
     struct Action;
 
+    /// The same without what its shape owns: a plain value.
+    auto plain() const
+    {
+        return Obstacle<detail::Plain<ShapeType>>{detail::plain(shape), contact, motion, on_particles};
+    }
+
     /// The obstacle at the end of the step: contact is solved for the velocities of that time.
     template <class Number, int d>
-    Action<Number, d> during(Interval const& interval) const
+    FIRN_HOST_DEVICE Action<Number, d> during(Interval const& interval) const
     {
         Motion const now = motion.at(interval.end);
         Eigen::Matrix3d const rotation = now.orientation.normalized().toRotationMatrix();

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/error.hpp>
+#include <firn/core/host_device.hpp>
 #include <firn/transfer/transfer.hpp>
 
 #include <array>
@@ -87,21 +88,20 @@ struct ChosenStep
     double dt = std::numeric_limits<double>::infinity();
     StepLimit limit = StepLimit::duration;
 
-    void bound(double other, StepLimit by)
+    FIRN_HOST_DEVICE void bound(double other, StepLimit by)
     {
         if (other < dt) dt = other, limit = by;
     }
 };
 
-/// The largest step that is stable in the current state, by the bounds of the material and the motion alone.
-template <class Kernel, class Transfer>
-ChosenStep stable_time_step(StepControl const& control, StepBounds const& now, double cell_size,
-                            double expansion_ratio)
+/// The largest step that is stable in the current state, by the bounds of the material and the motion alone;
+/// `wave_limit` is the largest stable c dt / h, see isolated_limit.
+FIRN_HOST_DEVICE inline ChosenStep stable_time_step(StepControl const& control, StepBounds const& now,
+                                                    double cell_size, double wave_limit)
 {
     ChosenStep step;
     double const h = cell_size;
-    step.bound(control.wave * isolated_limit<Kernel, Transfer>(expansion_ratio) * h / now.wave_speed,
-               StepLimit::wave);
+    step.bound(control.wave * wave_limit * h / now.wave_speed, StepLimit::wave);
     step.bound(control.advection * h / now.speed, StepLimit::advection);
     step.bound(control.deformation / now.deformation_rate, StepLimit::deformation);
     step.bound(std::sqrt(0.5 * h / now.acceleration), StepLimit::acceleration);

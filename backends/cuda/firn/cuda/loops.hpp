@@ -114,8 +114,10 @@ private:
 /// All items give, cell by cell, to the tile of their block.
 template <class CellOrder, class GridType, class Phase>
 __global__ void __launch_bounds__(block_threads)
-    scatter(Phase phase, typename CellOrder::View cells, typename GridType::View grid, bool afresh)
+    scatter(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid,
+            bool afresh)
 {
+    if (signal.stops()) return;
     extern __shared__ __align__(16) unsigned char memory[];
     SharedTiles<GridType> const tiles(memory, false);
     tiles.clear_sums();
@@ -138,9 +140,10 @@ __global__ void __launch_bounds__(block_threads)
 /// Items that came into the cells of a block give what they kept when they departed.
 template <class CellOrder, class GridType, class Phase>
 __global__ void __launch_bounds__(block_threads)
-    scatter_movers(typename CellOrder::View cells, typename CellOrder::Arrived arrived,
+    scatter_movers(Signal signal, typename CellOrder::View cells, typename CellOrder::Arrived arrived,
                    typename CellOrder::Movers movers, typename GridType::View grid)
 {
+    if (signal.stops()) return;
     extern __shared__ __align__(16) unsigned char memory[];
     std::uint32_t const first = blockIdx.x * block_threads, c = first + threadIdx.x;
     if (arrived.begin[first] == arrived.begin[first + block_threads]) return;
@@ -161,8 +164,10 @@ __global__ void __launch_bounds__(block_threads)
 /// Nodes add up the tiles that cover them and are updated.
 template <class GridType, class Phase>
 __global__ void __launch_bounds__(block_threads)
-    for_each_node(Phase phase, typename GridType::View grid, ResultsOfWarps<typename Phase::Result> results)
+    for_each_node(Signal signal, Phase phase, typename GridType::View grid,
+                  ResultsOfWarps<typename Phase::Result> results)
 {
+    if (signal.stops()) return;
     using Shape = typename GridType::Shape;
     using Tile = typename GridType::TileShape;
     using Sums = typename GridType::Sums;
@@ -214,9 +219,10 @@ struct Moved
 /// All items take, answer, and give to the tile of the next step; those that depart are put on a list.
 template <class CellOrder, class GridType, class Phase>
 __global__ void __launch_bounds__(block_threads, blocks_at_once)
-    move(Phase phase, typename CellOrder::View cells, typename GridType::View grid,
+    move(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid,
          Moved<typename GridType::Number, typename Phase::Result> moved)
 {
+    if (signal.stops()) return;
     using Tile = typename GridType::TileShape;
     extern __shared__ __align__(16) unsigned char memory[];
     SharedTiles<GridType> const tiles(memory, true);
@@ -301,6 +307,15 @@ __global__ void __launch_bounds__(block_threads)
     Ranks(cells.begin, c).for_each([&](std::uint32_t rank, bool here, std::uint32_t slot) {
         if (here) visit(std::size_t{at_slots ? slot : cells.order[cells.begin[c] + rank]}, cell);
     });
+}
+
+/// What follows a loop over no items.
+template <class Result, class Conclude>
+__global__ void conclude_without_items(Signal signal, Conclude conclude)
+{
+    if (signal.stops() || conclude(Result{})) return;
+    *signal.stopped = 1;
+    *signal.stop = {1, 0, 0, 0};
 }
 
 template <class Body>

@@ -3,6 +3,7 @@
 
 #include <firn/core/cell_offset.hpp>
 #include <firn/cuda/block_set.hpp>
+#include <firn/cuda/results.hpp>
 #include <firn/cuda/tuning.hpp>
 
 #include <array>
@@ -36,12 +37,23 @@ struct Changes
     std::uint32_t* block_arrived; ///< per block: items that come into its cells
 };
 
-/// What the host is told when items have moved.
-struct Counts
+/// What the host is told when loops have stopped.
+struct Stop
 {
+    std::uint32_t stopped;  ///< 1; the host clears it
     std::uint32_t departed; ///< items; more than there is room for: the others were not noted
     std::uint32_t births;   ///< blocks that are wanted and not there
-    std::uint32_t live;     ///< blocks that hold items, one step ago
+    std::uint32_t crowded;  ///< whether there are many blocks without items
+};
+
+/// Whether loops that are queued have something to do: each asks first. Where one finds that those after it
+/// have not, it stops them, and the host will look after it.
+struct Signal
+{
+    std::uint32_t* stopped;
+    Stop* stop; ///< in memory of the host
+
+    __device__ bool stops() const { return *stopped != 0; }
 };
 
 /// Enters a mover in the list of its new cell, and counts it there and in the block.
@@ -82,26 +94,6 @@ __device__ void find_new_cell(Movers<Number> const& movers, Changes const& chang
         }
     }
     arrive(movers, changes, mover, block, static_cast<std::uint32_t>(Shape::place(cell)));
-}
-
-/// Finds the new cells of departed items, and counts them there; the last threads tell the host.
-template <int d, class Number>
-__global__ void find_new_cells(Movers<Number> movers, Changes changes, BlockSet::View set,
-                               std::uint64_t const* keys, Counts* counts)
-{
-    std::uint32_t const mover = blockIdx.x * blockDim.x + threadIdx.x, departed = *movers.count;
-    if (mover < departed && mover < movers.most) find_new_cell<d>(movers, changes, set, keys, mover);
-    __syncthreads();
-    if (threadIdx.x != 0) return;
-    __threadfence();
-    std::uint32_t* const finished = movers.count + 1;
-    if (atomicAdd(finished, 1u) + 1 != gridDim.x) return;
-    *finished = 0;
-    std::uint32_t const births = *static_cast<std::uint32_t volatile*>(set.born_count);
-    counts->departed = departed;
-    counts->births = births;
-    // the next loop that moves items counts anew, unless these are to be found once more
-    if (births == 0 || departed > movers.most) *movers.count = 0;
 }
 
 /// The same for new items, which say where they are.
@@ -170,14 +162,20 @@ __device__ std::uint64_t sum_before_in_block(std::uint64_t value, std::uint64_t&
     return before;
 }
 
-inline constexpr int scanning_threads = 1024, scanned_at_once = 4;
+inline constexpr int scanning_threads = 512, scanned_at_once = 8;
 
-/// Where each block's items and arrivals begin: both counts in one number, items in its lower half. One group
-/// of threads does it all: there are few blocks.
-static __global__ void __launch_bounds__(scanning_threads)
-    find_block_begins(std::uint32_t const* begin, std::uint32_t blocks, Changes changes,
-                      std::uint64_t* block_begin, Counts* counts)
+/// Where each block's items and arrivals begin.
+struct BlockBegins
 {
+    std::uint32_t const* begin; ///< per cell, as things were
+    std::uint32_t blocks;
+    std::uint64_t* of_block; ///< both counts in one number, items in its lower half
+};
+
+/// Finds them, by one group of threads: there are few blocks. Returns how many hold items.
+__device__ inline std::uint32_t find_block_begins(BlockBegins const& begins, Changes const& changes)
+{
+    std::uint32_t const blocks = begins.blocks, *const begin = begins.begin;
     std::uint64_t before = 0;
     std::uint32_t live = 0;
     for (std::uint32_t first = 0; first < blocks; first += scanning_threads * scanned_at_once) {
@@ -187,7 +185,7 @@ static __global__ void __launch_bounds__(scanning_threads)
             std::uint32_t const b = first + threadIdx.x * scanned_at_once + static_cast<std::uint32_t>(i);
             count[i] = 0;
             if (b >= blocks) continue;
-            std::uint32_t const arrived = changes.block_arrived[b];
+            std::uint32_t const arrived = __ldcg(changes.block_arrived + b); // counted by others just now
             std::uint32_t const had = begin[(b + 1) * 64] - begin[b * 64];
             std::uint32_t const left = changes.group_left[2 * b] + changes.group_left[2 * b + 1];
             count[i] = (std::uint64_t(arrived) << 32) | (had - left + arrived);
@@ -200,14 +198,55 @@ static __global__ void __launch_bounds__(scanning_threads)
 #pragma unroll
         for (int i = 0; i < scanned_at_once; ++i) {
             std::uint32_t const b = first + threadIdx.x * scanned_at_once + static_cast<std::uint32_t>(i);
-            if (b < blocks) block_begin[b] = mine;
+            if (b < blocks) begins.of_block[b] = mine;
             mine += count[i];
         }
         before += total;
     }
     std::uint64_t all_live;
     sum_before_in_block<scanning_threads>(live, all_live);
-    if (threadIdx.x == 0) counts->live = static_cast<std::uint32_t>(all_live);
+    return static_cast<std::uint32_t>(all_live);
+}
+
+/// The same as a loop of its own.
+static __global__ void __launch_bounds__(scanning_threads)
+    find_all_block_begins(BlockBegins begins, Changes changes)
+{
+    find_block_begins(begins, changes);
+}
+
+/// Finds the new cells of departed items, and counts them there; the last group of threads then finds where
+/// blocks begin, and concludes.
+template <int d, class Number, class Result, class Conclude>
+__global__ void __launch_bounds__(scanning_threads)
+    find_new_cells(Signal signal, Movers<Number> movers, Changes changes, BlockSet::View set,
+                   std::uint64_t const* keys, BlockBegins begins, Merged<Result> found, Conclude conclude)
+{
+    if (signal.stops()) return;
+    std::uint32_t const mover = blockIdx.x * blockDim.x + threadIdx.x, departed = *movers.count;
+    if (mover < departed && mover < movers.most) find_new_cell<d>(movers, changes, set, keys, mover);
+    __shared__ bool last;
+    __syncthreads();
+    std::uint32_t* const finished = movers.count + 1;
+    if (threadIdx.x == 0) {
+        __threadfence();
+        last = atomicAdd(finished, 1u) + 1 == gridDim.x;
+    }
+    __syncthreads();
+    if (!last) return;
+    __threadfence();
+    std::uint32_t const births = *static_cast<std::uint32_t volatile*>(set.born_count);
+    bool const short_of_room = births > 0 || departed > movers.most;
+    std::uint32_t const live = short_of_room ? 0 : find_block_begins(begins, changes);
+    if (threadIdx.x != 0) return;
+    *finished = 0;
+    // the next loop that moves items counts anew, unless these are to be found once more
+    if (births == 0 || departed > movers.most) *movers.count = 0;
+    bool const goes_on = !short_of_room && conclude(static_cast<Result>(found));
+    bool const crowded = !short_of_room && begins.blocks > 8 + live + live / 2;
+    if (goes_on && !crowded) return;
+    *signal.stopped = 1;
+    *signal.stop = {1, departed, births, crowded};
 }
 
 /// Lists the blocks that hold items, in their order.
@@ -273,9 +312,10 @@ struct NewOrder
 /// cells, and with them what they give from there.
 template <int d, class Number>
 __global__ void __launch_bounds__(64)
-    rearrange(std::uint32_t const* begin, Changes changes, std::uint64_t const* block_begin,
+    rearrange(Signal signal, std::uint32_t const* begin, Changes changes, std::uint64_t const* block_begin,
               Movers<Number> movers, NewOrder to, std::array<typename CellOffset<Number>::Stored*, d> offset)
 {
+    if (signal.stops()) return;
     constexpr std::uint32_t few = 32;
     std::uint32_t const c = blockIdx.x * 64 + threadIdx.x;
     std::uint32_t const arrivals = changes.arrivals[c], stay = changes.stay[c];

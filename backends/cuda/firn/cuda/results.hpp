@@ -4,7 +4,6 @@
 #include <firn/cuda/array.hpp>
 
 #include <cstdint>
-#include <cstring>
 
 namespace firn::cuda
 {
@@ -71,7 +70,7 @@ struct ResultsOfWarps
     Result *of_warps, *of_bunches;
     std::uint32_t* finished; ///< per bunch, and last the bunches: how many are through
     std::uint32_t warps;
-    Result* merged; ///< for the host
+    Result* merged;
 
     /// All lanes of a warp bring their results; called once by each warp.
     __device__ void take(Result const& of_lane, std::uint32_t warp) const
@@ -114,32 +113,19 @@ private:
 };
 } // namespace detail
 
-/// A result that becomes known when a queue has come so far: converts to it, and waits.
+/// A merged result where later loops find it: converts to it there. Without a place, of nothing.
 template <class Result>
-class Later
+struct Merged
 {
-public:
-    Later(Queue const& queue, void const* where) : queue_(queue), where_(where) {}
-
-    operator Result() const
-    {
-        if (!where_) return Result{};
-        queue_.wait();
-        Result result;
-        std::memcpy(static_cast<void*>(&result), where_, sizeof result);
-        return result;
-    }
-
-private:
-    Queue queue_;
-    void const* where_;
+    Result const* where;
+    __device__ operator Result() const { return where ? *where : Result{}; }
 };
 
-/// The results of a loop's warps, merged in a fixed order, where the host reads them.
+/// The results of a loop's warps, merged in a fixed order.
 class Results
 {
 public:
-    explicit Results(Queue const& queue) : queue_(queue), partial_(queue), finished_(queue), merged_(queue) {}
+    explicit Results(Queue const& queue) : partial_(queue), finished_(queue), merged_(queue) {}
 
     /// Room for the results of so many warps.
     template <class Result>
@@ -152,22 +138,23 @@ public:
             finished_.fill_bytes(0, finished_.size(), 0);
         }
         auto* const results = reinterpret_cast<Result*>(partial_.data());
-        return {results, results + warps, finished_.data(), warps, merged_.template as<Result>()};
+        merged_.renew(sizeof(Result));
+        return {results, results + warps, finished_.data(), warps, reinterpret_cast<Result*>(merged_.data())};
     }
 
+    /// Those of the last loop.
     template <class Result>
-    Later<Result> later()
+    Merged<Result> known() const
     {
-        return {queue_, merged_.template as<Result>()};
+        return {reinterpret_cast<Result const*>(merged_.data())};
     }
 
     std::size_t memory() const { return partial_.memory() + finished_.memory(); }
 
 private:
-    Queue queue_;
     Array<unsigned char> partial_;
     Array<std::uint32_t> finished_;
-    HostMemory merged_;
+    Array<unsigned char> merged_;
 };
 
 } // namespace firn::cuda
