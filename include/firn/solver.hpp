@@ -278,32 +278,35 @@ private:
     {
         using Actions = decltype(effects.template during<Number, d>(Interval{}));
         using Now = StepNow<Number, Actions>;
-        using Record = StepRecord<Actions::obstacles>;
+        using Log = RunLog<Actions::obstacles>;
         static_assert(std::is_trivially_destructible_v<Now>, "an effect's action is a plain value");
-        int const expected = static_cast<int>(std::min<std::size_t>(most, std::min(queue_, backend_.batch)));
-        now_.resize(std::max(now_.size(), sizeof(Now)));
-        log_.resize(sizeof(StepLog) + std::size_t(expected) * sizeof(Record));
-        auto* const now = reinterpret_cast<Now*>(now_.data());
-        auto* const log = reinterpret_cast<StepLog*>(log_.data());
-        auto* const records = reinterpret_cast<Record*>(log + 1);
+        int const expected =
+            static_cast<int>(std::min<std::size_t>(most, std::min<std::size_t>(queue_, backend_.batch)));
+        now_.resize(std::max(now_.size(), 2 * sizeof(Now)));
+        log_.resize(Log::bytes(expected));
+        auto* const now = reinterpret_cast<Now*>(now_.data()); // of steps in turn
+        Log const log = Log::over(log_.data(), expected);
+        int const turn = now_turn_;
 
         auto& cells = particles_.cells();
         particles_.sort();   // into the order of cells
         grid_.follow(cells); // blocks of nodes under them
         give_for(course_.now.interval.length());
-        backend_.for_each(1, BeginSteps<Number, d, Effects, Actions>{course_, effects, log, now});
+        backend_.for_each(Log::places(expected),
+                          BeginSteps<Number, d, Effects, Actions>{course_, effects, log, now + turn});
         // Only obstacles that push particles set what cannot be taken again.
         bool const held = particles_.holds_taken(),
                    pushed = Taken::components(d) > 0 && effects.touch_particles();
         using Update = UpdateGrid<Space, Transfer, Actions>;
         using Move = MoveParticles<Space, Model, Kernel, Transfer, Actions, Stored, Taken>;
-        auto const update = [&] {
-            return backend_.for_each_node(cells, grid_, Update{now, lattice_, smallest_node_mass()});
+        auto const update = [&](int step) {
+            return backend_.for_each_node(cells, grid_,
+                                          Update{now + (turn + step) % 2, lattice_, smallest_node_mass()});
         };
-        auto const move = [&] {
+        auto const move = [&](int step) {
             return Move{model_,
                         transfer_,
-                        now,
+                        now + (turn + step) % 2,
                         particles_.current(),
                         particles_.next(),
                         pushed ? particles_.next_taken() : typename Table::TakenView{},
@@ -311,51 +314,59 @@ private:
                         lattice_,
                         Number(control_.rejection)};
         };
-        using Conclude = ConcludeStep<Number, d, Effects, Actions, decltype(update())>;
-        auto const conclude = [&](auto const& reacted) {
-            return Conclude{rule, double(model_.density), effects, reacted, log, records, now};
+        auto const conclude = [&](int step) {
+            return ConcludeStep<Number, d, Effects, Actions>{rule, double(model_.density),     effects, log,
+                                                             step, now + (turn + step + 1) % 2};
         };
 
-        auto reacted = update();
+        auto reacted = update(0);
         int queued = 1;
-        for (;; ++queued, reacted = update()) {
-            backend_.move(cells, grid_, move(), conclude(reacted));
+        for (;; reacted = update(queued++)) {
+            backend_.move(cells, grid_, move(queued - 1), reacted, conclude(queued - 1));
             if (queued == expected) break;
             accept(pushed); // as is to be expected
             particles_.sort();
             backend_.template scatter_movers<Scatter>(cells, grid_);
         }
-        auto const* heard = reinterpret_cast<StepLog const*>(log_.fetch());
+        Log heard = Log::over(const_cast<unsigned char*>(log_.fetch()), expected);
         if constexpr (Backend::queues)
-            if (cells.listen()) { // a step lacked room: it and those after it did nothing
-                int const unmade = queued - 1 - static_cast<int>(heard->taken);
-                take_back(unmade, unmade, pushed);
-                queued -= unmade;
+            if (cells.listen()) { // a step lacked room, and those after it did nothing
+                int const lacking = static_cast<int>(*heard.taken) - (wrong_after(heard) ? 0 : 1);
+                take_back(queued - 1 - lacking, queued - 1 - lacking, pushed);
+                queued = lacking + 1;
                 do {
-                    adopt(*heard, true, pushed, held);
-                    backend_.complete(cells, grid_, move(), conclude(reacted));
-                    heard = reinterpret_cast<StepLog const*>(log_.fetch());
+                    adopt(heard.at[lacking].course, lacking, true, pushed, held);
+                    backend_.complete(cells, grid_, move(lacking), reacted, conclude(lacking));
+                    heard = Log::over(const_cast<unsigned char*>(log_.fetch()), expected);
                 } while (cells.listen());
             }
-        int const taken = static_cast<int>(heard->taken);
-        spoiled_ = heard->wrong > 0;
+        int const taken = static_cast<int>(*heard.taken);
+        spoiled_ = taken < queued && wrong_after(heard);
         if (taken == queued)
             accept(pushed);
         else if constexpr (Backend::queues)
             take_back(queued - 1 - taken, queued - 1 - taken + (spoiled_ ? 0 : 1), pushed);
-        adopt(*heard, spoiled_, pushed, held);
+        StepLog const& last = heard.at[taken + (spoiled_ ? 1 : 0)];
+        adopt(last.course, taken, spoiled_, pushed, held);
+        now_turn_ = (turn + taken) % 2;
         queue_ = taken == expected ? std::max<std::size_t>(queue_, 2 * taken) : std::max(taken, 1);
-        auto const* const record = reinterpret_cast<Record const*>(heard + 1);
-        for (int i = 0; i < taken; ++i) visit(record[i]);
-        return *heard;
+        for (int i = 0; i < taken; ++i) visit(heard.records[i]);
+        return last;
+    }
+
+    /// Whether the step after those that were taken went wrong.
+    template <class Log>
+    static bool wrong_after(Log const& log)
+    {
+        return log.at[*log.taken + 1].wrong > 0;
     }
 
     /// Takes over what is known of the steps of a run; `begun` says whether one more was begun and not made.
-    void adopt(StepLog const& log, bool begun, bool pushed, bool held)
+    void adopt(Course const& course, int taken, bool begun, bool pushed, bool held)
     {
-        course_ = log.course;
-        particles_.set_held(log.taken > 0 ? pushed : held, held);
-        if (log.taken == 0) return;
+        course_ = course;
+        particles_.set_held(taken > 0 ? pushed : held, held);
+        if (taken == 0) return;
         given_for_ = course_.given.interval.length();
         movers_gave_ = begun;
     }
@@ -520,8 +531,9 @@ private:
     Table particles_;
     Grid grid_;
     Course course_;
-    typename Backend::template Array<unsigned char> now_;  ///< a StepNow, of whatever effects there are
-    typename Backend::template Outbox<unsigned char> log_; ///< a StepLog, and the steps' records
+    typename Backend::template Array<unsigned char> now_;  ///< two StepNow, of whatever effects there are
+    typename Backend::template Outbox<unsigned char> log_; ///< a RunLog
+    int now_turn_ = 0;      ///< which of the two it is that the next step finds
     std::size_t queue_ = 1; ///< as many steps are worth while to queue: it went well with half as many
     double given_for_ = 0;  ///< the grid holds what particles give to a step of this length [s]; 0: nothing
     bool movers_gave_ = false; ///< so have those that changed their cells since

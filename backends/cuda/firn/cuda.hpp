@@ -74,7 +74,7 @@ struct Cuda
         if (cells.size() == 0) return;
         cuda::OnDevice const here(device);
         cuda::detail::launch("for_each_place", queue(), cuda::detail::for_each_place<CellOrder, Visit>,
-                             cells.blocks(), 0, visit, cells.view(), cells.settled());
+                             cells.blocks(), 1, 0, cells.signal(), visit, cells.view(), cells.settled());
     }
 
     /// All items give to the grid, by `phase.prepare` and `give` (see Giving): afresh, or onto what is there.
@@ -84,7 +84,7 @@ struct Cuda
         if (grid.blocks() == 0) return;
         cuda::OnDevice const here(device);
         cuda::detail::launch("scatter", queue(), cuda::detail::scatter<CellOrder, GridType, Phase>,
-                             grid.blocks(), cuda::detail::SharedTiles<GridType>::bytes(false, true),
+                             grid.blocks(), 1, cuda::detail::SharedTiles<GridType>::bytes(false, true),
                              cells.signal(), phase, cells.view(), grid.view(), afresh);
     }
 
@@ -94,25 +94,25 @@ struct Cuda
     {
         if (grid.blocks() == 0) return;
         cuda::OnDevice const here(device);
-        cuda::detail::launch("scatter_movers", queue(),
-                             cuda::detail::scatter_movers<CellOrder, GridType, Phase>, grid.blocks(),
-                             cuda::detail::SharedTiles<GridType>::bytes(false, true), cells.signal(),
-                             cells.view(), cells.arrived(), cells.movers(), grid.view());
+        cuda::detail::launch(
+            "scatter_movers", queue(), cuda::detail::scatter_movers<CellOrder, GridType, Phase>,
+            std::min(grid.blocks(), 4096u), 1, cuda::detail::SharedTiles<GridType>::bytes(false, true),
+            cells.signal(), grid.blocks(), cells.view(), cells.arrived(), cells.movers(), grid.view());
     }
 
-    /// Calls `phase(node, result)` for every node that was added to; the merged results are known to later
-    /// loops.
+    /// Calls `phase(node, result)` for every node that was added to; what it found becomes known when the
+    /// items have moved.
     template <class CellOrder, class GridType, class Phase>
-    cuda::Merged<typename Phase::Result> for_each_node(CellOrder const& cells, GridType& grid,
-                                                       Phase const& phase) const
+    cuda::Partial<typename Phase::Result> for_each_node(CellOrder const& cells, GridType& grid,
+                                                        Phase const& phase) const
     {
         using Result = typename Phase::Result;
-        if (grid.blocks() == 0) return {nullptr};
+        if (grid.blocks() == 0) return {};
         cuda::OnDevice const here(device);
         auto const results = grid.node_results().template expect<Result>(2 * grid.node_blocks());
         cuda::detail::launch("for_each_node", queue(), cuda::detail::for_each_node<GridType, Phase>,
-                             grid.node_blocks(), 0, cells.signal(), phase, grid.view(), results);
-        return {results.merged};
+                             grid.node_blocks(), 1, 0, cells.signal(), phase, grid.view(), results);
+        return grid.node_results().template partial<Result>();
     }
 
     /// All items take from the grid as they did when they moved last; the phase stores what it wants of that.
@@ -122,43 +122,51 @@ struct Cuda
         if (grid.blocks() == 0) return;
         cuda::OnDevice const here(device);
         cuda::detail::launch("take", queue(), cuda::detail::take<CellOrder, GridType, Phase>, grid.blocks(),
-                             cuda::detail::SharedTiles<GridType>::bytes(true, false), phase, cells.view(),
-                             grid.view());
+                             1, cuda::detail::SharedTiles<GridType>::bytes(true, false), cells.signal(),
+                             phase, cells.view(), grid.view());
     }
 
     /// All items take from the grid, move, and give to the grid of the next step (see MoveParticles); then
-    /// calls `conclude(merged results)` on the device. Where that is false, or there was no room for what
-    /// moved, later loops do nothing until the host has listened (see Cells::listen).
-    template <class CellOrder, class GridType, class Phase, class Conclude>
-    void move(CellOrder& cells, GridType& grid, Phase const& phase, Conclude const& conclude) const
+    /// calls `conclude(merged results of the nodes, and of the items)` on the device. Where that is false, or
+    /// there was no room for what moved, later loops do nothing until the host has listened (see
+    /// Cells::listen).
+    template <class CellOrder, class GridType, class Phase, class OfNodes, class Conclude>
+    void move(CellOrder& cells, GridType& grid, Phase const& phase, cuda::Partial<OfNodes> const& of_nodes,
+              Conclude const& conclude) const
     {
         using Result = typename Phase::Result;
+        using Tiles = cuda::detail::SharedTiles<GridType>;
+        using Conclusion = cuda::detail::Conclusion<OfNodes, Result, Conclude>;
         cuda::OnDevice const here(device);
         auto const signal = cells.signal();
         if (grid.blocks() == 0) {
-            cuda::detail::conclude_without_items<Result><<<1, 1, 0, stream>>>(signal, conclude);
+            cuda::detail::conclude_without_items<<<1, cuda::detail::scanning_threads, 0, stream>>>(
+                signal, Conclusion{{}, {}, conclude});
             cuda::check_launch("conclude_without_items");
             return;
         }
         auto const movers = cells.expect_departures(Phase::kept);
-        auto const results = grid.item_results().template expect<Result>(2 * grid.blocks());
+        unsigned const teams = Tiles::teams(grid.blocks());
+        auto const results = grid.item_results().template expect<Result>(2 * teams * grid.blocks());
         cuda::detail::Moved<typename GridType::Number, Result> const moved{movers, cells.changes(),
                                                                            cells.left(), results};
         cuda::detail::launch("move", queue(), cuda::detail::move<CellOrder, GridType, Phase>, grid.blocks(),
-                             cuda::detail::SharedTiles<GridType>::bytes(true, true), signal, phase,
-                             cells.view(), grid.view(), moved);
-        cells.find_departed(cuda::Merged<Result>{results.merged}, conclude);
+                             teams, Tiles::bytes(true, true, teams), signal, phase, cells.view(), grid.view(),
+                             moved);
+        cells.find_departed(Conclusion{of_nodes, grid.item_results().template partial<Result>(), conclude});
     }
 
     /// The same for items for which there was no room: makes room, and repeats what is to be repeated.
-    template <class CellOrder, class GridType, class Phase, class Conclude>
-    void complete(CellOrder& cells, GridType& grid, Phase const& phase, Conclude const& conclude) const
+    template <class CellOrder, class GridType, class Phase, class OfNodes, class Conclude>
+    void complete(CellOrder& cells, GridType& grid, Phase const& phase,
+                  cuda::Partial<OfNodes> const& of_nodes, Conclude const& conclude) const
     {
         using Result = typename Phase::Result;
         if (cells.make_room())
-            move(cells, grid, phase, conclude);
+            move(cells, grid, phase, of_nodes, conclude);
         else
-            cells.find_departed(grid.item_results().template known<Result>(), conclude);
+            cells.find_departed(cuda::detail::Conclusion<OfNodes, Result, Conclude>{
+                of_nodes, grid.item_results().template partial<Result>(), conclude});
     }
 };
 

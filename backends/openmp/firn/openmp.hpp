@@ -88,11 +88,12 @@ struct BasicOpenMP
     }
 
     /// All items take from the grid, move, and give to the grid of the next step (see MoveParticles); then
-    /// calls `conclude(merged results)`.
-    template <class CellOrder, class GridType, class Phase, class Conclude>
-    void move(CellOrder& cells, GridType& grid, Phase const& phase, Conclude const& conclude) const
+    /// calls `conclude(results of the nodes, merged results)`.
+    template <class CellOrder, class GridType, class Phase, class OfNodes, class Conclude>
+    void move(CellOrder& cells, GridType& grid, Phase const& phase, OfNodes const& of_nodes,
+              Conclude const& conclude) const
     {
-        conclude(openmp::move<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase));
+        conclude(of_nodes, openmp::move<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase));
     }
 };
 

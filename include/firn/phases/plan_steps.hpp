@@ -56,13 +56,14 @@ struct StepRule
     /// particles have given.
     FIRN_HOST_DEVICE bool choose(Course& course) const
     {
-        course.stable = stable(course.bounds).dt;
+        ChosenStep const longest_now = stable(course.bounds);
+        course.stable = longest_now.dt;
         if (equal > 0) { // who takes equal steps is expected to go on so
             course.now = {{course.time, course.time + equal}, StepLimit::duration};
             course.next = {{course.now.interval.end, course.now.interval.end + equal}, StepLimit::duration};
             return course.given.interval.length() == course.now.interval.length();
         }
-        PlannedStep const best = plan(course, course.time, end, course.previous, course.retries);
+        PlannedStep const best = plan(longest_now, course.time, end, course.previous, course.retries);
         double const planned = course.given.interval.length(), longest = best.interval.length();
         bool const fits = course.given.interval.begin == course.time && course.given.interval.end <= end &&
                           planned <= longest_plan * longest && planned >= shortest_plan * longest &&
@@ -72,7 +73,7 @@ struct StepRule
         double const next_end = course.now.interval.end < end ? end : end + duration;
         double const previous =
             course.now.limit != StepLimit::duration ? course.now.interval.length() : course.previous;
-        course.next = plan(course, course.now.interval.end, next_end, previous, 0);
+        course.next = plan(longest_now, course.now.interval.end, next_end, previous, 0);
         return fits;
     }
 
@@ -98,12 +99,11 @@ struct StepRule
     }
 
 private:
-    /// A stable step from `begin` that is not much longer than the one before and leaves no sliver before
-    /// `end`; after `retries` failures, half as long each time.
-    FIRN_HOST_DEVICE PlannedStep plan(Course const& course, double begin, double end, double previous,
+    /// A step from `begin` that is as long as is stable, not much longer than the one before, and leaves no
+    /// sliver before `end`; after `retries` failures, half as long each time.
+    FIRN_HOST_DEVICE PlannedStep plan(ChosenStep step, double begin, double end, double previous,
                                       int retries) const
     {
-        ChosenStep step = stable(course.bounds);
         double const remaining = end - begin;
         if (previous > 0) step.bound(control.growth * previous, StepLimit::growth);
         bool const last = step.dt >= remaining && retries == 0;

@@ -50,8 +50,9 @@ public:
     explicit Cells(Backend const& backend)
         : queue_(backend.queue()), set_(queue_), begin_(queue_), new_begin_(queue_), order_(queue_),
           left_(queue_), stay_(queue_), arrivals_(queue_), first_arrival_(queue_), group_left_(queue_),
-          block_arrived_(queue_), block_begin_(queue_), arrived_begin_(queue_), arrived_(queue_),
-          spare_(queue_), movers_(queue_), blocks_before_(queue_), stopped_(queue_), stop_(queue_)
+          block_stay_(queue_), block_arrived_(queue_), block_begin_(queue_), arrived_begin_(queue_),
+          arrived_(queue_), spare_(queue_), movers_(queue_), blocks_before_(queue_), stopped_(queue_),
+          stop_(queue_)
     {}
 
     Queue const& queue() const { return queue_; }
@@ -63,8 +64,8 @@ public:
     {
         return set_.memory() + begin_.memory() + new_begin_.memory() + order_.memory() + left_.memory() +
                stay_.memory() + arrivals_.memory() + first_arrival_.memory() + group_left_.memory() +
-               block_arrived_.memory() + block_begin_.memory() + arrived_begin_.memory() + arrived_.memory() +
-               spare_.memory() + movers_.memory();
+               block_stay_.memory() + block_arrived_.memory() + block_begin_.memory() +
+               arrived_begin_.memory() + arrived_.memory() + spare_.memory() + movers_.memory();
     }
 
     /// Adds items that lie at first, first + 1, … in the given cells.
@@ -131,21 +132,19 @@ public:
     unsigned char* left() { return left_.data(); }
     detail::Changes changes()
     {
-        return {stay_.data(), arrivals_.data(), first_arrival_.data(), group_left_.data(),
-                block_arrived_.data()};
+        return {stay_.data(),       arrivals_.data(),   first_arrival_.data(),
+                group_left_.data(), block_stay_.data(), block_arrived_.data()};
     }
 
-    /// Finds the cells of those that departed; if there is room for all of them and their blocks, calls
-    /// `conclude(what was found)`.
-    template <class Result, class Conclude>
-    void find_departed(Merged<Result> const& found, Conclude const& conclude)
+    /// Finds the cells of those that departed; if there is room for all of them and their blocks, concludes.
+    template <class Conclude>
+    void find_departed(Conclude const& conclude)
     {
         OnDevice const here(queue_);
-        unsigned const groups = std::max(1u, groups_of(movers_.most, detail::scanning_threads));
-        detail::find_new_cells<d><<<groups, detail::scanning_threads, 0, queue_.stream>>>(
-            signal(), movers_.view(channels_), changes(), set_.view(), set_.keys(), begins(), found,
-            conclude);
-        check_launch("find_new_cells");
+        unsigned const groups = 1 + groups_of(movers_.most, detail::scanning_threads);
+        launch_behind("find_new_cells", queue_, detail::find_new_cells<d, Number, Conclude>, groups,
+                      detail::scanning_threads, 0, signal(), movers_.view(channels_), changes(), set_.view(),
+                      set_.keys(), begins(), conclude);
     }
 
     /// Says to loops whether they have something to do.
@@ -245,8 +244,8 @@ private:
         {
             most = room;
             if (count.size() == 0) {
-                count.renew(2);
-                count.fill_bytes(0, 2, 0);
+                count.renew(3);
+                count.fill_bytes(0, 3, 0);
             }
             for (auto* const array : {&slot, &next}) array->renew(room);
             for (auto* const array : {&cell, &way}) array->renew(channels > 0 ? room : 0);
@@ -270,7 +269,7 @@ private:
     detail::BlockBegins begins()
     {
         block_begin_.resize(blocks());
-        return {begin_.data(), blocks(), block_begin_.data()};
+        return {blocks(), block_begin_.data()};
     }
 
     void find_block_begins()
@@ -313,6 +312,8 @@ private:
         first_arrival_.resize(cells);
         group_left_.resize(blocks() * Shape::groups);
         group_left_.fill_bytes(before * Shape::groups, births * Shape::groups, 0);
+        block_stay_.resize(blocks());
+        block_stay_.fill_bytes(before, births, 0);
         block_arrived_.resize(blocks());
     }
 
@@ -365,9 +366,8 @@ private:
                                   arrived_.data(),
                                   spare_.data(),
                                   in_place ? order_.data() : next.data()};
-        detail::rearrange<d><<<blocks(), 64, 0, queue_.stream>>>(signal(), begin_.data(), changes(),
-                                                                 block_begin_.data(), movers, to, offset);
-        check_launch("rearrange");
+        launch_behind("rearrange", queue_, detail::rearrange<d, Number>, blocks(), 64, 0, signal(),
+                      begin_.data(), changes(), block_begin_.data(), movers, to, offset);
         std::swap(begin_, new_begin_);
         if (!in_place) std::swap(order_, next);
         size_ = items;
@@ -381,7 +381,7 @@ private:
     BlockSet set_;
     Array<std::uint32_t> begin_, new_begin_, order_;
     Array<unsigned char> left_; ///< per slot: whether the item left its cell
-    Array<std::uint32_t> stay_, arrivals_, first_arrival_, group_left_, block_arrived_;
+    Array<std::uint32_t> stay_, arrivals_, first_arrival_, group_left_, block_stay_, block_arrived_;
     Array<std::uint64_t> block_begin_;
     Array<std::uint32_t> arrived_begin_, arrived_, spare_;
     MoverArrays movers_;

@@ -17,14 +17,14 @@ namespace firn::cuda::detail
 template <class Number>
 struct Movers
 {
-    std::uint32_t* count;
-    std::uint32_t most;  ///< there is room for so many
-    int channels;        ///< of what a departed item gives
-    std::uint32_t* slot; ///< where the item lies
-    std::uint32_t* cell; ///< where it was
-    std::uint32_t* way;  ///< to which neighbour it goes: three digits of base 3, first axis highest
-    std::uint32_t* next; ///< another one that comes into the same cell, or absent
-    Number* given;       ///< what a departed item gives to the grid, one after the other; its offset first
+    std::uint32_t* count; ///< two more follow it: of groups of threads that are through, and what they found
+    std::uint32_t most;   ///< there is room for so many
+    int channels;         ///< of what a departed item gives
+    std::uint32_t* slot;  ///< where the item lies
+    std::uint32_t* cell;  ///< where it was
+    std::uint32_t* way;   ///< to which neighbour it goes: three digits of base 3, first axis highest
+    std::uint32_t* next;  ///< another one that comes into the same cell, or absent
+    Number* given;        ///< what a departed item gives to the grid, one after the other; its offset first
 };
 
 /// What changes about cells when items move.
@@ -34,6 +34,7 @@ struct Changes
     std::uint32_t* arrivals;      ///< per cell: items that come
     std::uint32_t* first_arrival; ///< per cell: one of them, or absent
     std::uint32_t* group_left;    ///< per group of cells: items that leave
+    std::uint32_t* block_stay;    ///< per block: items that stay in their cells
     std::uint32_t* block_arrived; ///< per block: items that come into its cells
 };
 
@@ -53,7 +54,16 @@ struct Signal
     std::uint32_t* stopped;
     Stop* stop; ///< in memory of the host
 
-    __device__ bool stops() const { return *stopped != 0; }
+    /// The first thing that a loop asks: waits for the loop before (see launch_behind), and lets the next one
+    /// be made ready.
+    __device__ bool stops() const
+    {
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
+        cudaTriggerProgrammaticLaunchCompletion();
+        cudaGridDependencySynchronize();
+#endif
+        return *stopped != 0;
+    }
 };
 
 /// Enters a mover in the list of its new cell, and counts it there and in the block.
@@ -128,7 +138,9 @@ static __global__ void stay_all(std::uint32_t const* begin, std::uint32_t cells,
     changes.arrivals[c] = 0;
     changes.first_arrival[c] = absent;
     if (c % 32 == 0) changes.group_left[c / 32] = 0;
-    if (c % 64 == 0) changes.block_arrived[c / 64] = 0;
+    if (c % 64 != 0) return;
+    changes.block_stay[c / 64] = begin[c + 64] - begin[c];
+    changes.block_arrived[c / 64] = 0;
 }
 
 /// The sum of a value over the lanes of a warp before this one; `total` becomes that over all.
@@ -167,7 +179,6 @@ inline constexpr int scanning_threads = 512, scanned_at_once = 8;
 /// Where each block's items and arrivals begin.
 struct BlockBegins
 {
-    std::uint32_t const* begin; ///< per cell, as things were
     std::uint32_t blocks;
     std::uint64_t* of_block; ///< both counts in one number, items in its lower half
 };
@@ -175,7 +186,7 @@ struct BlockBegins
 /// Finds them, by one group of threads: there are few blocks. Returns how many hold items.
 __device__ inline std::uint32_t find_block_begins(BlockBegins const& begins, Changes const& changes)
 {
-    std::uint32_t const blocks = begins.blocks, *const begin = begins.begin;
+    std::uint32_t const blocks = begins.blocks;
     std::uint64_t before = 0;
     std::uint32_t live = 0;
     for (std::uint32_t first = 0; first < blocks; first += scanning_threads * scanned_at_once) {
@@ -186,9 +197,7 @@ __device__ inline std::uint32_t find_block_begins(BlockBegins const& begins, Cha
             count[i] = 0;
             if (b >= blocks) continue;
             std::uint32_t const arrived = __ldcg(changes.block_arrived + b); // counted by others just now
-            std::uint32_t const had = begin[(b + 1) * 64] - begin[b * 64];
-            std::uint32_t const left = changes.group_left[2 * b] + changes.group_left[2 * b + 1];
-            count[i] = (std::uint64_t(arrived) << 32) | (had - left + arrived);
+            count[i] = (std::uint64_t(arrived) << 32) | (changes.block_stay[b] + arrived);
             live += count[i] != 0;
         }
 #pragma unroll
@@ -215,19 +224,51 @@ static __global__ void __launch_bounds__(scanning_threads)
     find_block_begins(begins, changes);
 }
 
-/// Finds the new cells of departed items, and counts them there; the last group of threads then finds where
-/// blocks begin, and concludes.
-template <int d, class Number, class Result, class Conclude>
+/// What concludes a step: the results of two loops, and who is called with them.
+template <class OfNodes, class OfItems, class Call>
+struct Conclusion
+{
+    Partial<OfNodes> of_nodes;
+    Partial<OfItems> of_items;
+    Call call;
+
+    /// Called by a whole group of threads; true in its first one if the call was.
+    __device__ bool operator()() const
+    {
+        constexpr std::uint32_t half = scanning_threads / 64;
+        // plain values, although Eigen's types do not say so
+        __shared__ __align__(16) unsigned char memory[half * (sizeof(OfNodes) + sizeof(OfItems))];
+        auto* const items = reinterpret_cast<OfItems*>(memory);
+        auto* const nodes = reinterpret_cast<OfNodes*>(items + half);
+        std::uint32_t const warp = threadIdx.x / 32;
+        if (warp < half)
+            of_items.merge(warp, half, items);
+        else
+            of_nodes.merge(warp - half, half, nodes);
+        __syncthreads();
+        return threadIdx.x == 0 &&
+               call(Partial<OfNodes>::whole(nodes, half), Partial<OfItems>::whole(items, half));
+    }
+};
+
+/// Finds the new cells of departed items, and counts them there; one more group of threads concludes at the
+/// same time, and the one that comes last finds where blocks begin.
+template <int d, class Number, class Conclude>
 __global__ void __launch_bounds__(scanning_threads)
     find_new_cells(Signal signal, Movers<Number> movers, Changes changes, BlockSet::View set,
-                   std::uint64_t const* keys, BlockBegins begins, Merged<Result> found, Conclude conclude)
+                   std::uint64_t const* keys, BlockBegins begins, Conclude conclude)
 {
     if (signal.stops()) return;
     std::uint32_t const mover = blockIdx.x * blockDim.x + threadIdx.x, departed = *movers.count;
-    if (mover < departed && mover < movers.most) find_new_cell<d>(movers, changes, set, keys, mover);
+    std::uint32_t *const finished = movers.count + 1, *const concluded = movers.count + 2;
+    if (blockIdx.x + 1 == gridDim.x) {
+        bool const goes_on = conclude();
+        if (threadIdx.x == 0) *concluded = goes_on;
+    }
+    else if (mover < departed && mover < movers.most)
+        find_new_cell<d>(movers, changes, set, keys, mover);
     __shared__ bool last;
     __syncthreads();
-    std::uint32_t* const finished = movers.count + 1;
     if (threadIdx.x == 0) {
         __threadfence();
         last = atomicAdd(finished, 1u) + 1 == gridDim.x;
@@ -235,18 +276,26 @@ __global__ void __launch_bounds__(scanning_threads)
     __syncthreads();
     if (!last) return;
     __threadfence();
-    std::uint32_t const births = *static_cast<std::uint32_t volatile*>(set.born_count);
+    std::uint32_t const births = __ldcg(set.born_count), goes_on = __ldcg(concluded);
     bool const short_of_room = births > 0 || departed > movers.most;
     std::uint32_t const live = short_of_room ? 0 : find_block_begins(begins, changes);
     if (threadIdx.x != 0) return;
     *finished = 0;
     // the next loop that moves items counts anew, unless these are to be found once more
     if (births == 0 || departed > movers.most) *movers.count = 0;
-    bool const goes_on = !short_of_room && conclude(static_cast<Result>(found));
     bool const crowded = !short_of_room && begins.blocks > 8 + live + live / 2;
-    if (goes_on && !crowded) return;
+    if (goes_on && !short_of_room && !crowded) return;
     *signal.stopped = 1;
     *signal.stop = {1, departed, births, crowded};
+}
+
+/// What follows a loop over no items.
+template <class Conclude>
+__global__ void __launch_bounds__(scanning_threads) conclude_without_items(Signal signal, Conclude conclude)
+{
+    if (signal.stops() || conclude() || threadIdx.x != 0) return;
+    *signal.stopped = 1;
+    *signal.stop = {1, 0, 0, 0};
 }
 
 /// Lists the blocks that hold items, in their order.

@@ -60,17 +60,16 @@ __device__ Result merged_in_warp(Result result)
     return result;
 }
 
-/// Where the warps of a loop leave their results; the last of each bunch of warps merges those of the bunch,
-/// and the last bunch those of the bunches: no loop of its own is needed, and the order is always the same.
+/// Where the warps of a loop leave their results. Where there are many warps, the last of each bunch merges
+/// those of the bunch, so that few are left to whoever concludes; the order is always the same.
 template <class Result>
 struct ResultsOfWarps
 {
-    static constexpr std::uint32_t bunch = 64;
+    Result *of_warps, *of_bunches; ///< the same where bunches are of one
+    std::uint32_t* finished;       ///< per bunch: how many are through
+    std::uint32_t warps, bunch;
 
-    Result *of_warps, *of_bunches;
-    std::uint32_t* finished; ///< per bunch, and last the bunches: how many are through
-    std::uint32_t warps;
-    Result* merged;
+    __host__ __device__ std::uint32_t bunches() const { return (warps + bunch - 1) / bunch; }
 
     /// All lanes of a warp bring their results; called once by each warp.
     __device__ void take(Result const& of_lane, std::uint32_t warp) const
@@ -78,18 +77,20 @@ struct ResultsOfWarps
         bool const leads = threadIdx.x % 32 == 0;
         Result const mine = merged_in_warp(of_lane);
         if (leads) store_words(mine, of_warps + warp);
-        std::uint32_t const b = warp / bunch, bunches = (warps + bunch - 1) / bunch;
-        if (!is_last(finished + b, min(bunch, warps - b * bunch))) return;
-        Result const of_bunch = merge(of_warps + b * bunch, min(bunch, warps - b * bunch));
+        if (bunch == 1) return;
+        std::uint32_t const b = warp / bunch, first = b * bunch,
+                            in_bunch = bunch < warps - first ? bunch : warps - first;
+        if (!is_last(finished + b, in_bunch)) return;
+        std::uint32_t const lane = threadIdx.x % 32;
+        Result of_bunch{};
+#pragma unroll 1
+        for (std::uint32_t i = lane * in_bunch / 32; i < (lane + 1) * in_bunch / 32; ++i)
+            of_bunch.merge(load_words(of_warps + first + i));
+        of_bunch = merged_in_warp(of_bunch);
         if (leads) store_words(of_bunch, of_bunches + b);
-        if (!is_last(finished + bunches, bunches)) return;
-        Result const all = merge(of_bunches, bunches);
-        if (leads) store_words(all, merged);
     }
 
 private:
-    __device__ static std::uint32_t min(std::uint32_t a, std::uint32_t b) { return a < b ? a : b; }
-
     /// Whether all others were here before this warp; then the count begins anew.
     __device__ static bool is_last(std::uint32_t* count, std::uint32_t of)
     {
@@ -102,51 +103,73 @@ private:
         }
         return __shfl_sync(~0u, before, 0) + 1 == of;
     }
-
-    __device__ static Result merge(Result const* from, std::uint32_t count)
-    {
-        std::uint64_t const lane = threadIdx.x % 32;
-        Result result{};
-        for (auto i = lane * count / 32; i < (lane + 1) * count / 32; ++i) result.merge(load_words(from + i));
-        return merged_in_warp(result);
-    }
 };
 } // namespace detail
 
-/// A merged result where later loops find it: converts to it there. Without a place, of nothing.
+/// What the warps of a loop found, to be merged by a later loop; from no loop, nothing.
 template <class Result>
-struct Merged
+struct Partial
 {
-    Result const* where;
-    __device__ operator Result() const { return where ? *where : Result{}; }
+    Result const* of;
+    std::uint32_t count;
+
+    /// Merges them in a fixed order, by `warps` neighbouring warps of a group of threads, this being the
+    /// `warp`-th of them: each leaves its part in `parts`.
+    __device__ void merge(std::uint32_t warp, std::uint32_t warps, Result* parts) const
+    {
+        std::uint64_t const thread = warp * 32 + threadIdx.x % 32, threads = warps * 32;
+        Result mine{};
+#pragma unroll 1
+        for (auto i = thread * count / threads; i < (thread + 1) * count / threads; ++i)
+            mine.merge(detail::load_words(of + i));
+        mine = detail::merged_in_warp(mine);
+        if (threadIdx.x % 32 == 0) detail::store_words(mine, parts + warp);
+    }
+    /// The parts of so many warps, merged.
+    __device__ static Result whole(Result const* parts, std::uint32_t warps)
+    {
+        Result all{};
+#pragma unroll 1
+        for (std::uint32_t w = 0; w < warps; ++w) all.merge(parts[w]);
+        return all;
+    }
 };
 
-/// The results of a loop's warps, merged in a fixed order.
+/// The results of a loop's warps.
 class Results
 {
+    static constexpr std::uint32_t most_bunches = 1024;
+
 public:
-    explicit Results(Queue const& queue) : partial_(queue), finished_(queue), merged_(queue) {}
+    explicit Results(Queue const& queue) : partial_(queue), finished_(queue) {}
 
     /// Room for the results of so many warps.
     template <class Result>
     detail::ResultsOfWarps<Result> expect(std::uint32_t warps)
     {
-        std::uint32_t const bunches = groups_of(warps, detail::ResultsOfWarps<Result>::bunch);
-        partial_.renew((std::size_t(warps) + bunches) * sizeof(Result));
-        if (finished_.size() < bunches + 1) {
-            finished_.renew(bunches + 1);
+        detail::ResultsOfWarps<Result> results{};
+        results.warps = warps;
+        results.bunch = (warps + most_bunches - 1) / most_bunches;
+        std::uint32_t const bunches = results.bunches(), more = results.bunch == 1 ? 0 : bunches;
+        if (partial_.size() < (std::size_t(warps) + more) * sizeof(Result))
+            partial_.renew((std::size_t(warps) + more) * sizeof(Result));
+        if (finished_.size() < bunches) {
+            finished_.renew(bunches);
             finished_.fill_bytes(0, finished_.size(), 0);
         }
-        auto* const results = reinterpret_cast<Result*>(partial_.data());
-        merged_.renew(sizeof(Result));
-        return {results, results + warps, finished_.data(), warps, reinterpret_cast<Result*>(merged_.data())};
+        results.of_warps = reinterpret_cast<Result*>(partial_.data());
+        results.of_bunches = results.of_warps + (more == 0 ? 0 : warps);
+        results.finished = finished_.data();
+        partial_count_ = bunches;
+        first_partial_ = results.of_bunches;
+        return results;
     }
 
     /// Those of the last loop.
     template <class Result>
-    Merged<Result> known() const
+    Partial<Result> partial() const
     {
-        return {reinterpret_cast<Result const*>(merged_.data())};
+        return {static_cast<Result const*>(first_partial_), partial_count_};
     }
 
     std::size_t memory() const { return partial_.memory() + finished_.memory(); }
@@ -154,7 +177,8 @@ public:
 private:
     Array<unsigned char> partial_;
     Array<std::uint32_t> finished_;
-    Array<unsigned char> merged_;
+    void const* first_partial_ = nullptr;
+    std::uint32_t partial_count_ = 0;
 };
 
 } // namespace firn::cuda
