@@ -280,12 +280,14 @@ private:
         using Now = StepNow<Number, Actions>;
         using Log = RunLog<Actions::obstacles>;
         static_assert(std::is_trivially_destructible_v<Now>, "an effect's action is a plain value");
-        int const expected =
-            static_cast<int>(std::min<std::size_t>(most, std::min<std::size_t>(queue_, backend_.batch)));
-        now_.resize(std::max(now_.size(), 2 * sizeof(Now)));
+        int const expected = static_cast<int>(
+            std::min<std::size_t>(most, std::min(queue_, backend_.steps_to_queue(particles_.cells()))));
+        using Rule = RunRule<Effects>;
+        now_.resize(std::max(now_.size(), 2 * sizeof(Now) + sizeof(Rule)));
         log_.resize(Log::bytes(expected));
         auto* const now = reinterpret_cast<Now*>(now_.data()); // of steps in turn
         Log const log = Log::over(log_.data(), expected);
+        auto* const kept_rule = reinterpret_cast<Rule*>(now + 2);
         int const turn = now_turn_;
 
         auto& cells = particles_.cells();
@@ -293,7 +295,8 @@ private:
         grid_.follow(cells); // blocks of nodes under them
         give_for(course_.now.interval.length());
         backend_.for_each(Log::places(expected),
-                          BeginSteps<Number, d, Effects, Actions>{course_, effects, log, now + turn});
+                          BeginSteps<Number, d, Effects, Actions>{
+                              course_, {rule, double(model_.density), effects}, kept_rule, log, now + turn});
         // Only obstacles that push particles set what cannot be taken again.
         bool const held = particles_.holds_taken(),
                    pushed = Taken::components(d) > 0 && effects.touch_particles();
@@ -315,8 +318,8 @@ private:
                         Number(control_.rejection)};
         };
         auto const conclude = [&](int step) {
-            return ConcludeStep<Number, d, Effects, Actions>{rule, double(model_.density),     effects, log,
-                                                             step, now + (turn + step + 1) % 2};
+            return ConcludeStep<Number, d, Effects, Actions>{kept_rule, log, step,
+                                                             now + (turn + step + 1) % 2};
         };
 
         auto reacted = update(0);
@@ -531,7 +534,7 @@ private:
     Table particles_;
     Grid grid_;
     Course course_;
-    typename Backend::template Array<unsigned char> now_;  ///< two StepNow, of whatever effects there are
+    typename Backend::template Array<unsigned char> now_;  ///< two StepNow and a RunRule, of whatever effects
     typename Backend::template Outbox<unsigned char> log_; ///< a RunLog
     int now_turn_ = 0;      ///< which of the two it is that the next step finds
     std::size_t queue_ = 1; ///< as many steps are worth while to queue: it went well with half as many

@@ -20,7 +20,7 @@ struct Cuda
 {
     int device = 0;                ///< as cudaGetDeviceProperties counts them
     cudaStream_t stream = nullptr; ///< of that device; it must live as long as the solver
-    std::size_t batch = 32;        ///< steps that are queued before the host listens, at most
+    std::size_t batch = 16;        ///< steps that are queued before the host listens, at most
     static constexpr bool reaches_host_memory = false;
     static constexpr bool queues = true; ///< loops are not through when they return
 
@@ -36,6 +36,15 @@ struct Cuda
     using Grid = cuda::Grid<Number, d, order, sums, values>;
 
     cuda::Queue queue() const { return {device, stream}; }
+
+    /// How many steps are worth while to queue: where there are many blocks, loops that were queued in vain
+    /// take longer, and the host that listens holds up less.
+    template <class CellOrder>
+    std::size_t steps_to_queue(CellOrder const& cells) const
+    {
+        std::size_t const worth_while = 2 + 10000 / (1000 + cells.blocks());
+        return batch < worth_while ? batch : worth_while;
+    }
 
     /// Throws an Error unless there is such a device and a driver for it.
     void validate() const
@@ -109,7 +118,7 @@ struct Cuda
         using Result = typename Phase::Result;
         if (grid.blocks() == 0) return {};
         cuda::OnDevice const here(device);
-        auto const results = grid.node_results().template expect<Result>(2 * grid.node_blocks());
+        auto const results = grid.node_results().template expect<Result>(grid.node_blocks());
         cuda::detail::launch("for_each_node", queue(), cuda::detail::for_each_node<GridType, Phase>,
                              grid.node_blocks(), 1, 0, cells.signal(), phase, grid.view(), results);
         return grid.node_results().template partial<Result>();
@@ -147,7 +156,7 @@ struct Cuda
         }
         auto const movers = cells.expect_departures(Phase::kept);
         unsigned const teams = Tiles::teams(grid.blocks());
-        auto const results = grid.item_results().template expect<Result>(2 * teams * grid.blocks());
+        auto const results = grid.item_results().template expect<Result>(grid.blocks());
         cuda::detail::Moved<typename GridType::Number, Result> const moved{movers, cells.changes(),
                                                                            cells.left(), results};
         cuda::detail::launch("move", queue(), cuda::detail::move<CellOrder, GridType, Phase>, grid.blocks(),

@@ -22,8 +22,7 @@ struct BasicOpenMP
 {
     int threads = 0; ///< 0: as many as OpenMP would use
     static constexpr bool reaches_host_memory = true;
-    static constexpr bool queues = false;   ///< loops are through when they return
-    static constexpr std::size_t batch = 1; ///< steps that are queued before the host listens
+    static constexpr bool queues = false; ///< loops are through when they return
 
     template <class Number>
     using Lane = typename Lanes::template Lane<Number>;
@@ -40,6 +39,13 @@ struct BasicOpenMP
     {
         require(threads >= 0, "the number of threads is below 0", "OpenMP",
                 "Pass the number of threads, or 0 for all cores.");
+    }
+
+    /// How many steps are worth while to queue before the host listens: it need not wait.
+    template <class CellOrder>
+    static std::size_t steps_to_queue(CellOrder const&)
+    {
+        return 1;
     }
 
     int thread_count() const { return threads > 0 ? threads : omp_get_max_threads(); }

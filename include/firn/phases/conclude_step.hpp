@@ -45,7 +45,8 @@ struct RunLog
     static std::size_t places(std::size_t steps) { return steps + 2; }
     static std::size_t bytes(std::size_t steps)
     {
-        return sizeof(std::uint64_t) + places(steps) * sizeof(StepLog) + steps * sizeof(StepRecord<obstacles>);
+        return sizeof(std::uint64_t) + places(steps) * sizeof(StepLog) +
+               steps * sizeof(StepRecord<obstacles>);
     }
 
     /// The log of so many steps that lies at `memory`.
@@ -57,12 +58,22 @@ struct RunLog
     }
 };
 
+/// What stays the same during a run of steps, where they are taken.
+template <class Effects>
+struct RunRule
+{
+    StepRule steps;
+    double density; ///< at rest [kg/m^3]
+    Effects effects;
+};
+
 /// Makes ready for a run of steps from where the host says they begin: called for every place of the log.
 template <class Number, int d, class Effects, class Actions>
 struct BeginSteps
 {
     Course course;
-    Effects effects;
+    RunRule<Effects> rule;
+    RunRule<Effects>* kept_rule;
     RunLog<Actions::obstacles> log;
     StepNow<Number, Actions>* now;
 
@@ -70,12 +81,13 @@ struct BeginSteps
     {
         log.at[place].wrong = 0;
         if (place > 0) return;
+        *kept_rule = rule;
         *log.taken = 0;
         log.at[0].course = course;
         if (course.ready) return; // it was left so by the step before
         now->dt = static_cast<Number>(course.now.interval.length());
         now->next_dt = static_cast<Number>(course.next.interval.length());
-        now->actions = effects.template during<Number, d>(course.now.interval);
+        now->actions = rule.effects.template during<Number, d>(course.now.interval);
     }
 };
 
@@ -87,9 +99,7 @@ struct BeginSteps
 template <class Number, int d, class Effects, class Actions>
 struct ConcludeStep
 {
-    StepRule rule;
-    double density; ///< at rest [kg/m^3]
-    Effects effects;
+    RunRule<Effects> const* kept_rule;
     RunLog<Actions::obstacles> log;
     int step;                        ///< of the run
     StepNow<Number, Actions>* after; ///< where the next step finds what it knows
@@ -98,7 +108,9 @@ struct ConcludeStep
     template <class Found>
     FIRN_HOST_DEVICE bool operator()(Reactions<Actions::obstacles> reactions, Found const& found) const
     {
-        Course course = log.at[step].course; // a copy, loaded at once and stored at once
+        Course course = log.at[step].course; // copies, loaded at once
+        RunRule<Effects> const run = *kept_rule;
+        StepRule const& rule = run.steps;
         course.ready = false;
         log.at[step + 1].wrong = found.wrong;
         log.at[step + 1].mishap = found.mishap;
@@ -109,7 +121,7 @@ struct ConcludeStep
             return false;
         }
         StepBounds bounds;
-        bounds.wave_speed = sqrt(found.wave_modulus / density);
+        bounds.wave_speed = sqrt(found.wave_modulus / run.density);
         bounds.speed = sqrt(found.speed2);
         bounds.deformation_rate = sqrt(found.deformation);
         bounds.obstacle_speed = sqrt(reactions.largest_surface_speed2);
@@ -123,7 +135,7 @@ struct ConcludeStep
         if (!course.ready) return false;
         after->dt = static_cast<Number>(course.now.interval.length());
         after->next_dt = static_cast<Number>(course.next.interval.length());
-        after->actions = effects.template during<Number, d>(course.now.interval);
+        after->actions = run.effects.template during<Number, d>(course.now.interval);
         return true;
     }
 };

@@ -141,7 +141,7 @@ public:
     void find_departed(Conclude const& conclude)
     {
         OnDevice const here(queue_);
-        unsigned const groups = 1 + groups_of(movers_.most, detail::scanning_threads);
+        unsigned const groups = 1 + std::min(groups_of(movers_.most, detail::scanning_threads), 256u);
         launch_behind("find_new_cells", queue_, detail::find_new_cells<d, Number, Conclude>, groups,
                       detail::scanning_threads, 0, signal(), movers_.view(channels_), changes(), set_.view(),
                       set_.keys(), begins(), conclude);

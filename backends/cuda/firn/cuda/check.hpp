@@ -38,15 +38,19 @@ struct Queue
     void wait() const { check(cudaStreamSynchronize(stream), "cudaStreamSynchronize"); }
 };
 
-/// Starts a loop that may be made ready while the one before is still at work: it waits for that itself (see
-/// Signal), where the device can do so.
+/// Loops of so few groups of threads may be made ready while the ones before are still at work. In larger
+/// ones those that wait would take the place of those that work.
+inline constexpr unsigned few_groups = 128;
+
+/// Starts a loop; a small one may be made ready while the one before is still at work, and waits for that
+/// itself (see Signal), where the device can do so.
 template <class... Parameters, class... Arguments>
 void launch_behind(char const* name, Queue const& queue, void (*loop)(Parameters...), unsigned groups,
                    unsigned threads, std::size_t shared, Arguments const&... arguments)
 {
     cudaLaunchAttribute attribute{};
     attribute.id = cudaLaunchAttributeProgrammaticStreamSerialization;
-    attribute.val.programmaticStreamSerializationAllowed = 1;
+    attribute.val.programmaticStreamSerializationAllowed = groups <= few_groups;
     cudaLaunchConfig_t how{};
     how.gridDim = groups;
     how.blockDim = threads;

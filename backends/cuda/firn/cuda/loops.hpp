@@ -192,7 +192,7 @@ __global__ void __launch_bounds__(block_threads)
 template <class GridType, class Phase>
 __global__ void __launch_bounds__(block_threads)
     for_each_node(Signal signal, Phase phase, typename GridType::View grid,
-                  ResultsOfWarps<typename Phase::Result> results)
+                  ResultsOfGroups<typename Phase::Result> results)
 {
     if (signal.stops()) return;
     using Shape = typename GridType::Shape;
@@ -234,7 +234,8 @@ __global__ void __launch_bounds__(block_threads)
     typename Phase::Result result{};
     if (any) phase(lane, result); // nothing was added to the others
     grid.node_values[std::size_t(blockIdx.x) * Shape::cells + threadIdx.x] = lane.values();
-    results.take(result, 2 * blockIdx.x + threadIdx.x / 32);
+    __shared__ __align__(16) unsigned char parts[2 * sizeof(typename Phase::Result)];
+    results.take(result, reinterpret_cast<typename Phase::Result*>(parts));
 }
 
 /// What the loop that moves items writes beside what the phase does.
@@ -244,7 +245,7 @@ struct Moved
     Movers<Number> movers;
     Changes changes;
     unsigned char* left;
-    ResultsOfWarps<Result> results;
+    ResultsOfGroups<Result> results;
 };
 
 /// All items take, answer, and give to the tile of the next step; those that depart are put on a list.
@@ -316,7 +317,8 @@ __global__ void __launch_bounds__(most_teams* block_threads, 1)
         if (place % 32 == 0) moved.changes.group_left[2 * blockIdx.x + place / 32] = left_group[place / 32];
     }
     tiles.write_sums(grid.next_tiles + std::size_t(blockIdx.x) * Tile::nodes, false);
-    moved.results.take(result, (blockIdx.x * blockDim.x + threadIdx.x) / 32);
+    __shared__ __align__(16) unsigned char parts[2 * most_teams * sizeof(typename Phase::Result)];
+    moved.results.take(result, reinterpret_cast<typename Phase::Result*>(parts));
 }
 
 /// All items take, and the phase keeps what it wants of that.

@@ -246,8 +246,10 @@ struct Conclusion
         else
             of_nodes.merge(warp - half, half, nodes);
         __syncthreads();
-        return threadIdx.x == 0 &&
-               call(Partial<OfNodes>::whole(nodes, half), Partial<OfItems>::whole(items, half));
+        if (warp > 0) return false;
+        OfItems const all_items = Partial<OfItems>::whole(items, half);
+        OfNodes const all_nodes = Partial<OfNodes>::whole(nodes, half);
+        return threadIdx.x == 0 && call(all_nodes, all_items);
     }
 };
 
@@ -259,14 +261,17 @@ __global__ void __launch_bounds__(scanning_threads)
                    std::uint64_t const* keys, BlockBegins begins, Conclude conclude)
 {
     if (signal.stops()) return;
-    std::uint32_t const mover = blockIdx.x * blockDim.x + threadIdx.x, departed = *movers.count;
+    std::uint32_t const departed = *movers.count, noted = departed < movers.most ? departed : movers.most;
     std::uint32_t *const finished = movers.count + 1, *const concluded = movers.count + 2;
-    if (blockIdx.x + 1 == gridDim.x) {
+    if (blockIdx.x == 0) {
         bool const goes_on = conclude();
         if (threadIdx.x == 0) *concluded = goes_on;
     }
-    else if (mover < departed && mover < movers.most)
-        find_new_cell<d>(movers, changes, set, keys, mover);
+    else
+        for (std::uint32_t first = (blockIdx.x - 1) * blockDim.x; first < noted;
+             first += (gridDim.x - 1) * blockDim.x)
+            if (first + threadIdx.x < noted)
+                find_new_cell<d>(movers, changes, set, keys, first + threadIdx.x);
     __shared__ bool last;
     __syncthreads();
     if (threadIdx.x == 0) {

@@ -42,6 +42,18 @@ __device__ T load_words(T const* from)
     return value;
 }
 
+/// Loads what a thread of this group stored in memory that they share.
+template <class T>
+__device__ T load_shared(T const* from)
+{
+    Words<T> words;
+#pragma unroll
+    for (int i = 0; i < Words<T>::count; ++i) words.of[i] = reinterpret_cast<std::uint32_t const*>(from)[i];
+    T value;
+    memcpy(static_cast<void*>(&value), &words, sizeof words);
+    return value;
+}
+
 /// The results of a warp's lanes, merged in their order: in lane 0.
 template <class Result>
 __device__ Result merged_in_warp(Result result)
@@ -60,34 +72,38 @@ __device__ Result merged_in_warp(Result result)
     return result;
 }
 
-/// Where the warps of a loop leave their results. Where there are many warps, the last of each bunch merges
-/// those of the bunch, so that few are left to whoever concludes; the order is always the same.
+/// Where the groups of threads of a loop leave their results. Where there are many, the last of each bunch
+/// merges those of the bunch, so that few are left to whoever concludes; the order is always the same.
 template <class Result>
-struct ResultsOfWarps
+struct ResultsOfGroups
 {
-    Result *of_warps, *of_bunches; ///< the same where bunches are of one
-    std::uint32_t* finished;       ///< per bunch: how many are through
-    std::uint32_t warps, bunch;
+    Result *of_groups, *of_bunches; ///< the same where bunches are of one
+    std::uint32_t* finished;        ///< per bunch: how many are through
+    std::uint32_t groups, bunch;
 
-    __host__ __device__ std::uint32_t bunches() const { return (warps + bunch - 1) / bunch; }
+    __host__ __device__ std::uint32_t bunches() const { return (groups + bunch - 1) / bunch; }
 
-    /// All lanes of a warp bring their results; called once by each warp.
-    __device__ void take(Result const& of_lane, std::uint32_t warp) const
+    /// All threads of a group bring their results; `parts` is memory that they share, one value per warp.
+    __device__ void take(Result const& of_thread, Result* parts) const
     {
-        bool const leads = threadIdx.x % 32 == 0;
-        Result const mine = merged_in_warp(of_lane);
-        if (leads) store_words(mine, of_warps + warp);
+        std::uint32_t const warp = threadIdx.x / 32, lane = threadIdx.x % 32, warps = blockDim.x / 32;
+        Result mine = merged_in_warp(of_thread);
+        if (lane == 0) store_words(mine, parts + warp);
+        __syncthreads();
+        if (warp > 0) return;
+        mine = lane < warps ? load_shared(parts + lane) : Result{};
+        mine = merged_in_warp(mine);
+        if (lane == 0) store_words(mine, of_groups + blockIdx.x);
         if (bunch == 1) return;
-        std::uint32_t const b = warp / bunch, first = b * bunch,
-                            in_bunch = bunch < warps - first ? bunch : warps - first;
+        std::uint32_t const b = blockIdx.x / bunch, first = b * bunch,
+                            in_bunch = bunch < groups - first ? bunch : groups - first;
         if (!is_last(finished + b, in_bunch)) return;
-        std::uint32_t const lane = threadIdx.x % 32;
         Result of_bunch{};
 #pragma unroll 1
         for (std::uint32_t i = lane * in_bunch / 32; i < (lane + 1) * in_bunch / 32; ++i)
-            of_bunch.merge(load_words(of_warps + first + i));
+            of_bunch.merge(load_words(of_groups + first + i));
         of_bunch = merged_in_warp(of_bunch);
-        if (leads) store_words(of_bunch, of_bunches + b);
+        if (lane == 0) store_words(of_bunch, of_bunches + b);
     }
 
 private:
@@ -106,7 +122,7 @@ private:
 };
 } // namespace detail
 
-/// What the warps of a loop found, to be merged by a later loop; from no loop, nothing.
+/// What a loop found, to be merged by a later one; from no loop, nothing.
 template <class Result>
 struct Partial
 {
@@ -117,25 +133,24 @@ struct Partial
     /// `warp`-th of them: each leaves its part in `parts`.
     __device__ void merge(std::uint32_t warp, std::uint32_t warps, Result* parts) const
     {
-        std::uint64_t const thread = warp * 32 + threadIdx.x % 32, threads = warps * 32;
+        std::uint32_t const thread = warp * 32 + threadIdx.x % 32, threads = warps * 32,
+                            each = (count + threads - 1) / threads;
         Result mine{};
 #pragma unroll 1
-        for (auto i = thread * count / threads; i < (thread + 1) * count / threads; ++i)
+        for (std::uint32_t i = thread * each; i < (thread + 1) * each && i < count; ++i)
             mine.merge(detail::load_words(of + i));
         mine = detail::merged_in_warp(mine);
         if (threadIdx.x % 32 == 0) detail::store_words(mine, parts + warp);
     }
-    /// The parts of so many warps, merged.
+    /// The parts of so many warps, merged by one: in its lane 0.
     __device__ static Result whole(Result const* parts, std::uint32_t warps)
     {
-        Result all{};
-#pragma unroll 1
-        for (std::uint32_t w = 0; w < warps; ++w) all.merge(parts[w]);
-        return all;
+        std::uint32_t const lane = threadIdx.x % 32;
+        return detail::merged_in_warp(lane < warps ? detail::load_shared(parts + lane) : Result{});
     }
 };
 
-/// The results of a loop's warps.
+/// The results of a loop's groups of threads.
 class Results
 {
     static constexpr std::uint32_t most_bunches = 1024;
@@ -143,22 +158,22 @@ class Results
 public:
     explicit Results(Queue const& queue) : partial_(queue), finished_(queue) {}
 
-    /// Room for the results of so many warps.
+    /// Room for the results of so many groups of threads.
     template <class Result>
-    detail::ResultsOfWarps<Result> expect(std::uint32_t warps)
+    detail::ResultsOfGroups<Result> expect(std::uint32_t groups)
     {
-        detail::ResultsOfWarps<Result> results{};
-        results.warps = warps;
-        results.bunch = (warps + most_bunches - 1) / most_bunches;
+        detail::ResultsOfGroups<Result> results{};
+        results.groups = groups;
+        results.bunch = (groups + most_bunches - 1) / most_bunches;
         std::uint32_t const bunches = results.bunches(), more = results.bunch == 1 ? 0 : bunches;
-        if (partial_.size() < (std::size_t(warps) + more) * sizeof(Result))
-            partial_.renew((std::size_t(warps) + more) * sizeof(Result));
+        if (partial_.size() < (std::size_t(groups) + more) * sizeof(Result))
+            partial_.renew((std::size_t(groups) + more) * sizeof(Result));
         if (finished_.size() < bunches) {
             finished_.renew(bunches);
             finished_.fill_bytes(0, finished_.size(), 0);
         }
-        results.of_warps = reinterpret_cast<Result*>(partial_.data());
-        results.of_bunches = results.of_warps + (more == 0 ? 0 : warps);
+        results.of_groups = reinterpret_cast<Result*>(partial_.data());
+        results.of_bunches = results.of_groups + (more == 0 ? 0 : groups);
         results.finished = finished_.data();
         partial_count_ = bunches;
         first_partial_ = results.of_bunches;
