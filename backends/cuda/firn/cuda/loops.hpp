@@ -29,15 +29,13 @@ struct Ranks
     __device__ void for_each(Use const& use, std::uint32_t team = 0, std::uint32_t teams = 1)
     {
         std::uint32_t const below = (1u << threadIdx.x % 32) - 1;
-        std::uint32_t turn = team;
-        for (std::uint32_t rank = 0;; ++rank) {
+        for (std::uint32_t rank = team, passed = 0;; rank += teams) {
+            for (; passed < rank; ++passed) slot += __popc(__ballot_sync(~0u, passed < count)); // of others
             std::uint32_t const pattern = __ballot_sync(~0u, rank < count);
             if (pattern == 0) return;
-            if (rank == turn) {
-                use(rank, rank < count, slot + __popc(pattern & below));
-                turn += teams;
-            }
+            use(rank, rank < count, slot + __popc(pattern & below));
             slot += __popc(pattern);
+            passed = rank + 1;
         }
     }
 };
