@@ -332,8 +332,9 @@ private:
             backend_.template scatter_movers<Scatter>(cells, grid_);
         }
         Log heard = Log::over(const_cast<unsigned char*>(log_.fetch()), expected);
+        bool lacked = false;
         if constexpr (Backend::queues)
-            if (cells.listen()) { // a step lacked room, and those after it did nothing
+            if (lacked = cells.listen(); lacked) { // a step lacked room, and those after it did nothing
                 int const lacking = static_cast<int>(*heard.taken) - (wrong_after(heard) ? 0 : 1);
                 take_back(queued - 1 - lacking, queued - 1 - lacking, pushed);
                 queued = lacking + 1;
@@ -352,7 +353,8 @@ private:
         StepLog const& last = heard.at[taken + (spoiled_ ? 1 : 0)];
         adopt(last.course, taken, spoiled_, pushed, held);
         now_turn_ = (turn + taken) % 2;
-        queue_ = taken == expected ? std::max<std::size_t>(queue_, 2 * taken) : std::max(taken, 1);
+        queue_ =
+            taken == expected && !lacked ? std::max<std::size_t>(queue_, 2 * taken) : std::max(taken / 2, 1);
         for (int i = 0; i < taken; ++i) visit(heard.records[i]);
         return last;
     }

@@ -154,7 +154,7 @@ struct Cuda
             cuda::check_launch("conclude_without_items");
             return;
         }
-        auto const movers = cells.expect_departures(Phase::kept);
+        auto const movers = cells.expect_departures(Phase::kept - Phase::d); // an offset lies with its item
         unsigned const teams = Tiles::teams(grid.blocks());
         auto const results = grid.item_results().template expect<Result>(grid.blocks());
         cuda::detail::Moved<typename GridType::Number, Result> const moved{movers, cells.changes(),
@@ -174,8 +174,10 @@ struct Cuda
         if (cells.make_room())
             move(cells, grid, phase, of_nodes, conclude);
         else
-            cells.find_departed(cuda::detail::Conclusion<OfNodes, Result, Conclude>{
-                of_nodes, grid.item_results().template partial<Result>(), conclude});
+            cells.find_departed(
+                cuda::detail::Conclusion<OfNodes, Result, Conclude>{
+                    of_nodes, grid.item_results().template partial<Result>(), conclude},
+                true);
     }
 };
 

@@ -51,8 +51,7 @@ public:
         : queue_(backend.queue()), set_(queue_), begin_(queue_), new_begin_(queue_), order_(queue_),
           left_(queue_), stay_(queue_), arrivals_(queue_), first_arrival_(queue_), group_left_(queue_),
           block_stay_(queue_), block_arrived_(queue_), block_begin_(queue_), arrived_begin_(queue_),
-          arrived_(queue_), spare_(queue_), movers_(queue_), blocks_before_(queue_), stopped_(queue_),
-          stop_(queue_)
+          arrived_(queue_), movers_(queue_), blocks_before_(queue_), stopped_(queue_), stop_(queue_)
     {}
 
     Queue const& queue() const { return queue_; }
@@ -65,7 +64,7 @@ public:
         return set_.memory() + begin_.memory() + new_begin_.memory() + order_.memory() + left_.memory() +
                stay_.memory() + arrivals_.memory() + first_arrival_.memory() + group_left_.memory() +
                block_stay_.memory() + block_arrived_.memory() + block_begin_.memory() +
-               arrived_begin_.memory() + arrived_.memory() + spare_.memory() + movers_.memory();
+               arrived_begin_.memory() + arrived_.memory() + movers_.memory();
     }
 
     /// Adds items that lie at first, first + 1, … in the given cells.
@@ -93,8 +92,7 @@ public:
         }
         find_block_begins();
         rearrange(fresh.view(0), count, nullptr, {});
-        arrived_.clear(); // every new item was in these lists; they need not stay so large
-        spare_.clear();
+        arrived_.clear(); // every new item was in this list; it need not stay so large
     }
 
     /// Moves the items that departed to their new cells, and wraps their offsets. An item lies at its slot
@@ -103,6 +101,7 @@ public:
     {
         if (size_ == 0) return;
         OnDevice const here(queue_);
+        offset_ = offset;
         rearrange(movers_.view(channels_), movers_.most, left_.data(), offset);
         if (crowded_) forget_empty_blocks();
         crowded_ = false;
@@ -136,15 +135,15 @@ public:
                 group_left_.data(), block_stay_.data(), block_arrived_.data()};
     }
 
-    /// Finds the cells of those that departed; if there is room for all of them and their blocks, concludes.
+    /// Finds the cells of those that departed, and concludes. `once_more`: only finds them.
     template <class Conclude>
-    void find_departed(Conclude const& conclude)
+    void find_departed(Conclude const& conclude, bool once_more = false)
     {
         OnDevice const here(queue_);
         unsigned const groups = 1 + std::min(groups_of(movers_.most, detail::scanning_threads), 256u);
         launch_behind("find_new_cells", queue_, detail::find_new_cells<d, Number, Conclude>, groups,
                       detail::scanning_threads, 0, signal(), movers_.view(channels_), changes(), set_.view(),
-                      set_.keys(), begins(), conclude);
+                      set_.keys(), begins(), conclude, once_more);
     }
 
     /// Says to loops whether they have something to do.
@@ -193,10 +192,11 @@ public:
     /// The items that came into each cell when the order was written: as movers, and their list.
     struct Arrived
     {
-        std::uint32_t const* begin;   ///< of those of each cell, in the list
-        std::uint32_t const* arrived; ///< numbers of movers
+        std::uint32_t const* begin;    ///< of those of each cell, in the list
+        std::uint32_t const* arrived;  ///< numbers of movers
+        std::array<Offset*, d> offset; ///< of all items
     };
-    Arrived arrived() const { return {arrived_begin_.data(), arrived_.data()}; }
+    Arrived arrived() const { return {arrived_begin_.data(), arrived_.data(), offset_}; }
     Movers movers() const { return movers_.view(channels_); }
 
     /// Says that all items now lie at their slots.
@@ -247,8 +247,8 @@ private:
                 count.renew(3);
                 count.fill_bytes(0, 3, 0);
             }
-            for (auto* const array : {&slot, &next}) array->renew(room);
-            for (auto* const array : {&cell, &way}) array->renew(channels > 0 ? room : 0);
+            for (auto* const array : {&slot, &next, &way}) array->renew(room);
+            cell.renew(channels > 0 ? room : 0);
             given.renew(room * static_cast<std::size_t>(channels));
         }
 
@@ -330,12 +330,14 @@ private:
         std::uint32_t count = 0;
         live.download(0, {&count, 1});
         new_begin_.renew(std::size_t(count) * Shape::cells + 1);
-        spare_.renew(new_begin_.size());
-        detail::keep_blocks<<<count, 64, 0, queue_.stream>>>(
-            blocks_before_.data(), begin_.data(), arrived_begin_.data(), new_begin_.data(), spare_.data());
+        Array<std::uint32_t> new_arrived_begin(queue_);
+        new_arrived_begin.resize(new_begin_.size());
+        detail::keep_blocks<<<count, 64, 0, queue_.stream>>>(blocks_before_.data(), begin_.data(),
+                                                             arrived_begin_.data(), new_begin_.data(),
+                                                             new_arrived_begin.data());
         check_launch("keep_blocks");
         std::swap(begin_, new_begin_);
-        std::swap(arrived_begin_, spare_);
+        std::swap(arrived_begin_, new_arrived_begin);
         set_.keep(blocks_before_.data(), count);
         ++generation_;
     }
@@ -350,7 +352,6 @@ private:
         new_begin_.renew(blocks() * Shape::cells + 1);
         arrived_begin_.renew(new_begin_.size());
         arrived_.renew(count);
-        spare_.renew(count);
         Array<std::uint32_t> next(queue_);
         bool const in_place = settled_;
         if (in_place)
@@ -364,7 +365,6 @@ private:
                                   new_begin_.data(),
                                   arrived_begin_.data(),
                                   arrived_.data(),
-                                  spare_.data(),
                                   in_place ? order_.data() : next.data()};
         launch_behind("rearrange", queue_, detail::rearrange<d, Number>, blocks(), 64, 0, signal(),
                       begin_.data(), changes(), block_begin_.data(), movers, to, offset);
@@ -378,12 +378,13 @@ private:
     Queue queue_;
     std::size_t size_ = 0;
     bool settled_ = true;
+    std::array<Offset*, d> offset_{}; ///< as they were last followed
     BlockSet set_;
     Array<std::uint32_t> begin_, new_begin_, order_;
     Array<unsigned char> left_; ///< per slot: whether the item left its cell
     Array<std::uint32_t> stay_, arrivals_, first_arrival_, group_left_, block_stay_, block_arrived_;
     Array<std::uint64_t> block_begin_;
-    Array<std::uint32_t> arrived_begin_, arrived_, spare_;
+    Array<std::uint32_t> arrived_begin_, arrived_;
     MoverArrays movers_;
     int channels_ = 0;
     std::uint32_t generation_ = 0;

@@ -177,7 +177,7 @@ __global__ void __launch_bounds__(block_threads)
         SumsInTile<GridType> sums{tiles.own_sums(int(threadIdx.x))};
         Ranks(arrived.begin, c).for_each([&](std::uint32_t rank, bool here, std::uint32_t) {
             cell.forget();
-            if (here) cell.read_departure(movers, arrived.arrived[arrived.begin[c] + rank]);
+            if (here) cell.read_departure(movers, arrived.offset, arrived.arrived[arrived.begin[c] + rank]);
             Phase::give(cell, sums);
         });
         __syncthreads();

@@ -22,9 +22,10 @@ struct Movers
     int channels;         ///< of what a departed item gives
     std::uint32_t* slot;  ///< where the item lies
     std::uint32_t* cell;  ///< where it was
-    std::uint32_t* way;   ///< to which neighbour it goes: three digits of base 3, first axis highest
-    std::uint32_t* next;  ///< another one that comes into the same cell, or absent
-    Number* given;        ///< what a departed item gives to the grid, one after the other; its offset first
+    std::uint32_t*
+        way; ///< to which neighbour it goes: three digits of base 3, first axis highest; done with, spare
+    std::uint32_t* next; ///< another one that comes into the same cell, or absent
+    Number* given;       ///< what a departed item gives to the grid, one after the other, but for its offset
 };
 
 /// What changes about cells when items move.
@@ -254,18 +255,18 @@ struct Conclusion
 };
 
 /// Finds the new cells of departed items, and counts them there; one more group of threads concludes at the
-/// same time, and the one that comes last finds where blocks begin.
+/// same time (unless it has done so before), and the one that comes last finds where blocks begin.
 template <int d, class Number, class Conclude>
 __global__ void __launch_bounds__(scanning_threads)
     find_new_cells(Signal signal, Movers<Number> movers, Changes changes, BlockSet::View set,
-                   std::uint64_t const* keys, BlockBegins begins, Conclude conclude)
+                   std::uint64_t const* keys, BlockBegins begins, Conclude conclude, bool once_more)
 {
     if (signal.stops()) return;
     std::uint32_t const departed = *movers.count, noted = departed < movers.most ? departed : movers.most;
     std::uint32_t *const finished = movers.count + 1, *const concluded = movers.count + 2;
     if (blockIdx.x == 0) {
-        bool const goes_on = conclude();
-        if (threadIdx.x == 0) *concluded = goes_on;
+        bool const goes_on = !once_more && conclude();
+        if (threadIdx.x == 0 && !once_more) *concluded = goes_on;
     }
     else
         for (std::uint32_t first = (blockIdx.x - 1) * blockDim.x; first < noted;
@@ -288,7 +289,7 @@ __global__ void __launch_bounds__(scanning_threads)
     *finished = 0;
     // the next loop that moves items counts anew, unless these are to be found once more
     if (births == 0 || departed > movers.most) *movers.count = 0;
-    bool const crowded = !short_of_room && begins.blocks > 8 + live + live / 2;
+    bool const crowded = !short_of_room && begins.blocks > 8 + live + live / 4;
     if (goes_on && !short_of_room && !crowded) return;
     *signal.stopped = 1;
     *signal.stop = {1, departed, births, crowded};
@@ -357,13 +358,13 @@ struct NewOrder
     unsigned char const* left;   ///< per slot, whether the item left; none: nobody did
     std::uint32_t* begin;        ///< per cell
     std::uint32_t* arrived_begin;
-    std::uint32_t *arrived, *spare; ///< lists of movers by cell
+    std::uint32_t* arrived; ///< list of movers by cell
     std::uint32_t* order;
 };
 
 /// Writes a block's new cells and its part of the new order: those who stay keep their order in the cell,
 /// those who come follow in the order in which they lie. Brings the offsets of arrivals back into their
-/// cells, and with them what they give from there.
+/// cells.
 template <int d, class Number>
 __global__ void __launch_bounds__(64)
     rearrange(Signal signal, std::uint32_t const* begin, Changes changes, std::uint64_t const* block_begin,
@@ -414,14 +415,13 @@ __global__ void __launch_bounds__(64)
             auto stored = offset[a][where];
             CellOffset<Number>::wrap(stored);
             offset[a][where] = stored;
-            movers.given[std::size_t(mover) * movers.channels + a] = CellOffset<Number>::value(stored);
         }
     }
     __syncwarp();
     for (std::uint32_t crowded = __ballot_sync(~0u, arrivals > few); crowded != 0; crowded &= crowded - 1) {
         int const lane = __ffs(static_cast<int>(crowded)) - 1;
         std::uint32_t const where = __shfl_sync(~0u, first_arrived, lane);
-        sort_crowd(movers, to.arrived + where, to.spare + where, __shfl_sync(~0u, arrivals, lane));
+        sort_crowd(movers, to.arrived + where, movers.way + where, __shfl_sync(~0u, arrivals, lane));
     }
     for (std::uint32_t i = 0; i < arrivals; ++i) to.order[at + i] = movers.slot[arrived[i]];
 }
