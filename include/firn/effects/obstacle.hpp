@@ -15,7 +15,7 @@ namespace detail
 {
 /// A shape as a plain value: its view, if it has one.
 template <class ShapeType>
-FIRN_HOST_DEVICE auto plain(ShapeType const& shape)
+auto plain(ShapeType const& shape)
 {
     if constexpr (requires { shape.view(); })
         return shape.view();
@@ -76,13 +76,14 @@ struct Obstacle
         return Obstacle<detail::Plain<ShapeType>>{detail::plain(shape), contact, motion, on_particles};
     }
 
-    /// The obstacle at the end of the step: contact is solved for the velocities of that time.
+    /// The obstacle at the end of the step: contact is solved for the velocities of that time. For a plain
+    /// value.
     template <class Number, int d>
     FIRN_HOST_DEVICE Action<Number, d> during(Interval const& interval) const
     {
         Motion const now = motion.at(interval.end);
         Eigen::Matrix3d const rotation = now.orientation.normalized().toRotationMatrix();
-        return {detail::plain(shape),
+        return {shape,
                 contact,
                 now.position,
                 rotation.topLeftCorner<d, d>().template cast<Number>(),

@@ -12,6 +12,9 @@ inline constexpr unsigned block_threads = 64; ///< one per cell, and one per nod
 /// Where there are few blocks, as many teams of that many threads share one: each takes every n-th item of a
 /// cell. With all threads of the largest group, up to 128 registers are left for each.
 inline constexpr unsigned most_teams = 8;
+/// Shared memory that a device gives without being asked, but for what loops declare, and that it gives at
+/// all (compute capability 7.5; later ones give more) [bytes].
+inline constexpr std::size_t unasked_shared = 40 * 1024, most_shared = 60 * 1024;
 
 /// The lane's own part of its warp: which items of the group of cells are where.
 struct Ranks
@@ -64,9 +67,11 @@ struct SharedTiles
     static unsigned teams(std::uint32_t blocks)
     {
         unsigned teams = most_teams;
-        while (teams > 1 && (teams * blocks > 1024 || bytes(true, true, teams) > 48 * 1024)) teams /= 2;
+        while (teams > 1 && (teams * blocks > 1024 || bytes(true, true, teams) > unasked_shared)) teams /= 2;
         return teams;
     }
+
+    static_assert(bytes(true, true) <= most_shared, "a block's tiles do not fit into shared memory");
 
     Values* values;
     Sums* sums; ///< of both groups, one after the other, team by team
@@ -367,7 +372,7 @@ template <class... Parameters, class... Arguments>
 void launch(char const* name, Queue const& queue, void (*loop)(Parameters...), std::uint32_t blocks,
             unsigned teams, std::size_t shared, Arguments const&... arguments)
 {
-    if (shared > 48 * 1024) // what a device gives without being asked
+    if (shared > unasked_shared)
         check(
             cudaFuncSetAttribute(loop, cudaFuncAttributeMaxDynamicSharedMemorySize, static_cast<int>(shared)),
             "cudaFuncSetAttribute");
