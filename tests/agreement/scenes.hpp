@@ -114,7 +114,7 @@ Outcome splash()
     }
     double mass = 0;
     for (double m : solver.masses()) mass += m;
-    Outcome result{{0.01 * report.reactions[0].impulse[1] / mass / h}, 0.02}; // as a way, too
+    Outcome result{{0.01 * report.reactions[0].impulse[1] / mass / h}, 1e-3}; // as a way, too
     for (int a = 0; a < d; ++a) {
         result.x.push_back(mean[a]);
         result.x.push_back(std::sqrt(square[a] - mean[a] * mean[a]));
