@@ -233,19 +233,20 @@ private:
     struct MoverArrays
     {
         std::size_t most = 0;
-        Array<std::uint32_t> count, slot, cell, way, next;
+        Array<detail::Rendezvous> meet;
+        Array<std::uint32_t> slot, cell, way, next;
         Array<Number> given;
 
         explicit MoverArrays(Queue queue)
-            : count(queue), slot(queue), cell(queue), way(queue), next(queue), given(queue)
+            : meet(queue), slot(queue), cell(queue), way(queue), next(queue), given(queue)
         {}
 
         void renew(std::size_t room, int channels)
         {
             most = room;
-            if (count.size() == 0) {
-                count.renew(3);
-                count.fill_bytes(0, 3, 0);
+            if (meet.size() == 0) {
+                meet.renew(1);
+                meet.fill_bytes(0, 1, 0);
             }
             for (auto* const array : {&slot, &next, &way}) array->renew(room);
             cell.renew(channels > 0 ? room : 0);
@@ -255,8 +256,14 @@ private:
         Movers view(int channels) const
         {
             auto const at = [](auto const& array) { return const_cast<std::uint32_t*>(array.data()); };
-            return {at(count), static_cast<std::uint32_t>(most), channels, at(slot), at(cell), at(way),
-                    at(next),  const_cast<Number*>(given.data())};
+            return {const_cast<detail::Rendezvous*>(meet.data()),
+                    static_cast<std::uint32_t>(most),
+                    channels,
+                    at(slot),
+                    at(cell),
+                    at(way),
+                    at(next),
+                    const_cast<Number*>(given.data())};
         }
 
         std::size_t memory() const

@@ -294,7 +294,7 @@ __global__ void __launch_bounds__(most_teams* block_threads, 1)
         if (std::uint32_t const left = __ballot_sync(~0u, cell.departed())) {
             std::uint32_t first = 0;
             if (threadIdx.x % 32 == 0) {
-                first = atomicAdd(moved.movers.count, static_cast<std::uint32_t>(__popc(left)));
+                first = atomicAdd(&moved.movers.meet->departed, static_cast<std::uint32_t>(__popc(left)));
                 atomicAdd(left_group + place / 32, static_cast<std::uint32_t>(__popc(left)));
             }
             std::uint32_t const i = __shfl_sync(~0u, first, 0) + __popc(left & below);

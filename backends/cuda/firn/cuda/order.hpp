@@ -13,15 +13,25 @@
 namespace firn::cuda::detail
 {
 
+/// What groups of threads that work side by side tell each other; all zero where none is at work.
+struct Rendezvous
+{
+    std::uint32_t departed;  ///< items
+    std::uint32_t found;     ///< groups that have found the cells of theirs
+    std::uint32_t live;      ///< blocks that hold items
+    std::uint32_t goes_on;   ///< whether the conclusion was that steps go on
+    std::uint32_t concluded; ///< groups that have found where blocks begin, or concluded
+};
+
 /// Items on their way to other cells.
 template <class Number>
 struct Movers
 {
-    std::uint32_t* count; ///< two more follow it: of groups of threads that are through, and what they found
-    std::uint32_t most;   ///< there is room for so many
-    int channels;         ///< of what a departed item gives
-    std::uint32_t* slot;  ///< where the item lies
-    std::uint32_t* cell;  ///< where it was
+    Rendezvous* meet;
+    std::uint32_t most;  ///< there is room for so many
+    int channels;        ///< of what a departed item gives
+    std::uint32_t* slot; ///< where the item lies
+    std::uint32_t* cell; ///< where it was
     std::uint32_t*
         way; ///< to which neighbour it goes: three digits of base 3, first axis highest; done with, spare
     std::uint32_t* next; ///< another one that comes into the same cell, or absent
@@ -254,43 +264,51 @@ struct Conclusion
     }
 };
 
-/// Finds the new cells of departed items, and counts them there; one more group of threads concludes at the
-/// same time (unless it has done so before), and the one that comes last finds where blocks begin.
+/// For one thread of a group: whether `count - 1` groups were here before; what they wrote can then be read.
+__device__ inline bool comes_last(std::uint32_t* arrived, std::uint32_t count)
+{
+    __threadfence();
+    bool const last = atomicAdd(arrived, 1u) + 1 == count;
+    __threadfence();
+    if (last) *arrived = 0;
+    return last;
+}
+
+/// Finds the new cells of departed items, and counts them there; whoever comes last finds where blocks begin.
+/// One more group of threads concludes at the same time, unless it has done so before.
 template <int d, class Number, class Conclude>
 __global__ void __launch_bounds__(scanning_threads)
     find_new_cells(Signal signal, Movers<Number> movers, Changes changes, BlockSet::View set,
                    std::uint64_t const* keys, BlockBegins begins, Conclude conclude, bool once_more)
 {
     if (signal.stops()) return;
-    std::uint32_t const departed = *movers.count, noted = departed < movers.most ? departed : movers.most;
-    std::uint32_t *const finished = movers.count + 1, *const concluded = movers.count + 2;
+    Rendezvous& meet = *movers.meet;
+    std::uint32_t const departed = meet.departed, noted = departed < movers.most ? departed : movers.most;
     if (blockIdx.x == 0) {
         bool const goes_on = !once_more && conclude();
-        if (threadIdx.x == 0 && !once_more) *concluded = goes_on;
+        if (threadIdx.x == 0 && !once_more) meet.goes_on = goes_on;
     }
-    else
+    else {
         for (std::uint32_t first = (blockIdx.x - 1) * blockDim.x; first < noted;
              first += (gridDim.x - 1) * blockDim.x)
             if (first + threadIdx.x < noted)
                 find_new_cell<d>(movers, changes, set, keys, first + threadIdx.x);
-    __shared__ bool last;
-    __syncthreads();
-    if (threadIdx.x == 0) {
-        __threadfence();
-        last = atomicAdd(finished, 1u) + 1 == gridDim.x;
+        __shared__ bool last;
+        __syncthreads();
+        if (threadIdx.x == 0) last = comes_last(&meet.found, gridDim.x - 1);
+        __syncthreads();
+        if (!last) return;
+        bool const short_of_room = departed > movers.most || __ldcg(set.born_count) > 0;
+        std::uint32_t const live = short_of_room ? 0 : find_block_begins(begins, changes);
+        if (threadIdx.x == 0) meet.live = live;
     }
-    __syncthreads();
-    if (!last) return;
-    __threadfence();
-    std::uint32_t const births = __ldcg(set.born_count), goes_on = __ldcg(concluded);
+    if (threadIdx.x != 0 || !comes_last(&meet.concluded, 2)) return;
+    std::uint32_t const births = __ldcg(set.born_count), live = __ldcg(&meet.live);
     bool const short_of_room = births > 0 || departed > movers.most;
-    std::uint32_t const live = short_of_room ? 0 : find_block_begins(begins, changes);
-    if (threadIdx.x != 0) return;
-    *finished = 0;
     // the next loop that moves items counts anew, unless these are to be found once more
-    if (births == 0 || departed > movers.most) *movers.count = 0;
+    if (births == 0 || departed > movers.most) meet.departed = 0;
     bool const crowded = !short_of_room && begins.blocks > 8 + live + live / 4;
-    if (goes_on && !short_of_room && !crowded) return;
+    if (__ldcg(&meet.goes_on) != 0 && !short_of_room && !crowded) return;
     *signal.stopped = 1;
     *signal.stop = {1, departed, births, crowded};
 }
