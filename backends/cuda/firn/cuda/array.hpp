@@ -196,7 +196,14 @@ public:
     explicit Outbox(Backend const& backend) : there_(backend), here_(backend.queue())
     {}
 
-    void resize(std::size_t size) { there_.resize(size); }
+    /// Makes room for so many values at least; zeros, until loops write others.
+    void resize(std::size_t size)
+    {
+        std::size_t const before = there_.size();
+        if (size <= before) return;
+        there_.resize(size);
+        there_.fill_bytes(before, size - before, 0);
+    }
     T* data() { return there_.data(); }
 
     /// Waits for all loops; what they wrote, in memory of the host.
