@@ -57,6 +57,6 @@ for entry in json.load(open(sys.argv[1]))["benchmarks"]:
         print(f"{name:66} {entry['error_message'][:60]}")
         continue
     leavers = f"{entry['leaver_share']:.3f}" if "leaver_share" in entry else ""
-    print(f"{name:66}{entry['real_time']:9.3f}{entry['particle_steps_per_second'] * 1e-9:7.2f}"
+    print(f"{name:66}{entry['ms_per_step']:9.4f}{entry['particle_steps_per_second'] * 1e-9:7.2f}"
           f"{entry['memory_per_particle']:6.0f}{leavers:>7}{entry['momentum_error']:10.1e}")
 PYTHON

@@ -68,8 +68,9 @@ struct TimedOpenMP : OpenMP
         return times->take("grid", [&] { return OpenMP::for_each_node(cells, grid, phase); });
     }
 
-    template <class CellOrder, class GridType, class Phase>
-    auto move(CellOrder& cells, GridType& grid, Phase const& phase) const
+    template <class CellOrder, class GridType, class Phase, class OfNodes, class Conclude>
+    void move(CellOrder& cells, GridType& grid, Phase const& phase, OfNodes const& of_nodes,
+              Conclude const& conclude) const
     {
         // These tiles are about to be cleared anyway.
         times->take("clear", [&] {
@@ -77,7 +78,7 @@ struct TimedOpenMP : OpenMP
                 openmp::detail::clear_rows<GridType, Phase::channels>(
                     grid.next_tile(b), openmp::detail::own_rows<GridType>(cells, b));
         });
-        return times->take("gather_and_scatter", [&] { return OpenMP::move(cells, grid, phase); });
+        times->take("gather_and_scatter", [&] { OpenMP::move(cells, grid, phase, of_nodes, conclude); });
     }
 };
 

@@ -77,6 +77,10 @@ struct Scene
     }
 
     StepReport step() { return step(dt); }
+    std::vector<StepReport> steps(std::size_t count)
+    {
+        return on_floor ? solver.steps(count, dt, gravity, floor) : solver.steps(count, dt);
+    }
     StepReport step(double length)
     {
         return on_floor ? solver.step(length, gravity, floor) : solver.step(length);

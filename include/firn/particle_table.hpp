@@ -149,10 +149,20 @@ public:
     };
 
     /// Whether the fields that are taken from the grid are held here; with no such fields, always.
-    bool holds_taken() const { return TakenSet::components(d) == 0 || taken_.has_value(); }
-    TakenView taken() const { return taken_ ? taken_->view() : TakenView{}; }
-    void hold_taken(Taken values) { taken_ = std::move(values); }
-    void forget_taken() { taken_.reset(); }
+    bool holds_taken() const { return TakenSet::components(d) == 0 || held_; }
+    TakenView taken() const { return held_ ? taken_->view() : TakenView{}; }
+    /// Where they are written before they are held: from now on, or from the next accept() on.
+    TakenView place_for_taken() { return place(taken_); }
+    TakenView next_taken() { return place(next_taken_); }
+    void hold_taken() { held_ = taken_.has_value(); }
+    /// Says whether they are held after some steps, and were before: places that nobody used are given back.
+    void set_held(bool now, bool before)
+    {
+        held_ = now && taken_;
+        if (held_ || before) return;
+        taken_.reset();
+        next_taken_.reset();
+    }
     Taken& held() { return *taken_; } ///< if holds_taken()
     Taken const& held() const { return *taken_; }
     Taken new_taken() const { return Taken(backend_, size_); }
@@ -184,7 +194,9 @@ public:
 
         for (auto& buffer : buffer_) buffer.resize(count);
         if (!taken_) taken_.emplace(backend_, count);
+        next_taken_.reset();
         taken_->resize(count);
+        held_ = true;
         add_portion(first, volume, density);
         place(located, first, velocity.template cast<Number>());
         std::vector<Coordinates<d>> cells(located.size());
@@ -204,12 +216,27 @@ public:
                 "ParticleTable::sort", "This is a mistake in the library: please report the scene.");
     }
 
-    /// Takes the next buffer for the current one.
-    void accept()
+    /// Takes the next buffer for the current one; also what was taken, if the step wrote it.
+    void accept(bool wrote_taken)
     {
         std::swap(buffer_[0], buffer_[1]);
+        if (wrote_taken) std::swap(taken_, next_taken_);
+        held_ = wrote_taken;
         cells_.settle();
         moved_ = true;
+    }
+
+    /// Undoes the last calls of accept() and sort(), which were for steps that were then not made: as many
+    /// of both, or one sort() more.
+    void take_back(int accepted, int sorted, bool wrote_taken)
+    {
+        if (sorted == 0) return;
+        if (accepted % 2 != 0) {
+            std::swap(buffer_[0], buffer_[1]);
+            if (wrote_taken) std::swap(taken_, next_taken_);
+        }
+        moved_ = sorted > accepted;
+        cells_.take_back(sorted, moved_);
     }
 
     /// Calls `change(id, record)` for every particle, one after the other, and keeps what it made of the
@@ -304,7 +331,7 @@ public:
     std::size_t memory() const
     {
         std::size_t bytes = buffer_[0].memory() + buffer_[1].memory() + cells_.memory();
-        return bytes + (taken_ ? taken_->memory() : 0);
+        return bytes + (taken_ ? taken_->memory() : 0) + (next_taken_ ? next_taken_->memory() : 0);
     }
 
 private:
@@ -344,6 +371,12 @@ private:
             return bytes;
         }
     };
+
+    TakenView place(std::optional<Taken>& taken)
+    {
+        if (!taken) taken.emplace(backend_, size_);
+        return taken->view();
+    }
 
     /// Writes new particles behind those that are there: at rest but for a velocity.
     void place(std::vector<CellPosition<d>> const& located, std::uint32_t first,
@@ -454,7 +487,8 @@ private:
     double mass_unit_ = 1;
     Number largest_mass_ = 0;
     std::array<Buffer, 2> buffer_;
-    std::optional<Taken> taken_;
+    std::optional<Taken> taken_, next_taken_; ///< places for them; see holds_taken()
+    bool held_ = false;                       ///< there is something in the first
     std::vector<Portion<Number>> portions_;
     Array<Portion<Number>> portions_on_backend_;
     Cells cells_;

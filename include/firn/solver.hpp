@@ -4,6 +4,7 @@
 #include <firn/concepts.hpp>
 #include <firn/interpolation/quadratic_b_spline.hpp>
 #include <firn/particle_table.hpp>
+#include <firn/phases/conclude_step.hpp>
 #include <firn/phases/move_particles.hpp>
 #include <firn/report.hpp>
 #include <firn/transfer/mls.hpp>
@@ -57,7 +58,7 @@ public:
                     Backend backend = {})
         : lattice_(firn::lattice(lattice.cell_size, lattice.origin)), model_(std::move(model)),
           transfer_(transfer), control_(control), backend_(std::move(backend)),
-          particles_(lattice_, Kernel::order, backend_), grid_(backend_)
+          particles_(lattice_, Kernel::order, backend_), grid_(backend_), now_(backend_), log_(backend_)
     {
         model_.validate();
         control_.validate();
@@ -81,8 +82,8 @@ public:
         given_for_ = 0;
         auto at_rest = Record<Number, d, typename Model::State>::at_rest();
         auto const response = model_.template respond<Number>(at_rest, Matrix<Number, d>::Zero(), Number(0));
-        bounds_.wave_speed = std::max(bounds_.wave_speed, wave_speed(response.wave_modulus));
-        bounds_.speed = std::max(bounds_.speed, velocity.norm());
+        course_.bounds.wave_speed = std::max(course_.bounds.wave_speed, wave_speed(response.wave_modulus));
+        course_.bounds.speed = std::max(course_.bounds.speed, velocity.norm());
         return first;
     }
 
@@ -118,18 +119,34 @@ public:
     template <NodeEffect<Number, d>... Effects>
     StepReport step(double dt, Effects const&... effects)
     {
+        return std::move(steps(1, dt, effects...).front());
+    }
+
+    /// Advances the simulation by `count` time steps of length `dt` [s], one report each. The same as so many
+    /// calls of step(), but a device need not wait for the host between them.
+    template <NodeEffect<Number, d>... Effects>
+    std::vector<StepReport> steps(std::size_t count, double dt, Effects const&... effects)
+    {
         require(std::isfinite(dt) && dt > 0, "the time step is not a finite number above 0", "Solver::step",
                 "Pass seconds.");
         (validate(effects), ...);
-        double const stable = stable_step(effects...).dt;
-        Interval const now{time_, time_ + dt};
-        if (dt > stable) hold_taken();              // it may go wrong
-        Interval const next{now.end, now.end + dt}; // who takes equal steps is expected to go on so
-        Attempt attempted = attempt(now, next.length(), effects...);
-        if (attempted.wrong > 0) fail(attempted, dt);
-        attempted.report.stable_dt = stable;
-        attempted.report.beyond_stable = dt > stable;
-        return std::move(attempted.report);
+        StepRule rule = rule_for(effects...);
+        rule.equal = dt;
+        auto const plain = plain_effects(effects...);
+        std::vector<StepReport> reports;
+        while (reports.size() < count) {
+            if (!course_.ready) choose(rule);
+            bool const beyond_stable = dt > course_.stable;
+            if (beyond_stable) hold_taken(); // it may go wrong
+            std::size_t const most = beyond_stable ? 1 : count - reports.size();
+            StepLog const& log = run(rule, most, plain, [&](auto const& record) {
+                reports.push_back(report_of(record));
+                reports.back().beyond_stable = dt > record.stable;
+            });
+            if (log.wrong > 0) fail(log, dt);
+        }
+        course_.ready = false;
+        return reports;
     }
 
     /// Advances the simulation by `duration` [s] in as many stable steps as needed.
@@ -143,28 +160,28 @@ public:
         require(std::isfinite(duration) && duration >= 0, "the duration is not a finite number, 0 or above",
                 "Solver::advance", "Pass seconds, e.g. 1.0 / 24.");
         (validate(effects), ...);
+        StepRule rule = rule_for(effects...);
+        rule.duration = duration;
+        rule.end = course_.time + duration;
+        auto const plain = plain_effects(effects...);
         AdvanceReport report;
-        double const end = time_ + duration;
-        for (int retries = 0; time_ < end;) {
-            PlannedStep const chosen = choose(end, retries, effects...);
-            require_progress(chosen, duration);
-            PlannedStep const next =
-                plan_after(chosen, chosen.interval.end < end ? end : end + duration, effects...);
-            Attempt const attempted = attempt(chosen.interval, next.interval.length(), effects...);
-            if (attempted.wrong > 0) {
-                ++report.rejected;
-                if (++retries > control_.retries) fail(attempted, chosen.interval.length());
-                continue;
-            }
-            if (chosen.limit != StepLimit::duration || retries > 0) previous_dt_ = chosen.interval.length();
-            retries = 0;
-            planned_ = next;
-            report.add(attempted.report, chosen.limit);
+        while (rule.goes_on(course_)) {
+            if (!course_.ready) choose(rule);
+            require_progress(rule);
+            double const tried = course_.now.interval.length();
+            // as many as there would be if all were as long as this one
+            auto const most = static_cast<std::size_t>(std::ceil((rule.end - course_.time) / tried));
+            StepLog const& log = run(
+                rule, most, plain, [&](auto const& record) { report.add(report_of(record), record.limit); });
+            if (log.wrong == 0) continue;
+            ++report.rejected;
+            if (++course_.retries > control_.retries) fail(log, course_.now.interval.length());
         }
+        course_.ready = false;
         return report;
     }
 
-    double time() const { return time_; } ///< [s]
+    double time() const { return course_.time; } ///< [s]
     std::size_t size() const { return particles_.size(); }
     Lattice const& lattice() const { return lattice_; }
     Model const& model() const { return model_; }
@@ -172,7 +189,7 @@ public:
     Backend const& backend() const { return backend_; }
 
     /// What the next time step depends on.
-    StepBounds const& bounds() const { return bounds_; }
+    StepBounds const& bounds() const { return course_.bounds; }
 
     /// World positions [m], by id.
     std::vector<Vector<double, d>> positions() const { return particles_.positions(); }
@@ -185,8 +202,11 @@ public:
             return particles_.template download<Tag>();
         else if (particles_.holds_taken())
             return particles_.held().template by_id<Tag>(size());
-        else
-            return take_again().template by_id<Tag>(size());
+        else {
+            auto const taken = particles_.new_taken();
+            take_again(taken.view());
+            return taken.template by_id<Tag>(size());
+        }
     }
 
     /// A stored field where it lies, in memory of the backend: `view<DisplacementGradient>()`. Nothing is
@@ -221,56 +241,169 @@ private:
                                                  NodeSums<d, Transfer::keeps_old_velocity>::channels,
                                                  NodeVelocities<d, Transfer::keeps_old_velocity>::channels>;
 
-    /// A step that was planned by the bounds of one step before may be so much longer than the bounds of now,
-    /// for which StepControl's safety factors have room, and so much shorter: giving afresh costs more.
-    static constexpr double longest_plan = 1.02, shortest_plan = 0.75;
+    /// How the steps of a call with these effects are chosen.
+    template <class... Effects>
+    StepRule rule_for(Effects const&... effects)
+    {
+        course_.ready = false; // it was for other effects, and another end
+        course_.retries = 0;
+        double expansion_ratio = d; // the largest there is, for models that do not say
+        if constexpr (requires { model_.elasticity.expansion_ratio(d); })
+            expansion_ratio = model_.elasticity.expansion_ratio(d);
+        StepRule rule{.control = control_,
+                      .cell_size = lattice_.cell_size,
+                      .wave_limit = isolated_limit<Kernel, Transfer>(expansion_ratio)};
+        if constexpr (requires { model_.kinematic_viscosity(); })
+            rule.shear_limit = shear_limit(rule.wave_limit, model_.kinematic_viscosity(), lattice_.cell_size,
+                                           expansion_ratio);
+        [[maybe_unused]] auto const ask = [&](auto const& effect) {
+            if constexpr (requires { effect.largest_acceleration(); })
+                rule.acceleration = std::max(rule.acceleration, effect.largest_acceleration());
+            if constexpr (requires { effect.largest_speed(); })
+                rule.obstacle_speed = std::max(rule.obstacle_speed, effect.largest_speed());
+        };
+        (ask(effects), ...);
+        return rule;
+    }
 
-    /// What became of a step that was tried.
-    struct Attempt
+    /// Chooses the next step, by what the host knows.
+    void choose(StepRule const& rule)
+    {
+        if (course_.given.interval.length() != given_for_) course_.given = {};
+        rule.choose(course_);
+    }
+
+    /// Takes the step that was chosen and those after it, `most` in all: as many as the backend queues, and
+    /// as long as they go as planned. `visit` is called with the record of each. A step that goes wrong
+    /// leaves the particles, and what they gave, as it was.
+    template <class Effects, class Visit>
+    StepLog const& run(StepRule const& rule, std::size_t most, Effects const& effects, Visit const& visit)
+    {
+        using Actions = decltype(effects.template during<Number, d>(Interval{}));
+        using Now = StepNow<Number, Actions>;
+        using Log = RunLog<Actions::obstacles>;
+        static_assert(std::is_trivially_destructible_v<Now>, "an effect's action is a plain value");
+        int const expected = static_cast<int>(
+            std::min<std::size_t>(most, std::min(queue_, backend_.steps_to_queue(particles_.cells()))));
+        using Rule = RunRule<Effects>;
+        now_.resize(std::max(now_.size(), 2 * sizeof(Now) + sizeof(Rule)));
+        log_.resize(Log::bytes(expected));
+        auto* const now = reinterpret_cast<Now*>(now_.data()); // of steps in turn
+        Log const log = Log::over(log_.data(), expected);
+        auto* const kept_rule = reinterpret_cast<Rule*>(now + 2);
+        int const turn = now_turn_;
+
+        auto& cells = particles_.cells();
+        particles_.sort();   // into the order of cells
+        grid_.follow(cells); // blocks of nodes under them
+        give_for(course_.now.interval.length());
+        backend_.for_each(Log::places(expected),
+                          BeginSteps<Number, d, Effects, Actions>{
+                              course_, {rule, double(model_.density), effects}, kept_rule, log, now + turn});
+        // Only obstacles that push particles set what cannot be taken again.
+        bool const held = particles_.holds_taken(),
+                   pushed = Taken::components(d) > 0 && effects.touch_particles();
+        using Update = UpdateGrid<Space, Transfer, Actions>;
+        using Move = MoveParticles<Space, Model, Kernel, Transfer, Actions, Stored, Taken>;
+        auto const update = [&](int step) {
+            return backend_.for_each_node(cells, grid_,
+                                          Update{now + (turn + step) % 2, lattice_, smallest_node_mass()});
+        };
+        auto const move = [&](int step) {
+            return Move{model_,
+                        transfer_,
+                        now + (turn + step) % 2,
+                        particles_.current(),
+                        particles_.next(),
+                        pushed ? particles_.next_taken() : typename Table::TakenView{},
+                        particles_.portions(),
+                        lattice_,
+                        Number(control_.rejection)};
+        };
+        auto const conclude = [&](int step) {
+            return ConcludeStep<Number, d, Effects, Actions>{kept_rule, log, step,
+                                                             now + (turn + step + 1) % 2};
+        };
+
+        auto reacted = update(0);
+        int queued = 1;
+        for (;; reacted = update(queued++)) {
+            backend_.move(cells, grid_, move(queued - 1), reacted, conclude(queued - 1));
+            if (queued == expected) break;
+            accept(pushed); // as is to be expected
+            particles_.sort();
+            backend_.template scatter_movers<Scatter>(cells, grid_);
+        }
+        Log heard = Log::over(const_cast<unsigned char*>(log_.fetch()), expected);
+        bool lacked = false;
+        if constexpr (Backend::queues)
+            if (lacked = cells.listen(); lacked) { // a step lacked room, and those after it did nothing
+                int const lacking = static_cast<int>(*heard.taken) - (wrong_after(heard) ? 0 : 1);
+                take_back(queued - 1 - lacking, queued - 1 - lacking, pushed);
+                queued = lacking + 1;
+                do {
+                    adopt(heard.at[lacking].course, lacking, true, pushed, held);
+                    backend_.complete(cells, grid_, move(lacking), reacted, conclude(lacking));
+                    heard = Log::over(const_cast<unsigned char*>(log_.fetch()), expected);
+                } while (cells.listen());
+            }
+        int const taken = static_cast<int>(*heard.taken);
+        spoiled_ = taken < queued && wrong_after(heard);
+        if (taken == queued)
+            accept(pushed);
+        else if constexpr (Backend::queues)
+            take_back(queued - 1 - taken, queued - 1 - taken + (spoiled_ ? 0 : 1), pushed);
+        StepLog const& last = heard.at[taken + (spoiled_ ? 1 : 0)];
+        adopt(last.course, taken, spoiled_, pushed, held);
+        now_turn_ = (turn + taken) % 2;
+        queue_ =
+            taken == expected && !lacked ? std::max<std::size_t>(queue_, 2 * taken) : std::max(taken / 2, 1);
+        for (int i = 0; i < taken; ++i) visit(heard.records[i]);
+        return last;
+    }
+
+    /// Whether the step after those that were taken went wrong.
+    template <class Log>
+    static bool wrong_after(Log const& log)
+    {
+        return log.at[*log.taken + 1].wrong > 0;
+    }
+
+    /// Takes over what is known of the steps of a run; `begun` says whether one more was begun and not made.
+    void adopt(Course const& course, int taken, bool begun, bool pushed, bool held)
+    {
+        course_ = course;
+        particles_.set_held(taken > 0 ? pushed : held, held);
+        if (taken == 0) return;
+        given_for_ = course_.given.interval.length();
+        movers_gave_ = begun;
+    }
+
+    /// Takes a step that was made, or soon will be, for done.
+    void accept(bool pushed)
+    {
+        particles_.accept(pushed);
+        grid_.accept();
+    }
+
+    /// Undoes that, and sort(), for steps that were queued and then not made.
+    void take_back(int accepted, int sorted, bool pushed)
+    {
+        particles_.take_back(accepted, sorted, pushed);
+        if (accepted % 2 != 0) grid_.accept(); // what was swapped is swapped back
+    }
+
+    template <class Record>
+    StepReport report_of(Record const& record) const
     {
         StepReport report;
-        std::uint64_t wrong = 0; ///< particles with a mishap; if any, nothing has changed
-        Mishap mishap = Mishap::none;
-        std::uint32_t particle = 0;
-    };
-
-    /// The step: to the grid, on the grid, back to the particles and at once to the grid of the next step,
-    /// which should be `next_dt` long. One that goes wrong leaves the particles, and what they gave, as it
-    /// was.
-    template <class... Effects>
-    Attempt attempt(Interval const& interval, double next_dt, Effects const&... effects)
-    {
-        auto const actions = chain<Number, d>(interval, effects...);
-        using Actions = std::remove_const_t<decltype(actions)>;
-        particles_.sort(); // into the order of cells
-        auto& cells = particles_.cells();
-        grid_.follow(cells); // blocks of nodes under them
-        give_for(interval.length());
-        using Update = UpdateGrid<Space, Transfer, Actions>;
-        // What a backend returns here may only become the result once the step is through.
-        auto const reactions =
-            backend_.for_each_node(cells, grid_, Update{actions, lattice_, smallest_node_mass()});
-        // Only obstacles that push particles set what cannot be taken again.
-        std::optional<typename Table::Taken> velocities;
-        bool const pushed = Taken::components(d) > 0 && touches_particles(actions);
-        if (pushed) velocities = particles_.new_taken();
-        using Move = MoveParticles<Space, Model, Kernel, Transfer, Actions, Stored, Taken>;
-        auto const found =
-            backend_.move(cells, grid_,
-                          Move{model_, transfer_, actions, particles_.current(), particles_.next(),
-                               pushed ? velocities->view() : typename Table::TakenView{},
-                               particles_.portions(), lattice_, static_cast<Number>(interval.length()),
-                               static_cast<Number>(next_dt), Number(control_.rejection)});
-        spoiled_ = found.wrong > 0;
-        if (!spoiled_) {
-            particles_.accept();
-            particles_.forget_taken();
-            if (pushed) particles_.hold_taken(std::move(*velocities));
-            grid_.accept();
-            given_for_ = next_dt;
-            movers_gave_ = false;
-        }
-        return finish<typename Update::Result>(interval, reactions, found);
+        report.dt = record.dt;
+        report.stable_dt = record.stable;
+        report.capped = record.capped;
+        for (Reaction const& received : record.reactions.of)
+            report.reactions.push_back({received.impulse * particles_.mass_unit(),
+                                        received.angular_impulse * particles_.mass_unit()});
+        return report;
     }
 
     using Scatter = ParticlesToGrid<Space, Model, Kernel, Transfer, Stored, Taken>;
@@ -304,24 +437,21 @@ private:
     }
 
     /// The fields that particles take from the grid, as they took them in the last step.
-    typename Table::Taken take_again() const
+    void take_again(typename Table::TakenView const& taken) const
     {
-        auto taken = particles_.new_taken();
         if constexpr (Taken::components(d) > 0)
-            backend_.take(particles_.cells(), grid_,
-                          TakeVelocities<Space, Kernel, Transfer, Stored, Taken>{
-                              {},
-                              transfer_,
-                              particles_.ordered(),
-                              taken.view(),
-                              static_cast<Number>(lattice_.cell_size)});
-        return taken;
+            backend_.take(
+                particles_.cells(), grid_,
+                TakeVelocities<Space, Kernel, Transfer, Stored, Taken>{
+                    {}, transfer_, particles_.ordered(), taken, static_cast<Number>(lattice_.cell_size)});
     }
 
     /// Holds them beside the particles, before what they are taken from changes.
     void hold_taken()
     {
-        if (!particles_.holds_taken()) particles_.hold_taken(take_again());
+        if (particles_.holds_taken()) return;
+        take_again(particles_.place_for_taken());
+        particles_.hold_taken();
     }
 
     /// After a step that went wrong: the grid no longer has the velocities that particles took, but still
@@ -333,42 +463,17 @@ private:
         backend_.scatter(cells, grid_, scatter(-given_for_, true), false);
         given_for_ = 0;
         backend_.for_each_node(cells, grid_,
-                               UpdateGrid<Space, Transfer, Chain<>>{{}, lattice_, smallest_node_mass()});
+                               UpdateGrid<Space, Transfer, Chain<>>{
+                                   reinterpret_cast<StepNow<Number, Chain<>> const*>(now_.data()), lattice_,
+                                   smallest_node_mass()});
         hold_taken();
         spoiled_ = false;
-    }
-
-    /// Accepts the step unless something went wrong in it; keeps what bounds the next one.
-    template <class Reacted, class Found>
-    Attempt finish(Interval const& interval, Reacted const& reactions, Found const& found)
-    {
-        Attempt attempted;
-        attempted.wrong = found.wrong;
-        attempted.mishap = found.mishap;
-        attempted.particle = found.particle;
-        if (found.wrong > 0) return attempted;
-
-        time_ = interval.end;
-        bounds_.wave_speed = wave_speed(found.wave_modulus);
-        bounds_.speed = std::sqrt(found.speed2);
-        bounds_.deformation_rate = std::sqrt(found.deformation);
-        bounds_.obstacle_speed = std::sqrt(reactions.largest_surface_speed2);
-
-        attempted.report.dt = interval.length();
-        attempted.report.capped = found.capped;
-        for (std::size_t i = 0; i < reactions.of.size(); ++i) {
-            Reaction both = reactions.of[i];
-            both += found.reactions.of[i];
-            attempted.report.reactions.push_back(
-                {both.impulse * particles_.mass_unit(), both.angular_impulse * particles_.mass_unit()});
-        }
-        return attempted;
     }
 
     /// The bounds of the next step, for states set from outside.
     void find_bounds()
     {
-        bounds_ = {};
+        course_.bounds = {};
         double modulus = 0;
         particles_.for_each([&](auto& particle) {
             modulus = std::max(
@@ -377,8 +482,8 @@ private:
                            .wave_modulus));
         });
         for (auto const& velocity : download<Velocity>())
-            bounds_.speed = std::max(bounds_.speed, double(velocity.norm()));
-        bounds_.wave_speed = wave_speed(modulus);
+            course_.bounds.speed = std::max(course_.bounds.speed, double(velocity.norm()));
+        course_.bounds.wave_speed = wave_speed(modulus);
     }
 
     double wave_speed(double modulus) const { return std::sqrt(modulus / double(model_.density)); }
@@ -399,91 +504,27 @@ private:
         if constexpr (d == 2 && requires { effect.validate_in_plane(); }) effect.validate_in_plane();
     }
 
-    template <class... Effects>
-    ChosenStep stable_step(Effects const&... effects) const
+    void require_progress(StepRule const& rule)
     {
-        StepBounds now = bounds_;
-        [[maybe_unused]] auto const ask = [&](auto const& effect) {
-            if constexpr (requires { effect.largest_acceleration(); })
-                now.acceleration = std::max(now.acceleration, effect.largest_acceleration());
-            if constexpr (requires { effect.largest_speed(); })
-                now.obstacle_speed = std::max(now.obstacle_speed, effect.largest_speed());
-        };
-        (ask(effects), ...);
-        if constexpr (requires { model_.kinematic_viscosity(); })
-            now.viscosity = model_.kinematic_viscosity();
-        double expansion_ratio = d; // the largest there is, for models that do not say
-        if constexpr (requires { model_.elasticity.expansion_ratio(d); })
-            expansion_ratio = model_.elasticity.expansion_ratio(d);
-        return stable_time_step<Kernel, Transfer>(control_, now, lattice_.cell_size, expansion_ratio);
-    }
-
-    struct PlannedStep
-    {
-        Interval interval{};
-        StepLimit limit = StepLimit::duration;
-    };
-
-    /// A stable step from `begin` that is not much longer than the one before and leaves no sliver before
-    /// `end`; after `retries` failures, half as long each time.
-    template <class... Effects>
-    PlannedStep plan(double begin, double end, double previous, int retries, Effects const&... effects) const
-    {
-        ChosenStep step = stable_step(effects...);
-        double const remaining = end - begin;
-        if (previous > 0) step.bound(control_.growth * previous, StepLimit::growth);
-        bool const last = step.dt >= remaining && retries == 0;
-        if (step.dt >= remaining)
-            step = {remaining, StepLimit::duration};
-        else if (step.dt > remaining / 2)
-            step = {remaining / 2, StepLimit::duration};
-        step.dt =
-            std::ldexp(step.dt, -retries); // half of what was tried, also where that was all that remained
-        return {{begin, last ? end : begin + step.dt}, step.limit};
-    }
-
-    /// The next step: as planned one step ago, for which the particles have given already, unless the state
-    /// has changed so that it would be too long or needlessly short.
-    template <class... Effects>
-    PlannedStep choose(double end, int retries, Effects const&... effects) const
-    {
-        PlannedStep const best = plan(time_, end, previous_dt_, retries, effects...);
-        double const planned = planned_.interval.length(), stable = best.interval.length();
-        bool const fits = planned_.interval.begin == time_ && planned_.interval.end <= end &&
-                          given_for_ == planned && planned <= longest_plan * stable &&
-                          planned >= shortest_plan * stable;
-        return fits && retries == 0 ? planned_ : best;
-    }
-
-    /// The step after this one, as far as it can be told from the state before this one.
-    template <class... Effects>
-    PlannedStep plan_after(PlannedStep const& step, double end, Effects const&... effects) const
-    {
-        double const previous = step.limit != StepLimit::duration ? step.interval.length() : previous_dt_;
-        return plan(step.interval.end, end, previous, 0, effects...);
-    }
-
-    void require_progress(PlannedStep const& step, double duration)
-    {
-        if (step.interval.length() > control_.smallest * duration && step.interval.end > time_) return;
+        if (rule.gets_on(course_)) return;
         regain_velocities();
         std::ostringstream what, where, remedy;
-        what << "the stable time step fell to " << step.interval.length() << " s, bounded by "
-             << describe(step.limit);
-        where << "Solver::advance at t = " << time_ << " s";
-        remedy << "Check masses, moduli and velocities of the scene: wave speed " << bounds_.wave_speed
-               << " m/s, fastest particle " << bounds_.speed << " m/s.";
+        what << "the stable time step fell to " << course_.now.interval.length() << " s, bounded by "
+             << describe(course_.now.limit);
+        where << "Solver::advance at t = " << course_.time << " s";
+        remedy << "Check masses, moduli and velocities of the scene: wave speed " << course_.bounds.wave_speed
+               << " m/s, fastest particle " << course_.bounds.speed << " m/s.";
         throw Error{what.str(), where.str(), remedy.str()};
     }
 
-    [[noreturn]] void fail(Attempt const& attempted, double dt)
+    [[noreturn]] void fail(StepLog const log, double dt) // a copy: what follows is logged, too
     {
         regain_velocities();
         std::ostringstream what, where;
-        what << "particle " << attempted.particle << " " << describe(attempted.mishap);
-        if (attempted.wrong > 1) what << ", as did " << attempted.wrong - 1 << " more";
-        where << "at (" << particles_.position(attempted.particle).transpose() << ") m, in a step of " << dt
-              << " s at t = " << time_ << " s";
+        what << "particle " << log.particle << " " << describe(log.mishap);
+        if (log.wrong > 1) what << ", as did " << log.wrong - 1 << " more";
+        where << "at (" << particles_.position(log.particle).transpose() << ") m, in a step of " << dt
+              << " s at t = " << course_.time << " s";
         throw Error{what.str(), where.str(),
                     "The state is that of the last good step. Take a smaller step, or look at what drives "
                     "this particle: "
@@ -497,11 +538,12 @@ private:
     Backend backend_;
     Table particles_;
     Grid grid_;
-    StepBounds bounds_;
-    double time_ = 0;
-    double previous_dt_ = 0;
-    PlannedStep planned_;
-    double given_for_ = 0; ///< the grid holds what particles give to a step of this length [s]; 0: nothing
+    Course course_;
+    typename Backend::template Array<unsigned char> now_;  ///< two StepNow and a RunRule, of whatever effects
+    typename Backend::template Outbox<unsigned char> log_; ///< a RunLog
+    int now_turn_ = 0;      ///< which of the two it is that the next step finds
+    std::size_t queue_ = 1; ///< as many steps are worth while to queue: it went well with half as many
+    double given_for_ = 0;  ///< the grid holds what particles give to a step of this length [s]; 0: nothing
     bool movers_gave_ = false; ///< so have those that changed their cells since
     bool spoiled_ = false;     ///< a step went wrong: nodes do not hold the velocities of the last good one
 };

@@ -25,7 +25,7 @@ struct Astray
     };
 
     template <class Number, int d>
-    Action<Number> during(Interval const&) const
+    FIRN_HOST_DEVICE Action<Number> during(Interval const&) const
     {
         return {reinterpret_cast<Number*>(16)};
     }

@@ -149,7 +149,7 @@ TEST_CASE("in a corner the last word is that nothing moves into either wall")
 {
     Obstacle<HalfSpace> const floor{.shape = {{0, 1, 0}}, .contact = Contact::coulomb(0.8)};
     Obstacle<HalfSpace> const slope{.shape = {Vec(1, 1, 0).normalized()}, .contact = Contact::coulomb(0.3)};
-    auto const both = chain<double, 3>({0, 0.1}, floor, slope);
+    auto const both = plain_effects(floor, slope).during<double, 3>({0, 0.1});
     Reactions<2> reactions;
     Place<double, 3> const place{lattice(0.1), {0, 0, 0}, Vec(-1, -1, 0)};
     Vec const before(-3, -1, 0.5);

@@ -166,7 +166,7 @@ struct Damping
     };
 
     template <class Number, int d>
-    Action<Number> during(Interval const& interval) const
+    FIRN_HOST_DEVICE Action<Number> during(Interval const& interval) const
     {
         return {static_cast<Number>(std::exp(-rate * interval.length()))};
     }

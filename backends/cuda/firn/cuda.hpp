@@ -20,18 +20,31 @@ struct Cuda
 {
     int device = 0;                ///< as cudaGetDeviceProperties counts them
     cudaStream_t stream = nullptr; ///< of that device; it must live as long as the solver
+    std::size_t batch = 16;        ///< steps that are queued before the host listens, at most
     static constexpr bool reaches_host_memory = false;
+    static constexpr bool queues = true; ///< loops are not through when they return
 
     template <class Number>
     using Lane = Number;
     template <class T>
     using Array = cuda::Array<T>;
+    template <class T>
+    using Outbox = cuda::Outbox<T>;
     template <class Number, int d>
     using Cells = cuda::Cells<Number, d>;
     template <class Number, int d, int order, int sums, int values>
     using Grid = cuda::Grid<Number, d, order, sums, values>;
 
     cuda::Queue queue() const { return {device, stream}; }
+
+    /// How many steps are worth while to queue: where there are many blocks, loops that were queued in vain
+    /// take longer, and the host that listens holds up less.
+    template <class CellOrder>
+    std::size_t steps_to_queue(CellOrder const& cells) const
+    {
+        std::size_t const worth_while = 2 + 10000 / (1000 + cells.blocks());
+        return batch < worth_while ? batch : worth_while;
+    }
 
     /// Throws an Error unless there is such a device and a driver for it.
     void validate() const
@@ -46,6 +59,7 @@ struct Cuda
         if (status == cudaErrorNoDevice || (status == cudaSuccess && devices == 0))
             throw Error{"there is no CUDA device", "Cuda", "Use another backend."};
         cuda::check(status, "cudaGetDeviceCount");
+        require(batch > 0, "no step would be queued", "Cuda", "Pass a batch of 1 or more.");
         if (device < 0 || device >= devices)
             throw Error{"there is no CUDA device " + std::to_string(device), "Cuda",
                         "Pass the number of a device: there are " + std::to_string(devices) + ", from 0 on."};
@@ -69,7 +83,7 @@ struct Cuda
         if (cells.size() == 0) return;
         cuda::OnDevice const here(device);
         cuda::detail::launch("for_each_place", queue(), cuda::detail::for_each_place<CellOrder, Visit>,
-                             cells.blocks(), 0, visit, cells.view(), cells.settled());
+                             cells.blocks(), 1, 0, cells.signal(), visit, cells.view(), cells.settled());
     }
 
     /// All items give to the grid, by `phase.prepare` and `give` (see Giving): afresh, or onto what is there.
@@ -79,34 +93,35 @@ struct Cuda
         if (grid.blocks() == 0) return;
         cuda::OnDevice const here(device);
         cuda::detail::launch("scatter", queue(), cuda::detail::scatter<CellOrder, GridType, Phase>,
-                             grid.blocks(), cuda::detail::SharedTiles<GridType>::bytes(false, true), phase,
-                             cells.view(), grid.view(), afresh);
+                             grid.blocks(), 1, cuda::detail::SharedTiles<GridType>::bytes(false, true),
+                             cells.signal(), phase, cells.view(), grid.view(), afresh);
     }
 
     /// Items that changed their cells when they moved give to the grid, to which the others already gave.
     template <class Phase, class CellOrder, class GridType>
     void scatter_movers(CellOrder const& cells, GridType& grid) const
     {
-        if (grid.blocks() == 0 || cells.arrived().count == 0) return;
+        if (grid.blocks() == 0) return;
         cuda::OnDevice const here(device);
-        cuda::detail::launch("scatter_movers", queue(),
-                             cuda::detail::scatter_movers<CellOrder, GridType, Phase>, grid.blocks(),
-                             cuda::detail::SharedTiles<GridType>::bytes(false, true), cells.view(),
-                             cells.arrived(), cells.movers(), grid.view());
+        cuda::detail::launch(
+            "scatter_movers", queue(), cuda::detail::scatter_movers<CellOrder, GridType, Phase>,
+            std::min(grid.blocks(), 4096u), 1, cuda::detail::SharedTiles<GridType>::bytes(false, true),
+            cells.signal(), grid.blocks(), cells.view(), cells.arrived(), cells.movers(), grid.view());
     }
 
-    /// Calls `phase(node, result)` for every node that was added to; the merged results become known later.
+    /// Calls `phase(node, result)` for every node that was added to; what it found becomes known when the
+    /// items have moved.
     template <class CellOrder, class GridType, class Phase>
-    cuda::Later<typename Phase::Result> for_each_node(CellOrder const&, GridType& grid,
-                                                      Phase const& phase) const
+    cuda::Partial<typename Phase::Result> for_each_node(CellOrder const& cells, GridType& grid,
+                                                        Phase const& phase) const
     {
         using Result = typename Phase::Result;
-        if (grid.blocks() == 0) return {queue(), nullptr};
+        if (grid.blocks() == 0) return {};
         cuda::OnDevice const here(device);
-        auto const results = grid.node_results().template expect<Result>(2 * grid.node_blocks());
+        auto const results = grid.node_results().template expect<Result>(grid.node_blocks());
         cuda::detail::launch("for_each_node", queue(), cuda::detail::for_each_node<GridType, Phase>,
-                             grid.node_blocks(), 0, phase, grid.view(), results);
-        return grid.node_results().template later<Result>();
+                             grid.node_blocks(), 1, 0, cells.signal(), phase, grid.view(), results);
+        return grid.node_results().template partial<Result>();
     }
 
     /// All items take from the grid as they did when they moved last; the phase stores what it wants of that.
@@ -116,28 +131,53 @@ struct Cuda
         if (grid.blocks() == 0) return;
         cuda::OnDevice const here(device);
         cuda::detail::launch("take", queue(), cuda::detail::take<CellOrder, GridType, Phase>, grid.blocks(),
-                             cuda::detail::SharedTiles<GridType>::bytes(true, false), phase, cells.view(),
-                             grid.view());
+                             1, cuda::detail::SharedTiles<GridType>::bytes(true, false), cells.signal(),
+                             phase, cells.view(), grid.view());
     }
 
-    /// All items take from the grid, move, and give to the grid of the next step (see MoveParticles); returns
-    /// the merged results.
-    template <class CellOrder, class GridType, class Phase>
-    typename Phase::Result move(CellOrder& cells, GridType& grid, Phase const& phase) const
+    /// All items take from the grid, move, and give to the grid of the next step (see MoveParticles); then
+    /// calls `conclude(merged results of the nodes, and of the items)` on the device. Where that is false, or
+    /// there was no room for what moved, later loops do nothing until the host has listened (see
+    /// Cells::listen).
+    template <class CellOrder, class GridType, class Phase, class OfNodes, class Conclude>
+    void move(CellOrder& cells, GridType& grid, Phase const& phase, cuda::Partial<OfNodes> const& of_nodes,
+              Conclude const& conclude) const
     {
         using Result = typename Phase::Result;
-        if (grid.blocks() == 0) return {};
+        using Tiles = cuda::detail::SharedTiles<GridType>;
+        using Conclusion = cuda::detail::Conclusion<OfNodes, Result, Conclude>;
         cuda::OnDevice const here(device);
-        for (;;) {
-            auto const movers = cells.expect_departures(Phase::kept);
-            auto const results = grid.item_results().template expect<Result>(2 * grid.blocks());
-            cuda::detail::Moved<typename GridType::Number, Result> const moved{movers, cells.changes(),
-                                                                               cells.left(), results};
-            cuda::detail::launch("move", queue(), cuda::detail::move<CellOrder, GridType, Phase>,
-                                 grid.blocks(), cuda::detail::SharedTiles<GridType>::bytes(true, true), phase,
-                                 cells.view(), grid.view(), moved);
-            if (cells.find_departed()) return grid.item_results().template later<Result>();
+        auto const signal = cells.signal();
+        if (grid.blocks() == 0) {
+            cuda::detail::conclude_without_items<<<1, cuda::detail::scanning_threads, 0, stream>>>(
+                signal, Conclusion{{}, {}, conclude});
+            cuda::check_launch("conclude_without_items");
+            return;
         }
+        auto const movers = cells.expect_departures(Phase::kept - Phase::d); // an offset lies with its item
+        unsigned const teams = Tiles::teams(grid.blocks());
+        auto const results = grid.item_results().template expect<Result>(grid.blocks());
+        cuda::detail::Moved<typename GridType::Number, Result> const moved{movers, cells.changes(),
+                                                                           cells.left(), results};
+        cuda::detail::launch("move", queue(), cuda::detail::move<CellOrder, GridType, Phase>, grid.blocks(),
+                             teams, Tiles::bytes(true, true, teams), signal, phase, cells.view(), grid.view(),
+                             moved);
+        cells.find_departed(Conclusion{of_nodes, grid.item_results().template partial<Result>(), conclude});
+    }
+
+    /// The same for items for which there was no room: makes room, and repeats what is to be repeated.
+    template <class CellOrder, class GridType, class Phase, class OfNodes, class Conclude>
+    void complete(CellOrder& cells, GridType& grid, Phase const& phase,
+                  cuda::Partial<OfNodes> const& of_nodes, Conclude const& conclude) const
+    {
+        using Result = typename Phase::Result;
+        if (cells.make_room())
+            move(cells, grid, phase, of_nodes, conclude);
+        else
+            cells.find_departed(
+                cuda::detail::Conclusion<OfNodes, Result, Conclude>{
+                    of_nodes, grid.item_results().template partial<Result>(), conclude},
+                true);
     }
 };
 

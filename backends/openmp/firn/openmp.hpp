@@ -22,11 +22,14 @@ struct BasicOpenMP
 {
     int threads = 0; ///< 0: as many as OpenMP would use
     static constexpr bool reaches_host_memory = true;
+    static constexpr bool queues = false; ///< loops are through when they return
 
     template <class Number>
     using Lane = typename Lanes::template Lane<Number>;
     template <class T>
     using Array = openmp::Array<T>;
+    template <class T>
+    using Outbox = openmp::Outbox<T>;
     template <class Number, int d>
     using Cells = openmp::Cells<Number, d, lane_width<Lane<Number>>>;
     template <class Number, int d, int order, int sums, int values>
@@ -36,6 +39,13 @@ struct BasicOpenMP
     {
         require(threads >= 0, "the number of threads is below 0", "OpenMP",
                 "Pass the number of threads, or 0 for all cores.");
+    }
+
+    /// How many steps are worth while to queue before the host listens: it need not wait.
+    template <class CellOrder>
+    static std::size_t steps_to_queue(CellOrder const&)
+    {
+        return 1;
     }
 
     int thread_count() const { return threads > 0 ? threads : omp_get_max_threads(); }
@@ -83,12 +93,13 @@ struct BasicOpenMP
         openmp::take<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase);
     }
 
-    /// All items take from the grid, move, and give to the grid of the next step (see MoveParticles); returns
-    /// the merged results.
-    template <class CellOrder, class GridType, class Phase>
-    auto move(CellOrder& cells, GridType& grid, Phase const& phase) const
+    /// All items take from the grid, move, and give to the grid of the next step (see MoveParticles); then
+    /// calls `conclude(results of the nodes, merged results)`.
+    template <class CellOrder, class GridType, class Phase, class OfNodes, class Conclude>
+    void move(CellOrder& cells, GridType& grid, Phase const& phase, OfNodes const& of_nodes,
+              Conclude const& conclude) const
     {
-        return openmp::move<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase);
+        conclude(of_nodes, openmp::move<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase));
     }
 };
 

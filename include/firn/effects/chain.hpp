@@ -61,20 +61,68 @@ FIRN_HOST_DEVICE bool touches_particles(Chain<Actions...> const& chain)
     return wanted;
 }
 
-/// The chain of the effects' actions during a step.
-template <class Number, int d>
-Chain<> chain(Interval const&)
+namespace detail
 {
-    return {};
+template <class Action, class... Actions>
+FIRN_HOST_DEVICE Chain<Action, Actions...> linked(Action const& first, Chain<Actions...> const& rest)
+{
+    return {first, rest};
 }
+} // namespace detail
 
-template <class Number, int d, class First, class... Rest>
-auto chain(Interval const& interval, First const& first, Rest const&... rest)
+/// The effects of a step as plain values, from which their actions follow wherever the step's length is
+/// known.
+template <class... Effects>
+struct PlainEffects;
+
+template <>
+struct PlainEffects<>
 {
-    using Action = decltype(first.template during<Number, d>(interval));
-    return [&]<class... Actions>(Chain<Actions...> remaining) {
-        return Chain<Action, Actions...>{first.template during<Number, d>(interval), remaining};
-    }(chain<Number, d>(interval, rest...));
+    template <class Number, int d>
+    FIRN_HOST_DEVICE Chain<> during(Interval const&) const
+    {
+        return {};
+    }
+    bool touch_particles() const { return false; }
+};
+
+template <class First, class... Rest>
+struct PlainEffects<First, Rest...>
+{
+    First first;
+    PlainEffects<Rest...> rest;
+
+    /// The chain of the effects' actions during a step.
+    template <class Number, int d>
+    FIRN_HOST_DEVICE auto during(Interval const& interval) const
+    {
+        return detail::linked(first.template during<Number, d>(interval),
+                              rest.template during<Number, d>(interval));
+    }
+
+    /// Whether one of them acts on particles, too.
+    bool touch_particles() const
+    {
+        if constexpr (requires { first.on_particles; })
+            if (first.on_particles) return true;
+        return rest.touch_particles();
+    }
+};
+
+inline PlainEffects<> plain_effects() { return {}; }
+
+template <class First, class... Rest>
+auto plain_effects(First const& first, Rest const&... rest)
+{
+    auto const plain = [&] {
+        if constexpr (requires { first.plain(); })
+            return first.plain();
+        else
+            return first;
+    }();
+    return [&]<class... Others>(PlainEffects<Others...> const& others) {
+        return PlainEffects<std::remove_const_t<decltype(plain)>, Others...>{plain, others};
+    }(plain_effects(rest...));
 }
 
 namespace detail

@@ -7,10 +7,11 @@
 #include <concepts>
 
 // An effect is what acts on velocities beside the material itself: gravity, obstacles. Effects are arguments
-// of a step. On the host an effect is a plain description; `during(interval)` turns it into an *action*, a
-// trivially copyable value with the step's numbers filled in, which the phases call on lanes of nodes: as
+// of a step. An effect is a plain description; `during(interval)` turns it into an *action*, a trivially
+// copyable value with the step's numbers filled in, which the phases call on lanes of nodes: as
 // `on_momentum(momentum, mass)`, as `on_node(velocity)`, or as an obstacle (on particles too, if it asks for
-// them).
+// them). The length of a step may be found where the phases run, so `during` runs there too: it is
+// FIRN_HOST_DEVICE where that is a device, and an effect that is not a plain value has a `plain()` that is.
 namespace firn
 {
 
@@ -18,7 +19,7 @@ namespace firn
 struct Interval
 {
     double begin, end;
-    double length() const { return end - begin; }
+    FIRN_HOST_DEVICE double length() const { return end - begin; }
 };
 
 /// Where a lane of nodes or particles is: first + offset cells from the lattice's origin.

@@ -33,7 +33,7 @@ struct Gravity
     };
 
     template <class Number, int d>
-    Action<Number, d> during(Interval const& interval) const
+    FIRN_HOST_DEVICE Action<Number, d> during(Interval const& interval) const
     {
         return {(acceleration.head<d>() * interval.length()).template cast<Number>()};
     }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/error.hpp>
+#include <firn/core/host_device.hpp>
 
 #include <Eigen/Geometry>
 
@@ -21,7 +22,7 @@ struct Motion
     double time = 0;                                            ///< when all this holds [s]
 
     /// The same motion, seen at another time [s].
-    Motion at(double when) const
+    FIRN_HOST_DEVICE Motion at(double when) const
     {
         Motion later = *this;
         double const elapsed = when - time;

@@ -70,13 +70,20 @@ struct Obstacle
     template <class Number, int d>
     struct Action;
 
-    /// The obstacle at the end of the step: contact is solved for the velocities of that time.
+    /// The same without what its shape owns: a plain value.
+    auto plain() const
+    {
+        return Obstacle<detail::Plain<ShapeType>>{detail::plain(shape), contact, motion, on_particles};
+    }
+
+    /// The obstacle at the end of the step: contact is solved for the velocities of that time. For a plain
+    /// value.
     template <class Number, int d>
-    Action<Number, d> during(Interval const& interval) const
+    FIRN_HOST_DEVICE Action<Number, d> during(Interval const& interval) const
     {
         Motion const now = motion.at(interval.end);
         Eigen::Matrix3d const rotation = now.orientation.normalized().toRotationMatrix();
-        return {detail::plain(shape),
+        return {shape,
                 contact,
                 now.position,
                 rotation.topLeftCorner<d, d>().template cast<Number>(),

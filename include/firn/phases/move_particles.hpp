@@ -64,13 +64,11 @@ struct MoveParticles
 
     Model model;
     Transfer transfer;
-    Effects effects;
+    StepNow<Number, Effects> const* now;
     TableView<Number, d, StoredSet> before, after;
     FieldsById<Number, d, TakenSet> velocities; ///< written if present
     Portions<Number> portions;
     Lattice lattice;
-    Number dt;                  ///< [s]
-    Number next_dt;             ///< of the step after this one [s]
     Number largest_deformation; ///< dt |L| beyond which the step is rejected
 
     /// Keeps where some particles are.
@@ -99,12 +97,12 @@ struct MoveParticles
         before.load(items, particle);
 
         Real const inverse_h(static_cast<Number>(1 / lattice.cell_size));
-        Vector<Real, d> displacement = motion<Real>(particle, gathered) * Real(dt);
+        Vector<Real, d> displacement = motion<Real>(particle, gathered) * Real(now->dt);
         Matrix<Real, d> const L = transfer.template take<Kernel, Real, d>(particle, gathered, inverse_h);
         touch_obstacles<Real>(items, x, particle, displacement, result);
         displacement = displacement * inverse_h;
 
-        Response<Real, d> const response = model.template respond<Real>(particle, L, Real(dt));
+        Response<Real, d> const response = model.template respond<Real>(particle, L, Real(now->dt));
         after.store(items, particle);
         if (velocities.present) velocities.store(items, before.id, particle);
         items.copy(before.id, after.id);
@@ -149,7 +147,7 @@ private:
     {
         Number const h = static_cast<Number>(lattice.cell_size);
         auto const [mass, volume] = portions.find(items, before.id);
-        Matrix<Real, d> const impulse = stress * (volume * Real(-next_dt / h));
+        Matrix<Real, d> const impulse = stress * (volume * Real(-now->next_dt / h));
         Gives::keep(items, x, mass,
                     transfer.template give<Kernel, Real, d>(particle, mass, impulse, Real(h)));
     }
@@ -171,15 +169,16 @@ private:
                                           Result& result) const
     {
         if constexpr (Effects::obstacles > 0) {
-            if (!touches_particles(effects)) return;
+            if (!touches_particles(now->actions)) return;
             Number const to_node = Number(0.5 - cell_shift(order));
             Vector<Real, d> where =
                 position + displacement * Real(Number(1 / lattice.cell_size)) + items.along();
             FIRN_UNROLL
             for (int a = 0; a < d; ++a) where[a] += Real(to_node);
             Place<Real, d> const place{lattice, items.first(), where};
-            displacement += apply_on_particles<Real, d>(effects, place, portions.find(items, before.id).mass,
-                                                        Real(dt), particle[Velocity{}], result.reactions);
+            displacement +=
+                apply_on_particles<Real, d>(now->actions, place, portions.find(items, before.id).mass,
+                                            Real(now->dt), particle[Velocity{}], result.reactions);
         }
     }
 
@@ -198,7 +197,7 @@ private:
         }
         Mask<Real> const finite = size < Real(std::numeric_limits<Number>::max());
         Real const bound(largest_deformation * largest_deformation);
-        Mask<Real> const calm = (moved < Real(1)) & (rate2 * Real(dt * dt) < bound);
+        Mask<Real> const calm = (moved < Real(1)) & (rate2 * Real(now->dt * now->dt) < bound);
         Mask<Real> wrong = items.here() & ((!finite) | response.inverted | (!calm));
         if (items.at_the_edge()) wrong = items.here();
         Mask<Real> const capped = items.here() & response.capped;

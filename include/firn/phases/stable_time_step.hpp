@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/error.hpp>
+#include <firn/core/host_device.hpp>
 #include <firn/transfer/transfer.hpp>
 
 #include <array>
@@ -36,7 +37,7 @@ constexpr char const* describe(StepLimit limit)
 /// The safety factors of the automatic time step. The defaults hold for every kernel of order two and three.
 struct StepControl
 {
-    double wave = 0.9;        ///< share of the isolated-particle limit, see isolated_limit and damped_limit
+    double wave = 0.9;        ///< share of the isolated-particle limit, see isolated_limit and shear_limit
     double advection = 0.3;   ///< cells a particle may move per step, at most 0.5
     double deformation = 0.2; ///< dt |L|
     double obstacle = 0.5;    ///< cells an obstacle's surface may move per step
@@ -59,7 +60,6 @@ struct StepControl
 struct StepBounds
 {
     double wave_speed = 0;       ///< [m/s]
-    double viscosity = 0;        ///< kinematic [m^2/s]
     double speed = 0;            ///< of the fastest particle [m/s]
     double deformation_rate = 0; ///< largest |L| [1/s]
     double acceleration = 0;     ///< [m/s^2]
@@ -83,16 +83,22 @@ double isolated_limit(double expansion_ratio)
     return std::sqrt(2.0 / (expansion_ratio * inverse_inertia * (R - K / 2)));
 }
 
-/// The largest step [s] for a wave whose own limit is `wave` [s] in a fluid of a kinematic viscosity [m^2/s].
+/// The largest step [s] at which the shear of a fluid of a kinematic viscosity [m^2/s] decays, were there
+/// nothing else; `wave_limit` as in stable_time_step.
 ///
 /// The linearised step of a particle with no neighbours is that of a damped oscillator, v += -dt (w^2 u + c
 /// v) and u += dt v, stable while (dt w / 2)^2 + dt c / 2 < 1. Shear alone, of stress eta (L + L^T), has w =
 /// 0 and c / 2 = 2 nu / h^2 D^-1 (R - K/2), in the terms of isolated_limit.
-inline double damped_limit(double wave, double viscosity, double cell_size, double isolated_limit,
-                           double expansion_ratio)
+inline double shear_limit(double wave_limit, double viscosity, double cell_size, double expansion_ratio)
 {
-    double const shear =
-        0.25 * expansion_ratio * isolated_limit * isolated_limit * cell_size * cell_size / viscosity;
+    double const in_cells = wave_limit * cell_size;
+    return viscosity > 0 ? 0.25 * expansion_ratio * in_cells * in_cells / viscosity
+                         : std::numeric_limits<double>::infinity();
+}
+
+/// The largest step [s] where a wave's own limit is `wave` and that of the shear `shear` [s].
+FIRN_HOST_DEVICE inline double damped_limit(double wave, double shear)
+{
     return 1 / (0.5 / shear + std::sqrt(0.25 / (shear * shear) + 1 / (wave * wave)));
 }
 
@@ -102,25 +108,24 @@ struct ChosenStep
     double dt = std::numeric_limits<double>::infinity();
     StepLimit limit = StepLimit::duration;
 
-    void bound(double other, StepLimit by)
+    FIRN_HOST_DEVICE void bound(double other, StepLimit by)
     {
         if (other < dt) dt = other, limit = by;
     }
 };
 
-/// The largest step that is stable in the current state, by the bounds of the material and the motion alone.
-template <class Kernel, class Transfer>
-ChosenStep stable_time_step(StepControl const& control, StepBounds const& now, double cell_size,
-                            double expansion_ratio)
+/// The largest step that is stable in the current state, by the bounds of the material and the motion alone;
+/// `wave_limit` is the largest stable c dt / h, see isolated_limit; `shear_limit` in s, infinite without
+/// viscosity.
+FIRN_HOST_DEVICE inline ChosenStep stable_time_step(StepControl const& control, StepBounds const& now,
+                                                    double cell_size, double wave_limit, double shear_limit)
 {
     ChosenStep step;
     double const h = cell_size;
-    double const isolated = isolated_limit<Kernel, Transfer>(expansion_ratio);
-    step.bound(control.wave * isolated * h / now.wave_speed, StepLimit::wave);
-    if (now.viscosity > 0)
-        step.bound(control.wave * damped_limit(isolated * h / now.wave_speed, now.viscosity, h, isolated,
-                                               expansion_ratio),
-                   StepLimit::viscosity);
+    double const wave = wave_limit * h / now.wave_speed;
+    step.bound(control.wave * wave, StepLimit::wave);
+    if (shear_limit < std::numeric_limits<double>::infinity())
+        step.bound(control.wave * damped_limit(wave, shear_limit), StepLimit::viscosity);
     step.bound(control.advection * h / now.speed, StepLimit::advection);
     step.bound(control.deformation / now.deformation_rate, StepLimit::deformation);
     step.bound(std::sqrt(0.5 * h / now.acceleration), StepLimit::acceleration);

@@ -3,6 +3,7 @@
 
 #include <firn/effects/chain.hpp>
 #include <firn/phases/particles_to_grid.hpp>
+#include <firn/phases/step_now.hpp>
 
 namespace firn
 {
@@ -32,7 +33,7 @@ struct UpdateGrid
     using Result = Reactions<Effects::obstacles>;
     static constexpr int channels = Velocities::channels;
 
-    Effects effects;
+    StepNow<Number, Effects> const* now;
     Lattice lattice;
     Number smallest_mass;
 
@@ -52,11 +53,11 @@ struct UpdateGrid
                 momentum[a] += node.sum(Sums::impulse + a);
             }
         }
-        apply_on_momentum<Real, d>(effects, momentum, mass);
+        apply_on_momentum<Real, d>(now->actions, momentum, mass);
         Vector<Real, d> velocity = momentum * inverse_mass;
         Place<Real, d> const place{lattice, node.first(), node.offset()};
         velocity =
-            apply_on_nodes<Real, d>(effects, place, select(filled, mass, Real(0)), velocity, reactions);
+            apply_on_nodes<Real, d>(now->actions, place, select(filled, mass, Real(0)), velocity, reactions);
         for (int a = 0; a < d; ++a) node.set(Velocities::velocity + a, select(filled, velocity[a], Real(0)));
     }
 };

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cstddef>
+#include <cstring>
 #include <span>
 #include <type_traits>
 #include <utility>
@@ -138,11 +139,9 @@ private:
     std::size_t size_ = 0, capacity_ = 0;
 };
 
-/// A little memory of the host that devices can write to.
+/// Memory of the host that devices can write to.
 class HostMemory
 {
-    static constexpr std::size_t bytes = 4096;
-
 public:
     explicit HostMemory(Queue const& queue) : queue_(queue) {}
     HostMemory(HostMemory&& other) noexcept : queue_(other.queue_) { *this = std::move(other); }
@@ -150,27 +149,74 @@ public:
     {
         std::swap(queue_, other.queue_);
         std::swap(memory_, other.memory_);
+        std::swap(bytes_, other.bytes_);
         return *this;
     }
-    ~HostMemory()
-    {
-        if (memory_) static_cast<void>(cudaFreeHost(memory_));
-    }
+    ~HostMemory() { release(); }
 
+    /// Room for so many values, zeros at first and whenever more than ever before are asked for.
     template <class T>
-    T* as()
+    T* as(std::size_t count = 1)
     {
-        static_assert(sizeof(T) <= bytes);
-        if (!memory_) {
+        if (count * sizeof(T) > bytes_) {
             OnDevice const here(queue_);
-            check(cudaMallocHost(&memory_, bytes), "cudaMallocHost");
+            release();
+            check(cudaMallocHost(&memory_, count * sizeof(T)), "cudaMallocHost");
+            bytes_ = count * sizeof(T);
+            std::memset(memory_, 0, bytes_);
         }
+        return static_cast<T*>(memory_);
+    }
+    /// What there is.
+    template <class T>
+    T* get() const
+    {
         return static_cast<T*>(memory_);
     }
 
 private:
+    void release()
+    {
+        if (memory_) static_cast<void>(cudaFreeHost(memory_));
+        memory_ = nullptr;
+        bytes_ = 0;
+    }
+
     Queue queue_;
     void* memory_ = nullptr;
+    std::size_t bytes_ = 0;
+};
+
+/// Values that loops write and the host reads when they are through.
+template <class T>
+class Outbox
+{
+public:
+    template <class Backend>
+    explicit Outbox(Backend const& backend) : there_(backend), here_(backend.queue())
+    {}
+
+    /// Makes room for so many values at least; zeros, until loops write others.
+    void resize(std::size_t size)
+    {
+        std::size_t const before = there_.size();
+        if (size <= before) return;
+        there_.resize(size);
+        there_.fill_bytes(before, size - before, 0);
+    }
+    T* data() { return there_.data(); }
+
+    /// Waits for all loops; what they wrote, in memory of the host.
+    T const* fetch()
+    {
+        T* const here = here_.template as<T>(there_.size());
+        there_.download(0, {here, there_.size()});
+        return here;
+    }
+
+private:
+    Array<T> there_;
+    HostMemory here_;
 };
 
 } // namespace firn::cuda

@@ -111,7 +111,8 @@ public:
         movers.cell[i] = cell;
         movers.way[i] = way_;
 #pragma unroll
-        for (int c = 0; c < Phase::kept; ++c) movers.given[std::size_t(i) * movers.channels + c] = kept_[c];
+        for (int c = d; c < Phase::kept; ++c)
+            movers.given[std::size_t(i) * movers.channels + c - d] = kept_[c];
     }
     __device__ void forget_given()
     {
@@ -119,11 +120,16 @@ public:
         for (int c = 0; c < Phase::kept; ++c)
             if (c >= zero_from_) kept_[c] = 0;
     }
-    /// Keeps what an item gave when it departed.
-    __device__ void read_departure(detail::Movers<Number> const& movers, std::uint32_t i)
+    /// Keeps what an item gave when it departed, and its offset now.
+    __device__ void read_departure(detail::Movers<Number> const& movers, std::array<Offset*, d> const& offset,
+                                   std::uint32_t i)
     {
+        std::uint32_t const slot = movers.slot[i];
 #pragma unroll
-        for (int c = 0; c < Phase::kept; ++c) kept_[c] = movers.given[std::size_t(i) * movers.channels + c];
+        for (int a = 0; a < d; ++a) kept_[a] = CellOffset<Number>::value(offset[a][slot]);
+#pragma unroll
+        for (int c = d; c < Phase::kept; ++c)
+            kept_[c] = movers.given[std::size_t(i) * movers.channels + c - d];
     }
 
     /// Channel c of the node at place k in a row of the cell's stencil.

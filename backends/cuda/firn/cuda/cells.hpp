@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <bit>
 #include <span>
+#include <utility>
 #include <vector>
 
 namespace firn::cuda
@@ -49,8 +50,8 @@ public:
     explicit Cells(Backend const& backend)
         : queue_(backend.queue()), set_(queue_), begin_(queue_), new_begin_(queue_), order_(queue_),
           left_(queue_), stay_(queue_), arrivals_(queue_), first_arrival_(queue_), group_left_(queue_),
-          block_arrived_(queue_), block_begin_(queue_), arrived_begin_(queue_), arrived_(queue_),
-          spare_(queue_), movers_(queue_), blocks_before_(queue_), counts_(queue_)
+          block_stay_(queue_), block_arrived_(queue_), block_begin_(queue_), arrived_begin_(queue_),
+          arrived_(queue_), movers_(queue_), blocks_before_(queue_), stopped_(queue_), stop_(queue_)
     {}
 
     Queue const& queue() const { return queue_; }
@@ -62,8 +63,8 @@ public:
     {
         return set_.memory() + begin_.memory() + new_begin_.memory() + order_.memory() + left_.memory() +
                stay_.memory() + arrivals_.memory() + first_arrival_.memory() + group_left_.memory() +
-               block_arrived_.memory() + block_begin_.memory() + arrived_begin_.memory() + arrived_.memory() +
-               spare_.memory() + movers_.memory();
+               block_stay_.memory() + block_arrived_.memory() + block_begin_.memory() +
+               arrived_begin_.memory() + arrived_.memory() + movers_.memory();
     }
 
     /// Adds items that lie at first, first + 1, … in the given cells.
@@ -78,6 +79,7 @@ public:
         where.upload(0, {reinterpret_cast<Place const*>(cells.data()), cells.size()});
         MoverArrays fresh(queue_);
         fresh.renew(count, 0);
+        signal();
         if (blocks() == 0) set_.reserve(64);
         for (;;) { // once more if there are blocks to be born
             stay_all();
@@ -88,11 +90,9 @@ public:
             if (births == 0) break;
             bear_blocks(births);
         }
+        find_block_begins();
         rearrange(fresh.view(0), count, nullptr, {});
-        moved_count_ = 0;
-        live_ = blocks();
-        arrived_.clear(); // every new item was in these lists; they need not stay so large
-        spare_.clear();
+        arrived_.clear(); // every new item was in this list; it need not stay so large
     }
 
     /// Moves the items that departed to their new cells, and wraps their offsets. An item lies at its slot
@@ -101,8 +101,18 @@ public:
     {
         if (size_ == 0) return;
         OnDevice const here(queue_);
-        rearrange(movers_.view(channels_), moved_count_, left_.data(), offset);
-        if (blocks() > 8 + live_ + live_ / 2) forget_empty_blocks();
+        offset_ = offset;
+        rearrange(movers_.view(channels_), movers_.most, left_.data(), offset);
+        if (crowded_) forget_empty_blocks();
+        crowded_ = false;
+    }
+
+    /// Undoes the last calls of follow(), on the host, where it was queued and then not done; and says
+    /// whether items lie at their slots.
+    void take_back(int follows, bool settled)
+    {
+        if (follows % 2 != 0) std::swap(begin_, new_begin_);
+        settled_ = settled;
     }
 
     /// How many times empty blocks were forgotten, and which blocks were there before: by their new numbers.
@@ -121,42 +131,72 @@ public:
     unsigned char* left() { return left_.data(); }
     detail::Changes changes()
     {
-        return {stay_.data(), arrivals_.data(), first_arrival_.data(), group_left_.data(),
-                block_arrived_.data()};
+        return {stay_.data(),       arrivals_.data(),   first_arrival_.data(),
+                group_left_.data(), block_stay_.data(), block_arrived_.data()};
     }
 
-    /// Finds the cells of those that departed, and bears the blocks that are not there yet; the host waits
-    /// for it. False if there was no room for so many: there is now, and the loop that noted them is to be
-    /// repeated.
-    bool find_departed()
+    /// Finds the cells of those that departed, and concludes. `once_more`: only finds them.
+    template <class Conclude>
+    void find_departed(Conclude const& conclude, bool once_more = false)
     {
         OnDevice const here(queue_);
-        find_new_cells(movers_.most);
-        auto const* const counts = counts_.template as<detail::Counts>();
-        queue_.wait();
-        if (counts->departed > movers_.most) {
-            movers_.most = counts->departed + counts->departed / 16;
-            return false;
+        unsigned const groups = 1 + std::min(groups_of(movers_.most, detail::scanning_threads), 256u);
+        launch_behind("find_new_cells", queue_, detail::find_new_cells<d, Number, Conclude>, groups,
+                      detail::scanning_threads, 0, signal(), movers_.view(channels_), changes(), set_.view(),
+                      set_.keys(), begins(), conclude, once_more);
+    }
+
+    /// Says to loops whether they have something to do.
+    detail::Signal signal()
+    {
+        if (stopped_.size() == 0) {
+            OnDevice const here(queue_);
+            stopped_.renew(1);
+            stopped_.fill_bytes(0, 1, 0);
+            stop_.template as<detail::Stop>();
         }
-        moved_count_ = counts->departed;
-        live_ = counts->live;
-        while (counts->births > 0) {
-            bear_blocks(counts->births);
-            forget_arrivals();
-            find_new_cells(moved_count_);
-            queue_.wait();
+        return std::as_const(*this).signal();
+    }
+    detail::Signal signal() const ///< once there are items
+    {
+        return {const_cast<std::uint32_t*>(stopped_.data()), stop_.template get<detail::Stop>()};
+    }
+
+    /// When the host has waited: lets loops work again if they have stopped, and says whether they did so
+    /// because there was no room for all that moved.
+    bool listen()
+    {
+        auto* const stop = stop_.template as<detail::Stop>();
+        short_ = *stop;
+        if (stop->stopped == 0) return false;
+        *stop = {};
+        stopped_.fill_bytes(0, 1, 0);
+        crowded_ = short_.crowded != 0;
+        return short_.births > 0 || short_.departed > movers_.most;
+    }
+
+    /// Makes room for what lacked it. True if the loop that moves items is to be repeated, and not only the
+    /// search for their cells.
+    bool make_room()
+    {
+        OnDevice const here(queue_);
+        if (short_.departed > movers_.most) {
+            movers_.most = short_.departed + short_.departed / 16;
+            return true;
         }
-        return true;
+        bear_blocks(short_.births);
+        forget_arrivals();
+        return false;
     }
 
     /// The items that came into each cell when the order was written: as movers, and their list.
     struct Arrived
     {
-        std::uint32_t const* begin;   ///< of those of each cell, in the list
-        std::uint32_t const* arrived; ///< numbers of movers
-        std::uint32_t count;
+        std::uint32_t const* begin;    ///< of those of each cell, in the list
+        std::uint32_t const* arrived;  ///< numbers of movers
+        std::array<Offset*, d> offset; ///< of all items
     };
-    Arrived arrived() const { return {arrived_begin_.data(), arrived_.data(), moved_count_}; }
+    Arrived arrived() const { return {arrived_begin_.data(), arrived_.data(), offset_}; }
     Movers movers() const { return movers_.view(channels_); }
 
     /// Says that all items now lie at their slots.
@@ -193,30 +233,37 @@ private:
     struct MoverArrays
     {
         std::size_t most = 0;
-        Array<std::uint32_t> count, slot, cell, way, next;
+        Array<detail::Rendezvous> meet;
+        Array<std::uint32_t> slot, cell, way, next;
         Array<Number> given;
 
         explicit MoverArrays(Queue queue)
-            : count(queue), slot(queue), cell(queue), way(queue), next(queue), given(queue)
+            : meet(queue), slot(queue), cell(queue), way(queue), next(queue), given(queue)
         {}
 
         void renew(std::size_t room, int channels)
         {
             most = room;
-            if (count.size() == 0) {
-                count.renew(2);
-                count.fill_bytes(0, 2, 0);
+            if (meet.size() == 0) {
+                meet.renew(1);
+                meet.fill_bytes(0, 1, 0);
             }
-            for (auto* const array : {&slot, &next}) array->renew(room);
-            for (auto* const array : {&cell, &way}) array->renew(channels > 0 ? room : 0);
+            for (auto* const array : {&slot, &next, &way}) array->renew(room);
+            cell.renew(channels > 0 ? room : 0);
             given.renew(room * static_cast<std::size_t>(channels));
         }
 
         Movers view(int channels) const
         {
             auto const at = [](auto const& array) { return const_cast<std::uint32_t*>(array.data()); };
-            return {at(count), static_cast<std::uint32_t>(most), channels, at(slot), at(cell), at(way),
-                    at(next),  const_cast<Number*>(given.data())};
+            return {const_cast<detail::Rendezvous*>(meet.data()),
+                    static_cast<std::uint32_t>(most),
+                    channels,
+                    at(slot),
+                    at(cell),
+                    at(way),
+                    at(next),
+                    const_cast<Number*>(given.data())};
         }
 
         std::size_t memory() const
@@ -225,13 +272,17 @@ private:
         }
     };
 
-    void find_new_cells(std::size_t most)
+    /// Where the device writes where blocks begin.
+    detail::BlockBegins begins()
     {
-        unsigned const groups = std::max(1u, groups_of(most, 256));
-        detail::find_new_cells<d><<<groups, 256, 0, queue_.stream>>>(movers_.view(channels_), changes(),
-                                                                     set_.view(), set_.keys(),
-                                                                     counts_.template as<detail::Counts>());
-        check_launch("find_new_cells");
+        block_begin_.resize(blocks());
+        return {blocks(), block_begin_.data()};
+    }
+
+    void find_block_begins()
+    {
+        detail::find_all_block_begins<<<1, detail::scanning_threads, 0, queue_.stream>>>(begins(), changes());
+        check_launch("find_all_block_begins");
     }
 
     void forget_arrivals()
@@ -268,6 +319,8 @@ private:
         first_arrival_.resize(cells);
         group_left_.resize(blocks() * Shape::groups);
         group_left_.fill_bytes(before * Shape::groups, births * Shape::groups, 0);
+        block_stay_.resize(blocks());
+        block_stay_.fill_bytes(before, births, 0);
         block_arrived_.resize(blocks());
     }
 
@@ -284,17 +337,20 @@ private:
         std::uint32_t count = 0;
         live.download(0, {&count, 1});
         new_begin_.renew(std::size_t(count) * Shape::cells + 1);
-        spare_.renew(new_begin_.size());
-        detail::keep_blocks<<<count, 64, 0, queue_.stream>>>(
-            blocks_before_.data(), begin_.data(), arrived_begin_.data(), new_begin_.data(), spare_.data());
+        Array<std::uint32_t> new_arrived_begin(queue_);
+        new_arrived_begin.resize(new_begin_.size());
+        detail::keep_blocks<<<count, 64, 0, queue_.stream>>>(blocks_before_.data(), begin_.data(),
+                                                             arrived_begin_.data(), new_begin_.data(),
+                                                             new_arrived_begin.data());
         check_launch("keep_blocks");
         std::swap(begin_, new_begin_);
-        std::swap(arrived_begin_, spare_);
+        std::swap(arrived_begin_, new_arrived_begin);
         set_.keep(blocks_before_.data(), count);
         ++generation_;
     }
 
-    /// Writes the new order: those that stay in their cells, and those that come.
+    /// Writes the new order where blocks are known to begin: those that stay in their cells, and those that
+    /// come, `count` at most.
     void rearrange(Movers const& movers, std::uint32_t count, unsigned char const* left,
                    std::array<Offset*, d> const& offset)
     {
@@ -302,9 +358,7 @@ private:
         std::size_t const items = size_ + (comes_in ? count : 0);
         new_begin_.renew(blocks() * Shape::cells + 1);
         arrived_begin_.renew(new_begin_.size());
-        block_begin_.renew(blocks());
         arrived_.renew(count);
-        spare_.renew(count);
         Array<std::uint32_t> next(queue_);
         bool const in_place = settled_;
         if (in_place)
@@ -313,19 +367,14 @@ private:
             next.resize(items);
         if (comes_in) left_.renew(items);
 
-        detail::find_block_begins<<<1, detail::scanning_threads, 0, queue_.stream>>>(
-            begin_.data(), blocks(), changes(), block_begin_.data(), counts_.template as<detail::Counts>());
-        check_launch("find_block_begins");
         detail::NewOrder const to{in_place ? nullptr : order_.data(),
                                   left,
                                   new_begin_.data(),
                                   arrived_begin_.data(),
                                   arrived_.data(),
-                                  spare_.data(),
                                   in_place ? order_.data() : next.data()};
-        detail::rearrange<d><<<blocks(), 64, 0, queue_.stream>>>(begin_.data(), changes(),
-                                                                 block_begin_.data(), movers, to, offset);
-        check_launch("rearrange");
+        launch_behind("rearrange", queue_, detail::rearrange<d, Number>, blocks(), 64, 0, signal(),
+                      begin_.data(), changes(), block_begin_.data(), movers, to, offset);
         std::swap(begin_, new_begin_);
         if (!in_place) std::swap(order_, next);
         size_ = items;
@@ -336,18 +385,21 @@ private:
     Queue queue_;
     std::size_t size_ = 0;
     bool settled_ = true;
-    std::uint32_t moved_count_ = 0;
+    std::array<Offset*, d> offset_{}; ///< as they were last followed
     BlockSet set_;
     Array<std::uint32_t> begin_, new_begin_, order_;
     Array<unsigned char> left_; ///< per slot: whether the item left its cell
-    Array<std::uint32_t> stay_, arrivals_, first_arrival_, group_left_, block_arrived_;
+    Array<std::uint32_t> stay_, arrivals_, first_arrival_, group_left_, block_stay_, block_arrived_;
     Array<std::uint64_t> block_begin_;
-    Array<std::uint32_t> arrived_begin_, arrived_, spare_;
+    Array<std::uint32_t> arrived_begin_, arrived_;
     MoverArrays movers_;
     int channels_ = 0;
-    std::uint32_t generation_ = 0, live_ = 0; ///< blocks that held items when that was counted last
+    std::uint32_t generation_ = 0;
     Array<std::uint32_t> blocks_before_;
-    HostMemory counts_; ///< where the device says what it counted
+    Array<std::uint32_t> stopped_; ///< whether loops have nothing to do until the host has listened
+    HostMemory stop_;              ///< why
+    detail::Stop short_{};         ///< what it said last
+    bool crowded_ = false;         ///< many blocks hold no items
 };
 
 } // namespace firn::cuda

@@ -38,6 +38,29 @@ struct Queue
     void wait() const { check(cudaStreamSynchronize(stream), "cudaStreamSynchronize"); }
 };
 
+/// Loops of so few groups of threads may be made ready while the ones before are still at work. In larger
+/// ones those that wait would take the place of those that work.
+inline constexpr unsigned few_groups = 128;
+
+/// Starts a loop; a small one may be made ready while the one before is still at work, and waits for that
+/// itself (see Signal), where the device can do so.
+template <class... Parameters, class... Arguments>
+void launch_behind(char const* name, Queue const& queue, void (*loop)(Parameters...), unsigned groups,
+                   unsigned threads, std::size_t shared, Arguments const&... arguments)
+{
+    cudaLaunchAttribute attribute{};
+    attribute.id = cudaLaunchAttributeProgrammaticStreamSerialization;
+    attribute.val.programmaticStreamSerializationAllowed = groups <= few_groups;
+    cudaLaunchConfig_t how{};
+    how.gridDim = groups;
+    how.blockDim = threads;
+    how.dynamicSmemBytes = shared;
+    how.stream = queue.stream;
+    how.attrs = &attribute;
+    how.numAttrs = 1;
+    check(cudaLaunchKernelEx(&how, loop, static_cast<Parameters>(arguments)...), name);
+}
+
 /// Makes a device the current one, and the one before current again at the end of the scope.
 class OnDevice
 {
@@ -45,15 +68,20 @@ public:
     explicit OnDevice(int device)
     {
         check(cudaGetDevice(&before_), "cudaGetDevice");
-        if (before_ != device) check(cudaSetDevice(device), "cudaSetDevice");
+        changed_ = before_ != device;
+        if (changed_) check(cudaSetDevice(device), "cudaSetDevice");
     }
     explicit OnDevice(Queue const& queue) : OnDevice(queue.device) {}
-    ~OnDevice() { static_cast<void>(cudaSetDevice(before_)); }
+    ~OnDevice()
+    {
+        if (changed_) static_cast<void>(cudaSetDevice(before_));
+    }
     OnDevice(OnDevice const&) = delete;
     OnDevice& operator=(OnDevice const&) = delete;
 
 private:
     int before_ = 0;
+    bool changed_ = false;
 };
 
 /// Memory of the current device; an Error says how much was needed and how much there was.

@@ -9,9 +9,12 @@ namespace firn::cuda
 namespace detail
 {
 inline constexpr unsigned block_threads = 64; ///< one per cell, and one per node
-/// Groups of threads that are to be at work on a multiprocessor together: up to 128 registers for each
-/// thread.
-inline constexpr unsigned blocks_at_once = 8;
+/// Where there are few blocks, as many teams of that many threads share one: each takes every n-th item of a
+/// cell. With all threads of the largest group, up to 128 registers are left for each.
+inline constexpr unsigned most_teams = 8;
+/// Shared memory that a device gives without being asked, but for what loops declare, and that it gives at
+/// all (compute capability 7.5; later ones give more) [bytes].
+inline constexpr std::size_t unasked_shared = 40 * 1024, most_shared = 60 * 1024;
 
 /// The lane's own part of its warp: which items of the group of cells are where.
 struct Ranks
@@ -23,21 +26,25 @@ struct Ranks
         : begin(begins[cell]), count(begins[cell + 1] - begin), slot(begins[cell - threadIdx.x % 32])
     {}
 
-    /// Calls `use(rank, whether the cell has an item of it, the item's slot)` with all lanes of the warp.
+    /// Calls `use(rank, whether the cell has an item of it, the item's slot)` with all lanes of the warp: for
+    /// every rank, or those of one of several teams.
     template <class Use>
-    __device__ void for_each(Use const& use)
+    __device__ void for_each(Use const& use, std::uint32_t team = 0, std::uint32_t teams = 1)
     {
         std::uint32_t const below = (1u << threadIdx.x % 32) - 1;
-        for (std::uint32_t rank = 0;; ++rank) {
+        for (std::uint32_t rank = team, passed = 0;; rank += teams) {
+            for (; passed < rank; ++passed) slot += __popc(__ballot_sync(~0u, passed < count)); // of others
             std::uint32_t const pattern = __ballot_sync(~0u, rank < count);
             if (pattern == 0) return;
             use(rank, rank < count, slot + __popc(pattern & below));
             slot += __popc(pattern);
+            passed = rank + 1;
         }
     }
 };
 
-/// The tiles of one block of cells in shared memory: node values, and sums of each of its two groups.
+/// The tiles of one block of cells in shared memory: node values, and sums of each of its two groups, for
+/// each team.
 template <class GridType>
 struct SharedTiles
 {
@@ -47,15 +54,27 @@ struct SharedTiles
     using Values = typename GridType::Values;
     static constexpr int d = GridType::corners == 8 ? 3 : 2;
 
-    static constexpr std::size_t bytes(bool reads, bool adds)
+    static constexpr std::size_t bytes(bool reads, bool adds, unsigned teams = 1)
     {
         constexpr std::size_t values =
             (Tile::nodes * sizeof(Values) + 15) / 16 * 16; // sums are aligned to that
-        return (reads ? values : 0) + (adds ? 2 * Tile::group_nodes * sizeof(Sums) : 0);
+        return (reads ? values : 0) + (adds ? teams * 2 * Tile::group_nodes * sizeof(Sums) : 0);
     }
 
+    /// How many teams share a block where there are so many blocks: as many threads in all as a large device
+    /// has at work at once, in no more shared memory than every device has. (The same on every device, since
+    /// sums are added up team by team.)
+    static unsigned teams(std::uint32_t blocks)
+    {
+        unsigned teams = most_teams;
+        while (teams > 1 && (teams * blocks > 1024 || bytes(true, true, teams) > unasked_shared)) teams /= 2;
+        return teams;
+    }
+
+    static_assert(bytes(true, true) <= most_shared, "a block's tiles do not fit into shared memory");
+
     Values* values;
-    Sums* sums; ///< of both groups, one after the other
+    Sums* sums; ///< of both groups, one after the other, team by team
 
     __device__ SharedTiles(unsigned char* memory, bool reads)
         : values(reinterpret_cast<Values*>(memory)),
@@ -64,24 +83,31 @@ struct SharedTiles
 
     __device__ void clear_sums() const
     {
-        for (int n = int(threadIdx.x); n < 2 * Tile::group_nodes; n += block_threads) sums[n] = Sums{};
+        int const teams = int(blockDim.x / block_threads);
+        for (int n = int(threadIdx.x); n < teams * 2 * Tile::group_nodes; n += int(blockDim.x))
+            sums[n] = Sums{};
     }
 
-    /// Where the stencil of the thread's cell begins among the sums of its group.
+    /// Where the stencil of the thread's cell begins among the sums of its group and team.
     __device__ Sums* own_sums(int place) const
     {
-        int const group = place / Shape::lanes;
-        return sums + group * (Tile::group_nodes - Tile::group_offset) + Tile::at(Shape::cell(place));
+        int const group = place / Shape::lanes, team = int(threadIdx.x / block_threads);
+        return sums + team * 2 * Tile::group_nodes + group * (Tile::group_nodes - Tile::group_offset) +
+               Tile::at(Shape::cell(place));
     }
 
     /// Writes both groups' sums to the block's tile, or adds them to it.
     __device__ void write_sums(Sums* tile, bool add) const
     {
-        for (int n = int(threadIdx.x); n < Tile::nodes; n += block_threads) {
+        int const teams = int(blockDim.x / block_threads);
+        for (int n = int(threadIdx.x); n < Tile::nodes; n += int(blockDim.x)) {
             Sums sum{};
             if (add) sum = tile[n];
-            if (n < Tile::group_nodes) plus(sum, sums[n]);
-            if (n >= Tile::group_offset) plus(sum, sums[Tile::group_nodes + n - Tile::group_offset]);
+            for (int team = 0; team < teams; ++team) {
+                Sums const* const of_team = sums + team * 2 * Tile::group_nodes;
+                if (n < Tile::group_nodes) plus(sum, of_team[n]);
+                if (n >= Tile::group_offset) plus(sum, of_team[Tile::group_nodes + n - Tile::group_offset]);
+            }
             tile[n] = sum;
         }
     }
@@ -89,7 +115,7 @@ struct SharedTiles
     /// Copies the nodes under a block of cells.
     __device__ void read_values(typename GridType::View const& grid, std::uint32_t block) const
     {
-        for (int n = int(threadIdx.x); n < Tile::nodes; n += block_threads) {
+        for (int n = int(threadIdx.x); n < Tile::nodes; n += int(blockDim.x)) {
             Coordinates<d> node;
             if (!Tile::node_at(n, node)) continue;
             std::uint32_t corner = 0;
@@ -114,8 +140,10 @@ private:
 /// All items give, cell by cell, to the tile of their block.
 template <class CellOrder, class GridType, class Phase>
 __global__ void __launch_bounds__(block_threads)
-    scatter(Phase phase, typename CellOrder::View cells, typename GridType::View grid, bool afresh)
+    scatter(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid,
+            bool afresh)
 {
+    if (signal.stops()) return;
     extern __shared__ __align__(16) unsigned char memory[];
     SharedTiles<GridType> const tiles(memory, false);
     tiles.clear_sums();
@@ -138,31 +166,38 @@ __global__ void __launch_bounds__(block_threads)
 /// Items that came into the cells of a block give what they kept when they departed.
 template <class CellOrder, class GridType, class Phase>
 __global__ void __launch_bounds__(block_threads)
-    scatter_movers(typename CellOrder::View cells, typename CellOrder::Arrived arrived,
-                   typename CellOrder::Movers movers, typename GridType::View grid)
+    scatter_movers(Signal signal, std::uint32_t blocks, typename CellOrder::View cells,
+                   typename CellOrder::Arrived arrived, typename CellOrder::Movers movers,
+                   typename GridType::View grid)
 {
+    if (signal.stops()) return;
     extern __shared__ __align__(16) unsigned char memory[];
-    std::uint32_t const first = blockIdx.x * block_threads, c = first + threadIdx.x;
-    if (arrived.begin[first] == arrived.begin[first + block_threads]) return;
-    SharedTiles<GridType> const tiles(memory, false);
-    tiles.clear_sums();
-    __syncthreads();
-    CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(cells.cell(c), nullptr);
-    SumsInTile<GridType> sums{tiles.own_sums(int(threadIdx.x))};
-    Ranks(arrived.begin, c).for_each([&](std::uint32_t rank, bool here, std::uint32_t) {
-        cell.forget();
-        if (here) cell.read_departure(movers, arrived.arrived[arrived.begin[c] + rank]);
-        Phase::give(cell, sums);
-    });
-    __syncthreads();
-    tiles.write_sums(grid.tiles + std::size_t(blockIdx.x) * GridType::TileShape::nodes, true);
+    for (std::uint32_t block = blockIdx.x; block < blocks; block += gridDim.x) { // most have few, or none
+        std::uint32_t const first = block * block_threads, c = first + threadIdx.x;
+        if (arrived.begin[first] == arrived.begin[first + block_threads]) continue;
+        SharedTiles<GridType> const tiles(memory, false);
+        tiles.clear_sums();
+        __syncthreads();
+        CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(cells.cell(c), nullptr);
+        SumsInTile<GridType> sums{tiles.own_sums(int(threadIdx.x))};
+        Ranks(arrived.begin, c).for_each([&](std::uint32_t rank, bool here, std::uint32_t) {
+            cell.forget();
+            if (here) cell.read_departure(movers, arrived.offset, arrived.arrived[arrived.begin[c] + rank]);
+            Phase::give(cell, sums);
+        });
+        __syncthreads();
+        tiles.write_sums(grid.tiles + std::size_t(block) * GridType::TileShape::nodes, true);
+        __syncthreads();
+    }
 }
 
 /// Nodes add up the tiles that cover them and are updated.
 template <class GridType, class Phase>
 __global__ void __launch_bounds__(block_threads)
-    for_each_node(Phase phase, typename GridType::View grid, ResultsOfWarps<typename Phase::Result> results)
+    for_each_node(Signal signal, Phase phase, typename GridType::View grid,
+                  ResultsOfGroups<typename Phase::Result> results)
 {
+    if (signal.stops()) return;
     using Shape = typename GridType::Shape;
     using Tile = typename GridType::TileShape;
     using Sums = typename GridType::Sums;
@@ -171,21 +206,25 @@ __global__ void __launch_bounds__(block_threads)
     int place = int(threadIdx.x);
     for (int a = d - 1; a >= 0; --a, place /= Shape::extent) here[a] = place % Shape::extent;
 
+    std::uint32_t block[GridType::corners]; // all loads first, or each would wait for the one before
+#pragma unroll
+    for (int corner = 0; corner < GridType::corners; ++corner)
+        block[corner] = grid.covered_by[blockIdx.x * GridType::corners + static_cast<unsigned>(corner)];
     Sums sums{};
     bool any = false;
+#pragma unroll
     for (int corner = 0; corner < GridType::corners; ++corner) {
-        std::uint32_t const block =
-            grid.covered_by[blockIdx.x * GridType::corners + static_cast<unsigned>(corner)];
-        if (block == absent) continue;
         Coordinates<d> at = here; // in the tile of a block that lies `corner` before this one
-        bool covers = true;
+        bool covers = block[corner] != absent;
+#pragma unroll
         for (int a = 0; a < d; ++a) {
             at[a] += ((corner >> (d - 1 - a)) & 1) * Shape::extent;
             covers = covers && at[a] < Tile::width;
         }
-        if (!covers) continue;
-        Sums const more =
-            grid.tiles[std::size_t(block) * Tile::nodes + static_cast<std::size_t>(Tile::at(at))];
+        Sums more{};
+        if (covers)
+            more =
+                grid.tiles[std::size_t(block[corner]) * Tile::nodes + static_cast<std::size_t>(Tile::at(at))];
 #pragma unroll
         for (int c = 0; c < Sums::stored; ++c) {
             sums.of[c] += more.of[c];
@@ -198,7 +237,8 @@ __global__ void __launch_bounds__(block_threads)
     typename Phase::Result result{};
     if (any) phase(lane, result); // nothing was added to the others
     grid.node_values[std::size_t(blockIdx.x) * Shape::cells + threadIdx.x] = lane.values();
-    results.take(result, 2 * blockIdx.x + threadIdx.x / 32);
+    __shared__ __align__(16) unsigned char parts[2 * sizeof(typename Phase::Result)];
+    results.take(result, reinterpret_cast<typename Phase::Result*>(parts));
 }
 
 /// What the loop that moves items writes beside what the phase does.
@@ -208,15 +248,16 @@ struct Moved
     Movers<Number> movers;
     Changes changes;
     unsigned char* left;
-    ResultsOfWarps<Result> results;
+    ResultsOfGroups<Result> results;
 };
 
 /// All items take, answer, and give to the tile of the next step; those that depart are put on a list.
 template <class CellOrder, class GridType, class Phase>
-__global__ void __launch_bounds__(block_threads, blocks_at_once)
-    move(Phase phase, typename CellOrder::View cells, typename GridType::View grid,
+__global__ void __launch_bounds__(most_teams* block_threads, 1)
+    move(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid,
          Moved<typename GridType::Number, typename Phase::Result> moved)
 {
+    if (signal.stops()) return;
     using Tile = typename GridType::TileShape;
     extern __shared__ __align__(16) unsigned char memory[];
     SharedTiles<GridType> const tiles(memory, true);
@@ -224,56 +265,71 @@ __global__ void __launch_bounds__(block_threads, blocks_at_once)
     tiles.clear_sums();
     __syncthreads();
 
-    int const place = int(threadIdx.x);
-    std::uint32_t const c = blockIdx.x * block_threads + threadIdx.x, below = (1u << threadIdx.x % 32) - 1;
+    __shared__ std::uint32_t left_cell[block_threads], left_group[2];
+    if (threadIdx.x < block_threads) left_cell[threadIdx.x] = 0;
+    if (threadIdx.x < 2) left_group[threadIdx.x] = 0;
+    __syncthreads();
+
+    std::uint32_t const team = threadIdx.x / block_threads, teams = blockDim.x / block_threads;
+    std::uint32_t const place = threadIdx.x % block_threads, c = blockIdx.x * block_threads + place,
+                        below = (1u << threadIdx.x % 32) - 1;
     CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(
-        cells.cell(c), tiles.values + Tile::at(GridType::Shape::cell(place)));
-    SumsInTile<GridType> sums{tiles.own_sums(place)};
+        cells.cell(c), tiles.values + Tile::at(GridType::Shape::cell(int(place))));
+    SumsInTile<GridType> sums{tiles.own_sums(int(place))};
     typename Phase::Result result{};
-    std::uint32_t stay = 0, group_left = 0;
     Ranks ranks(cells.begin, c);
     std::uint32_t const* const sources = cells.order + ranks.begin;
     std::uint32_t const count = ranks.count;
-    std::uint32_t next_source = count > 0 ? sources[0] : 0; // loaded one rank ahead
-    ranks.for_each([&](std::uint32_t rank, bool here, std::uint32_t slot) {
+    std::uint32_t next_source = team < count ? sources[team] : 0; // loaded one rank ahead
+    auto const use = [&](std::uint32_t rank, bool here, std::uint32_t slot) {
         cell.forget();
         if (here) {
             cell.enter(next_source, slot);
-            if (rank + 1 < count) next_source = sources[rank + 1];
+            if (rank + teams < count) next_source = sources[rank + teams];
             phase.locate(cell);
             Phase::take(cell);
             phase.answer(cell, result);
             moved.left[slot] = cell.departed();
-            stay += !cell.departed();
         }
         if (std::uint32_t const left = __ballot_sync(~0u, cell.departed())) {
             std::uint32_t first = 0;
-            if (threadIdx.x % 32 == 0)
-                first = atomicAdd(moved.movers.count, static_cast<std::uint32_t>(__popc(left)));
+            if (threadIdx.x % 32 == 0) {
+                first = atomicAdd(&moved.movers.meet->departed, static_cast<std::uint32_t>(__popc(left)));
+                atomicAdd(left_group + place / 32, static_cast<std::uint32_t>(__popc(left)));
+            }
             std::uint32_t const i = __shfl_sync(~0u, first, 0) + __popc(left & below);
             if (cell.departed()) {
+                atomicAdd(left_cell + place, 1u);
                 if (i < moved.movers.most) cell.write_departure(moved.movers, i, c);
                 cell.forget_given();
             }
-            group_left += __popc(left);
         }
         Phase::give(cell, sums);
-    });
-    moved.changes.stay[c] = stay;
-    moved.changes.arrivals[c] = 0; // who comes is counted next
-    moved.changes.first_arrival[c] = absent;
-    if (threadIdx.x == 0) moved.changes.block_arrived[blockIdx.x] = 0;
-    if (threadIdx.x % 32 == 0) moved.changes.group_left[2 * blockIdx.x + threadIdx.x / 32] = group_left;
+    };
+    ranks.for_each(use, team, teams);
     __syncthreads();
+    if (team == 0) {
+        moved.changes.stay[c] = count - left_cell[place];
+        moved.changes.arrivals[c] = 0; // who comes is counted next
+        moved.changes.first_arrival[c] = absent;
+        if (place == 0) {
+            std::uint32_t const had = cells.begin[c + block_threads] - ranks.begin;
+            moved.changes.block_stay[blockIdx.x] = had - left_group[0] - left_group[1];
+            moved.changes.block_arrived[blockIdx.x] = 0;
+        }
+        if (place % 32 == 0) moved.changes.group_left[2 * blockIdx.x + place / 32] = left_group[place / 32];
+    }
     tiles.write_sums(grid.next_tiles + std::size_t(blockIdx.x) * Tile::nodes, false);
-    moved.results.take(result, 2 * blockIdx.x + threadIdx.x / 32);
+    __shared__ __align__(16) unsigned char parts[2 * most_teams * sizeof(typename Phase::Result)];
+    moved.results.take(result, reinterpret_cast<typename Phase::Result*>(parts));
 }
 
 /// All items take, and the phase keeps what it wants of that.
 template <class CellOrder, class GridType, class Phase>
 __global__ void __launch_bounds__(block_threads)
-    take(Phase phase, typename CellOrder::View cells, typename GridType::View grid)
+    take(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid)
 {
+    if (signal.stops()) return;
     extern __shared__ __align__(16) unsigned char memory[];
     SharedTiles<GridType> const tiles(memory, true);
     tiles.read_values(grid, blockIdx.x);
@@ -294,8 +350,9 @@ __global__ void __launch_bounds__(block_threads)
 /// Visits all items: at their slots, or where the order says.
 template <class CellOrder, class Visit>
 __global__ void __launch_bounds__(block_threads)
-    for_each_place(Visit visit, typename CellOrder::View cells, bool at_slots)
+    for_each_place(Signal signal, Visit visit, typename CellOrder::View cells, bool at_slots)
 {
+    if (signal.stops()) return;
     std::uint32_t const c = blockIdx.x * block_threads + threadIdx.x;
     auto const cell = cells.cell(c);
     Ranks(cells.begin, c).for_each([&](std::uint32_t rank, bool here, std::uint32_t slot) {
@@ -313,14 +370,13 @@ __global__ void for_each(Body body, std::size_t count)
 /// Starts a loop over blocks with its shared memory.
 template <class... Parameters, class... Arguments>
 void launch(char const* name, Queue const& queue, void (*loop)(Parameters...), std::uint32_t blocks,
-            std::size_t shared, Arguments const&... arguments)
+            unsigned teams, std::size_t shared, Arguments const&... arguments)
 {
-    if (shared > 48 * 1024) // what a device gives without being asked
+    if (shared > unasked_shared)
         check(
             cudaFuncSetAttribute(loop, cudaFuncAttributeMaxDynamicSharedMemorySize, static_cast<int>(shared)),
             "cudaFuncSetAttribute");
-    loop<<<blocks, block_threads, shared, queue.stream>>>(arguments...);
-    check_launch(name);
+    launch_behind(name, queue, loop, blocks, teams * block_threads, shared, arguments...);
 }
 } // namespace detail
 

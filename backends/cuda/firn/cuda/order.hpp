@@ -3,6 +3,7 @@
 
 #include <firn/core/cell_offset.hpp>
 #include <firn/cuda/block_set.hpp>
+#include <firn/cuda/results.hpp>
 #include <firn/cuda/tuning.hpp>
 
 #include <array>
@@ -12,18 +13,29 @@
 namespace firn::cuda::detail
 {
 
+/// What groups of threads that work side by side tell each other; all zero where none is at work.
+struct Rendezvous
+{
+    std::uint32_t departed;  ///< items
+    std::uint32_t found;     ///< groups that have found the cells of theirs
+    std::uint32_t live;      ///< blocks that hold items
+    std::uint32_t goes_on;   ///< whether the conclusion was that steps go on
+    std::uint32_t concluded; ///< groups that have found where blocks begin, or concluded
+};
+
 /// Items on their way to other cells.
 template <class Number>
 struct Movers
 {
-    std::uint32_t* count;
+    Rendezvous* meet;
     std::uint32_t most;  ///< there is room for so many
     int channels;        ///< of what a departed item gives
     std::uint32_t* slot; ///< where the item lies
     std::uint32_t* cell; ///< where it was
-    std::uint32_t* way;  ///< to which neighbour it goes: three digits of base 3, first axis highest
+    std::uint32_t*
+        way; ///< to which neighbour it goes: three digits of base 3, first axis highest; done with, spare
     std::uint32_t* next; ///< another one that comes into the same cell, or absent
-    Number* given;       ///< what a departed item gives to the grid, one after the other; its offset first
+    Number* given;       ///< what a departed item gives to the grid, one after the other, but for its offset
 };
 
 /// What changes about cells when items move.
@@ -33,15 +45,36 @@ struct Changes
     std::uint32_t* arrivals;      ///< per cell: items that come
     std::uint32_t* first_arrival; ///< per cell: one of them, or absent
     std::uint32_t* group_left;    ///< per group of cells: items that leave
+    std::uint32_t* block_stay;    ///< per block: items that stay in their cells
     std::uint32_t* block_arrived; ///< per block: items that come into its cells
 };
 
-/// What the host is told when items have moved.
-struct Counts
+/// What the host is told when loops have stopped.
+struct Stop
 {
+    std::uint32_t stopped;  ///< 1; the host clears it
     std::uint32_t departed; ///< items; more than there is room for: the others were not noted
     std::uint32_t births;   ///< blocks that are wanted and not there
-    std::uint32_t live;     ///< blocks that hold items, one step ago
+    std::uint32_t crowded;  ///< whether there are many blocks without items
+};
+
+/// Whether loops that are queued have something to do: each asks first. Where one finds that those after it
+/// have not, it stops them, and the host will look after it.
+struct Signal
+{
+    std::uint32_t* stopped;
+    Stop* stop; ///< in memory of the host
+
+    /// The first thing that a loop asks: waits for the loop before (see launch_behind), and lets the next one
+    /// be made ready.
+    __device__ bool stops() const
+    {
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
+        cudaTriggerProgrammaticLaunchCompletion();
+        cudaGridDependencySynchronize();
+#endif
+        return *stopped != 0;
+    }
 };
 
 /// Enters a mover in the list of its new cell, and counts it there and in the block.
@@ -84,26 +117,6 @@ __device__ void find_new_cell(Movers<Number> const& movers, Changes const& chang
     arrive(movers, changes, mover, block, static_cast<std::uint32_t>(Shape::place(cell)));
 }
 
-/// Finds the new cells of departed items, and counts them there; the last threads tell the host.
-template <int d, class Number>
-__global__ void find_new_cells(Movers<Number> movers, Changes changes, BlockSet::View set,
-                               std::uint64_t const* keys, Counts* counts)
-{
-    std::uint32_t const mover = blockIdx.x * blockDim.x + threadIdx.x, departed = *movers.count;
-    if (mover < departed && mover < movers.most) find_new_cell<d>(movers, changes, set, keys, mover);
-    __syncthreads();
-    if (threadIdx.x != 0) return;
-    __threadfence();
-    std::uint32_t* const finished = movers.count + 1;
-    if (atomicAdd(finished, 1u) + 1 != gridDim.x) return;
-    *finished = 0;
-    std::uint32_t const births = *static_cast<std::uint32_t volatile*>(set.born_count);
-    counts->departed = departed;
-    counts->births = births;
-    // the next loop that moves items counts anew, unless these are to be found once more
-    if (births == 0 || departed > movers.most) *movers.count = 0;
-}
-
 /// The same for new items, which say where they are.
 template <int d, class Number>
 __global__ void find_cells(Movers<Number> movers, std::array<int, d> const* cells, std::uint32_t first,
@@ -136,7 +149,9 @@ static __global__ void stay_all(std::uint32_t const* begin, std::uint32_t cells,
     changes.arrivals[c] = 0;
     changes.first_arrival[c] = absent;
     if (c % 32 == 0) changes.group_left[c / 32] = 0;
-    if (c % 64 == 0) changes.block_arrived[c / 64] = 0;
+    if (c % 64 != 0) return;
+    changes.block_stay[c / 64] = begin[c + 64] - begin[c];
+    changes.block_arrived[c / 64] = 0;
 }
 
 /// The sum of a value over the lanes of a warp before this one; `total` becomes that over all.
@@ -170,14 +185,19 @@ __device__ std::uint64_t sum_before_in_block(std::uint64_t value, std::uint64_t&
     return before;
 }
 
-inline constexpr int scanning_threads = 1024, scanned_at_once = 4;
+inline constexpr int scanning_threads = 512, scanned_at_once = 8;
 
-/// Where each block's items and arrivals begin: both counts in one number, items in its lower half. One group
-/// of threads does it all: there are few blocks.
-static __global__ void __launch_bounds__(scanning_threads)
-    find_block_begins(std::uint32_t const* begin, std::uint32_t blocks, Changes changes,
-                      std::uint64_t* block_begin, Counts* counts)
+/// Where each block's items and arrivals begin.
+struct BlockBegins
 {
+    std::uint32_t blocks;
+    std::uint64_t* of_block; ///< both counts in one number, items in its lower half
+};
+
+/// Finds them, by one group of threads: there are few blocks. Returns how many hold items.
+__device__ inline std::uint32_t find_block_begins(BlockBegins const& begins, Changes const& changes)
+{
+    std::uint32_t const blocks = begins.blocks;
     std::uint64_t before = 0;
     std::uint32_t live = 0;
     for (std::uint32_t first = 0; first < blocks; first += scanning_threads * scanned_at_once) {
@@ -187,10 +207,8 @@ static __global__ void __launch_bounds__(scanning_threads)
             std::uint32_t const b = first + threadIdx.x * scanned_at_once + static_cast<std::uint32_t>(i);
             count[i] = 0;
             if (b >= blocks) continue;
-            std::uint32_t const arrived = changes.block_arrived[b];
-            std::uint32_t const had = begin[(b + 1) * 64] - begin[b * 64];
-            std::uint32_t const left = changes.group_left[2 * b] + changes.group_left[2 * b + 1];
-            count[i] = (std::uint64_t(arrived) << 32) | (had - left + arrived);
+            std::uint32_t const arrived = __ldcg(changes.block_arrived + b); // counted by others just now
+            count[i] = (std::uint64_t(arrived) << 32) | (changes.block_stay[b] + arrived);
             live += count[i] != 0;
         }
 #pragma unroll
@@ -200,14 +218,108 @@ static __global__ void __launch_bounds__(scanning_threads)
 #pragma unroll
         for (int i = 0; i < scanned_at_once; ++i) {
             std::uint32_t const b = first + threadIdx.x * scanned_at_once + static_cast<std::uint32_t>(i);
-            if (b < blocks) block_begin[b] = mine;
+            if (b < blocks) begins.of_block[b] = mine;
             mine += count[i];
         }
         before += total;
     }
     std::uint64_t all_live;
     sum_before_in_block<scanning_threads>(live, all_live);
-    if (threadIdx.x == 0) counts->live = static_cast<std::uint32_t>(all_live);
+    return static_cast<std::uint32_t>(all_live);
+}
+
+/// The same as a loop of its own.
+static __global__ void __launch_bounds__(scanning_threads)
+    find_all_block_begins(BlockBegins begins, Changes changes)
+{
+    find_block_begins(begins, changes);
+}
+
+/// What concludes a step: the results of two loops, and who is called with them.
+template <class OfNodes, class OfItems, class Call>
+struct Conclusion
+{
+    Partial<OfNodes> of_nodes;
+    Partial<OfItems> of_items;
+    Call call;
+
+    /// Called by a whole group of threads; true in its first one if the call was.
+    __device__ bool operator()() const
+    {
+        constexpr std::uint32_t half = scanning_threads / 64;
+        // plain values, although Eigen's types do not say so
+        __shared__ __align__(16) unsigned char memory[half * (sizeof(OfNodes) + sizeof(OfItems))];
+        auto* const items = reinterpret_cast<OfItems*>(memory);
+        auto* const nodes = reinterpret_cast<OfNodes*>(items + half);
+        std::uint32_t const warp = threadIdx.x / 32;
+        if (warp < half)
+            of_items.merge(warp, half, items);
+        else
+            of_nodes.merge(warp - half, half, nodes);
+        __syncthreads();
+        if (warp > 0) return false;
+        OfItems const all_items = Partial<OfItems>::whole(items, half);
+        OfNodes const all_nodes = Partial<OfNodes>::whole(nodes, half);
+        return threadIdx.x == 0 && call(all_nodes, all_items);
+    }
+};
+
+/// For one thread of a group: whether `count - 1` groups were here before; what they wrote can then be read.
+__device__ inline bool comes_last(std::uint32_t* arrived, std::uint32_t count)
+{
+    __threadfence();
+    bool const last = atomicAdd(arrived, 1u) + 1 == count;
+    __threadfence();
+    if (last) *arrived = 0;
+    return last;
+}
+
+/// Finds the new cells of departed items, and counts them there; whoever comes last finds where blocks begin.
+/// One more group of threads concludes at the same time, unless it has done so before.
+template <int d, class Number, class Conclude>
+__global__ void __launch_bounds__(scanning_threads)
+    find_new_cells(Signal signal, Movers<Number> movers, Changes changes, BlockSet::View set,
+                   std::uint64_t const* keys, BlockBegins begins, Conclude conclude, bool once_more)
+{
+    if (signal.stops()) return;
+    Rendezvous& meet = *movers.meet;
+    std::uint32_t const departed = meet.departed, noted = departed < movers.most ? departed : movers.most;
+    if (blockIdx.x == 0) {
+        bool const goes_on = !once_more && conclude();
+        if (threadIdx.x == 0 && !once_more) meet.goes_on = goes_on;
+    }
+    else {
+        for (std::uint32_t first = (blockIdx.x - 1) * blockDim.x; first < noted;
+             first += (gridDim.x - 1) * blockDim.x)
+            if (first + threadIdx.x < noted)
+                find_new_cell<d>(movers, changes, set, keys, first + threadIdx.x);
+        __shared__ bool last;
+        __syncthreads();
+        if (threadIdx.x == 0) last = comes_last(&meet.found, gridDim.x - 1);
+        __syncthreads();
+        if (!last) return;
+        bool const short_of_room = departed > movers.most || __ldcg(set.born_count) > 0;
+        std::uint32_t const live = short_of_room ? 0 : find_block_begins(begins, changes);
+        if (threadIdx.x == 0) meet.live = live;
+    }
+    if (threadIdx.x != 0 || !comes_last(&meet.concluded, 2)) return;
+    std::uint32_t const births = __ldcg(set.born_count), live = __ldcg(&meet.live);
+    bool const short_of_room = births > 0 || departed > movers.most;
+    // the next loop that moves items counts anew, unless these are to be found once more
+    if (births == 0 || departed > movers.most) meet.departed = 0;
+    bool const crowded = !short_of_room && begins.blocks > 8 + live + live / 4;
+    if (__ldcg(&meet.goes_on) != 0 && !short_of_room && !crowded) return;
+    *signal.stopped = 1;
+    *signal.stop = {1, departed, births, crowded};
+}
+
+/// What follows a loop over no items.
+template <class Conclude>
+__global__ void __launch_bounds__(scanning_threads) conclude_without_items(Signal signal, Conclude conclude)
+{
+    if (signal.stops() || conclude() || threadIdx.x != 0) return;
+    *signal.stopped = 1;
+    *signal.stop = {1, 0, 0, 0};
 }
 
 /// Lists the blocks that hold items, in their order.
@@ -264,18 +376,19 @@ struct NewOrder
     unsigned char const* left;   ///< per slot, whether the item left; none: nobody did
     std::uint32_t* begin;        ///< per cell
     std::uint32_t* arrived_begin;
-    std::uint32_t *arrived, *spare; ///< lists of movers by cell
+    std::uint32_t* arrived; ///< list of movers by cell
     std::uint32_t* order;
 };
 
 /// Writes a block's new cells and its part of the new order: those who stay keep their order in the cell,
 /// those who come follow in the order in which they lie. Brings the offsets of arrivals back into their
-/// cells, and with them what they give from there.
+/// cells.
 template <int d, class Number>
 __global__ void __launch_bounds__(64)
-    rearrange(std::uint32_t const* begin, Changes changes, std::uint64_t const* block_begin,
+    rearrange(Signal signal, std::uint32_t const* begin, Changes changes, std::uint64_t const* block_begin,
               Movers<Number> movers, NewOrder to, std::array<typename CellOffset<Number>::Stored*, d> offset)
 {
+    if (signal.stops()) return;
     constexpr std::uint32_t few = 32;
     std::uint32_t const c = blockIdx.x * 64 + threadIdx.x;
     std::uint32_t const arrivals = changes.arrivals[c], stay = changes.stay[c];
@@ -320,14 +433,13 @@ __global__ void __launch_bounds__(64)
             auto stored = offset[a][where];
             CellOffset<Number>::wrap(stored);
             offset[a][where] = stored;
-            movers.given[std::size_t(mover) * movers.channels + a] = CellOffset<Number>::value(stored);
         }
     }
     __syncwarp();
     for (std::uint32_t crowded = __ballot_sync(~0u, arrivals > few); crowded != 0; crowded &= crowded - 1) {
         int const lane = __ffs(static_cast<int>(crowded)) - 1;
         std::uint32_t const where = __shfl_sync(~0u, first_arrived, lane);
-        sort_crowd(movers, to.arrived + where, to.spare + where, __shfl_sync(~0u, arrivals, lane));
+        sort_crowd(movers, to.arrived + where, movers.way + where, __shfl_sync(~0u, arrivals, lane));
     }
     for (std::uint32_t i = 0; i < arrivals; ++i) to.order[at + i] = movers.slot[arrived[i]];
 }

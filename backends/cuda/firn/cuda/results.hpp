@@ -4,7 +4,6 @@
 #include <firn/cuda/array.hpp>
 
 #include <cstdint>
-#include <cstring>
 
 namespace firn::cuda
 {
@@ -43,6 +42,18 @@ __device__ T load_words(T const* from)
     return value;
 }
 
+/// Loads what a thread of this group stored in memory that they share.
+template <class T>
+__device__ T load_shared(T const* from)
+{
+    Words<T> words;
+#pragma unroll
+    for (int i = 0; i < Words<T>::count; ++i) words.of[i] = reinterpret_cast<std::uint32_t const*>(from)[i];
+    T value;
+    memcpy(static_cast<void*>(&value), &words, sizeof words);
+    return value;
+}
+
 /// The results of a warp's lanes, merged in their order: in lane 0.
 template <class Result>
 __device__ Result merged_in_warp(Result result)
@@ -61,36 +72,41 @@ __device__ Result merged_in_warp(Result result)
     return result;
 }
 
-/// Where the warps of a loop leave their results; the last of each bunch of warps merges those of the bunch,
-/// and the last bunch those of the bunches: no loop of its own is needed, and the order is always the same.
+/// Where the groups of threads of a loop leave their results. Where there are many, the last of each bunch
+/// merges those of the bunch, so that few are left to whoever concludes; the order is always the same.
 template <class Result>
-struct ResultsOfWarps
+struct ResultsOfGroups
 {
-    static constexpr std::uint32_t bunch = 64;
+    Result *of_groups, *of_bunches; ///< the same where bunches are of one
+    std::uint32_t* finished;        ///< per bunch: how many are through
+    std::uint32_t groups, bunch;
 
-    Result *of_warps, *of_bunches;
-    std::uint32_t* finished; ///< per bunch, and last the bunches: how many are through
-    std::uint32_t warps;
-    Result* merged; ///< for the host
+    __host__ __device__ std::uint32_t bunches() const { return (groups + bunch - 1) / bunch; }
 
-    /// All lanes of a warp bring their results; called once by each warp.
-    __device__ void take(Result const& of_lane, std::uint32_t warp) const
+    /// All threads of a group bring their results; `parts` is memory that they share, one value per warp.
+    __device__ void take(Result const& of_thread, Result* parts) const
     {
-        bool const leads = threadIdx.x % 32 == 0;
-        Result const mine = merged_in_warp(of_lane);
-        if (leads) store_words(mine, of_warps + warp);
-        std::uint32_t const b = warp / bunch, bunches = (warps + bunch - 1) / bunch;
-        if (!is_last(finished + b, min(bunch, warps - b * bunch))) return;
-        Result const of_bunch = merge(of_warps + b * bunch, min(bunch, warps - b * bunch));
-        if (leads) store_words(of_bunch, of_bunches + b);
-        if (!is_last(finished + bunches, bunches)) return;
-        Result const all = merge(of_bunches, bunches);
-        if (leads) store_words(all, merged);
+        std::uint32_t const warp = threadIdx.x / 32, lane = threadIdx.x % 32, warps = blockDim.x / 32;
+        Result mine = merged_in_warp(of_thread);
+        if (lane == 0) store_words(mine, parts + warp);
+        __syncthreads();
+        if (warp > 0) return;
+        mine = lane < warps ? load_shared(parts + lane) : Result{};
+        mine = merged_in_warp(mine);
+        if (lane == 0) store_words(mine, of_groups + blockIdx.x);
+        if (bunch == 1) return;
+        std::uint32_t const b = blockIdx.x / bunch, first = b * bunch,
+                            in_bunch = bunch < groups - first ? bunch : groups - first;
+        if (!is_last(finished + b, in_bunch)) return;
+        Result of_bunch{};
+#pragma unroll 1
+        for (std::uint32_t i = lane * in_bunch / 32; i < (lane + 1) * in_bunch / 32; ++i)
+            of_bunch.merge(load_words(of_groups + first + i));
+        of_bunch = merged_in_warp(of_bunch);
+        if (lane == 0) store_words(of_bunch, of_bunches + b);
     }
 
 private:
-    __device__ static std::uint32_t min(std::uint32_t a, std::uint32_t b) { return a < b ? a : b; }
-
     /// Whether all others were here before this warp; then the count begins anew.
     __device__ static bool is_last(std::uint32_t* count, std::uint32_t of)
     {
@@ -103,71 +119,81 @@ private:
         }
         return __shfl_sync(~0u, before, 0) + 1 == of;
     }
-
-    __device__ static Result merge(Result const* from, std::uint32_t count)
-    {
-        std::uint64_t const lane = threadIdx.x % 32;
-        Result result{};
-        for (auto i = lane * count / 32; i < (lane + 1) * count / 32; ++i) result.merge(load_words(from + i));
-        return merged_in_warp(result);
-    }
 };
 } // namespace detail
 
-/// A result that becomes known when a queue has come so far: converts to it, and waits.
+/// What a loop found, to be merged by a later one; from no loop, nothing.
 template <class Result>
-class Later
+struct Partial
 {
-public:
-    Later(Queue const& queue, void const* where) : queue_(queue), where_(where) {}
+    Result const* of;
+    std::uint32_t count;
 
-    operator Result() const
+    /// Merges them in a fixed order, by `warps` neighbouring warps of a group of threads, this being the
+    /// `warp`-th of them: each leaves its part in `parts`.
+    __device__ void merge(std::uint32_t warp, std::uint32_t warps, Result* parts) const
     {
-        if (!where_) return Result{};
-        queue_.wait();
-        Result result;
-        std::memcpy(static_cast<void*>(&result), where_, sizeof result);
-        return result;
+        std::uint32_t const thread = warp * 32 + threadIdx.x % 32, threads = warps * 32,
+                            each = (count + threads - 1) / threads;
+        Result mine{};
+#pragma unroll 1
+        for (std::uint32_t i = thread * each; i < (thread + 1) * each && i < count; ++i)
+            mine.merge(detail::load_words(of + i));
+        mine = detail::merged_in_warp(mine);
+        if (threadIdx.x % 32 == 0) detail::store_words(mine, parts + warp);
     }
-
-private:
-    Queue queue_;
-    void const* where_;
+    /// The parts of so many warps, merged by one: in its lane 0.
+    __device__ static Result whole(Result const* parts, std::uint32_t warps)
+    {
+        std::uint32_t const lane = threadIdx.x % 32;
+        return detail::merged_in_warp(lane < warps ? detail::load_shared(parts + lane) : Result{});
+    }
 };
 
-/// The results of a loop's warps, merged in a fixed order, where the host reads them.
+/// The results of a loop's groups of threads.
 class Results
 {
-public:
-    explicit Results(Queue const& queue) : queue_(queue), partial_(queue), finished_(queue), merged_(queue) {}
+    static constexpr std::uint32_t most_bunches = 1024;
 
-    /// Room for the results of so many warps.
+public:
+    explicit Results(Queue const& queue) : partial_(queue), finished_(queue) {}
+
+    /// Room for the results of so many groups of threads.
     template <class Result>
-    detail::ResultsOfWarps<Result> expect(std::uint32_t warps)
+    detail::ResultsOfGroups<Result> expect(std::uint32_t groups)
     {
-        std::uint32_t const bunches = groups_of(warps, detail::ResultsOfWarps<Result>::bunch);
-        partial_.renew((std::size_t(warps) + bunches) * sizeof(Result));
-        if (finished_.size() < bunches + 1) {
-            finished_.renew(bunches + 1);
+        detail::ResultsOfGroups<Result> results{};
+        results.groups = groups;
+        results.bunch = (groups + most_bunches - 1) / most_bunches;
+        std::uint32_t const bunches = results.bunches(), more = results.bunch == 1 ? 0 : bunches;
+        if (partial_.size() < (std::size_t(groups) + more) * sizeof(Result))
+            partial_.renew((std::size_t(groups) + more) * sizeof(Result));
+        if (finished_.size() < bunches) {
+            finished_.renew(bunches);
             finished_.fill_bytes(0, finished_.size(), 0);
         }
-        auto* const results = reinterpret_cast<Result*>(partial_.data());
-        return {results, results + warps, finished_.data(), warps, merged_.template as<Result>()};
+        results.of_groups = reinterpret_cast<Result*>(partial_.data());
+        results.of_bunches = results.of_groups + (more == 0 ? 0 : groups);
+        results.finished = finished_.data();
+        partial_count_ = bunches;
+        first_partial_ = results.of_bunches;
+        return results;
     }
 
+    /// Those of the last loop.
     template <class Result>
-    Later<Result> later()
+    Partial<Result> partial() const
     {
-        return {queue_, merged_.template as<Result>()};
+        return {static_cast<Result const*>(first_partial_), partial_count_};
     }
 
     std::size_t memory() const { return partial_.memory() + finished_.memory(); }
 
 private:
-    Queue queue_;
     Array<unsigned char> partial_;
     Array<std::uint32_t> finished_;
-    HostMemory merged_;
+    void const* first_partial_ = nullptr;
+    std::uint32_t partial_count_ = 0;
 };
 
 } // namespace firn::cuda

@@ -107,4 +107,13 @@ private:
     std::size_t capacity_ = 0;
 };
 
+/// Values that loops write and the host reads when they are through: here, in one memory.
+template <class T>
+class Outbox : public Array<T>
+{
+public:
+    using Array<T>::Array;
+    T const* fetch() const { return this->data(); }
+};
+
 } // namespace firn::openmp

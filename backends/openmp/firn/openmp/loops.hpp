@@ -33,7 +33,7 @@ template <class Body>
 void for_each(int threads, std::size_t count, Body const& body)
 {
     auto const last = static_cast<std::int64_t>(count);
-#pragma omp parallel for schedule(dynamic, 256) num_threads(threads)
+#pragma omp parallel for schedule(dynamic, 256) num_threads(threads) if (last > 256)
     for (std::int64_t i = 0; i < last; ++i) body(static_cast<std::size_t>(i));
 }
 

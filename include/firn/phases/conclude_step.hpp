@@ -1,0 +1,143 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/mishap.hpp>
+#include <firn/effects/chain.hpp>
+#include <firn/phases/plan_steps.hpp>
+#include <firn/phases/step_now.hpp>
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+
+namespace firn
+{
+
+/// Where a run of steps stands behind a step, or where one went wrong.
+struct StepLog
+{
+    Course course;
+    std::uint64_t wrong = 0;      ///< particles with a mishap in the step; if any, it changed nothing
+    Mishap mishap = Mishap::none; ///< of the first of them
+    std::uint32_t particle = 0;   ///< its id
+};
+
+/// What one step of a run did.
+template <int obstacles>
+struct StepRecord
+{
+    double dt = 0;                  ///< [s]
+    double stable = 0;              ///< the bound before it [s]
+    StepLimit limit{};              ///< what bounded dt
+    std::uint64_t capped = 0;       ///< particles whose model is at a cap
+    Reactions<obstacles> reactions; ///< impulses per mass unit
+};
+
+/// What is known of a run of steps where they are taken; the host reads it when they are through. Every step
+/// has places of its own, so that one that has to be repeated is just written once more.
+template <int obstacles>
+struct RunLog
+{
+    std::uint64_t* taken; ///< steps that did not go wrong
+    StepLog* at;          ///< before the first step, behind each, and one more in which nothing went wrong
+    StepRecord<obstacles>* records;
+
+    static std::size_t places(std::size_t steps) { return steps + 2; }
+    static std::size_t bytes(std::size_t steps)
+    {
+        return sizeof(std::uint64_t) + places(steps) * sizeof(StepLog) +
+               steps * sizeof(StepRecord<obstacles>);
+    }
+
+    /// The log of so many steps that lies at `memory`.
+    static RunLog over(void* memory, std::size_t steps)
+    {
+        auto* const taken = static_cast<std::uint64_t*>(memory);
+        auto* const at = reinterpret_cast<StepLog*>(taken + 1);
+        return {taken, at, reinterpret_cast<StepRecord<obstacles>*>(at + places(steps))};
+    }
+};
+
+/// What stays the same during a run of steps, where they are taken.
+template <class Effects>
+struct RunRule
+{
+    StepRule steps;
+    double density; ///< at rest [kg/m^3]
+    Effects effects;
+};
+
+/// Makes ready for a run of steps from where the host says they begin: called for every place of the log.
+template <class Number, int d, class Effects, class Actions>
+struct BeginSteps
+{
+    Course course;
+    RunRule<Effects> rule;
+    RunRule<Effects>* kept_rule;
+    RunLog<Actions::obstacles> log;
+    StepNow<Number, Actions>* now;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t place) const
+    {
+        log.at[place].wrong = 0;
+        if (place > 0) return;
+        *kept_rule = rule;
+        *log.taken = 0;
+        log.at[0].course = course;
+        if (course.ready) return; // it was left so by the step before
+        now->dt = static_cast<Number>(course.now.interval.length());
+        now->next_dt = static_cast<Number>(course.next.interval.length());
+        now->actions = rule.effects.template during<Number, d>(course.now.interval);
+    }
+};
+
+/// Phase 4: what moving the particles found out bounds the next step, which is chosen, with its obstacles
+/// where they are then. Called once, when the others are through; once more if the step is repeated.
+///
+/// False if the next step is not to be taken as things stand: this one went wrong, all are through, or the
+/// particles have given for a length that no longer fits.
+template <class Number, int d, class Effects, class Actions>
+struct ConcludeStep
+{
+    RunRule<Effects> const* kept_rule;
+    RunLog<Actions::obstacles> log;
+    int step;                        ///< of the run
+    StepNow<Number, Actions>* after; ///< where the next step finds what it knows
+
+    /// `reactions` are those of the obstacles to nodes, `found` is what moving the particles found out.
+    template <class Found>
+    FIRN_HOST_DEVICE bool operator()(Reactions<Actions::obstacles> reactions, Found const& found) const
+    {
+        Course course = log.at[step].course; // copies, loaded at once
+        RunRule<Effects> const run = *kept_rule;
+        StepRule const& rule = run.steps;
+        course.ready = false;
+        log.at[step + 1].wrong = found.wrong;
+        log.at[step + 1].mishap = found.mishap;
+        log.at[step + 1].particle = found.particle;
+        *log.taken = step + (found.wrong > 0 ? 0 : 1);
+        if (found.wrong > 0) {
+            log.at[step + 1].course = course;
+            return false;
+        }
+        StepBounds bounds;
+        bounds.wave_speed = sqrt(found.wave_modulus / run.density);
+        bounds.speed = sqrt(found.speed2);
+        bounds.deformation_rate = sqrt(found.deformation);
+        bounds.obstacle_speed = sqrt(reactions.largest_surface_speed2);
+        reactions.merge(found.reactions);
+        log.records[step] = {course.now.interval.length(), course.stable, course.now.limit, found.capped,
+                             reactions};
+        rule.finish(course, bounds);
+        if (rule.goes_on(course) && rule.choose(course) && rule.gets_on(course))
+            course.ready = !(rule.equal > course.stable); // else the host looks after what may go wrong
+        log.at[step + 1].course = course;
+        if (!course.ready) return false;
+        after->dt = static_cast<Number>(course.now.interval.length());
+        after->next_dt = static_cast<Number>(course.next.interval.length());
+        after->actions = run.effects.template during<Number, d>(course.now.interval);
+        return true;
+    }
+};
+
+} // namespace firn

@@ -1,0 +1,121 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/lane.hpp>
+#include <firn/effects/effect.hpp>
+#include <firn/phases/stable_time_step.hpp>
+
+namespace firn
+{
+
+/// A step to come and what bounds its length.
+struct PlannedStep
+{
+    Interval interval{};
+    StepLimit limit = StepLimit::duration;
+};
+
+/// Where a run of steps stands.
+struct Course
+{
+    double time = 0;     ///< [s]
+    StepBounds bounds{}; ///< of the step that begins now
+    double previous = 0; ///< the last step that was not cut to a duration [s]; 0: there was none
+    int retries = 0;     ///< how many times the step that begins now was tried in vain
+    PlannedStep given{}; ///< that for which particles have given to the grid already
+    PlannedStep now{};   ///< that which is taken
+    PlannedStep next{};  ///< the one after it, for which they give as they take it
+    bool ready = false;  ///< `now` and `next` are those of the step that begins now
+    double stable = 0;   ///< length that is stable in it [s]
+};
+
+/// How the steps of one call are chosen: what stays the same from step to step.
+struct StepRule
+{
+    StepControl control{};
+    double cell_size = 0;                                         ///< [m]
+    double wave_limit = 0;                                        ///< largest stable c dt / h
+    double shear_limit = std::numeric_limits<double>::infinity(); ///< largest stable step of shear [s]
+    double acceleration = 0;                                      ///< of the effects [m/s^2]
+    double obstacle_speed = 0;                                    ///< of the effects [m/s]
+    double duration = 0;                                          ///< of the call [s]
+    double end = 0;                                               ///< when it ends [s]
+    double equal = 0; ///< length of all steps [s]; 0: they are as long as is stable
+
+    /// A step that was planned by the bounds of one step before may be so much longer than the bounds of now,
+    /// for which StepControl's safety factors have room, and so much shorter: giving afresh costs more.
+    static constexpr double longest_plan = 1.02, shortest_plan = 0.75;
+
+    FIRN_HOST_DEVICE ChosenStep stable(StepBounds now) const
+    {
+        now.acceleration = max(now.acceleration, acceleration);
+        now.obstacle_speed = max(now.obstacle_speed, obstacle_speed);
+        return stable_time_step(control, now, cell_size, wave_limit, shear_limit);
+    }
+
+    /// Chooses the step that begins now, and plans the one after it. False if it is not that for which
+    /// particles have given.
+    FIRN_HOST_DEVICE bool choose(Course& course) const
+    {
+        ChosenStep const longest_now = stable(course.bounds);
+        course.stable = longest_now.dt;
+        if (equal > 0) { // who takes equal steps is expected to go on so
+            course.now = {{course.time, course.time + equal}, StepLimit::duration};
+            course.next = {{course.now.interval.end, course.now.interval.end + equal}, StepLimit::duration};
+            return course.given.interval.length() == course.now.interval.length();
+        }
+        PlannedStep const best = plan(longest_now, course.time, end, course.previous, course.retries);
+        double const planned = course.given.interval.length(), longest = best.interval.length();
+        bool const fits = course.given.interval.begin == course.time && course.given.interval.end <= end &&
+                          planned <= longest_plan * longest && planned >= shortest_plan * longest &&
+                          course.retries == 0;
+        course.now = fits ? course.given : best;
+        // the one after it, as far as it can be told from the state before this one
+        double const next_end = course.now.interval.end < end ? end : end + duration;
+        double const previous =
+            course.now.limit != StepLimit::duration ? course.now.interval.length() : course.previous;
+        course.next = plan(longest_now, course.now.interval.end, next_end, previous, 0);
+        return fits;
+    }
+
+    /// Whether the step that was chosen gets on.
+    FIRN_HOST_DEVICE bool gets_on(Course const& course) const
+    {
+        return course.now.interval.length() > control.smallest * duration &&
+               course.now.interval.end > course.time;
+    }
+
+    /// Whether there is something left to do.
+    FIRN_HOST_DEVICE bool goes_on(Course const& course) const { return equal > 0 || course.time < end; }
+
+    /// Goes to the end of the step that was taken, whose bounds were found.
+    FIRN_HOST_DEVICE static void finish(Course& course, StepBounds const& found)
+    {
+        course.time = course.now.interval.end;
+        course.bounds = found;
+        if (course.now.limit != StepLimit::duration || course.retries > 0)
+            course.previous = course.now.interval.length();
+        course.retries = 0;
+        course.given = course.next;
+    }
+
+private:
+    /// A step from `begin` that is as long as is stable, not much longer than the one before, and leaves no
+    /// sliver before `end`; after `retries` failures, half as long each time.
+    FIRN_HOST_DEVICE PlannedStep plan(ChosenStep step, double begin, double end, double previous,
+                                      int retries) const
+    {
+        double const remaining = end - begin;
+        if (previous > 0) step.bound(control.growth * previous, StepLimit::growth);
+        bool const last = step.dt >= remaining && retries == 0;
+        if (step.dt >= remaining)
+            step = {remaining, StepLimit::duration};
+        else if (step.dt > remaining / 2)
+            step = {remaining / 2, StepLimit::duration};
+        // half of what was tried, also where that was all that remained
+        for (int i = 0; i < retries; ++i) step.dt /= 2;
+        return {{begin, last ? end : begin + step.dt}, step.limit};
+    }
+};
+
+} // namespace firn

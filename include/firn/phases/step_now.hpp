@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+namespace firn
+{
+
+/// What phases know of the step that they take. It lies where they run, for it is found there when the step
+/// before is through (see ConcludeStep), and the phases may be queued before.
+template <class Number, class Actions>
+struct StepNow
+{
+    Number dt;       ///< [s]
+    Number next_dt;  ///< of the step after this one [s]
+    Actions actions; ///< of the effects
+};
+
+} // namespace firn

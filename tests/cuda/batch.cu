@@ -1,0 +1,148 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/policies.hpp"
+
+#include <tuple>
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+/// Everything that a call of advance tells.
+auto told(AdvanceReport const& report)
+{
+    std::vector<double> impulses;
+    for (auto const& reaction : report.reactions)
+        for (int a = 0; a < 3; ++a) {
+            impulses.push_back(reaction.impulse[a]);
+            impulses.push_back(reaction.angular_impulse[a]);
+        }
+    return std::tuple{report.substeps,   report.rejected, report.smallest_dt,
+                      report.largest_dt, report.capped,   report.limited_by,
+                      impulses};
+}
+
+/// Everything that a call of step tells.
+auto told(StepReport const& report)
+{
+    std::vector<double> impulses;
+    for (auto const& reaction : report.reactions)
+        for (int a = 0; a < 3; ++a) {
+            impulses.push_back(reaction.impulse[a]);
+            impulses.push_back(reaction.angular_impulse[a]);
+        }
+    return std::tuple{report.dt, report.stable_dt, report.beyond_stable, report.capped, impulses};
+}
+
+template <class Solver>
+auto state(Solver const& solver)
+{
+    return std::tuple{solver.time(), solver.positions(), solver.template download<Velocity>(),
+                      solver.template download<DisplacementGradient>()};
+}
+
+/// A ball thrown at a floor and at a sphere that flies, turns and pushes particles out.
+template <class SceneType>
+struct Thrown
+{
+    static constexpr int d = SceneType::d;
+    typename SceneType::Solver solver;
+    Obstacle<HalfSpace> floor{.contact = Contact::coulomb(0.3)};
+    Obstacle<Sphere> sphere{
+        .shape = {0.15},
+        .contact = Contact::coulomb(0.5),
+        .motion = {.position = {0.5, 0.1, 0}, .velocity = {-2, 0.5, 0}, .angular_velocity = {0, 0, 5}},
+        .on_particles = true};
+
+    explicit Thrown(std::size_t batch, double speed, StepControl control = {})
+        : solver(lattice(0.05), {}, {}, control, Cuda{.batch = batch})
+    {
+        Vector<double, d> velocity = Vector<double, d>::Constant(0.3 * speed);
+        velocity[1] = -speed;
+        Vector<double, d> centre = Vector<double, d>::Constant(0.013);
+        centre[1] = 0.4;
+        solver.add(ball_of_points<d>(centre, 0.2, 0.05), std::pow(0.025, d), velocity);
+    }
+};
+
+using Scenes =
+    std::tuple<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>, Scene<Snow<Plane>, CubicBSpline, Flip>,
+               Scene<FixedCorotated<Solid>, QuadraticBSpline, Apic>>;
+
+} // namespace
+
+TEMPLATE_LIST_TEST_CASE("steps that are queued together are those that are taken one by one, bit by bit", "",
+                        Scenes)
+{
+    auto const run = [](std::size_t batch) {
+        Thrown<TestType> scene(batch, 6);
+        auto const first = scene.solver.advance(0.05, Gravity{}, scene.floor, scene.sphere);
+        CHECK(first.substeps > 10);
+        auto const second = scene.solver.advance(0.03, Gravity{}, scene.floor);
+        return std::tuple{told(first), told(second), state(scene.solver)};
+    };
+    auto const one_by_one = run(1);
+    for (std::size_t batch : {2, 5, 16}) CHECK((run(batch) == one_by_one)); // not to be printed
+}
+
+TEST_CASE("so are those of a run with rejected steps")
+{
+    auto const run = [](std::size_t batch) {
+        Thrown<Scene<FixedCorotated<Plane>, QuadraticBSpline, Mls>> scene(
+            batch, 60, {.deformation = 0.09, .rejection = 0.1});
+        auto const report = scene.solver.advance(0.01, scene.floor);
+        CHECK(report.rejected > 0);
+        return std::tuple{told(report), state(scene.solver)};
+    };
+    auto const one_by_one = run(1);
+    for (std::size_t batch : {3, 16}) CHECK((run(batch) == one_by_one));
+}
+
+TEST_CASE("so are equal steps, of which half of the particles leave their cells at once")
+{
+    using Solver = Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver;
+    auto const run = [](bool together) {
+        Solver solver(lattice(0.05));
+        solver.add(box_of_points<3>({0.01, 0.01, 0.01}, {0.51, 0.51, 0.51}, 0.05), std::pow(0.025, 3),
+                   {3, -20, 1});
+        std::vector<decltype(told(StepReport{}))> all;
+        if (together)
+            for (auto const& report : solver.steps(100, 2e-4, Gravity{})) all.push_back(told(report));
+        else
+            for (int i = 0; i < 100; ++i) all.push_back(told(solver.step(2e-4, Gravity{})));
+        return std::tuple{all, state(solver)};
+    };
+    CHECK((run(true) == run(false)));
+}
+
+TEST_CASE("a mishap in the middle of a batch leaves the state of the last good step")
+{
+    auto const run = [](std::size_t batch) {
+        Thrown<Scene<FixedCorotated<Plane>, QuadraticBSpline, Mls>> scene(
+            batch, 60, {.deformation = 0.09, .rejection = 0.1, .retries = 0});
+        std::string error;
+        try {
+            scene.solver.advance(0.02, scene.floor);
+        }
+        catch (Error const& what) {
+            error = what.what();
+        }
+        CHECK(!error.empty());
+        CHECK(scene.solver.time() > 0);
+        auto const stopped = state(scene.solver);
+        scene.solver.step(1e-6);
+        return std::tuple{error, stopped, state(scene.solver)};
+    };
+    auto const one_by_one = run(1);
+    for (std::size_t batch : {4, 16}) CHECK((run(batch) == one_by_one));
+}
+
+TEST_CASE("a scene without particles takes its time")
+{
+    Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver solver(lattice(0.05));
+    CHECK(solver.steps(20, 0.1, Gravity{}).size() == 20);
+    CHECK(solver.time() == Approx(2));
+    CHECK(solver.advance(1).substeps >= 1);
+}
