@@ -89,7 +89,7 @@ struct Upright
     };
 
     template <class Number, int d>
-    Action<Number> during(Interval const&) const
+    FIRN_HOST_DEVICE Action<Number> during(Interval const&) const
     {
         return {};
     }
