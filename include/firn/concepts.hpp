@@ -57,6 +57,9 @@ concept TransferScheme = Lane<Real> &&
         T::keeps_old_velocity
         } -> std::convertible_to<bool>;
     {
+        T::moves_with_grid // or by transfer.motion(particle, gathered)
+        } -> std::convertible_to<bool>;
+    {
         transfer.template give<Kernel, Real, d>(particle, number, stress_impulse, number)
         } -> std::same_as<Given<Real, d>>;
     {

@@ -253,7 +253,7 @@ private:
         StepRule rule{.control = control_,
                       .cell_size = lattice_.cell_size,
                       .wave_limit = isolated_limit<Kernel, Transfer>(expansion_ratio)};
-        if constexpr (requires { model_.kinematic_viscosity(); })
+        if constexpr (Viscous<Model>)
             rule.shear_limit = shear_limit(rule.wave_limit, model_.kinematic_viscosity(), lattice_.cell_size,
                                            expansion_ratio);
         [[maybe_unused]] auto const ask = [&](auto const& effect) {

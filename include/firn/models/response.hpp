@@ -17,6 +17,14 @@ struct Response
     Mask<Real> capped;   ///< the state reached a stated cap: a warning
 };
 
+/// A material whose stress depends on how fast it is sheared: `is_viscous` says so, and
+/// `kinematic_viscosity()` [m^2/s] bounds the step.
+template <class Model>
+concept Viscous = requires
+{
+    requires Model::is_viscous;
+};
+
 /// The trial deformation (I + dt L) F of a step (Stomakhin et al. 2013, eq. 11), in terms of H = F - I.
 template <Lane Real, int d>
 FIRN_HOST_DEVICE inline Matrix<Real, d> deformed(Matrix<Real, d> const& H,

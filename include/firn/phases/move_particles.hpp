@@ -134,10 +134,10 @@ private:
     template <class Real, class Particle>
     FIRN_HOST_DEVICE Vector<Real, d> motion(Particle const& particle, Gathered<Real, d> const& gathered) const
     {
-        if constexpr (requires { transfer.template motion<Kernel, Real, d>(particle, gathered); })
-            return transfer.template motion<Kernel, Real, d>(particle, gathered);
-        else
+        if constexpr (Transfer::moves_with_grid)
             return gathered.velocity;
+        else
+            return transfer.template motion<Kernel, Real, d>(particle, gathered);
     }
 
     /// Keeps what particles give to the next step.

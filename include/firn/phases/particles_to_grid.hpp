@@ -219,8 +219,7 @@ struct ParticlesToGrid : Giving<Space, Kernel, TransferType>
         auto const [mass, volume] = portions.find(items, particles.id);
         Matrix<Real, d> L = Matrix<Real, d>::Zero();
         // Viscous stress is that of the last step's motion, as far as particles carry it.
-        if constexpr (requires { model.kinematic_viscosity(); } &&
-                      Join<StoredSet, TakenSet>::template contains<AffineVelocity>)
+        if constexpr (Viscous<Model> && Join<StoredSet, TakenSet>::template contains<AffineVelocity>)
             L = particle[AffineVelocity{}];
         auto const response = model.template respond<Real>(particle, L, Real(0));
         // dt f_i = -dt V0 tau grad w_i, with the gradient taken per cell

@@ -21,6 +21,7 @@ struct Apic
     template <class Kernel>
     static constexpr Terms takes{.affine = HasConstantInertia<Kernel>, .gradient = true};
     static constexpr bool keeps_old_velocity = false;
+    static constexpr bool moves_with_grid = true;
 
     /// m (v + C (x_i - x_p)) (eq. 8), and the force -V0 tau dw_i.
     template <class Kernel, Lane Real, int d, class Particle>

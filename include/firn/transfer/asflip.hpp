@@ -28,6 +28,7 @@ struct Asflip
     template <class Kernel>
     static constexpr Terms takes = Apic::takes<Kernel>;
     static constexpr bool keeps_old_velocity = true;
+    static constexpr bool moves_with_grid = false;
 
     void validate() const
     {

@@ -23,6 +23,7 @@ struct Flip
     template <class Kernel>
     static constexpr Terms takes{.gradient = true};
     static constexpr bool keeps_old_velocity = true;
+    static constexpr bool moves_with_grid = true;
 
     void validate() const
     {

@@ -21,6 +21,7 @@ struct Mls
     static constexpr Terms takes{.affine = HasConstantInertia<Kernel>,
                                  .gradient = !HasConstantInertia<Kernel>};
     static constexpr bool keeps_old_velocity = false;
+    static constexpr bool moves_with_grid = true;
 
     /// m v + (m C - dt V0 D^-1 tau) (x_i - x_p) (Hu et al. 2018, eq. 18).
     template <class Kernel, Lane Real, int d, class Particle>

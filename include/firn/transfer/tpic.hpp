@@ -19,6 +19,7 @@ struct Tpic
     template <class Kernel>
     static constexpr Terms takes{.gradient = true};
     static constexpr bool keeps_old_velocity = false;
+    static constexpr bool moves_with_grid = true;
 
     /// m (v + C (x_i - x_p)), and the force -V0 tau dw_i.
     template <class Kernel, Lane Real, int d, class Particle>

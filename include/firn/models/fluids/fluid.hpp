@@ -47,7 +47,8 @@ struct Fluid
                 "the viscosity is not a finite number, 0 or above", name, "Pass Pa s, e.g. 1e-3 for water.");
     }
 
-    /// eta / rho [m^2/s]: bounds the time step, see StepBounds.
+    static constexpr bool is_viscous = true;
+    /// eta / rho [m^2/s]: bounds the time step, see shear_limit.
     double kinematic_viscosity() const { return double(viscosity) / double(density); }
 
     template <Lane Real, class Particle>
