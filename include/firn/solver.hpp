@@ -286,11 +286,13 @@ private:
         int const expected = static_cast<int>(
             std::min<std::size_t>(most, std::min(queue_, backend_.steps_to_queue(particles_.cells()))));
         using Rule = RunRule<Effects>;
-        now_.resize(std::max(now_.size(), 2 * sizeof(Now) + sizeof(Rule)));
+        // an obstacle's quaternion is aligned more strictly than the two before it are long
+        constexpr std::size_t rule_at = (2 * sizeof(Now) + alignof(Rule) - 1) / alignof(Rule) * alignof(Rule);
+        now_.resize(std::max(now_.size(), rule_at + sizeof(Rule)));
         log_.resize(Log::bytes(expected));
         auto* const now = reinterpret_cast<Now*>(now_.data()); // of steps in turn
         Log const log = Log::over(log_.data(), expected);
-        auto* const kept_rule = reinterpret_cast<Rule*>(now + 2);
+        auto* const kept_rule = reinterpret_cast<Rule*>(now_.data() + rule_at);
         int const turn = now_turn_;
 
         auto& cells = particles_.cells();
