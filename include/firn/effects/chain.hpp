@@ -136,7 +136,9 @@ FIRN_HOST_DEVICE void book(Reaction& reaction, Touched<Real, d> const& touched, 
     constexpr int width = lane_width<Real>;
     Scalar<Real> impulse[d][width], arm[d][width];
     for (int a = 0; a < d; ++a) {
-        LaneTraits<Real>::store((before[a] - touched.velocity[a]) * mass, impulse[a]);
+        // lanes without a particle may hold anything
+        Real const taken = select(touched.inside, (before[a] - touched.velocity[a]) * mass, Real(0));
+        LaneTraits<Real>::store(taken, impulse[a]);
         LaneTraits<Real>::store(touched.arm[a], arm[a]);
     }
     for (int lane = 0; lane < width; ++lane) {
@@ -202,16 +204,18 @@ FIRN_HOST_DEVICE Vector<Real, d> apply_on_nodes(Chain<Actions...> const& chain, 
 /// Contact of lanes of particles, for the obstacles that ask for it: corrects v, and returns the displacement
 /// [m] that goes with it, a push out of the obstacle of at most a quarter of a cell included.
 template <Lane Real, int d, class... Actions>
-FIRN_HOST_DEVICE Vector<Real, d>
-apply_on_particles(Chain<Actions...> const& chain, Place<Real, d> const& place, Real mass, Real dt,
-                   Vector<Real, d>& velocity, Reactions<Chain<Actions...>::obstacles>& reactions)
+FIRN_HOST_DEVICE Vector<Real, d> apply_on_particles(Chain<Actions...> const& chain,
+                                                    Place<Real, d> const& place, Mask<Real> const& here,
+                                                    Real mass, Real dt, Vector<Real, d>& velocity,
+                                                    Reactions<Chain<Actions...>::obstacles>& reactions)
 {
     Vector<Real, d> displacement = Vector<Real, d>::Zero();
     int obstacle = 0;
     chain.for_each([&](auto const& action) {
         if constexpr (std::decay_t<decltype(action)>::is_obstacle) {
             if (action.on_particles) {
-                auto const touched = action.template touch<Real>(place, velocity, action.contact);
+                auto touched = action.template touch<Real>(place, velocity, action.contact);
+                touched.inside = touched.inside & here;
                 if (any(touched.inside)) {
                     detail::book<Real, d>(reactions.of[obstacle], touched, velocity, mass);
                     // a particle deep inside comes out over several steps: a step that moves it by a cell is

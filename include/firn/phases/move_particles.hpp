@@ -176,9 +176,9 @@ private:
             FIRN_UNROLL
             for (int a = 0; a < d; ++a) where[a] += Real(to_node);
             Place<Real, d> const place{lattice, items.first(), where};
-            displacement +=
-                apply_on_particles<Real, d>(now->actions, place, portions.find(items, before.id).mass,
-                                            Real(now->dt), particle[Velocity{}], result.reactions);
+            displacement += apply_on_particles<Real, d>(now->actions, place, items.here(),
+                                                        portions.find(items, before.id).mass, Real(now->dt),
+                                                        particle[Velocity{}], result.reactions);
         }
     }
 
