@@ -228,7 +228,7 @@ public:
 
     /// Undoes the last calls of accept() and sort(), which were for steps that were then not made: as many
     /// of both, or one sort() more.
-    void take_back(int accepted, int sorted, bool wrote_taken)
+    void take_back(int accepted, int sorted, bool wrote_taken) requires Backend::queues
     {
         if (sorted == 0) return;
         if (accepted % 2 != 0) {

@@ -389,7 +389,7 @@ private:
     }
 
     /// Undoes that, and sort(), for steps that were queued and then not made.
-    void take_back(int accepted, int sorted, bool pushed)
+    void take_back(int accepted, int sorted, bool pushed) requires Backend::queues
     {
         particles_.take_back(accepted, sorted, pushed);
         if (accepted % 2 != 0) grid_.accept(); // what was swapped is swapped back
