@@ -186,7 +186,7 @@ double flops_per_particle_step()
     using Real = Counted<Number>;
     struct Sums
     {
-        typename Move::template CellSums<Real> of_cell;
+        Real of_cell[Move::Gives::width][Move::Gives::rows][Move::Gives::channels];
     };
     auto const sums = std::make_unique<Sums>();
     Real::operations = 0;

@@ -264,6 +264,39 @@ TEMPLATE_LIST_TEST_CASE("Numbers are gathered from anywhere", "", Packs)
     for (int i = 0; i < TestType::width; ++i) CHECK(same_bits(results[i], all[index[i]]));
 }
 
+TEMPLATE_LIST_TEST_CASE("A window over two packs has the end of one and the beginning of the other", "",
+                        Packs)
+{
+    using Number = typename TestType::Number;
+    constexpr int width = TestType::width;
+    Number both[2 * width], found[width];
+    for (int i = 0; i < 2 * width; ++i) both[i] = Number(i + 1);
+    auto const low = TestType::load(both), high = TestType::load(both + width);
+    auto const check = [&](auto first) {
+        TestType::template window<first>(low, high).store(found);
+        for (int l = 0; l < width; ++l) CHECK(found[l] == both[first + l]);
+    };
+    check(std::integral_constant<int, 0>{});
+    check(std::integral_constant<int, 1>{});
+    check(std::integral_constant<int, width - 1>{});
+}
+
+TEMPLATE_LIST_TEST_CASE("The first numbers alone are loaded and stored", "", Packs)
+{
+    using Number = typename TestType::Number;
+    constexpr int width = TestType::width;
+    for (int count = 0; count <= width; ++count) {
+        // No more than `count` numbers are there: a sanitizer sees who reads or writes beyond.
+        std::vector<Number> from(std::size_t(count), Number(3)), to(std::size_t(count), Number(0));
+        auto const pack = TestType::load_first(count, from.data());
+        Number all[width];
+        pack.store(all);
+        for (int l = 0; l < width; ++l) CHECK(all[l] == Number(l < count ? 3 : 0));
+        pack.store_first(count, to.data());
+        CHECK(to == from);
+    }
+}
+
 TEMPLATE_LIST_TEST_CASE("A pack is a scalar of Eigen, and mixes with plain numbers", "", Packs)
 {
     using N = Scalar<TestType>;

@@ -1,19 +1,14 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
+#include "support/lane_types.hpp"
 #include "support/matrices.hpp"
-#include "support/test_lane.hpp"
 
 #include <firn/math/inverse.hpp>
 #include <firn/math/polar_decomposition.hpp>
 #include <firn/math/singular_values.hpp>
 
-#if __has_include(<firn/openmp/lanes.hpp>)
-#include <firn/openmp/lanes.hpp>
-#endif
-
 #include <Eigen/SVD>
 
-#include <tuple>
 #include <vector>
 
 namespace
@@ -23,22 +18,10 @@ using namespace firn;
 using test::Exact;
 using test::ExactVector;
 using test::kinds;
+using test::LaneTypes;
 using test::matrix_of;
 using test::pack;
 using test::Source;
-
-// Compiled twice: in the program `lanes` for packs, in the program `math` for the lanes every user has.
-#if !__has_include(<firn/openmp/lanes.hpp>) || !__has_include(<xsimd/xsimd.hpp>)
-using Lanes = std::tuple<float, double, test::TestLane<float>, test::TestLane<double>>;
-#elif defined(__AVX512F__)
-using Lanes = std::tuple<openmp::NativePack<float>, openmp::NativePack<double>, openmp::PackOf<float, 8>,
-                         openmp::PackOf<double, 4>, openmp::PackOf<float, 4>, openmp::PackOf<double, 2>>;
-#elif defined(__AVX__)
-using Lanes = std::tuple<openmp::NativePack<float>, openmp::NativePack<double>, openmp::PackOf<float, 4>,
-                         openmp::PackOf<double, 2>>;
-#else
-using Lanes = std::tuple<openmp::NativePack<float>, openmp::NativePack<double>>;
-#endif
 
 constexpr int count = 10000;
 
@@ -192,17 +175,17 @@ void check_inverses()
 
 } // namespace
 
-TEMPLATE_LIST_TEST_CASE("Singular values of every kind of 3 x 3 matrix are exact to rounding", "", Lanes)
+TEMPLATE_LIST_TEST_CASE("Singular values of every kind of 3 x 3 matrix are exact to rounding", "", LaneTypes)
 {
     check_singular_values<TestType, 3>();
 }
 
-TEMPLATE_LIST_TEST_CASE("Singular values of every kind of 2 x 2 matrix are exact to rounding", "", Lanes)
+TEMPLATE_LIST_TEST_CASE("Singular values of every kind of 2 x 2 matrix are exact to rounding", "", LaneTypes)
 {
     check_singular_values<TestType, 2>();
 }
 
-TEMPLATE_LIST_TEST_CASE("The zero matrix has U = V = I and no stretch", "", Lanes)
+TEMPLATE_LIST_TEST_CASE("The zero matrix has U = V = I and no stretch", "", LaneTypes)
 {
     auto const found = singular_values(Matrix<TestType, 3>(Matrix<TestType, 3>::Zero()));
     auto const flat = singular_values(Matrix<TestType, 2>(Matrix<TestType, 2>::Zero()));
@@ -216,7 +199,7 @@ TEMPLATE_LIST_TEST_CASE("The zero matrix has U = V = I and no stretch", "", Lane
     }
 }
 
-TEMPLATE_LIST_TEST_CASE("A matrix that is not finite gives NaN, in its own lane only", "", Lanes)
+TEMPLATE_LIST_TEST_CASE("A matrix that is not finite gives NaN, in its own lane only", "", LaneTypes)
 {
     for (double poison : {std::nan(""), std::numeric_limits<double>::infinity()}) {
         check_that_what_is_not_finite_stays_so<TestType, 3>(poison);
@@ -224,13 +207,13 @@ TEMPLATE_LIST_TEST_CASE("A matrix that is not finite gives NaN, in its own lane 
     }
 }
 
-TEMPLATE_LIST_TEST_CASE("The polar decomposition gives a rotation and a symmetric stretch", "", Lanes)
+TEMPLATE_LIST_TEST_CASE("The polar decomposition gives a rotation and a symmetric stretch", "", LaneTypes)
 {
     check_rotations<TestType, 3>();
     check_rotations<TestType, 2>();
 }
 
-TEMPLATE_LIST_TEST_CASE("In the plane a matrix without rotation, even a reflection, has R = I", "", Lanes)
+TEMPLATE_LIST_TEST_CASE("In the plane a matrix without rotation, even a reflection, has R = I", "", LaneTypes)
 {
     for (Exact<2> const& F : {Exact<2>(Exact<2>::Zero()), Exact<2>(Eigen::Vector2d(1, -1).asDiagonal())}) {
         auto const R = rotation(pack<TestType, 2>(std::vector<Exact<2>>(lane_width<TestType>, F)));
@@ -238,7 +221,7 @@ TEMPLATE_LIST_TEST_CASE("In the plane a matrix without rotation, even a reflecti
     }
 }
 
-TEMPLATE_LIST_TEST_CASE("Inverse, inverse transpose and cofactors agree with Eigen's", "", Lanes)
+TEMPLATE_LIST_TEST_CASE("Inverse, inverse transpose and cofactors agree with Eigen's", "", LaneTypes)
 {
     check_inverses<TestType, 3>();
     check_inverses<TestType, 2>();

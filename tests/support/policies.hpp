@@ -66,6 +66,17 @@ std::vector<Vector<double, d>> box_of_points(Vector<double, d> const& low, Vecto
     return points;
 }
 
+/// The points, each moved by up to `reach` along every axis: the same ones every time.
+template <int d>
+std::vector<Vector<double, d>> scattered(std::vector<Vector<double, d>> points, double reach)
+{
+    std::mt19937 random(1);
+    std::uniform_real_distribution<double> away(-reach, reach);
+    for (auto& x : points)
+        for (int a = 0; a < d; ++a) x[a] += away(random);
+    return points;
+}
+
 /// The points of a box that lie in a ball.
 template <int d>
 std::vector<Vector<double, d>> ball_of_points(Vector<double, d> const& centre, double radius,

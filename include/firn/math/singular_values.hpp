@@ -51,30 +51,55 @@ FIRN_HOST_DEVICE inline Matrix<Real, d> scaled_to_one(Matrix<Real, d> const& F, 
     return B;
 }
 
-/// One step of one-sided Jacobi (Hestenes 1958): turns the columns p and q of B by the angle that makes them
-/// orthogonal, and those of V with them. The half angle comes from tan 2θ = 2c / (b − a) without divisions:
-/// (cos θ, ± sin θ) ∝ (|b − a| + √((b − a)² + 4c²), 2c).
+/// Cosine and sine of an angle.
+template <class Real>
+struct Turn
+{
+    Real cosine, sine;
+
+    /// Turns columns p and q of a matrix by it.
+    template <int p, int q, int d>
+    FIRN_HOST_DEVICE void turn(Matrix<Real, d>& A) const
+    {
+        Vector<Real, d> const x = A.col(p), y = A.col(q);
+        A.col(p) = x * cosine - y * sine;
+        A.col(q) = x * sine + y * cosine;
+    }
+};
+
+/// The angle of Jacobi that makes [[a, c], [c, b]] diagonal. The half angle comes from tan 2θ = 2c / (b − a)
+/// without divisions: (cos θ, ± sin θ) ∝ (|b − a| + r, 2c), with r = √((b − a)² + 4c²), by which the two
+/// eigenvalues lie apart.
+template <Lane Real>
+FIRN_HOST_DEVICE inline Turn<Real> turn_of(Real const& difference, Real const& twice, Real& root)
+{
+    // Keeps the roots finite where nothing is left to turn, and changes no other angle.
+    using Number = Scalar<Real>;
+    constexpr Number tiny = sizeof(Number) == 4 ? Number(1e-18) : Number(1e-150);
+    Real const square = difference * difference + twice * twice;
+    root = square * inverse_sqrt(square + Real(tiny * tiny));
+    Real const sum = abs(difference) + root + Real(tiny);
+    Real const opposite = select(difference < Real(0), -twice, twice);
+    Real const length = inverse_sqrt(sum * sum + opposite * opposite);
+    return {select(opposite == Real(0), Real(1), sum * length), opposite * length};
+}
+
+/// One step of one-sided Jacobi (Hestenes 1958): the angle that makes the columns p and q of B orthogonal.
+template <int p, int q, Lane Real, int d>
+FIRN_HOST_DEVICE inline Turn<Real> turn_to_orthogonal(Matrix<Real, d> const& B)
+{
+    Vector<Real, d> const x = B.col(p), y = B.col(q);
+    Real root;
+    return turn_of(y.dot(y) - x.dot(x), Scalar<Real>(2) * x.dot(y), root);
+}
+
+/// Makes columns p and q of B orthogonal, and turns those of V with them.
 template <int p, int q, Lane Real, int d>
 FIRN_HOST_DEVICE inline void make_orthogonal(Matrix<Real, d>& B, Matrix<Real, d>& V)
 {
-    // Keeps the roots finite for columns that are zero, and changes no others.
-    using Number = Scalar<Real>;
-    constexpr Number tiny = sizeof(Number) == 4 ? Number(1e-18) : Number(1e-150);
-
-    Vector<Real, d> const x = B.col(p), y = B.col(q);
-    Real const difference = y.dot(y) - x.dot(x);
-    Real const twice = Number(2) * x.dot(y);
-    Real const square = difference * difference + twice * twice;
-    Real const sum = abs(difference) + square * inverse_sqrt(square + Real(tiny * tiny)) + Real(tiny);
-    Real const opposite = select(difference < Real(0), -twice, twice);
-    Real const length = inverse_sqrt(sum * sum + opposite * opposite);
-    Real const cosine = select(opposite == Real(0), Real(1), sum * length), sine = opposite * length;
-
-    B.col(p) = x * cosine - y * sine;
-    B.col(q) = x * sine + y * cosine;
-    Vector<Real, d> const v = V.col(p), w = V.col(q);
-    V.col(p) = v * cosine - w * sine;
-    V.col(q) = v * sine + w * cosine;
+    auto const turn = turn_to_orthogonal<p, q>(B);
+    turn.template turn<p, q>(B);
+    turn.template turn<p, q>(V);
 }
 
 /// One sweep over the three pairs of columns.

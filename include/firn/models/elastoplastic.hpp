@@ -2,7 +2,7 @@
 #pragma once
 
 #include <firn/core/fields.hpp>
-#include <firn/math/singular_values.hpp>
+#include <firn/math/principal_axes.hpp>
 #include <firn/models/lame.hpp>
 #include <firn/models/response.hpp>
 
@@ -10,13 +10,14 @@
 
 // Isotropic solids in principal axes: an elastic law says what the principal stresses of its strains are, a
 // plastic flow which part of a trial strain is elastic, and Elastoplastic does what all of them share, with
-// one singular value decomposition a step.
+// one search for the principal axes a step.
 //
-// An elastic law (elasticity/) is a type with a `name` and static functions of d principal values:
-//   strains(sigma)               the strains in the law's measure: stretches, or their logarithms
-//   stretches(strains)           the way back
-//   stress(strains, mu, lambda)  PrincipalStress
-//   inverted(sigma)              where there is no stress for such stretches
+// An elastic law (elasticity/) is a type with a `name` and static functions of d principal values, in no
+// order:
+//   strains(extension)           extensions (stretches less one) in the law's measure: themselves, or
+//   logarithms extensions(strains)          the way back stress(strains, mu, lambda)  PrincipalStress
+//   inverted(extension)          where there is no stress for such stretches
+// Extensions rather than stretches: near rest, differences of stretches from one are rounding errors.
 // A plastic flow (plasticity/) is a struct of parameters with its Space, a `name`, what it keeps of a
 // particle (`Kept`), defaults of density and elasticity, validate(), and
 //   suits<Law>                   whether it is stated in the measure of this law
@@ -40,6 +41,34 @@ struct PlasticFlow
     Mask<Real> flowed;       ///< they differ from the trial strains
     Real hardening;          ///< factor of the moduli
     Mask<Real> capped;       ///< the state reached a stated cap
+};
+
+/// What laws have in common whose measure is the extension itself.
+struct MeasuredByExtension
+{
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE static Vector<Real, d> strains(Vector<Real, d> const& extension)
+    {
+        return extension;
+    }
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE static Vector<Real, d> extensions(Vector<Real, d> const& strains)
+    {
+        return strains;
+    }
+};
+
+/// What laws have in common that have no stress for det F <= 0.
+struct RefusesInversion
+{
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE static Mask<Real> inverted(Vector<Real, d> const& extension)
+    {
+        Real least = extension[0];
+        FIRN_UNROLL
+        for (int i = 1; i < d; ++i) least = min(least, extension[i]);
+        return !(least > Real(-1));
+    }
 };
 
 /// A solid that does not yield.
@@ -72,9 +101,9 @@ constexpr char const* name_of_solid()
 
 /// An isotropic solid of an elastic law and a plastic flow, whose parameters are members of the solid too.
 ///
-/// Stores F_E - I and what the flow keeps. One singular value decomposition F_E = U diag(sigma) V^T of the
-/// trial deformation serves the return map (F_E = U diag(sigma') V^T) and the stress (tau = U diag(tau_i)
-/// U^T), since an isotropic law has its principal axes in common with F_E F_E^T.
+/// Stores F_E - I and what the flow keeps. The principal axes of the trial deformation F_E = sum sigma_i u_i
+/// v_i^T serve the return map (F_E = sum sigma_i' u_i v_i^T) and the stress (tau = sum tau_i u_i u_i^T),
+/// since an isotropic law has its axes in common with F_E F_E^T.
 template <class LawType, class FlowType>
 struct Elastoplastic : FlowType
 {
@@ -104,11 +133,11 @@ struct Elastoplastic : FlowType
         constexpr int d = Space::dimension;
         Matrix<Real, d>& H = state[DisplacementGradient{}];
         Matrix<Real, d> const trial = deformed<Real, d>(H, velocity_gradient, dt);
-        auto const svd = singular_values(deformation_gradient<Real, d>(trial));
-        Vector<Real, d> strains = Law::template strains<Real, d>(svd.sigma);
+        auto const axes = principal_axes<Real, d>(trial);
+        Vector<Real, d> strains = Law::template strains<Real, d>(axes.extension);
         Real mu(elasticity.mu), lambda(elasticity.lambda);
         Response<Real, d> response;
-        response.inverted = Law::template inverted<Real, d>(svd.sigma);
+        response.inverted = Law::template inverted<Real, d>(axes.extension);
         response.capped = nowhere<Real>();
 
         if constexpr (yields) {
@@ -118,20 +147,23 @@ struct Elastoplastic : FlowType
             mu = mu * plastic.hardening;
             lambda = lambda * plastic.hardening;
             response.capped = plastic.capped;
-            // Where nothing flowed F stays as it is: rebuilding it would add the rounding of the SVD with
-            // every step.
-            Matrix<Real, d> const F_E =
-                svd.U * Law::template stretches<Real, d>(strains).asDiagonal() * svd.V.transpose();
-            Matrix<Real, d> const mapped = displacement_gradient<Real, d>(F_E);
+            // F changes by what flowed alone, along each axis by (sigma' - sigma) u v^T: rebuilt from its
+            // axes it would take on their rounding errors with every step.
+            H = trial;
+            Vector<Real, d> const left = Law::template extensions<Real, d>(strains);
             FIRN_UNROLL
-            for (int i = 0; i < d; ++i) FIRN_UNROLL
-            for (int j = 0; j < d; ++j) H(i, j) = select(plastic.flowed, mapped(i, j), trial(i, j));
+            for (int i = 0; i < d; ++i) {
+                Real const sigma = Real(1) + axes.extension[i];
+                Mask<Real> const flowed = plastic.flowed & !(sigma == Real(0)); // no axis, where sigma is 0
+                Real const change = (left[i] - axes.extension[i]) / select(flowed, sigma, Real(1));
+                H += axes.U.col(i) * (axes.stretched.col(i) * select(flowed, change, Real(0))).transpose();
+            }
         }
         else
             H = trial;
 
         PrincipalStress<Real, d> const principal = Law::template stress<Real, d>(strains, mu, lambda);
-        response.kirchhoff_stress = svd.U * principal.kirchhoff.asDiagonal() * svd.U.transpose();
+        response.kirchhoff_stress = axes.U * principal.kirchhoff.asDiagonal() * axes.U.transpose();
         response.wave_modulus = principal.wave_modulus;
         return response;
     }

@@ -64,6 +64,26 @@ FIRN_HOST_DEVICE inline Real volume_change(Matrix<Real, d> const& H)
         return H(0, 0) + H(1, 1) + H(2, 2) + (minor(0, 1) + minor(0, 2) + minor(1, 2) + H.determinant());
 }
 
+/// J - 1 from the principal extensions sigma_i - 1, without the cancellation near rest.
+template <Lane Real, int d>
+FIRN_HOST_DEVICE inline Real volume_change(Vector<Real, d> const& extension)
+{
+    Real change = extension[0];
+    FIRN_UNROLL
+    for (int i = 1; i < d; ++i) change = change + extension[i] + change * extension[i];
+    return change;
+}
+
+/// sigma_i^2 - 1 from the principal extensions, without the cancellation near rest.
+template <Lane Real, int d>
+FIRN_HOST_DEVICE inline Vector<Real, d> squares_less_one(Vector<Real, d> const& extension)
+{
+    Vector<Real, d> squares;
+    FIRN_UNROLL
+    for (int i = 0; i < d; ++i) squares[i] = extension[i] * (Real(2) + extension[i]);
+    return squares;
+}
+
 /// ln(1 + x), accurate for small x too: the rounding of 1 + x is divided out (Kahan).
 template <Lane Real>
 FIRN_HOST_DEVICE inline Real log_one_plus(Real x)

@@ -61,8 +61,6 @@ struct MoveParticles
     static constexpr int kept = Takes::kept > Gives::kept ? Takes::kept : Gives::kept;
     template <class Real>
     using CellNodes = typename Takes::template CellNodes<Real>;
-    template <class Real>
-    using CellSums = typename Gives::template CellSums<Real>;
 
     Model model;
     Transfer transfer;

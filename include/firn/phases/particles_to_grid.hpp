@@ -38,14 +38,12 @@ struct Giving
     using Sums = NodeSums<d, Transfer::keeps_old_velocity>;
     static constexpr Terms terms = Transfer::template gives<Kernel>;
     static constexpr int channels = Sums::channels;
+    static constexpr int width = Kernel::order + 1, rows = d == 3 ? width * width : width; ///< of a stencil
 
     // What is kept of a particle.
     static constexpr int position = 0, mass = d, momentum = d + 1, affine = 2 * d + 1;
     static constexpr int gradient = affine + (terms.affine ? d * d : 0);
     static constexpr int kept = gradient + (terms.gradient ? d * d : 0);
-
-    template <class Real>
-    using CellSums = Real[Stencil<Kernel, Real, d>::width][Stencil<Kernel, Real, d>::rows][channels];
 
     template <class Items, class Real>
     FIRN_HOST_DEVICE static void keep(Items& items, Vector<Real, d> const& x, Real m,
@@ -64,77 +62,126 @@ struct Giving
         }
     }
 
-    /// Adds what the row's particles give, one per cell, to the sums of the cells: CellSums, or what stands
-    /// for them.
-    template <class Row, class SumsOfCells>
-    FIRN_HOST_DEVICE static void give(Row const& row_of_cells, SumsOfCells& sums)
+    /// What a particle gives, in the form that the rows of its stencil ask for.
+    template <class Real>
+    struct Spread
     {
-        using Real = typename Row::Real;
-        using Nodes = Stencil<Kernel, Real, d>;
-        Vector<Real, d> x, p;
-        Matrix<Real, d> A, G;
-        FIRN_UNROLL
-        for (int i = 0; i < d; ++i) {
-            x[i] = row_of_cells.kept(position + i);
-            p[i] = row_of_cells.kept(momentum + i);
-            FIRN_UNROLL
-            for (int j = 0; j < d; ++j) {
-                if constexpr (terms.affine) A(i, j) = row_of_cells.kept(affine + i * d + j);
-                if constexpr (terms.gradient) G(i, j) = row_of_cells.kept(gradient + i * d + j);
-            }
-        }
-        Real const m_p = row_of_cells.kept(mass);
-        Nodes const nodes(x);
+        Real mass;
+        Vector<Real, d> momentum;
+        /// affine (x_i - x_p) is linear in the node's indices: its value at the first node of each layer
+        /// across the first axis, and its change from node to node along the others. Momentum stays apart:
+        /// beside it, small differences would be rounded away, in steady motion the same in every step.
+        Vector<Real, d> affine[terms.affine ? width : 1];
+        Vector<Real, d> change[d]; ///< of axis a: [a], from 1 on
+        Vector<Real, d> gradient[terms.gradient ? d : 1];
+        std::array<Real, width> weight[d];
+        std::array<Real, width> derivative[terms.gradient ? d : 1];
+    };
 
-        FIRN_UNROLL_ON_DEVICE
-        for (int row = 0; row < Nodes::rows; ++row) {
-            // Along a row, what a node gets is constant * w + slope * (w distance) + gradient * dw: three
-            // vectors a row.
-            Real const w_row = nodes.row_weight(row);
-            Real const m = m_p * w_row;
-            Vector<Real, d> constant = p, force, slope, along;
-            if constexpr (terms.affine) {
+    /// Makes ready what the row's particles give, one per cell.
+    template <class Row, class Real = typename Row::Real>
+    FIRN_HOST_DEVICE static void make_ready(Row const& row_of_cells, Spread<Real>& spread)
+    {
+        Stencil<Kernel, Real, d> const nodes(kept_vector<Real>(row_of_cells, position));
+        spread.mass = row_of_cells.kept(mass);
+        spread.momentum = kept_vector<Real>(row_of_cells, momentum);
+        FIRN_UNROLL
+        for (int a = 0; a < d; ++a) spread.weight[a] = nodes.weight[a];
+        if constexpr (terms.affine) {
+            Matrix<Real, d> const A = kept_matrix<Real>(row_of_cells, affine);
+            FIRN_UNROLL
+            for (int i = 0; i < width; ++i) {
+                spread.affine[i] = A.col(0) * nodes.distance[0][i];
                 FIRN_UNROLL
-                for (int a = 0; a < Nodes::last; ++a) constant += A.col(a) * nodes.row_distance(row, a);
-                slope = A.col(Nodes::last) * w_row;
-            }
-            constant = constant * w_row;
-            if constexpr (terms.gradient) {
-                force = G.col(0) * nodes.row_gradient(row, 0);
-                for (int a = 1; a < Nodes::last; ++a) force += G.col(a) * nodes.row_gradient(row, a);
-                along = G.col(Nodes::last) * w_row;
-                if constexpr (Sums::impulse == Sums::momentum) constant += force;
+                for (int a = 1; a < d; ++a) spread.affine[i] += A.col(a) * nodes.distance[a][0];
             }
             FIRN_UNROLL
-            for (int k = 0; k < Nodes::width; ++k) {
-                Real const w = nodes.weight[Nodes::last][k], dw = nodes.derivative[Nodes::last][k];
-                Real const reach = w * nodes.distance[Nodes::last][k];
-                auto&& node = sums[k][row];
-                node[Sums::mass] += m * w;
-                FIRN_UNROLL
-                for (int a = 0; a < d; ++a) {
-                    Real sum = node[Sums::momentum + a] + constant[a] * w;
-                    if constexpr (terms.affine) sum += slope[a] * reach;
-                    if constexpr (terms.gradient && Sums::impulse == Sums::momentum) sum += along[a] * dw;
-                    node[Sums::momentum + a] = sum;
-                    if constexpr (Sums::impulse != Sums::momentum)
-                        node[Sums::impulse + a] += force[a] * w + along[a] * dw;
-                }
+            for (int a = 1; a < d; ++a) spread.change[a] = A.col(a);
+        }
+        if constexpr (terms.gradient) {
+            Matrix<Real, d> const G = kept_matrix<Real>(row_of_cells, gradient);
+            FIRN_UNROLL
+            for (int a = 0; a < d; ++a) {
+                spread.gradient[a] = G.col(a);
+                spread.derivative[a] = nodes.derivative[a];
             }
         }
     }
 
-    /// Adds the sums of the cells to the grid.
-    template <class Cell, class Real>
-    FIRN_HOST_DEVICE static void add(Cell const& cell, CellSums<Real> const& sums)
+    /// Adds what particles give to the nodes of one row of their stencils: to `nodes[k][channel]`.
+    template <class Real, class NodesOfRow>
+    FIRN_HOST_DEVICE static void give(Spread<Real> const& spread, int row, NodesOfRow&& nodes)
     {
         using Nodes = Stencil<Kernel, Real, d>;
-        // Neighbouring lanes share nodes, one place apart: going through all rows before the next place keeps
-        // a write and the read that overlaps it far apart.
+        int const first = Nodes::index(row, 0), second = Nodes::index(row, 1);
+        Real w_row = spread.weight[0][first];
+        if constexpr (d == 3) w_row = w_row * spread.weight[1][second];
+        Vector<Real, d> affine, force, along;
+        if constexpr (terms.affine) {
+            affine = spread.affine[first];
+            if constexpr (d == 3) affine += spread.change[1] * Real(Scalar<Real>(second));
+        }
+        if constexpr (terms.gradient) {
+            if constexpr (d == 3)
+                force = spread.gradient[0] * (spread.derivative[0][first] * spread.weight[1][second]) +
+                        spread.gradient[1] * (spread.weight[0][first] * spread.derivative[1][second]);
+            else
+                force = spread.gradient[0] * spread.derivative[0][first];
+            along = spread.gradient[Nodes::last] * w_row;
+        }
         FIRN_UNROLL
-        for (int k = 0; k < Nodes::width; ++k) FIRN_UNROLL_ON_DEVICE
-        for (int row = 0; row < Nodes::rows; ++row) FIRN_UNROLL
-        for (int c = 0; c < channels; ++c) cell.add(c, row, k, sums[k][row][c]);
+        for (int k = 0; k < width; ++k) {
+            Real const w_k = spread.weight[Nodes::last][k], w = w_row * w_k;
+            auto&& sums = nodes[k];
+            sums[Sums::mass] += spread.mass * w;
+            FIRN_UNROLL
+            for (int a = 0; a < d; ++a) {
+                sums[Sums::momentum + a] += spread.momentum[a] * w;
+                if constexpr (terms.affine) sums[Sums::momentum + a] += affine[a] * w;
+                if constexpr (terms.gradient)
+                    sums[Sums::impulse + a] += force[a] * w_k + along[a] * spread.derivative[Nodes::last][k];
+            }
+            if constexpr (terms.affine)
+                if (k + 1 < width) affine += spread.change[Nodes::last];
+        }
+    }
+
+    /// Adds what the row's particles give, one per cell, to the sums of their cells: to
+    /// `sums[k][row][channel]`.
+    template <class Row, class SumsOfCells, class Real = typename Row::Real>
+    FIRN_HOST_DEVICE static void give(Row const& row_of_cells, SumsOfCells& sums)
+    {
+        Spread<Real> spread;
+        make_ready(row_of_cells, spread);
+        FIRN_UNROLL_ON_DEVICE
+        for (int row = 0; row < rows; ++row) give(spread, row, RowOfSums<SumsOfCells>{sums, row});
+    }
+
+private:
+    template <class SumsOfCells>
+    struct RowOfSums
+    {
+        SumsOfCells& sums;
+        int row;
+        FIRN_HOST_DEVICE decltype(auto) operator[](int k) const { return sums[k][row]; }
+    };
+
+    template <class Real, class Row>
+    FIRN_HOST_DEVICE static Vector<Real, d> kept_vector(Row const& row, int channel)
+    {
+        Vector<Real, d> vector;
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) vector[i] = row.kept(channel + i);
+        return vector;
+    }
+    template <class Real, class Row>
+    FIRN_HOST_DEVICE static Matrix<Real, d> kept_matrix(Row const& row, int channel)
+    {
+        Matrix<Real, d> matrix;
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) FIRN_UNROLL
+        for (int j = 0; j < d; ++j) matrix(i, j) = row.kept(channel + i * d + j);
+        return matrix;
     }
 };
 

@@ -354,14 +354,38 @@ public:
     /// Channel c of the node at place k in a row of the stencil of each lane.
     Lane node(int c, int row, int k) const { return LaneTraits<Lane>::load(read_ + at(c, row, k)); }
 
-    /// Adds to it.
-    void add(int c, int row, int k, Lane const& value) const
+    /// Adds to the nodes of a row of the stencils: `sums[k][c]` to channel c of the node at place k of each
+    /// lane. Neighbouring lanes share nodes: what is added to them is summed up first.
+    template <int width, int channels>
+    void add(int row, Lane const (&sums)[width][channels]) const
     {
-        Number* const to = write_ + at(c, row, k);
-        LaneTraits<Lane>::store(LaneTraits<Lane>::load(to) + value, to);
+        Number* const first = write_ + at(0, row, 0);
+        for (int c = 0; c < channels; ++c) {
+            Number* const to = first + c * GridType::tile_channel;
+            if constexpr (lanes >= width) {
+                Lane here = sums[0][c], beyond(Number(0));
+                add_shifted(sums, c, here, beyond, std::make_integer_sequence<int, width - 1>{});
+                (Lane::load(to) + here).store(to);
+                Number* const rest = to + lanes;
+                (Lane::load_first(width - 1, rest) + beyond).store_first(width - 1, rest);
+            }
+            else
+                for (int k = 0; k < width; ++k)
+                    LaneTraits<Lane>::store(LaneTraits<Lane>::load(to + k) + sums[k][c], to + k);
+        }
     }
 
 private:
+    /// Adds lane l's sum for place k to number l + k of `here` followed by `beyond`, for k = 1, 2, …
+    template <int width, int channels, int... before>
+    static void add_shifted(Lane const (&sums)[width][channels], int c, Lane& here, Lane& beyond,
+                            std::integer_sequence<int, before...>)
+    {
+        Lane const zero(Number(0));
+        ((here += Lane::template window<lanes - 1 - before>(zero, sums[before + 1][c])), ...);
+        ((beyond += Lane::template window<lanes - 1 - before>(sums[before + 1][c], zero)), ...);
+    }
+
     int at(int c, int row, int k) const
     {
         return c * GridType::tile_channel + GridType::tile_row(group_, row) * GridType::row_length + place_ +

@@ -10,6 +10,7 @@
 #include <cstring>
 #include <limits>
 #include <type_traits>
+#include <utility>
 
 // Packs are there where xsimd is, unless FIRN_NO_XSIMD is defined.
 #if !defined(FIRN_NO_XSIMD) && __has_include(<xsimd/xsimd.hpp>)
@@ -142,6 +143,25 @@ struct Pack
     /// Writes the numbers to `to`, `to + 1`, …; no alignment is asked for.
     void store(Number* to) const { value.store_unaligned(to); }
 
+    /// The first `count` numbers at `from`, and zeros: nothing behind them is read.
+    static Pack load_first(int count, Number const* from)
+    {
+#if defined(__AVX512VL__)
+        auto const first = (1u << count) - 1;
+        if constexpr (sizeof(Number) == 4 && width == 16)
+            return Pack(Batch(_mm512_maskz_loadu_ps(static_cast<__mmask16>(first), from)));
+        else if constexpr (sizeof(Number) == 4 && width == 8)
+            return Pack(Batch(_mm256_maskz_loadu_ps(static_cast<__mmask8>(first), from)));
+        else if constexpr (sizeof(Number) == 8 && width == 8)
+            return Pack(Batch(_mm512_maskz_loadu_pd(static_cast<__mmask8>(first), from)));
+        else if constexpr (sizeof(Number) == 8 && width == 4)
+            return Pack(Batch(_mm256_maskz_loadu_pd(static_cast<__mmask8>(first), from)));
+#endif
+        alignas(64) Number lanes[width]{};
+        for (int i = 0; i < count; ++i) lanes[i] = from[i];
+        return Pack(Batch::load_aligned(lanes));
+    }
+
     /// Writes the first `count` of them and nothing behind.
     void store_first(int count, Number* to) const
     {
@@ -215,6 +235,14 @@ struct Pack
         return Pack(Batch::load_aligned(to));
     }
 
+    /// Of the numbers of `low` followed by those of `high`, as many as fit in a pack from place `first` on.
+    template <int first>
+    static Pack window(Pack low, Pack high)
+    {
+        return window_of(low, high, std::make_integer_sequence<int, width>{},
+                         std::integral_constant<int, first>{});
+    }
+
     Pack& operator+=(Pack b) { return *this = *this + b; }
     Pack& operator-=(Pack b) { return *this = *this - b; }
     Pack& operator*=(Pack b) { return *this = *this * b; }
@@ -280,6 +308,13 @@ struct Pack
     }
 
 private:
+    template <int... place, int first>
+    static Pack window_of(Pack low, Pack high, std::integer_sequence<int, place...>,
+                          std::integral_constant<int, first>)
+    {
+        return Pack(Batch(__builtin_shufflevector(low.value.data, high.value.data, (first + place)...)));
+    }
+
     /// Bits of the processor's estimate of 1/√x, 0 where it has none (or only one of 8 bits).
     static constexpr int estimate_bits()
     {

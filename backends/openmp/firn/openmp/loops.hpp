@@ -61,21 +61,32 @@ std::uint64_t own_rows(CellOrder const& cells, std::size_t b)
     return rows;
 }
 
-/// What some items keep, given by the cells of their group.
-template <class Gives, class Group>
-FIRN_INLINE_WHOLE void give(Group& group)
+/// What some items keep, given by the cells of their group: row by row of their stencils, so that the sums of
+/// a row stay in registers.
+template <class Gives, class Group, class Spreads>
+FIRN_INLINE_WHOLE void give(Group& group, Spreads& spreads)
 {
-    typename Gives::template CellSums<typename Group::Real> sums;
-    for (auto& column : sums)
-        for (auto& node : column)
-            for (auto& sum : node) sum = typename Group::Real(0);
+    using Real = typename Group::Real;
     group.restart();
-    for (int rank = 0, ranks = group.ranks(); rank < ranks; ++rank) {
-        group.enter(rank);
-        Gives::give(group, sums);
+    for (int rank = 0, ranks = group.ranks(); rank < ranks;) {
+        int here = 0;
+        for (; here < static_cast<int>(spreads.size()) && rank < ranks; ++here, ++rank) {
+            group.enter(rank);
+            Gives::make_ready(group, spreads[static_cast<std::size_t>(here)]);
+        }
+        for (int row = 0; row < Gives::rows; ++row) {
+            Real sums[Gives::width][Gives::channels];
+            for (auto& node : sums)
+                for (auto& sum : node) sum = Real(typename Group::Number(0));
+            for (int i = 0; i < here; ++i) Gives::give(spreads[static_cast<std::size_t>(i)], row, sums);
+            group.add(row, sums);
+        }
     }
-    Gives::add(group, sums);
 }
+
+/// What as many ranks give as are summed at once.
+template <class Lane, class Gives>
+using Spreads = std::array<typename Gives::template Spread<Lane>, ranks_at_once>;
 
 template <class Phase, class Items>
 FIRN_INLINE_WHOLE void prepare(Phase const& phase, Items& items)
@@ -120,6 +131,7 @@ void scatter(int threads, CellOrder const& cells, GridType& grid, Phase const& p
 #pragma omp parallel num_threads(threads)
     {
         Scratch<typename Phase::Number, lanes> scratch;
+        auto const spreads = std::make_unique<detail::Spreads<Lane, typename Phase::Gives>>();
 #pragma omp for schedule(dynamic, 1)
         for (int b = 0; b < blocks; ++b) {
             if (afresh) grid.touched(b) = 0;
@@ -136,7 +148,7 @@ void scatter(int threads, CellOrder const& cells, GridType& grid, Phase const& p
                     detail::prepare(phase, items);
                 }
                 GroupOfCells<Lane, GridType> group(cells.counts(b, g), g, scratch, nullptr, grid.tile(b));
-                detail::give<typename Phase::Gives>(group);
+                detail::give<typename Phase::Gives>(group, *spreads);
             }
         }
     }
@@ -174,6 +186,7 @@ void scatter_movers(int threads, CellOrder const& cells, GridType& grid)
 #pragma omp parallel num_threads(threads)
     {
         Scratch<typename Phase::Number, lanes> scratch;
+        auto const spreads = std::make_unique<detail::Spreads<Lane, typename Phase::Gives>>();
         std::array<std::uint32_t, Shape::cells> counts;
 #pragma omp for schedule(dynamic, 4)
         for (int b = 0; b < blocks; ++b) {
@@ -192,7 +205,7 @@ void scatter_movers(int threads, CellOrder const& cells, GridType& grid)
                 scratch.reserve(Phase::kept, here);
                 detail::copy_given<Phase::kept>(next, count, scratch);
                 GroupOfCells<Lane, GridType> group(count, g, scratch, nullptr, grid.tile(b));
-                detail::give<typename Phase::Gives>(group);
+                detail::give<typename Phase::Gives>(group, *spreads);
                 next += here;
             }
         }
@@ -317,11 +330,43 @@ void fill_tile(GridType const& grid, std::size_t b, std::uint64_t rows, Number* 
 
 namespace detail
 {
+/// One thread's giving to the next step's grid, block by block and group by group.
+template <class Lane, class CellOrder, class GridType, class Phase>
+struct GiveToNext
+{
+    CellOrder const& cells;
+    GridType& grid;
+    std::unique_ptr<Spreads<Lane, typename Phase::Gives>> spreads =
+        std::make_unique<Spreads<Lane, typename Phase::Gives>>();
+
+    void begin(std::size_t block, std::uint64_t rows)
+    {
+        clear_rows<GridType, Phase::channels>(grid.next_tile(block), rows);
+        grid.next_touched(block) = rows;
+    }
+    template <class Kept>
+    void give(std::size_t block, int group, Kept& scratch)
+    {
+        GroupOfCells<Lane, GridType> cells_of_group(cells.counts(block, group), group, scratch, nullptr,
+                                                    grid.next_tile(block));
+        detail::give<typename Phase::Gives>(cells_of_group, *spreads);
+    }
+};
+
+/// For who only takes.
+struct GiveNothing
+{
+    void begin(std::size_t, std::uint64_t) {}
+    template <class Kept>
+    void give(std::size_t, int, Kept&)
+    {}
+};
+
 /// Each block of cells copies the nodes it needs side by side; its items take from them and answer, and what
-/// they keep then is handed on, group by group: `done(block, group, scratch)`.
-template <class ItemsType, class Lane, class CellOrder, class GridType, class Phase, class Begin, class Done>
+/// they keep then is given on, by what each thread makes for itself: `make_giver()`.
+template <class ItemsType, class Lane, class CellOrder, class GridType, class Phase, class MakeGiver>
 typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& grid, Phase const& phase,
-                                       Begin const& begin_block, Done const& done)
+                                       MakeGiver const& make_giver)
 {
     constexpr int lanes = lane_width<Lane>;
     using Number = typename Phase::Number;
@@ -334,11 +379,12 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
         Scratch<Number, lanes> scratch;
         // Not on the stack: compilers would take it apart and copy it for every group.
         auto const nodes_of_cells = std::make_unique<typename Phase::template CellNodes<Lane>>();
+        auto giver = make_giver();
 #pragma omp for schedule(dynamic, 1)
         for (int b = 0; b < blocks; ++b) {
             std::uint64_t const rows = own_rows<GridType>(cells, b);
             fill_tile<GridType, Phase::node_channels>(grid, b, rows, nodes.data());
-            begin_block(b, rows);
+            giver.begin(b, rows);
             ItemsType items(cells, b, scratch);
             for (int g = 0; g < GridType::Shape::groups; ++g) {
                 std::size_t const begin = cells.group_begin(b, g), end = cells.group_end(b, g);
@@ -354,7 +400,7 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
                 GroupOfCells<Lane, GridType> group(cells.counts(b, g), g, scratch, nodes.data(), nullptr);
                 take<typename Phase::Takes>(group, *nodes_of_cells);
                 for_each_pack([&] { answer(phase, items, results[b]); });
-                done(b, g, scratch);
+                giver.give(b, g, scratch);
             }
         }
     }
@@ -368,14 +414,8 @@ typename Phase::Result move(int threads, CellOrder& cells, GridType& grid, Phase
 {
     cells.expect_departures();
     return detail::take_and_answer<MovingItems<Lane, CellOrder, Phase::d>, Lane>(
-        threads, cells, grid, phase,
-        [&](int b, std::uint64_t rows) {
-            detail::clear_rows<GridType, Phase::channels>(grid.next_tile(b), rows);
-            grid.next_touched(b) = rows;
-        },
-        [&](int b, int g, auto& scratch) {
-            GroupOfCells<Lane, GridType> group(cells.counts(b, g), g, scratch, nullptr, grid.next_tile(b));
-            detail::give<typename Phase::Gives>(group);
+        threads, cells, grid, phase, [&] {
+            return detail::GiveToNext<Lane, CellOrder, GridType, Phase>{cells, grid};
         });
 }
 
@@ -383,8 +423,8 @@ typename Phase::Result move(int threads, CellOrder& cells, GridType& grid, Phase
 template <class Lane, class CellOrder, class GridType, class Phase>
 void take(int threads, CellOrder const& cells, GridType const& grid, Phase const& phase)
 {
-    detail::take_and_answer<Items<Lane, CellOrder, Phase::d>, Lane>(
-        threads, cells, grid, phase, [](int, std::uint64_t) {}, [](int, int, auto&) {});
+    detail::take_and_answer<Items<Lane, CellOrder, Phase::d>, Lane>(threads, cells, grid, phase,
+                                                                    [] { return detail::GiveNothing{}; });
 }
 
 } // namespace firn::openmp

@@ -8,34 +8,29 @@ namespace firn
 
 /// St. Venant–Kirchhoff's law of logarithmic (Hencky) strains eps_i = ln sigma_i:
 /// Psi = mu sum eps_i^2 + lambda/2 (sum eps_i)^2 (Klár et al. 2016, eq. 26).
-struct HenckyLaw
+struct HenckyLaw : RefusesInversion
 {
     static constexpr auto name = "hencky";
     /// Stretches below count as this one: there is no logarithm at 0.
     static constexpr double smallest_stretch = 1e-4;
 
     template <Lane Real, int d>
-    FIRN_HOST_DEVICE static Vector<Real, d> strains(Vector<Real, d> const& sigma)
+    FIRN_HOST_DEVICE static Vector<Real, d> strains(Vector<Real, d> const& extension)
     {
         Vector<Real, d> strains;
         FIRN_UNROLL
-        for (int i = 0; i < d; ++i) strains[i] = log(max(sigma[i], Real(Scalar<Real>(smallest_stretch))));
+        for (int i = 0; i < d; ++i)
+            strains[i] = log_one_plus(max(extension[i], Real(Scalar<Real>(smallest_stretch - 1))));
         return strains;
     }
 
     template <Lane Real, int d>
-    FIRN_HOST_DEVICE static Vector<Real, d> stretches(Vector<Real, d> const& strains)
+    FIRN_HOST_DEVICE static Vector<Real, d> extensions(Vector<Real, d> const& strains)
     {
-        Vector<Real, d> sigma;
+        Vector<Real, d> extension;
         FIRN_UNROLL
-        for (int i = 0; i < d; ++i) sigma[i] = exp(strains[i]);
-        return sigma;
-    }
-
-    template <Lane Real, int d>
-    FIRN_HOST_DEVICE static Mask<Real> inverted(Vector<Real, d> const& sigma)
-    {
-        return !(sigma[d - 1] > Real(0));
+        for (int i = 0; i < d; ++i) extension[i] = exp_minus_one(strains[i]);
+        return extension;
     }
 
     /// tau_i = 2 mu eps_i + lambda tr eps.

@@ -12,7 +12,7 @@ namespace firn
 /// pressure p and shear q, which grows where material is compacted and shrinks where it opens.
 ///
 /// Keeps ln J_P since the start: with alpha = start + ln J_P, p0 = kappa (1e-5 + sinh(xi max(-alpha, 0))).
-/// Flow in shear keeps the volume to rounding (see relaxed_stretches).
+/// Flow in shear keeps the volume to rounding (see relaxed_extensions).
 template <class SpaceType>
 struct CamClayFlow
 {
@@ -48,18 +48,11 @@ struct CamClayFlow
         Real& opened = state[LogPlasticVolumeRatio{}];
         Real const one(1), half(Number(0.5)), beta(cohesion), M(slope);
         Real const kappa = moduli.lambda + moduli.mu * Real(Number(2.0 / d));
-        Vector<Real, d> squares;
-        Real J = one;
-        FIRN_UNROLL
-        for (int i = 0; i < d; ++i) {
-            squares[i] = trial[i] * trial[i];
-            J = J * trial[i];
-        }
-        Deviator<Real, d> const b(squares);
-        Mask<Real> const upright = J > Real(0);
-        J = select(upright, J, one);
+        Deviator<Real, d> const b(squares_less_one<Real, d>(trial));
+        Mask<Real> const upright = !SplitNeoHookeanLaw::inverted<Real, d>(trial);
+        Real const volume = select(upright, volume_change<Real, d>(trial), Real(0)), J = one + volume;
         Real const root = root_of_volume<d>(J);
-        Real const p = half * kappa * (one - J * J);
+        Real const p = -half * kappa * volume * (J + one);
         Real const q = Real(Number(d == 2 ? 1.41421356237309504880 : 1.22474487139158904910)) * moduli.mu /
                        (root * root) * b.norm; // sqrt((6 - d) / 2) |dev tau|
         Real const p0 = preconsolidation(kappa, opened);
@@ -81,8 +74,8 @@ struct CamClayFlow
             centre + away * M * axis / sqrt(select(sheared, shear * q * q + M * M * away * away, one));
         Real const J_met = volume_at(met, kappa);
 
-        Vector<Real, d> const slid = relaxed_stretches<Real, d>(b, select(sheared, share, one), J);
-        Real const isotropic = root_of_volume<d>(J_end);
+        Vector<Real, d> const slid = relaxed_extensions<Real, d>(b, select(sheared, share, one), J);
+        Real const isotropic = root_of_volume<d>(J_end) - one;
         PlasticFlow<Real, d> plastic;
         plastic.flowed = crushed | torn | sheared;
         FIRN_UNROLL

@@ -44,16 +44,9 @@ struct HerschelBulkleyFlow
     FIRN_HOST_DEVICE PlasticFlow<Real, d> flow(Vector<Real, d> const& trial, Lame<Real> const& moduli,
                                                Particle&, Real dt) const
     {
-        Vector<Real, d> squares;
-        Real J(1);
-        FIRN_UNROLL
-        for (int i = 0; i < d; ++i) {
-            squares[i] = trial[i] * trial[i];
-            J = J * trial[i];
-        }
-        Deviator<Real, d> const b(squares);
-        Mask<Real> const upright = J > Real(0);
-        J = select(upright, J, Real(1));
+        Deviator<Real, d> const b(squares_less_one<Real, d>(trial));
+        Mask<Real> const upright = !SplitNeoHookeanLaw::inverted<Real, d>(trial);
+        Real const J = Real(1) + select(upright, volume_change<Real, d>(trial), Real(0));
         Real const root = root_of_volume<d>(J);
         Real const shear = moduli.mu / (root * root);
         Real const stress = shear * b.norm;
@@ -63,12 +56,12 @@ struct HerschelBulkleyFlow
         PlasticFlow<Real, d> plastic;
         plastic.flowed = upright & (dt > Real(0)) & (excess > Real(0));
         // 2 mu tr b / d, what the stress relaxes by per strain that flows (Simo & Hughes 1998, box 9.1)
-        Real const relaxation = Real(Number(2.0 / d)) * shear * b.trace * dt;
+        Real const relaxation = (Real(2) + Real(Number(2.0 / d)) * b.trace) * shear * dt;
         Real const left =
             overstress(select(plastic.flowed, excess, Real(1)), select(plastic.flowed, relaxation, Real(1)));
         Real const share = select(
             plastic.flowed, (stress - excess + left) / select(plastic.flowed, stress, Real(1)), Real(1));
-        Vector<Real, d> const relaxed = relaxed_stretches<Real, d>(b, share, J);
+        Vector<Real, d> const relaxed = relaxed_extensions<Real, d>(b, share, J);
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) plastic.strains[i] = select(plastic.flowed, relaxed[i], trial[i]);
         plastic.hardening = Real(1);

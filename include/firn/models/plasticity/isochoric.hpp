@@ -6,15 +6,15 @@
 namespace firn
 {
 
-/// Principal stretches with the volume ratio J, whose squares have `share` of the deviator of others'
-/// squares: what is left when flow relaxes shear and keeps volume.
+/// Principal extensions with the volume ratio J, where the squares of stretches have `share` of the deviator
+/// of others' squares b: what is left when flow relaxes shear and keeps volume. `b` holds these less one.
 ///
 /// The squares are share dev b + m, and m solves det(share dev b + m I) = J^2. Keeping the trace of b
 /// instead, as is common, changes the volume by up to a half. In the plane m = sqrt(J^2 + |share dev b|^2 /
 /// 2); in space Newton's iteration falls on the root from m = tr b / 3: the cubic is convex and increasing
 /// there.
 template <Lane Real, int d>
-FIRN_HOST_DEVICE inline Vector<Real, d> relaxed_stretches(Deviator<Real, d> const& b, Real share, Real J)
+FIRN_HOST_DEVICE inline Vector<Real, d> relaxed_extensions(Deviator<Real, d> const& b, Real share, Real J)
 {
     using Number = Scalar<Real>;
     Vector<Real, d> const s = b.part * share;
@@ -25,7 +25,7 @@ FIRN_HOST_DEVICE inline Vector<Real, d> relaxed_stretches(Deviator<Real, d> cons
         Real const half_square = Real(Number(0.5)) * s.squaredNorm(), cube = s[0] * s[1] * s[2] - J * J;
         Real const enough(Number(1e-3) *
                           std::sqrt(std::numeric_limits<Number>::epsilon())); // of the last step;
-        m = b.trace * Real(Number(1.0 / 3));
+        m = Real(1) + b.trace * Real(Number(1.0 / 3));
         Mask<Real> far = m > Real(0);
         for (int i = 0; i < 12; ++i) { // 4 to 6 do, 11 at the most
             // The slope vanishes only where two squares do, for no volume.
@@ -36,10 +36,10 @@ FIRN_HOST_DEVICE inline Vector<Real, d> relaxed_stretches(Deviator<Real, d> cons
             if (!any(far)) break;
         }
     }
-    Vector<Real, d> stretches;
+    Vector<Real, d> extension;
     FIRN_UNROLL
-    for (int i = 0; i < d; ++i) stretches[i] = sqrt(max(s[i] + m, Real(0)));
-    return stretches;
+    for (int i = 0; i < d; ++i) extension[i] = sqrt(max(s[i] + m, Real(0))) - Real(1);
+    return extension;
 }
 
 } // namespace firn

@@ -49,19 +49,20 @@ struct SnowFlow
     {
         PlasticFlow<Real, d> plastic;
         plastic.flowed = nowhere<Real>();
-        Real plastic_part(1);
-        Real const low(Number(1) - critical_compression), high(Number(1) + critical_stretch);
+        Real trial_volume(1), elastic_volume(1);
+        Real const low(-critical_compression), high(critical_stretch);
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) {
             plastic.strains[i] = min(max(trial[i], low), high);
-            plastic_part = plastic_part * (trial[i] / plastic.strains[i]);
+            trial_volume = trial_volume * (Real(1) + trial[i]);
+            elastic_volume = elastic_volume * (Real(1) + plastic.strains[i]);
             plastic.flowed = plastic.flowed | !(plastic.strains[i] == trial[i]);
         }
         // J_P = det F / det F_E, kept track of far beyond the caps, so that it may come back, but not without
         // end.
         Real& J_P = state[PlasticVolumeRatio{}];
         Real const far(Number(100));
-        J_P = min(max(J_P * plastic_part, Real(smallest_plastic_ratio) / far),
+        J_P = min(max(J_P * (trial_volume / elastic_volume), Real(smallest_plastic_ratio) / far),
                   Real(largest_plastic_ratio) * far);
         Real const within = min(max(J_P, Real(smallest_plastic_ratio)), Real(largest_plastic_ratio));
         plastic.hardening = exp(Real(hardening) * (Real(1) - within));

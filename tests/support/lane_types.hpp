@@ -1,0 +1,29 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "support/test_lane.hpp"
+
+#if __has_include(<firn/openmp/lanes.hpp>)
+#include <firn/openmp/lanes.hpp>
+#endif
+
+#include <tuple>
+
+namespace firn::test
+{
+
+// Tests of functions over lanes are compiled twice: in the program `lanes` for packs, in the program `math`
+// for the lanes every user has.
+#if !__has_include(<firn/openmp/lanes.hpp>) || !__has_include(<xsimd/xsimd.hpp>)
+using LaneTypes = std::tuple<float, double, TestLane<float>, TestLane<double>>;
+#elif defined(__AVX512F__)
+using LaneTypes = std::tuple<openmp::NativePack<float>, openmp::NativePack<double>, openmp::PackOf<float, 8>,
+                             openmp::PackOf<double, 4>, openmp::PackOf<float, 4>, openmp::PackOf<double, 2>>;
+#elif defined(__AVX__)
+using LaneTypes = std::tuple<openmp::NativePack<float>, openmp::NativePack<double>, openmp::PackOf<float, 4>,
+                             openmp::PackOf<double, 2>>;
+#else
+using LaneTypes = std::tuple<openmp::NativePack<float>, openmp::NativePack<double>>;
+#endif
+
+} // namespace firn::test
