@@ -124,7 +124,8 @@ TEMPLATE_LIST_TEST_CASE(
         CHECK((a.reactions[0].impulse - b.reactions[0].impulse).norm() <=
               (TestType::is_float ? 1e-6 : 1e-12) * mass);
     }
-    Totals const a(one), b(two);
+    Totals const a(one);
+    Totals const b(two);
     double const rounding = TestType::is_float ? 1e-4 : 1e-11;
     CHECK(b.mass == Approx(a.mass).epsilon(1e-15));
     CHECK((a.centre - b.centre).norm() <= rounding * 0.2);
