@@ -153,9 +153,9 @@ struct OneParticle
 
 /// The phase that moves a solver's particles, without obstacles.
 template <class Solver>
-using MoveOf =
-    MoveParticles<typename Solver::Space, typename Solver::Model, typename Solver::kernel,
-                  typename Solver::Transfer, Chain<>, typename Solver::Stored, typename Solver::Taken>;
+using MoveOf = MoveParticles<typename Solver::Space, typename Solver::Model, typename Solver::kernel,
+                             typename Solver::Transfer, Chain<>, typename Solver::template Of<>::Stored,
+                             typename Solver::template Of<>::Taken>;
 
 /// The operations of one particle in one step that takes, answers and gives, with its share of what is done
 /// once per cell; the grid is left out.
@@ -165,7 +165,7 @@ double flops_per_particle_step()
     using Space = typename Model::Space;
     using Number = typename Space::Real;
     constexpr int d = Space::dimension, particles_per_cell = 1 << d;
-    using Set = typename Solver<OpenMP, Model, Kernel, Transfer>::Stored;
+    using Set = typename Solver<OpenMP, Model, Kernel, Transfer>::template Of<>::Stored;
     using Move = MoveOf<Solver<OpenMP, Model, Kernel, Transfer>>;
 
     typename CellOffset<Number>::Stored offset[d]{};

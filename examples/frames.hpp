@@ -48,16 +48,23 @@ public:
         : folder_(std::move(folder)), index_(made(folder_) / "particles.pvd")
     {}
 
-    template <class Solver>
-    void write(Solver const& solver)
+    /// `add` may add fields to the frame.
+    template <class Solver, class Add>
+    void write(Solver const& solver, Add const& add)
     {
         ParticleFrame frame;
         frame.time = solver.time();
         frame.at(solver.positions()).vector("velocity", solver.template download<Velocity>());
+        add(frame);
         char name[32];
         std::snprintf(name, sizeof name, "frames/frame_%04d.vtp", count_++);
         write_vtp(folder_ / name, frame);
         index_.add(frame.time, name);
+    }
+    template <class Solver>
+    void write(Solver const& solver)
+    {
+        write(solver, [](ParticleFrame&) {});
     }
 
 private:

@@ -6,12 +6,15 @@
 #include <firn/effects/gravity.hpp>
 #include <firn/effects/obstacle.hpp>
 #include <firn/effects/shapes/half_space.hpp>
+#include <firn/effects/shapes/inside.hpp>
 #include <firn/effects/shapes/signed_distance_grid.hpp>
 #include <firn/effects/shapes/solids.hpp>
 #include <firn/interpolation/cubic_b_spline.hpp>
 #include <firn/interpolation/linear.hpp>
 #include <firn/interpolation/quadratic_b_spline.hpp>
+#include <firn/models/heterogeneous.hpp>
 #include <firn/models/materials.hpp>
+#include <firn/models/several_materials.hpp>
 #include <firn/solver.hpp>
 #include <firn/transfer/apic.hpp>
 #include <firn/transfer/asflip.hpp>

@@ -39,12 +39,43 @@ auto downloaded(Array const& array)
 }
 } // namespace detail
 
-/// The particles of a scene: two buffers of the fields that are stored from step to step, and the order of
-/// cells in which they are visited.
+/// What the masses of a scene's particles have in common: nodes add up those of all materials.
+struct MassScale
+{
+    double unit = 0;                  ///< [kg]: masses on the grid are multiples of it; 0: there are none
+    double largest = 0, smallest = 0; ///< of a particle, in units
+
+    /// On a node, a particle far lighter than another is lost to rounding and taken for an empty node:
+    /// `range` is what rounding bears.
+    bool bears(double mass, double range) const
+    {
+        return std::isfinite(mass) && (unit == 0 || (mass / smallest < range && largest / mass < range));
+    }
+    void admit(double mass)
+    {
+        smallest = largest == 0 ? mass : std::min(smallest, mass);
+        largest = std::max(largest, mass);
+    }
+};
+
+/// Which particles of a table are to be removed, by where they lie.
+template <class Backend>
+struct Doomed
+{
+    typename Backend::template Array<unsigned char> there; ///< where loops reach it
+    std::vector<unsigned char> here{};                     ///< the same
+    std::size_t count = 0;                                 ///< how many they are
+};
+
+/// The particles of one material: two buffers of the fields that are stored from step to step, and the order
+/// of cells in which they are visited.
 ///
 /// A step reads the current buffer through the cell order and writes the next one in that order; accepting
-/// the step swaps them. Only add() and accept() change what the table holds. Fields that particles take from
-/// the grid have a place here only while somebody has set them (see hold_taken).
+/// the step swaps them. Only add(), remove() and accept() change what the table holds. Fields that particles
+/// take from the grid have a place here only while somebody has set them (see hold_taken).
+///
+/// Particles are numbered by *rows*, from 0 on, in the order of their permanent ids: what is asked for comes
+/// row by row. Rows are ids until a particle is removed, or one of another material is added between.
 template <class Backend, class Space, class StoredSet, class TakenSet>
 class ParticleTable
 {
@@ -76,7 +107,7 @@ public:
     /// The buffer that the order of cells refers to: after a step that of before it, until the next sort().
     View ordered() const { return buffer_[moved_ ? 1 : 0].view(); }
 
-    /// One array per component of the fields that are taken from the grid, by id.
+    /// One array per component of the fields that are taken from the grid, by row.
     class Taken
     {
     public:
@@ -109,32 +140,40 @@ public:
         }
 
         template <class Tag>
-        void set(std::vector<FieldValue<Tag, Number, d>> const& by_id)
+        void set(std::vector<FieldValue<Tag, Number, d>> const& by_row)
         {
             constexpr int first = TakenSet::template first_component<Tag>(d);
-            std::vector<Number> column(by_id.size());
+            std::vector<Number> column(by_row.size());
             for (int c = 0; c < component_count<Tag>(d); ++c) {
-                for (std::size_t id = 0; id < by_id.size(); ++id)
-                    for_each_component<Tag, d>(by_id[id], [&](int component, Number const& number) {
-                        if (component == c) column[id] = number;
+                for (std::size_t row = 0; row < by_row.size(); ++row)
+                    for_each_component<Tag, d>(by_row[row], [&](int component, Number const& number) {
+                        if (component == c) column[row] = number;
                     });
                 component_[first + c].upload(0, column);
             }
         }
 
         template <class Tag>
-        std::vector<FieldValue<Tag, Number, d>> by_id(std::size_t count) const
+        std::vector<FieldValue<Tag, Number, d>> by_row(std::size_t count) const
         {
             constexpr int first = TakenSet::template first_component<Tag>(d);
             std::vector<FieldValue<Tag, Number, d>> values(count, value_at_rest<Tag, Number, d>());
             for (int c = 0; c < component_count<Tag>(d); ++c) {
                 auto const column = detail::downloaded(component_[first + c]);
-                for (std::size_t id = 0; id < count; ++id)
-                    for_each_component<Tag, d>(values[id], [&](int component, Number& number) {
-                        if (component == c) number = column[id];
+                for (std::size_t row = 0; row < count; ++row)
+                    for_each_component<Tag, d>(values[row], [&](int component, Number& number) {
+                        if (component == c) number = column[row];
                     });
             }
             return values;
+        }
+
+        /// Takes the rows of another one that are listed at `rows`.
+        void gather(Backend const& backend, Taken const& from, std::uint32_t const* rows)
+        {
+            for (std::size_t c = 0; c < component_.size(); ++c)
+                backend.for_each(component_[c].size(),
+                                 GatherValues<Number>{from.component_[c].data(), rows, component_[c].data()});
         }
 
         std::size_t memory() const
@@ -170,12 +209,12 @@ public:
     {
         return {portions_on_backend_.data(), static_cast<int>(portions_.size())};
     }
-    double mass_unit() const { return mass_unit_; } ///< [kg]: masses on the grid are multiples of it
-    Number largest_mass() const { return largest_mass_; }
 
-    /// Adds particles at rest but for a velocity; see Solver::add.
+    /// Adds particles at rest but for a velocity, whose ids begin with `first_id`; see Solver::add. Returns
+    /// how many.
     template <class Points>
-    std::uint32_t add(Points const& points, double volume, double density, Vector<double, d> const& velocity)
+    std::size_t add(Points const& points, double volume, double density, Vector<double, d> const& velocity,
+                    std::uint32_t first_id, MassScale& scale)
     {
         std::vector<CellPosition<d>> const located = locate_all(points);
         require(std::isfinite(volume) && volume > 0, "the volume per point is not a finite number above 0",
@@ -184,12 +223,12 @@ public:
                 "points.");
         require(velocity.allFinite(), "the velocity is not finite", "Solver::add", "Pass metres per second.");
         std::size_t const count = size_ + located.size();
-        require(count < std::numeric_limits<std::uint32_t>::max(),
-                "there would be more than 4 294 967 294 particles", "Solver::add",
+        require(first_id + located.size() < std::numeric_limits<std::uint32_t>::max(),
+                "there would have been more than 4 294 967 294 particles", "Solver::add",
                 "Use fewer particles, or several solvers.");
         auto const first = static_cast<std::uint32_t>(size_);
-        if (located.empty()) return first;
-        require_comparable(volume, density);
+        if (located.empty()) return 0;
+        require_comparable(volume, density, scale);
         sort(); // inserting is for items whose cells are up to date
 
         for (auto& buffer : buffer_) buffer.resize(count);
@@ -197,13 +236,93 @@ public:
         next_taken_.reset();
         taken_->resize(count);
         held_ = true;
-        add_portion(first, volume, density);
+        add_portion(first, volume, density, scale);
         place(located, first, velocity.template cast<Number>());
         std::vector<Coordinates<d>> cells(located.size());
         for (std::size_t i = 0; i < located.size(); ++i) cells[i] = located[i].cell;
         cells_.insert(cells, first);
+        if (first_id != first) name_rows();
+        if (named_) {
+            ids_.resize(count);
+            std::iota(ids_.begin() + first, ids_.end(), first_id);
+        }
         size_ = count;
-        return first;
+        return located.size();
+    }
+
+    /// Finds the particles of which `is_doomed` says so; see Solver::remove_if. Changes nothing.
+    template <class IsDoomed>
+    Doomed<Backend> find(IsDoomed const& is_doomed) const
+    {
+        Doomed<Backend> doomed{.there = Array<unsigned char>(backend_)};
+        if (size_ == 0) return doomed;
+        doomed.there.resize(size_);
+        backend_.for_each_place(
+            cells_, FindParticles<Number, d, StoredSet, TakenSet, IsDoomed>{
+                        buffer_[0].view(), taken(), lattice_, order_, is_doomed, doomed.there.data()});
+        doomed.here = detail::downloaded(doomed.there);
+        doomed.count = static_cast<std::size_t>(std::count(doomed.here.begin(), doomed.here.end(), 1));
+        return doomed;
+    }
+
+    /// Removes the particles that find() has found, nothing having happened since but sort() and
+    /// hold_taken(). The others keep all they have, and their order.
+    void remove(Doomed<Backend> const& doomed)
+    {
+        if (doomed.count == 0) return;
+        sort();
+        std::size_t const kept = size_ - doomed.count;
+        auto const row_at = detail::downloaded(buffer_[0].id);
+        std::vector<std::uint32_t> from, new_place(size_), rows;
+        std::vector<char> keeps_row(size_, 0);
+        for (std::uint32_t place = 0; place < size_; ++place) {
+            if (doomed.here[place]) continue;
+            keeps_row[row_at[place]] = 1;
+            new_place[place] = static_cast<std::uint32_t>(from.size());
+            from.push_back(place);
+        }
+        std::vector<std::uint32_t> new_row(size_);
+        for (std::uint32_t row = 0; row < size_; ++row) {
+            new_row[row] = static_cast<std::uint32_t>(rows.size()); // also of who goes: where the next one is
+            if (keeps_row[row]) rows.push_back(row);
+        }
+
+        auto const on_backend = [&](std::vector<std::uint32_t> const& list) {
+            Array<std::uint32_t> there(backend_);
+            there.resize(list.size());
+            there.upload(0, list);
+            return there;
+        };
+        Array<std::uint32_t> const from_there = on_backend(from), rows_there = on_backend(rows),
+                                   new_place_there = on_backend(new_place);
+        buffer_[1].gather(backend_, buffer_[0], from_there.data(), kept);
+        for (auto& place : from) place = new_row[row_at[place]];
+        buffer_[1].id.upload(0, from);
+        std::swap(buffer_[0], buffer_[1]);
+        for (auto& buffer : buffer_) buffer.resize(kept);
+        next_taken_.reset();
+        std::optional<Taken> taken;
+        if (held_) {
+            taken.emplace(backend_, kept);
+            taken->gather(backend_, *taken_, rows_there.data());
+        }
+        std::swap(taken_, taken);
+        cells_.erase(doomed.there.data(), new_place_there.data(), kept);
+
+        name_rows();
+        for (std::size_t row = 0; row < kept; ++row) ids_[row] = ids_[rows[row]];
+        ids_.resize(kept);
+        keep_portions(new_row, kept);
+        size_ = kept;
+    }
+
+    /// The permanent id of a row; the ids of all, in rising order.
+    std::uint32_t id(std::size_t row) const { return named_ ? ids_[row] : static_cast<std::uint32_t>(row); }
+    std::vector<std::uint32_t> ids() const
+    {
+        std::vector<std::uint32_t> ids(size_);
+        for (std::size_t row = 0; row < size_; ++row) ids[row] = id(row);
+        return ids;
     }
 
     /// Brings the cell order up to date with positions that have moved.
@@ -239,17 +358,17 @@ public:
         cells_.take_back(sorted, moved_);
     }
 
-    /// Calls `change(id, record)` for every particle, one after the other, and keeps what it made of the
+    /// Calls `change(row, record)` for every particle, one after the other, and keeps what it made of the
     /// record. Positions are to be left as they are.
     template <class Change>
     void edit(Change const& change)
     {
         auto component = columns();
-        auto const id = detail::downloaded(buffer_[0].id);
+        auto const row = detail::downloaded(buffer_[0].id);
         for (std::size_t i = 0; i < size_; ++i) {
             Record<Number, d, StoredSet> record;
             record.for_each([&](int c, Number& value) { value = component[c][i]; });
-            change(id[i], record);
+            change(row[i], record);
             record.for_each([&](int c, Number const& value) { component[c][i] = value; });
         }
         for (std::size_t c = 0; c < component.size(); ++c) buffer_[0].component[c].upload(0, component[c]);
@@ -269,12 +388,12 @@ public:
 
     std::vector<Vector<double, d>> positions() const
     {
-        std::vector<Vector<double, d>> by_id(size_);
-        for_each_position([&](std::uint32_t id, Vector<double, d> const& x) { by_id[id] = x; });
-        return by_id;
+        std::vector<Vector<double, d>> by_row(size_);
+        for_each_position([&](std::uint32_t row, Vector<double, d> const& x) { by_row[row] = x; });
+        return by_row;
     }
 
-    /// What writes world positions by id; see Solver::write_positions.
+    /// What writes world positions by row; see Solver::write_positions.
     WritePositions<Number, d, StoredSet> position_writer(Number* to, std::size_t stride) const
     {
         return {buffer_[0].view(), lattice_, order_, to, stride};
@@ -285,7 +404,7 @@ public:
     FieldView<Number, component_count<Tag>(d)> view() const
     {
         FieldView<Number, component_count<Tag>(d)> field{
-            .component = {}, .id = buffer_[0].id.data(), .count = size_};
+            .component = {}, .row = buffer_[0].id.data(), .count = size_};
         constexpr int first = StoredSet::template first_component<Tag>(d);
         for (int c = 0; c < component_count<Tag>(d); ++c)
             field.component[c] = buffer_[0].component[first + c].data();
@@ -296,33 +415,34 @@ public:
     std::vector<FieldValue<Tag, Number, d>> download() const
     {
         constexpr int first = StoredSet::template first_component<Tag>(d);
-        std::vector<FieldValue<Tag, Number, d>> by_id(size_, value_at_rest<Tag, Number, d>());
-        auto const id = detail::downloaded(buffer_[0].id);
+        std::vector<FieldValue<Tag, Number, d>> by_row(size_, value_at_rest<Tag, Number, d>());
+        auto const row = detail::downloaded(buffer_[0].id);
         for (int c = 0; c < component_count<Tag>(d); ++c) {
             auto const column = detail::downloaded(buffer_[0].component[first + c]);
             for (std::size_t i = 0; i < size_; ++i)
-                for_each_component<Tag, d>(by_id[id[i]], [&](int component, Number& number) {
+                for_each_component<Tag, d>(by_row[row[i]], [&](int component, Number& number) {
                     if (component == c) number = column[i];
                 });
         }
-        return by_id;
+        return by_row;
     }
 
-    std::vector<double> masses() const
+    /// `mass_unit` is that of the scene [kg].
+    std::vector<double> masses(double mass_unit) const
     {
         Portions<Number> const here{portions_.data(), static_cast<int>(portions_.size())};
-        std::vector<double> by_id(size_);
-        for (std::size_t id = 0; id < size_; ++id)
-            by_id[id] = mass_unit_ * portions_[here.index(static_cast<std::uint32_t>(id))].mass;
-        return by_id;
+        std::vector<double> by_row(size_);
+        for (std::size_t row = 0; row < size_; ++row)
+            by_row[row] = mass_unit * portions_[here.index(static_cast<std::uint32_t>(row))].mass;
+        return by_row;
     }
 
     /// The position of one particle, for error messages.
-    Vector<double, d> position(std::uint32_t id) const
+    Vector<double, d> position(std::uint32_t row) const
     {
         Vector<double, d> found = Vector<double, d>::Constant(std::numeric_limits<double>::quiet_NaN());
         for_each_position([&](std::uint32_t other, Vector<double, d> const& x) {
-            if (other == id) found = x;
+            if (other == row) found = x;
         });
         return found;
     }
@@ -351,6 +471,19 @@ private:
             for (auto& array : offset) array.resize(count);
             for (auto& array : component) array.resize(count);
             id.resize(count);
+        }
+
+        /// Takes the particles of another one that lie where `places` says, but for their rows.
+        void gather(Backend const& backend, Buffer const& from, std::uint32_t const* places,
+                    std::size_t count)
+        {
+            resize(count);
+            for (std::size_t a = 0; a < offset.size(); ++a)
+                backend.for_each(count,
+                                 GatherValues<Offset>{from.offset[a].data(), places, offset[a].data()});
+            for (std::size_t c = 0; c < component.size(); ++c)
+                backend.for_each(count,
+                                 GatherValues<Number>{from.component[c].data(), places, component[c].data()});
         }
 
         View view() const
@@ -412,17 +545,17 @@ private:
         return columns;
     }
 
-    /// Calls `visit(id, position)` for every particle.
+    /// Calls `visit(row, position)` for every particle.
     template <class Visit>
     void for_each_position(Visit const& visit) const
     {
-        auto const id = detail::downloaded(buffer_[0].id);
+        auto const row = detail::downloaded(buffer_[0].id);
         std::array<std::vector<Offset>, d> offset;
         for (int a = 0; a < d; ++a) offset[a] = detail::downloaded(buffer_[0].offset[a]);
         cells_.for_each([&](std::size_t particle, Coordinates<d> const& cell) {
             Vector<double, d> in_cell;
             for (int a = 0; a < d; ++a) in_cell[a] = CellOffset<Number>::exact(offset[a][particle]);
-            visit(id[particle], world_position<d>(lattice_, order_, cell, in_cell));
+            visit(row[particle], world_position<d>(lattice_, order_, cell, in_cell));
         });
     }
 
@@ -446,37 +579,59 @@ private:
         return located;
     }
 
-    /// On a node, a particle far lighter than another is lost to rounding and taken for an empty node.
-    void require_comparable(double volume, double density) const
+    void require_comparable(double volume, double density, MassScale const& scale) const
     {
-        double const unit = portions_.size() == 0 ? volume * density : mass_unit_;
-        double const mass = volume * density / unit, range = std::is_same_v<Number, float> ? 1e10 : 1e20;
-        bool comparable =
-            std::isfinite(mass) && std::isfinite(Number(volume / unit)) && Number(volume / unit) > 0;
-        for (std::size_t i = 0; i < portions_.size(); ++i) {
-            double const ratio = mass / double(portions_[i].mass);
-            comparable = comparable && ratio < range && ratio > 1 / range;
-        }
+        double const unit = scale.unit == 0 ? volume * density : scale.unit;
+        bool const in_range = std::isfinite(Number(volume / unit)) && Number(volume / unit) > 0;
         require(
-            comparable,
+            in_range && scale.bears(volume * density / unit, std::is_same_v<Number, float> ? 1e10 : 1e20),
             "the new particles are lighter or heavier than others by a factor that rounding does not bear",
             "Solver::add", "Keep the masses of one scene within a factor of 1e10 (float) or 1e20 (double).");
     }
 
     /// Particles of the same mass and volume as those before them belong to the same portion.
-    void add_portion(std::uint32_t first, double volume, double density)
+    void add_portion(std::uint32_t first, double volume, double density, MassScale& scale)
     {
-        if (portions_.size() == 0) mass_unit_ = volume * density;
-        Portion<Number> const portion{first, Number(volume * density / mass_unit_),
-                                      Number(volume / mass_unit_)};
+        if (scale.unit == 0) scale.unit = volume * density;
+        Portion<Number> const portion{first, Number(volume * density / scale.unit),
+                                      Number(volume / scale.unit)};
+        scale.admit(portion.mass);
         if (portions_.size() > 0) {
             auto const& last = portions_.back();
             if (last.mass == portion.mass && last.volume == portion.volume) return;
         }
         portions_.push_back(portion);
+        upload_portions();
+    }
+
+    /// Renumbers the rows of portions, and forgets those of which nobody is left.
+    void keep_portions(std::vector<std::uint32_t> const& new_row, std::size_t kept)
+    {
+        std::vector<Portion<Number>> left;
+        for (std::size_t i = 0; i < portions_.size(); ++i) {
+            std::size_t const begin = new_row[portions_[i].first_row],
+                              end = i + 1 < portions_.size() ? new_row[portions_[i + 1].first_row] : kept;
+            if (begin == end) continue;
+            left.push_back(portions_[i]);
+            left.back().first_row = static_cast<std::uint32_t>(begin);
+        }
+        portions_ = std::move(left);
+        upload_portions();
+    }
+
+    void upload_portions()
+    {
         portions_on_backend_.resize(portions_.size());
         portions_on_backend_.upload(0, portions_);
-        largest_mass_ = std::max(largest_mass_, portion.mass);
+    }
+
+    /// From now on rows are no ids: keeps those that there are.
+    void name_rows()
+    {
+        if (named_) return;
+        named_ = true;
+        ids_.resize(size_);
+        std::iota(ids_.begin(), ids_.end(), std::uint32_t(0));
     }
 
     Lattice lattice_;
@@ -484,8 +639,8 @@ private:
     Backend backend_;
     std::size_t size_ = 0;
     bool moved_ = false;
-    double mass_unit_ = 1;
-    Number largest_mass_ = 0;
+    bool named_ = false;             ///< whether rows are no ids
+    std::vector<std::uint32_t> ids_; ///< then those of all rows, in rising order
     std::array<Buffer, 2> buffer_;
     std::optional<Taken> taken_, next_taken_; ///< places for them; see holds_taken()
     bool held_ = false;                       ///< there is something in the first

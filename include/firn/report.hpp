@@ -14,11 +14,12 @@ namespace firn
 /// What one step did.
 struct StepReport
 {
-    double dt = 0;                   ///< [s]
-    double stable_dt = 0;            ///< the bound before the step [s]
-    bool beyond_stable = false;      ///< a warning: dt was larger than stable_dt
-    std::uint64_t capped = 0;        ///< particles whose model is at a cap
-    std::vector<Reaction> reactions; ///< one per obstacle, in the order of the arguments
+    double dt = 0;                        ///< [s]
+    double stable_dt = 0;                 ///< the bound before the step [s]
+    bool beyond_stable = false;           ///< a warning: dt was larger than stable_dt
+    std::uint64_t capped = 0;             ///< particles whose model is at a cap
+    std::vector<std::uint64_t> capped_of; ///< the same of each material, in their order
+    std::vector<Reaction> reactions;      ///< one per obstacle, in the order of the arguments
 };
 
 /// What a call of Solver::advance did.
@@ -29,7 +30,8 @@ struct AdvanceReport
     double smallest_dt = std::numeric_limits<double>::infinity(); ///< [s]
     double largest_dt = 0;                                        ///< [s]
     std::array<std::uint64_t, step_limit_count> limited_by{}; ///< substeps by what bounded them: a StepLimit
-    std::uint64_t capped = 0;        ///< the most particles at a cap of their model in any substep
+    std::uint64_t capped = 0;             ///< the most particles at a cap of their model in any substep
+    std::vector<std::uint64_t> capped_of; ///< the same of each material, in their order
     std::uint64_t lost = 0;          ///< particles that vanished; anything but 0 would have been an Error
     std::vector<Reaction> reactions; ///< one per obstacle, summed over the substeps
 
@@ -50,6 +52,7 @@ struct AdvanceReport
         smallest_dt = std::min(smallest_dt, step.dt);
         largest_dt = std::max(largest_dt, step.dt);
         capped = std::max(capped, step.capped);
+        add_capped(step.capped_of);
         add_reactions(step.reactions);
     }
 
@@ -62,10 +65,16 @@ struct AdvanceReport
         largest_dt = std::max(largest_dt, other.largest_dt);
         capped = std::max(capped, other.capped);
         lost += other.lost;
+        add_capped(other.capped_of);
         add_reactions(other.reactions);
     }
 
 private:
+    void add_capped(std::vector<std::uint64_t> const& more)
+    {
+        if (capped_of.size() < more.size()) capped_of.resize(more.size());
+        for (std::size_t i = 0; i < more.size(); ++i) capped_of[i] = std::max(capped_of[i], more[i]);
+    }
     void add_reactions(std::vector<Reaction> const& more)
     {
         if (reactions.size() < more.size()) reactions.resize(more.size());

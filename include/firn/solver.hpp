@@ -3,31 +3,64 @@
 
 #include <firn/concepts.hpp>
 #include <firn/interpolation/quadratic_b_spline.hpp>
+#include <firn/models/several_materials.hpp>
 #include <firn/particle_table.hpp>
 #include <firn/phases/conclude_step.hpp>
 #include <firn/phases/move_particles.hpp>
 #include <firn/report.hpp>
 #include <firn/transfer/mls.hpp>
 
+#include <algorithm>
+#include <array>
 #include <cmath>
-#include <optional>
 #include <sstream>
 #include <string>
+#include <tuple>
 #include <utility>
+#include <vector>
 
 namespace firn
 {
 
-/// An explicit Material Point Method solver for one material.
+namespace detail
+{
+/// Whether all materials of a scene are some, for this lane type.
+template <class Real, class List>
+inline constexpr bool are_materials = false;
+template <class Real, class... Models>
+inline constexpr bool are_materials<Real, Materials<Models...>> = (ConstitutiveModel<Models, Real> && ...);
+
+/// What a material is called.
+template <class Model>
+std::string name_of_material(std::size_t place)
+{
+    std::string const numbered = "material " + std::to_string(place);
+    if constexpr (requires { std::string(Model::name); })
+        return std::string(Model::name) + " (" + numbered + ")";
+    else
+        return numbered;
+}
+} // namespace detail
+
+/// An explicit Material Point Method solver.
 ///
 /// `Backend` says where it runs, `Model` what the material is (and with its Space the dimension and
 /// precision), `Kernel` and `Transfer` how particles and grid exchange what they hold. All input in SI units.
 /// Not to be called from two threads at once; two solvers are independent. One that was moved from may only
 /// be destroyed or assigned.
+///
+/// With Materials<...> for its model a scene has several materials, which share the grid and the time step.
+/// `Which` then says what a call is about, by the model's type or as Material<place>: add, upload, view,
+/// write_positions and model need it, others are about all materials without it.
+///
+/// What is given and told of many particles comes in the order of their permanent ids, see ids().
 template <class Backend, class ModelType, InterpolationKernel Kernel = QuadraticBSpline,
           class TransferType = Mls>
 class Solver
 {
+    using List = typename detail::MaterialsOf<ModelType>::Type;
+    using Every = EveryMaterial;
+
 public:
     using Model = ModelType;
     using Transfer = TransferType;
@@ -36,76 +69,157 @@ public:
     using kernel = Kernel;
     static constexpr int d = Space::dimension;
     using Real = typename Backend::template Lane<Number>;
-    static_assert(ConstitutiveModel<Model, Real>,
+    static_assert(detail::are_materials<Real, List>,
                   "the model lacks `Response<Real, d> respond(state&, velocity_gradient, dt) const`, "
                   "a density, a State or validate(): see firn/concepts.hpp");
     static_assert(TransferScheme<Transfer, Kernel, Real, d>,
                   "the transfer scheme lacks give or take: see firn/concepts.hpp");
 
-    /// A particle's fields beside position and id: the union of what transfer and model declare.
-    using State = Join<typename Transfer::State, typename Model::State>;
-    /// Those that are stored from step to step, and those that particles take from the grid when asked for.
-    using Stored = Join<typename Transfer::Stored, typename Model::State>;
-    using Taken = Without<typename Transfer::State, Stored>;
-    using Table = ParticleTable<Backend, Space, Stored, Taken>;
+    /// How many materials there are.
+    static constexpr std::size_t materials = std::tuple_size_v<decltype(List::of)>;
 
-    /// The bytes of what is stored of one particle: its position, its fields and its permanent id.
-    static constexpr std::size_t state_bytes_per_particle = Table::state_bytes;
-    /// All resident bytes per particle: two buffers of that, and the index of the cell order.
-    static constexpr std::size_t bytes_per_particle = Table::resident_bytes;
+    /// What there is of one material.
+    template <class Which = Every>
+    struct Of
+    {
+        static constexpr std::size_t place = detail::PlaceOf<Which, List>::value;
+        static_assert(place < materials, "say which material: its type, or Material<place>");
+        using Model = std::tuple_element_t<place, decltype(List::of)>;
+        /// A particle's fields beside position and id: the union of what transfer and model declare.
+        using State = Join<typename Transfer::State, typename Model::State>;
+        /// Those that are stored from step to step, and those that particles take from the grid when asked
+        /// for.
+        using Stored = Join<typename Transfer::Stored, typename Model::State>;
+        using Taken = Without<typename Transfer::State, Stored>;
+        using Table = ParticleTable<Backend, Space, Stored, Taken>;
+
+        /// The bytes of what is stored of one particle: its position, its fields and its row.
+        static constexpr std::size_t state_bytes_per_particle = Table::state_bytes;
+        /// All resident bytes per particle: two buffers of that, and the index of the cell order. (The host
+        /// keeps four more where ids are no rows.)
+        static constexpr std::size_t bytes_per_particle = Table::resident_bytes;
+    };
+
+private:
+    using Places = std::make_index_sequence<materials>;
+    template <std::size_t... k>
+    static CommonToAll<typename Of<Material<k>>::State...> common_state(std::index_sequence<k...>);
+    template <std::size_t... k>
+    static constexpr std::size_t most_state_bytes(std::index_sequence<k...>)
+    {
+        return std::max({Of<Material<k>>::state_bytes_per_particle...});
+    }
+    template <std::size_t... k>
+    static constexpr std::size_t most_bytes(std::index_sequence<k...>)
+    {
+        return std::max({Of<Material<k>>::bytes_per_particle...});
+    }
+
+public:
+    /// The fields that a particle of whatever material has.
+    using State = typename decltype(common_state(Places{}))::Type;
+    /// Of's bytes, of several materials those of the one that has most.
+    static constexpr std::size_t state_bytes_per_particle = most_state_bytes(Places{});
+    static constexpr std::size_t bytes_per_particle = most_bytes(Places{});
 
     explicit Solver(Lattice lattice, Model model = {}, Transfer transfer = {}, StepControl control = {},
                     Backend backend = {})
-        : lattice_(firn::lattice(lattice.cell_size, lattice.origin)), model_(std::move(model)),
-          transfer_(transfer), control_(control), backend_(std::move(backend)),
-          particles_(lattice_, Kernel::order, backend_), grid_(backend_), now_(backend_), log_(backend_)
+        : lattice_(firn::lattice(lattice.cell_size, lattice.origin)), transfer_(transfer), control_(control),
+          backend_(std::move(backend)), parts_(parts_of(List(std::move(model)), Places{})), grid_(backend_),
+          now_(backend_), log_(backend_)
     {
-        model_.validate();
+        for_each_material([&](auto k) { model_of<k>().validate(); });
         control_.validate();
         backend_.validate();
         if constexpr (requires { transfer_.validate(); }) transfer_.validate();
     }
 
-    /// Adds particles at `points` [m] with the given volume each [m^3] and one velocity [m/s], at rest
-    /// otherwise; their mass is the model's density times the volume. Returns the id of the first: ids are
-    /// consecutive and permanent.
+    /// Adds particles of a material at `points` [m] with the given volume each [m^3] and one velocity [m/s],
+    /// at rest otherwise; their mass is the model's density times the volume. Returns the id of the first:
+    /// ids are permanent, and consecutive over all calls and materials.
     ///
     /// `points` is any contiguous range of Eigen vectors of d components. Throws an Error, and adds none, if
     /// a point is not finite or out of the range of cell coordinates, or the volume is not above 0.
-    template <class Points>
+    template <class Which = Every, class Points>
     std::uint32_t add(Points const& points, double volume_per_point,
                       Vector<double, d> const& velocity = Vector<double, d>::Zero())
     {
+        constexpr std::size_t k = Of<Which>::place;
         hold_taken();
-        auto const first = particles_.add(points, volume_per_point, double(model_.density), velocity);
-        if (particles_.size() == first) return first;
+        std::uint32_t const first = next_id_;
+        auto const added = particles<k>().add(points, volume_per_point, double(model_of<k>().density),
+                                              velocity, first, masses_);
+        if (added == 0) return first;
+        next_id_ += static_cast<std::uint32_t>(added);
         given_for_ = 0;
-        auto at_rest = Record<Number, d, typename Model::State>::at_rest();
-        auto const response = model_.template respond<Number>(at_rest, Matrix<Number, d>::Zero(), Number(0));
-        course_.bounds.wave_speed = std::max(course_.bounds.wave_speed, wave_speed(response.wave_modulus));
+        auto at_rest = Record<Number, d, typename Of<Which>::Model::State>::at_rest();
+        auto const response =
+            model_of<k>().template respond<Number>(at_rest, Matrix<Number, d>::Zero(), Number(0));
+        rule_of_materials().admit(course_.bounds, static_cast<int>(k), wave_speed<k>(response.wave_modulus));
         course_.bounds.speed = std::max(course_.bounds.speed, velocity.norm());
         return first;
     }
 
-    /// Sets a field of all particles, by id: velocities, an affine velocity, or a part of the model's state.
-    /// Throws an Error, and changes nothing, unless there is one finite value per particle.
-    template <class Tag>
+    /// Removes the particles of which a call says so: `is_doomed(position)` [m], or `is_doomed(position,
+    /// particle)` with `particle[Velocity{}]` and what else it has. Returns how many. The others keep their
+    /// ids and, bit by bit, all they have.
+    ///
+    /// `is_doomed` is a function object that may be called where the backend's loops run: Inside{shape} or
+    /// Outside{shape}, for example, or for a device one of your own that is FIRN_HOST_DEVICE.
+    template <class Which = Every, class IsDoomed>
+    std::size_t remove_if(IsDoomed const& is_doomed)
+    {
+        if constexpr (requires { IsDoomed::in_host_memory; })
+            static_assert(Backend::reaches_host_memory || !IsDoomed::in_host_memory,
+                          "the shape lies in memory of the host: pass `shape.on(backend)`");
+        if constexpr (requires { is_doomed.validate(); }) is_doomed.validate();
+        if constexpr (!TellsByPosition<IsDoomed, d>) hold_taken();
+        std::vector<Doomed<Backend>> doomed;
+        std::size_t count = 0;
+        for_each_material([&](auto k) {
+            using Particle = Record<Number, d, typename Of<Material<k>>::State>;
+            if constexpr (is_about<Which, k>) {
+                static_assert(
+                    TellsByPosition<IsDoomed, d> || TellsByFields<IsDoomed, d, Particle>,
+                    "is_doomed is to take a position, or a position and a particle, and tell yes or "
+                    "no");
+                doomed.push_back(particles<k>().find(is_doomed));
+            }
+            else
+                doomed.push_back({typename Backend::template Array<unsigned char>(backend_)});
+            count += doomed.back().count;
+        });
+        if (count == 0) return 0;
+        hold_taken();
+        for_each_material([&](auto k) { particles<k>().remove(doomed[k]); });
+        given_for_ = 0;
+        return count;
+    }
+
+    /// Sets a field of all particles of a material, by rising id: velocities, an affine velocity, or a part
+    /// of the model's state. Throws an Error, and changes nothing, unless there is one finite value per
+    /// particle.
+    template <class Tag, class Which = Every>
     void upload(std::vector<FieldValue<Tag, Number, d>> const& by_id)
     {
-        static_assert(State::template contains<Tag>,
+        constexpr std::size_t k = Of<Which>::place;
+        static_assert(Of<Which>::State::template contains<Tag>,
                       "the scene's particles have no such field, or it follows from others");
-        require(by_id.size() == size(), "there is not one value per particle", "Solver::upload",
+        require(by_id.size() == size<Material<k>>(), "there is not one value per particle", "Solver::upload",
                 "Pass size() values, by id.");
         for (auto value : by_id)
             for_each_component<Tag, d>(value, [](int, Number number) {
                 require(std::isfinite(number), "a value is not finite", "Solver::upload",
                         "Pass finite values.");
+                if constexpr (requires { Tag::is_above_zero; })
+                    require(number > 0, "a value that is to be above 0 is not", "Solver::upload",
+                            "Pass values above 0.");
             });
         hold_taken();
-        if constexpr (Stored::template contains<Tag>)
-            particles_.edit([&](std::uint32_t id, auto& particle) { particle[Tag{}] = by_id[id]; });
+        if constexpr (Of<Which>::Stored::template contains<Tag>)
+            particles<k>().edit([&](std::uint32_t row, auto& particle) { particle[Tag{}] = by_id[row]; });
         else
-            particles_.held().template set<Tag>(by_id);
+            particles<k>().held().template set<Tag>(by_id);
         given_for_ = 0;
         find_bounds();
     }
@@ -130,7 +244,7 @@ public:
         require(std::isfinite(dt) && dt > 0, "the time step is not a finite number above 0", "Solver::step",
                 "Pass seconds.");
         (validate(effects), ...);
-        StepRule rule = rule_for(effects...);
+        auto rule = rule_for(effects...);
         rule.equal = dt;
         auto const plain = plain_effects(effects...);
         std::vector<StepReport> reports;
@@ -160,7 +274,7 @@ public:
         require(std::isfinite(duration) && duration >= 0, "the duration is not a finite number, 0 or above",
                 "Solver::advance", "Pass seconds, e.g. 1.0 / 24.");
         (validate(effects), ...);
-        StepRule rule = rule_for(effects...);
+        auto rule = rule_for(effects...);
         rule.duration = duration;
         rule.end = course_.time + duration;
         auto const plain = plain_effects(effects...);
@@ -182,80 +296,215 @@ public:
     }
 
     double time() const { return course_.time; } ///< [s]
-    std::size_t size() const { return particles_.size(); }
     Lattice const& lattice() const { return lattice_; }
-    Model const& model() const { return model_; }
     Transfer const& transfer() const { return transfer_; }
     Backend const& backend() const { return backend_; }
+    template <class Which = Every>
+    typename Of<Which>::Model const& model() const
+    {
+        return model_of<Of<Which>::place>();
+    }
+
+    /// How many particles there are.
+    template <class Which = Every>
+    std::size_t size() const
+    {
+        std::size_t count = 0;
+        for_each_material([&](auto k) {
+            if constexpr (is_about<Which, k>) count += particles<k>().size();
+        });
+        return count;
+    }
 
     /// What the next time step depends on.
     StepBounds const& bounds() const { return course_.bounds; }
 
-    /// World positions [m], by id.
-    std::vector<Vector<double, d>> positions() const { return particles_.positions(); }
+    /// The permanent ids of the particles, in rising order: 0, 1, 2, … while none has been removed.
+    template <class Which = Every>
+    std::vector<std::uint32_t> ids() const
+    {
+        return by_id<Which, std::uint32_t>([&](auto k) { return particles<k>().ids(); });
+    }
 
-    /// A field's values, by id: `download<Velocity>()`.
-    template <class Tag>
+    /// World positions [m], by rising id.
+    template <class Which = Every>
+    std::vector<Vector<double, d>> positions() const
+    {
+        return by_id<Which, Vector<double, d>>([&](auto k) { return particles<k>().positions(); });
+    }
+
+    /// A field's values, by rising id: `download<Velocity>()`.
+    template <class Tag, class Which = Every>
     std::vector<FieldValue<Tag, Number, d>> download() const
     {
-        if constexpr (Stored::template contains<Tag>)
-            return particles_.template download<Tag>();
-        else if (particles_.holds_taken())
-            return particles_.held().template by_id<Tag>(size());
-        else {
-            auto const taken = particles_.new_taken();
-            take_again(taken.view());
-            return taken.template by_id<Tag>(size());
-        }
+        return by_id<Which, FieldValue<Tag, Number, d>>([&](auto k) { return download_of<Tag, k>(); });
     }
 
     /// A stored field where it lies, in memory of the backend: `view<DisplacementGradient>()`. Nothing is
     /// copied; it holds until the next call that changes the scene.
-    template <class Tag>
+    template <class Tag, class Which = Every>
     auto view() const
     {
-        static_assert(Stored::template contains<Tag>,
+        static_assert(Of<Which>::Stored::template contains<Tag>,
                       "this field is taken from the grid when asked for: use download, or write_positions");
-        return particles_.template view<Tag>();
+        return particles<Of<Which>::place>().template view<Tag>();
     }
 
-    /// Writes world positions [m], by id, to memory that the backend's loops reach: axis a of particle i goes
-    /// to `to[i * stride + a]`. On a device the work is queued in the backend's stream: a renderer's buffer
-    /// that was mapped there needs no copy.
+    /// Writes world positions [m], by rising id, to memory that the backend's loops reach: axis a of the i-th
+    /// particle goes to `to[i * stride + a]`. On a device the work is queued in the backend's stream: a
+    /// renderer's buffer that was mapped there needs no copy.
+    template <class Which = Every>
     void write_positions(Number* to, std::size_t stride = d) const
     {
         require(to != nullptr && stride >= d, "there is no place for positions, or they would overlap",
                 "Solver::write_positions",
                 "Pass room for size() times stride numbers, stride at least the dimension.");
-        backend_.for_each_place(particles_.cells(), particles_.position_writer(to, stride));
+        auto const& table = particles<Of<Which>::place>();
+        backend_.for_each_place(table.cells(), table.position_writer(to, stride));
     }
 
-    /// Masses [kg], by id.
-    std::vector<double> masses() const { return particles_.masses(); }
+    /// Masses [kg], by rising id.
+    template <class Which = Every>
+    std::vector<double> masses() const
+    {
+        return by_id<Which, double>([&](auto k) { return particles<k>().masses(masses_.unit); });
+    }
 
     /// Bytes held by particles and grid, spare capacity included.
-    std::size_t memory() const { return particles_.memory() + grid_.memory(); }
+    std::size_t memory() const
+    {
+        std::size_t bytes = grid_.memory();
+        for_each_material([&](auto k) { bytes += particles<k>().memory(); });
+        return bytes;
+    }
 
 private:
-    using Grid = typename Backend::template Grid<Number, d, Kernel::order,
-                                                 NodeSums<d, Transfer::keeps_old_velocity>::channels,
-                                                 NodeVelocities<d, Transfer::keeps_old_velocity>::channels>;
+    using Grid = typename Backend::template Grid<
+        Number, d, Kernel::order, NodeSums<d, Transfer::keeps_old_velocity>::channels,
+        NodeVelocities<d, Transfer::keeps_old_velocity>::channels, static_cast<int>(materials)>;
+    using Cells = typename Of<Material<0>>::Table::Cells;
+    using Rule = StepRule<static_cast<int>(materials)>;
+
+    /// A material of the scene: all materials have a layer of the grid each, in the same order.
+    template <std::size_t k>
+    struct Part
+    {
+        typename Of<Material<k>>::Model model;
+        typename Of<Material<k>>::Table particles;
+    };
+
+    template <std::size_t... k>
+    static std::tuple<Part<k>...> tuple_of_parts(std::index_sequence<k...>);
+    using Parts = decltype(tuple_of_parts(Places{}));
+
+    template <std::size_t... k>
+    Parts parts_of(List list, std::index_sequence<k...>)
+    {
+        return Parts{Part<k>{std::move(std::get<k>(list.of)),
+                             typename Of<Material<k>>::Table(lattice_, Kernel::order, backend_)}...};
+    }
+
+    template <std::size_t k>
+    auto& particles()
+    {
+        return std::get<k>(parts_).particles;
+    }
+    template <std::size_t k>
+    auto const& particles() const
+    {
+        return std::get<k>(parts_).particles;
+    }
+    template <std::size_t k>
+    auto const& model_of() const
+    {
+        return std::get<k>(parts_).model;
+    }
+
+    /// Calls `use(place)` for every material, `place` being a constant.
+    template <class Use>
+    static void for_each_material(Use const& use)
+    {
+        [&]<std::size_t... k>(std::index_sequence<k...>)
+        {
+            (use(std::integral_constant<std::size_t, k>{}), ...);
+        }
+        (Places{});
+    }
+
+    /// Whether a call with `Which` is about this material.
+    template <class Which, std::size_t k>
+    static constexpr bool is_about =
+        detail::PlaceOf<Which, List>::value == k || detail::PlaceOf<Which, List>::value == materials;
+
+    /// What `ask(place)` says of one material by rising id, or of all.
+    template <class Which, class Value, class Ask>
+    std::vector<Value> by_id(Ask const& ask) const
+    {
+        constexpr std::size_t place = detail::PlaceOf<Which, List>::value;
+        if constexpr (place < materials)
+            return ask(std::integral_constant<std::size_t, place>{});
+        else {
+            std::vector<std::pair<std::uint32_t, Value>> all;
+            for_each_material([&](auto k) {
+                std::vector<Value> const values = ask(k);
+                for (std::size_t row = 0; row < values.size(); ++row)
+                    all.emplace_back(particles<k>().id(row), values[row]);
+            });
+            std::sort(all.begin(), all.end(), [](auto const& a, auto const& b) { return a.first < b.first; });
+            std::vector<Value> values;
+            for (auto const& [id, value] : all) values.push_back(value);
+            return values;
+        }
+    }
+
+    template <class Tag, std::size_t k>
+    std::vector<FieldValue<Tag, Number, d>> download_of() const
+    {
+        auto const& table = particles<k>();
+        if constexpr (Of<Material<k>>::Stored::template contains<Tag>)
+            return table.template download<Tag>();
+        else if (table.holds_taken())
+            return table.held().template by_row<Tag>(table.size());
+        else {
+            auto const taken = table.new_taken();
+            take_again<k>(taken.view());
+            return taken.template by_row<Tag>(table.size());
+        }
+    }
+
+    /// The cells of all materials.
+    std::array<Cells*, materials> orders()
+    {
+        std::array<Cells*, materials> orders{};
+        for_each_material([&](auto k) { orders[k] = &particles<k>().cells(); });
+        return orders;
+    }
+
+    /// How steps are chosen, as far as the materials alone say.
+    Rule rule_of_materials() const
+    {
+        Rule rule{.control = control_, .cell_size = lattice_.cell_size};
+        for_each_material([&](auto k) {
+            auto const& model = model_of<k>();
+            double expansion_ratio = d; // the largest there is, for models that do not say
+            if constexpr (requires { model.elasticity.expansion_ratio(d); })
+                expansion_ratio = model.elasticity.expansion_ratio(d);
+            MaterialLimits& limits = rule.limits[k];
+            limits.wave = isolated_limit<Kernel, Transfer>(expansion_ratio);
+            if constexpr (Viscous<typename Of<Material<k>>::Model>)
+                limits.shear = shear_limit(limits.wave, model.kinematic_viscosity(), lattice_.cell_size,
+                                           expansion_ratio);
+        });
+        return rule;
+    }
 
     /// How the steps of a call with these effects are chosen.
     template <class... Effects>
-    StepRule rule_for(Effects const&... effects)
+    Rule rule_for(Effects const&... effects)
     {
         course_.ready = false; // it was for other effects, and another end
         course_.retries = 0;
-        double expansion_ratio = d; // the largest there is, for models that do not say
-        if constexpr (requires { model_.elasticity.expansion_ratio(d); })
-            expansion_ratio = model_.elasticity.expansion_ratio(d);
-        StepRule rule{.control = control_,
-                      .cell_size = lattice_.cell_size,
-                      .wave_limit = isolated_limit<Kernel, Transfer>(expansion_ratio)};
-        if constexpr (Viscous<Model>)
-            rule.shear_limit = shear_limit(rule.wave_limit, model_.kinematic_viscosity(), lattice_.cell_size,
-                                           expansion_ratio);
+        Rule rule = rule_of_materials();
         [[maybe_unused]] auto const ask = [&](auto const& effect) {
             if constexpr (requires { effect.largest_acceleration(); })
                 rule.acceleration = std::max(rule.acceleration, effect.largest_acceleration());
@@ -267,7 +516,7 @@ private:
     }
 
     /// Chooses the next step, by what the host knows.
-    void choose(StepRule const& rule)
+    void choose(Rule const& rule)
     {
         if (course_.given.interval.length() != given_for_) course_.given = {};
         rule.choose(course_);
@@ -276,92 +525,137 @@ private:
     /// Takes the step that was chosen and those after it, `most` in all: as many as the backend queues, and
     /// as long as they go as planned. `visit` is called with the record of each. A step that goes wrong
     /// leaves the particles, and what they gave, as it was.
+    ///
+    /// With several materials one step is queued at a time.
     template <class Effects, class Visit>
-    StepLog const& run(StepRule const& rule, std::size_t most, Effects const& effects, Visit const& visit)
+    StepLog const& run(Rule const& rule, std::size_t most, Effects const& effects, Visit const& visit)
     {
+        constexpr int count = static_cast<int>(materials);
         using Actions = decltype(effects.template during<Number, d>(Interval{}));
         using Now = StepNow<Number, Actions>;
-        using Log = RunLog<Actions::obstacles>;
+        using Log = RunLog<Actions::obstacles, count>;
         static_assert(std::is_trivially_destructible_v<Now>, "an effect's action is a plain value");
-        int const expected = static_cast<int>(
-            std::min<std::size_t>(most, std::min(queue_, backend_.steps_to_queue(particles_.cells()))));
-        using Rule = RunRule<Effects>;
+        auto& cells = particles<0>().cells();
+        int const expected = count > 1 ? 1
+                                       : static_cast<int>(std::min<std::size_t>(
+                                             most, std::min(queue_, backend_.steps_to_queue(cells))));
+        using KeptRule = RunRule<Effects, count>;
         // an obstacle's quaternion is aligned more strictly than the two before it are long
-        constexpr std::size_t rule_at = (2 * sizeof(Now) + alignof(Rule) - 1) / alignof(Rule) * alignof(Rule);
-        now_.resize(std::max(now_.size(), rule_at + sizeof(Rule)));
+        constexpr std::size_t rule_at =
+            (2 * sizeof(Now) + alignof(KeptRule) - 1) / alignof(KeptRule) * alignof(KeptRule);
+        now_.resize(std::max(now_.size(), rule_at + sizeof(KeptRule)));
         log_.resize(Log::bytes(expected));
         auto* const now = reinterpret_cast<Now*>(now_.data()); // of steps in turn
         Log const log = Log::over(log_.data(), expected);
-        auto* const kept_rule = reinterpret_cast<Rule*>(now_.data() + rule_at);
+        auto* const kept_rule = reinterpret_cast<KeptRule*>(now_.data() + rule_at);
         int const turn = now_turn_;
 
-        auto& cells = particles_.cells();
-        particles_.sort();   // into the order of cells
-        grid_.follow(cells); // blocks of nodes under them
+        for_each_material([&](auto k) { particles<k>().sort(); }); // into the order of cells
+        grid_.follow(orders());                                    // blocks of nodes under them
         give_for(course_.now.interval.length());
         backend_.for_each(Log::places(expected),
-                          BeginSteps<Number, d, Effects, Actions>{
-                              course_, {rule, double(model_.density), effects}, kept_rule, log, now + turn});
-        // Only obstacles that push particles set what cannot be taken again.
-        bool const held = particles_.holds_taken(),
-                   pushed = Taken::components(d) > 0 && effects.touch_particles();
+                          BeginSteps<Number, d, count, Effects, Actions>{
+                              course_, {rule, densities(), effects}, kept_rule, log, now + turn});
+        Sides const sides = sides_of(effects);
         using Update = UpdateGrid<Space, Transfer, Actions>;
-        using Move = MoveParticles<Space, Model, Kernel, Transfer, Actions, Stored, Taken>;
         auto const update = [&](int step) {
             return backend_.for_each_node(cells, grid_,
                                           Update{now + (turn + step) % 2, lattice_, smallest_node_mass()});
         };
-        auto const move = [&](int step) {
-            return Move{model_,
-                        transfer_,
-                        now + (turn + step) % 2,
-                        particles_.current(),
-                        particles_.next(),
-                        pushed ? particles_.next_taken() : typename Table::TakenView{},
-                        particles_.portions(),
-                        lattice_,
-                        Number(control_.rejection)};
+        auto const move = [&]<std::size_t k>(std::integral_constant<std::size_t, k>, int step) {
+            using Here = Of<Material<k>>;
+            auto& table = particles<k>();
+            return MoveParticles<Space, typename Here::Model, Kernel, Transfer, Actions,
+                                 typename Here::Stored, typename Here::Taken>{
+                model_of<k>(),
+                transfer_,
+                now + (turn + step) % 2,
+                table.current(),
+                table.next(),
+                sides.pushed[k] ? table.next_taken() : typename Here::Table::TakenView{},
+                table.portions(),
+                lattice_,
+                Number(control_.rejection)};
         };
         auto const conclude = [&](int step) {
-            return ConcludeStep<Number, d, Effects, Actions>{kept_rule, log, step,
-                                                             now + (turn + step + 1) % 2};
+            return ConcludeStep<Number, d, count, Effects, Actions>{kept_rule, log, step,
+                                                                    now + (turn + step + 1) % 2};
         };
 
         auto reacted = update(0);
         int queued = 1;
-        for (;; reacted = update(queued++)) {
-            backend_.move(cells, grid_, move(queued - 1), reacted, conclude(queued - 1));
-            if (queued == expected) break;
-            accept(pushed); // as is to be expected
-            particles_.sort();
-            backend_.template scatter_movers<Scatter>(cells, grid_);
-        }
-        Log heard = Log::over(const_cast<unsigned char*>(log_.fetch()), expected);
         bool lacked = false;
-        if constexpr (Backend::queues)
-            if (lacked = cells.listen(); lacked) { // a step lacked room, and those after it did nothing
-                int const lacking = static_cast<int>(*heard.taken) - (wrong_after(heard) ? 0 : 1);
-                take_back(queued - 1 - lacking, queued - 1 - lacking, pushed);
-                queued = lacking + 1;
-                do {
-                    adopt(heard.at[lacking].course, lacking, true, pushed, held);
-                    backend_.complete(cells, grid_, move(lacking), reacted, conclude(lacking));
-                    heard = Log::over(const_cast<unsigned char*>(log_.fetch()), expected);
-                } while (cells.listen());
+        Log heard{};
+        if constexpr (count > 1) {
+            [&]<std::size_t... k>(std::index_sequence<k...>)
+            {
+                backend_.move_each(orders(), std::array{grid_.layer(k)...},
+                                   std::tuple{move(std::integral_constant<std::size_t, k>{}, 0)...}, reacted,
+                                   conclude(0));
             }
+            (Places{});
+            heard = Log::over(const_cast<unsigned char*>(log_.fetch()), expected);
+        }
+        else {
+            constexpr std::integral_constant<std::size_t, 0> only{};
+            auto layer = grid_.layer(0);
+            for (;; reacted = update(queued++)) {
+                backend_.move(cells, layer, move(only, queued - 1), reacted, conclude(queued - 1));
+                if (queued == expected) break;
+                accept(sides); // as is to be expected
+                particles<0>().sort();
+                backend_.template scatter_movers<Scatter<0>>(cells, layer);
+            }
+            heard = Log::over(const_cast<unsigned char*>(log_.fetch()), expected);
+            if constexpr (Backend::queues)
+                if (lacked = cells.listen(); lacked) { // a step lacked room, and those after it did nothing
+                    int const lacking = static_cast<int>(*heard.taken) - (wrong_after(heard) ? 0 : 1);
+                    take_back(queued - 1 - lacking, queued - 1 - lacking, sides);
+                    queued = lacking + 1;
+                    do {
+                        adopt(heard.at[lacking].course, lacking, true, sides);
+                        backend_.complete(cells, layer, move(only, lacking), reacted, conclude(lacking));
+                        heard = Log::over(const_cast<unsigned char*>(log_.fetch()), expected);
+                    } while (cells.listen());
+                }
+        }
         int const taken = static_cast<int>(*heard.taken);
         spoiled_ = taken < queued && wrong_after(heard);
         if (taken == queued)
-            accept(pushed);
-        else if constexpr (Backend::queues)
-            take_back(queued - 1 - taken, queued - 1 - taken + (spoiled_ ? 0 : 1), pushed);
+            accept(sides);
+        else if constexpr (Backend::queues && count == 1)
+            take_back(queued - 1 - taken, queued - 1 - taken + (spoiled_ ? 0 : 1), sides);
         StepLog const& last = heard.at[taken + (spoiled_ ? 1 : 0)];
-        adopt(last.course, taken, spoiled_, pushed, held);
+        adopt(last.course, taken, spoiled_, sides);
         now_turn_ = (turn + taken) % 2;
         queue_ =
             taken == expected && !lacked ? std::max<std::size_t>(queue_, 2 * taken) : std::max(taken / 2, 1);
         for (int i = 0; i < taken; ++i) visit(heard.records[i]);
         return last;
+    }
+
+    /// Of each material: whether what particles take from the grid was held beside them before a run, and
+    /// whether its steps write it. Only obstacles that push particles set what cannot be taken again.
+    struct Sides
+    {
+        std::array<bool, materials> held{}, pushed{};
+    };
+    template <class Effects>
+    Sides sides_of(Effects const& effects) const
+    {
+        Sides sides;
+        for_each_material([&](auto k) {
+            sides.held[k] = particles<k>().holds_taken();
+            sides.pushed[k] = Of<Material<k>>::Taken::components(d) > 0 && effects.touch_particles();
+        });
+        return sides;
+    }
+
+    std::array<double, materials> densities() const
+    {
+        std::array<double, materials> densities{};
+        for_each_material([&](auto k) { densities[k] = double(model_of<k>().density); });
+        return densities;
     }
 
     /// Whether the step after those that were taken went wrong.
@@ -372,26 +666,28 @@ private:
     }
 
     /// Takes over what is known of the steps of a run; `begun` says whether one more was begun and not made.
-    void adopt(Course const& course, int taken, bool begun, bool pushed, bool held)
+    void adopt(Course const& course, int taken, bool begun, Sides const& sides)
     {
         course_ = course;
-        particles_.set_held(taken > 0 ? pushed : held, held);
+        for_each_material([&](auto k) {
+            particles<k>().set_held(taken > 0 ? sides.pushed[k] : sides.held[k], sides.held[k]);
+        });
         if (taken == 0) return;
         given_for_ = course_.given.interval.length();
         movers_gave_ = begun;
     }
 
     /// Takes a step that was made, or soon will be, for done.
-    void accept(bool pushed)
+    void accept(Sides const& sides)
     {
-        particles_.accept(pushed);
+        for_each_material([&](auto k) { particles<k>().accept(sides.pushed[k]); });
         grid_.accept();
     }
 
     /// Undoes that, and sort(), for steps that were queued and then not made.
-    void take_back(int accepted, int sorted, bool pushed) requires Backend::queues
+    void take_back(int accepted, int sorted, Sides const& sides) requires Backend::queues
     {
-        particles_.take_back(accepted, sorted, pushed);
+        for_each_material([&](auto k) { particles<k>().take_back(accepted, sorted, sides.pushed[k]); });
         if (accepted % 2 != 0) grid_.accept(); // what was swapped is swapped back
     }
 
@@ -401,70 +697,95 @@ private:
         StepReport report;
         report.dt = record.dt;
         report.stable_dt = record.stable;
-        report.capped = record.capped;
+        report.capped_of.assign(record.capped.begin(), record.capped.end());
+        for (auto const capped : record.capped) report.capped += capped;
         for (Reaction const& received : record.reactions.of)
-            report.reactions.push_back({received.impulse * particles_.mass_unit(),
-                                        received.angular_impulse * particles_.mass_unit()});
+            report.reactions.push_back(
+                {received.impulse * masses_.unit, received.angular_impulse * masses_.unit});
         return report;
     }
 
-    using Scatter = ParticlesToGrid<Space, Model, Kernel, Transfer, Stored, Taken>;
+    template <std::size_t k>
+    using Scatter = ParticlesToGrid<Space, typename Of<Material<k>>::Model, Kernel, Transfer,
+                                    typename Of<Material<k>>::Stored, typename Of<Material<k>>::Taken>;
 
-    Scatter scatter(double dt, bool impulse_only)
+    /// All particles of a material give to the grid: all they have, or the impulse of a step alone.
+    template <std::size_t k>
+    void scatter(double dt, bool impulse_only)
     {
-        return {{},
-                model_,
-                transfer_,
-                particles_.current(),
-                particles_.taken(),
-                particles_.portions(),
-                static_cast<Number>(dt),
-                static_cast<Number>(lattice_.cell_size),
-                impulse_only};
+        auto& table = particles<k>();
+        auto layer = grid_.layer(k);
+        backend_.scatter(table.cells(), layer,
+                         Scatter<k>{{},
+                                    model_of<k>(),
+                                    transfer_,
+                                    table.current(),
+                                    table.taken(),
+                                    table.portions(),
+                                    static_cast<Number>(dt),
+                                    static_cast<Number>(lattice_.cell_size),
+                                    impulse_only},
+                         !impulse_only);
     }
 
     /// Brings the sums on the grid to what particles give to a step of this length [s]: they may have given
     /// already, and for another length.
     void give_for(double dt)
     {
-        auto const& cells = particles_.cells();
-        if (given_for_ == 0)
-            backend_.scatter(cells, grid_, scatter(dt, false), true);
-        else {
-            if (!movers_gave_) backend_.template scatter_movers<Scatter>(cells, grid_);
-            if (given_for_ != dt) backend_.scatter(cells, grid_, scatter(dt - given_for_, true), false);
-        }
+        for_each_material([&](auto k) {
+            if (given_for_ == 0)
+                scatter<k>(dt, false);
+            else {
+                auto layer = grid_.layer(k);
+                if (!movers_gave_)
+                    backend_.template scatter_movers<Scatter<k>>(particles<k>().cells(), layer);
+                if (given_for_ != dt) scatter<k>(dt - given_for_, true);
+            }
+        });
         movers_gave_ = true;
         given_for_ = dt;
     }
 
     /// The fields that particles take from the grid, as they took them in the last step.
-    void take_again(typename Table::TakenView const& taken) const
+    template <std::size_t k>
+    void take_again(typename Of<Material<k>>::Table::TakenView const& taken) const
     {
-        if constexpr (Taken::components(d) > 0)
+        using Here = Of<Material<k>>;
+        if constexpr (Here::Taken::components(d) > 0) {
+            auto const layer = const_cast<Grid&>(grid_).layer(k); // it is only read
             backend_.take(
-                particles_.cells(), grid_,
-                TakeVelocities<Space, Kernel, Transfer, Stored, Taken>{
-                    {}, transfer_, particles_.ordered(), taken, static_cast<Number>(lattice_.cell_size)});
+                particles<k>().cells(), layer,
+                TakeVelocities<Space, Kernel, Transfer, typename Here::Stored, typename Here::Taken>{
+                    {}, transfer_, particles<k>().ordered(), taken, static_cast<Number>(lattice_.cell_size)});
+        }
+    }
+
+    /// Whether they are held beside the particles.
+    bool holds_taken() const
+    {
+        bool holds = true;
+        for_each_material([&](auto k) { holds = holds && particles<k>().holds_taken(); });
+        return holds;
     }
 
     /// Holds them beside the particles, before what they are taken from changes.
     void hold_taken()
     {
-        if (particles_.holds_taken()) return;
-        take_again(particles_.place_for_taken());
-        particles_.hold_taken();
+        for_each_material([&](auto k) {
+            if (particles<k>().holds_taken()) return;
+            take_again<k>(particles<k>().place_for_taken());
+            particles<k>().hold_taken();
+        });
     }
 
     /// After a step that went wrong: the grid no longer has the velocities that particles took, but still
     /// what they gave. They take from that, without the forces of the step.
     void regain_velocities()
     {
-        if (!spoiled_ || particles_.holds_taken()) return;
-        auto& cells = particles_.cells();
-        backend_.scatter(cells, grid_, scatter(-given_for_, true), false);
+        if (!spoiled_ || holds_taken()) return;
+        for_each_material([&](auto k) { scatter<k>(-given_for_, true); });
         given_for_ = 0;
-        backend_.for_each_node(cells, grid_,
+        backend_.for_each_node(particles<0>().cells(), grid_,
                                UpdateGrid<Space, Transfer, Chain<>>{
                                    reinterpret_cast<StepNow<Number, Chain<>> const*>(now_.data()), lattice_,
                                    smallest_node_mass()});
@@ -476,24 +797,31 @@ private:
     void find_bounds()
     {
         course_.bounds = {};
-        double modulus = 0;
-        particles_.for_each([&](auto& particle) {
-            modulus = std::max(
-                modulus,
-                double(model_.template respond<Number>(particle, Matrix<Number, d>::Zero(), Number(0))
-                           .wave_modulus));
+        Rule const rule = rule_of_materials();
+        for_each_material([&](auto k) {
+            double modulus = 0;
+            particles<k>().for_each([&](auto& particle) {
+                modulus = std::max(modulus, double(model_of<k>()
+                                                       .template respond<Number>(
+                                                           particle, Matrix<Number, d>::Zero(), Number(0))
+                                                       .wave_modulus));
+            });
+            rule.admit(course_.bounds, static_cast<int>(k), wave_speed<k>(modulus));
+            for (auto const& velocity : download_of<Velocity, k>())
+                course_.bounds.speed = std::max(course_.bounds.speed, double(velocity.norm()));
         });
-        for (auto const& velocity : download<Velocity>())
-            course_.bounds.speed = std::max(course_.bounds.speed, double(velocity.norm()));
-        course_.bounds.wave_speed = wave_speed(modulus);
     }
 
-    double wave_speed(double modulus) const { return std::sqrt(modulus / double(model_.density)); }
+    template <std::size_t k>
+    double wave_speed(double modulus) const
+    {
+        return std::sqrt(modulus / double(model_of<k>().density));
+    }
 
     /// Below this share of a particle's mass, a node's momentum is rounding alone.
     Number smallest_node_mass() const
     {
-        return particles_.largest_mass() * (std::is_same_v<Number, float> ? Number(1e-20) : Number(1e-40));
+        return Number(masses_.largest) * (std::is_same_v<Number, float> ? Number(1e-20) : Number(1e-40));
     }
 
     template <class Effect>
@@ -506,7 +834,7 @@ private:
         if constexpr (d == 2 && requires { effect.validate_in_plane(); }) effect.validate_in_plane();
     }
 
-    void require_progress(StepRule const& rule)
+    void require_progress(Rule const& rule)
     {
         if (rule.gets_on(course_)) return;
         regain_velocities();
@@ -523,10 +851,17 @@ private:
     {
         regain_velocities();
         std::ostringstream what, where;
-        what << "particle " << log.particle << " " << describe(log.mishap);
+        Vector<double, d> place = Vector<double, d>::Zero();
+        for_each_material([&](auto k) {
+            if (static_cast<std::size_t>(log.material) != k) return;
+            what << "particle " << particles<k>().id(log.particle);
+            if (materials > 1) what << " of " << detail::name_of_material<typename Of<Material<k>>::Model>(k);
+            place = particles<k>().position(log.particle);
+        });
+        what << " " << describe(log.mishap);
         if (log.wrong > 1) what << ", as did " << log.wrong - 1 << " more";
-        where << "at (" << particles_.position(log.particle).transpose() << ") m, in a step of " << dt
-              << " s at t = " << course_.time << " s";
+        where << "at (" << place.transpose() << ") m, in a step of " << dt << " s at t = " << course_.time
+              << " s";
         throw Error{what.str(), where.str(),
                     "The state is that of the last good step. Take a smaller step, or look at what drives "
                     "this particle: "
@@ -534,12 +869,13 @@ private:
     }
 
     Lattice lattice_;
-    Model model_;
     Transfer transfer_;
     StepControl control_;
     Backend backend_;
-    Table particles_;
+    Parts parts_;
     Grid grid_;
+    MassScale masses_;
+    std::uint32_t next_id_ = 0;
     Course course_;
     typename Backend::template Array<unsigned char> now_;  ///< two StepNow and a RunRule, of whatever effects
     typename Backend::template Outbox<unsigned char> log_; ///< a RunLog

@@ -110,12 +110,12 @@ TEST_CASE("what is looked at on the device is what is downloaded, before steps a
         auto const view = solver.view<DisplacementGradient>();
         REQUIRE(view.count == solver.size());
         std::vector<float> column(view.count);
-        std::vector<std::uint32_t> ids(view.count);
-        REQUIRE(cudaMemcpy(ids.data(), view.id, 4 * view.count, cudaMemcpyDeviceToHost) == cudaSuccess);
+        std::vector<std::uint32_t> rows(view.count);
+        REQUIRE(cudaMemcpy(rows.data(), view.row, 4 * view.count, cudaMemcpyDeviceToHost) == cudaSuccess);
         REQUIRE(cudaMemcpy(column.data(), view.component[5], 4 * view.count, cudaMemcpyDeviceToHost) ==
                 cudaSuccess);
         auto const H = solver.download<DisplacementGradient>();
-        for (std::size_t k = 0; k < ids.size(); ++k) REQUIRE(column[k] == H[ids[k]](1, 2));
+        for (std::size_t k = 0; k < rows.size(); ++k) REQUIRE(column[k] == H[rows[k]](1, 2));
         for (int k = 0; k < 40; ++k) solver.step(5e-4, Gravity{}); // cells are left behind
     }
     CHECK_THROWS_AS(solver.write_positions(nullptr), Error);

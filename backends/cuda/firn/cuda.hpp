@@ -7,7 +7,10 @@
 #include <firn/cuda/grid.hpp>
 #include <firn/cuda/loops.hpp>
 
+#include <array>
 #include <string>
+#include <tuple>
+#include <utility>
 
 namespace firn
 {
@@ -32,8 +35,8 @@ struct Cuda
     using Outbox = cuda::Outbox<T>;
     template <class Number, int d>
     using Cells = cuda::Cells<Number, d>;
-    template <class Number, int d, int order, int sums, int values>
-    using Grid = cuda::Grid<Number, d, order, sums, values>;
+    template <class Number, int d, int order, int sums, int values, int layers>
+    using Grid = cuda::Grid<Number, d, order, sums, values, layers>;
 
     cuda::Queue queue() const { return {device, stream}; }
 
@@ -109,14 +112,14 @@ struct Cuda
             cells.signal(), grid.blocks(), cells.view(), cells.arrived(), cells.movers(), grid.view());
     }
 
-    /// Calls `phase(node, result)` for every node that was added to; what it found becomes known when the
-    /// items have moved.
+    /// Calls `phase(node, result)` for every node that was added to, in whatever layer; what it found becomes
+    /// known when the items have moved.
     template <class CellOrder, class GridType, class Phase>
-    cuda::Partial<typename Phase::Result> for_each_node(CellOrder const& cells, GridType& grid,
+    cuda::Partial<typename Phase::Result> for_each_node(CellOrder& cells, GridType& grid,
                                                         Phase const& phase) const
     {
         using Result = typename Phase::Result;
-        if (grid.blocks() == 0) return {};
+        if (grid.node_blocks() == 0) return {};
         cuda::OnDevice const here(device);
         auto const results = grid.node_results().template expect<Result>(grid.node_blocks());
         cuda::detail::launch("for_each_node", queue(), cuda::detail::for_each_node<GridType, Phase>,
@@ -144,25 +147,57 @@ struct Cuda
               Conclude const& conclude) const
     {
         using Result = typename Phase::Result;
-        using Tiles = cuda::detail::SharedTiles<GridType>;
         using Conclusion = cuda::detail::Conclusion<OfNodes, Result, Conclude>;
         cuda::OnDevice const here(device);
-        auto const signal = cells.signal();
         if (grid.blocks() == 0) {
             cuda::detail::conclude_without_items<<<1, cuda::detail::scanning_threads, 0, stream>>>(
-                signal, Conclusion{{}, {}, conclude});
+                cells.signal(), Conclusion{{}, {}, conclude});
             cuda::check_launch("conclude_without_items");
             return;
         }
-        auto const movers = cells.expect_departures(Phase::kept - Phase::d); // an offset lies with its item
-        unsigned const teams = Tiles::teams(grid.blocks());
-        auto const results = grid.item_results().template expect<Result>(grid.blocks());
-        cuda::detail::Moved<typename GridType::Number, Result> const moved{movers, cells.changes(),
-                                                                           cells.left(), results};
-        cuda::detail::launch("move", queue(), cuda::detail::move<CellOrder, GridType, Phase>, grid.blocks(),
-                             teams, Tiles::bytes(true, true, teams), signal, phase, cells.view(), grid.view(),
-                             moved);
+        start_moving(cells, grid, phase);
         cells.find_departed(Conclusion{of_nodes, grid.item_results().template partial<Result>(), conclude});
+    }
+
+    /// The same for several orders of cells that share a grid, each with its layer and its phase; calls
+    /// `conclude(merged results of the nodes, and of each)` when there was room for all that moved: the host
+    /// waits for that.
+    template <std::size_t orders, class CellOrder, class LayerType, class... Phase, class OfNodes,
+              class Conclude>
+    void move_each(std::array<CellOrder*, orders> const& cells, std::array<LayerType, orders> const& layers,
+                   std::tuple<Phase...> const& phases, cuda::Partial<OfNodes> const& of_nodes,
+                   Conclude const& conclude) const
+    {
+        using Result = typename std::tuple_element_t<0, std::tuple<Phase...>>::Result;
+        cuda::OnDevice const here(device);
+        [&]<std::size_t... k>(std::index_sequence<k...>)
+        {
+            auto const start = [&](auto& order, auto const& layer, auto const& phase) {
+                if (layer.blocks() == 0) return;
+                start_moving(order, layer, phase);
+                order.find_departed(cuda::detail::Pause{});
+            };
+            auto const finish = [&](auto& order, auto const& layer, auto const& phase) {
+                while (layer.blocks() > 0 && order.listen()) { // there was no room: repeats what is to be
+                    bool const once_more = !order.make_room();
+                    if (!once_more) start_moving(order, layer, phase);
+                    order.find_departed(cuda::detail::Pause{}, once_more);
+                    queue().wait();
+                }
+            };
+            (start(*cells[k], layers[k], std::get<k>(phases)), ...);
+            queue().wait();
+            (finish(*cells[k], layers[k], std::get<k>(phases)), ...);
+            auto const found = [&](auto const& layer) {
+                return layer.blocks() == 0 ? cuda::Partial<Result>{}
+                                           : layer.item_results().template partial<Result>();
+            };
+            cuda::detail::conclude_several<<<1, cuda::detail::scanning_threads, 0, stream>>>(
+                cuda::detail::ConclusionOfSeveral<OfNodes, Result, static_cast<int>(orders), Conclude>{
+                    of_nodes, {found(layers[k])...}, conclude});
+            cuda::check_launch("conclude_several");
+        }
+        (std::make_index_sequence<orders>{});
     }
 
     /// The same for items for which there was no room: makes room, and repeats what is to be repeated.
@@ -178,6 +213,24 @@ struct Cuda
                 cuda::detail::Conclusion<OfNodes, Result, Conclude>{
                     of_nodes, grid.item_results().template partial<Result>(), conclude},
                 true);
+    }
+
+private:
+    /// Queues the loop that moves items.
+    template <class CellOrder, class LayerType, class Phase>
+    void start_moving(CellOrder& cells, LayerType const& layer, Phase const& phase) const
+    {
+        using Result = typename Phase::Result;
+        using Tiles = cuda::detail::SharedTiles<LayerType>;
+        auto const signal = cells.signal();
+        auto const movers = cells.expect_departures(Phase::kept - Phase::d); // an offset lies with its item
+        unsigned const teams = Tiles::teams(layer.blocks());
+        auto const results = layer.item_results().template expect<Result>(layer.blocks());
+        cuda::detail::Moved<typename LayerType::Number, Result> const moved{movers, cells.changes(),
+                                                                            cells.left(), results};
+        cuda::detail::launch("move", queue(), cuda::detail::move<CellOrder, LayerType, Phase>, layer.blocks(),
+                             teams, Tiles::bytes(true, true, teams), signal, phase, cells.view(),
+                             layer.view(), moved);
     }
 };
 

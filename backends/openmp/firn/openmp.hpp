@@ -8,7 +8,10 @@
 #include <firn/openmp/lanes.hpp>
 #include <firn/openmp/loops.hpp>
 
+#include <array>
 #include <string>
+#include <tuple>
+#include <utility>
 
 namespace firn
 {
@@ -32,8 +35,8 @@ struct BasicOpenMP
     using Outbox = openmp::Outbox<T>;
     template <class Number, int d>
     using Cells = openmp::Cells<Number, d, lane_width<Lane<Number>>>;
-    template <class Number, int d, int order, int sums, int values>
-    using Grid = openmp::Grid<Number, d, order, sums, values, lane_width<Lane<Number>>>;
+    template <class Number, int d, int order, int sums, int values, int layers>
+    using Grid = openmp::Grid<Number, d, order, sums, values, lane_width<Lane<Number>>, layers>;
 
     void validate() const
     {
@@ -79,11 +82,12 @@ struct BasicOpenMP
         openmp::scatter_movers<Lane<typename Phase::Number>, Phase>(thread_count(), cells, grid);
     }
 
-    /// Calls `phase(node, result)` for every lane of nodes that was added to; returns the merged results.
+    /// Calls `phase(node, result)` for every lane of nodes that was added to, in whatever layer; returns the
+    /// merged results.
     template <class CellOrder, class GridType, class Phase>
-    auto for_each_node(CellOrder const& cells, GridType& grid, Phase const& phase) const
+    auto for_each_node(CellOrder const&, GridType& grid, Phase const& phase) const
     {
-        return openmp::for_each_node<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase);
+        return openmp::for_each_node<Lane<typename Phase::Number>>(thread_count(), grid, phase);
     }
 
     /// All items take from the grid as they did when they moved last; the phase stores what it wants of that.
@@ -100,6 +104,23 @@ struct BasicOpenMP
               Conclude const& conclude) const
     {
         conclude(of_nodes, openmp::move<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase));
+    }
+
+    /// The same for several orders of cells that share a grid, each with its layer and its phase; calls
+    /// `conclude(results of the nodes, merged results of each)`.
+    template <std::size_t orders, class CellOrder, class LayerType, class... Phase, class OfNodes,
+              class Conclude>
+    void move_each(std::array<CellOrder*, orders> const& cells, std::array<LayerType, orders> const& layers,
+                   std::tuple<Phase...> const& phases, OfNodes const& of_nodes,
+                   Conclude const& conclude) const
+    {
+        [&]<std::size_t... k>(std::index_sequence<k...>)
+        {
+            std::tuple const found{openmp::move<Lane<typename Phase::Number>>(
+                thread_count(), *cells[k], layers[k], std::get<k>(phases))...}; // one after the other
+            conclude(of_nodes, std::get<k>(found)...);
+        }
+        (std::make_index_sequence<orders>{});
     }
 };
 

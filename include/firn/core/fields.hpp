@@ -80,6 +80,14 @@ struct LooseVolume
     static constexpr auto shape = FieldShape::scalar;
 };
 
+/// The factor of a particle's own moduli [-]: where a material is heterogeneous.
+struct Stiffness
+{
+    static constexpr auto name = "stiffness";
+    static constexpr auto shape = FieldShape::scalar;
+    static constexpr bool is_above_zero = true; ///< what may be uploaded
+};
+
 /// The number of components of a field in `d` dimensions.
 template <class Tag>
 constexpr int component_count(int d)
@@ -119,12 +127,11 @@ FIRN_HOST_DEVICE inline void for_each_component(Value& value, Use const& use)
     }
 }
 
-/// The value of a field of a body at rest: one for a volume ratio,
-/// else zero.
+/// The value of a field of a body at rest: one for a volume ratio and for a factor, else zero.
 template <class Tag, class Real, int d>
 FIRN_HOST_DEVICE inline FieldValue<Tag, Real, d> value_at_rest()
 {
-    if constexpr (std::is_same_v<Tag, PlasticVolumeRatio>)
+    if constexpr (std::is_same_v<Tag, PlasticVolumeRatio> || std::is_same_v<Tag, Stiffness>)
         return Real(1);
     else if constexpr (Tag::shape == FieldShape::scalar)
         return Real(0);
@@ -208,6 +215,20 @@ auto without(Fields<Tags...>)
 /// The fields of a set that are not in another.
 template <class Set, class Others>
 using Without = decltype(detail::without<Others>(Set{}));
+
+/// The fields that two sets have in common.
+template <class Set, class Other>
+using Common = Without<Set, Without<Set, Other>>;
+
+/// The fields that all of some sets have in common.
+template <class First, class... Rest>
+struct CommonToAll
+{
+    using Type = First;
+};
+template <class First, class Second, class... Rest>
+struct CommonToAll<First, Second, Rest...> : CommonToAll<Common<First, Second>, Rest...>
+{};
 
 namespace detail
 {

@@ -19,34 +19,36 @@ struct StepLog
     Course course;
     std::uint64_t wrong = 0;      ///< particles with a mishap in the step; if any, it changed nothing
     Mishap mishap = Mishap::none; ///< of the first of them
-    std::uint32_t particle = 0;   ///< its id
+    int material = 0;             ///< which is of this material
+    std::uint32_t particle = 0;   ///< its row in the material's table
 };
 
 /// What one step of a run did.
-template <int obstacles>
+template <int obstacles, int materials>
 struct StepRecord
 {
-    double dt = 0;                  ///< [s]
-    double stable = 0;              ///< the bound before it [s]
-    StepLimit limit{};              ///< what bounded dt
-    std::uint64_t capped = 0;       ///< particles whose model is at a cap
-    Reactions<obstacles> reactions; ///< impulses per mass unit
+    double dt = 0;                                 ///< [s]
+    double stable = 0;                             ///< the bound before it [s]
+    StepLimit limit{};                             ///< what bounded dt
+    std::array<std::uint64_t, materials> capped{}; ///< particles whose model is at a cap, of each material
+    Reactions<obstacles> reactions;                ///< impulses per mass unit
 };
 
 /// What is known of a run of steps where they are taken; the host reads it when they are through. Every step
 /// has places of its own, so that one that has to be repeated is just written once more.
-template <int obstacles>
+template <int obstacles, int materials>
 struct RunLog
 {
+    using Record = StepRecord<obstacles, materials>;
+
     std::uint64_t* taken; ///< steps that did not go wrong
     StepLog* at;          ///< before the first step, behind each, and one more in which nothing went wrong
-    StepRecord<obstacles>* records;
+    Record* records;
 
     static std::size_t places(std::size_t steps) { return steps + 2; }
     static std::size_t bytes(std::size_t steps)
     {
-        return sizeof(std::uint64_t) + places(steps) * sizeof(StepLog) +
-               steps * sizeof(StepRecord<obstacles>);
+        return sizeof(std::uint64_t) + places(steps) * sizeof(StepLog) + steps * sizeof(Record);
     }
 
     /// The log of so many steps that lies at `memory`.
@@ -54,27 +56,27 @@ struct RunLog
     {
         auto* const taken = static_cast<std::uint64_t*>(memory);
         auto* const at = reinterpret_cast<StepLog*>(taken + 1);
-        return {taken, at, reinterpret_cast<StepRecord<obstacles>*>(at + places(steps))};
+        return {taken, at, reinterpret_cast<Record*>(at + places(steps))};
     }
 };
 
 /// What stays the same during a run of steps, where they are taken.
-template <class Effects>
+template <class Effects, int materials>
 struct RunRule
 {
-    StepRule steps;
-    double density; ///< at rest [kg/m^3]
+    StepRule<materials> steps;
+    std::array<double, materials> density; ///< of each at rest [kg/m^3]
     Effects effects;
 };
 
 /// Makes ready for a run of steps from where the host says they begin: called for every place of the log.
-template <class Number, int d, class Effects, class Actions>
+template <class Number, int d, int materials, class Effects, class Actions>
 struct BeginSteps
 {
     Course course;
-    RunRule<Effects> rule;
-    RunRule<Effects>* kept_rule;
-    RunLog<Actions::obstacles> log;
+    RunRule<Effects, materials> rule;
+    RunRule<Effects, materials>* kept_rule;
+    RunLog<Actions::obstacles, materials> log;
     StepNow<Number, Actions>* now;
 
     FIRN_HOST_DEVICE void operator()(std::size_t place) const
@@ -96,38 +98,46 @@ struct BeginSteps
 ///
 /// False if the next step is not to be taken as things stand: this one went wrong, all are through, or the
 /// particles have given for a length that no longer fits.
-template <class Number, int d, class Effects, class Actions>
+template <class Number, int d, int materials, class Effects, class Actions>
 struct ConcludeStep
 {
-    RunRule<Effects> const* kept_rule;
-    RunLog<Actions::obstacles> log;
+    RunRule<Effects, materials> const* kept_rule;
+    RunLog<Actions::obstacles, materials> log;
     int step;                        ///< of the run
     StepNow<Number, Actions>* after; ///< where the next step finds what it knows
 
-    /// `reactions` are those of the obstacles to nodes, `found` is what moving the particles found out.
-    template <class Found>
-    FIRN_HOST_DEVICE bool operator()(Reactions<Actions::obstacles> reactions, Found const& found) const
+    /// `reactions` are those of the obstacles to nodes, `found` is what moving the particles found out, of
+    /// each material.
+    template <class... Found>
+    FIRN_HOST_DEVICE bool operator()(Reactions<Actions::obstacles> reactions, Found const&... found) const
     {
+        static_assert(sizeof...(Found) == materials);
         Course course = log.at[step].course; // copies, loaded at once
-        RunRule<Effects> const run = *kept_rule;
-        StepRule const& rule = run.steps;
+        RunRule<Effects, materials> const run = *kept_rule;
+        StepRule<materials> const& rule = run.steps;
         course.ready = false;
-        log.at[step + 1].wrong = found.wrong;
-        log.at[step + 1].mishap = found.mishap;
-        log.at[step + 1].particle = found.particle;
-        *log.taken = step + (found.wrong > 0 ? 0 : 1);
-        if (found.wrong > 0) {
+        bool const wrong = note_mishaps(log.at[step + 1], found...);
+        *log.taken = step + (wrong ? 0 : 1);
+        if (wrong) {
             log.at[step + 1].course = course;
             return false;
         }
         StepBounds bounds;
-        bounds.wave_speed = sqrt(found.wave_modulus / run.density);
-        bounds.speed = sqrt(found.speed2);
-        bounds.deformation_rate = sqrt(found.deformation);
+        StepRecord<Actions::obstacles, materials> record{
+            course.now.interval.length(), course.stable, course.now.limit, {found.capped...}, {}};
+        int material = 0;
+        auto const ask = [&](auto const& of) {
+            rule.admit(bounds, material,
+                       sqrt(of.wave_modulus / run.density[static_cast<unsigned>(material)]));
+            bounds.speed = max(bounds.speed, sqrt(of.speed2));
+            bounds.deformation_rate = max(bounds.deformation_rate, sqrt(of.deformation));
+            ++material;
+        };
+        (ask(found), ...);
         bounds.obstacle_speed = sqrt(reactions.largest_surface_speed2);
-        reactions.merge(found.reactions);
-        log.records[step] = {course.now.interval.length(), course.stable, course.now.limit, found.capped,
-                             reactions};
+        (reactions.merge(found.reactions), ...);
+        record.reactions = reactions;
+        log.records[step] = record;
         rule.finish(course, bounds);
         if (rule.goes_on(course) && rule.choose(course) && rule.gets_on(course))
             course.ready = !(rule.equal > course.stable); // else the host looks after what may go wrong
@@ -137,6 +147,26 @@ struct ConcludeStep
         after->next_dt = static_cast<Number>(course.next.interval.length());
         after->actions = run.effects.template during<Number, d>(course.now.interval);
         return true;
+    }
+
+private:
+    /// Writes down what went wrong; true if something did.
+    template <class... Found>
+    FIRN_HOST_DEVICE static bool note_mishaps(StepLog& note, Found const&... found)
+    {
+        note.wrong = 0;
+        int material = 0;
+        auto const ask = [&](auto const& of) {
+            if (note.wrong == 0) {
+                note.mishap = of.mishap;
+                note.material = material;
+                note.particle = of.particle;
+            }
+            note.wrong += of.wrong;
+            ++material;
+        };
+        (ask(found), ...);
+        return note.wrong > 0;
     }
 };
 

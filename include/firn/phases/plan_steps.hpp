@@ -5,6 +5,9 @@
 #include <firn/effects/effect.hpp>
 #include <firn/phases/stable_time_step.hpp>
 
+#include <array>
+#include <cstddef>
+
 namespace firn
 {
 
@@ -30,16 +33,16 @@ struct Course
 };
 
 /// How the steps of one call are chosen: what stays the same from step to step.
+template <int materials>
 struct StepRule
 {
     StepControl control{};
-    double cell_size = 0;                                         ///< [m]
-    double wave_limit = 0;                                        ///< largest stable c dt / h
-    double shear_limit = std::numeric_limits<double>::infinity(); ///< largest stable step of shear [s]
-    double acceleration = 0;                                      ///< of the effects [m/s^2]
-    double obstacle_speed = 0;                                    ///< of the effects [m/s]
-    double duration = 0;                                          ///< of the call [s]
-    double end = 0;                                               ///< when it ends [s]
+    double cell_size = 0;                           ///< [m]
+    std::array<MaterialLimits, materials> limits{}; ///< of each material
+    double acceleration = 0;                        ///< of the effects [m/s^2]
+    double obstacle_speed = 0;                      ///< of the effects [m/s]
+    double duration = 0;                            ///< of the call [s]
+    double end = 0;                                 ///< when it ends [s]
     double equal = 0; ///< length of all steps [s]; 0: they are as long as is stable
 
     /// A step that was planned by the bounds of one step before may be so much longer than the bounds of now,
@@ -50,7 +53,21 @@ struct StepRule
     {
         now.acceleration = max(now.acceleration, acceleration);
         now.obstacle_speed = max(now.obstacle_speed, obstacle_speed);
-        return stable_time_step(control, now, cell_size, wave_limit, shear_limit);
+        return stable_time_step(control, now, cell_size, limits[static_cast<std::size_t>(now.material)]);
+    }
+
+    /// Takes account of the fastest wave [m/s] in a material: the one that bounds the step most is kept.
+    FIRN_HOST_DEVICE void admit(StepBounds& bounds, int material, double wave_speed) const
+    {
+        auto const longest = [&](int of, double speed) {
+            return stable_for_material(control, speed, cell_size, limits[static_cast<std::size_t>(of)]).dt;
+        };
+        if (material == bounds.material)
+            bounds.wave_speed = max(bounds.wave_speed, wave_speed);
+        else if (longest(material, wave_speed) < longest(bounds.material, bounds.wave_speed)) {
+            bounds.wave_speed = wave_speed;
+            bounds.material = material;
+        }
     }
 
     /// Chooses the step that begins now, and plans the one after it. False if it is not that for which

@@ -59,7 +59,8 @@ struct StepControl
 /// What the time step depends on, in the current state.
 struct StepBounds
 {
-    double wave_speed = 0;       ///< [m/s]
+    double wave_speed = 0;       ///< of the material whose wave bounds the step most [m/s]
+    int material = 0;            ///< which one that is
     double speed = 0;            ///< of the fastest particle [m/s]
     double deformation_rate = 0; ///< largest |L| [1/s]
     double acceleration = 0;     ///< [m/s^2]
@@ -114,18 +115,33 @@ struct ChosenStep
     }
 };
 
-/// The largest step that is stable in the current state, by the bounds of the material and the motion alone;
-/// `wave_limit` is the largest stable c dt / h, see isolated_limit; `shear_limit` in s, infinite without
-/// viscosity.
-FIRN_HOST_DEVICE inline ChosenStep stable_time_step(StepControl const& control, StepBounds const& now,
-                                                    double cell_size, double wave_limit, double shear_limit)
+/// What bounds the step of one material by itself: `wave` is the largest stable c dt / h, see isolated_limit;
+/// `shear` in s, see shear_limit, infinite without viscosity.
+struct MaterialLimits
+{
+    double wave = 0;
+    double shear = std::numeric_limits<double>::infinity();
+};
+
+/// The largest step that is stable for a material whose fastest wave has this speed [m/s].
+FIRN_HOST_DEVICE inline ChosenStep stable_for_material(StepControl const& control, double wave_speed,
+                                                       double cell_size, MaterialLimits const& limits)
 {
     ChosenStep step;
-    double const h = cell_size;
-    double const wave = wave_limit * h / now.wave_speed;
+    double const wave = limits.wave * cell_size / wave_speed;
     step.bound(control.wave * wave, StepLimit::wave);
-    if (shear_limit < std::numeric_limits<double>::infinity())
-        step.bound(control.wave * damped_limit(wave, shear_limit), StepLimit::viscosity);
+    if (limits.shear < std::numeric_limits<double>::infinity())
+        step.bound(control.wave * damped_limit(wave, limits.shear), StepLimit::viscosity);
+    return step;
+}
+
+/// The largest step that is stable in the current state, by the bounds of the material and the motion alone;
+/// `limits` are those of the material that bounds it.
+FIRN_HOST_DEVICE inline ChosenStep stable_time_step(StepControl const& control, StepBounds const& now,
+                                                    double cell_size, MaterialLimits const& limits)
+{
+    double const h = cell_size;
+    ChosenStep step = stable_for_material(control, now.wave_speed, h, limits);
     step.bound(control.advection * h / now.speed, StepLimit::advection);
     step.bound(control.deformation / now.deformation_rate, StepLimit::deformation);
     step.bound(std::sqrt(0.5 * h / now.acceleration), StepLimit::acceleration);

@@ -8,12 +8,13 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <type_traits>
 
 namespace firn
 {
 
 /// Where the table of particles lies: positions as offsets from the centres of their cells, one array per
-/// component of each field, and the permanent ids.
+/// component of each field, and the rows by which particles are told apart (see ParticleTable).
 template <class Number, int d, class Set>
 struct TableView
 {
@@ -82,7 +83,7 @@ struct TableView
 };
 
 /// Fields that are not stored from step to step, when somebody has set or asked for them: one array per
-/// component, by id.
+/// component, by row.
 template <class Number, int d, class Set>
 struct FieldsById
 {
@@ -108,13 +109,14 @@ struct FieldsById
 
 /// One field of all particles where it lies: for who renders them there, without a copy.
 ///
-/// Component c of the particle `id[i]` is `component[c][i * stride]`. The order of particles changes with
-/// every step, and the pointers do: ask again after it.
+/// Component c of the particle in row `row[i]` of what is downloaded is `component[c][i * stride]`; the row
+/// is the particle's permanent id until one is removed, or one of another material added (see Solver::ids).
+/// The order of particles changes with every step, and the pointers do: ask again after it.
 template <class Number, int components>
 struct FieldView
 {
     std::array<Number const*, components> component;
-    std::uint32_t const* id;
+    std::uint32_t const* row;
     std::size_t stride = 1; ///< from one particle to the next [numbers]
     std::size_t count;      ///< particles
 };
@@ -126,7 +128,7 @@ struct WritePositions
     TableView<Number, d, Set> particles;
     Lattice lattice;
     int kernel_order;
-    Number* to; ///< axis a of particle id at to[id * stride + a] [m]
+    Number* to; ///< axis a of the particle in a row at to[row * stride + a] [m]
     std::size_t stride;
 
     FIRN_HOST_DEVICE void operator()(std::size_t particle, Coordinates<d> const& cell) const
@@ -140,16 +142,71 @@ struct WritePositions
     }
 };
 
-/// The particles added by one call: ids from `first_id` on have this mass and volume.
+/// Tells particles by their position [m], or by that and their fields.
+template <class Call, int d>
+concept TellsByPosition = std::is_invocable_r_v < bool,
+        Call const&, Vector<double, d>
+const& > ;
+template <class Call, int d, class Particle>
+concept TellsByFields = std::is_invocable_r_v < bool,
+        Call const&, Vector<double, d>
+const&, Particle const& > ;
+
+/// Finds particles by a call that tells: called for every particle with where it lies and its cell.
+template <class Number, int d, class StoredSet, class TakenSet, class IsWanted>
+struct FindParticles
+{
+    using Particle = Record<Number, d, Join<StoredSet, TakenSet>>;
+    static constexpr bool by_position = TellsByPosition<IsWanted, d>;
+
+    TableView<Number, d, StoredSet> particles;
+    FieldsById<Number, d, TakenSet> velocities; ///< if it asks for fields
+    Lattice lattice;
+    int kernel_order;
+    IsWanted is_wanted;
+    unsigned char* found; ///< 1 or 0, by where particles lie
+
+    FIRN_HOST_DEVICE void operator()(std::size_t particle, Coordinates<d> const& cell) const
+    {
+        Vector<double, d> in_cell;
+        FIRN_UNROLL
+        for (int a = 0; a < d; ++a) in_cell[a] = CellOffset<Number>::exact(particles.offset[a][particle]);
+        Vector<double, d> const x = world_position<d>(lattice, kernel_order, cell, in_cell);
+        if constexpr (by_position)
+            found[particle] = is_wanted(x) ? 1 : 0;
+        else {
+            Particle fields;
+            for_each_component_of<StoredSet, d>(
+                fields, [&](int c, Number& value) { value = particles.component[c][particle]; });
+            for_each_component_of<TakenSet, d>(fields, [&](int c, Number& value) {
+                value = velocities.component[c][particles.id[particle]];
+            });
+            found[particle] = is_wanted(x, fields) ? 1 : 0;
+        }
+    }
+};
+
+/// Copies the elements of an array that are listed.
+template <class T>
+struct GatherValues
+{
+    T const* from;
+    std::uint32_t const* places;
+    T* to;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const { to[i] = from[places[i]]; }
+};
+
+/// The particles added by one call: rows from `first_row` on have this mass and volume.
 template <class Number>
 struct Portion
 {
-    std::uint32_t first_id;
+    std::uint32_t first_row;
     Number mass;   ///< in units of the scene's mass unit
     Number volume; ///< V0 [m^3] per mass unit [kg]
 };
 
-/// Mass and volume of every particle: one value per portion, found by the particle's id, so that none is
+/// Mass and volume of every particle: one value per portion, found by the particle's row, so that none is
 /// stored.
 template <class Number>
 struct Portions
@@ -176,12 +233,12 @@ struct Portions
         return found;
     }
 
-    FIRN_HOST_DEVICE int index(std::uint32_t id) const
+    FIRN_HOST_DEVICE int index(std::uint32_t row) const
     {
-        int low = 0, high = count; // of[low].first_id <= id < of[high].first_id
+        int low = 0, high = count; // of[low].first_row <= row < of[high].first_row
         while (high - low > 1) {
             int const middle = (low + high) / 2;
-            (of[middle].first_id <= id ? low : high) = middle;
+            (of[middle].first_row <= row ? low : high) = middle;
         }
         return low;
     }

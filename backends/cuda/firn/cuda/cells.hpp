@@ -95,11 +95,34 @@ public:
         arrived_.clear(); // every new item was in this list; it need not stay so large
     }
 
+    /// Forgets the items for which `gone[where it lies]` is not 0, `kept` being the others, which will lie at
+    /// `place[where it lies]`; they keep their order.
+    void erase(unsigned char const* gone, std::uint32_t const* place, std::size_t kept)
+    {
+        if (blocks() == 0) return;
+        OnDevice const here(queue_);
+        signal();
+        detail::leave<<<blocks(), 64, 0, queue_.stream>>>(begin_.data(), settled_ ? nullptr : order_.data(),
+                                                          gone, changes(), left_.data());
+        check_launch("leave");
+        find_block_begins();
+        MoverArrays none(queue_);
+        none.renew(0, 0);
+        rearrange(none.view(0), 0, left_.data(), {});
+        if (kept > 0) {
+            auto const count = static_cast<std::uint32_t>(kept);
+            detail::renumber<<<groups_of(count, 256), 256, 0, queue_.stream>>>(order_.data(), count, place);
+            check_launch("renumber");
+        }
+        size_ = kept;
+        queue_.wait(); // for what is about to be given back
+    }
+
     /// Moves the items that departed to their new cells, and wraps their offsets. An item lies at its slot
     /// (see settle).
     void follow(std::array<Offset*, d> const& offset)
     {
-        if (size_ == 0) return;
+        if (blocks() == 0) return;
         OnDevice const here(queue_);
         offset_ = offset;
         rearrange(movers_.view(channels_), movers_.most, left_.data(), offset);
@@ -378,7 +401,7 @@ private:
         std::swap(begin_, new_begin_);
         if (!in_place) std::swap(order_, next);
         size_ = items;
-        if (comes_in) queue_.wait(); // for what is about to be given back
+        if (comes_in || !in_place) queue_.wait(); // for what is about to be given back
         settled_ = false;
     }
 

@@ -52,16 +52,14 @@ __global__ void keep_tiles(std::uint32_t const* blocks_before, std::uint32_t kno
 }
 } // namespace detail
 
-/// Blocks of nodes under the blocks of cells: born with them.
+/// The types and sizes of what a grid is made of.
 ///
 /// A block of cells sums into a *tile* of its own: its nodes and `order` more per axis, so that blocks never
-/// write to the same place. A node then adds up the tiles that cover it in a fixed order: no atomics, and no
-/// result that depends on how a device schedules its work. Node n of the lattice is stored under n + reach:
-/// the stencil of cell k begins at node k here.
+/// write to the same place. Node n of the lattice is stored under n + reach: the stencil of cell k begins at
+/// node k here.
 template <class NumberType, int d, int order, int sums, int values>
-class Grid
+struct GridShape
 {
-public:
     using Number = NumberType;
     using Shape = BlockShape<d>;
     using TileShape = Tile<d, order>;
@@ -70,41 +68,189 @@ public:
     static constexpr int corners = 1 << d;
     static constexpr int reach = stencil_reach(order);
     static_assert(order <= Shape::extent, "a stencil may reach into the next block only");
+};
 
-    /// The grid as loops see it.
-    struct View
+/// Blocks of nodes under the blocks of cells: born with them.
+///
+/// Several orders of cells may share the nodes: each has a *layer* of the grid, the tiles that its blocks sum
+/// into. A node adds up the tiles that cover it in a fixed order, layer by layer: no atomics, and no result
+/// that depends on how a device schedules its work.
+template <class NumberType, int d, int order, int sums, int values, int layer_count = 1>
+class Grid : public GridShape<NumberType, d, order, sums, values>
+{
+    using Base = GridShape<NumberType, d, order, sums, values>;
+
+public:
+    using Base::corners;
+    using typename Base::Number, typename Base::Shape, typename Base::TileShape, typename Base::Sums,
+        typename Base::Values;
+    static constexpr int layers = layer_count;
+
+    /// The tiles over a block of nodes, as loops see them.
+    struct Cover
     {
-        std::uint64_t const* keys;     ///< of blocks of nodes
-        std::uint32_t const* nodes_of; ///< per block of cells and corner: the block of nodes there
         std::uint32_t const*
             covered_by; ///< per block of nodes and corner: the block of cells at - corner, or absent
-        Sums *tiles, *next_tiles; ///< per block of cells: of this step, and of the next one
-        Values* node_values;      ///< per block of nodes
+        Sums const* tiles;
     };
+    /// The nodes as loops see them.
+    struct View
+    {
+        std::uint64_t const* keys; ///< of blocks of nodes
+        Cover layer[layers];
+        Values* node_values; ///< per block of nodes
+    };
+
+private:
+    /// What belongs to one order of cells.
+    struct Tiles
+    {
+        std::uint32_t blocks = 0, generation = 0;
+        Array<std::uint32_t> nodes_of, covered_by;
+        std::array<Array<Sums>, 2> of;
+        Results item_results;
+
+        explicit Tiles(Queue const& queue)
+            : nodes_of(queue), covered_by(queue), of{Array<Sums>(queue), Array<Sums>(queue)},
+              item_results(queue)
+        {}
+
+        std::size_t memory() const
+        {
+            return nodes_of.memory() + covered_by.memory() + of[0].memory() + of[1].memory() +
+                   item_results.memory();
+        }
+    };
+
+public:
+    /// The grid as one order of cells sees it: all nodes, and the tiles of its own. Made when it is needed.
+    class Layer : public Base
+    {
+    public:
+        /// The same as loops see it.
+        struct View
+        {
+            std::uint32_t const* nodes_of; ///< per block of cells and corner: the block of nodes there
+            Sums *tiles, *next_tiles;      ///< per block of cells: of this step, and of the next one
+            Values const* node_values;     ///< per block of nodes
+        };
+
+        Layer(Grid& grid, Tiles& tiles) : grid_(&grid), tiles_(&tiles) {}
+
+        Queue const& queue() const { return grid_->queue(); }
+        std::uint32_t blocks() const { return tiles_->blocks; } ///< of cells
+        View view() const
+        {
+            return {tiles_->nodes_of.data(), tiles_->of[0].data(), tiles_->of[1].data(),
+                    grid_->values_.data()};
+        }
+        Results& item_results() const { return tiles_->item_results; }
+
+    private:
+        Grid* grid_;
+        Tiles* tiles_;
+    };
+    Layer layer(std::size_t of) { return {*this, tiles_[of]}; }
 
     template <class Backend>
     explicit Grid(Backend const& backend)
-        : queue_(backend.queue()), set_(queue_), nodes_of_(queue_),
-          covered_by_(queue_), tiles_{Array<Sums>(queue_), Array<Sums>(queue_)}, values_(queue_),
-          node_results_(queue_), item_results_(queue_)
+        : Grid(backend.queue(), std::make_index_sequence<static_cast<std::size_t>(layers)>{})
     {}
 
-    /// Brings blocks up to date with the cells; a block that was there before keeps its sums.
+    /// Brings blocks up to date with the orders of cells, one per layer; a block that was there before keeps
+    /// its sums.
     template <class CellOrder>
-    void follow(CellOrder const& cells)
+    void follow(std::array<CellOrder*, layers> const& orders)
     {
         OnDevice const here(queue_);
-        if (cells.generation() != generation_) {
-            generation_ = cells.generation();
-            keep_tiles(cells.blocks_before(), cells.blocks());
+        forget_empty_blocks(orders);
+        bool grows = false;
+        for (std::size_t l = 0; l < layers; ++l) grows = grows || tiles_[l].blocks != orders[l]->blocks();
+        if (!grows) return;
+        if (set_.memory() == 0) set_.reserve(2 * all_blocks(orders) + 64);
+        for (std::size_t l = 0; l < layers; ++l) find_nodes(tiles_[l], *orders[l]);
+        for (std::size_t l = 0; l < layers; ++l) tie(tiles_[l], *orders[l]);
+        values_.renew(std::size_t(set_.size()) * Shape::cells);
+    }
+
+    Queue const& queue() const { return queue_; }
+    std::uint32_t node_blocks() const { return set_.size(); }
+    View view() const
+    {
+        View view{set_.keys(), {}, const_cast<Values*>(values_.data())};
+        for (std::size_t l = 0; l < layers; ++l)
+            view.layer[l] = {tiles_[l].covered_by.data(), tiles_[l].of[0].data()};
+        return view;
+    }
+    Results& node_results() { return node_results_; }
+
+    /// Takes the sums for the next step for those of this one.
+    void accept()
+    {
+        for (Tiles& tiles : tiles_) std::swap(tiles.of[0], tiles.of[1]);
+    }
+
+    std::size_t memory() const
+    {
+        std::size_t bytes = set_.memory() + values_.memory() + node_results_.memory();
+        for (Tiles const& tiles : tiles_) bytes += tiles.memory();
+        return bytes;
+    }
+
+private:
+    template <std::size_t... l>
+    Grid(Queue const& queue, std::index_sequence<l...>)
+        : queue_(queue), set_(queue), tiles_{(static_cast<void>(l), Tiles(queue))...}, values_(queue),
+          node_results_(queue)
+    {}
+
+    template <class CellOrder>
+    static std::size_t all_blocks(std::array<CellOrder*, layers> const& orders)
+    {
+        std::size_t blocks = 0;
+        for (CellOrder const* const cells : orders) blocks += cells->blocks();
+        return blocks;
+    }
+
+    /// Where blocks of cells were numbered anew, those of nodes begin anew.
+    template <class CellOrder>
+    void forget_empty_blocks(std::array<CellOrder*, layers> const& orders)
+    {
+        bool any = false;
+        for (std::size_t l = 0; l < layers; ++l) {
+            if (orders[l]->generation() == tiles_[l].generation) continue;
+            tiles_[l].generation = orders[l]->generation();
+            keep_tiles(tiles_[l], orders[l]->blocks_before(), orders[l]->blocks());
+            any = true;
         }
-        std::uint32_t const before = blocks_, blocks = cells.blocks();
+        if (!any) return;
+        set_.clear();
+        set_.reserve(2 * all_blocks(orders) + 64);
+        for (Tiles& tiles : tiles_) tiles.blocks = 0;
+    }
+
+    /// Moves the tiles of blocks that were there before to their new places; all else begins anew.
+    void keep_tiles(Tiles& tiles, std::uint32_t const* blocks_before, std::uint32_t blocks)
+    {
+        tiles.of[1].renew(std::size_t(blocks) * TileShape::nodes);
+        detail::keep_tiles<<<blocks, 64, 0, queue_.stream>>>(blocks_before, tiles.blocks, TileShape::nodes,
+                                                             tiles.of[0].data(), tiles.of[1].data());
+        check_launch("keep_tiles");
+        std::swap(tiles.of[0], tiles.of[1]);
+    }
+
+    static constexpr unsigned threads = 128;
+
+    /// Numbers the blocks of nodes under new blocks of cells.
+    template <class CellOrder>
+    void find_nodes(Tiles const& tiles, CellOrder const& cells)
+    {
+        std::uint32_t const before = tiles.blocks, blocks = cells.blocks();
         if (before == blocks) return;
-        unsigned const threads = 128, groups = groups_of(std::size_t(blocks - before) * corners, threads);
-        if (before == 0 && tiles_[0].size() == 0) set_.reserve(2 * std::size_t(blocks) + 64);
         for (;;) {
             detail::want_nodes<d>
-                <<<groups, threads, 0, queue_.stream>>>(cells.view().keys, before, blocks, set_.view());
+                <<<groups_of(std::size_t(blocks - before) * corners, threads), threads, 0, queue_.stream>>>(
+                    cells.view().keys, before, blocks, set_.view());
             check_launch("want_nodes");
             std::uint32_t const births = set_.births();
             if (set_.has_room_for(births)) {
@@ -113,67 +259,36 @@ public:
             }
             set_.reserve(set_.size() + std::max<std::size_t>(2 * births, set_.size() / 8));
         }
-        nodes_of_.resize(std::size_t(blocks) * corners);
-        std::size_t const covered_before = before == 0 ? 0 : covered_by_.size();
-        covered_by_.resize(std::size_t(set_.size()) * corners);
-        covered_by_.fill_bytes(covered_before, covered_by_.size() - covered_before, 0xff);
-        detail::tie<d><<<groups, threads, 0, queue_.stream>>>(cells.view().keys, before, blocks, set_.view(),
-                                                              nodes_of_.data(), covered_by_.data());
+    }
+
+    /// Ties a layer's new blocks to those of nodes, and makes room for their tiles.
+    template <class CellOrder>
+    void tie(Tiles& tiles, CellOrder const& cells)
+    {
+        std::uint32_t const before = tiles.blocks, blocks = cells.blocks();
+        std::size_t const covered_before = before == 0 ? 0 : tiles.covered_by.size();
+        tiles.covered_by.resize(std::size_t(set_.size()) * corners); // of others' nodes, too
+        tiles.covered_by.fill_bytes(covered_before, tiles.covered_by.size() - covered_before, 0xff);
+        if (before == blocks) return;
+        tiles.nodes_of.resize(std::size_t(blocks) * corners);
+        detail::tie<d>
+            <<<groups_of(std::size_t(blocks - before) * corners, threads), threads, 0, queue_.stream>>>(
+                cells.view().keys, before, blocks, set_.view(), tiles.nodes_of.data(),
+                tiles.covered_by.data());
         check_launch("tie");
-        std::size_t const tiles_before = std::min(tiles_[0].size(), std::size_t(blocks) * TileShape::nodes),
-                          tiles = std::size_t(blocks) * TileShape::nodes;
-        tiles_[0].resize(tiles);
-        tiles_[0].fill_bytes(tiles_before, tiles - tiles_before, 0);
-        tiles_[1].renew(tiles);
-        values_.renew(std::size_t(set_.size()) * Shape::cells);
-        blocks_ = blocks;
-    }
-
-    Queue const& queue() const { return queue_; }
-    std::uint32_t blocks() const { return blocks_; } ///< of cells
-    std::uint32_t node_blocks() const { return set_.size(); }
-    View view() const
-    {
-        return {set_.keys(),
-                nodes_of_.data(),
-                covered_by_.data(),
-                const_cast<Sums*>(tiles_[0].data()),
-                const_cast<Sums*>(tiles_[1].data()),
-                const_cast<Values*>(values_.data())};
-    }
-    Results& node_results() { return node_results_; }
-    Results& item_results() { return item_results_; }
-
-    /// Takes the sums for the next step for those of this one.
-    void accept() { std::swap(tiles_[0], tiles_[1]); }
-
-    std::size_t memory() const
-    {
-        return set_.memory() + nodes_of_.memory() + covered_by_.memory() + tiles_[0].memory() +
-               tiles_[1].memory() + values_.memory() + node_results_.memory() + item_results_.memory();
-    }
-
-private:
-    /// Moves the tiles of blocks that were there before to their new places; all else begins anew.
-    void keep_tiles(std::uint32_t const* blocks_before, std::uint32_t blocks)
-    {
-        tiles_[1].renew(std::size_t(blocks) * TileShape::nodes);
-        detail::keep_tiles<<<blocks, 64, 0, queue_.stream>>>(blocks_before, blocks_, TileShape::nodes,
-                                                             tiles_[0].data(), tiles_[1].data());
-        check_launch("keep_tiles");
-        std::swap(tiles_[0], tiles_[1]);
-        set_.clear();
-        set_.reserve(2 * std::size_t(blocks) + 64);
-        blocks_ = 0;
+        std::size_t const count = std::size_t(blocks) * TileShape::nodes,
+                          count_before = std::min(tiles.of[0].size(), count);
+        tiles.of[0].resize(count);
+        tiles.of[0].fill_bytes(count_before, count - count_before, 0);
+        tiles.of[1].renew(count);
+        tiles.blocks = blocks;
     }
 
     Queue queue_;
-    std::uint32_t blocks_ = 0, generation_ = 0;
     BlockSet set_;
-    Array<std::uint32_t> nodes_of_, covered_by_;
-    std::array<Array<Sums>, 2> tiles_;
+    std::array<Tiles, static_cast<std::size_t>(layers)> tiles_;
     Array<Values> values_;
-    Results node_results_, item_results_;
+    Results node_results_;
 };
 
 } // namespace firn::cuda

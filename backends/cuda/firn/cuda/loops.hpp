@@ -206,29 +206,33 @@ __global__ void __launch_bounds__(block_threads)
     int place = int(threadIdx.x);
     for (int a = d - 1; a >= 0; --a, place /= Shape::extent) here[a] = place % Shape::extent;
 
-    std::uint32_t block[GridType::corners]; // all loads first, or each would wait for the one before
-#pragma unroll
-    for (int corner = 0; corner < GridType::corners; ++corner)
-        block[corner] = grid.covered_by[blockIdx.x * GridType::corners + static_cast<unsigned>(corner)];
     Sums sums{};
     bool any = false;
 #pragma unroll
-    for (int corner = 0; corner < GridType::corners; ++corner) {
-        Coordinates<d> at = here; // in the tile of a block that lies `corner` before this one
-        bool covers = block[corner] != absent;
+    for (int layer = 0; layer < GridType::layers; ++layer) {
+        typename GridType::Cover const& of = grid.layer[layer];
+        std::uint32_t block[GridType::corners]; // all loads first, or each would wait for the one before
 #pragma unroll
-        for (int a = 0; a < d; ++a) {
-            at[a] += ((corner >> (d - 1 - a)) & 1) * Shape::extent;
-            covers = covers && at[a] < Tile::width;
-        }
-        Sums more{};
-        if (covers)
-            more =
-                grid.tiles[std::size_t(block[corner]) * Tile::nodes + static_cast<std::size_t>(Tile::at(at))];
+        for (int corner = 0; corner < GridType::corners; ++corner)
+            block[corner] = of.covered_by[blockIdx.x * GridType::corners + static_cast<unsigned>(corner)];
 #pragma unroll
-        for (int c = 0; c < Sums::stored; ++c) {
-            sums.of[c] += more.of[c];
-            any = any || more.of[c] != 0;
+        for (int corner = 0; corner < GridType::corners; ++corner) {
+            Coordinates<d> at = here; // in the tile of a block that lies `corner` before this one
+            bool covers = block[corner] != absent;
+#pragma unroll
+            for (int a = 0; a < d; ++a) {
+                at[a] += ((corner >> (d - 1 - a)) & 1) * Shape::extent;
+                covers = covers && at[a] < Tile::width;
+            }
+            Sums more{};
+            if (covers)
+                more = of.tiles[std::size_t(block[corner]) * Tile::nodes +
+                                static_cast<std::size_t>(Tile::at(at))];
+#pragma unroll
+            for (int c = 0; c < Sums::stored; ++c) {
+                sums.of[c] += more.of[c];
+                any = any || more.of[c] != 0;
+            }
         }
     }
     Coordinates<d> const node = block_of_key<d>(grid.keys[blockIdx.x]) * int{Shape::extent} + here -

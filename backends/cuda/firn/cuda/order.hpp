@@ -8,6 +8,7 @@
 
 #include <array>
 #include <cstdint>
+#include <utility>
 
 // The loops that keep the order of cells up to date.
 namespace firn::cuda::detail
@@ -154,6 +155,47 @@ static __global__ void stay_all(std::uint32_t const* begin, std::uint32_t cells,
     changes.block_arrived[c / 64] = 0;
 }
 
+/// What changes if some items vanish, and nobody moves: those for which `gone[where it lies]` is not 0.
+/// `order` says where items lie; none: at their slots.
+static __global__ void __launch_bounds__(64)
+    leave(std::uint32_t const* begin, std::uint32_t const* order, unsigned char const* gone, Changes changes,
+          unsigned char* left)
+{
+    __shared__ std::uint32_t block_stays;
+    if (threadIdx.x == 0) block_stays = 0;
+    __syncthreads();
+    std::uint32_t const c = blockIdx.x * 64 + threadIdx.x, first = begin[c], count = begin[c + 1] - first,
+                        below = (1u << threadIdx.x % 32) - 1;
+    std::uint32_t slot = begin[c - threadIdx.x % 32], stay = count;
+    for (std::uint32_t rank = 0;; ++rank) {
+        std::uint32_t const pattern = __ballot_sync(~0u, rank < count);
+        if (pattern == 0) break;
+        std::uint32_t const here = slot + __popc(pattern & below);
+        slot += __popc(pattern);
+        if (rank >= count) continue;
+        bool const leaves = gone[order ? order[first + rank] : here] != 0;
+        left[here] = leaves;
+        stay -= leaves;
+    }
+    changes.stay[c] = stay;
+    changes.arrivals[c] = 0;
+    changes.first_arrival[c] = absent;
+    bool const some_leave = __any_sync(~0u, stay < count);
+    if (c % 32 == 0) changes.group_left[c / 32] = some_leave;
+    atomicAdd(&block_stays, stay);
+    __syncthreads();
+    if (threadIdx.x != 0) return;
+    changes.block_stay[blockIdx.x] = block_stays;
+    changes.block_arrived[blockIdx.x] = 0;
+}
+
+/// Says of items where they lie now.
+static __global__ void renumber(std::uint32_t* order, std::uint32_t count, std::uint32_t const* place)
+{
+    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
+    if (i < count) order[i] = place[order[i]];
+}
+
 /// The sum of a value over the lanes of a warp before this one; `total` becomes that over all.
 __device__ inline std::uint64_t sum_before(std::uint64_t value, std::uint64_t& total)
 {
@@ -264,6 +306,50 @@ struct Conclusion
     }
 };
 
+/// What concludes a step of several orders of cells: the results of a loop for each.
+template <class OfNodes, class OfItems, int orders, class Call>
+struct ConclusionOfSeveral
+{
+    Partial<OfNodes> of_nodes;
+    Partial<OfItems> of_items[orders];
+    Call call;
+
+    /// Called by a whole group of threads.
+    template <std::size_t... k>
+    __device__ void conclude(std::index_sequence<k...>) const
+    {
+        constexpr std::uint32_t half = scanning_threads / 64;
+        // plain values, although Eigen's types do not say so
+        __shared__ __align__(16) unsigned char memory[half * (sizeof(OfNodes) + orders * sizeof(OfItems))];
+        auto* const items = reinterpret_cast<OfItems*>(memory);
+        auto* const nodes = reinterpret_cast<OfNodes*>(items + orders * half);
+        std::uint32_t const warp = threadIdx.x / 32;
+        if (warp < half)
+            (of_items[k].merge(warp, half, items + k * half), ...);
+        else
+            of_nodes.merge(warp - half, half, nodes);
+        __syncthreads();
+        if (warp > 0) return;
+        OfNodes const all_nodes = Partial<OfNodes>::whole(nodes, half);
+        OfItems const all_items[]{Partial<OfItems>::whole(items + k * half, half)...};
+        if (threadIdx.x == 0) call(all_nodes, all_items[k]...);
+    }
+};
+
+/// Concludes, in a loop of its own.
+template <class OfNodes, class OfItems, int orders, class Call>
+__global__ void __launch_bounds__(scanning_threads)
+    conclude_several(ConclusionOfSeveral<OfNodes, OfItems, orders, Call> conclusion)
+{
+    conclusion.conclude(std::make_index_sequence<static_cast<std::size_t>(orders)>{});
+}
+
+/// Stands for a conclusion that is yet to be made: the host listens first.
+struct Pause
+{
+    __device__ bool operator()() const { return false; }
+};
+
 /// For one thread of a group: whether `count - 1` groups were here before; what they wrote can then be read.
 __device__ inline bool comes_last(std::uint32_t* arrived, std::uint32_t count)
 {
@@ -307,7 +393,8 @@ __global__ void __launch_bounds__(scanning_threads)
     bool const short_of_room = births > 0 || departed > movers.most;
     // the next loop that moves items counts anew, unless these are to be found once more
     if (births == 0 || departed > movers.most) meet.departed = 0;
-    bool const crowded = !short_of_room && begins.blocks > 8 + live + live / 4;
+    // (nobody is left where nothing lives: blocks are then kept for who comes)
+    bool const crowded = !short_of_room && live > 0 && begins.blocks > 8 + live + live / 4;
     if (__ldcg(&meet.goes_on) != 0 && !short_of_room && !crowded) return;
     *signal.stopped = 1;
     *signal.stop = {1, departed, births, crowded};

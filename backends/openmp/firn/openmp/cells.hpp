@@ -149,6 +149,26 @@ public:
         for (auto& list : movers_) std::vector<Mover>().swap(list);
     }
 
+    /// Forgets the items for which `gone[where it lies]` is not 0, `kept` being the others, which will lie at
+    /// `place[where it lies]`; they keep the order of ranks but for holes, which the last of a cell fill.
+    void erase(unsigned char const* gone, std::uint32_t const* place, std::size_t kept)
+    {
+        prepare_lists();
+        for (std::size_t b = 0; b < blocks_.size(); ++b) {
+            departures_[b].slots.clear();
+            for (int group = 0; group < Shape::groups; ++group)
+                for_each_rank(b, group, [&](std::uint32_t slot, std::uint32_t rank, std::uint64_t pattern) {
+                    for (; pattern != 0; pattern &= pattern - 1, ++slot)
+                        if (gone[source(slot)])
+                            left_[b].push_back({rank, static_cast<std::uint16_t>(group * lanes +
+                                                                                 std::countr_zero(pattern))});
+                });
+            stay_[b] = static_cast<std::uint32_t>(blocks_[b].end - blocks_[b].begin - left_[b].size());
+        }
+        rearrange(kept);
+        for (std::size_t slot = 0; slot < kept; ++slot) source_[slot] = place[source_[slot]];
+    }
+
     /// Moves the items that departed to their new cells, and wraps their offsets. An item lies at its slot
     /// (see settle).
     void follow(std::array<Offset*, d> const& offset)

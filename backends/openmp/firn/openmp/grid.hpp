@@ -12,16 +12,14 @@
 namespace firn::openmp
 {
 
-/// Blocks of nodes under the blocks of cells: born with them, gone with them.
+/// The sizes of what a grid is made of.
 ///
 /// A block of cells sums into a *tile* of its own: its nodes and `order` more per axis, so that blocks never
-/// write to the same place. A node then adds up the tiles that cover it in a fixed order, which makes the
-/// sums independent of the number of threads. Node n of the lattice is stored under n + reach: the stencil of
-/// cell k begins at node k here.
-template <class Number, int d, int order, int sums, int values, int lanes>
-class Grid
+/// write to the same place. Node n of the lattice is stored under n + reach: the stencil of cell k begins at
+/// node k here.
+template <int d, int order, int lanes>
+struct GridShape
 {
-public:
     using Shape = BlockShape<d, lanes>;
     static constexpr int corners = 1 << d;
     static constexpr int reach = stencil_reach(order);
@@ -36,72 +34,12 @@ public:
 
     static constexpr int absent = BlockMap::absent;
 
-    template <class Backend>
-    explicit Grid(Backend const&)
-    {}
-
-    struct NodeBlock
-    {
-        Coordinates<d> coordinates;
-        std::array<int, corners> covered_by; ///< the cell blocks at coordinates - corner, or absent
-    };
-
-    /// Brings blocks up to date with the cells; a block that was there before keeps its sums.
-    template <class CellOrder>
-    void follow(CellOrder const& cells)
-    {
-        bool const missed_none = cells.generation() <= generation_ + 1;
-        generation_ = cells.generation();
-        if (cells.version() == version_) return;
-        version_ = cells.version();
-        follow_tiles(cells, missed_none);
-        nodes_.clear();
-        nodes_of_.resize(cells.blocks().size());
-        map_.clear(cells.blocks().size() * corners);
-        for (std::size_t b = 0; b < cells.blocks().size(); ++b)
-            for (int corner = 0; corner < corners; ++corner)
-                nodes_of_[b][corner] = node_block(cells.blocks()[b].coordinates + offset(corner));
-        for (std::size_t b = 0; b < cells.blocks().size(); ++b)
-            for (int corner = 0; corner < corners; ++corner)
-                nodes_[nodes_of_[b][corner]].covered_by[corner] = int(b);
-        values_.resize(nodes_.size() * values * block_channel);
-    }
-
     /// The block corner (0 or 1 per axis, first axis highest).
     static Coordinates<d> offset(int corner)
     {
         Coordinates<d> o;
         for (int a = 0; a < d; ++a) o[a] = (corner >> (d - 1 - a)) & 1;
         return o;
-    }
-
-    std::vector<NodeBlock> const& nodes() const { return nodes_; }
-    std::array<int, corners> const& nodes_of(std::size_t block) const { return nodes_of_[block]; }
-    /// The tile of a block with the sums of this step, and the one that is being filled for the next step.
-    Number* tile(std::size_t block) { return tile_in(tiles_[0], block); }
-    Number* next_tile(std::size_t block) { return tile_in(tiles_[1], block); }
-    /// One bit for each row of the block's tile that holds sums; the others are not to be read.
-    std::uint64_t& touched(std::size_t block) { return touched_[0][tile_of_[block]]; }
-    std::uint64_t& next_touched(std::size_t block) { return touched_[1][tile_of_[block]]; }
-    Number* node_values(std::size_t node_block) { return &values_[node_block * values * block_channel]; }
-    Number const* node_values(std::size_t node_block) const
-    {
-        return &values_[node_block * values * block_channel];
-    }
-
-    /// Takes the sums for the next step for those of this one.
-    void accept()
-    {
-        std::swap(tiles_[0], tiles_[1]);
-        std::swap(touched_[0], touched_[1]);
-    }
-
-    std::size_t memory() const
-    {
-        return tiles_[0].memory() + tiles_[1].memory() + values_.memory() +
-               (touched_[0].capacity() + touched_[1].capacity()) * sizeof(std::uint64_t) +
-               tile_of_.capacity() * sizeof(std::size_t) + map_.memory() +
-               nodes_.capacity() * sizeof(NodeBlock) + nodes_of_.capacity() * sizeof(nodes_of_[0]);
     }
 
     /// The rows of a tile that a group's stencils touch.
@@ -129,19 +67,143 @@ public:
     }
 
     static constexpr int stencil_rows = d == 3 ? (order + 1) * (order + 1) : order + 1;
+};
+
+/// Blocks of nodes under the blocks of cells: born with them, gone with them.
+///
+/// Several orders of cells may share the nodes: each has a *layer* of the grid, the tiles that its blocks sum
+/// into. A node adds up the tiles that cover it in a fixed order, layer by layer, which makes the sums
+/// independent of the number of threads.
+template <class Number, int d, int order, int sums, int values, int lanes, int layer_count = 1>
+class Grid : public GridShape<d, order, lanes>
+{
+    using Base = GridShape<d, order, lanes>;
+
+    /// What belongs to one order of cells.
+    struct Tiles
+    {
+        std::uint64_t version = 0, generation = 0;
+        std::vector<std::array<int, Base::corners>> nodes_of; ///< per cell block: the node blocks at + corner
+        std::vector<std::size_t> tile_of;                     ///< per cell block
+        std::array<Array<Number>, 2> of; ///< [channel][row][place] of each: of this step and of the next
+        std::array<std::vector<std::uint64_t>, 2> touched; ///< per tile
+
+        std::size_t memory() const
+        {
+            return of[0].memory() + of[1].memory() +
+                   (touched[0].capacity() + touched[1].capacity()) * sizeof(std::uint64_t) +
+                   tile_of.capacity() * sizeof(std::size_t) + nodes_of.capacity() * sizeof(nodes_of[0]);
+        }
+    };
+
+public:
+    using Base::absent, Base::corners, Base::offset, Base::tile_channel, Base::block_channel;
+    static constexpr int layers = layer_count;
+
+    template <class Backend>
+    explicit Grid(Backend const&)
+    {}
+
+    struct NodeBlock
+    {
+        Coordinates<d> coordinates;
+        /// per layer: the cell blocks at coordinates - corner, or absent
+        std::array<std::array<int, Base::corners>, layers> covered_by;
+    };
+
+    /// The grid as one order of cells sees it: all nodes, and the tiles of its own. Made when it is needed.
+    class Layer : public Base
+    {
+    public:
+        Layer(Grid& grid, Tiles& tiles) : grid_(&grid), tiles_(&tiles) {}
+
+        std::array<int, Base::corners> const& nodes_of(std::size_t block) const
+        {
+            return tiles_->nodes_of[block];
+        }
+        /// The tile of a block with the sums of this step, and the one that is being filled for the next
+        /// step.
+        Number* tile(std::size_t block) const { return tile_in(tiles_->of[0], block); }
+        Number* next_tile(std::size_t block) const { return tile_in(tiles_->of[1], block); }
+        /// One bit for each row of the block's tile that holds sums; the others are not to be read.
+        std::uint64_t& touched(std::size_t block) const { return tiles_->touched[0][tiles_->tile_of[block]]; }
+        std::uint64_t& next_touched(std::size_t block) const
+        {
+            return tiles_->touched[1][tiles_->tile_of[block]];
+        }
+        Number* node_values(std::size_t node_block) const { return grid_->node_values(node_block); }
+
+    private:
+        Number* tile_in(Array<Number>& of, std::size_t block) const
+        {
+            return &of[tiles_->tile_of[block] * sums * Base::tile_channel];
+        }
+
+        Grid* grid_;
+        Tiles* tiles_;
+    };
+    Layer layer(std::size_t of) { return {*this, tiles_[of]}; }
+
+    /// Brings blocks up to date with the orders of cells, one per layer; a block that was there before keeps
+    /// its sums.
+    template <class CellOrder>
+    void follow(std::array<CellOrder*, layers> const& orders)
+    {
+        bool changed = false;
+        std::size_t blocks = 0;
+        for (int l = 0; l < layers; ++l) {
+            CellOrder const& cells = *orders[l];
+            Tiles& tiles = tiles_[l];
+            blocks += cells.blocks().size();
+            bool const missed_none = cells.generation() <= tiles.generation + 1;
+            tiles.generation = cells.generation();
+            if (cells.version() == tiles.version) continue;
+            tiles.version = cells.version();
+            follow_tiles(tiles, cells, missed_none);
+            changed = true;
+        }
+        if (!changed) return;
+        nodes_.clear();
+        map_.clear(blocks * corners);
+        for (int l = 0; l < layers; ++l) find_nodes(tiles_[l], *orders[l]);
+        for (int l = 0; l < layers; ++l)
+            for (std::size_t b = 0; b < tiles_[l].nodes_of.size(); ++b)
+                for (int corner = 0; corner < corners; ++corner)
+                    nodes_[tiles_[l].nodes_of[b][corner]].covered_by[l][corner] = int(b);
+        values_.resize(nodes_.size() * values * block_channel);
+    }
+
+    std::vector<NodeBlock> const& nodes() const { return nodes_; }
+    Number* node_values(std::size_t node_block) { return &values_[node_block * values * block_channel]; }
+
+    /// Takes the sums for the next step for those of this one.
+    void accept()
+    {
+        for (Tiles& tiles : tiles_) {
+            std::swap(tiles.of[0], tiles.of[1]);
+            std::swap(tiles.touched[0], tiles.touched[1]);
+        }
+    }
+
+    std::size_t memory() const
+    {
+        std::size_t bytes = values_.memory() + map_.memory() + nodes_.capacity() * sizeof(NodeBlock);
+        for (Tiles const& tiles : tiles_) bytes += tiles.memory();
+        return bytes;
+    }
 
 private:
     /// Finds each block its tile: the one it had, or one that is free.
     template <class CellOrder>
-    void follow_tiles(CellOrder const& cells, bool have_history)
+    void follow_tiles(Tiles& tiles, CellOrder const& cells, bool have_history)
     {
         std::size_t const blocks = cells.blocks().size();
         std::vector<std::size_t> next(blocks, blocks);
-        auto& touched = touched_[0];
+        auto& touched = tiles.touched[0];
         std::vector<char> taken(std::max(blocks, touched.size()), 0);
         for (std::size_t b = 0; b < blocks; ++b)
             if (int const old = cells.old_block(b); have_history && old != absent)
-                taken[next[b] = tile_of_[static_cast<std::size_t>(old)]] = 1;
+                taken[next[b] = tiles.tile_of[static_cast<std::size_t>(old)]] = 1;
         std::size_t free = 0, count = 0;
         touched.resize(taken.size(), 0);
         for (std::size_t b = 0; b < blocks; ++b) {
@@ -153,14 +215,19 @@ private:
             }
             count = std::max(count, next[b] + 1);
         }
-        tile_of_ = std::move(next);
-        for (auto& rows : touched_) rows.resize(count);
-        for (auto& tiles : tiles_) tiles.resize(count * sums * tile_channel);
+        tiles.tile_of = std::move(next);
+        for (auto& rows : tiles.touched) rows.resize(count);
+        for (auto& of : tiles.of) of.resize(count * sums * tile_channel);
     }
 
-    Number* tile_in(Array<Number>& tiles, std::size_t block)
+    /// Finds the blocks of nodes under those of an order of cells.
+    template <class CellOrder>
+    void find_nodes(Tiles& tiles, CellOrder const& cells)
     {
-        return &tiles[tile_of_[block] * sums * tile_channel];
+        tiles.nodes_of.resize(cells.blocks().size());
+        for (std::size_t b = 0; b < cells.blocks().size(); ++b)
+            for (int corner = 0; corner < corners; ++corner)
+                tiles.nodes_of[b][corner] = node_block(cells.blocks()[b].coordinates + offset(corner));
     }
 
     int node_block(Coordinates<d> const& coordinates)
@@ -170,20 +237,16 @@ private:
         if (index != absent) return index;
         index = static_cast<int>(nodes_.size());
         NodeBlock block{coordinates, {}};
-        block.covered_by.fill(absent);
+        for (auto& covered_by : block.covered_by) covered_by.fill(absent);
         nodes_.push_back(block);
         map_.insert(key, index);
         return index;
     }
 
-    std::uint64_t version_ = 0, generation_ = 0;
     std::vector<NodeBlock> nodes_;
-    std::vector<std::array<int, corners>> nodes_of_; ///< per cell block: the node blocks at + corner
     BlockMap map_;
-    std::vector<std::size_t> tile_of_;   ///< per cell block
-    std::array<Array<Number>, 2> tiles_; ///< [channel][row][place] of each: of this step and of the next
-    Array<Number> values_;               ///< per node block: [channel][row][place]
-    std::array<std::vector<std::uint64_t>, 2> touched_; ///< per tile
+    std::array<Tiles, layers> tiles_;
+    Array<Number> values_; ///< per node block: [channel][row][place]
 };
 
 } // namespace firn::openmp

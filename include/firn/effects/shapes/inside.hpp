@@ -1,0 +1,56 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/effects/motion.hpp>
+#include <firn/effects/shapes/shape.hpp>
+
+namespace firn
+{
+
+/// Tells whether a point [m] is inside a solid: `solver.remove_if(Inside<Box>{.shape = {...}})` is a drain.
+///
+/// `pose` says where the solid is: its position and orientation. For a device a plain shape, as obstacles
+/// have it.
+template <class ShapeType>
+struct Inside
+{
+    ShapeType shape{};
+    Motion pose{};
+
+    static constexpr bool in_host_memory = requires { requires ShapeType::in_host_memory; };
+
+    void validate() const
+    {
+        if constexpr (requires { shape.validate(); }) shape.validate();
+        pose.validate("Inside");
+    }
+
+    template <int d>
+    FIRN_HOST_DEVICE bool operator()(Eigen::Matrix<double, d, 1> const& x) const
+    {
+        Eigen::Matrix3d const rotation = pose.orientation.normalized().toRotationMatrix();
+        Vector<double, d> const away = x - pose.position.template head<d>();
+        Vector<double, d> const local = rotation.template topLeftCorner<d, d>().transpose() * away;
+        return shape.template surface<double, d>(local).distance < 0;
+    }
+};
+
+/// Tells whether a point [m] is outside a solid: what left a box, for example.
+template <class ShapeType>
+struct Outside
+{
+    ShapeType shape{};
+    Motion pose{};
+
+    static constexpr bool in_host_memory = Inside<ShapeType>::in_host_memory;
+
+    void validate() const { Inside<ShapeType>{shape, pose}.validate(); }
+
+    template <int d>
+    FIRN_HOST_DEVICE bool operator()(Eigen::Matrix<double, d, 1> const& x) const
+    {
+        return !Inside<ShapeType>{shape, pose}(x);
+    }
+};
+
+} // namespace firn

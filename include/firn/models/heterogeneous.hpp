@@ -1,0 +1,36 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/fields.hpp>
+#include <firn/models/response.hpp>
+
+namespace firn
+{
+
+/// A solid whose particles are stiffer or softer than one another: each has its own factor of the Lamé
+/// moduli, 1 unless told otherwise by `solver.upload<Stiffness>(factors)`.
+///
+/// An isotropic law is linear in its moduli, so that stress and rho_0 c^2 are those of the model times the
+/// factor. What is stated in strains stays as it is: snow's critical stretches, the cone of sand. What is
+/// stated in stress, such as a yield strength, grows with the moduli, so that strains at yield stay, too.
+template <class ModelType>
+struct Heterogeneous : ModelType
+{
+    using Model = ModelType;
+    using Space = typename Model::Space;
+    using State = Join<typename Model::State, Fields<Stiffness>>;
+    static_assert(!Viscous<Model>, "viscous stress is not proportional to the moduli");
+
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Response<Real, Space::dimension>
+    respond(Particle& state, Matrix<Real, Space::dimension> const& velocity_gradient, Real dt) const
+    {
+        auto response = Model::template respond<Real>(state, velocity_gradient, dt);
+        Real const stiffness = state[Stiffness{}];
+        response.kirchhoff_stress = response.kirchhoff_stress * stiffness;
+        response.wave_modulus = response.wave_modulus * stiffness;
+        return response;
+    }
+};
+
+} // namespace firn

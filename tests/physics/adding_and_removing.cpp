@@ -1,0 +1,273 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/policies.hpp"
+
+#include <numeric>
+#include <tuple>
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+/// Everything on the left of a plane.
+struct OnTheLeft
+{
+    double x;
+
+    template <int d>
+    FIRN_HOST_DEVICE bool operator()(Eigen::Matrix<double, d, 1> const& at) const
+    {
+        return at[0] < x;
+    }
+};
+
+/// What is faster than that.
+struct Faster
+{
+    double speed;
+
+    template <class Position, class Particle>
+    FIRN_HOST_DEVICE bool operator()(Position const&, Particle const& particle) const
+    {
+        return double(particle[Velocity{}].norm()) > speed;
+    }
+};
+
+struct Nobody
+{
+    template <int d>
+    FIRN_HOST_DEVICE bool operator()(Eigen::Matrix<double, d, 1> const&) const
+    {
+        return false;
+    }
+};
+
+/// All that there is of each particle, with its id.
+template <class Solver>
+auto everything(Solver const& solver)
+{
+    auto const ids = solver.ids();
+    auto const x = solver.positions();
+    auto const v = solver.template download<Velocity>();
+    auto const H = solver.template download<DisplacementGradient>();
+    auto const m = solver.masses();
+    std::vector<std::tuple<std::uint32_t, typename decltype(x)::value_type, typename decltype(v)::value_type,
+                           typename decltype(H)::value_type, double>>
+        all;
+    for (std::size_t i = 0; i < ids.size(); ++i) all.emplace_back(ids[i], x[i], v[i], H[i], m[i]);
+    return all;
+}
+
+} // namespace
+
+using Cases =
+    std::tuple<Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>, Scene<Snow<Solid>, CubicBSpline, Flip>,
+               Scene<FixedCorotated<SolidFloat>, QuadraticBSpline, Apic>,
+               Scene<Sand<PlaneFloat>, CubicBSpline, Asflip>>;
+
+TEMPLATE_LIST_TEST_CASE("who stays when others are removed keeps its id and, bit by bit, all it has", "",
+                        Cases)
+{
+    constexpr int d = TestType::d;
+    double const h = 0.05;
+    typename TestType::Solver solver(lattice(h));
+    Vector<double, d> const low = Vector<double, d>::Constant(0.011);
+    Vector<double, d> v = Vector<double, d>::Constant(0.7), above = Vector<double, d>::Zero();
+    above[1] = 0.3;
+    auto const box = box_of_points<d>(low, low + Vector<double, d>::Constant(0.3), h);
+    auto other = box;
+    for (auto& x : other) x += above;
+    solver.add(box, std::pow(h / 2, d), v);
+    solver.add(other, 2 * std::pow(h / 2, d), -v); // of another mass
+    Obstacle<HalfSpace> const floor{};
+    std::size_t removed = 0, left = solver.size();
+    double plane = 0.1;
+    for (int round = 0; round < 4; ++round, plane += 0.04) {
+        auto expected = everything(solver);
+        std::erase_if(expected, [&](auto const& particle) { return std::get<1>(particle)[0] < plane; });
+        std::size_t const count = solver.remove_if(OnTheLeft{plane});
+        CHECK(count > 0);
+        removed += count;
+        left -= count;
+        CHECK(left > 0);
+        CHECK(solver.size() == left);
+        CHECK((everything(solver) == expected)); // not to be printed
+        for (int i = 0; i < 5; ++i) solver.step(1e-4, Gravity{}, floor);
+        solver.advance(1e-3, Gravity{}, floor);
+        CHECK(solver.size() == left);
+    }
+    CHECK(removed + left == 2 * box.size());
+    auto const before = everything(solver);
+    CHECK(solver.remove_if(Nobody{}) == 0);
+    CHECK((everything(solver) == before));
+    CHECK(solver.remove_if(Outside<Sphere>{.shape = {1e-6}, .pose = {.position = {0, -9, 0}}}) == left);
+    CHECK(solver.size() == 0);
+    CHECK(solver.positions().empty());
+    solver.step(1e-4, Gravity{}, floor); // and it still runs
+    CHECK(solver.add(box, std::pow(h / 2, d), v) == 2 * box.size());
+    for (int i = 0; i < 50; ++i) solver.step(1e-4);
+    auto const x = solver.positions();
+    REQUIRE(x.size() == box.size());
+    double worst = 0;
+    for (std::size_t i = 0; i < x.size(); ++i) worst = std::max(worst, (x[i] - box[i] - 5e-3 * v).norm());
+    CHECK(worst <= (TestType::is_float ? 1e-7 : 1e-13));
+}
+
+TEST_CASE("to remove nobody changes not a bit of what follows")
+{
+    using Solver = Scene<Snow<Plane>, QuadraticBSpline, Mls>::Solver;
+    auto const run = [](bool asks) {
+        Solver solver(lattice(0.05));
+        solver.add(box_of_points<2>({0, 0.01}, {0.3, 0.3}, 0.05), 0.025 * 0.025, {1, -3});
+        for (int i = 0; i < 60; ++i) {
+            if (asks) CHECK(solver.remove_if(OnTheLeft{-10}) == 0);
+            solver.step(1e-4, Gravity{}, Obstacle<HalfSpace>{});
+        }
+        return everything(solver);
+    };
+    CHECK((run(true) == run(false)));
+}
+
+TEMPLATE_LIST_TEST_CASE("a body flies on as if one far away had never been there, once that is removed", "",
+                        Cases)
+{
+    constexpr int d = TestType::d;
+    double const h = 0.05;
+    auto const run = [&](bool with_other) {
+        typename TestType::Solver solver(lattice(h));
+        auto const ball = ball_of_points<d>(Vector<double, d>::Constant(0.213), 0.2, h);
+        Vector<double, d> v = Vector<double, d>::Zero();
+        v[1] = -3;
+        if (with_other) {
+            auto other = ball;
+            for (auto& x : other) x[0] -= 5;
+            solver.add(other, std::pow(h / 2, d), v);
+        }
+        solver.add(ball, std::pow(h / 2, d), v);
+        Obstacle<HalfSpace> const floor{.contact = Contact::slip()};
+        for (int i = 0; i < 60; ++i) {
+            if (i == 30) {
+                if (with_other)
+                    CHECK(solver.remove_if(OnTheLeft{-2}) == ball.size());
+                else // gives afresh, too
+                    solver.template upload<Velocity>(solver.template download<Velocity>());
+            }
+            solver.step(2e-4, Gravity{}, floor);
+        }
+        CHECK(solver.ids()[0] == (with_other ? ball.size() : 0));
+        return std::pair{solver.positions(), solver.template download<Velocity>()};
+    };
+    auto const [x, v] = run(true);
+    auto const [y, w] = run(false);
+    REQUIRE(x.size() == y.size());
+    double worst = 0, faster = 0;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+        worst = std::max(worst, (x[i] - y[i]).norm());
+        faster = std::max(faster, double((v[i] - w[i]).norm()));
+    }
+    CHECK(worst <= (TestType::is_float ? 1e-6 : 1e-13));
+    CHECK(faster <= (TestType::is_float ? 1e-3 : 1e-10));
+}
+
+TEST_CASE("particles are removed by what they are as well as by where they are")
+{
+    using Solver =
+        Scene<NeoHookean<Solid>, QuadraticBSpline, Mls>::Solver; // velocities are taken when asked for
+    Solver solver(lattice(0.1));
+    auto const box = box_of_points<3>({0.01, 0, 0}, {0.2, 0.2, 0.2}, 0.1);
+    auto far = box;
+    for (auto& x : far) x[0] += 3;
+    solver.add(box, 1.25e-4, {0, 1, 0});
+    solver.add(far, 1.25e-4, {0, 0.1, 0});
+    for (int i = 0; i < 5; ++i) solver.step(1e-3);
+    CHECK(solver.remove_if(Faster{2}) == 0);
+    CHECK(solver.remove_if(Faster{0.5}) == box.size());
+    CHECK(solver.ids().front() == box.size());
+    for (int i = 0; i < 5; ++i) solver.step(1e-3);
+    for (auto const& v : solver.download<Velocity>()) CHECK((v - Eigen::Vector3d(0, 0.1, 0)).norm() < 1e-12);
+}
+
+using Flows = std::tuple<Scene<FixedCorotated<Plane>, QuadraticBSpline, Mls>,
+                         Scene<NeoHookean<Solid>, CubicBSpline, Flip>>;
+
+TEMPLATE_LIST_TEST_CASE(
+    "what is emitted layer by layer and drained again is, at any time, what has come in and "
+    "not yet gone out",
+    "", Flows)
+{
+    constexpr int d = TestType::d;
+    using Solver = typename TestType::Solver;
+    double const h = 0.05, speed = 2, spacing = h / 2, drain = 0.4;
+    typename Solver::Model soft;
+    soft.elasticity = lame(1e3, 0.3);
+    Solver solver(lattice(h), soft);
+    Vector<double, d> high = Vector<double, d>::Constant(0.2), v = Vector<double, d>::Zero();
+    high[0] = spacing;
+    v[0] = speed;
+    auto const layer = box_of_points<d>(Vector<double, d>::Zero(), high, h);
+    double const period =
+        spacing / speed; // a layer has then moved by the distance between layers: no overlap
+    Obstacle<Box> const nowhere{.shape = {{1, 1, 1}}, .motion = {.position = {0, 50, 0}}};
+    Inside<HalfSpace> const sink{.shape = {{-1, 0, 0}},
+                                 .pose = {.position = {drain, 0, 0}}}; // where x > drain
+    std::size_t layers = 0, gone = 0, most_memory = 0;
+    double inside = 0;
+    for (int i = 0; i < 80; ++i) {
+        CHECK(solver.add(layer, std::pow(spacing, d), v) == layers * layer.size());
+        ++layers;
+        solver.advance(period, nowhere);
+        gone += solver.remove_if(sink);
+        inside = double(layers * layer.size() - gone);
+        REQUIRE(solver.size() == layers * layer.size() - gone);
+        Totals const now(solver);
+        CHECK(now.mass == Approx(inside * 1000 * std::pow(spacing, d)).epsilon(1e-12));
+        CHECK((now.momentum - now.mass * v).norm() <= 1e-10 * now.mass * speed);
+        if (i == 30) most_memory = solver.memory();
+    }
+    // the k-th layer came at k periods; all of those move as one body
+    auto const ids = solver.ids();
+    auto const x = solver.positions();
+    double worst = 0;
+    for (std::size_t i = 0; i < ids.size(); ++i) {
+        auto const k = ids[i] / layer.size();
+        Vector<double, d> const expected =
+            layer[ids[i] % layer.size()] + v * (solver.time() - double(k) * period);
+        worst = std::max(worst, (x[i] - expected).norm());
+    }
+    CHECK(worst <= 1e-11);
+    // half a spacing and 15 more are short of the drain, 16 are beyond it
+    CHECK(solver.size() == 15 * layer.size());
+    CHECK(ids.front() == 65 * layer.size());
+    CHECK(solver.memory() <= most_memory + most_memory / 10); // nothing piles up
+}
+
+TEST_CASE("where particles were removed rows follow one another, and what is looked at is what is downloaded")
+{
+    using Solver = Scene<Snow<SolidFloat>, QuadraticBSpline, Mls>::Solver;
+    Solver solver(lattice(0.1));
+    solver.add(box_of_points<3>({0.01, 0, 0}, {0.41, 0.2, 0.2}, 0.1), 1.25e-4, {0, 1, 0});
+    std::vector<float> J(solver.size());
+    std::iota(J.begin(), J.end(), 1.0f);
+    for (auto& value : J) value = 1 - 1e-4f * value;
+    solver.upload<PlasticVolumeRatio>(J);
+    solver.step(1e-4);
+    CHECK(solver.remove_if(OnTheLeft{0.2}) == 64);
+    auto const ids = solver.ids();
+    auto const values = solver.download<PlasticVolumeRatio>();
+    auto const view = solver.view<PlasticVolumeRatio>();
+    REQUIRE(view.count == 64);
+    for (std::size_t row = 0; row < ids.size(); ++row) CHECK(values[row] == J[ids[row]]);
+    typename TestedBackend::Array<float> buffer{TestedBackend{}};
+    buffer.resize(3 * solver.size());
+    solver.write_positions(buffer.data());
+    std::vector<float> written(buffer.size());
+    buffer.download(0, written);
+    auto const x = solver.positions();
+    for (std::size_t row = 0; row < ids.size(); ++row)
+        CHECK((Eigen::Map<Eigen::Vector3f>(&written[3 * row]) == x[row].cast<float>()));
+#if !defined(__CUDACC__)
+    for (std::size_t i = 0; i < view.count; ++i) CHECK(view.component[0][i] == values[view.row[i]]);
+#endif
+}

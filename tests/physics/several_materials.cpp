@@ -1,0 +1,350 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/policies.hpp"
+
+#include <numeric>
+#include <thread>
+#include <tuple>
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+/// Mass and momentum of the particles of one material.
+template <class Which, class Solver>
+std::pair<double, Vector<double, Solver::d>> momentum_of(Solver const& solver)
+{
+    constexpr int d = Solver::d;
+    auto const m = solver.template masses<Which>();
+    auto const v = solver.template download<Velocity, Which>();
+    double mass = 0;
+    Vector<double, d> momentum = Vector<double, d>::Zero();
+    for (std::size_t i = 0; i < m.size(); ++i) {
+        mass += m[i];
+        momentum += m[i] * v[i].template cast<double>();
+    }
+    return {mass, momentum};
+}
+
+/// A soft solid that is as heavy as asked.
+template <class Model>
+Model solid(double density, double young = 1e5)
+{
+    Model model;
+    model.density = static_cast<typename Model::Number>(density);
+    model.elasticity = lame<typename Model::Number>(young, 0.3);
+    return model;
+}
+
+using First = Material<0>;
+using Second = Material<1>;
+using Third = Material<2>;
+
+} // namespace
+
+using Pairs =
+    std::tuple<Scene<Materials<NeoHookean<Plane>, FixedCorotated<Plane>>, QuadraticBSpline, Mls>,
+               Scene<Materials<NeoHookean<Solid>, FixedCorotated<Solid>>, CubicBSpline, Flip>,
+               Scene<Materials<FixedCorotated<Plane>, NeoHookean<Plane>>, CubicBSpline, Apic>,
+               Scene<Materials<NeoHookean<Plane>, Hencky<Plane>>, QuadraticBSpline, Pic>,
+               Scene<Materials<NeoHookean<SolidFloat>, FixedCorotated<SolidFloat>>, QuadraticBSpline, Mls>>;
+
+TEMPLATE_LIST_TEST_CASE("what one body gains in a collision of two materials the other loses, and their "
+                        "centre of mass flies on",
+                        "", Pairs)
+{
+    constexpr int d = TestType::d;
+    using Solver = typename TestType::Solver;
+    using A = typename Solver::template Of<First>::Model;
+    using B = typename Solver::template Of<Second>::Model;
+    double const h = 0.05, volume = std::pow(h / 2, d);
+    Solver solver(lattice(h), {solid<A>(1000), solid<B>(3000)});
+    Vector<double, d> low = Vector<double, d>::Constant(0.01), high = low, v = Vector<double, d>::Zero(),
+                      w = v;
+    high += Vector<double, d>::Constant(0.2);
+    Vector<double, d> shift = Vector<double, d>::Zero(); // B hits A beside its middle
+    shift[0] = 0.3;
+    shift[1] = 0.1;
+    v[0] = 2;
+    w[0] = -1;
+    auto const a = box_of_points<d>(low, high, h), b = box_of_points<d>(low + shift, high + shift, h);
+    solver.template add<First>(a, volume, v);
+    solver.template add<Second>(b, volume, w);
+    auto const [mass_a, before_a] = momentum_of<First>(solver);
+    auto const [mass_b, before_b] = momentum_of<Second>(solver);
+    CHECK(mass_a == Approx(1000 * volume * double(a.size())));
+    CHECK(mass_b == Approx(3000 * volume * double(b.size())));
+    Vector<double, d> const total = mass_a * v + mass_b * w, start = Totals(solver).centre;
+    double const size = mass_a * v.norm(), rounding = TestType::is_float ? 2e-6 : 1e-13;
+
+    solver.advance(0.1);
+    auto const after_a = momentum_of<First>(solver).second, after_b = momentum_of<Second>(solver).second;
+    CHECK((after_a - before_a).norm() > 0.5 * size); // they have met
+    CHECK((after_a - before_a + after_b - before_b).norm() <= 10 * rounding * size);
+    Totals const end(solver);
+    CHECK((end.momentum - total).norm() <= 10 * rounding * size);
+    CHECK((end.centre - start - 0.1 * total / (mass_a + mass_b)).norm() <= rounding);
+    CHECK(momentum_of<First>(solver).first == mass_a);
+    CHECK(momentum_of<Second>(solver).first == mass_b);
+}
+
+using Halves =
+    std::tuple<Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>,
+               Scene<FixedCorotated<Solid>, CubicBSpline, Flip>,
+               Scene<Fluid<Plane>, QuadraticBSpline, Asflip>, Scene<Snow<Solid>, QuadraticBSpline, Pic>,
+               Scene<Snow<PlaneFloat>, CubicBSpline, Apic>>;
+
+TEMPLATE_LIST_TEST_CASE(
+    "a body whose halves are two materials that are the same moves as one of that material", "", Halves)
+{
+    constexpr int d = TestType::d;
+    using Model = typename TestType::Model;
+    double const h = 0.05;
+    typename TestType::Solver one(lattice(h));
+    firn::Solver<TestedBackend, Materials<Model, Model>, typename TestType::Kernel,
+                 typename TestType::Transfer>
+        two(lattice(h));
+    Vector<double, d> const middle = Vector<double, d>::Constant(0.213);
+    std::vector<Vector<double, d>> even, odd; // particles of both share every cell
+    for (auto const& x : ball_of_points<d>(middle, 0.2, h))
+        (even.size() > odd.size() ? odd : even).push_back(x);
+    Vector<double, d> v = Vector<double, d>::Zero();
+    v[1] = -2;
+    one.add(even, std::pow(h / 2, d), v);
+    one.add(odd, std::pow(h / 2, d), v);
+    two.template add<First>(even, std::pow(h / 2, d), v);
+    CHECK(two.template add<Second>(odd, std::pow(h / 2, d), v) == even.size());
+    Obstacle<HalfSpace> const floor{.contact = Contact::coulomb(0.4)};
+    double const mass = Totals(one).mass;
+    for (int i = 0; i < 100; ++i) {
+        auto const a = one.step(5e-4, Gravity{}, floor), b = two.step(5e-4, Gravity{}, floor);
+        CHECK(b.stable_dt == Approx(a.stable_dt).epsilon(TestType::is_float ? 1e-3 : 1e-9));
+        CHECK((a.reactions[0].impulse - b.reactions[0].impulse).norm() <=
+              (TestType::is_float ? 1e-6 : 1e-12) * mass);
+    }
+    Totals const a(one);
+    Totals const b(two);
+    double const rounding = TestType::is_float ? 1e-4 : 1e-11;
+    CHECK(b.mass == Approx(a.mass).epsilon(1e-15));
+    CHECK((a.centre - b.centre).norm() <= rounding * 0.2);
+    CHECK((a.momentum - b.momentum).norm() <= rounding * a.mass);
+    CHECK(std::abs(a.kinetic_energy - b.kinetic_energy) <= rounding * a.kinetic_energy);
+    auto const x = one.positions(), y = two.positions();
+    double worst = 0;
+    for (std::size_t i = 0; i < x.size(); ++i) worst = std::max(worst, (x[i] - y[i]).norm());
+    CHECK(worst <= rounding * h);
+}
+
+TEMPLATE_LIST_TEST_CASE("a material that has no particles changes not a bit", "", Halves)
+{
+    constexpr int d = TestType::d;
+    using Model = typename TestType::Model;
+    double const h = 0.05;
+    auto const run = [&](auto solver, auto which) {
+        using Which = decltype(which);
+        Vector<double, d> v = Vector<double, d>::Zero();
+        v[1] = -2;
+        solver.template add<Which>(ball_of_points<d>(Vector<double, d>::Constant(0.213), 0.2, h),
+                                   std::pow(h / 2, d), v);
+        Obstacle<HalfSpace> const floor{.contact = Contact::coulomb(0.4)};
+        for (int i = 0; i < 30; ++i) solver.step(5e-4, Gravity{}, floor);
+        solver.advance(0.02, Gravity{}, floor);
+        return std::tuple{solver.time(), solver.positions(), solver.template download<Velocity>()};
+    };
+    using Kernel = typename TestType::Kernel;
+    using Transfer = typename TestType::Transfer;
+    auto const alone = run(typename TestType::Solver(lattice(h)), EveryMaterial{});
+    CHECK((run(firn::Solver<TestedBackend, Materials<Model, Sand<typename Model::Space>>, Kernel, Transfer>(
+                   lattice(h)),
+               First{}) == alone));
+    CHECK((run(firn::Solver<TestedBackend, Materials<Sand<typename Model::Space>, Model>, Kernel, Transfer>(
+                   lattice(h)),
+               Second{}) == alone));
+}
+
+namespace
+{
+template <class Space>
+using Mixture = Materials<Snow<Space>, Sand<Space>, Fluid<Space>>;
+
+/// Random particles of three materials, thrown on a floor and a ball that pushes particles, too.
+template <class Solver>
+AdvanceReport splash(Solver& solver, int steps, double dt, int count)
+{
+    constexpr int d = Solver::d;
+    std::mt19937 random(9);
+    std::uniform_real_distribution<double> inside(0, 0.2);
+    std::vector<Vector<double, d>> points[3];
+    for (auto& some : points) {
+        some.resize(count);
+        for (auto& x : some)
+            for (int a = 0; a < d; ++a) x[a] = inside(random);
+    }
+    Vector<double, d> v = Vector<double, d>::Zero();
+    v[1] = -4;
+    double const volume = std::pow(0.2, d) / count / 3;
+    solver.template add<First>(points[0], volume, v);
+    solver.template add<Second>(points[1], volume, v);
+    solver.template add<Third>(points[2], volume, v);
+    Obstacle<HalfSpace> const floor{.motion = {.position = {0, -0.01, 0}}};
+    Obstacle<Sphere> const ball{.shape = {0.08},
+                                .contact = Contact::coulomb(0.5),
+                                .motion = {.position = {0.1, -0.03, 0.1}, .velocity = {0.5, 0, 0}},
+                                .on_particles = true};
+    AdvanceReport total;
+    for (int i = 0; i < steps; ++i) total.add(solver.step(dt, Gravity{}, floor, ball), StepLimit::duration);
+    return total;
+}
+} // namespace
+
+using Splashes =
+    std::tuple<Scene<Mixture<Plane>, QuadraticBSpline, Mls>, Scene<Mixture<Solid>, CubicBSpline, Flip>,
+               Scene<Mixture<SolidFloat>, QuadraticBSpline, Apic>>;
+
+TEMPLATE_LIST_TEST_CASE(
+    "of three materials mass stays, and momentum changes by the impulses of gravity and obstacles", "",
+    Splashes)
+{
+    constexpr int d = TestType::d;
+    typename TestType::Solver solver(lattice(0.025));
+    double const dt = 5e-5;
+    int const steps = 150;
+    auto const report = splash(solver, steps, dt, d == 3 ? 1000 : 200);
+    Totals const end(solver);
+    double const mass =
+        std::pow(0.2, d) / 3 *
+        (double(solver.template model<First>().density) + double(solver.template model<Second>().density) +
+         double(solver.template model<Third>().density));
+    CHECK(std::abs(end.mass / mass - 1) <= (TestType::is_float ? 1e-6 : 1e-13));
+    Vector<double, d> expected = Vector<double, d>::Zero();
+    expected[1] = -4 * mass - 9.81 * steps * dt * mass;
+    for (auto const& reaction : report.reactions) expected -= reaction.impulse.template head<d>();
+    CHECK((end.momentum - expected).norm() <= (TestType::is_float ? 1e-5 : 1e-12) * 4 * mass);
+    CHECK(report.reactions[0].impulse.y() < 0);
+    CHECK(report.capped_of.size() == 3);
+}
+
+TEST_CASE("three materials give the same bits with any number of threads, and every time")
+{
+    using Solver = Scene<Mixture<SolidFloat>, QuadraticBSpline, Mls>::Solver;
+#if defined(__CUDACC__)
+    auto const run = [](int) {
+        Solver solver(lattice(0.01));
+#else
+    auto const run = [](int threads) {
+        Solver solver(lattice(0.01), {}, {}, {}, OpenMP{.threads = threads});
+#endif
+        splash(solver, 60, 3e-5, 6000);
+        auto const some_go = solver.remove_if(Inside<Box>{.shape = {{0.05, 0.05, 0.3}}});
+        CHECK(some_go > 0);
+        for (int i = 0; i < 20; ++i) solver.step(3e-5, Gravity{});
+        return std::tuple{solver.ids(), solver.positions(), solver.template download<Velocity>(),
+                          solver.template download<DisplacementGradient, First>()};
+    };
+    auto const one = run(1);
+    for (int threads : {1, 2, 3}) CHECK((run(threads) == one)); // not to be printed
+}
+
+TEST_CASE("the step that is stable is the smallest of those of all materials")
+{
+    auto const stable = [](auto const& solid_model, auto const& fluid_model, bool with_solid, bool with_fluid,
+                           auto order) {
+        using S = std::decay_t<decltype(solid_model)>;
+        using F = std::decay_t<decltype(fluid_model)>;
+        std::vector<Eigen::Vector2d> const points{{0.1, 0.1}, {0.3, 0.2}};
+        auto const first_step = [&](auto solver) {
+            if (with_solid) solver.template add<S>(points, 1e-3);
+            if (with_fluid) solver.template add<F>(points, 1e-3);
+            return solver.step(1e-6).stable_dt;
+        };
+        if constexpr (decltype(order)::value)
+            return first_step(
+                firn::Solver<TestedBackend, Materials<S, F>>(lattice(0.1), {solid_model, fluid_model}));
+        else
+            return first_step(
+                firn::Solver<TestedBackend, Materials<F, S>>(lattice(0.1), {fluid_model, solid_model}));
+    };
+    Fluid<Plane> thin, thick;
+    thick.viscosity = 300;
+    thick.bulk_modulus = 1e3; // whose wave alone would allow a step seven times as long
+    auto const check = [&](auto const& a, auto const& b, auto order) {
+        double const both = stable(a, b, true, true, order), only_a = stable(a, b, true, false, order),
+                     only_b = stable(a, b, false, true, order);
+        CHECK(both == std::min(only_a, only_b));
+        CHECK(only_a != only_b);
+    };
+    for (double young : {1e4, 1e7}) {
+        check(solid<NeoHookean<Plane>>(1000, young), thin, std::true_type{});
+        check(solid<NeoHookean<Plane>>(1000, young), thin, std::false_type{});
+        check(solid<NeoHookean<Plane>>(1000, young), thick, std::true_type{});
+        check(solid<NeoHookean<Plane>>(1000, young), thick, std::false_type{});
+    }
+}
+
+TEST_CASE("ids are permanent and count the particles of all materials; what is told comes in their order")
+{
+    using Solver = Scene<Materials<Snow<Plane>, Fluid<Plane>>, QuadraticBSpline, Mls>::Solver;
+    STATIC_REQUIRE(Solver::Of<Snow<Plane>>::state_bytes_per_particle == 8 * (2 + 4 + 1) + 4);
+    STATIC_REQUIRE(Solver::Of<Fluid<Plane>>::state_bytes_per_particle == 8 * (2 + 1) + 4);
+    STATIC_REQUIRE(Solver::State::contains<Velocity> && !Solver::State::contains<DisplacementGradient>);
+    using Points = std::vector<Eigen::Vector2d>;
+    using Ids = std::vector<std::uint32_t>;
+    Solver solver(lattice(0.1));
+    CHECK(solver.add<Snow<Plane>>(Points{{0.05, 0}, {0.15, 0}}, 1e-3, {1, 0}) == 0);
+    CHECK(solver.add<Fluid<Plane>>(Points{{1.25, 0}}, 2e-3, {2, 0}) == 2);
+    CHECK(solver.add<Material<0>>(Points{{0.35, 0}}, 1e-3, {3, 0}) == 3);
+    CHECK(solver.add<Material<1>>(Points{}, 1e-3) == 4);
+    CHECK(solver.size() == 4);
+    CHECK(solver.size<Snow<Plane>>() == 3);
+    CHECK(solver.ids() == Ids{0, 1, 2, 3});
+    CHECK(solver.ids<Snow<Plane>>() == Ids{0, 1, 3});
+    CHECK(solver.ids<Fluid<Plane>>() == Ids{2});
+    CHECK(solver.masses() == std::vector<double>{0.4, 0.4, 2, 0.4});
+    CHECK(solver.masses<Fluid<Plane>>() == std::vector<double>{2});
+    for (int i = 0; i < 3; ++i) {
+        auto const x = solver.positions();
+        auto const v = solver.download<Velocity>();
+        double const t = solver.time(), at[]{0.05, 0.15, 1.25, 0.35};
+        if (i == 0)
+            for (std::size_t id = 0; id < 4; ++id) CHECK((x[id] - Eigen::Vector2d(at[id], 0)).norm() < 1e-15);
+        CHECK((x[2] - Eigen::Vector2d(1.25 + 2 * t, 0)).norm() < 1e-14); // far from the others
+        CHECK((v[2] - Eigen::Vector2d(2, 0)).norm() < 1e-12);
+        CHECK(solver.positions<Snow<Plane>>()[2] == x[3]);
+        CHECK(solver.download<Velocity, Fluid<Plane>>()[0] == v[2]);
+        solver.steps(2, 1e-3);
+    }
+    auto const view = solver.view<LogVolumeRatio, Fluid<Plane>>();
+    CHECK(view.count == 1);
+    // a material's own fields are its own
+    solver.upload<PlasticVolumeRatio, Snow<Plane>>({0.9, 0.8, 0.7});
+    CHECK(solver.download<PlasticVolumeRatio, Material<0>>() == std::vector<double>{0.9, 0.8, 0.7});
+    CHECK(solver.remove_if<Fluid<Plane>>(Inside<Sphere>{.shape = {10}}) == 1);
+    CHECK(solver.ids() == Ids{0, 1, 3});
+    CHECK(solver.add<Fluid<Plane>>(Points{{1.25, 0}}, 2e-3) == 4);
+    CHECK(solver.ids<Fluid<Plane>>() == Ids{4});
+}
+
+TEST_CASE("water on which a lighter block floats presses on the floor by the weight of both")
+{
+    using Water = Fluid<Plane>;
+    using Wood = FixedCorotated<Plane>;
+    double const h = 0.05, g = 9.81, width = 1, depth = 0.4, side = 0.2;
+    Water water = materials::water<Plane>(3);
+    firn::Solver<TestedBackend, Materials<Water, Wood>, QuadraticBSpline, Pic> solver(
+        lattice(h), {water, solid<Wood>(500, 2e5)});
+    solver.add<Water>(box_of_points<2>({0, 0}, {width, depth}, h), h * h / 4);
+    solver.add<Wood>(box_of_points<2>({0.4, depth}, {0.4 + side, depth + side}, h), h * h / 4);
+    Obstacle<HalfSpace> const floor{.contact = Contact::slip()};
+    Obstacle<HalfSpace> const left{.shape = {{1, 0, 0}}, .contact = Contact::slip()};
+    Obstacle<HalfSpace> const right{
+        .shape = {{-1, 0, 0}}, .contact = Contact::slip(), .motion = {.position = {width, 0, 0}}};
+    solver.advance(2.0, Gravity{}, floor, left, right);
+    double const duration = 1, weight = g * (1000 * width * depth + 500 * side * side);
+    auto const report = solver.advance(duration, Gravity{}, floor, left, right);
+    CHECK(report.reactions[0].impulse.y() / duration == Approx(-weight).epsilon(0.01));
+    double bottom = 1;
+    for (auto const& x : solver.positions<Wood>()) bottom = std::min(bottom, x.y());
+    CHECK(bottom > 0.1); // it has not sunk
+}

@@ -1,0 +1,162 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/policies.hpp"
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+using Jelly = NeoHookean<Plane>;
+using Rubber = FixedCorotated<Plane>;
+using Pair = Scene<Materials<Rubber, Jelly>, QuadraticBSpline, Mls>::Solver;
+double const not_a_number = std::numeric_limits<double>::quiet_NaN();
+
+/// Runs what must be refused; returns the error, whose three parts must be there.
+template <class Call>
+Error refused(Call const& call)
+{
+    try {
+        call();
+    }
+    catch (Error const& error) {
+        CHECK(!error.what_is_wrong().empty());
+        CHECK(!error.where().empty());
+        CHECK(!error.remedy().empty());
+        return error;
+    }
+    FAIL("nothing was refused");
+    return {"", "", ""};
+}
+
+/// Two blocks side by side that have already taken a few steps.
+Pair running_scene()
+{
+    Pair solver(lattice(0.1));
+    solver.add<Rubber>(box_of_points<2>({0, 0}, {0.4, 0.4}, 0.1), 0.0025, {0.1, 0});
+    solver.add<Jelly>(box_of_points<2>({0.4, 0}, {0.8, 0.4}, 0.1), 0.0025, {-0.1, 0});
+    for (int i = 0; i < 5; ++i) solver.step(1e-3, Gravity{});
+    return solver;
+}
+
+/// Whether two scenes are in the same state to the last bit.
+bool same(Pair const& a, Pair const& b)
+{
+    return a.time() == b.time() && a.ids() == b.ids() && a.positions() == b.positions() &&
+           a.masses() == b.masses() && a.download<Velocity>() == b.download<Velocity>() &&
+           a.download<DisplacementGradient>() == b.download<DisplacementGradient>();
+}
+
+} // namespace
+
+TEST_CASE("each of several materials is asked whether its parameters make sense")
+{
+    Jelly light;
+    light.density = -1;
+    CHECK(refused([&] {
+              Pair(lattice(0.1), {Rubber{}, light});
+          })
+              .remedy()
+              .find("kg/m^3") != std::string::npos);
+    Rubber soft;
+    soft.elasticity.mu = not_a_number;
+    refused([&] { Pair(lattice(0.1), {soft, Jelly{}}); });
+}
+
+TEST_CASE("bad particles of one material are refused, and nothing changes of either")
+{
+    auto solver = running_scene();
+    auto const untouched = running_scene();
+    using Points = std::vector<Eigen::Vector2d>;
+    refused([&] { solver.add<Jelly>(Points{{0, 0}, {not_a_number, 0}}, 1e-3); });
+    refused([&] { solver.add<Rubber>(Points{{0, 0}}, -1); });
+    refused([&] { solver.add<Rubber>(Points{{0, 0}}, 1e-3, {0, not_a_number}); });
+    refused([&] { solver.add<Jelly>(Points{{0, 0}}, 1e-25); }); // far lighter than those of the other one
+    refused([&] { solver.add<Jelly>(Points{{0, 0}}, 1e25); });
+    refused([&] { solver.upload<Velocity, Jelly>({{1, 0}}); });
+    refused([&] {
+        solver.upload<Velocity, Rubber>(
+            std::vector<Eigen::Vector2d>(solver.size<Rubber>(), {0, not_a_number}));
+    });
+    CHECK(same(solver, untouched));
+    CHECK(solver.add<Jelly>(Points{{0, 3}}, 1e-3) == untouched.size()); // no id was spent
+}
+
+TEST_CASE("a drain that makes no sense is refused, and removes nobody")
+{
+    auto solver = running_scene();
+    auto const untouched = running_scene();
+    refused([&] { solver.remove_if(Inside<Sphere>{.shape = {-1}}); });
+    refused([&] { solver.remove_if<Jelly>(Outside<Box>{.shape = {{1, 0, 1}}}); });
+    refused([&] { solver.remove_if(Inside<Sphere>{.pose = {.position = {not_a_number, 0, 0}}}); });
+    CHECK(same(solver, untouched));
+}
+
+TEST_CASE("a step of two materials that goes wrong names the material and its particle, and changes nothing")
+{
+    auto solver = running_scene();
+    auto const untouched = running_scene();
+    auto const error = refused([&] { solver.step(100.0, Gravity{}); });
+    CHECK(error.what_is_wrong().find("particle ") == 0);
+    CHECK(error.what_is_wrong().find("(material 0)") != std::string::npos);
+    CHECK(same(solver, untouched));
+    solver.step(1e-3, Gravity{});
+    CHECK(solver.time() > untouched.time());
+
+    auto H = std::vector<Eigen::Matrix2d>(solver.size<Jelly>(), Eigen::Matrix2d::Zero());
+    H[17](0, 0) = -1.5; // det F = -0.5: rubber would bear it
+    solver.upload<DisplacementGradient, Jelly>(H);
+    std::string const id = std::to_string(solver.size<Rubber>() + 17);
+    auto const inverted = refused([&] { solver.advance(0.01); });
+    CHECK(inverted.what_is_wrong().find("particle " + id + " of neo_hookean (material 1) was turned") == 0);
+}
+
+TEST_CASE("two bodies hurled at a wall take rejected steps, repeat them shorter, and lose nothing")
+{
+    double const speed = 60, mass = 0.09 * 1000;
+    Pair solver(lattice(0.05), {}, {}, {.deformation = 0.09, .rejection = 0.1});
+    auto const box = box_of_points<2>({0, 0.1}, {0.3, 0.4}, 0.05);
+    auto above = box;
+    for (auto& x : above) x.y() += 0.3;
+    solver.add<Rubber>(box, 0.025 * 0.025, {0, -speed});
+    solver.add<Jelly>(above, 0.025 * 0.025, {0, -speed});
+    auto const report = solver.advance(0.01, Obstacle<HalfSpace>{});
+    CHECK(report.rejected > 0);
+    CHECK(report.lost == 0);
+    for (auto const& x : solver.positions()) CHECK(x.allFinite());
+    double const expected = -speed * 2 * mass - report.reactions[0].impulse.y();
+    CHECK(std::abs(Totals(solver).momentum.y() - expected) < 1e-10 * speed * 2 * mass);
+    CHECK(Totals(solver).mass == Approx(2 * mass));
+}
+
+TEST_CASE("a run of two materials that ends in a mishap leaves the last good state of both")
+{
+    double const speed = 60;
+    Pair solver(lattice(0.05), {}, {}, {.deformation = 0.09, .rejection = 0.1, .retries = 0});
+    auto const box = box_of_points<2>({0, 0.1}, {0.3, 0.4}, 0.05);
+    auto above = box;
+    for (auto& x : above) x.y() += 0.3;
+    solver.add<Rubber>(box, 0.025 * 0.025, {0, -speed});
+    solver.add<Jelly>(above, 0.025 * 0.025, {0, -speed});
+    refused([&] { solver.advance(0.02, Obstacle<HalfSpace>{}); });
+    CHECK(solver.time() > 0);
+    auto const x = solver.positions();
+    auto const v = solver.download<Velocity>();
+    for (std::size_t i = 0; i < x.size(); ++i) {
+        CHECK(x[i].allFinite());
+        if (x[i].y() > 0.3) CHECK(std::abs(v[i].y() + speed) < 1e-6 * speed); // above the shock
+    }
+    auto const before = Totals(solver);
+    solver.step(1e-6);
+    CHECK((Totals(solver).momentum - before.momentum).norm() < 1e-12 * before.momentum.norm());
+}
+
+TEST_CASE("a stiffness that is not above 0 is refused")
+{
+    Scene<Heterogeneous<Snow<Plane>>, QuadraticBSpline, Mls>::Solver solver(lattice(0.1));
+    solver.add(box_of_points<2>({0, 0}, {0.2, 0.2}, 0.1), 0.0025);
+    for (double bad : {0.0, -1.0, not_a_number})
+        refused([&] { solver.upload<Stiffness>(std::vector<double>(solver.size(), bad)); });
+    CHECK(solver.download<Stiffness>() == std::vector<double>(solver.size(), 1));
+}
