@@ -6,6 +6,7 @@
 #include <firn/effects/gravity.hpp>
 #include <firn/effects/obstacle.hpp>
 #include <firn/effects/shapes/half_space.hpp>
+#include <firn/effects/shapes/height_field.hpp>
 #include <firn/effects/shapes/inside.hpp>
 #include <firn/effects/shapes/signed_distance_grid.hpp>
 #include <firn/effects/shapes/solids.hpp>

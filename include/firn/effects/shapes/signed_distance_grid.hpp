@@ -4,6 +4,7 @@
 #include <firn/core/error.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/core/space.hpp>
+#include <firn/effects/shapes/samples_on.hpp>
 #include <firn/effects/shapes/shape.hpp>
 
 #include <algorithm>
@@ -95,8 +96,9 @@ private:
     }
 };
 
+/// A SignedDistanceGrid on a backend.
 template <class Backend, std::floating_point Real, int d>
-class SignedDistanceGridOn;
+using SignedDistanceGridOn = SamplesOn<Backend, SignedDistanceGridView<Real, d>>;
 
 /// A solid given by its signed distance [m] on the nodes of a regular grid: a Shape. Cheap to copy.
 ///
@@ -140,7 +142,7 @@ public:
     template <class Backend>
     SignedDistanceGridOn<Backend, Real, d> on(Backend const& backend) const
     {
-        return {*this, backend};
+        return {view(), *values_, backend};
     }
     std::vector<Real> const& values() const { return *values_; } ///< [m]
 
@@ -149,29 +151,6 @@ private:
     Real cell_size_;
     Eigen::Array<int, d, 1> nodes_;
     std::shared_ptr<std::vector<Real> const> values_;
-};
-
-/// A SignedDistanceGrid on a backend: a Shape for that backend's loops. Cheap to copy.
-template <class Backend, std::floating_point Real, int d>
-class SignedDistanceGridOn
-{
-    using Values = typename Backend::template Array<Real>;
-
-public:
-    SignedDistanceGridOn(SignedDistanceGrid<Real, d> const& grid, Backend const& backend)
-        : view_(grid.view()), values_(std::make_shared<Values>(backend))
-    {
-        values_->resize(grid.values().size());
-        values_->upload(0, grid.values());
-        view_.values = values_->data();
-    }
-
-    /// Its values where they lie; valid while the grid or a copy of it lives.
-    SignedDistanceGridView<Real, d> view() const { return view_; }
-
-private:
-    SignedDistanceGridView<Real, d> view_;
-    std::shared_ptr<Values> values_;
 };
 
 } // namespace firn
