@@ -8,6 +8,7 @@
 #include <firn/effects/shapes/half_space.hpp>
 #include <firn/effects/shapes/height_field.hpp>
 #include <firn/effects/shapes/inside.hpp>
+#include <firn/effects/shapes/shell.hpp>
 #include <firn/effects/shapes/signed_distance_grid.hpp>
 #include <firn/effects/shapes/solids.hpp>
 #include <firn/interpolation/cubic_b_spline.hpp>

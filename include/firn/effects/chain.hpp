@@ -201,19 +201,28 @@ FIRN_HOST_DEVICE Vector<Real, d> apply_on_nodes(Chain<Actions...> const& chain, 
     return velocity;
 }
 
-/// Contact of lanes of particles, for the obstacles that ask for it: corrects v, and returns the displacement
-/// [m] that goes with it, a push out of the obstacle of at most a quarter of a cell included.
+/// Whether an action is that of a shell.
+template <class Action>
+inline constexpr bool keeps_sides = requires
+{
+    requires Action::keeps_sides;
+};
+
+/// Contact of lanes of particles, for the obstacles that ask for it, after they were moved by `moved` [m] to
+/// a place, where they are `here`: corrects v, and returns the displacement [m] that goes with it, a push out
+/// of the obstacle of at most a quarter of a cell included.
 template <Lane Real, int d, class... Actions>
-FIRN_HOST_DEVICE Vector<Real, d> apply_on_particles(Chain<Actions...> const& chain,
-                                                    Place<Real, d> const& place, Mask<Real> const& here,
-                                                    Real mass, Real dt, Vector<Real, d>& velocity,
-                                                    Reactions<Chain<Actions...>::obstacles>& reactions)
+FIRN_HOST_DEVICE Vector<Real, d>
+apply_on_particles(Chain<Actions...> const& chain, Place<Real, d> const& place, Vector<Real, d> const& moved,
+                   Mask<Real> const& here, Real mass, Real dt, Vector<Real, d>& velocity,
+                   Reactions<Chain<Actions...>::obstacles>& reactions)
 {
     Vector<Real, d> displacement = Vector<Real, d>::Zero();
     int obstacle = 0;
     chain.for_each([&](auto const& action) {
-        if constexpr (std::decay_t<decltype(action)>::is_obstacle) {
-            if (action.on_particles) {
+        using Action = std::decay_t<decltype(action)>;
+        if constexpr (Action::is_obstacle) {
+            if (!keeps_sides<Action> && action.on_particles) {
                 auto touched = action.template touch<Real>(place, velocity, action.contact);
                 touched.inside = touched.inside & here;
                 if (any(touched.inside)) {
@@ -227,6 +236,25 @@ FIRN_HOST_DEVICE Vector<Real, d> apply_on_particles(Chain<Actions...> const& cha
             }
             ++obstacle;
         }
+    });
+    // Shells have the last word, or a solid might push particles through one.
+    obstacle = 0;
+    chain.for_each([&](auto const& action) {
+        using Action = std::decay_t<decltype(action)>;
+        if constexpr (keeps_sides<Action>) {
+            Place<Real, d> there = place;
+            there.offset += displacement * Real(Scalar<Real>(1 / place.lattice.cell_size));
+            Vector<Real, d> correction;
+            auto touched =
+                action.template keep_side<Real>(there, moved + displacement, velocity, dt, correction);
+            touched.inside = touched.inside & here;
+            if (any(touched.inside)) {
+                detail::book<Real, d>(reactions.of[obstacle], touched, velocity, mass);
+                displacement += correction;
+                velocity = touched.velocity;
+            }
+        }
+        obstacle += int(Action::is_obstacle);
     });
     return displacement;
 }

@@ -6,29 +6,40 @@
 #include <firn/effects/motion.hpp>
 #include <firn/effects/shapes/shape.hpp>
 
-#include <utility>
+#include <type_traits>
 
 namespace firn
 {
 
 namespace detail
 {
-/// A shape as a plain value: its view, if it has one.
-template <class ShapeType>
-auto plain(ShapeType const& shape)
+/// Where a body is.
+template <class Number, int d>
+struct Pose
 {
-    if constexpr (requires { shape.view(); })
-        return shape.view();
-    else
-        return shape;
-}
+    Eigen::Vector3d position;
+    Matrix<Number, d> rotation; ///< body to world
 
-template <class ShapeType>
-using Plain = decltype(plain(std::declval<ShapeType const&>()));
+    FIRN_HOST_DEVICE explicit Pose(Motion const& now)
+        : position(now.position), rotation(now.orientation.normalized()
+                                               .toRotationMatrix()
+                                               .template topLeftCorner<d, d>()
+                                               .template cast<Number>())
+    {}
+};
+
+struct NoPose
+{
+    FIRN_HOST_DEVICE explicit NoPose(Motion const&) {}
+};
 } // namespace detail
 
 /// A solid of a shape that moves and rotates as told, and acts on the grid nodes inside it (and, if asked, on
 /// the particles inside it, which closes the visible gap of about one cell that node contact leaves).
+///
+/// A Shell acts on particles in any case, and keeps each on its side. It acts on nodes within half a cell of
+/// its middle at least, so that there is a layer of them to stop what comes from either side: bound to it
+/// along the normal, since what a node holds may come from both sides.
 template <class ShapeType>
 struct Obstacle
 {
@@ -69,6 +80,8 @@ struct Obstacle
 
     template <class Number, int d>
     struct Action;
+    template <class Number, int d>
+    using Earlier = std::conditional_t<is_two_sided<ShapeType>, detail::Pose<Number, d>, detail::NoPose>;
 
     /// The same without what its shape owns: a plain value.
     auto plain() const
@@ -89,7 +102,8 @@ struct Obstacle
                 rotation.topLeftCorner<d, d>().template cast<Number>(),
                 now.velocity.head<d>().template cast<Number>(),
                 now.angular_velocity.template cast<Number>(),
-                on_particles};
+                on_particles || is_two_sided<ShapeType>,
+                Earlier<Number, d>(motion.at(interval.begin))};
     }
 };
 
@@ -110,6 +124,7 @@ template <class Number, int d>
 struct Obstacle<ShapeType>::Action
 {
     static constexpr bool is_obstacle = true;
+    static constexpr bool keeps_sides = is_two_sided<ShapeType>;
 
     detail::Plain<ShapeType> shape;
     Contact contact;
@@ -118,6 +133,7 @@ struct Obstacle<ShapeType>::Action
     Vector<Number, d> velocity;
     Vector<Number, 3> angular_velocity;
     bool on_particles;
+    Earlier<Number, d> earlier; ///< at the beginning of the step
 
     /// Contact of lanes with velocity v at a place. `rule` is the obstacle's own or, to end a corner, slip.
     template <Lane Real>
@@ -128,8 +144,11 @@ struct Obstacle<ShapeType>::Action
         touched.arm = place.relative_to(position);
         Matrix<Real, d> const R = rotation.template cast<Real>();
         Vector<Real, d> const local = R.transpose() * touched.arm;
-        auto const sample = surface_sample<Real>(local);
-        touched.inside = !(sample.distance > Real(0));
+        auto const sample = surface_of<Real, d>(shape, local);
+        Number reach(0);
+        if constexpr (is_two_sided<ShapeType>)
+            reach = max(reach, Number(0.5 * (place.lattice.cell_size - shape.thickness)));
+        touched.inside = !(sample.distance > Real(reach));
         touched.velocity = v;
         touched.depth = Real(0);
         touched.surface_speed2 = Real(0);
@@ -137,10 +156,59 @@ struct Obstacle<ShapeType>::Action
 
         touched.normal = R * sample.normal;
         Vector<Real, d> const surface = surface_velocity<Real>(touched.arm);
+        if constexpr (is_two_sided<ShapeType>) // whatever moves relative to it approaches
+            touched.normal =
+                touched.normal * select((v - surface).dot(touched.normal) > Real(0), Real(-1), Real(1));
         Vector<Real, d> const after = surface + rule.after<Real, d>(v - surface, touched.normal);
         for (int a = 0; a < d; ++a) touched.velocity[a] = select(touched.inside, after[a], v[a]);
         touched.depth = select(touched.inside, -sample.distance, Real(0));
         touched.surface_speed2 = select(touched.inside, surface.dot(surface), Real(0));
+        return touched;
+    }
+
+    /// Keeps lanes of particles with velocity v, at a place after a displacement [m] by the grid, on the side
+    /// of a shell where they were. `correction` becomes the displacement [m] that goes with it.
+    ///
+    /// The side is that of the shell at the beginning of the step, so nothing is lost to a shell that moves
+    /// across particles. Where the way out is longer than the distances say, they are carried along with the
+    /// shell.
+    template <Lane Real>
+    FIRN_HOST_DEVICE Touched<Real, d>
+    keep_side(Place<Real, d> const& place, Vector<Real, d> const& displacement, Vector<Real, d> const& v,
+              Real dt, Vector<Real, d>& correction) const requires keeps_sides
+    {
+        Matrix<Real, d> const R = rotation.template cast<Real>();
+        Vector<Real, d> const from = place.relative_to(earlier.position) - displacement;
+        Vector<Real, d> const start = earlier.rotation.template cast<Real>().transpose() * from;
+        Real const zero(0), one(1), half(Number(0.5 * shape.thickness));
+        Real const side = select(surface_of<Real, d>(shape.shape, start).distance < zero, -one, one);
+        // towards that side, from the surface of the shell
+        auto const sample = [&](Vector<Real, d> const& arm) {
+            auto at = surface_of<Real, d>(shape.shape, Vector<Real, d>(R.transpose() * arm));
+            return SurfaceSample<Real, d>{at.distance * side - half, R * (at.normal * side)};
+        };
+        Touched<Real, d> touched;
+        touched.arm = place.relative_to(position);
+        auto here = sample(touched.arm);
+        touched.inside = !(here.distance > zero);
+        touched.velocity = v;
+        correction.setZero();
+        if (!any(touched.inside)) return touched;
+
+        Vector<Real, d> const surface = surface_velocity<Real>(touched.arm);
+        Vector<Real, d> const after = surface + contact.after<Real, d>(v - surface, here.normal);
+        Vector<Real, d> arm = touched.arm + (after - v) * dt;
+        for (int i = 0; i < 3; ++i) { // once for an exact distance
+            here = sample(arm);
+            arm += here.normal * max(-here.distance, zero);
+        }
+        Mask<Real> const on_side = sample(arm).distance > -half;
+        Vector<Real, d> const carried = R * start;
+        for (int a = 0; a < d; ++a) {
+            touched.velocity[a] = select(touched.inside, after[a], v[a]);
+            correction[a] =
+                select(touched.inside, select(on_side, arm[a], carried[a]) - touched.arm[a], zero);
+        }
         return touched;
     }
 
@@ -160,30 +228,6 @@ private:
             u[2] += omega_x * arm[1] - omega_y * arm[0];
         }
         return u;
-    }
-
-    /// The shape's answer; a shape that answers numbers only is asked lane by lane.
-    template <Lane Real>
-    FIRN_HOST_DEVICE SurfaceSample<Real, d> surface_sample(Vector<Real, d> const& local) const
-    {
-        if constexpr (Shape<detail::Plain<ShapeType>, Real, d>)
-            return shape.surface(local);
-        else {
-            constexpr int width = lane_width<Real>;
-            Scalar<Real> x[d][width], distance[width], normal[d][width];
-            for (int a = 0; a < d; ++a) LaneTraits<Real>::store(local[a], x[a]);
-            for (int lane = 0; lane < width; ++lane) {
-                Vector<Number, d> point;
-                for (int a = 0; a < d; ++a) point[a] = x[a][lane];
-                auto const sample = shape.surface(point);
-                distance[lane] = sample.distance;
-                for (int a = 0; a < d; ++a) normal[a][lane] = sample.normal[a];
-            }
-            SurfaceSample<Real, d> sample;
-            sample.distance = LaneTraits<Real>::load(distance);
-            for (int a = 0; a < d; ++a) sample.normal[a] = LaneTraits<Real>::load(normal[a]);
-            return sample;
-        }
     }
 };
 

@@ -176,7 +176,7 @@ private:
             FIRN_UNROLL
             for (int a = 0; a < d; ++a) where[a] += Real(to_node);
             Place<Real, d> const place{lattice, items.first(), where};
-            displacement += apply_on_particles<Real, d>(now->actions, place, items.here(),
+            displacement += apply_on_particles<Real, d>(now->actions, place, displacement, items.here(),
                                                         portions.find(items, before.id).mass, Real(now->dt),
                                                         particle[Velocity{}], result.reactions);
         }

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/lane.hpp>
 #include <firn/core/space.hpp>
 
 #include <concepts>
+#include <utility>
 
 namespace firn
 {
@@ -24,5 +26,52 @@ concept Shape = requires(T const shape, Vector<Real, d> const x)
         shape.surface(x)
         } -> std::same_as<SurfaceSample<Real, d>>;
 };
+
+namespace detail
+{
+/// A shape as a plain value: its view, if it has one.
+template <class ShapeType>
+auto plain(ShapeType const& shape)
+{
+    if constexpr (requires { shape.view(); })
+        return shape.view();
+    else
+        return shape;
+}
+
+template <class ShapeType>
+using Plain = decltype(plain(std::declval<ShapeType const&>()));
+} // namespace detail
+
+/// Whether a shape is a shell, which keeps particles on the side where they are.
+template <class ShapeType>
+inline constexpr bool is_two_sided = requires
+{
+    requires ShapeType::is_two_sided;
+};
+
+/// What a shape answers to lanes of points; one that answers numbers only is asked lane by lane.
+template <Lane Real, int d, class ShapeType>
+FIRN_HOST_DEVICE SurfaceSample<Real, d> surface_of(ShapeType const& shape, Vector<Real, d> const& x)
+{
+    if constexpr (Shape<ShapeType, Real, d>)
+        return shape.surface(x);
+    else {
+        constexpr int width = lane_width<Real>;
+        Scalar<Real> at[d][width], distance[width], normal[d][width];
+        for (int a = 0; a < d; ++a) LaneTraits<Real>::store(x[a], at[a]);
+        for (int lane = 0; lane < width; ++lane) {
+            Vector<Scalar<Real>, d> point;
+            for (int a = 0; a < d; ++a) point[a] = at[a][lane];
+            auto const sample = shape.surface(point);
+            distance[lane] = sample.distance;
+            for (int a = 0; a < d; ++a) normal[a][lane] = sample.normal[a];
+        }
+        SurfaceSample<Real, d> sample;
+        sample.distance = LaneTraits<Real>::load(distance);
+        for (int a = 0; a < d; ++a) sample.normal[a] = LaneTraits<Real>::load(normal[a]);
+        return sample;
+    }
+}
 
 } // namespace firn

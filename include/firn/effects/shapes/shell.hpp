@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/error.hpp>
+#include <firn/core/lane.hpp>
+#include <firn/effects/shapes/shape.hpp>
+
+#include <cmath>
+
+namespace firn
+{
+
+/// The surface of a shape as a thin shell, open to both sides: a bowl, a hollow box, a sheet of terrain.
+///
+/// `thickness` may be far less than a cell. As the shape of an Obstacle it keeps every particle on the side
+/// of the surface where it began the step, however the shell moves: see Obstacle. Down to a thousandth of a
+/// cell in single precision.
+///
+/// Where it is thinner than a cell the bodies on its two sides still share nodes: it parts them, but lets a
+/// little of a blow through, and what leaves it is held back a little in the layer of nodes that it lies in.
+template <class ShapeType>
+struct Shell
+{
+    static constexpr bool is_two_sided = true;
+
+    ShapeType shape{};    ///< whose surface runs along the middle of the shell
+    double thickness = 0; ///< [m]
+
+    void validate() const
+    {
+        if constexpr (requires { shape.validate(); }) shape.validate();
+        require(std::isfinite(thickness) && thickness > 0,
+                "the thickness of a shell is not a finite number above 0", "Shell",
+                "Pass metres, e.g. a tenth of a cell.");
+    }
+
+    void validate_in_plane() const
+    {
+        if constexpr (requires { shape.validate_in_plane(); }) shape.validate_in_plane();
+    }
+
+    /// Of its farthest point from the reference point [m]; a shape without an end has none.
+    double reach() const requires requires(ShapeType const s) { s.reach(); }
+    {
+        return shape.reach() + thickness / 2;
+    }
+
+    /// Where its values lie: see SignedDistanceGrid::on.
+    static constexpr bool in_host_memory = requires { requires ShapeType::in_host_memory; };
+    auto view() const { return Shell<detail::Plain<ShapeType>>{detail::plain(shape), thickness}; }
+
+    /// The distance |phi| - thickness / 2, and the normal towards the side that x is on.
+    template <class Real, int d>
+        requires Shape<ShapeType, Real, d> FIRN_HOST_DEVICE SurfaceSample<Real, d>
+        surface(Vector<Real, d> const& x)
+    const
+    {
+        SurfaceSample<Real, d> sample = shape.surface(x);
+        Real const side = select(sample.distance < Real(0), Real(-1), Real(1));
+        sample.distance = sample.distance * side - Real(static_cast<Scalar<Real>>(thickness / 2));
+        sample.normal = sample.normal * side;
+        return sample;
+    }
+};
+
+} // namespace firn

@@ -1,0 +1,232 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/policies.hpp"
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+/// Particles without stress: nothing holds them back but obstacles.
+template <class SpaceType>
+struct Dust
+{
+    using Space = SpaceType;
+    using Number = typename Space::Real;
+    using State = Fields<>;
+    static constexpr int d = Space::dimension;
+    Number density = 100; // [kg/m^3]
+
+    void validate() const {}
+
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Response<Real, d> respond(Particle&, Matrix<Real, d> const&, Real) const
+    {
+        return {Matrix<Real, d>::Zero(), Real(1e-6f), nowhere<Real>(), nowhere<Real>()};
+    }
+};
+
+/// How far particles got, and in what steps.
+struct Driven
+{
+    double deepest = 0; ///< inside the shape, or across the middle of a shell [cells]
+    double mean = 0;    ///< distance from the surface at the end [cells]
+    double longest = 0; ///< step, at the speed of the particles [cells]
+    std::uint64_t steps = 0;
+};
+
+constexpr double cell = 0.05, speed = 3; // [m], [m/s]
+
+/// A motion to and fro along a diagonal by steps of `frame` [s], and turning; its surface is up to twice as
+/// fast as the particles, so that it is what bounds the step.
+struct Swing
+{
+    double reach = 0;              ///< [m]
+    Eigen::Vector3d turn{0, 0, 0}; ///< [rad/s]
+
+    Motion during(double time, double frame) const
+    {
+        auto const place = [&](double t) -> Eigen::Vector3d {
+            double const along = reach * std::sin(1.6 * speed / std::max(reach, 1e-9) * t);
+            return Eigen::Vector3d(0.6, 0.8, 0) * along;
+        };
+        Motion motion = Motion{.angular_velocity = turn}.at(time);
+        motion.position = place(time);
+        motion.velocity = (place(time + frame) - motion.position) / frame;
+        return motion;
+    }
+};
+
+/// Drives `count` particles at an obstacle around the origin for so many steps: every few steps all of them
+/// get the speed again, along the normal to the surface and a little beside it.
+///
+/// The obstacle is the shape, or a shell of it, on the backend.
+template <class Number, int d, class ShapeType, class ObstacleShape>
+Driven drive(int count, int steps, ShapeType const& shape, Obstacle<ObstacleShape> obstacle,
+             Swing const& swing)
+{
+    Solver<TestedBackend, Dust<Space<d, Number>>, QuadraticBSpline, Mls> solver(lattice(cell));
+    std::mt19937 random(6);
+    std::uniform_real_distribution<double> unit(-1, 1);
+    double const frame = 3 * 0.3 * cell / speed;
+    obstacle.motion = swing.during(0, frame);
+    // signed distance of the solid, or from the middle of a shell, and normal in world axes
+    auto const surface = [&](Vector<double, d> const& x) {
+        Motion const now = obstacle.motion.at(solver.time());
+        Eigen::Vector3d full = Eigen::Vector3d::Zero();
+        full.head<d>() = x;
+        full = now.orientation.conjugate() * (full - now.position);
+        auto const here =
+            surface_of<Number, d>(shape, Vector<Number, d>(full.head<d>().template cast<Number>()));
+        full.setZero();
+        full.head<d>() = here.normal.template cast<double>();
+        return std::pair(double(here.distance), Vector<double, d>((now.orientation * full).head<d>()));
+    };
+    std::vector<Vector<double, d>> points;
+    std::vector<double> sides;
+    while (int(points.size()) < count) {
+        Vector<double, d> x;
+        for (int a = 0; a < d; ++a) x[a] = unit(random);
+        double const distance = surface(x).first;
+        bool const there =
+            is_two_sided<ObstacleShape> ? std::abs(distance) > 0.05 * cell : distance > 0.5 * cell;
+        if (!there || std::abs(distance) > 0.5) continue;
+        points.push_back(x);
+        sides.push_back(distance < 0 ? -1 : 1);
+    }
+    solver.add(points, std::pow(2.0, d) / count);
+
+    Driven driven;
+    std::vector<Vector<Number, d>> velocities(points.size());
+    while (driven.steps < std::uint64_t(steps)) {
+        obstacle.motion = swing.during(solver.time(), frame);
+        points = solver.positions();
+        for (std::size_t i = 0; i < points.size(); ++i) {
+            Vector<double, d> towards = -sides[i] * surface(points[i]).second;
+            for (int a = 0; a < d; ++a) towards[a] += 0.3 * unit(random);
+            velocities[i] = (towards.normalized() * speed).template cast<Number>();
+        }
+        solver.template upload<Velocity>(velocities);
+        auto const report = solver.advance(frame, obstacle);
+        driven.steps += report.substeps;
+        driven.longest = std::max(driven.longest, report.largest_dt * speed / cell);
+    }
+    points = solver.positions();
+    for (std::size_t i = 0; i < points.size(); ++i) {
+        double const distance = sides[i] * surface(points[i]).first / cell;
+        driven.deepest = std::max(driven.deepest, -distance);
+        driven.mean += distance / double(points.size());
+    }
+    return driven;
+}
+
+/// A ball with a dent, as a grid of distances.
+template <class Number>
+SignedDistanceGrid<Number, 3> dented_ball()
+{
+    int const nodes = 41;
+    std::vector<Number> values;
+    Vector<double, 3> const dent(0, 0.5, 0);
+    for (int k = 0; k < nodes; ++k)
+        for (int j = 0; j < nodes; ++j)
+            for (int i = 0; i < nodes; ++i) {
+                Vector<double, 3> const x =
+                    Vector<double, 3>(i, j, k) * 0.03 - Vector<double, 3>::Constant(0.6);
+                values.push_back(Number(std::max(x.norm() - 0.45, 0.25 - (x - dent).norm())));
+            }
+    return {
+        Vector<Number, 3>::Constant(Number(-0.6)), Number(0.03), {nodes, nodes, nodes}, std::move(values)};
+}
+
+template <class Number>
+HeightField<Number, 3> hills()
+{
+    std::vector<Number> heights;
+    for (int k = 0; k < 21; ++k)
+        for (int i = 0; i < 21; ++i) heights.push_back(Number(0.15 * std::sin(0.7 * i) * std::cos(0.5 * k)));
+    return {{-1, -1}, Number(0.1), {21, 21}, std::move(heights)};
+}
+
+/// Drives particles at every shape: `use(name, driven)`. Shapes without an end do not turn.
+template <class Number, class Wrap, class Use>
+void for_each_shape(int count, int steps, Wrap const& wrap, Use const& use)
+{
+    auto const run = [&](char const* name, auto const& shape, Swing const& swing) {
+        auto const there = [&] {
+            if constexpr (requires { shape.on(TestedBackend{}); })
+                return shape.on(TestedBackend{});
+            else
+                return shape;
+        }();
+        use(name, drive<Number, 3>(count, steps, shape, wrap(there), swing));
+    };
+    Eigen::Vector3d const turn(1, -2, 3);
+    run("half-space", HalfSpace{Eigen::Vector3d(0.6, 0.64, 0.48)}, {.reach = 0.2});
+    run("box", Box{{0.3, 0.4, 0.35}}, {.reach = 0.2, .turn = turn});
+    run("sphere", Sphere{0.4}, {.reach = 0.2, .turn = turn});
+    run("capsule", Capsule{0.25, 0.2}, {.reach = 0.2, .turn = turn});
+    run("distance grid", dented_ball<Number>(), {.reach = 0.2, .turn = turn});
+    run("height field", hills<Number>(), {.reach = 0.2});
+}
+
+template <class Number>
+void check_solids(int count, int steps, bool on_particles)
+{
+    // Nodes alone stop what they move: a particle is free of nodes outside once its kernel is inside, at the
+    // latest where a corner of it is, 1.5 cells along each axis away.
+    double const allowed = on_particles ? 1e-3 : 1.5 * std::sqrt(3.0);
+    for_each_shape<Number>(
+        count, steps,
+        [&](auto const& shape) {
+            return Obstacle<std::decay_t<decltype(shape)>>{.shape = shape, .on_particles = on_particles};
+        },
+        [&](char const* name, Driven const& driven) {
+            CAPTURE(name, driven.steps, driven.longest, driven.mean);
+            CHECK(driven.deepest <= allowed);
+            CHECK(driven.mean < 1); // they are at the obstacle
+        });
+}
+
+template <class Number>
+void check_shells(int count, int steps)
+{
+    for_each_shape<Number>(
+        count, steps,
+        [&](auto const& shape) {
+            return Obstacle<Shell<std::decay_t<decltype(shape)>>>{.shape = {shape, 0.05 * cell}};
+        },
+        [&](char const* name, Driven const& driven) {
+            CAPTURE(name, driven.steps, driven.longest, driven.mean);
+            CHECK(driven.deepest <= 0);
+            CHECK(driven.mean < 1);
+        });
+}
+
+} // namespace
+
+TEST_CASE("nothing passes into a moving solid by more than the reach of the kernel, whatever drives it")
+{
+    check_solids<float>(2000, 200, false);
+}
+
+TEST_CASE("with contact of the particles too nothing is inside a moving solid")
+{
+    check_solids<float>(2000, 200, true);
+}
+
+TEST_CASE("nothing passes through a shell a twentieth of a cell thick, from either side, however it moves")
+{
+    check_shells<float>(2000, 200);
+    check_shells<double>(500, 200);
+}
+
+TEST_CASE("1e5 particles do not pass into a solid in 2 000 steps", "[.full]")
+{
+    check_solids<float>(100000, 2000, false);
+}
+
+TEST_CASE("1e5 particles do not pass through a shell in 2 000 steps", "[.full]")
+{
+    check_shells<float>(100000, 2000);
+}
