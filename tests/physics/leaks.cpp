@@ -174,8 +174,10 @@ template <class Number>
 void check_solids(int count, int steps, bool on_particles)
 {
     // Nodes alone stop what they move: a particle is free of nodes outside once its kernel is inside, at the
-    // latest where a corner of it is, 1.5 cells along each axis away.
-    double const allowed = on_particles ? 1e-3 : 1.5 * std::sqrt(3.0);
+    // latest where a corner of it is, 1.5 cells along each axis away. Inside an edge, nodes of one face let
+    // what is driven against the other slide by: another cell.
+    double const smooth = on_particles ? 1e-3 : 1.5 * std::sqrt(3.0);
+    double const edged = on_particles ? 1e-3 : smooth + 1;
     for_each_shape<Number>(
         count, steps,
         [&](auto const& shape) {
@@ -183,7 +185,7 @@ void check_solids(int count, int steps, bool on_particles)
         },
         [&](char const* name, Driven const& driven) {
             CAPTURE(name, driven.steps, driven.longest, driven.mean);
-            CHECK(driven.deepest <= allowed);
+            CHECK(driven.deepest <= (std::string(name) == "box" ? edged : smooth));
             CHECK(driven.mean < 1); // they are at the obstacle
         });
 }

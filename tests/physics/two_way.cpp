@@ -1,0 +1,75 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/policies.hpp"
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+Vector<double, 3> momentum_of_particles(auto const& solver) { return Totals(solver).momentum; }
+
+} // namespace
+
+TEST_CASE("a ball that snow stops: its momentum and the snow's change by what gravity and the floor gave")
+{
+    using Solver = Scene<Snow<Solid>, QuadraticBSpline, Mls>::Solver;
+    double const h = 0.05, radius = 0.15, dt = 5e-4;
+    Solver solver(lattice(h), materials::fresh_snow<Solid>());
+    auto points = box_of_points<3>({-0.4, 0, -0.4}, {0.4, 0.3, 0.4}, h);
+    for (auto& x : points) x.y() += 0.5 * h;
+    solver.add(points, h * h * h / 8);
+    RigidBody ball = RigidBody::ball(radius, 10, {.position = {0.03, 0.52, 0.02}, .velocity = {0.5, -3, 0}});
+    ball.motion.angular_velocity = {0, 4, 0};
+    ball.validate();
+
+    Gravity const gravity;
+    Obstacle<HalfSpace> const floor{.contact = Contact::coulomb(0.5)};
+    double const mass = Totals(solver).mass + ball.mass;
+    Eigen::Vector3d const start = momentum_of_particles(solver) + ball.momentum();
+    Eigen::Vector3d given = Eigen::Vector3d::Zero(); // by floor and gravity
+    double const energy = 0.5 * ball.momentum().dot(ball.motion.velocity);
+    double highest = energy;
+    // some of the packs of particles that the ball touches are not full: their empty lanes give it nothing
+    for (int i = 0; i < 400; ++i) {
+        Obstacle<Sphere> const sphere{
+            .shape = {radius}, .contact = Contact::coulomb(0.5), .motion = ball.motion, .on_particles = true};
+        auto const report = solver.advance(dt, gravity, floor, sphere);
+        ball.advance(report.reactions[1], dt, gravity.acceleration);
+        given += mass * dt * gravity.acceleration - report.reactions[0].impulse;
+        double const kinetic = 0.5 * ball.momentum().dot(ball.motion.velocity);
+        highest = std::max(highest, kinetic);
+        REQUIRE((momentum_of_particles(solver) + ball.momentum() - start - given).norm() <=
+                1e-12 * mass * 3 * (i + 1));
+    }
+    CHECK(highest <= energy * 1.01 + ball.mass * 9.81 * 0.1); // a fall of 7 cm before it touches
+    CHECK(std::abs(ball.motion.velocity.y()) < 0.3);          // stopped, from 3 m/s
+    CHECK(ball.motion.position.y() < 0.3 + radius);           // in a hole of its own
+    CHECK(ball.motion.position.y() > radius);
+    CHECK(ball.motion.velocity.x() < 0.4);
+}
+
+TEST_CASE("a free body turns as its angular momentum says, and falls as gravity says")
+{
+    RigidBody body{.mass = 2, .inertia = Eigen::Vector3d(1, 2, 4).asDiagonal()};
+    body.motion.angular_velocity = {0.3, 2, 0.1};
+    Eigen::Vector3d const spin = body.angular_momentum();
+    for (int i = 0; i < 1000; ++i) body.advance({}, 1e-3, {0, -10, 0});
+    CHECK((body.angular_momentum() - spin).norm() <= 1e-12);
+    CHECK((body.motion.velocity - Eigen::Vector3d(0, -10, 0)).norm() <= 1e-12);
+    CHECK(body.motion.time == Approx(1));
+    CHECK(body.motion.position.y() == Approx(-5).epsilon(2e-3)); // symplectic Euler, late by half a step
+    body.advance({.impulse = {4, 0, 0}, .angular_impulse = {0, 0, 1}}, 1e-3, {0, 0, 0});
+    CHECK(body.motion.velocity.x() == Approx(2));
+    CHECK((body.angular_momentum() - spin - Eigen::Vector3d(0, 0, 1)).norm() <= 1e-12);
+}
+
+TEST_CASE("a body without mass or with an impossible inertia is refused")
+{
+    CHECK_NOTHROW(RigidBody{}.validate());
+    CHECK_THROWS_AS((RigidBody{.mass = 0}.validate()), Error);
+    CHECK_THROWS_AS((RigidBody{.mass = std::nan("")}.validate()), Error);
+    CHECK_THROWS_AS((RigidBody{.inertia = -Eigen::Matrix3d::Identity()}.validate()), Error);
+    CHECK_THROWS_AS((RigidBody{.motion = {.velocity = {std::nan(""), 0, 0}}}.validate()), Error);
+}
