@@ -86,7 +86,8 @@ struct Obstacle
     /// The same without what its shape owns: a plain value.
     auto plain() const
     {
-        return Obstacle<detail::Plain<ShapeType>>{detail::plain(shape), contact, motion, on_particles};
+        return Obstacle<detail::Plain<ShapeType>>{detail::plain(shape), contact, motion,
+                                                  on_particles || is_two_sided<ShapeType>};
     }
 
     /// The obstacle at the end of the step: contact is solved for the velocities of that time. For a plain
@@ -102,7 +103,7 @@ struct Obstacle
                 rotation.topLeftCorner<d, d>().template cast<Number>(),
                 now.velocity.head<d>().template cast<Number>(),
                 now.angular_velocity.template cast<Number>(),
-                on_particles || is_two_sided<ShapeType>,
+                on_particles,
                 Earlier<Number, d>(motion.at(interval.begin))};
     }
 };

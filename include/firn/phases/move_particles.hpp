@@ -179,7 +179,6 @@ private:
             displacement += apply_on_particles<Real, d>(now->actions, place, displacement, items.here(),
                                                         portions.find(items, before.id).mass, Real(now->dt),
                                                         particle[Velocity{}], result.reactions);
-                                                        particle[Velocity{}], result.reactions);
         }
     }
 
