@@ -65,11 +65,16 @@ TEST_CASE("a free body turns as its angular momentum says, and falls as gravity 
     CHECK((body.angular_momentum() - spin - Eigen::Vector3d(0, 0, 1)).norm() <= 1e-12);
 }
 
-TEST_CASE("a body without mass or with an impossible inertia is refused")
+TEST_CASE("a body without mass or with an impossible inertia is refused, as is an impossible push")
 {
+    RigidBody body;
+    CHECK_THROWS_AS(body.advance({.impulse = {std::nan(""), 0, 0}}, 1e-3, {0, 0, 0}), Error);
+    CHECK_THROWS_AS(body.advance({}, -1e-3, {0, 0, 0}), Error);
+    CHECK(body.motion.position.isZero());
     CHECK_NOTHROW(RigidBody{}.validate());
     CHECK_THROWS_AS((RigidBody{.mass = 0}.validate()), Error);
     CHECK_THROWS_AS((RigidBody{.mass = std::nan("")}.validate()), Error);
     CHECK_THROWS_AS((RigidBody{.inertia = -Eigen::Matrix3d::Identity()}.validate()), Error);
+    CHECK_THROWS_AS((RigidBody{.inertia = Eigen::Vector3d(-1, -1, 1).asDiagonal()}.validate()), Error);
     CHECK_THROWS_AS((RigidBody{.motion = {.velocity = {std::nan(""), 0, 0}}}.validate()), Error);
 }

@@ -13,8 +13,9 @@ namespace firn
 ///
 /// Pass `motion` to an Obstacle, advance the solver by a short time, and hand the reaction to `advance`:
 ///
-///     auto const report = solver.advance(dt, gravity, Obstacle<Sphere>{.shape = {r}, .motion =
-///     ball.motion}); ball.advance(report.reactions[0], dt, gravity.acceleration);
+///     Obstacle<Sphere> const obstacle{.shape = {radius}, .motion = ball.motion};
+///     auto const report = solver.advance(dt, gravity, obstacle);
+///     ball.advance(report.reactions[0], dt, gravity.acceleration);
 ///
 /// Its momentum and that of the particles then add up to what gravity gave them, to rounding. The body takes
 /// what it received at the end of `dt`: stable while its mass is above that of the material it would sweep
@@ -35,7 +36,9 @@ struct RigidBody
     {
         bool const symmetric =
             inertia.allFinite() && (inertia - inertia.transpose()).isZero(1e-12 * inertia.norm());
-        require(std::isfinite(mass) && mass > 0 && symmetric && inertia.determinant() > 0,
+        bool const definite = symmetric && inertia(0, 0) > 0 &&
+                              inertia.topLeftCorner<2, 2>().determinant() > 0 && inertia.determinant() > 0;
+        require(std::isfinite(mass) && mass > 0 && definite,
                 "the mass is not above 0, or the inertia is not that of a body", "RigidBody",
                 "Pass kg, and a symmetric positive definite matrix in kg m^2.");
         motion.validate("RigidBody");
@@ -47,9 +50,14 @@ struct RigidBody
     Eigen::Vector3d angular_momentum() const { return world_inertia() * motion.angular_velocity; }
 
     /// Moves it by `dt` [s] as the obstacle was moved, and then gives it what it received meanwhile and what
-    /// gravity [m/s^2] did.
+    /// gravity [m/s^2] did. Throws an Error, and does not move it, unless all are finite.
     void advance(Reaction const& received, double dt, Eigen::Vector3d const& gravity)
     {
+        validate();
+        require(std::isfinite(dt) && dt >= 0 && gravity.allFinite() && received.impulse.allFinite() &&
+                    received.angular_impulse.allFinite(),
+                "what a body received is not finite, or the time it took is below 0", "RigidBody::advance",
+                "Pass a reaction, seconds and m/s^2.");
         Eigen::Vector3d const spin = angular_momentum() + received.angular_impulse;
         motion = motion.at(motion.time + dt);
         motion.velocity += received.impulse / mass + gravity * dt;
