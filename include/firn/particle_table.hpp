@@ -540,8 +540,8 @@ private:
     std::array<std::vector<Number>, StoredSet::components(d)> columns() const
     {
         std::array<std::vector<Number>, StoredSet::components(d)> columns;
-        for (std::size_t c = 0; c < columns.size(); ++c)
-            columns[c] = detail::downloaded(buffer_[0].component[c]);
+        std::ranges::transform(buffer_[0].component, columns.begin(),
+                               [](auto const& component) { return detail::downloaded(component); });
         return columns;
     }
 

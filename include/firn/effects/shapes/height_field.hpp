@@ -64,10 +64,8 @@ struct HeightFieldView
             spline(kept - Real(cell), weight[i], change[i]);
             if (!within)
                 for (Real& c : change[i]) c = 0;
-            for (auto* w : {weight[i], change[i]}) {
-                if (cell == 0) w[1] += 2 * w[0], w[2] -= w[0], w[0] = 0;
-                if (cell == count[i] - 2) w[2] += 2 * w[3], w[1] -= w[3], w[3] = 0;
-            }
+            extrapolate(cell, i, weight[i]);
+            extrapolate(cell, i, change[i]);
             first[i] = cell - 1;
         }
         Real sum = 0;
@@ -96,6 +94,13 @@ private:
     FIRN_HOST_DEVICE std::ptrdiff_t kept_within(std::ptrdiff_t at, int i) const
     {
         return at < 0 ? 0 : (at < count[i] ? at : count[i] - 1);
+    }
+
+    /// Gives the weight of a sample beyond the border to the two next to it, as if it were in line with them.
+    FIRN_HOST_DEVICE void extrapolate(int cell, int i, Real (&w)[4]) const
+    {
+        if (cell == 0) w[1] += 2 * w[0], w[2] -= w[0], w[0] = 0;
+        if (cell == count[i] - 2) w[2] += 2 * w[3], w[1] -= w[3], w[3] = 0;
     }
 
     /// Weights of the samples -1, 0, 1, 2 at `t` between the samples 0 and 1, and their derivatives.
