@@ -557,7 +557,7 @@ private:
                           BeginSteps<Number, d, count, Effects, Actions>{
                               course_, {rule, densities(), effects}, kept_rule, log, now + turn});
         Sides const sides = sides_of(effects);
-        using Update = UpdateGrid<Space, Transfer, Actions>;
+        using Update = UpdateGrid<Space, Kernel, Transfer, Actions>;
         auto const update = [&](int step) {
             return backend_.for_each_node(cells, grid_,
                                           Update{now + (turn + step) % 2, lattice_, smallest_node_mass()});
@@ -786,7 +786,7 @@ private:
         for_each_material([&](auto k) { scatter<k>(-given_for_, true); });
         given_for_ = 0;
         backend_.for_each_node(particles<0>().cells(), grid_,
-                               UpdateGrid<Space, Transfer, Chain<>>{
+                               UpdateGrid<Space, Kernel, Transfer, Chain<>>{
                                    reinterpret_cast<StepNow<Number, Chain<>> const*>(now_.data()), lattice_,
                                    smallest_node_mass()});
         hold_taken();

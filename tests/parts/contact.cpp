@@ -145,6 +145,20 @@ TEST_CASE("a rotating body comes round, and moves its surface at v + omega x r")
     CHECK((touched.velocity - Vec(0.5 - M_PI, 0, 0)).norm() <= 1e-12);
 }
 
+TEST_CASE("deeper inside a solid than the kernel reaches nothing slides, and only what leaves it moves")
+{
+    Obstacle<Box> const box{.shape = {{1, 1, 1}}, .motion = {.velocity = {0, 0, 0.5}}};
+    auto const action = box.during<double, 3>({0, 0});
+    auto const after = [&](double cells_deep, Vec const& before, double kernel_reach = 1.5) -> Vec {
+        Place<double, 3> const place{lattice(0.1), {10, 0, 0}, Vec(-cells_deep, 0, 0), kernel_reach};
+        return action.touch<double>(place, before, box.contact).velocity;
+    };
+    CHECK((after(1.4, {-1, 2, 3}) - Vec(0, 2, 3)).norm() <= 1e-14);
+    CHECK((after(1.6, {-1, 2, 3}) - Vec(0, 0, 0.5)).norm() <= 1e-14);
+    CHECK((after(1.6, {1, 2, 3}) - Vec(1, 0, 0.5)).norm() <= 1e-14);
+    CHECK((after(1.6, {1, 2, 3}, 2) - Vec(1, 2, 3)).norm() <= 1e-14);
+}
+
 TEST_CASE("in a corner the last word is that nothing moves into either wall")
 {
     Obstacle<HalfSpace> const floor{.shape = {{0, 1, 0}}, .contact = Contact::coulomb(0.8)};

@@ -31,7 +31,8 @@ struct Place
 {
     Lattice lattice;
     Coordinates<d> first;
-    Vector<Real, d> offset; ///< [cells]
+    Vector<Real, d> offset;    ///< [cells]
+    double kernel_reach = 1.5; ///< from a particle to its nodes along each axis [cells]
 
     /// The vector from `reference` [m] to here, in world axes [m].
     FIRN_HOST_DEVICE Vector<Real, d> relative_to(Eigen::Vector3d const& reference) const

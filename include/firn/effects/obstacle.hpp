@@ -160,8 +160,16 @@ struct Obstacle<ShapeType>::Action
         if constexpr (is_two_sided<ShapeType>) // whatever moves relative to it approaches
             touched.normal =
                 touched.normal * select((v - surface).dot(touched.normal) > Real(0), Real(-1), Real(1));
-        Vector<Real, d> const after = surface + rule.after<Real, d>(v - surface, touched.normal);
-        for (int a = 0; a < d; ++a) touched.velocity[a] = select(touched.inside, after[a], v[a]);
+        Vector<Real, d> after = rule.after<Real, d>(v - surface, touched.normal);
+        // Only what has got in reaches nodes deeper than the kernel: nothing slides there. Behind an edge
+        // they belong to one face or the other, and would let what is driven at one slide by along the other:
+        // all the way in, in zigzags.
+        Mask<Real> const deep = -sample.distance > Real(Number(place.kernel_reach * place.lattice.cell_size));
+        if (any(deep)) {
+            Vector<Real, d> const leaving = touched.normal * after.dot(touched.normal);
+            for (int a = 0; a < d; ++a) after[a] = select(deep, leaving[a], after[a]);
+        }
+        for (int a = 0; a < d; ++a) touched.velocity[a] = select(touched.inside, surface[a] + after[a], v[a]);
         touched.depth = select(touched.inside, -sample.distance, Real(0));
         touched.surface_speed2 = select(touched.inside, surface.dot(surface), Real(0));
         return touched;

@@ -49,6 +49,9 @@ FIRN_HOST_DEVICE constexpr double cell_shift(int kernel_order) { return kernel_o
 /// The first node of the stencil of cell k is k - stencil_reach(order).
 FIRN_HOST_DEVICE constexpr int stencil_reach(int kernel_order) { return kernel_order / 2; }
 
+/// How far from a position the nodes of its stencil lie at most, along each axis [cells].
+FIRN_HOST_DEVICE constexpr double kernel_reach(int kernel_order) { return 0.5 * (kernel_order + 1); }
+
 /// The cell of a world position [m] and the offset in it. The cell must fit an int: see Solver::add.
 template <int d>
 CellPosition<d> locate(Lattice const& lattice, int kernel_order, Vector<double, d> const& position)

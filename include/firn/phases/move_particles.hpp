@@ -175,7 +175,7 @@ private:
                 position + displacement * Real(Number(1 / lattice.cell_size)) + items.along();
             FIRN_UNROLL
             for (int a = 0; a < d; ++a) where[a] += Real(to_node);
-            Place<Real, d> const place{lattice, items.first(), where};
+            Place<Real, d> const place{lattice, items.first(), where, kernel_reach(order)};
             displacement += apply_on_particles<Real, d>(now->actions, place, displacement, items.here(),
                                                         portions.find(items, before.id).mass, Real(now->dt),
                                                         particle[Velocity{}], result.reactions);

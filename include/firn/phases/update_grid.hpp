@@ -23,7 +23,7 @@ struct NodeVelocities
 ///   v_i = chain((m v + dt f + dt m g)_i / m_i)      Stomakhin et al. 2013, steps 4 and 5
 ///
 /// A node of less than `smallest_mass` counts as empty: its quotient would be rounding alone.
-template <class Space, class Transfer, class Effects>
+template <class Space, class Kernel, class Transfer, class Effects>
 struct UpdateGrid
 {
     static constexpr int d = Space::dimension;
@@ -55,7 +55,7 @@ struct UpdateGrid
         }
         apply_on_momentum<Real, d>(now->actions, momentum, mass);
         Vector<Real, d> velocity = momentum * inverse_mass;
-        Place<Real, d> const place{lattice, node.first(), node.offset()};
+        Place<Real, d> const place{lattice, node.first(), node.offset(), kernel_reach(Kernel::order)};
         velocity =
             apply_on_nodes<Real, d>(now->actions, place, select(filled, mass, Real(0)), velocity, reactions);
         for (int a = 0; a < d; ++a) node.set(Velocities::velocity + a, select(filled, velocity[a], Real(0)));
