@@ -56,6 +56,7 @@ concept TransferScheme = Lane<Real> &&
     {
         T::keeps_old_velocity
         } -> std::convertible_to<bool>;
+    requires !T::keeps_old_velocity || requires { transfer.fraction; }; // of its own that a particle keeps
     {
         T::moves_with_grid // or by transfer.motion(particle, gathered)
         } -> std::convertible_to<bool>;

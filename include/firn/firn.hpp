@@ -5,6 +5,7 @@
 /// assimp.
 #include <firn/effects/gravity.hpp>
 #include <firn/effects/obstacle.hpp>
+#include <firn/effects/reflecting_wall.hpp>
 #include <firn/effects/rigid_body.hpp>
 #include <firn/effects/shapes/half_space.hpp>
 #include <firn/effects/shapes/height_field.hpp>

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/concepts.hpp>
+#include <firn/effects/reflecting_wall.hpp>
 #include <firn/interpolation/quadratic_b_spline.hpp>
 #include <firn/models/several_materials.hpp>
 #include <firn/particle_table.hpp>
@@ -244,6 +245,7 @@ public:
         require(std::isfinite(dt) && dt > 0, "the time step is not a finite number above 0", "Solver::step",
                 "Pass seconds.");
         (validate(effects), ...);
+        require_walls_apart(effects...);
         auto rule = rule_for(effects...);
         rule.equal = dt;
         auto const plain = plain_effects(effects...);
@@ -274,6 +276,7 @@ public:
         require(std::isfinite(duration) && duration >= 0, "the duration is not a finite number, 0 or above",
                 "Solver::advance", "Pass seconds, e.g. 1.0 / 24.");
         (validate(effects), ...);
+        require_walls_apart(effects...);
         auto rule = rule_for(effects...);
         rule.duration = duration;
         rule.end = course_.time + duration;
@@ -559,8 +562,8 @@ private:
         Sides const sides = sides_of(effects);
         using Update = UpdateGrid<Space, Kernel, Transfer, Actions>;
         auto const update = [&](int step) {
-            return backend_.for_each_node(cells, grid_,
-                                          Update{now + (turn + step) % 2, lattice_, smallest_node_mass()});
+            return backend_.for_each_node(
+                cells, grid_, Update{now + (turn + step) % 2, lattice_, smallest_node_mass(), kept_share()});
         };
         auto const move = [&]<std::size_t k>(std::integral_constant<std::size_t, k>, int step) {
             using Here = Of<Material<k>>;
@@ -788,7 +791,7 @@ private:
         backend_.for_each_node(particles<0>().cells(), grid_,
                                UpdateGrid<Space, Kernel, Transfer, Chain<>>{
                                    reinterpret_cast<StepNow<Number, Chain<>> const*>(now_.data()), lattice_,
-                                   smallest_node_mass()});
+                                   smallest_node_mass(), kept_share()});
         hold_taken();
         spoiled_ = false;
     }
@@ -822,6 +825,15 @@ private:
     Number smallest_node_mass() const
     {
         return Number(masses_.largest) * (std::is_same_v<Number, float> ? Number(1e-20) : Number(1e-40));
+    }
+
+    /// Of its own velocity that a particle keeps beside the grid's.
+    Number kept_share() const
+    {
+        if constexpr (Transfer::keeps_old_velocity)
+            return static_cast<Number>(transfer_.fraction);
+        else
+            return Number(0);
     }
 
     template <class Effect>

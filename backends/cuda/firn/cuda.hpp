@@ -122,8 +122,16 @@ struct Cuda
         if (grid.node_blocks() == 0) return {};
         cuda::OnDevice const here(device);
         auto const results = grid.node_results().template expect<Result>(grid.node_blocks());
-        cuda::detail::launch("for_each_node", queue(), cuda::detail::for_each_node<GridType, Phase>,
-                             grid.node_blocks(), 1, 0, cells.signal(), phase, grid.view(), results);
+        auto const loop = [&](auto const& blocks) {
+            using Blocks = std::remove_cvref_t<decltype(blocks)>;
+            cuda::detail::launch("for_each_node", queue(),
+                                 cuda::detail::for_each_node<GridType, Phase, Blocks>, grid.node_blocks(), 1,
+                                 0, cells.signal(), phase, grid.view(), blocks, results);
+        };
+        if constexpr (Phase::looks_around)
+            loop(grid.blocks_of_nodes());
+        else
+            loop(cuda::detail::NoBlocks{});
         return grid.node_results().template partial<Result>();
     }
 

@@ -22,6 +22,20 @@ struct Reactions
     }
 };
 
+/// Whether an action is that of a shell.
+template <class Action>
+inline constexpr bool keeps_sides = requires
+{
+    requires Action::keeps_sides;
+};
+
+/// Whether an action is that of a reflecting wall, which UpdateGrid takes care of.
+template <class Action>
+inline constexpr bool is_wall = requires
+{
+    requires Action::mirrors;
+};
+
 /// The actions of a step's effects, applied in the order in which they were passed.
 template <class... Actions>
 struct Chain;
@@ -29,7 +43,7 @@ struct Chain;
 template <>
 struct Chain<>
 {
-    static constexpr int obstacles = 0;
+    static constexpr int obstacles = 0, walls = 0;
     template <class Visit>
     FIRN_HOST_DEVICE void for_each(Visit const&) const
     {}
@@ -41,6 +55,7 @@ struct Chain<First, Rest...>
     First first;
     Chain<Rest...> rest;
     static constexpr int obstacles = int(First::is_obstacle) + Chain<Rest...>::obstacles;
+    static constexpr int walls = int(is_wall<First>) + Chain<Rest...>::walls;
 
     template <class Visit>
     FIRN_HOST_DEVICE void for_each(Visit const& visit) const
@@ -174,7 +189,10 @@ FIRN_HOST_DEVICE Vector<Real, d> apply_on_nodes(Chain<Actions...> const& chain, 
     auto const pass = [&](bool first_pass, bool only_non_penetration) {
         int obstacle = 0;
         chain.for_each([&](auto const& action) {
-            if constexpr (std::decay_t<decltype(action)>::is_obstacle) {
+            using Action = std::decay_t<decltype(action)>;
+            if constexpr (is_wall<Action>)
+                ++obstacle;
+            else if constexpr (Action::is_obstacle) {
                 Contact const rule = only_non_penetration ? Contact::slip() : action.contact;
                 auto const touched = action.template touch<Real>(place, velocity, rule);
                 if (any(touched.inside)) {
@@ -201,13 +219,6 @@ FIRN_HOST_DEVICE Vector<Real, d> apply_on_nodes(Chain<Actions...> const& chain, 
     return velocity;
 }
 
-/// Whether an action is that of a shell.
-template <class Action>
-inline constexpr bool keeps_sides = requires
-{
-    requires Action::keeps_sides;
-};
-
 /// Contact of lanes of particles, for the obstacles that ask for it, after they were moved by `moved` [m] to
 /// a place, where they are `here`: corrects v, and returns the displacement [m] that goes with it, a push out
 /// of the obstacle of at most a quarter of a cell included.
@@ -221,7 +232,9 @@ apply_on_particles(Chain<Actions...> const& chain, Place<Real, d> const& place, 
     int obstacle = 0;
     chain.for_each([&](auto const& action) {
         using Action = std::decay_t<decltype(action)>;
-        if constexpr (Action::is_obstacle) {
+        if constexpr (is_wall<Action>)
+            ++obstacle;
+        else if constexpr (Action::is_obstacle) {
             if (!keeps_sides<Action> && action.on_particles) {
                 auto touched = action.template touch<Real>(place, velocity, action.contact);
                 touched.inside = touched.inside & here;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/effects/chain.hpp>
+#include <firn/phases/mirrored_node.hpp>
 #include <firn/phases/particles_to_grid.hpp>
 #include <firn/phases/step_now.hpp>
 
@@ -23,6 +24,10 @@ struct NodeVelocities
 ///   v_i = chain((m v + dt f + dt m g)_i / m_i)      Stomakhin et al. 2013, steps 4 and 5
 ///
 /// A node of less than `smallest_mass` counts as empty: its quotient would be rounding alone.
+///
+/// A node beside a reflecting wall holds sums together with its images, see MirroredNode: it looks at them,
+/// one node at a time (`looks_around`), and so does each image; both then hold the same velocity, but for its
+/// sign across the wall, and 0 on it.
 template <class Space, class Kernel, class Transfer, class Effects>
 struct UpdateGrid
 {
@@ -32,33 +37,112 @@ struct UpdateGrid
     using Velocities = NodeVelocities<d, Transfer::keeps_old_velocity>;
     using Result = Reactions<Effects::obstacles>;
     static constexpr int channels = Velocities::channels;
+    static constexpr bool looks_around = Effects::walls > 0;
 
     StepNow<Number, Effects> const* now;
     Lattice lattice;
     Number smallest_mass;
+    Number kept_share; ///< of its own velocity that a particle keeps: see Flip
 
     template <class Node>
     FIRN_HOST_DEVICE void operator()(Node& node, Result& reactions) const
     {
         using Real = typename Node::Real;
-        Real const mass = node.sum(Sums::mass);
+        Place<Real, d> const place{lattice, node.first(), node.offset(), kernel_reach(Kernel::order)};
+        update<Real>(
+            place, [&](int c) { return node.sum(c); }, [&](int c, Real const& value) { node.set(c, value); },
+            reactions);
+    }
+
+    /// Whether one of `count` nodes in a row along the last axis looks at others.
+    FIRN_HOST_DEVICE bool looks_around_at(Coordinates<d> const& first, int count) const
+    {
+        bool beside = false;
+        for (WallPlane const& wall : walls_of(now->actions)) {
+            int const from = first[wall.axis], to = from + (wall.axis == d - 1 ? count - 1 : 0);
+            beside = beside || (from <= wall.node + 1 && to >= wall.node - 1);
+        }
+        return beside;
+    }
+
+    /// The same as operator() for one node that looks at others.
+    template <class Node>
+    FIRN_HOST_DEVICE void look_around(Node& node, Result& reactions) const
+    {
+        MirroredNode<Sums, Number, d, Effects::walls> const mirrored(walls_of(now->actions), node);
+        Place<Number, d> const place{lattice, mirrored.node, Vector<Number, d>::Zero(),
+                                     kernel_reach(Kernel::order)};
+        Number velocity[channels];
+        Result found;
+        update<Number>(
+            place, [&](int c) { return mirrored.sums[c]; }, [&](int c, Number value) { velocity[c] = value; },
+            found);
+        // What a node receives its images do not receive once more.
+        if (!mirrored.is_image()) {
+            book_walls(mirrored, velocity, place.relative_to(Eigen::Vector3d::Zero()), found);
+            reactions.merge(found);
+        }
+        for (int c = 0; c < channels; ++c) {
+            Number const value = mirrored.on_wall[c % d] ? Number(0) : velocity[c];
+            node.set(c, mirrored.flipped[c % d] ? -value : value);
+        }
+    }
+
+private:
+    template <class Real, class Sum, class Set>
+    FIRN_HOST_DEVICE void update(Place<Real, d> const& place, Sum const& sum, Set const& set,
+                                 Result& reactions) const
+    {
+        Real const mass = sum(Sums::mass);
         Mask<Real> const filled = mass > Real(smallest_mass);
         Real const inverse_mass = select(filled, Real(1) / select(filled, mass, Real(1)), Real(0));
 
         Vector<Real, d> momentum;
         for (int a = 0; a < d; ++a) {
-            momentum[a] = node.sum(Sums::momentum + a);
+            momentum[a] = sum(Sums::momentum + a);
             if constexpr (Transfer::keeps_old_velocity) {
-                node.set(Velocities::old_velocity + a, momentum[a] * inverse_mass);
-                momentum[a] += node.sum(Sums::impulse + a);
+                set(Velocities::old_velocity + a, momentum[a] * inverse_mass);
+                momentum[a] += sum(Sums::impulse + a);
             }
         }
         apply_on_momentum<Real, d>(now->actions, momentum, mass);
         Vector<Real, d> velocity = momentum * inverse_mass;
-        Place<Real, d> const place{lattice, node.first(), node.offset(), kernel_reach(Kernel::order)};
         velocity =
             apply_on_nodes<Real, d>(now->actions, place, select(filled, mass, Real(0)), velocity, reactions);
-        for (int a = 0; a < d; ++a) node.set(Velocities::velocity + a, select(filled, velocity[a], Real(0)));
+        for (int a = 0; a < d; ++a) set(Velocities::velocity + a, select(filled, velocity[a], Real(0)));
+    }
+
+    /// Books what walls receive along their axes: what particles lose to their images.
+    ///
+    /// On the wall that is all momentum. Behind it, where particles gave p and take m times the velocity -v
+    /// of their image, p + m v is lost; and as much before it, where their images gave -p and take m v of
+    /// what is theirs. Of what particles keep of their own velocities, the like with the old velocity is not
+    /// lost.
+    template <class Mirrored>
+    FIRN_HOST_DEVICE void book_walls(Mirrored const& mirrored, Number const* velocity,
+                                     Vector<Number, d> const& arm, Result& reactions) const
+    {
+        for (std::size_t w = 0; w < mirrored.walls.size(); ++w) {
+            WallPlane const& wall = mirrored.walls[w];
+            int const a = wall.axis;
+            Number received(0);
+            if (mirrored.node[a] == wall.node) {
+                received = mirrored.sums[Sums::mass] * velocity[Velocities::velocity + a];
+                if constexpr (Transfer::keeps_old_velocity)
+                    received -= kept_share * mirrored.sums[Sums::momentum + a];
+            }
+            else {
+                Number const m = mirrored.mass_behind[w], p = mirrored.momentum_behind[w];
+                received = 2 * (p + m * velocity[Velocities::velocity + a]);
+                if constexpr (Transfer::keeps_old_velocity)
+                    received += 2 * (mirrored.impulse_behind[w] -
+                                     kept_share * (p + m * velocity[Velocities::old_velocity + a]));
+            }
+            Eigen::Vector3d impulse = Eigen::Vector3d::Zero(), from = Eigen::Vector3d::Zero();
+            impulse[a] = received;
+            for (int i = 0; i < d; ++i) from[i] = arm[i];
+            reactions.of[wall.obstacle] += {impulse, from.cross(impulse)};
+        }
     }
 };
 

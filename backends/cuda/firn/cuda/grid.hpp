@@ -182,6 +182,7 @@ public:
             view.layer[l] = {tiles_[l].covered_by.data(), tiles_[l].of[0].data()};
         return view;
     }
+    BlockSet::View blocks_of_nodes() { return set_.view(); }
     Results& node_results() { return node_results_; }
 
     /// Takes the sums for the next step for those of this one.

@@ -191,30 +191,22 @@ __global__ void __launch_bounds__(block_threads)
     }
 }
 
-/// Nodes add up the tiles that cover them and are updated.
-template <class GridType, class Phase>
-__global__ void __launch_bounds__(block_threads)
-    for_each_node(Signal signal, Phase phase, typename GridType::View grid,
-                  ResultsOfGroups<typename Phase::Result> results)
+/// Adds up the tiles that cover a node of a block; `any` becomes true if something was added to it.
+template <class GridType, int d>
+__device__ __forceinline__ typename GridType::Sums
+sum_of_tiles(typename GridType::View const& grid, std::uint32_t n, Coordinates<d> const& here, bool& any)
 {
-    if (signal.stops()) return;
     using Shape = typename GridType::Shape;
     using Tile = typename GridType::TileShape;
     using Sums = typename GridType::Sums;
-    constexpr int d = Phase::d;
-    Coordinates<d> here;
-    int place = int(threadIdx.x);
-    for (int a = d - 1; a >= 0; --a, place /= Shape::extent) here[a] = place % Shape::extent;
-
     Sums sums{};
-    bool any = false;
 #pragma unroll
     for (int layer = 0; layer < GridType::layers; ++layer) {
         typename GridType::Cover const& of = grid.layer[layer];
         std::uint32_t block[GridType::corners]; // all loads first, or each would wait for the one before
 #pragma unroll
         for (int corner = 0; corner < GridType::corners; ++corner)
-            block[corner] = of.covered_by[blockIdx.x * GridType::corners + static_cast<unsigned>(corner)];
+            block[corner] = of.covered_by[n * GridType::corners + static_cast<unsigned>(corner)];
 #pragma unroll
         for (int corner = 0; corner < GridType::corners; ++corner) {
             Coordinates<d> at = here; // in the tile of a block that lies `corner` before this one
@@ -235,12 +227,88 @@ __global__ void __launch_bounds__(block_threads)
             }
         }
     }
+    return sums;
+}
+
+/// One node that looks at others.
+template <class GridType, int d>
+class LoneNode
+{
+public:
+    using Real = typename GridType::Number;
+
+    __device__ LoneNode(typename GridType::View const& grid, BlockSet::View const& blocks,
+                        Coordinates<d> const& at)
+        : grid_(grid), blocks_(blocks), at_(at)
+    {}
+
+    __device__ Coordinates<d> first() const { return at_; }
+    __device__ void set(int channel, Real value) { values_.of[channel] = value; }
+    __device__ typename GridType::Values const& values() const { return values_; }
+
+    /// The sums of any node; zeros where there is none.
+    template <int channels>
+    __device__ void sums_at(Coordinates<d> const& node, Real (&found)[channels]) const
+    {
+        using Shape = typename GridType::Shape;
+        Coordinates<d> block, here;
+        for (int a = 0; a < d; ++a) {
+            int const at = node[a] + GridType::reach;
+            block[a] = at >> Shape::bits;
+            here[a] = at & (Shape::extent - 1);
+        }
+        std::uint32_t const n = blocks_.find(block_key<d>(block));
+        typename GridType::Sums sums{};
+        bool any = false;
+        if (n != absent) sums = sum_of_tiles<GridType, d>(grid_, n, here, any);
+        for (int c = 0; c < channels; ++c) found[c] = sums.of[c];
+    }
+
+private:
+    typename GridType::View const& grid_;
+    BlockSet::View const& blocks_;
+    typename GridType::Values values_{};
+    Coordinates<d> at_;
+};
+
+/// For phases that do not look around.
+struct NoBlocks
+{};
+
+/// Nodes add up the tiles that cover them and are updated. `blocks` finds those of nodes that are looked at.
+template <class GridType, class Phase, class Blocks>
+__global__ void __launch_bounds__(block_threads)
+    for_each_node(Signal signal, Phase phase, typename GridType::View grid, Blocks blocks,
+                  ResultsOfGroups<typename Phase::Result> results)
+{
+    if (signal.stops()) return;
+    using Shape = typename GridType::Shape;
+    constexpr int d = Phase::d;
+    Coordinates<d> here;
+    int place = int(threadIdx.x);
+    for (int a = d - 1; a >= 0; --a, place /= Shape::extent) here[a] = place % Shape::extent;
+
+    bool any = false;
+    typename GridType::Sums const sums = sum_of_tiles<GridType, d>(grid, blockIdx.x, here, any);
     Coordinates<d> const node = block_of_key<d>(grid.keys[blockIdx.x]) * int{Shape::extent} + here -
                                 Coordinates<d>::Constant(int{GridType::reach});
-    NodeOfThread<GridType, d> lane(sums, node);
     typename Phase::Result result{};
-    if (any) phase(lane, result); // nothing was added to the others
-    grid.node_values[std::size_t(blockIdx.x) * Shape::cells + threadIdx.x] = lane.values();
+    typename GridType::Values& values =
+        grid.node_values[std::size_t(blockIdx.x) * Shape::cells + threadIdx.x];
+    bool alone = false;
+    if constexpr (Phase::looks_around) {
+        alone = phase.looks_around_at(node, 1);
+        if (alone) {
+            LoneNode<GridType, d> lane(grid, blocks, node);
+            if (any) phase.look_around(lane, result);
+            values = lane.values();
+        }
+    }
+    if (!alone) {
+        NodeOfThread<GridType, d> lane(sums, node);
+        if (any) phase(lane, result); // nothing was added to the others
+        values = lane.values();
+    }
     __shared__ __align__(16) unsigned char parts[2 * sizeof(typename Phase::Result)];
     results.take(result, reinterpret_cast<typename Phase::Result*>(parts));
 }

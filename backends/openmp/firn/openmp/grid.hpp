@@ -176,6 +176,21 @@ public:
     std::vector<NodeBlock> const& nodes() const { return nodes_; }
     Number* node_values(std::size_t node_block) { return &values_[node_block * values * block_channel]; }
 
+    /// The sums of one node, wherever it is: what its row has there, or zeros.
+    void sums_at(Coordinates<d> const& node, Number (&found)[sums]) const
+    {
+        std::fill(found, found + sums, Number(0));
+        Coordinates<d> block, place;
+        for (int a = 0; a < d; ++a) {
+            int const extent = Base::Shape::extent(a), at = node[a] + Base::reach;
+            place[a] = (at % extent + extent) % extent;
+            block[a] = (at - place[a]) / extent;
+        }
+        int const n = map_.find(block_key<d>(block));
+        if (n == absent) return;
+        for (int l = 0; l < layers; ++l) add_sums(tiles_[l], nodes_[n].covered_by[l], place, found);
+    }
+
     /// Takes the sums for the next step for those of this one.
     void accept()
     {
@@ -193,6 +208,29 @@ public:
     }
 
 private:
+    /// Adds up the tiles of a layer that cover a place of a block of nodes.
+    void add_sums(Tiles const& tiles, std::array<int, corners> const& covered_by, Coordinates<d> const& place,
+                  Number (&found)[sums]) const
+    {
+        for (int corner = 0; corner < corners; ++corner) {
+            int const b = covered_by[corner];
+            if (b == absent) continue;
+            Coordinates<d> at = place; // in the tile of a block that lies `corner` before this one
+            int row = 0;
+            bool covers = true;
+            for (int a = 0; a < d; ++a) {
+                at[a] += offset(corner)[a] * Base::Shape::extent(a);
+                covers = covers && at[a] < (a == d - 1 ? Base::row_length : Base::rows_across);
+                if (a < d - 1) row = row * Base::rows_across + at[a];
+            }
+            std::size_t const tile = tiles.tile_of[b];
+            if (!covers || ((tiles.touched[0][tile] >> row) & 1) == 0) continue;
+            Number const* const from =
+                tiles.of[0].data() + tile * sums * tile_channel + row * Base::row_length + at[d - 1];
+            for (int c = 0; c < sums; ++c) found[c] += from[c * tile_channel];
+        }
+    }
+
     /// Finds each block its tile: the one it had, or one that is free.
     template <class CellOrder>
     void follow_tiles(Tiles& tiles, CellOrder const& cells, bool have_history)

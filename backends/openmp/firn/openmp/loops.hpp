@@ -3,6 +3,7 @@
 
 #include <firn/openmp/cell.hpp>
 #include <firn/openmp/lanes.hpp>
+#include <firn/openmp/lone_node.hpp>
 #include <firn/openmp/tuning.hpp>
 
 #include <array>
@@ -268,7 +269,7 @@ Result merged(std::vector<Result> const& results)
 }
 } // namespace detail
 
-/// Nodes add up the tiles that cover them and are updated, row by row.
+/// Nodes add up the tiles that cover them and are updated, row by row; those that look at others, one by one.
 template <class Lane, class GridType, class Phase>
 typename Phase::Result for_each_node(int threads, GridType& grid, Phase const& phase)
 {
@@ -292,8 +293,16 @@ typename Phase::Result for_each_node(int threads, GridType& grid, Phase const& p
             for (int place = 0; place < Shape::along; place += lane_width<Lane>) {
                 Coordinates<d> at = first;
                 at[d - 1] += place;
-                NodeLanes<Lane, GridType, d> node(&sums[0][place],
-                                                  grid.node_values(n) + row * Shape::along + place, at);
+                Number* const values = grid.node_values(n) + row * Shape::along + place;
+                if constexpr (Phase::looks_around)
+                    if (phase.looks_around_at(at, lane_width<Lane>)) {
+                        for (int lane = 0; lane < lane_width<Lane>; ++lane, ++at[d - 1]) {
+                            LoneNode<GridType, Number, d> node(grid, values + lane, at);
+                            phase.look_around(node, results[n]);
+                        }
+                        continue;
+                    }
+                NodeLanes<Lane, GridType, d> node(&sums[0][place], values, at);
                 phase(node, results[n]);
             }
         }

@@ -1,0 +1,88 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/effects/effect.hpp>
+
+#include <type_traits>
+
+namespace firn
+{
+
+/// A smooth wall on a plane of nodes, in which all that is on its side is mirrored: as if the body went on
+/// behind it, moving the other way.
+///
+/// Of an Obstacle's nodes those behind the surface are stopped, which leaves an error of the order of h; this
+/// one is of the order of h², like the kernels themselves. The price: it lies on nodes, does not move, and
+/// neither rubs nor lets go. Its reaction is booked as an obstacle's, angular impulse about the world's
+/// origin.
+///
+/// All particles are on its side. (Schemes that move particles with the grid keep them there.)
+struct ReflectingWall
+{
+    int axis = 1; ///< across which it lies: 0, 1 or 2
+    int node = 0; ///< it is at lattice.origin[axis] + node * cell_size
+    int side = 1; ///< where the particles are: 1 towards larger coordinates, -1 towards smaller ones
+
+    void validate() const
+    {
+        require(axis >= 0 && axis <= 2, "the axis of a wall is none of x, y and z", "ReflectingWall",
+                "Pass 0, 1 or 2.");
+        require(side == 1 || side == -1, "a wall has no such side", "ReflectingWall",
+                "Pass 1 if the particles are where coordinates are larger, else -1.");
+        constexpr int largest = 1 << 30; // beyond any cell
+        require(node > -largest && node < largest, "a wall is out of the range of nodes", "ReflectingWall",
+                "Pass (position - origin) / cell_size.");
+    }
+
+    void validate_in_plane() const
+    {
+        require(axis < 2, "a wall of a scene in two dimensions is across z", "ReflectingWall",
+                "Pass 0 or 1.");
+    }
+
+    /// A plain value, the same in every step: see UpdateGrid.
+    struct Action
+    {
+        static constexpr bool is_obstacle = true; ///< it has a reaction
+        static constexpr bool mirrors = true;
+        static constexpr bool on_particles = false;
+        int axis, node, side;
+    };
+
+    template <class Number, int d>
+    FIRN_HOST_DEVICE Action during(Interval const&) const
+    {
+        return {axis, node, side};
+    }
+};
+
+namespace detail
+{
+/// Whether no node is next to both walls, unless it lies between them.
+inline bool apart(ReflectingWall const& a, ReflectingWall const& b)
+{
+    if (a.axis != b.axis) return true;
+    ReflectingWall const &low = a.node < b.node ? a : b, &high = a.node < b.node ? b : a;
+    return high.node - low.node >= (low.side == 1 && high.side == -1 ? 2 : 3);
+}
+
+template <class First, class Second>
+void require_apart(First const& a, Second const& b)
+{
+    if constexpr (std::is_same_v<First, ReflectingWall> && std::is_same_v<Second, ReflectingWall>)
+        require(apart(a, b), "two walls are too close to each other", "ReflectingWall",
+                "Leave two cells between them, or three if nothing is between them.");
+}
+} // namespace detail
+
+/// Throws an Error if two of the effects are walls that share nodes.
+inline void require_walls_apart() {}
+
+template <class First, class... Rest>
+void require_walls_apart(First const& first, Rest const&... rest)
+{
+    (detail::require_apart(first, rest), ...);
+    require_walls_apart(rest...);
+}
+
+} // namespace firn
