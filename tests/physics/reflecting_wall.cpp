@@ -10,21 +10,15 @@ using namespace firn::test;
 namespace
 {
 
-/// Takes one step with so many of the walls, and other effects.
+/// Takes one step with all of the walls, and other effects before them.
 template <class Solver, class... Effects>
 StepReport step_with(Solver& solver, double dt, std::vector<ReflectingWall> const& walls,
                      Effects const&... effects)
 {
-    switch (walls.size()) {
-    case 0:
-        return solver.step(dt, effects...);
-    case 1:
-        return solver.step(dt, effects..., walls[0]);
-    case 2:
-        return solver.step(dt, effects..., walls[0], walls[1]);
-    default:
-        return solver.step(dt, effects..., walls[0], walls[1], walls[2]);
-    }
+    if (walls.size() == 1) return solver.step(dt, effects..., walls[0]);
+    if constexpr (Solver::d == 3)
+        if (walls.size() == 3) return solver.step(dt, effects..., walls[0], walls[1], walls[2]);
+    return solver.step(dt, effects..., walls[0], walls[1]);
 }
 
 /// Random points with random velocities, within 8 cells of the node (3, -2, 5) on the walls' sides.

@@ -10,7 +10,7 @@
 // of a step. An effect is a plain description; `during(interval)` turns it into an *action*, a trivially
 // copyable value with the step's numbers filled in, which the phases call on lanes of nodes: as
 // `on_momentum(momentum, mass)`, as `on_node(velocity)`, or as an obstacle (on particles too, if it asks for
-// them); a reflecting wall ties pairs of nodes together before. The length of a step may be found where the
+// them); what a reflecting wall does is up to UpdateGrid. The length of a step may be found where the
 // phases run, so `during` runs there too: it is FIRN_HOST_DEVICE where that is a device, and an effect that
 // is not a plain value has a `plain()` that is.
 namespace firn
