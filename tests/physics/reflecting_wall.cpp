@@ -2,6 +2,7 @@
 #include "catch.hpp"
 #include "support/policies.hpp"
 
+#include <array>
 #include <tuple>
 
 using namespace firn;
@@ -114,6 +115,39 @@ TEMPLATE_LIST_TEST_CASE("a body before walls moves as one with its images does, 
             CHECK(moved > 0.1);
         }
     }
+}
+
+TEST_CASE("so do bodies of two materials that share a grid, in a corner")
+{
+    using Solver = Scene<Materials<NeoHookean<Plane>, FixedCorotated<Plane>>, QuadraticBSpline, Mls>::Solver;
+    double const h = 0.025, volume = std::pow(6 * h, 2) / 400, dt = 5e-5;
+    std::mt19937 random(5);
+    std::uniform_real_distribution<double> unit(0, 6 * h);
+    std::array<std::vector<Vector<double, 2>>, 2> points;
+    for (int i = 0; i < 400; ++i) points[std::size_t(i % 2)].emplace_back(unit(random), unit(random));
+    auto const made = [&](std::vector<Vector<double, 2>> const& sides) {
+        Solver solver(lattice(h));
+        for (auto const& side : sides) {
+            auto image = points;
+            for (auto& body : image)
+                for (auto& x : body) x = x.cwiseProduct(side);
+            solver.add<Material<0>>(image[0], volume, -side);
+            solver.add<Material<1>>(image[1], volume, -0.5 * side);
+        }
+        return solver;
+    };
+    Solver alone = made({{1, 1}}), with_images = made({{1, 1}, {-1, 1}, {1, -1}, {-1, -1}});
+    for (int i = 0; i < 100; ++i) {
+        alone.step(dt, ReflectingWall{.axis = 0}, ReflectingWall{.axis = 1});
+        with_images.step(dt);
+    }
+    double worst = 0;
+    auto const compare = [&](auto const& a, auto const& b) {
+        for (std::size_t i = 0; i < a.size(); ++i) worst = std::max(worst, (a[i] - b[i]).norm() / h);
+    };
+    compare(alone.positions<Material<0>>(), with_images.positions<Material<0>>());
+    compare(alone.positions<Material<1>>(), with_images.positions<Material<1>>());
+    CHECK(worst <= 1e-10);
 }
 
 TEMPLATE_LIST_TEST_CASE("what walls, gravity and a ball give a body is what its momentum changes by", "",
