@@ -16,7 +16,7 @@ TEMPLATE_LIST_TEST_CASE(
 {
     constexpr int d = TestType::Space::dimension;
     using Tensor = Matrix<double, d>;
-    Material<TestType> const material;
+    OneElement<TestType> const material;
     std::mt19937 random(21);
     double const modulus = material.model.elasticity.p_wave_modulus();
     for (int i = 0; i < 200; ++i) {
@@ -47,15 +47,15 @@ TEMPLATE_LIST_TEST_CASE(
 {
     constexpr int d = TestType::Space::dimension;
     using Tensor = Matrix<double, d>;
-    Material<TestType> const material;
+    OneElement<TestType> const material;
     std::mt19937 random(22);
     double const rest = material.model.elasticity.p_wave_modulus();
-    auto at_rest = Material<TestType>::State::at_rest();
+    auto at_rest = OneElement<TestType>::State::at_rest();
     CHECK(material.answer(at_rest, Tensor::Identity()).wave_modulus == Approx(rest));
 
     for (int i = 0; i < 100; ++i) {
         Tensor const F = elastic_deformation<TestType>(random);
-        auto state = Material<TestType>::State::at_rest();
+        auto state = OneElement<TestType>::State::at_rest();
         double const claimed = material.answer(state, F).wave_modulus;
         // Q_ac n_b n_d = d(tau_ab)/d(F) along a displacement a e^(i n.x): dF = a n^T F, dtau minus its
         // geometric part
@@ -85,11 +85,11 @@ TEMPLATE_LIST_TEST_CASE(
 
 TEST_CASE("the wave modulus of Hencky's law covers shear at large stretches, where it is the faster wave")
 {
-    Material<Hencky<Solid>> const material;
+    OneElement<Hencky<Solid>> const material;
     for (double stretch : {3.0, 8.0, 20.0}) {
         // sigma_1^2 (tau_1 - tau_3) / (sigma_1^2 - sigma_3^2)
         Eigen::Matrix3d const F = Eigen::Vector3d(stretch, 1, 1 / stretch).asDiagonal();
-        auto state = Material<Hencky<Solid>>::State::at_rest();
+        auto state = OneElement<Hencky<Solid>>::State::at_rest();
         auto const response = material.answer(state, F);
         double const shear =
             (response.kirchhoff_stress(0, 0) - response.kirchhoff_stress(2, 2)) / (1 - std::pow(stretch, -4));
@@ -102,11 +102,11 @@ TEMPLATE_LIST_TEST_CASE("turned afterwards is turned before: the update of the s
 {
     constexpr int d = TestType::Space::dimension;
     using Tensor = Matrix<double, d>;
-    Material<TestType> const material;
+    OneElement<TestType> const material;
     std::mt19937 random(23);
     for (int i = 0; i < 100; ++i) {
         Tensor const F = random_deformation<d>(random, 0.9, 1.1), Q = random_rotation<d>(random);
-        auto plain = Material<TestType>::State::at_rest(), turned = plain;
+        auto plain = OneElement<TestType>::State::at_rest(), turned = plain;
         Tensor const tau = material.answer(plain, F).kirchhoff_stress;
         Tensor const tau_turned = material.answer(turned, Q * F).kirchhoff_stress;
         CHECK((tau_turned - Q * tau * Q.transpose()).norm() <= 1e-9 * std::max(1.0, tau.norm()));
@@ -117,7 +117,7 @@ TEMPLATE_LIST_TEST_CASE("turned afterwards is turned before: the update of the s
 
 TEST_CASE("fixed corotated takes no reflection for a rest state")
 {
-    Material<FixedCorotated<Solid>> const material;
+    OneElement<FixedCorotated<Solid>> const material;
     Eigen::Matrix3d const reflected = Eigen::Vector3d(1, 1, -1).asDiagonal();
     CHECK(material.stress(reflected).norm() > 0.1 * material.model.elasticity.mu);
 }
@@ -129,15 +129,15 @@ TEMPLATE_LIST_TEST_CASE("a particle turned inside out is said to be inverted, an
                         Uninvertible)
 {
     constexpr int d = TestType::Space::dimension;
-    Material<TestType> const material;
-    auto state = Material<TestType>::State::at_rest();
+    OneElement<TestType> const material;
+    auto state = OneElement<TestType>::State::at_rest();
     Matrix<double, d> F = Matrix<double, d>::Identity();
     F(d - 1, d - 1) = -0.5;
     auto const response = material.answer(state, F);
     CHECK(response.inverted);
     CHECK(response.kirchhoff_stress.allFinite());
     F(d - 1, d - 1) = 0.5;
-    state = Material<TestType>::State::at_rest();
+    state = OneElement<TestType>::State::at_rest();
     CHECK(!material.answer(state, F).inverted);
 }
 

@@ -20,8 +20,8 @@ void forget_flow(Record<double, Model::Space::dimension, typename Model::State>&
 
 /// How far a stress is beyond yield, over the scale of stresses.
 template <class Space>
-double beyond_yield(VonMises<Space> const& model, Material<VonMises<Space>> const&,
-                    typename Material<VonMises<Space>>::State const&,
+double beyond_yield(VonMises<Space> const& model, OneElement<VonMises<Space>> const&,
+                    typename OneElement<VonMises<Space>>::State const&,
                     Matrix<double, Space::dimension> const& tau)
 {
     constexpr int d = Space::dimension;
@@ -30,8 +30,8 @@ double beyond_yield(VonMises<Space> const& model, Material<VonMises<Space>> cons
 }
 
 template <class Space>
-double beyond_yield(HardeningVonMises<Space> const& model, Material<HardeningVonMises<Space>> const&,
-                    typename Material<HardeningVonMises<Space>>::State const& state,
+double beyond_yield(HardeningVonMises<Space> const& model, OneElement<HardeningVonMises<Space>> const&,
+                    typename OneElement<HardeningVonMises<Space>>::State const& state,
                     Matrix<double, Space::dimension> const& tau)
 {
     constexpr int d = Space::dimension;
@@ -41,8 +41,9 @@ double beyond_yield(HardeningVonMises<Space> const& model, Material<HardeningVon
 }
 
 template <class Space>
-double beyond_yield(Sand<Space> const& model, Material<Sand<Space>> const&,
-                    typename Material<Sand<Space>>::State const&, Matrix<double, Space::dimension> const& tau)
+double beyond_yield(Sand<Space> const& model, OneElement<Sand<Space>> const&,
+                    typename OneElement<Sand<Space>>::State const&,
+                    Matrix<double, Space::dimension> const& tau)
 {
     constexpr int d = Space::dimension;
     Matrix<double, d> const s = tau - Matrix<double, d>::Identity() * (tau.trace() / d);
@@ -50,8 +51,8 @@ double beyond_yield(Sand<Space> const& model, Material<Sand<Space>> const&,
 }
 
 template <class Space>
-double beyond_yield(CamClay<Space> const& model, Material<CamClay<Space>> const&,
-                    typename Material<CamClay<Space>>::State const&,
+double beyond_yield(CamClay<Space> const& model, OneElement<CamClay<Space>> const&,
+                    typename OneElement<CamClay<Space>>::State const&,
                     Matrix<double, Space::dimension> const& tau)
 {
     constexpr int d = Space::dimension;
@@ -63,11 +64,11 @@ double beyond_yield(CamClay<Space> const& model, Material<CamClay<Space>> const&
 }
 
 template <class Space>
-double beyond_yield(Snow<Space> const& model, Material<Snow<Space>> const&,
-                    typename Material<Snow<Space>>::State const& state,
+double beyond_yield(Snow<Space> const& model, OneElement<Snow<Space>> const&,
+                    typename OneElement<Snow<Space>>::State const& state,
                     Matrix<double, Space::dimension> const&)
 {
-    auto const sigma = singular_values(Material<Snow<Space>>::elastic_part(state)).sigma;
+    auto const sigma = singular_values(OneElement<Snow<Space>>::elastic_part(state)).sigma;
     return std::max(sigma.maxCoeff() - 1 - model.critical_stretch,
                     1 - model.critical_compression - sigma.minCoeff());
 }
@@ -86,14 +87,14 @@ using Flows = Concatenated<RateIndependent<Plane>, RateIndependent<Solid>>;
 TEMPLATE_LIST_TEST_CASE("a return map ends on the yield surface, is idempotent and dissipates", "", Flows)
 {
     constexpr int d = TestType::Space::dimension;
-    Material<TestType> const material;
+    OneElement<TestType> const material;
     double const rounding = 1e-15 * material.model.elasticity.p_wave_modulus();
     std::mt19937 random(24);
     int flowed = 0;
     for (double spread : {0.3, 0.02})
         for (int i = 0; i < 500; ++i) {
             auto const F = random_deformation<d>(random, 1 - spread, 1 + spread);
-            auto state = Material<TestType>::State::at_rest();
+            auto state = OneElement<TestType>::State::at_rest();
             auto const response = material.answer(state, F);
             auto const F_E = material.elastic_part(state);
             flowed += (F_E - F).norm() > 1e-6;
@@ -120,10 +121,10 @@ using FloatFlows = Concatenated<RateIndependent<PlaneFloat>, RateIndependent<Sol
 TEMPLATE_LIST_TEST_CASE("in single precision a return map is idempotent to rounding", "", FloatFlows)
 {
     constexpr int d = TestType::Space::dimension;
-    Material<TestType> const material;
+    OneElement<TestType> const material;
     std::mt19937 random(24);
     for (int i = 0; i < 500; ++i) {
-        auto state = Material<TestType>::State::at_rest();
+        auto state = OneElement<TestType>::State::at_rest();
         material.answer(state, random_deformation<d>(random, 0.7, 1.3));
         if constexpr (TestType::State::template contains<LogPlasticVolumeRatio>)
             state[LogPlasticVolumeRatio{}] = 0;
@@ -137,11 +138,11 @@ TEMPLATE_TEST_CASE("snow's volume is that of its elastic part times that of its 
                    Snow<Plane>, Snow<Solid>)
 {
     constexpr int d = TestType::Space::dimension;
-    Material<TestType> const material;
+    OneElement<TestType> const material;
     std::mt19937 random(27);
     for (int i = 0; i < 200; ++i) {
         auto const F = random_deformation<d>(random, 0.7, 1.3);
-        auto state = Material<TestType>::State::at_rest();
+        auto state = OneElement<TestType>::State::at_rest();
         material.answer(state, F);
         double const J_P = state[PlasticVolumeRatio{}];
         CHECK(material.elastic_part(state).determinant() * J_P == Approx(F.determinant()).epsilon(1e-12));
@@ -152,11 +153,11 @@ TEMPLATE_TEST_CASE("flow in shear keeps the volume", "", VonMises<Plane>, VonMis
                    HardeningVonMises<Solid>, HerschelBulkley<Plane>, HerschelBulkley<Solid>)
 {
     constexpr int d = TestType::Space::dimension;
-    Material<TestType> const material;
+    OneElement<TestType> const material;
     std::mt19937 random(28);
     for (int i = 0; i < 500; ++i) {
         auto const F = random_deformation<d>(random, 0.5, 2);
-        auto state = Material<TestType>::State::at_rest();
+        auto state = OneElement<TestType>::State::at_rest();
         material.answer(state, F);
         CHECK(material.elastic_part(state).determinant() == Approx(F.determinant()).epsilon(1e-12));
     }
@@ -166,7 +167,7 @@ TEMPLATE_TEST_CASE("Cam-Clay's flow in shear keeps the volume of random trial st
                    CamClay<Solid>)
 {
     constexpr int d = TestType::Space::dimension;
-    Material<TestType> const material;
+    OneElement<TestType> const material;
     double const kappa = material.model.elasticity.lambda + 2 * material.model.elasticity.mu / d;
     double const p0 = kappa * (1e-5 + std::sinh(-material.model.hardening * material.model.start));
     std::mt19937 random(29);
@@ -176,7 +177,7 @@ TEMPLATE_TEST_CASE("Cam-Clay's flow in shear keeps the volume of random trial st
         // a volume whose pressure lies within the ellipse
         double const p = std::uniform_real_distribution<double>(-0.4 * p0, 0.9 * p0)(random);
         F *= std::pow(std::sqrt(1 - 2 * p / kappa) / F.determinant(), 1.0 / d);
-        auto state = Material<TestType>::State::at_rest();
+        auto state = OneElement<TestType>::State::at_rest();
         material.answer(state, F);
         auto const F_E = material.elastic_part(state);
         sheared += (F_E - F).norm() > 0.1;
@@ -193,7 +194,7 @@ template <class Model>
 Matrix<double, Model::Space::dimension> uniaxial_stress(Model const& model, double stretch)
 {
     constexpr int d = Model::Space::dimension;
-    Material<Model> const material{model};
+    OneElement<Model> const material{model};
     auto const answer = [&](double across) {
         Matrix<double, d> F = Matrix<double, d>::Identity() * across;
         F(0, 0) = stretch;
@@ -242,7 +243,7 @@ TEST_CASE("sand in triaxial compression yields at q = M p, M = 6 sin(phi) / (3 -
     } const known[]{{30, .32660, 1.2000}, {35, .38602, 1.41833}, {40, .44530, 0}};
     for (auto const& grains : known) {
         double const phi = grains.degrees * M_PI / 180, M = 6 * std::sin(phi) / (3 - std::sin(phi));
-        Material<Sand<Solid>> material;
+        OneElement<Sand<Solid>> material;
         material.model.cone = friction_cone(3, phi);
         CHECK(material.model.cone == Approx(grains.alpha).epsilon(2e-5));
         if (grains.M > 0) CHECK(M == Approx(grains.M).epsilon(1e-5));
@@ -258,7 +259,7 @@ TEST_CASE("sand in triaxial compression yields at q = M p, M = 6 sin(phi) / (3 -
 TEST_CASE("sand in the plane has the angle of friction that it was given")
 {
     for (double degrees : {25.0, 35.0}) {
-        Material<Sand<Plane>> material;
+        OneElement<Sand<Plane>> material;
         material.model.cone = friction_cone(2, degrees * M_PI / 180);
         Eigen::Matrix2d const tau = material.stress(Eigen::Vector2d(0.8, 1.05).asDiagonal());
         double const sine = (tau(1, 1) - tau(0, 0)) / -tau.trace();
@@ -272,8 +273,8 @@ TEST_CASE("sand in the plane has the angle of friction that it was given")
 
 TEST_CASE("loose sand bears nothing, and bears again only when it has given back the volume that it gained")
 {
-    Material<Sand<Solid>> const material;
-    auto state = Material<Sand<Solid>>::State::at_rest();
+    OneElement<Sand<Solid>> const material;
+    auto state = OneElement<Sand<Solid>>::State::at_rest();
     auto const stretch = [&](double by) {
         Eigen::Matrix3d const L = Eigen::Matrix3d::Identity() * (by - 1);
         return material.model.respond<double>(state, L, 1.0).kirchhoff_stress;
@@ -290,7 +291,7 @@ TEST_CASE("loose sand bears nothing, and bears again only when it has given back
 
 TEST_CASE("sand with cohesion bears tension up to it")
 {
-    Material<Sand<Solid>> material;
+    OneElement<Sand<Solid>> material;
     material.model.cohesion = 0.01;
     auto const& elasticity = material.model.elasticity;
     double const tip = (3 * elasticity.lambda + 2 * elasticity.mu) * 0.01;
@@ -311,7 +312,7 @@ TEST_CASE("Cam-Clay that is compressed from all sides stays at the pressure that
     Eigen::Matrix3d tau;
     for (int i = 0; i < steps; ++i) tau = model.respond<double>(state, L, 1.0).kirchhoff_stress;
     double const opened = state[LogPlasticVolumeRatio{}];
-    double const J_E = Material<CamClay<Solid>>::elastic_part(state).determinant();
+    double const J_E = OneElement<CamClay<Solid>>::elastic_part(state).determinant();
     CHECK(J_E * std::exp(opened) == Approx(0.9).epsilon(1e-9));
     double const p0 = kappa * (1e-5 + std::sinh(-model.hardening * (model.start + opened)));
     CHECK(-tau(0, 0) == Approx(p0).epsilon(1e-3)); // one step behind it

@@ -51,7 +51,7 @@ double energy(NeoHookean<SpaceType> const& model, Matrix<double, d> const& F)
 
 /// A particle of a model, whatever the precision of the model: driven and asked in double.
 template <class Model>
-struct Material
+struct OneElement
 {
     using Space = typename Model::Space;
     using Number = typename Space::Real;
