@@ -43,16 +43,6 @@ FIRN_HOST_DEVICE inline Matrix<Real, d> deformation_gradient(Matrix<Real, d> con
     return F;
 }
 
-/// H = F - I.
-template <Lane Real, int d>
-FIRN_HOST_DEVICE inline Matrix<Real, d> displacement_gradient(Matrix<Real, d> const& F)
-{
-    Matrix<Real, d> H = F;
-    FIRN_UNROLL
-    for (int i = 0; i < d; ++i) H(i, i) -= Real(1);
-    return H;
-}
-
 /// J - 1 = det(I + H) - 1, without the cancellation near rest.
 template <Lane Real, int d>
 FIRN_HOST_DEVICE inline Real volume_change(Matrix<Real, d> const& H)
