@@ -2,6 +2,8 @@
 #include "catch.hpp"
 #include "scenes.hpp"
 
+bool tests_need_a_device = true; // see main.cpp
+
 using namespace firn::test;
 
 TEST_CASE("a device takes a scene to where the processor takes it")

@@ -68,8 +68,8 @@ struct Thrown
 };
 
 using Scenes =
-    std::tuple<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>, Scene<Snow<Plane>, CubicBSpline, Flip>,
-               Scene<FixedCorotated<Solid>, QuadraticBSpline, Apic>>;
+    Combinations<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>, Scene<Snow<Plane>, CubicBSpline, Flip>,
+                 Scene<FixedCorotated<Solid>, QuadraticBSpline, Apic>>;
 
 } // namespace
 

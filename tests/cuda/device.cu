@@ -2,6 +2,8 @@
 #include "catch.hpp"
 #include "support/policies.hpp"
 
+bool tests_need_a_device = true; // see main.cpp
+
 using namespace firn;
 using namespace firn::test;
 
@@ -34,8 +36,8 @@ private:
 } // namespace
 
 using Short =
-    std::tuple<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>, Scene<Snow<Plane>, CubicBSpline, Flip>,
-               Scene<FixedCorotated<Solid>, CubicBSpline, Apic>>;
+    Combinations<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>, Scene<Snow<Plane>, CubicBSpline, Flip>,
+                 Scene<FixedCorotated<Solid>, CubicBSpline, Apic>>;
 
 // Small enough for compute-sanitizer, which looks at every access: see bench/gpu.sh.
 TEMPLATE_LIST_TEST_CASE("a few steps through every loop", "[sanitize]", Short)

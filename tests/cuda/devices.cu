@@ -2,6 +2,8 @@
 #include "catch.hpp"
 #include "support/policies.hpp"
 
+bool tests_need_a_device = false; // see main.cpp
+
 using namespace firn;
 using namespace firn::test;
 

@@ -3,6 +3,8 @@
 #include "catch.hpp"
 #include "support/policies.hpp"
 
+bool tests_need_a_device = true; // see main.cpp
+
 using namespace firn;
 using namespace firn::test;
 

@@ -5,7 +5,7 @@
 using namespace firn;
 using namespace firn::test;
 
-using Cases = std::tuple<
+using Cases = Combinations<
     Scene<NeoHookean<Plane>, QuadraticBSpline, Pic>, Scene<NeoHookean<Plane>, QuadraticBSpline, Flip>,
     Scene<FixedCorotated<Plane>, CubicBSpline, Apic>, Scene<Snow<Plane>, CubicBSpline, Mls>,
     Scene<FixedCorotated<Solid>, QuadraticBSpline, Mls>, Scene<Snow<Solid>, CubicBSpline, Flip>,

@@ -67,8 +67,8 @@ double expected(double friction)
 // (measured here with APIC, MLS and FLIP: the normal force then swings by a tenth, and with it the
 // acceleration); the rule is what is tested.
 using Cases =
-    std::tuple<Scene<NeoHookean<Plane>, QuadraticBSpline, Pic>, Scene<NeoHookean<Plane>, CubicBSpline, Pic>,
-               Scene<FixedCorotated<PlaneFloat>, QuadraticBSpline, Pic>>;
+    Combinations<Scene<NeoHookean<Plane>, QuadraticBSpline, Pic>, Scene<NeoHookean<Plane>, CubicBSpline, Pic>,
+                 Scene<FixedCorotated<PlaneFloat>, QuadraticBSpline, Pic>>;
 
 TEMPLATE_LIST_TEST_CASE("a block on an incline slides with g (sin - mu cos), and sticks above tan 30", "",
                         Cases)

@@ -29,12 +29,11 @@ Model parameters()
 
 } // namespace
 
-using Cases =
-    std::tuple<Scene<Hencky<Plane>, QuadraticBSpline, Mls>, Scene<VonMises<Solid>, QuadraticBSpline, Apic>,
-               Scene<HardeningVonMises<SolidFloat>, QuadraticBSpline, Mls>,
-               Scene<Sand<Solid>, QuadraticBSpline, Mls>, Scene<CamClay<SolidFloat>, CubicBSpline, Mls>,
-               Scene<HerschelBulkley<Plane>, QuadraticBSpline, Apic>,
-               Scene<Fluid<Solid>, QuadraticBSpline, Mls>, Scene<Fluid<PlaneFloat>, QuadraticBSpline, Flip>>;
+using Cases = Combinations<
+    Scene<Hencky<Plane>, QuadraticBSpline, Mls>, Scene<VonMises<Solid>, QuadraticBSpline, Apic>,
+    Scene<HardeningVonMises<SolidFloat>, QuadraticBSpline, Mls>, Scene<Sand<Solid>, QuadraticBSpline, Mls>,
+    Scene<CamClay<SolidFloat>, CubicBSpline, Mls>, Scene<HerschelBulkley<Plane>, QuadraticBSpline, Apic>,
+    Scene<Fluid<Solid>, QuadraticBSpline, Mls>, Scene<Fluid<PlaneFloat>, QuadraticBSpline, Flip>>;
 
 TEMPLATE_LIST_TEST_CASE(
     "a body of any material on a floor and a ball keeps mass and momentum, theirs included", "", Cases)
@@ -129,8 +128,9 @@ TEST_CASE("a column of water at rest has the pressure of its weight")
     CHECK(solver.bounds().speed < 1e-6);
 }
 
-using Drops = std::tuple<Scene<Fluid<Plane>, QuadraticBSpline, Mls>,
-                         Scene<Fluid<Plane>, QuadraticBSpline, Apic>, Scene<Fluid<Solid>, CubicBSpline, Mls>>;
+using Drops =
+    Combinations<Scene<Fluid<Plane>, QuadraticBSpline, Mls>, Scene<Fluid<Plane>, QuadraticBSpline, Apic>,
+                 Scene<Fluid<Solid>, CubicBSpline, Mls>>;
 
 TEMPLATE_LIST_TEST_CASE("the shear of a viscous drop decays below the stable step, and grows beyond it", "",
                         Drops)

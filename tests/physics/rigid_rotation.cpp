@@ -52,7 +52,7 @@ Revolution revolve(SceneType, typename SceneType::Transfer transfer = {})
 
 } // namespace
 
-using Affine = std::tuple<
+using Affine = Combinations<
     Scene<FixedCorotated<Plane>, QuadraticBSpline, Apic>, Scene<FixedCorotated<Plane>, CubicBSpline, Apic>,
     Scene<FixedCorotated<Plane>, QuadraticBSpline, Mls>, Scene<FixedCorotated<Plane>, CubicBSpline, Mls>,
     Scene<FixedCorotated<PlaneFloat>, QuadraticBSpline, Mls>,

@@ -45,11 +45,11 @@ using Third = Material<2>;
 } // namespace
 
 using Pairs =
-    std::tuple<Scene<Materials<NeoHookean<Plane>, FixedCorotated<Plane>>, QuadraticBSpline, Mls>,
-               Scene<Materials<NeoHookean<Solid>, FixedCorotated<Solid>>, CubicBSpline, Flip>,
-               Scene<Materials<FixedCorotated<Plane>, NeoHookean<Plane>>, CubicBSpline, Apic>,
-               Scene<Materials<NeoHookean<Plane>, Hencky<Plane>>, QuadraticBSpline, Pic>,
-               Scene<Materials<NeoHookean<SolidFloat>, FixedCorotated<SolidFloat>>, QuadraticBSpline, Mls>>;
+    Combinations<Scene<Materials<NeoHookean<Plane>, FixedCorotated<Plane>>, QuadraticBSpline, Mls>,
+                 Scene<Materials<NeoHookean<Solid>, FixedCorotated<Solid>>, CubicBSpline, Flip>,
+                 Scene<Materials<FixedCorotated<Plane>, NeoHookean<Plane>>, CubicBSpline, Apic>,
+                 Scene<Materials<NeoHookean<Plane>, Hencky<Plane>>, QuadraticBSpline, Pic>,
+                 Scene<Materials<NeoHookean<SolidFloat>, FixedCorotated<SolidFloat>>, QuadraticBSpline, Mls>>;
 
 TEMPLATE_LIST_TEST_CASE("what one body gains in a collision of two materials the other loses, and their "
                         "centre of mass flies on",
@@ -91,10 +91,10 @@ TEMPLATE_LIST_TEST_CASE("what one body gains in a collision of two materials the
 }
 
 using Halves =
-    std::tuple<Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>,
-               Scene<FixedCorotated<Solid>, CubicBSpline, Flip>,
-               Scene<Fluid<Plane>, QuadraticBSpline, Asflip>, Scene<Snow<Solid>, QuadraticBSpline, Pic>,
-               Scene<Snow<PlaneFloat>, CubicBSpline, Apic>>;
+    Combinations<Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>,
+                 Scene<FixedCorotated<Solid>, CubicBSpline, Flip>,
+                 Scene<Fluid<Plane>, QuadraticBSpline, Asflip>, Scene<Snow<Solid>, QuadraticBSpline, Pic>,
+                 Scene<Snow<PlaneFloat>, CubicBSpline, Apic>>;
 
 TEMPLATE_LIST_TEST_CASE(
     "a body whose halves are two materials that are the same moves as one of that material", "", Halves)
@@ -200,8 +200,8 @@ AdvanceReport splash(Solver& solver, int steps, double dt, int count)
 } // namespace
 
 using Splashes =
-    std::tuple<Scene<Mixture<Plane>, QuadraticBSpline, Mls>, Scene<Mixture<Solid>, CubicBSpline, Flip>,
-               Scene<Mixture<SolidFloat>, QuadraticBSpline, Apic>>;
+    Combinations<Scene<Mixture<Plane>, QuadraticBSpline, Mls>, Scene<Mixture<Solid>, CubicBSpline, Flip>,
+                 Scene<Mixture<SolidFloat>, QuadraticBSpline, Apic>>;
 
 TEMPLATE_LIST_TEST_CASE(
     "of three materials mass stays, and momentum changes by the impulses of gravity and obstacles", "",

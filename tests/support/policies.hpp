@@ -12,6 +12,7 @@
 #include <cmath>
 #include <random>
 #include <string>
+#include <tuple>
 #include <vector>
 
 // What tests of whole scenes share: one name for a combination of policies, bodies of particles, sums over
@@ -40,6 +41,16 @@ struct Scene
     static constexpr int d = Space::dimension;
     static constexpr bool is_float = std::is_same_v<Number, float>;
 };
+
+/// The combinations that a test goes through, written so that those in the middle may be left out where it is
+/// only to be seen whether code for a device compiles: minutes of nvcc.
+#if defined(FIRN_TESTS_FEW_COMBINATIONS)
+template <class First, class... Others>
+using Combinations = std::tuple<First, std::tuple_element_t<sizeof...(Others) - 1, std::tuple<Others...>>>;
+#else
+template <class... Scenes>
+using Combinations = std::tuple<Scenes...>;
+#endif
 
 using Plane = Space<2, double>;
 using PlaneFloat = Space<2, float>;
