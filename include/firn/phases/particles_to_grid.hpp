@@ -52,7 +52,7 @@ struct Giving
     static constexpr bool relative = terms.affine; ///< to the reference
     struct Reference
     {
-        Number velocity[relative ? d : 1] = {}; ///< [m/s]
+        Number values[relative ? d : 1] = {}; ///< [m/s]
     };
 
     /// The velocity of the first of some particles that gives momentum: particle i keeps `kept(i, channel)`.
@@ -65,7 +65,7 @@ struct Giving
                 Number const m = kept(i, mass);
                 if (!(m > 0)) continue;
                 FIRN_UNROLL
-                for (int a = 0; a < d; ++a) of.velocity[a] = kept(i, momentum + a) / m;
+                for (int a = 0; a < d; ++a) of.values[a] = kept(i, momentum + a) / m;
                 break;
             }
         return of;
@@ -116,7 +116,7 @@ struct Giving
             Matrix<Real, d> const A = kept_matrix<Real>(row_of_cells, affine);
             Vector<Real, d> first = spread.momentum[0];
             FIRN_UNROLL
-            for (int a = 0; a < d; ++a) first[a] -= spread.mass * Real(of.velocity[a]);
+            for (int a = 0; a < d; ++a) first[a] -= spread.mass * Real(of.values[a]);
             FIRN_UNROLL
             for (int a = 1; a < d; ++a) {
                 first += A.col(a) * nodes.distance[a][0];
@@ -188,7 +188,7 @@ struct Giving
             FIRN_UNROLL
             for (int a = 0; a < d; ++a)
                 sums[Sums::momentum + a] +=
-                    sums[Sums::mass] * std::remove_reference_t<decltype(sums[0])>(of.velocity[a]);
+                    sums[Sums::mass] * std::remove_reference_t<decltype(sums[0])>(of.values[a]);
         }
     }
 

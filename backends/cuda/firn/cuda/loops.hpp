@@ -43,8 +43,8 @@ struct Ranks
     }
 };
 
-/// The velocity to which the sums of a warp's cells are relative: that of the first
-/// lane's first item.
+/// What the sums of a warp's cells are relative to: it is found from the first item of the first lane that
+/// has one.
 template <class Gives>
 struct ReferenceOfWarp
 {
@@ -60,7 +60,7 @@ struct ReferenceOfWarp
         if constexpr (Gives::relative) {
             int const lane = __ffs(int(__ballot_sync(~0u, here))) - 1;
             of = Gives::reference(1, [&](std::size_t, int channel) { return cell.kept(channel); });
-            for (auto& velocity : of.velocity) velocity = __shfl_sync(~0u, velocity, lane);
+            for (auto& value : of.values) value = __shfl_sync(~0u, value, lane);
         }
     }
 
