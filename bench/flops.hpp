@@ -200,7 +200,7 @@ double flops_per_particle_step()
         Move::Takes::take(particle, nodes, channel);
     }
     move.answer(particle, result);
-    Move::Gives::give(particle, typename Move::Gives::Reference{}, sums->of_cell);
+    Move::give(particle, sums->of_cell);
     return double(Real::operations) - of_cell + of_cell / particles_per_cell;
 }
 

@@ -123,6 +123,12 @@ struct MoveParticles
         if (any(left)) items.depart(left, Gives::mass, Gives::kept);
     }
 
+    template <class Row, class SumsOfCells>
+    FIRN_HOST_DEVICE static void give(Row const& row_of_cells, SumsOfCells& sums)
+    {
+        Gives::give(row_of_cells, sums);
+    }
+
 private:
     /// The velocity by which particles move: the grid's, unless the transfer has one of its own.
     template <class Real, class Particle>

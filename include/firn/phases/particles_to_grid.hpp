@@ -30,10 +30,6 @@ struct NodeSums
 /// (Stomakhin et al. 2013, eq. 6 with V^n sigma = V0 tau; Jiang et al. 2015, eq. 8). First each particle's
 /// terms are found, particle by particle, and kept; then each cell sums what its particles give to each node
 /// of its stencil, and adds that to the grid once, whatever the number of its particles.
-///
-/// Affine terms are summed together with momentum, relative to a velocity that neighbouring cells agree upon
-/// (`reference`, of one of their particles): beside all of the momentum, small differences would be rounded
-/// away, in steady motion the same in every step. The sums are completed by mass times that velocity.
 template <class Space, class Kernel, class Transfer>
 struct Giving
 {
@@ -48,28 +44,6 @@ struct Giving
     static constexpr int position = 0, mass = d, momentum = d + 1, affine = 2 * d + 1;
     static constexpr int gradient = affine + (terms.affine ? d * d : 0);
     static constexpr int kept = gradient + (terms.gradient ? d * d : 0);
-
-    static constexpr bool relative = terms.affine; ///< to the reference
-    struct Reference
-    {
-        Number values[relative ? d : 1] = {}; ///< [m/s]
-    };
-
-    /// The velocity of the first of some particles that gives momentum: particle i keeps `kept(i, channel)`.
-    template <class Kept>
-    FIRN_HOST_DEVICE static Reference reference(std::size_t particles, Kept const& kept)
-    {
-        Reference of;
-        if constexpr (relative)
-            for (std::size_t i = 0; i < particles; ++i) {
-                Number const m = kept(i, mass);
-                if (!(m > 0)) continue;
-                FIRN_UNROLL
-                for (int a = 0; a < d; ++a) of.values[a] = kept(i, momentum + a) / m;
-                break;
-            }
-        return of;
-    }
 
     template <class Items, class Real>
     FIRN_HOST_DEVICE static void keep(Items& items, Vector<Real, d> const& x, Real m,
@@ -93,9 +67,11 @@ struct Giving
     struct Spread
     {
         Real mass;
-        /// With affine terms, momentum is linear in the node's indices: its value at the first node of each
-        /// layer across the first axis, and its change from node to node along the others.
-        Vector<Real, d> momentum[terms.affine ? width : 1];
+        Vector<Real, d> momentum;
+        /// affine (x_i - x_p) is linear in the node's indices: its value at the first node of each layer
+        /// across the first axis, and its change from node to node along the others. Momentum stays apart:
+        /// beside it, small differences would be rounded away, in steady motion the same in every step.
+        Vector<Real, d> affine[terms.affine ? width : 1];
         Vector<Real, d> change[d]; ///< of axis a: [a], from 1 on
         Vector<Real, d> gradient[terms.gradient ? d : 1];
         std::array<Real, width> weight[d];
@@ -104,26 +80,23 @@ struct Giving
 
     /// Makes ready what the row's particles give, one per cell.
     template <class Row, class Real = typename Row::Real>
-    FIRN_HOST_DEVICE static void make_ready(Row const& row_of_cells, Reference const& of,
-                                            Spread<Real>& spread)
+    FIRN_HOST_DEVICE static void make_ready(Row const& row_of_cells, Spread<Real>& spread)
     {
         Stencil<Kernel, Real, d> const nodes(kept_vector<Real>(row_of_cells, position));
         spread.mass = row_of_cells.kept(mass);
-        spread.momentum[0] = kept_vector<Real>(row_of_cells, momentum);
+        spread.momentum = kept_vector<Real>(row_of_cells, momentum);
         FIRN_UNROLL
         for (int a = 0; a < d; ++a) spread.weight[a] = nodes.weight[a];
         if constexpr (terms.affine) {
             Matrix<Real, d> const A = kept_matrix<Real>(row_of_cells, affine);
-            Vector<Real, d> first = spread.momentum[0];
             FIRN_UNROLL
-            for (int a = 0; a < d; ++a) first[a] -= spread.mass * Real(of.values[a]);
-            FIRN_UNROLL
-            for (int a = 1; a < d; ++a) {
-                first += A.col(a) * nodes.distance[a][0];
-                spread.change[a] = A.col(a);
+            for (int i = 0; i < width; ++i) {
+                spread.affine[i] = A.col(0) * nodes.distance[0][i];
+                FIRN_UNROLL
+                for (int a = 1; a < d; ++a) spread.affine[i] += A.col(a) * nodes.distance[a][0];
             }
             FIRN_UNROLL
-            for (int i = 0; i < width; ++i) spread.momentum[i] = first + A.col(0) * nodes.distance[0][i];
+            for (int a = 1; a < d; ++a) spread.change[a] = A.col(a);
         }
         if constexpr (terms.gradient) {
             Matrix<Real, d> const G = kept_matrix<Real>(row_of_cells, gradient);
@@ -143,8 +116,11 @@ struct Giving
         int const first = Nodes::index(row, 0), second = Nodes::index(row, 1);
         Real w_row = spread.weight[0][first];
         if constexpr (d == 3) w_row = w_row * spread.weight[1][second];
-        Vector<Real, d> momentum = spread.momentum[terms.affine ? first : 0], force, along;
-        if constexpr (terms.affine && d == 3) momentum += spread.change[1] * Real(Scalar<Real>(second));
+        Vector<Real, d> affine, force, along;
+        if constexpr (terms.affine) {
+            affine = spread.affine[first];
+            if constexpr (d == 3) affine += spread.change[1] * Real(Scalar<Real>(second));
+        }
         if constexpr (terms.gradient) {
             if constexpr (d == 3)
                 force = spread.gradient[0] * (spread.derivative[0][first] * spread.weight[1][second]) +
@@ -160,36 +136,25 @@ struct Giving
             sums[Sums::mass] += spread.mass * w;
             FIRN_UNROLL
             for (int a = 0; a < d; ++a) {
-                sums[Sums::momentum + a] += momentum[a] * w;
+                sums[Sums::momentum + a] += spread.momentum[a] * w;
+                if constexpr (terms.affine) sums[Sums::momentum + a] += affine[a] * w;
                 if constexpr (terms.gradient)
                     sums[Sums::impulse + a] += force[a] * w_k + along[a] * spread.derivative[Nodes::last][k];
             }
             if constexpr (terms.affine)
-                if (k + 1 < width) momentum += spread.change[Nodes::last];
+                if (k + 1 < width) affine += spread.change[Nodes::last];
         }
     }
 
     /// Adds what the row's particles give, one per cell, to the sums of their cells: to
     /// `sums[k][row][channel]`.
     template <class Row, class SumsOfCells, class Real = typename Row::Real>
-    FIRN_HOST_DEVICE static void give(Row const& row_of_cells, Reference const& of, SumsOfCells& sums)
+    FIRN_HOST_DEVICE static void give(Row const& row_of_cells, SumsOfCells& sums)
     {
         Spread<Real> spread;
-        make_ready(row_of_cells, of, spread);
+        make_ready(row_of_cells, spread);
         FIRN_UNROLL_ON_DEVICE
         for (int row = 0; row < rows; ++row) give(spread, row, RowOfSums<SumsOfCells>{sums, row});
-    }
-
-    /// Completes what was given to a node: all of the momentum, no longer relative to the reference.
-    template <class SumsOfNode>
-    FIRN_HOST_DEVICE static void complete(SumsOfNode& sums, Reference const& of)
-    {
-        if constexpr (relative) {
-            FIRN_UNROLL
-            for (int a = 0; a < d; ++a)
-                sums[Sums::momentum + a] +=
-                    sums[Sums::mass] * std::remove_reference_t<decltype(sums[0])>(of.values[a]);
-        }
     }
 
 private:

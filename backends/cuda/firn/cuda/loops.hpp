@@ -43,34 +43,6 @@ struct Ranks
     }
 };
 
-/// What the sums of a warp's cells are relative to: it is found from the first item of the first lane that
-/// has one.
-template <class Gives>
-struct ReferenceOfWarp
-{
-    typename Gives::Reference of{};
-    bool known = false;
-
-    /// All lanes of the warp, before they give for the first time.
-    template <class Cell>
-    __device__ void agree(Cell const& cell, bool here)
-    {
-        if (known) return;
-        known = true;
-        if constexpr (Gives::relative) {
-            int const lane = __ffs(int(__ballot_sync(~0u, here))) - 1;
-            of = Gives::reference(1, [&](std::size_t, int channel) { return cell.kept(channel); });
-            for (auto& value : of.values) value = __shfl_sync(~0u, value, lane);
-        }
-    }
-
-    /// Tells all threads that complete the sums.
-    __device__ void tell(typename Gives::Reference* of_warps) const
-    {
-        if (threadIdx.x % 32 == 0) of_warps[threadIdx.x / 32] = of;
-    }
-};
-
 /// The tiles of one block of cells in shared memory: node values, and sums of each of its two groups, for
 /// each team.
 template <class GridType>
@@ -124,9 +96,8 @@ struct SharedTiles
                Tile::at(Shape::cell(place));
     }
 
-    /// Completes both groups' sums and writes them to the block's tile, or adds them to it.
-    template <class Gives>
-    __device__ void write_sums(Sums* tile, bool add, typename Gives::Reference const* of_warps) const
+    /// Writes both groups' sums to the block's tile, or adds them to it.
+    __device__ void write_sums(Sums* tile, bool add) const
     {
         int const teams = int(blockDim.x / block_threads);
         for (int n = int(threadIdx.x); n < Tile::nodes; n += int(blockDim.x)) {
@@ -134,10 +105,8 @@ struct SharedTiles
             if (add) sum = tile[n];
             for (int team = 0; team < teams; ++team) {
                 Sums const* const of_team = sums + team * 2 * Tile::group_nodes;
-                auto const* const of = of_warps + 2 * team;
-                if (n < Tile::group_nodes) plus<Gives>(sum, of_team[n], of[0]);
-                if (n >= Tile::group_offset)
-                    plus<Gives>(sum, of_team[Tile::group_nodes + n - Tile::group_offset], of[1]);
+                if (n < Tile::group_nodes) plus(sum, of_team[n]);
+                if (n >= Tile::group_offset) plus(sum, of_team[Tile::group_nodes + n - Tile::group_offset]);
             }
             tile[n] = sum;
         }
@@ -161,10 +130,8 @@ struct SharedTiles
     }
 
 private:
-    template <class Gives>
-    __device__ static void plus(Sums& sum, Sums other, typename Gives::Reference const& of)
+    __device__ static void plus(Sums& sum, Sums const& other)
     {
-        Gives::complete(other.of, of);
 #pragma unroll
         for (int c = 0; c < Sums::stored; ++c) sum.of[c] += other.of[c];
     }
@@ -184,22 +151,16 @@ __global__ void __launch_bounds__(block_threads)
     std::uint32_t const c = blockIdx.x * block_threads + threadIdx.x;
     CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(cells.cell(c), nullptr);
     SumsInTile<GridType> sums{tiles.own_sums(int(threadIdx.x))};
-    using Gives = typename Phase::Gives;
-    ReferenceOfWarp<Gives> reference;
     Ranks(cells.begin, c).for_each([&](std::uint32_t rank, bool here, std::uint32_t slot) {
         cell.forget();
         if (here) {
             cell.enter(cells.order[cells.begin[c] + rank], slot);
             phase.prepare(cell);
         }
-        reference.agree(cell, here);
-        Gives::give(cell, reference.of, sums);
+        Phase::give(cell, sums);
     });
-    __shared__ typename Gives::Reference references[2];
-    reference.tell(references);
     __syncthreads();
-    tiles.template write_sums<Gives>(grid.tiles + std::size_t(blockIdx.x) * GridType::TileShape::nodes,
-                                     !afresh, references);
+    tiles.write_sums(grid.tiles + std::size_t(blockIdx.x) * GridType::TileShape::nodes, !afresh);
 }
 
 /// Items that came into the cells of a block give what they kept when they departed.
@@ -211,8 +172,6 @@ __global__ void __launch_bounds__(block_threads)
 {
     if (signal.stops()) return;
     extern __shared__ __align__(16) unsigned char memory[];
-    using Gives = typename Phase::Gives;
-    __shared__ typename Gives::Reference references[2];
     for (std::uint32_t block = blockIdx.x; block < blocks; block += gridDim.x) { // most have few, or none
         std::uint32_t const first = block * block_threads, c = first + threadIdx.x;
         if (arrived.begin[first] == arrived.begin[first + block_threads]) continue;
@@ -221,17 +180,13 @@ __global__ void __launch_bounds__(block_threads)
         __syncthreads();
         CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(cells.cell(c), nullptr);
         SumsInTile<GridType> sums{tiles.own_sums(int(threadIdx.x))};
-        ReferenceOfWarp<Gives> reference;
         Ranks(arrived.begin, c).for_each([&](std::uint32_t rank, bool here, std::uint32_t) {
             cell.forget();
             if (here) cell.read_departure(movers, arrived.offset, arrived.arrived[arrived.begin[c] + rank]);
-            reference.agree(cell, here);
-            Gives::give(cell, reference.of, sums);
+            Phase::give(cell, sums);
         });
-        reference.tell(references);
         __syncthreads();
-        tiles.template write_sums<Gives>(grid.tiles + std::size_t(block) * GridType::TileShape::nodes, true,
-                                         references);
+        tiles.write_sums(grid.tiles + std::size_t(block) * GridType::TileShape::nodes, true);
         __syncthreads();
     }
 }
@@ -394,8 +349,6 @@ __global__ void __launch_bounds__(most_teams* block_threads, 1)
         cells.cell(c), tiles.values + Tile::at(GridType::Shape::cell(int(place))));
     SumsInTile<GridType> sums{tiles.own_sums(int(place))};
     typename Phase::Result result{};
-    using Gives = typename Phase::Gives;
-    ReferenceOfWarp<Gives> reference;
     Ranks ranks(cells.begin, c);
     std::uint32_t const* const sources = cells.order + ranks.begin;
     std::uint32_t const count = ranks.count;
@@ -410,7 +363,6 @@ __global__ void __launch_bounds__(most_teams* block_threads, 1)
             phase.answer(cell, result);
             moved.left[slot] = cell.departed();
         }
-        reference.agree(cell, here);
         if (std::uint32_t const left = __ballot_sync(~0u, cell.departed())) {
             std::uint32_t first = 0;
             if (threadIdx.x % 32 == 0) {
@@ -424,11 +376,9 @@ __global__ void __launch_bounds__(most_teams* block_threads, 1)
                 cell.forget_given();
             }
         }
-        Gives::give(cell, reference.of, sums);
+        Phase::give(cell, sums);
     };
     ranks.for_each(use, team, teams);
-    __shared__ typename Gives::Reference references[2 * most_teams];
-    reference.tell(references);
     __syncthreads();
     if (team == 0) {
         moved.changes.stay[c] = count - left_cell[place];
@@ -441,8 +391,7 @@ __global__ void __launch_bounds__(most_teams* block_threads, 1)
         }
         if (place % 32 == 0) moved.changes.group_left[2 * blockIdx.x + place / 32] = left_group[place / 32];
     }
-    tiles.template write_sums<Gives>(grid.next_tiles + std::size_t(blockIdx.x) * Tile::nodes, false,
-                                     references);
+    tiles.write_sums(grid.next_tiles + std::size_t(blockIdx.x) * Tile::nodes, false);
     __shared__ __align__(16) unsigned char parts[2 * most_teams * sizeof(typename Phase::Result)];
     moved.results.take(result, reinterpret_cast<typename Phase::Result*>(parts));
 }

@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <bit>
 #include <cstring>
-#include <numeric>
 #include <span>
 
 namespace firn::openmp
@@ -321,11 +320,6 @@ public:
 
     /// The largest number of items in one of the cells.
     int ranks() const { return static_cast<int>(*std::max_element(count_, count_ + lanes)); }
-
-    /// How many items there are.
-    std::size_t items() const { return std::accumulate(count_, count_ + lanes, std::size_t(0)); }
-    /// What one of them keeps, by its number in the scratch.
-    Number kept_of(std::size_t item, int channel) const { return *scratch_.at(channel, item); }
 
     /// Goes back before the first items.
     void restart() { item_ = 0, active_ = 0; }

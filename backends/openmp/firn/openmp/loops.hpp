@@ -68,21 +68,18 @@ template <class Gives, class Group, class Spreads>
 FIRN_INLINE_WHOLE void give(Group& group, Spreads& spreads)
 {
     using Real = typename Group::Real;
-    auto const reference = Gives::reference(
-        group.items(), [&](std::size_t item, int channel) { return group.kept_of(item, channel); });
     group.restart();
     for (int rank = 0, ranks = group.ranks(); rank < ranks;) {
         int here = 0;
         for (; here < static_cast<int>(spreads.size()) && rank < ranks; ++here, ++rank) {
             group.enter(rank);
-            Gives::make_ready(group, reference, spreads[static_cast<std::size_t>(here)]);
+            Gives::make_ready(group, spreads[static_cast<std::size_t>(here)]);
         }
         for (int row = 0; row < Gives::rows; ++row) {
             Real sums[Gives::width][Gives::channels];
             for (auto& node : sums)
                 for (auto& sum : node) sum = Real(typename Group::Number(0));
             for (int i = 0; i < here; ++i) Gives::give(spreads[static_cast<std::size_t>(i)], row, sums);
-            for (auto& node : sums) Gives::complete(node, reference);
             group.add(row, sums);
         }
     }
