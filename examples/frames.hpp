@@ -36,6 +36,16 @@ std::vector<Vector<double, d>> block(Vector<double, d> const& size, double cell_
     return points;
 }
 
+/// The number of the horizontal layer of this height [m] that each point is in, odd or even: for pictures of
+/// what has become of them.
+template <class Points>
+std::vector<float> layers(Points const& points, double height)
+{
+    std::vector<float> number;
+    for (auto const& x : points) number.push_back(float(std::lround(std::floor(x.y() / height)) & 1));
+    return number;
+}
+
 /// The coordinate along x that a share of the particles has not passed.
 template <class Points>
 double front(Points const& points, double share)

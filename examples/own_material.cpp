@@ -33,8 +33,13 @@ try {
         double const period = 4 * L / std::sqrt(2 * foam.stiffness / foam.density);
         int const count = 64;
         std::vector<double> mean(start.size());
+        auto const layer = layers(start, L / 10);
+        auto const write = [&] {
+            if (frames && h == 0.025)
+                frames->write(solver, [&](ParticleFrame& frame) { frame.scalar("layer", layer); });
+        };
         for (int i = 0; i < count; ++i) {
-            if (frames && h == 0.025) frames->write(solver);
+            write();
             double const share = std::min(1.0, (i + 1) / (0.75 * count));
             double const s = std::sin(1.5707963267948966 * share);
             solver.advance(8 * period / count, Gravity{{0, -g * s * s, 0}}, ReflectingWall{});
@@ -50,11 +55,12 @@ try {
         std::printf("%8.3f  %20.4f  %17.4f  %31.4f  %9zu\n", h, mean[top], height(start[top].y()), error,
                     solver.size());
         if (!frames || h != 0.025) continue;
-        frames->write(solver);
+        write();
         frames->draw({.dimensions = 2,
                       .cell_size = h,
                       .spacing = h / 2,
                       .obstacles = {drawn(Obstacle<HalfSpace>{})},
+                      .colour_by = "layer",
                       .marks = {{"height by its stress", 1, height(L), frames->count() - 1}}});
     }
 }

@@ -32,7 +32,7 @@ try:
     import vtk
     from PIL import Image
 except ImportError as missing:
-    stop(f"the Python package '{missing.name}' is missing: pip install pyvista imageio imageio-ffmpeg")
+    stop(f"the Python package '{missing.name}' is missing: pip install pyvista matplotlib imageio imageio-ffmpeg")
 
 SNOW, SUN, SKY = np.array([0.96, 0.985, 1.0]), np.array([1.0, 0.96, 0.91]), np.array([0.72, 0.84, 1.0])
 FLOOR, WALL = np.array([0.66, 0.66, 0.67]), np.array([0.53, 0.54, 0.56])
@@ -611,11 +611,12 @@ def picture_of(scene, size, options):
     return Picture(scene, size, options.quality == "best")
 
 
-def save(image, path, palette):
+def save(image, path, colours=None):
+    """Writes a picture, with a palette of so many colours if that is asked for."""
     file = Image.fromarray(image)
-    if palette:
-        file = file.quantize(256, dither=Image.Dither.NONE)
-    file.save(path, optimize=palette)
+    if colours:
+        file = file.quantize(colours, kmeans=2, dither=Image.Dither.NONE)
+    file.save(path, optimize=bool(colours))
 
 
 def write_sheet(scenes, size, options):
@@ -638,7 +639,7 @@ def write_sheet(scenes, size, options):
             sheet[top: top + part[1], left: left + part[0]] = image
     try:
         options.sheet.parent.mkdir(parents=True, exist_ok=True)
-        save(sheet, options.sheet, True)
+        save(sheet, options.sheet, 64 if scenes[0][0].dimensions == 2 else 256)
     except (OSError, ValueError) as error:
         stop(f"the picture cannot be written ({error}).")
     print(f"{options.sheet} ({options.sheet.stat().st_size / 1000:.0f} kB)")
@@ -655,7 +656,7 @@ def main():
                         help="best: ambient occlusion between the cubes, some three times slower")
     parser.add_argument("--palette", action="store_true", help="256-colour pictures: about a third of the size")
     parser.add_argument("--sheet", metavar="FILE", type=Path,
-                        help="put the chosen frames into this one picture of 256 colours, and write nothing else")
+                        help="put the chosen frames into this one picture with a palette, and write nothing else")
     parser.add_argument("--columns", type=int, default=1, help="of the frames on a sheet (default: %(default)s)")
     parser.add_argument("--no-video", action="store_true", help="pictures only")
     options = parser.parse_args()
@@ -700,7 +701,7 @@ def main():
         picture = picture_of(scene, (width, height), options)
         for done, frame in enumerate(frames, 1):
             image = picture.draw(frame)
-            save(image, pictures / f"frame_{frame:04d}.png", options.palette)
+            save(image, pictures / f"frame_{frame:04d}.png", 256 if options.palette else None)
             if writer:
                 writer.append_data(image)
             if sys.stderr.isatty():

@@ -20,21 +20,27 @@ try {
         auto sand = materials::dry_sand<Plane>();
         sand.cone = friction_cone(3, 30 * 3.14159265358979 / 180);
         Solver<OpenMP, Sand<Plane>> solver(lattice(h), sand);
-        solver.add(block<2>({L0, a * L0}, h), h * h / 4);
+        auto const start = block<2>({L0, a * L0}, h);
+        solver.add(start, h * h / 4);
+        auto const layer = layers(start, L0 / 4);
         std::optional<Frames> frames;
         if (folder) frames.emplace(*folder / ("height_" + std::to_string(a).substr(0, 3)));
+        auto const write = [&] {
+            if (frames) frames->write(solver, [&](ParticleFrame& frame) { frame.scalar("layer", layer); });
+        };
         int const count = 40;
         for (int i = 0; i < count; ++i) {
-            if (frames) frames->write(solver);
+            write();
             solver.advance(8 * std::sqrt(a * L0 / 9.81) / count, Gravity{}, floor, middle);
         }
         double const lube = a < 1.8 ? 1.2 * a : 1.9 * std::pow(a, 2.0 / 3);
         if (frames) {
-            frames->write(solver);
+            write();
             frames->draw({.dimensions = 2,
                           .cell_size = h,
                           .spacing = h / 2,
                           .obstacles = {drawn(floor), drawn(middle)},
+                          .colour_by = "layer",
                           .marks = {{"run-out by Lube's fit", 0, (1 + lube) * L0, -1}},
                           .title = "column of height " + std::to_string(a).substr(0, 3) + " L0"});
         }

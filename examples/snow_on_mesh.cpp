@@ -12,8 +12,8 @@ using namespace firn::examples;
 int main(int argc, char** argv)
 try {
     using Room = Space<3, float>;
-    double const h = 0.03, size = 0.6; // [m]
-    auto const mesh = torus(0.2, 0.06);
+    double const h = 0.025, size = 0.4; // [m]
+    auto const mesh = torus(0.25, 0.06);
     MeshInterior const solid(mesh);
     auto const distances = distance_from_mesh<float>(solid, h / 2, 4 * h, OpenMP{});
 
@@ -54,7 +54,7 @@ try {
     write_obj(mesh, *folder_of(argc, argv) / "ring.obj");
     frames->draw({.cell_size = h,
                   .spacing = h / 2,
-                  .camera = Camera{{0.75, 0.85, 1.35}, {0, 0, 0}},
+                  .camera = Camera{{0.9, 0.85, 1.5}, {0, -0.02, 0}},
                   .obstacles = {{R"("shape": "mesh", "file": "ring.obj")", poses}}});
 }
 catch (std::exception const& error) {

@@ -55,7 +55,7 @@ try {
     if (frames)
         frames->draw({.cell_size = h,
                       .spacing = h / 2,
-                      .camera = Camera{{1.2, 1.3, 2.9}, {0, 0.42, 0}},
+                      .camera = Camera{{0.95, 1.1, 2.3}, {0.05, 0.32, 0}},
                       .obstacles = {drawn(floor), drawn(wedge)}});
 
     auto const masses = solver.masses();
