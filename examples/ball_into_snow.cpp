@@ -19,8 +19,8 @@ try {
         RigidBody::ball(radius, 917 * volume, {.position = {0, 0.64, 0}, .velocity = {0.5, -4, 0}});
     Gravity const gravity;
     Obstacle<HalfSpace> const floor{.contact = Contact::coulomb(0.5)};
-    std::optional<Frames> frames;
-    if (argc > 1) frames.emplace(argv[1]);
+    auto frames = frames_of(argc, argv);
+    std::vector<Motion> poses; // of the ball in the frames
 
     auto const masses = solver.masses();
     double mass = ball.mass;
@@ -36,7 +36,10 @@ try {
     std::printf("time [s]  lowest point [m]  speed [m/s]  momentum off by [kg m/s]  of %.0f, particles %zu\n",
                 start.norm(), solver.size());
     for (int i = 0; i <= 300; ++i) {
-        if (i % 10 == 0 && frames) frames->write(solver);
+        if (i % 10 == 0 && frames) {
+            frames->write(solver);
+            poses.push_back(ball.motion);
+        }
         if (i % 30 == 0)
             std::printf("%8.3f  %16.3f  %11.3f  %24.1e\n", solver.time(), ball.motion.position.y() - radius,
                         ball.motion.velocity.norm(), (total() - start - given).norm());
@@ -46,6 +49,14 @@ try {
         ball.advance(report.reactions[1], dt, gravity.acceleration);
         given += mass * dt * gravity.acceleration - report.reactions[0].impulse;
     }
+    if (!frames) return 0;
+    auto shape = drawn(Obstacle<Sphere>{.shape = {radius}});
+    shape.poses = poses;
+    frames->draw({.cell_size = h,
+                  .spacing = h / 2,
+                  .frames_per_second = 100,
+                  .camera = Camera{{1.1, 1.5, 2.4}, {0, 0.25, 0}},
+                  .obstacles = {drawn(floor), shape}});
 }
 catch (std::exception const& error) {
     std::fprintf(stderr, "error: %s\n", error.what());

@@ -19,8 +19,8 @@ try {
     solver.add(block<2>({L0, H}, h), h * h / 4);
     Obstacle<HalfSpace> const floor{.contact = Contact::slip()};
     Obstacle<HalfSpace> const wall{.shape = {{1, 0, 0}}, .contact = Contact::slip()};
-    std::optional<Frames> frames;
-    if (argc > 1) frames.emplace(argv[1]);
+    auto frames = frames_of(argc, argv);
+    std::vector<Mark> marks;
     std::printf("time [sqrt(L0/2g)]  front [L0]  measured  particles %zu\n", solver.size());
     for (auto const& [time, place] : measured) {
         double const end = time * std::sqrt(L0 / (2 * g)), begin = solver.time();
@@ -28,8 +28,16 @@ try {
             if (frames) frames->write(solver);
             solver.advance(begin + (end - begin) * i / 8 - solver.time(), Gravity{{0, -g, 0}}, floor, wall);
         }
+        if (frames) marks.push_back({"front by Martin and Moyce 1952", 0, place * L0, frames->count()});
         std::printf("%18.3f  %10.3f  %8.3f\n", time, front(solver.positions(), 0.995) / L0, place);
     }
+    if (!frames) return 0;
+    frames->write(solver);
+    frames->draw({.dimensions = 2,
+                  .cell_size = h,
+                  .spacing = h / 2,
+                  .obstacles = {drawn(floor), drawn(wall)},
+                  .marks = marks});
 }
 catch (std::exception const& error) {
     std::fprintf(stderr, "error: %s\n", error.what());

@@ -1,12 +1,19 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "drawing.hpp"
+
 #include <firn/firn.hpp>
 #include <firn/io/write_particles.hpp>
 #include <firn/openmp.hpp>
 
+#include <algorithm>
+#include <cmath>
 #include <cstdio>
 #include <filesystem>
+#include <optional>
+#include <string>
+#include <vector>
 
 // What the small examples share: a table on the terminal, and frames for ParaView in a folder.
 namespace firn::examples
@@ -27,6 +34,16 @@ std::vector<Vector<double, d>> block(Vector<double, d> const& size, double cell_
             }
     }
     return points;
+}
+
+/// The number of the horizontal layer of this height [m] that each point is in, odd or even: for pictures of
+/// what has become of them.
+template <class Points>
+std::vector<float> layers(Points const& points, double height)
+{
+    std::vector<float> number;
+    for (auto const& x : points) number.push_back(float(std::lround(std::floor(x.y() / height)) & 1));
+    return number;
 }
 
 /// The coordinate along x that a share of the particles has not passed.
@@ -67,10 +84,21 @@ public:
         write(solver, [](ParticleFrame&) {});
     }
 
+    /// Writes what render.py draws beside them.
+    void draw(Drawing const& drawing) const { write_drawing(folder_, drawing); }
+
+    int count() const { return count_; } ///< of frames so far
+
 private:
+    /// The folder with room for frames: those of an earlier run are removed.
     static std::filesystem::path const& made(std::filesystem::path const& folder)
     {
-        std::filesystem::create_directories(folder / "frames");
+        std::error_code failed;
+        std::filesystem::remove_all(folder / "frames", failed);
+        std::filesystem::create_directories(folder / "frames", failed);
+        if (failed)
+            throw Error{"the folder for the frames cannot be made: " + failed.message(), folder.string(),
+                        "Name one that can be written to."};
         return folder;
     }
 
@@ -78,5 +106,23 @@ private:
     PvdIndex index_;
     int count_ = 0;
 };
+
+/// The folder that the command line names, if it does. Throws an Error for any other command line.
+inline std::optional<std::filesystem::path> folder_of(int argc, char** argv)
+{
+    if (argc == 1) return std::nullopt;
+    std::string const first = argv[1];
+    if (argc > 2 || first.empty() || first[0] == '-')
+        throw Error{"this takes one argument at most", argc > 2 ? argv[2] : first,
+                    "Name a folder for frames, or nothing for a table alone."};
+    return first;
+}
+
+/// Frames in the folder that the command line names, if it does.
+inline std::optional<Frames> frames_of(int argc, char** argv)
+{
+    auto folder = folder_of(argc, argv);
+    return folder ? std::optional<Frames>(std::in_place, *std::move(folder)) : std::nullopt;
+}
 
 } // namespace firn::examples

@@ -3,8 +3,9 @@
 """Turns a simulation's frames into pictures and a video; needs no X server.
 
 reads   DIR/particles.pvd, DIR/frames/*.vtp   particles [m], y up
-        DIR/obstacles.json                    spacing of the particles, frames per second, obstacles and their poses
-writes  DIR/pictures/frame_0000.png ..., DIR/video.mp4 (H.264)
+        DIR/obstacles.json                    spacing of the particles, frames per second, obstacles and their poses,
+                                              what colours the particles, what they are compared with
+writes  DIR/pictures/frame_0000.png ..., DIR/video.mp4 (H.264), or with --sheet FILE one picture
 """
 import argparse
 import ctypes.util
@@ -22,17 +23,24 @@ def stop(sentence):
 
 
 try:
+    import matplotlib.backends.backend_agg
+    import matplotlib.collections
+    import matplotlib.figure
+    import matplotlib.patches
     import numpy as np
     import pyvista as pv
     import vtk
     from PIL import Image
 except ImportError as missing:
-    stop(f"the Python package '{missing.name}' is missing: pip install pyvista imageio imageio-ffmpeg")
+    stop(f"the Python package '{missing.name}' is missing: pip install pyvista matplotlib imageio imageio-ffmpeg")
 
 SNOW, SUN, SKY = np.array([0.96, 0.985, 1.0]), np.array([1.0, 0.96, 0.91]), np.array([0.72, 0.84, 1.0])
 FLOOR, WALL = np.array([0.66, 0.66, 0.67]), np.array([0.53, 0.54, 0.56])
 OBSTACLES = [((0.93, 0.42, 0.16), (0.98, 0.64, 0.30)), ((0.12, 0.45, 0.55), (0.22, 0.60, 0.68)),
              ((0.60, 0.20, 0.33), (0.74, 0.33, 0.45))]
+KINDS = np.array([(0.86, 0.22, 0.20), (0.95, 0.66, 0.12), (0.20, 0.60, 0.36), (0.20, 0.45, 0.80)])
+MATERIALS = {"snow": (0.99, 0.99, 1.0), "sand": (0.80, 0.60, 0.32), "water": (0.20, 0.47, 0.78)}
+GROUND, AIR, MARK = (0.45, 0.46, 0.48), (0.80, 0.85, 0.91), (0.85, 0.15, 0.12)
 BACKGROUND_LOW, BACKGROUND_HIGH = (0.72, 0.78, 0.85), (0.36, 0.46, 0.60)
 UP = np.array([0.0, 1.0, 0.0])
 
@@ -53,21 +61,22 @@ def rotation(quaternion):
 
 
 def read_frame_list(folder):
+    """The file and the time [s] of each frame."""
     index = folder / "particles.pvd"
     try:
         data_sets = xml.etree.ElementTree.parse(index).getroot().iter("DataSet")
-        frames = [folder / data_set.attrib["file"] for data_set in data_sets]
+        frames = [(folder / data_set.attrib["file"], float(data_set.attrib["timestep"])) for data_set in data_sets]
     except OSError:
         stop(f"there is no {index}: run the simulation first, or name its output folder.")
-    except (xml.etree.ElementTree.ParseError, KeyError) as error:
+    except (xml.etree.ElementTree.ParseError, KeyError, ValueError) as error:
         stop(f"{index} is not a ParaView data index ({error}).")
     if not frames:
         stop(f"{index} lists no frames.")
-    return frames
+    return zip(*frames)
 
 
-def read_particles(path):
-    """The positions [m] of one frame, an n x 3 array."""
+def read_particles(path, field=None):
+    """The positions [m] of one frame, an n x 3 array; with the name of a field its values as well."""
     if not path.is_file():
         stop(f"the frame {path} is missing.")
     reader, errors = vtk.vtkXMLPolyDataReader(), []
@@ -81,7 +90,12 @@ def read_particles(path):
     points = np.array(pv.wrap(reader.GetOutput()).points, dtype=np.float64)
     if not np.isfinite(points).all():
         stop(f"the frame {path} holds positions that are not finite.")
-    return points
+    if field is None:
+        return points
+    values = pv.wrap(reader.GetOutput()).point_data.get(field)
+    if values is None:
+        stop(f"the frame {path} holds no field '{field}'.")
+    return points, np.array(values, float)
 
 
 def surface_mesh(shape, spec, folder):
@@ -148,7 +162,7 @@ class Obstacle:
 class Scene:
     def __init__(self, folder):
         self.folder = folder
-        self.frames = read_frame_list(folder)
+        self.frames, self.times = read_frame_list(folder)
         description = folder / "obstacles.json"
         try:
             data = json.loads(description.read_text())
@@ -156,7 +170,9 @@ class Scene:
             self.frames_per_second = float(data["frames_per_second"])
             if not (0 < self.spacing < math.inf and 0 < self.frames_per_second < math.inf):
                 raise ValueError("particle_spacing and frames_per_second must be positive")
-            self.camera = data.get("camera")
+            self.camera, self.title = data.get("camera"), data.get("title", "")
+            self.dimensions, self.colour_by = data.get("dimensions", 3), data.get("colour_by") or None
+            self.names, self.marks = data.get("names", []), data.get("marks", [])
             obstacles = [Obstacle(i, spec, folder, len(self.frames), self.spacing)
                          for i, spec in enumerate(data["obstacles"])]
         except OSError:
@@ -373,14 +389,14 @@ class Picture:
         actor.GetProperty().SetDiffuse(0.60)
         self.plotter.add_actor(actor, reset_camera=False, render=False)
 
-    def _shade_cubes(self, points, fog):
-        """Colours of particles: the sun where it reaches them, the sky where it is open."""
+    def _shade_cubes(self, points, fog, own):
+        """Colours of particles of these own colours: the sun where it reaches them, the sky where it is open."""
         normals = fog.outward(points, 0.5 * (self.sun + self.towards))
         facing = np.clip(normals @ self.sun * 0.95 + 0.2, 0, 1)
         sun = fog.light(points + normals * fog.cell, self.sun, 1.7, 400, step=1.3, growth=1.03) * facing
         sky = fog.sky(points, normals)
         light = 0.54 * sun[:, None] * SUN + (0.10 + 0.36 * sky[:, None]) * SKY
-        return SNOW * (1 - np.exp(-2.3 * light))  # keeps some shape where it is brightest
+        return own * (1 - np.exp(-2.3 * light))  # keeps some shape where it is brightest
 
     def _shade_plane(self, half_space, plane, actor, frame, points):
         """Lays the plane under the scene, with the shadows of everything on it."""
@@ -436,16 +452,24 @@ class Picture:
 
     def draw(self, frame):
         """The picture of one frame, height x width x 3 bytes."""
-        particles = read_particles(self.scene.frames[frame])
+        own = SNOW[None]
+        if self.scene.colour_by:
+            particles, kinds = read_particles(self.scene.frames[frame], self.scene.colour_by)
+            own = KINDS[kinds.astype(int) % len(KINDS)]
+        else:
+            particles = read_particles(self.scene.frames[frame])
+        own = np.broadcast_to(own, particles.shape)
         window = np.abs(particles - self.centre).max(1) < 3 * self.reach  # nothing lost far away spoils the picture
-        particles = particles[window] if window.any() else particles
+        if window.any():
+            particles, own = particles[window], own[window]
         solids = [solid.place(frame, solid.samples) for solid in self.scene.solids]
         half_spaces = [(h.place(frame, h.point), h.pose(frame)[1] @ h.normal) for h in self.scene.half_spaces]
         within = [solid.place(frame, solid.within) for solid in self.scene.solids]
         fog = Fog(particles, self.scene.spacing, within, half_spaces)
-        shown = particles[fog.on_surface(particles)]
+        surface = fog.on_surface(particles)
+        shown = particles[surface]
         cubes = pv.PolyData(shown.astype(np.float32))
-        cubes["colour"] = (self._shade_cubes(shown, fog) * 255 + 0.5).astype(np.uint8)
+        cubes["colour"] = (self._shade_cubes(shown, fog, own[surface]) * 255 + 0.5).astype(np.uint8)
         self.cubes.SetInputData(cubes)
         snow = Fog(particles, self.scene.spacing)
         for solid in self.scene.solids:
@@ -467,6 +491,103 @@ class Picture:
         return np.asarray(Image.fromarray(image).reduce(self.scale))
 
 
+class PlanePicture:
+    """Pictures of plane scenes: `draw` renders one frame, `panels` several moments side by side."""
+
+    def __init__(self, scene, size):
+        self.scene, self.size = scene, size
+        self.panel = Panel(scene, range(len(scene.frames)))
+
+    def draw(self, frame):
+        return draw_panels([(self.panel, frame)], self.size, 1)
+
+
+class Panel:
+    """A plane scene as it is drawn: how its particles are coloured, and the rectangle [m] that its frames need."""
+
+    def __init__(self, scene, frames):
+        self.scene = scene
+        chosen = {frames[round(i)] for i in np.linspace(0, len(frames) - 1, 16)}
+        seen = [self.particles(frame) for frame in chosen]
+        at = np.concatenate([points for points, _ in seen] + [o.place(0, o.samples) for o in scene.solids])
+        self.low, self.high = np.percentile(at[:, :2], (0.1, 99.9), axis=0) + [[-scene.spacing], [scene.spacing]]
+        for mark in scene.marks:
+            if mark["frame"] in (-1, *frames):
+                axis = mark["axis"]
+                self.low[axis] = min(self.low[axis], mark["place"])
+                self.high[axis] = max(self.high[axis], mark["place"] + scene.spacing)
+        self.fastest = max(np.percentile(values, 99) for _, values in seen)
+
+    def particles(self, frame):
+        """Positions [m] of a frame, and the numbers of their kinds or their speeds [m/s]."""
+        points, values = read_particles(self.scene.frames[frame], self.scene.colour_by or "velocity")
+        return points, values if values.ndim == 1 else np.linalg.norm(values, axis=1)
+
+    def draw(self, axes, frame, low, high, fastest):
+        points, values = self.particles(frame)
+        size = np.full(len(points), 1.2 * self.scene.spacing)
+        dots = matplotlib.collections.EllipseCollection(size, size, np.zeros(len(points)), units="xy", linewidths=0,
+                                                        offsets=points[:, :2], offset_transform=axes.transData)
+        if self.scene.colour_by:
+            dots.set_facecolor([self.colour(int(kind)) for kind in values])
+        else:
+            dots.set(array=values, cmap="viridis", clim=(0, fastest))
+        axes.add_collection(dots)
+        far = 4 * float(np.linalg.norm(high - low))
+        for half_space in self.scene.half_spaces:
+            normal = (half_space.pose(frame)[1] @ half_space.normal)[:2]
+            along, at = np.array([-normal[1], normal[0]]), half_space.place(frame, half_space.point)[:2]
+            axes.fill(*(at + far * np.array([along, -along, -along - normal, along - normal])).T, color=GROUND)
+        for solid in self.scene.solids:
+            corners = solid.place(frame, solid.points)[:, :2]
+            axes.add_collection(matplotlib.collections.PolyCollection(corners[solid.mesh.regular_faces], color=GROUND))
+        for mark in self.scene.marks:
+            if mark["frame"] in (-1, frame):
+                line = axes.axvline if mark["axis"] == 0 else axes.axhline
+                line(mark["place"], color=MARK, linewidth=1.4, linestyle=(0, (4, 2)), label=mark["label"])
+        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), aspect="equal", facecolor=AIR)
+        axes.tick_params(labelsize=7, length=2, pad=2)
+        axes.locator_params(nbins=4, axis="y")
+        axes.set_title(self.scene.title or f"{self.scene.times[frame]:.2f} s", fontsize=8, pad=3)
+        return dots
+
+    def colour(self, kind):
+        name = self.scene.names[kind] if kind < len(self.scene.names) else None
+        return MATERIALS.get(name, tuple(KINDS[kind % len(KINDS)]))
+
+
+def draw_panels(panels, size, columns):
+    """One picture of several (panel, frame), all to the same scale, height x width x 3 bytes."""
+    low = np.min([panel.low for panel, _ in panels], axis=0)
+    high = np.max([panel.high for panel, _ in panels], axis=0)
+    margin = 0.04 * (high - low).max()
+    low, high = low - margin, high + margin
+    fastest = max(panel.fastest for panel, _ in panels)
+    rows = -(-len(panels) // columns)
+    figure = matplotlib.figure.Figure(figsize=(size[0] / 100, size[1] / 100), dpi=100, layout="constrained")
+    canvas = matplotlib.backends.backend_agg.FigureCanvasAgg(figure)
+    figure.get_layout_engine().set(w_pad=0.03, h_pad=0.03)
+    grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
+    for axes in grid.flat[len(panels):]:
+        axes.set_axis_off()
+    for axes, (panel, frame) in zip(grid.flat, panels):
+        dots = panel.draw(axes, frame, low, high, fastest)
+    for axes in grid[-1]:
+        axes.set_xlabel("m", fontsize=7, labelpad=0)
+    scene = panels[0][0].scene
+    entries = {label: line for axes in grid.flat for line, label in zip(*axes.get_legend_handles_labels())}
+    for kind, name in enumerate(scene.names):
+        entries[name] = matplotlib.patches.Patch(facecolor=panels[0][0].colour(kind), edgecolor="0.4", linewidth=0.5)
+    if not scene.colour_by:
+        figure.colorbar(dots, ax=list(grid.flat), aspect=30, fraction=0.04, pad=0.01,
+                        format="%.3g").set_label("speed [m/s]", fontsize=8)
+        figure.axes[-1].tick_params(labelsize=7, length=2)
+    if entries:
+        figure.legend(entries.values(), entries.keys(), loc="outside lower center", ncols=4, fontsize=8, frameon=False)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[..., :3]
+
+
 # ---- the program --------------------------------------------------------------------------------------------------
 
 
@@ -484,25 +605,71 @@ def choose_frames(text, every, count):
     return [frame % count for frame in chosen]
 
 
+def picture_of(scene, size, options):
+    if scene.dimensions == 2:
+        return PlanePicture(scene, size)
+    return Picture(scene, size, options.quality == "best")
+
+
+def save(image, path, colours=None):
+    """Writes a picture, with a palette of so many colours if that is asked for."""
+    file = Image.fromarray(image)
+    if colours:
+        file = file.quantize(colours, kmeans=2, dither=Image.Dither.NONE)
+    file.save(path, optimize=bool(colours))
+
+
+def write_sheet(scenes, size, options):
+    """Puts frames of scenes, given with their numbers, into one picture."""
+    if len({scene.dimensions for scene, _ in scenes}) > 1:
+        stop("a sheet shows plane scenes or others, not both.")
+    if scenes[0][0].dimensions == 2:
+        panels = [(panel, frame) for scene, frames in scenes for panel in [Panel(scene, frames)] for frame in frames]
+        sheet = draw_panels(panels, size, options.columns)
+    else:
+        rows = -(-sum(len(frames) for _, frames in scenes) // options.columns)
+        part = (size[0] // options.columns, size[1] // rows)
+        images = []
+        for scene, frames in scenes:
+            picture = picture_of(scene, part, options)
+            images += [picture.draw(frame) for frame in frames]
+        sheet = np.full((part[1] * rows, part[0] * options.columns, 3), 255, np.uint8)
+        for i, image in enumerate(images):
+            top, left = i // options.columns * part[1], i % options.columns * part[0]
+            sheet[top: top + part[1], left: left + part[0]] = image
+    try:
+        options.sheet.parent.mkdir(parents=True, exist_ok=True)
+        save(sheet, options.sheet, 64 if scenes[0][0].dimensions == 2 else 256)
+    except (OSError, ValueError) as error:
+        stop(f"the picture cannot be written ({error}).")
+    print(f"{options.sheet} ({options.sheet.stat().st_size / 1000:.0f} kB)")
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", metavar="DIR", type=Path, help="the simulation's output folder")
+    parser.add_argument("folders", metavar="DIR", type=Path, nargs="+",
+                        help="the simulation's output folder; several for one --sheet")
     parser.add_argument("--frames", help="which ones: '0,10,-1' or 'first:end' (default: all)")
     parser.add_argument("--every", type=int, default=1, help="take each n-th of them; the video keeps its speed")
     parser.add_argument("--size", default="1280x720", help="pixels, both even (default: %(default)s)")
     parser.add_argument("--quality", choices=("fast", "best"), default="fast",
                         help="best: ambient occlusion between the cubes, some three times slower")
     parser.add_argument("--palette", action="store_true", help="256-colour pictures: about a third of the size")
+    parser.add_argument("--sheet", metavar="FILE", type=Path,
+                        help="put the chosen frames into this one picture with a palette, and write nothing else")
+    parser.add_argument("--columns", type=int, default=1, help="of the frames on a sheet (default: %(default)s)")
     parser.add_argument("--no-video", action="store_true", help="pictures only")
     options = parser.parse_args()
     try:
         width, height = (int(part) for part in options.size.lower().split("x"))
         frame_choice = options.frames and all(part.lstrip("-").isdigit() or not part
                                               for part in options.frames.replace(":", ",").split(","))
-        if width < 64 or height < 64 or width % 2 or height % 2 or options.every < 1 or frame_choice is False:
+        if width < 64 or height < 64 or width % 2 or height % 2 or options.every < 1 or options.columns < 1 or frame_choice is False:
             raise ValueError
     except ValueError:
-        stop("--size needs two even numbers such as 1280x720, --every a positive one, --frames numbers.")
+        stop("--size needs two even numbers such as 1280x720, --every and --columns positive ones, --frames numbers.")
+    if len(options.folders) > 1 and not options.sheet:
+        stop("several folders make one --sheet; name one folder for pictures and a video.")
     if not os.environ.get("DISPLAY"):
         names = {"EGL": "vtkEGLRenderWindow", "OSMesa": "vtkOSOpenGLRenderWindow"}
         usable = [window for library, window in names.items() if ctypes.util.find_library(library)]
@@ -511,29 +678,30 @@ def main():
         os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", usable[0])
     vtk.vtkObject.GlobalWarningDisplayOff()
 
-    scene = Scene(options.folder)
+    scenes = [Scene(folder) for folder in options.folders]
+    if options.sheet:
+        chosen = [choose_frames(options.frames, options.every, len(scene.frames)) for scene in scenes]
+        return write_sheet(list(zip(scenes, chosen)), (width, height), options)
+    scene = scenes[0]
     frames = choose_frames(options.frames, options.every, len(scene.frames))
     film = len(frames) > 1 and not options.no_video
     writer = None
     try:
-        pictures = options.folder / "pictures"
+        pictures = scene.folder / "pictures"
         pictures.mkdir(exist_ok=True)
         if len(frames) == len(scene.frames):
             for earlier in pictures.glob("frame_*.png"):
                 earlier.unlink()
         if film:
             import imageio
-            writer = imageio.get_writer(options.folder / "video.mp4", fps=scene.frames_per_second / options.every,
+            writer = imageio.get_writer(scene.folder / "video.mp4", fps=scene.frames_per_second / options.every,
                                         codec="libx264", pixelformat="yuv420p", quality=8, macro_block_size=2,
                                         ffmpeg_log_level="error")
         started = time.monotonic()
-        picture = Picture(scene, (width, height), options.quality == "best")
+        picture = picture_of(scene, (width, height), options)
         for done, frame in enumerate(frames, 1):
             image = picture.draw(frame)
-            file = Image.fromarray(image)
-            if options.palette:
-                file = file.quantize(256, dither=Image.Dither.NONE)
-            file.save(pictures / f"frame_{frame:04d}.png", optimize=options.palette)
+            save(image, pictures / f"frame_{frame:04d}.png", 256 if options.palette else None)
             if writer:
                 writer.append_data(image)
             if sys.stderr.isatty():
@@ -549,7 +717,7 @@ def main():
         print(file=sys.stderr)
     seconds = (time.monotonic() - started) / len(frames)
     print(f"{len(frames)} pictures in {pictures} ({seconds:.2f} s each)" +
-          (f", video in {options.folder / 'video.mp4'}" if film else ""))
+          (f", video in {scene.folder / 'video.mp4'}" if film else ""))
 
 
 if __name__ == "__main__":

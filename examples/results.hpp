@@ -2,6 +2,7 @@
 #pragma once
 
 #include "command_line.hpp"
+#include "drawing.hpp"
 
 #include <firn/firn.hpp>
 #include <firn/io/write_particles.hpp>
@@ -19,38 +20,6 @@
 // What a run leaves: frames with an index, obstacles for the pictures, a report; and its progress line.
 namespace firn::examples
 {
-
-/// An obstacle as render.py draws it: its shape as JSON members, and one pose per frame.
-struct DrawnObstacle
-{
-    std::string shape;
-    std::vector<Motion> poses{};
-};
-
-/// A view for the pictures [m].
-struct Camera
-{
-    Eigen::Vector3d position, focal_point;
-};
-
-inline std::string json(Eigen::Vector3d const& x)
-{
-    std::ostringstream text;
-    text.precision(12);
-    text << "[" << x[0] << ", " << x[1] << ", " << x[2] << "]";
-    return text.str();
-}
-
-/// Writes a text file as a whole; throws an Error if the folder does not let it.
-inline void write_text(std::filesystem::path const& path, std::string const& text)
-{
-    std::ofstream file(path);
-    file << text;
-    file.close();
-    if (!file)
-        throw Error{"a file cannot be written", path.string(),
-                    "Check the folder's permissions and the space left."};
-}
 
 /// The folder of a run.
 class Results
@@ -90,24 +59,11 @@ public:
     void obstacles(std::vector<DrawnObstacle> const& obstacles, Camera const& camera, double cell_size,
                    double spacing, double frames_per_second) const
     {
-        std::ostringstream text;
-        text.precision(12);
-        text << "{ \"cell_size\": " << cell_size << ", \"particle_spacing\": " << spacing
-             << ", \"frames_per_second\": " << frames_per_second
-             << ",\n  \"camera\": {\"position\": " << json(camera.position)
-             << ", \"focal_point\": " << json(camera.focal_point) << "},\n  \"obstacles\": [";
-        for (std::size_t i = 0; i < obstacles.size(); ++i) {
-            text << (i ? ",\n    {" : "\n    {") << obstacles[i].shape << ", \"poses\": [";
-            for (std::size_t k = 0; k < obstacles[i].poses.size(); ++k) {
-                auto const& q = obstacles[i].poses[k].orientation;
-                text << (k ? ", " : "") << "{\"position\": " << json(obstacles[i].poses[k].position)
-                     << ", \"quaternion\": [" << q.w() << ", " << q.x() << ", " << q.y() << ", " << q.z()
-                     << "]}";
-            }
-            text << "]}";
-        }
-        text << "\n  ] }\n";
-        write_text(folder_ / "obstacles.json", text.str());
+        write_drawing(folder_, {.cell_size = cell_size,
+                                .spacing = spacing,
+                                .frames_per_second = frames_per_second,
+                                .camera = camera,
+                                .obstacles = obstacles});
     }
 
     double seconds() const { return seconds_; } ///< spent on writing frames

@@ -37,10 +37,7 @@ esac
 render=yes
 [ -z "$help" ] && [ "${FIRN_NO_RENDER:-0}" != 1 ] || render=""
 
-packages=(g++ cmake ninja-build libeigen3-dev libxsimd-dev libcgal-dev libassimp-dev libcli11-dev)
-# Python, and what VTK draws with where there is no screen
-[ -z "$render" ] || packages+=(python3 python3-venv libegl1 libgl1 libgl1-mesa-dri)
-need_packages "${packages[@]}"
+need_packages_of_examples "$render"
 need_room 500 "$root"
 
 echo "building: $root/build/examples"
@@ -61,8 +58,7 @@ mkdir -p "$out" || stop "the folder $out cannot be made."
 "$program" --out "$out" "${arguments[@]}" || stop "the example did not run to its end (exit code $?); bash examples/run.sh --help lists its options."
 
 if [ -n "$render" ]; then
-    need_python "$root/build/venv" 'pyvista>=0.44,<1' 'vtk>=9.3,<10' 'numpy>=1.26,<3' 'pillow>=10' 'imageio>=2.34,<3' \
-        'imageio-ffmpeg>=0.5,<1'
+    need_renderer "$root"
     echo "rendering: $out"
     # shellcheck disable=SC2086 # several options
     "$root/build/venv/bin/python" "$root/examples/render.py" "$out" ${FIRN_RENDER:-} ||

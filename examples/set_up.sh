@@ -53,3 +53,17 @@ FIRN_NO_RENDER=1 runs the example without pictures and without Python."
     }
     echo "$*" >"$folder/installed"
 }
+
+# need_packages_of_examples [pictures]: what all examples are built with and, if asked, drawn with.
+need_packages_of_examples() {
+    local packages=(g++ cmake ninja-build libeigen3-dev libxsimd-dev libcgal-dev libassimp-dev libcli11-dev)
+    # Python, and what VTK draws with where there is no screen
+    [ -z "${1:-}" ] || packages+=(python3 python3-venv libegl1 libgl1 libgl1-mesa-dri)
+    need_packages "${packages[@]}"
+}
+
+# need_renderer <project>: the virtual environment of render.py under the project's build/.
+need_renderer() {
+    need_python "$1/build/venv" 'pyvista>=0.44,<1' 'vtk>=9.3,<10' 'matplotlib>=3.7,<4' 'numpy>=1.26,<3' 'pillow>=10' \
+        'imageio>=2.34,<3' 'imageio-ffmpeg>=0.5,<1'
+}

@@ -12,8 +12,9 @@ using namespace firn::examples;
 int main(int argc, char** argv)
 try {
     using Room = Space<3, float>;
-    double const h = 0.03, size = 0.6; // [m]
-    MeshInterior const solid(torus(0.2, 0.06));
+    double const h = 0.025, size = 0.4; // [m]
+    auto const mesh = torus(0.25, 0.06);
+    MeshInterior const solid(mesh);
     auto const distances = distance_from_mesh<float>(solid, h / 2, 4 * h, OpenMP{});
 
     Solver<OpenMP, Snow<Room>> solver(lattice(h), materials::fresh_snow<Room>());
@@ -24,15 +25,18 @@ try {
                                                       .contact = Contact::coulomb(0.4),
                                                       .motion = {.angular_velocity = {0, 3, 0}},
                                                       .on_particles = true};
-    std::optional<Frames> frames;
-    if (argc > 1) frames.emplace(argv[1]);
+    auto frames = frames_of(argc, argv);
+    std::vector<Motion> poses; // of the ring in the frames
 
     std::printf("time [s]  snow below the ring  deepest in it [cells]  force on it [N]  torque on it [N m]  "
                 "particles %zu\n",
                 solver.size());
     double const frame = 1.0 / 24;
     for (int i = 1; i <= 12; ++i) {
-        if (frames) frames->write(solver);
+        if (frames) {
+            frames->write(solver);
+            poses.push_back(ring.motion.at(solver.time()));
+        }
         auto const report = solver.advance(frame, Gravity{}, ring);
         auto const now = ring.motion.at(solver.time());
         double below = 0, deepest = 0;
@@ -46,6 +50,12 @@ try {
                         -report.reactions[0].impulse.y() / frame,
                         report.reactions[0].angular_impulse.y() / frame);
     }
+    if (!frames) return 0;
+    write_obj(mesh, *folder_of(argc, argv) / "ring.obj");
+    frames->draw({.cell_size = h,
+                  .spacing = h / 2,
+                  .camera = Camera{{0.9, 0.85, 1.5}, {0, -0.02, 0}},
+                  .obstacles = {{R"("shape": "mesh", "file": "ring.obj")", poses}}});
 }
 catch (std::exception const& error) {
     std::fprintf(stderr, "error: %s\n", error.what());

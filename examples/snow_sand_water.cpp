@@ -40,8 +40,14 @@ try {
     Obstacle<HalfSpace> const left{.shape = {{1, 0, 0}}, .contact = Contact::slip()};
     Obstacle<HalfSpace> const right{
         .shape = {{-1, 0, 0}}, .contact = Contact::slip(), .motion = {.position = {width, 0, 0}}};
-    std::optional<Frames> frames;
-    if (argc > 1) frames.emplace(argv[1]);
+    auto frames = frames_of(argc, argv);
+    if (frames)
+        frames->draw({.dimensions = 2,
+                      .cell_size = h,
+                      .spacing = h / 2,
+                      .obstacles = {drawn(floor), drawn(left), drawn(right)},
+                      .colour_by = "material",
+                      .names = {"snow", "sand", "water"}});
     auto const write = [&] {
         if (!frames) return;
         frames->write(solver, [&](ParticleFrame& frame) {

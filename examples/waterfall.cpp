@@ -39,8 +39,9 @@ try {
         .shape = {{0.3, 0.05, 1}}, .contact = Contact::slip(), .motion = {.position = {0.6, 0.3, 0}}};
     Inside<HalfSpace> const drain{.shape = {}, .pose = {.position = {0, -0.2, 0}}}; // all below
     Solver<OpenMP, Fluid<Plane>, QuadraticBSpline, Apic> solver(lattice(h), materials::water<Plane>(5));
-    std::optional<Frames> frames;
-    if (argc > 1) frames.emplace(argv[1]);
+    auto frames = frames_of(argc, argv);
+    if (frames)
+        frames->draw({.dimensions = 2, .cell_size = h, .spacing = spacing, .obstacles = {drawn(ledge)}});
     double const duration = 2, frame = 1.0 / 24;
     std::size_t emitted = 0, drained = 0;
     int count = 0;

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # The laws of the house: two_laws.sh LAW FOLDER. Prints what breaks one and exits with 1; with 77 where it cannot be judged.
-# LAW: no_threads, no_physics, top_level, headers, format; can_fail breaks each of them in a copy.
+# LAW: no_threads, no_physics, top_level, headers, format, quotes; can_fail breaks each of them in a copy.
 set -euo pipefail
 law=$1 folder=$2
 self=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)/two_laws.sh
@@ -70,6 +70,12 @@ case $law in
         find include backends examples tests -type f \( -name '*.hpp' -o -name '*.cpp' -o -name '*.cu' -o -name '*.cuh' \) -print0 |
             xargs -0 -r clang-format --dry-run --Werror
         ;;
+    quotes)
+        # from its first line on, soft_foam.hpp is what the README shows
+        model=$(sed -n '/^template/,$p' examples/soft_foam.hpp)
+        [ -n "$model" ] && [[ $(<README.md) == *$'\n```cpp\n'"$model"$'\n```\n'* ]] ||
+            { echo "README.md shows another material than examples/soft_foam.hpp."; exit 1; }
+        ;;
     can_fail)
         copy=$(mktemp -d)
         trap 'rm -rf "$copy"' EXIT
@@ -84,6 +90,8 @@ case $law in
                 tests/lawful.hpp; do
                 printf '%s\n' '// SPDX-License-Identifier: MIT' '#pragma once' '' '// omp, atomic: mass' 'int computed_component;' >"$copy/$name"
             done
+            printf '%s\n' '// SPDX-License-Identifier: MIT' '#pragma once' '' 'template <class T>' 'struct Foam;' >"$copy/examples/soft_foam.hpp"
+            printf '%s\n' 'Text.' '' '```cpp' 'template <class T>' 'struct Foam;' '```' 'Text.' >"$copy/README.md"
             bash "$self" "$law" "$copy" >/dev/null || { echo "$law refuses a lawful house."; exit 1; }
             mkdir -p "$(dirname "$copy/$file")"
             printf '%s\n' "$text" >>"$copy/$file"
@@ -101,6 +109,7 @@ case $law in
         breaks top_level CMakeCache.txt 'a stray file'
         breaks headers include/firn/late.hpp '#pragma once'
         breaks headers tests/late.hpp '// SPDX-License-Identifier: MIT'
+        breaks quotes examples/soft_foam.hpp 'int more;'
         if command -v clang-format >/dev/null; then breaks format examples/lawful.hpp 'int  x ;'; fi
         echo "each law can be broken and says so"
         ;;
