@@ -5,22 +5,24 @@
 # processor included), runs compute-sanitizer on a step of every kind, and times steps; in less than nine minutes. The
 # last lines are a table of the timings.
 #
-#     bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--large]
+#     bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--large] [--materials]
 #
 #   --out FOLDER      where logs and bench_cuda.json go (build/cuda)
 #   --prefix FOLDER   where Eigen, Catch2 and Google Benchmark are, if not in the usual places
 #   --large           64 million particles too: 60 GB of memory of the machine, two minutes more
+#   --materials       every material and transfer too, a million particles each, in a table relative to neo-Hookean
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 stop() { echo "stop: $*" >&2; exit 1; }
 
-out="$root/build/cuda" prefix="" large=""
+out="$root/build/cuda" prefix="" large="" materials=""
 while [ $# -gt 0 ]; do
     case $1 in
         --out) [ $# -ge 2 ] || stop "--out needs a folder."; out=$2; shift ;;
         --prefix) [ $# -ge 2 ] || stop "--prefix needs a folder."; prefix=$2; shift ;;
         --large) large='random/64000000' ;;
-        *) stop "unknown argument '$1': bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--large]." ;;
+        --materials) materials=benchmarks_cuda_materials ;;
+        *) stop "unknown argument '$1': bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--large] [--materials]." ;;
     esac
     shift
 done
@@ -31,7 +33,7 @@ mkdir -p "$out"
 cd "$root"
 
 cmake --preset cuda ${prefix:+-DCMAKE_PREFIX_PATH="$prefix"} >"$out/configure.log" || { cat "$out/configure.log"; exit 1; }
-cmake --build --preset cuda --target cuda_scenes cuda_devices cuda_fault cuda_agreement benchmarks_cuda >"$out/build.log" ||
+cmake --build --preset cuda --target cuda_scenes cuda_devices cuda_fault cuda_agreement benchmarks_cuda $materials >"$out/build.log" ||
     { tail -n 40 "$out/build.log"; stop "the programs could not be built."; }
 ctest --preset cuda -E 'hot loops' >"$out/tests.log" || { tail -n 60 "$out/tests.log"; stop "a test failed."; }
 tail -n 4 "$out/tests.log"
@@ -59,4 +61,26 @@ for entry in json.load(open(sys.argv[1]))["benchmarks"]:
     leavers = f"{entry['leaver_share']:.3f}" if "leaver_share" in entry else ""
     print(f"{name:66}{entry['ms_per_step']:9.4f}{entry['particle_steps_per_second'] * 1e-9:7.2f}"
           f"{entry['memory_per_particle']:6.0f}{leavers:>7}{entry['momentum_error']:10.1e}")
+PYTHON
+
+[ -n "$materials" ] || exit 0
+"build/cuda/bench/$materials" --benchmark_out="$out/bench_materials.json" --benchmark_out_format=json \
+    >"$out/bench_materials.log" 2>&1 || { tail -n 20 "$out/bench_materials.log"; stop "the benchmark of materials failed."; }
+
+python3 - "$out/bench_materials.json" <<'PYTHON'
+import json, sys
+entries = json.load(open(sys.argv[1]))["benchmarks"]
+failed = [entry for entry in entries if entry.get("error_occurred")]
+steps = {} # (material, transfer) -> scene -> ms
+for entry in entries:
+    _, _, material, _, transfer, _, scene, _ = entry["name"].split("/iterations")[0].split("/")
+    steps.setdefault((material, transfer), {})[scene] = entry.get("ms_per_step")
+one = steps["neo_hookean", "mls"]
+print(f"\n{'1 million particles, float, quadratic':38}" + "".join(f"{f'{scene}, ms':>12}{'relative':>9}" for scene in one))
+for (material, transfer), took in steps.items():
+    told = lambda scene: f"{took[scene]:12.4f}{took[scene] / one[scene]:9.2f}" if took[scene] and one[scene] else f"{'':21}"
+    print(f"{material + ', ' + transfer:38}" + "".join(told(scene) for scene in one))
+for entry in failed:
+    print(entry["name"], entry["error_message"], file=sys.stderr)
+sys.exit(len(failed) > 0)
 PYTHON

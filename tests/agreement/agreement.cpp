@@ -1,14 +1,16 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
-#include "scenes.hpp"
+#include "encounters.hpp"
 
 bool tests_need_a_device = true; // see main.cpp
 
 using namespace firn::test;
 
-TEST_CASE("a device takes a scene to where the processor takes it")
+namespace
 {
-    auto const here = openmp_cases(), there = cuda_cases();
+
+void check_agreement(std::vector<AgreementCase> const& here, std::vector<AgreementCase> const& there)
+{
     REQUIRE(here.size() == there.size());
     for (std::size_t i = 0; i < here.size(); ++i) {
         auto const a = here[i].run(), b = there[i].run();
@@ -20,4 +22,16 @@ TEST_CASE("a device takes a scene to where the processor takes it")
         CAPTURE(here[i].name, difference);
         CHECK(difference <= a.tolerance);
     }
+}
+
+} // namespace
+
+TEST_CASE("a device takes a scene to where the processor takes it")
+{
+    check_agreement(openmp_cases(), cuda_cases());
+}
+
+TEST_CASE("so it does where bodies meet walls, shells, terrain, a body that they push, and one another")
+{
+    check_agreement(openmp_encounters(), cuda_encounters());
 }

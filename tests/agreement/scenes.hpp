@@ -87,9 +87,27 @@ Outcome vibrating_block()
     return outcome(solver, SceneType::is_float ? 1e-5 : 1e-12);
 }
 
-/// A ball of snow that splashes on a floor. Every rounding grows there: what is compared are the ball's
-/// centre, its extent (a standard deviation) and the way of its mean speed in a hundredth of a second, along
-/// each axis.
+/// Tells where points are as a whole: along each axis their centre, their extent (a standard deviation) and
+/// the way of their mean speed in a hundredth of a second.
+template <int d, class Velocities>
+void statistics(std::vector<Vector<double, d>> const& x, Velocities const& v, double h, Outcome& result)
+{
+    Vector<double, d> mean = Vector<double, d>::Zero(), square = mean, speed = mean;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+        Vector<double, d> const place = x[i] / h;
+        mean += place / double(x.size());
+        square += place.cwiseAbs2() / double(x.size());
+        speed += v[i].template cast<double>().cwiseAbs() / double(x.size());
+    }
+    for (int a = 0; a < d; ++a) {
+        result.x.push_back(mean[a]);
+        result.x.push_back(std::sqrt(square[a] - mean[a] * mean[a]));
+        result.x.push_back(0.01 * speed[a] / h);
+    }
+}
+
+/// A ball of snow that splashes on a floor. Every rounding grows there: what is compared are statistics, and
+/// what the floor received.
 template <class SceneType>
 Outcome splash()
 {
@@ -103,23 +121,10 @@ Outcome splash()
     auto const report =
         solver.advance(0.06, Gravity{}, Obstacle<HalfSpace>{.contact = Contact::coulomb(0.3)});
 
-    auto const x = solver.positions();
-    auto const v = solver.template download<Velocity>();
-    Vector<double, d> mean = Vector<double, d>::Zero(), square = mean, speed = mean;
-    for (std::size_t i = 0; i < x.size(); ++i) {
-        Vector<double, d> const place = x[i] / h;
-        mean += place / double(x.size());
-        square += place.cwiseAbs2() / double(x.size());
-        speed += v[i].template cast<double>().cwiseAbs() / double(x.size());
-    }
     double mass = 0;
     for (double m : solver.masses()) mass += m;
     Outcome result{{0.01 * report.reactions[0].impulse[1] / mass / h}, 1e-3}; // as a way, too
-    for (int a = 0; a < d; ++a) {
-        result.x.push_back(mean[a]);
-        result.x.push_back(std::sqrt(square[a] - mean[a] * mean[a]));
-        result.x.push_back(0.01 * speed[a] / h);
-    }
+    statistics<d>(solver.positions(), solver.template download<Velocity>(), h, result);
     return result;
 }
 } // namespace detail
