@@ -159,6 +159,11 @@ TEMPLATE_LIST_TEST_CASE("a run that goes on from a file is the run that wrote it
         CHECK(same_ball.motion.position == ball.motion.position);
         CHECK(same_ball.motion.time == solver.time());
         CHECK(same(solver, restarted));
+        auto const once = solver.snapshot(), theirs = restarted.snapshot(); // changes nothing in either
+        CHECK(once.previous > 0);                                           // how fast steps may grow
+        CHECK(solver.snapshot().previous == once.previous);
+        CHECK(theirs.previous == once.previous);
+        CHECK(theirs.next_id == once.next_id);
         auto const told = run_on(solver, 6);
         CHECK(told == run_on(restarted, 6));
         CHECK(same(solver, restarted));
