@@ -4,6 +4,7 @@
 #include <firn/core/error.hpp>
 #include <firn/grid/lattice.hpp>
 #include <firn/phases/table_view.hpp>
+#include <firn/snapshot.hpp>
 
 #include <algorithm>
 #include <limits>
@@ -38,25 +39,6 @@ auto downloaded(Array const& array)
     return values;
 }
 } // namespace detail
-
-/// What the masses of a scene's particles have in common: nodes add up those of all materials.
-struct MassScale
-{
-    double unit = 0;                  ///< [kg]: masses on the grid are multiples of it; 0: there are none
-    double largest = 0, smallest = 0; ///< of a particle, in units
-
-    /// On a node, a particle far lighter than another is lost to rounding and taken for an empty node:
-    /// `range` is what rounding bears.
-    bool bears(double mass, double range) const
-    {
-        return std::isfinite(mass) && (unit == 0 || (mass / smallest < range && largest / mass < range));
-    }
-    void admit(double mass)
-    {
-        smallest = largest == 0 ? mass : std::min(smallest, mass);
-        largest = std::max(largest, mass);
-    }
-};
 
 /// Which particles of a table are to be removed, by where they lie.
 template <class Backend>
@@ -167,6 +149,9 @@ public:
             }
             return values;
         }
+
+        Array<Number> const& column(int c) const { return component_[static_cast<std::size_t>(c)]; }
+        Array<Number>& column(int c) { return component_[static_cast<std::size_t>(c)]; }
 
         /// Takes the rows of another one that are listed at `rows`.
         void gather(Backend const& backend, Taken const& from, std::uint32_t const* rows)
@@ -314,6 +299,107 @@ public:
         ids_.resize(kept);
         keep_portions(new_row, kept);
         size_ = kept;
+    }
+
+    /// All particles as they are, in memory of the host: if holds_taken(). (What the model is called and how
+    /// stiff it is is for others to say.)
+    MaterialSnapshot<Number, d> snapshot()
+    {
+        sort();
+        MaterialSnapshot<Number, d> to;
+        std::vector<std::size_t> places; // in the order of cells
+        cells_.for_each([&](std::size_t place, Coordinates<d> const& cell) {
+            places.push_back(place);
+            to.cells.push_back(cell);
+        });
+        for (std::size_t a = 0; a < to.offsets.size(); ++a)
+            to.offsets[a] = listed(buffer_[0].offset[a], places);
+        std::vector<std::uint32_t> const rows = listed(buffer_[0].id, places);
+        for (std::uint32_t const row : rows) to.ids.push_back(id(row));
+        for_each_tag(StoredSet{}, [&](auto tag) {
+            to.fields.push_back({decltype(tag)::name, {}});
+            for_each_column<StoredSet>(tag, [&](int, int c) {
+                auto const& column = buffer_[0].component[static_cast<std::size_t>(c)];
+                to.fields.back().components.push_back(listed(column, places));
+            });
+        });
+        for_each_tag(TakenSet{}, [&](auto tag) {
+            to.fields.push_back({decltype(tag)::name, {}});
+            for_each_column<TakenSet>(tag, [&](int, int c) {
+                to.fields.back().components.push_back(listed(taken_->column(c), rows));
+            });
+        });
+        to.portions = portions_;
+        return to;
+    }
+
+    /// Takes the particles of a snapshot that was made by a table of the same fields for its own, in the
+    /// order in which they are there. If that fails nothing has changed, unless there were fewer before.
+    void restore(MaterialSnapshot<Number, d> const& from)
+    {
+        std::size_t const count = from.ids.size();
+        Cells cells(backend_); // afresh: all else about the order of cells follows from what is there
+        if (count > 0) cells.insert(from.cells, 0);
+        std::vector<std::uint32_t> at_row(count), rows(count);
+        std::iota(at_row.begin(), at_row.end(), std::uint32_t(0));
+        std::sort(at_row.begin(), at_row.end(),
+                  [&](auto const& a, auto const& b) { return from.ids[a] < from.ids[b]; });
+        for (std::size_t row = 0; row < count; ++row) rows[at_row[row]] = static_cast<std::uint32_t>(row);
+
+        for (auto& buffer : buffer_) buffer.resize(count);
+        if (!taken_) taken_.emplace(backend_, count);
+        taken_->resize(count);
+        next_taken_.reset();
+        for (std::size_t a = 0; a < from.offsets.size(); ++a) buffer_[0].offset[a].upload(0, from.offsets[a]);
+        buffer_[0].id.upload(0, rows);
+        for_each_tag(StoredSet{}, [&](auto tag) {
+            auto const& field = field_of<decltype(tag)>(from);
+            for_each_column<StoredSet>(tag, [&](std::size_t i, std::size_t c) {
+                buffer_[0].component[c].upload(0, field.components[i]);
+            });
+        });
+        for_each_tag(TakenSet{}, [&](auto tag) {
+            auto const& field = field_of<decltype(tag)>(from);
+            for_each_column<TakenSet>(tag, [&](std::size_t i, int c) {
+                taken_->column(c).upload(0, listed(field.components[i], at_row));
+            });
+        });
+        ids_ = listed(from.ids, at_row);
+        named_ = count > 0 && ids_.back() != count - 1;
+        if (!named_) ids_.clear();
+        portions_ = from.portions;
+        upload_portions();
+        held_ = true;
+        moved_ = false;
+        size_ = count;
+        cells_ = std::move(cells);
+    }
+
+    /// Refuses a snapshot whose particles have other fields; `where` is the material.
+    static void require_same_fields(MaterialSnapshot<Number, d> const& from, std::string const& where)
+    {
+        using All = Join<StoredSet, TakenSet>;
+        auto const refuse = [&](std::string what) {
+            throw Error{std::move(what), "Solver::restore, " + where,
+                        "Restore into a solver of the same model and transfer."};
+        };
+        for_each_tag(All{}, [&](auto tag) {
+            using Tag = decltype(tag);
+            auto const field =
+                std::ranges::find(from.fields, std::string(Tag::name), &FieldSnapshot<Number>::name);
+            if (field == from.fields.end())
+                refuse("the field '" + std::string(Tag::name) + "' is missing");
+            else if (field->components.size() != static_cast<std::size_t>(component_count<Tag>(d)))
+                refuse("the field '" + field->name + "' has " + std::to_string(field->components.size()) +
+                       " components instead of " + std::to_string(component_count<Tag>(d)));
+        });
+        for (auto field = from.fields.begin(); field != from.fields.end(); ++field) {
+            bool known = false;
+            for_each_tag(All{}, [&](auto tag) { known = known || field->name == decltype(tag)::name; });
+            if (!known) refuse("the particles of this solver have no field '" + field->name + "'");
+            if (std::any_of(from.fields.begin(), field, [&](auto const& f) { return f.name == field->name; }))
+                refuse("there are two fields '" + field->name + "'");
+        }
     }
 
     /// The permanent id of a row; the ids of all, in rising order.
@@ -623,6 +709,35 @@ private:
     {
         portions_on_backend_.resize(portions_.size());
         portions_on_backend_.upload(0, portions_);
+    }
+
+    /// The elements of an array that are listed.
+    template <class Values, class Place>
+    static auto listed(Values const& from, std::vector<Place> const& places)
+    {
+        auto const pick = [&](auto const& values) {
+            std::vector<typename std::decay_t<decltype(values)>::value_type> picked(places.size());
+            for (std::size_t i = 0; i < places.size(); ++i) picked[i] = values[places[i]];
+            return picked;
+        };
+        if constexpr (requires { from.begin(); })
+            return pick(from);
+        else
+            return pick(detail::downloaded(from));
+    }
+
+    /// Calls `use(component, column)` for the components of a field, counted in the field and in the set.
+    template <class Set, class Tag, class Use>
+    static void for_each_column(Tag, Use const& use)
+    {
+        constexpr int first = Set::template first_component<Tag>(d);
+        for (int c = 0; c < component_count<Tag>(d); ++c) use(c, first + c);
+    }
+
+    template <class Tag>
+    static FieldSnapshot<Number> const& field_of(MaterialSnapshot<Number, d> const& from)
+    {
+        return *std::ranges::find(from.fields, std::string(Tag::name), &FieldSnapshot<Number>::name);
     }
 
     /// From now on rows are no ids: keeps those that there are.

@@ -9,6 +9,7 @@
 #include <firn/phases/conclude_step.hpp>
 #include <firn/phases/move_particles.hpp>
 #include <firn/report.hpp>
+#include <firn/snapshot.hpp>
 #include <firn/transfer/mls.hpp>
 
 #include <algorithm>
@@ -373,6 +374,48 @@ public:
         return by_id<Which, double>([&](auto k) { return particles<k>().masses(masses_.unit); });
     }
 
+    /// All that the next steps depend on, in memory of the host.
+    ///
+    /// The solver goes on from it as one does that restores it: both give afresh in their next step, as after
+    /// add(), and from then on are alike, bit by bit, with the same calls. What particles have stays as it
+    /// is; steps that follow differ by a rounding from those without a snapshot.
+    Snapshot<Number, d> snapshot()
+    {
+        hold_taken();
+        Snapshot<Number, d> to{.kernel = detail::name_of_policy<Kernel>(),
+                               .transfer = detail::name_of_policy<Transfer>(),
+                               .kernel_order = Kernel::order,
+                               .lattice = lattice_,
+                               .time = course_.time,
+                               .previous = course_.previous,
+                               .bounds = course_.bounds,
+                               .masses = masses_,
+                               .next_id = next_id_};
+        for_each_material([&](auto k) {
+            to.materials.push_back(particles<k>().snapshot());
+            name_material<k>(to.materials.back());
+        });
+        for_each_material([&](auto k) { particles<k>().restore(to.materials[k]); });
+        go_on_from(to);
+        return to;
+    }
+
+    /// Takes the state of a snapshot, whatever was there before: of a solver of the same lattice, kernel,
+    /// transfer and materials, whose backend and step control may differ. With the same backend, lanes and
+    /// parameters the steps that follow are those of the solver that made it, bit by bit.
+    ///
+    /// Throws an Error, and changes nothing, if it does not fit, or is none that snapshot() can have
+    /// returned.
+    void restore(Snapshot<Number, d> const& from)
+    {
+        require_fits(from);
+        detail::require_whole(from, Cells::largest_coordinate);
+        Parts parts = parts_of(materials_of(Places{}), Places{});
+        for_each_material([&](auto k) { std::get<k>(parts).particles.restore(from.materials[k]); });
+        parts_ = std::move(parts);
+        go_on_from(from);
+    }
+
     /// Bytes held by particles and grid, spare capacity included.
     std::size_t memory() const
     {
@@ -405,6 +448,73 @@ private:
     {
         return Parts{Part<k>{std::move(std::get<k>(list.of)),
                              typename Of<Material<k>>::Table(lattice_, Kernel::order, backend_)}...};
+    }
+
+    template <std::size_t... k>
+    List materials_of(std::index_sequence<k...>) const
+    {
+        return List{model_of<k>()...};
+    }
+
+    /// Says in a snapshot what the model of a material is.
+    template <std::size_t k>
+    void name_material(MaterialSnapshot<Number, d>& material) const
+    {
+        using Here = typename Of<Material<k>>::Model;
+        auto at_rest = Record<Number, d, typename Here::State>::at_rest();
+        auto const response =
+            model_of<k>().template respond<Number>(at_rest, Matrix<Number, d>::Zero(), Number(0));
+        material.name = detail::name_of_policy<Here>();
+        material.density = double(model_of<k>().density);
+        material.wave_modulus = double(response.wave_modulus);
+    }
+
+    /// Refuses the snapshot of another kind of solver.
+    void require_fits(Snapshot<Number, d> const& from) const
+    {
+        auto const same = [](bool condition, std::string const& what, auto const& theirs, auto const& ours) {
+            if (condition) return;
+            std::ostringstream text;
+            text.precision(17);
+            text << "the snapshot has " << what << " " << theirs << ", this solver has " << ours;
+            throw Error{
+                text.str(), "Solver::restore",
+                "Restore into a solver that was made with the same lattice, policies and parameters."};
+        };
+        auto const compare = [&](std::string const& what, auto const& theirs, auto const& ours) {
+            same(theirs == ours, what, theirs, ours);
+        };
+        compare("the kernel", from.kernel, detail::name_of_policy<Kernel>());
+        compare("a kernel of order", from.kernel_order, Kernel::order + 0);
+        compare("the transfer", from.transfer, detail::name_of_policy<Transfer>());
+        compare("a cell size [m] of", from.lattice.cell_size, lattice_.cell_size);
+        same(from.lattice.origin == lattice_.origin, "the origin [m]", from.lattice.origin.transpose(),
+             lattice_.origin.transpose());
+        compare("this many materials:", from.materials.size(), materials + 0);
+        for_each_material([&](auto k) {
+            MaterialSnapshot<Number, d> ours;
+            name_material<k>(ours);
+            auto const& theirs = from.materials[k];
+            std::string const place = "material " + std::to_string(k);
+            compare("for " + place, theirs.name, ours.name);
+            compare("for " + place + " the density [kg/m^3]", theirs.density, ours.density);
+            // some processors' exponentials differ in the last bit
+            same(std::abs(theirs.wave_modulus - ours.wave_modulus) <= 1e-5 * ours.wave_modulus,
+                 "for " + place + " the wave modulus at rest [Pa]", theirs.wave_modulus, ours.wave_modulus);
+            Of<Material<k>>::Table::require_same_fields(theirs, place + " (" + ours.name + ")");
+        });
+    }
+
+    /// Goes on from a snapshot whose particles are there already: grid, and what was planned, begin afresh.
+    void go_on_from(Snapshot<Number, d> const& from)
+    {
+        grid_ = Grid(backend_);
+        masses_ = from.masses;
+        next_id_ = from.next_id;
+        course_ = {.time = from.time, .bounds = from.bounds, .previous = from.previous};
+        given_for_ = 0;
+        movers_gave_ = false;
+        spoiled_ = false;
     }
 
     template <std::size_t k>

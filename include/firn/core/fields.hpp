@@ -161,6 +161,13 @@ struct Fields
     }
 };
 
+/// Calls `use(tag)` for every field of a set.
+template <class... Tags, class Use>
+void for_each_tag(Fields<Tags...>, Use const& use)
+{
+    (use(Tags{}), ...);
+}
+
 namespace detail
 {
 template <class Left, class Right>

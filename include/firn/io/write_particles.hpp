@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/error.hpp>
+#include <firn/io/replace_file.hpp>
 
 #include <Eigen/Core>
 
@@ -12,9 +13,9 @@
 #include <charconv>
 #include <cstdint>
 #include <filesystem>
-#include <fstream>
 #include <limits>
 #include <numeric>
+#include <ostream>
 #include <string>
 #include <vector>
 
@@ -100,30 +101,6 @@ void put(std::ostream& out, std::vector<T> const& values)
 {
     out.write(reinterpret_cast<char const*>(values.data()),
               static_cast<std::streamsize>(values.size() * sizeof(T)));
-}
-
-/// Writes a file under a temporary name and gives it its own only when all of it is on the disk, so that a
-/// reader never meets half a file and a failure leaves the file of before.
-template <class Write>
-void replace_file(std::filesystem::path const& path, Write const& write)
-{
-    auto temporary = path;
-    temporary += ".part";
-    std::error_code ignored;
-    auto const refuse = [&](char const* what, std::string remedy) {
-        std::filesystem::remove(temporary, ignored);
-        throw Error{what, path.string(), std::move(remedy)};
-    };
-    if (std::filesystem::is_directory(path, ignored)) refuse("this is a folder", "Pass the name of a file.");
-    std::ofstream out(temporary, std::ios::binary | std::ios::trunc);
-    if (!out)
-        refuse("the file cannot be created", "Create its folder first, and check that it may be written.");
-    write(out);
-    out.close();
-    if (!out) refuse("the file could not be written to its end", "Is the disk full?");
-    std::error_code failed;
-    std::filesystem::rename(temporary, path, failed);
-    if (failed) refuse("the finished file could not be given its name", failed.message() + ".");
 }
 
 inline void check_frame(ParticleFrame const& frame, std::filesystem::path const& path)

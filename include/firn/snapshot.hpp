@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/error.hpp>
+#include <firn/grid/lattice.hpp>
+#include <firn/phases/stable_time_step.hpp>
+#include <firn/phases/table_view.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <string>
+#include <vector>
+
+namespace firn
+{
+
+/// What the masses of a scene's particles have in common: nodes add up those of all materials.
+struct MassScale
+{
+    double unit = 0;                  ///< [kg]: masses on the grid are multiples of it; 0: there are none
+    double largest = 0, smallest = 0; ///< of a particle, in units
+
+    /// On a node, a particle far lighter than another is lost to rounding and taken for an empty node:
+    /// `range` is what rounding bears.
+    bool bears(double mass, double range) const
+    {
+        return std::isfinite(mass) && (unit == 0 || (mass / smallest < range && largest / mass < range));
+    }
+    void admit(double mass)
+    {
+        smallest = largest == 0 ? mass : std::min(smallest, mass);
+        largest = std::max(largest, mass);
+    }
+};
+
+/// One field of all particles of a material.
+template <class Number>
+struct FieldSnapshot
+{
+    std::string name;                            ///< that of its tag
+    std::vector<std::vector<Number>> components; ///< of each, one number per particle [SI units]
+};
+
+/// The particles of one material, one after the other in the order of cells.
+template <class Number, int d>
+struct MaterialSnapshot
+{
+    using Offset = typename CellOffset<Number>::Stored;
+
+    std::string name;                             ///< of the model
+    double density = 0;                           ///< of the model [kg/m^3]
+    double wave_modulus = 0;                      ///< rho c^2 of the model at rest [Pa]
+    std::vector<std::uint32_t> ids{};             ///< permanent
+    std::vector<Coordinates<d>> cells{};          ///< in which they are
+    std::array<std::vector<Offset>, d> offsets{}; ///< from the centres of these, as CellOffset stores them
+    std::vector<FieldSnapshot<Number>> fields{};  ///< what else they have
+    std::vector<Portion<Number>> portions{};      ///< mass and volume, by row: the rank of the id
+};
+
+/// All that the next steps of a solver depend on, but for what its constructor and its calls are given:
+/// parameters of material, transfer and step control, effects. In memory of the host, whatever the backend.
+///
+/// See Solver::snapshot and Solver::restore, and io/checkpoint.hpp for one in a file.
+template <class Number, int d>
+struct Snapshot
+{
+    std::string kernel, transfer; ///< their names
+    int kernel_order = 0;
+    Lattice lattice{};
+    double time = 0;     ///< [s]
+    double previous = 0; ///< the last step that was not cut to a duration [s]; 0: there was none
+    StepBounds bounds{}; ///< of the next step
+    MassScale masses{};
+    std::uint32_t next_id = 0; ///< of the next particle that is added
+    std::vector<MaterialSnapshot<Number, d>> materials{};
+};
+
+namespace detail
+{
+/// What a policy calls itself.
+template <class Policy>
+std::string name_of_policy()
+{
+    if constexpr (requires { std::string(Policy::name); })
+        return Policy::name;
+    else
+        return "unnamed";
+}
+
+/// Refuses a snapshot that is not whole in itself: what no solver could have left.
+template <class Number, int d>
+void require_whole(MaterialSnapshot<Number, d> const& material, MassScale const& masses,
+                   std::uint32_t next_id, double largest_coordinate)
+{
+    auto const whole = [&](bool condition, char const* what) {
+        require(condition, what, "Solver::restore", "Restore what Solver::snapshot has returned.");
+    };
+    std::size_t const count = material.ids.size();
+    whole(material.cells.size() == count, "there is not one cell per particle");
+    for (auto const& cell : material.cells)
+        for (int a = 0; a < d; ++a)
+            whole(std::abs(double(cell[a])) <= largest_coordinate, "a cell is out of range");
+    for (auto const& offset : material.offsets) {
+        whole(offset.size() == count, "there is not one offset per particle");
+        for (auto const value : offset) // but for a rounding
+            whole(std::abs(CellOffset<Number>::exact(value)) < 0.500001, "a particle is not in its cell");
+    }
+    for (auto const& field : material.fields)
+        for (auto const& component : field.components) {
+            whole(component.size() == count, "a field has not one value per particle");
+            for (Number const value : component) whole(std::isfinite(value), "a field is not finite");
+        }
+    for (auto const id : material.ids) whole(id < next_id, "an id was never given");
+    whole(material.portions.empty() == (count == 0), "there are particles without a mass");
+    for (std::size_t i = 0; i < material.portions.size(); ++i) {
+        auto const& [first, mass, volume] = material.portions[i];
+        whole(i == 0 ? first == 0 : first > material.portions[i - 1].first_row && first < count,
+              "the portions of equal particles are out of order");
+        whole(mass >= Number(masses.smallest) && mass <= Number(masses.largest) && volume > 0 &&
+                  std::isfinite(volume),
+              "a mass or volume is out of range");
+    }
+}
+
+/// The same of a whole scene.
+template <class Number, int d>
+void require_whole(Snapshot<Number, d> const& snapshot, double largest_coordinate)
+{
+    auto const whole = [&](bool condition, char const* what) {
+        require(condition, what, "Solver::restore", "Restore what Solver::snapshot has returned.");
+    };
+    auto const not_negative = [](double value) { return std::isfinite(value) && value >= 0; };
+    auto const& [wave_speed, material, speed, rate, acceleration, obstacle_speed] = snapshot.bounds;
+    whole(std::isfinite(snapshot.time) && not_negative(snapshot.previous), "a time is not finite");
+    whole(not_negative(wave_speed) && not_negative(speed) && not_negative(rate) &&
+              not_negative(acceleration) && not_negative(obstacle_speed) && material >= 0 &&
+              static_cast<std::size_t>(material) < snapshot.materials.size(),
+          "a bound of the next step is out of range");
+    auto const& masses = snapshot.masses;
+    whole(not_negative(masses.unit) && not_negative(masses.smallest) && not_negative(masses.largest) &&
+              masses.smallest <= masses.largest && (masses.unit > 0) == (masses.smallest > 0),
+          "the masses are out of range");
+    std::vector<std::uint32_t> ids;
+    for (auto const& of : snapshot.materials) {
+        whole(of.ids.empty() || masses.unit > 0, "the masses are out of range");
+        require_whole(of, masses, snapshot.next_id, largest_coordinate);
+        ids.insert(ids.end(), of.ids.begin(), of.ids.end());
+    }
+    std::sort(ids.begin(), ids.end());
+    whole(std::adjacent_find(ids.begin(), ids.end()) == ids.end(), "two particles have the same id");
+}
+} // namespace detail
+
+} // namespace firn

@@ -1,0 +1,441 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/meshes.hpp"
+#include "support/policies.hpp"
+
+#include <firn/io/checkpoint.hpp>
+
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <thread>
+#include <unistd.h>
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+using Sheet = Scene<Snow<PlaneFloat>, QuadraticBSpline, Mls>::Solver;
+
+/// Two lumps of snow, one of which has lost a few particles.
+Sheet small_scene(double cell_size = 0.05)
+{
+    Sheet solver(lattice(cell_size), materials::fresh_snow<PlaneFloat>());
+    solver.add(box_of_points<2>({0, 0}, {0.1, 0.1}, 0.05), 6e-4, {1, -1});
+    solver.add(box_of_points<2>({0.3, 0}, {0.35, 0.1}, 0.05), 7e-4, {-1, 0});
+    solver.step(1e-4, Gravity{});
+    solver.remove_if(Inside<Sphere>{.shape = {0.03}, .pose = {.position = {0, 0, 0}}});
+    return solver;
+}
+
+std::string content(std::filesystem::path const& path)
+{
+    std::ifstream file(path, std::ios::binary);
+    return {std::istreambuf_iterator<char>(file), {}};
+}
+
+void write(std::filesystem::path const& path, std::string const& bytes)
+{
+    std::filesystem::remove(path); // some file systems wait for the disk when a file is written over
+    std::ofstream(path, std::ios::binary) << bytes;
+}
+
+/// The bytes with checksums that are right, as only somebody who means it would write them.
+std::string signed_anew(std::string bytes)
+{
+    detail::CheckpointPreamble preamble;
+    std::memcpy(static_cast<void*>(&preamble), bytes.data(), sizeof(preamble));
+    detail::Crc32 crc;
+    crc.add(std::span<char const>(bytes).subspan(sizeof(preamble)));
+    preamble.bytes = bytes.size();
+    preamble.checksum = crc.value();
+    preamble.own_checksum = preamble.find_own_checksum();
+    std::memcpy(bytes.data(), &preamble, sizeof(preamble));
+    return bytes;
+}
+
+/// Runs what must be refused; returns what it says, whose three parts must be there.
+template <class Call>
+std::string refused(Call const& call)
+{
+    try {
+        call();
+    }
+    catch (Error const& error) {
+        if (error.what_is_wrong().empty() || error.where().empty() || error.remedy().empty())
+            FAIL("a part of the error is missing: " << error.what());
+        return error.what();
+    }
+    return "nothing was refused";
+}
+
+template <class Solver>
+bool same(Solver const& a, Solver const& b)
+{
+    return a.time() == b.time() && a.ids() == b.ids() && a.positions() == b.positions() &&
+           a.template download<Velocity>() == b.template download<Velocity>() && a.masses() == b.masses();
+}
+
+} // namespace
+
+TEST_CASE("the checksum is that of zip and Ethernet")
+{
+    auto const of = [](std::string const& text, std::size_t cut) {
+        detail::Crc32 crc;
+        crc.add(std::span<char const>(text).first(cut));
+        crc.add(std::span<char const>(text).subspan(cut));
+        return crc.value();
+    };
+    CHECK(of("", 0) == 0);
+    for (std::size_t cut = 0; cut <= 9; ++cut) CHECK(of("123456789", cut) == 0xcbf43926); // its check value
+    std::string const fox = "The quick brown fox jumps over the lazy dog";
+    for (std::size_t cut = 0; cut <= fox.size(); ++cut) CHECK(of(fox, cut) == 0x414fa339);
+}
+
+TEST_CASE("a checkpoint with any of its bytes changed, or cut off anywhere, is refused and changes nothing")
+{
+    meshes::Folder const folder;
+    auto const path = folder / "a.firn";
+    auto written = small_scene();
+    write_checkpoint(path, written);
+    std::string const whole = content(path);
+    CHECK(whole.size() > 500);
+    CHECK(whole.size() < 5000);
+    Sheet solver(lattice(0.05), materials::fresh_snow<PlaneFloat>());
+    solver.add(std::vector<Eigen::Vector2d>{{1, 1}}, 1e-3);
+    std::size_t refusals = 0, attempts = 0;
+    int companion = 5;
+    auto const attempt = [&](std::string const& bytes) {
+        write(path, bytes);
+        ++attempts;
+        refusals += refused([&] { read_checkpoint(path, solver); }) != "nothing was refused";
+        refusals += refused([&] { read_checkpoint(path, solver, companion); }) != "nothing was refused";
+    };
+    for (std::size_t i = 0; i < whole.size(); ++i)
+        for (int const flip : {0x01, 0x80, 0xff}) {
+            std::string damaged = whole;
+            damaged[i] = static_cast<char>(damaged[i] ^ flip);
+            attempt(damaged);
+        }
+    for (std::size_t length = 0; length < whole.size(); ++length) attempt(whole.substr(0, length));
+    attempt(whole + '\0');
+    attempt(whole + whole);
+    CHECK(refusals == 2 * attempts);
+    CHECK(companion == 5);
+    CHECK(solver.size() == 1);
+    write(path, whole);
+    read_checkpoint(path, solver);
+    CHECK(same(solver, written));
+}
+
+TEST_CASE("whatever is in a file whose checksums are right, it is read or refused")
+{
+    meshes::Folder const folder;
+    auto const path = folder / "a.firn";
+    auto written = small_scene();
+    write_checkpoint(path, written);
+    std::string const whole = content(path);
+    std::size_t taken = 0, refusals = 0;
+    for (std::size_t i = sizeof(detail::CheckpointPreamble); i < whole.size(); ++i)
+        for (int const put : {0x00, 0x7f, 0x80, 0xff}) {
+            std::string crafted = whole;
+            crafted[i] = static_cast<char>(put);
+            if (crafted == whole) continue;
+            write(path, signed_anew(crafted));
+            Sheet solver(lattice(0.05), materials::fresh_snow<PlaneFloat>());
+            if (refused([&] { read_checkpoint(path, solver); }) == "nothing was refused") {
+                ++taken; // another position or velocity, for example: a state like any other
+                CHECK(solver.size() == written.size());
+                refused([&] { solver.step(1e-6); });
+            }
+            else {
+                ++refusals;
+                CHECK(solver.size() == 0);
+            }
+        }
+    for (std::size_t length = sizeof(detail::CheckpointPreamble); length < whole.size(); ++length) {
+        write(path, signed_anew(whole.substr(0, length)));
+        Sheet solver(lattice(0.05), materials::fresh_snow<PlaneFloat>());
+        CHECK(refused([&] { read_checkpoint(path, solver); }) != "nothing was refused");
+    }
+    write(path, signed_anew(whole + std::string(8, '\0')));
+    Sheet untouched(lattice(0.05), materials::fresh_snow<PlaneFloat>());
+    CHECK_THAT(refused([&] { read_checkpoint(path, untouched); }), Contains("holds more than it says"));
+    CHECK(taken > 100);
+    CHECK(refusals > 100);
+}
+
+TEST_CASE("a file that says it holds 2^60 particles is refused before memory is asked for")
+{
+    meshes::Folder const folder;
+    auto const path = folder / "a.firn";
+    auto written = small_scene();
+    write_checkpoint(path, written);
+    std::string bytes = content(path);
+    std::uint64_t const count = written.size(), huge = std::uint64_t(1) << 60;
+    std::string const after_name(reinterpret_cast<char const*>(&count), sizeof(count));
+    std::size_t const at = bytes.find(after_name);
+    REQUIRE(at != std::string::npos);
+    REQUIRE(bytes.find(after_name, at + 1) == std::string::npos);
+    std::memcpy(bytes.data() + at, &huge, sizeof(huge));
+    write(path, signed_anew(bytes));
+    Sheet solver(lattice(0.05), materials::fresh_snow<PlaneFloat>());
+    CHECK_THAT(refused([&] { read_checkpoint(path, solver); }), Contains("holds more than it does"));
+}
+
+TEST_CASE("a checkpoint of a newer version is refused as one, and what is no checkpoint as none")
+{
+    meshes::Folder const folder;
+    auto const path = folder / "a.firn";
+    auto solver = small_scene();
+    write_checkpoint(path, solver);
+    std::string bytes = content(path);
+    bytes[8] = 2;
+    write(path, signed_anew(bytes));
+    auto const refusal = refused([&] { read_checkpoint(path, solver); });
+    CHECK_THAT(refusal, Contains("schema 2") && Contains("newer version"));
+    write(path, "ply\nformat ascii 1.0, and so on for more than thirty-two bytes\n");
+    CHECK_THAT(refused([&] { read_checkpoint(path, solver); }), Contains("no checkpoint"));
+    write(path, "");
+    CHECK_THAT(refused([&] { read_checkpoint(path, solver); }), Contains("0 bytes"));
+    CHECK_THAT(refused([&] { read_checkpoint(folder / "b.firn", solver); }), Contains("no file"));
+    CHECK_THAT(refused([&] { read_checkpoint(folder / "", solver); }), Contains("no file"));
+}
+
+TEST_CASE("a checkpoint that does not fit is refused by the name of what differs")
+{
+    meshes::Folder const folder;
+    auto const path = folder / "a.firn";
+    auto written = small_scene();
+    int const frame = 1;
+    write_checkpoint(path, written, frame);
+    auto const snow = materials::fresh_snow<PlaneFloat>();
+    int same_frame = 0;
+    auto const refusal_of = [&](auto solver) {
+        auto const text = refused([&] { read_checkpoint(path, solver, same_frame); });
+        CHECK_THAT(text, Contains(path.string()));
+        CHECK(solver.size() == 0);
+        return text;
+    };
+    using Quadratic = QuadraticBSpline;
+    CHECK_THAT(refusal_of(Scene<Snow<Plane>, Quadratic, Mls>::Solver(lattice(0.05))), Contains("4 bytes"));
+    CHECK_THAT(refusal_of(Scene<Snow<SolidFloat>, Quadratic, Mls>::Solver(lattice(0.05))),
+               Contains("2 dimensions"));
+    CHECK_THAT(refusal_of(Scene<Snow<PlaneFloat>, CubicBSpline, Mls>::Solver(lattice(0.05), snow)),
+               Contains("quadratic") && Contains("cubic"));
+    CHECK_THAT(refusal_of(Scene<Snow<PlaneFloat>, Quadratic, Apic>::Solver(lattice(0.05), snow)),
+               Contains("mls") && Contains("apic"));
+    CHECK_THAT(refusal_of(Scene<Sand<PlaneFloat>, Quadratic, Mls>::Solver(lattice(0.05))),
+               Contains("snow") && Contains("sand"));
+    using Uneven = Heterogeneous<Snow<PlaneFloat>>;
+    CHECK_THAT(refusal_of(Scene<Uneven, Quadratic, Mls>::Solver(lattice(0.05), Uneven{snow})),
+               Contains("stiffness"));
+    using Both = Materials<Snow<PlaneFloat>, Snow<PlaneFloat>>;
+    CHECK_THAT(refusal_of(Scene<Both, Quadratic, Mls>::Solver(lattice(0.05), Both{snow, snow})),
+               Contains("materials"));
+    CHECK_THAT(refusal_of(Sheet(lattice(0.06), snow)), Contains("cell size"));
+    CHECK_THAT(refusal_of(Sheet(lattice(0.05, {0, 1, 0}), snow)), Contains("origin"));
+    auto denser = snow, stiffer = snow;
+    denser.density *= 2;
+    stiffer.elasticity.mu *= 2;
+    CHECK_THAT(refusal_of(Sheet(lattice(0.05), denser)), Contains("density"));
+    CHECK_THAT(refusal_of(Sheet(lattice(0.05), stiffer)), Contains("wave modulus"));
+    CHECK(same_frame == 0);
+
+    Sheet solver(lattice(0.05), snow);
+    RigidBody ball;
+    std::uint32_t other = 0;
+    CHECK_THAT(refused([&] { read_checkpoint(path, solver); }), Contains("1 companions, 0 are asked for"));
+    CHECK_THAT(refused([&] { read_checkpoint(path, solver, ball); }),
+               Contains("'i32'") && Contains("rigid_body"));
+    CHECK_THAT(refused([&] { read_checkpoint(path, solver, other); }), Contains("'u32'"));
+    CHECK_THAT(refused([&] { read_checkpoint(path, solver, same_frame, other); }), Contains("companions"));
+    CHECK(solver.size() == 0);
+}
+
+TEST_CASE("a heterogeneous solver's field that a plain one lacks is named")
+{
+    using Uneven = Scene<Heterogeneous<Snow<PlaneFloat>>, QuadraticBSpline, Mls>::Solver;
+    meshes::Folder const folder;
+    Uneven uneven(lattice(0.05));
+    uneven.add(std::vector<Eigen::Vector2d>{{1, 1}}, 1e-3);
+    write_checkpoint(folder / "a.firn", uneven);
+    Sheet plain(lattice(0.05));
+    CHECK_THAT(refused([&] { read_checkpoint(folder / "a.firn", plain); }), Contains("no field 'stiffness'"));
+}
+
+TEST_CASE("a checkpoint is read by a solver of other lanes, which goes on to the same place but for rounding")
+{
+    using OneByOne = BasicOpenMP<openmp::ScalarLanes>;
+    meshes::Folder const folder;
+    auto solver = small_scene();
+    write_checkpoint(folder / "a.firn", solver);
+    Scene<Snow<PlaneFloat>, QuadraticBSpline, Mls, OneByOne>::Solver other(
+        lattice(0.05), materials::fresh_snow<PlaneFloat>());
+    read_checkpoint(folder / "a.firn", other);
+    CHECK(other.positions() == solver.positions());
+    CHECK(other.download<Velocity>() == solver.download<Velocity>());
+    for (int i = 0; i < 20; ++i) {
+        solver.step(1e-4, Gravity{});
+        other.step(1e-4, Gravity{});
+    }
+    CHECK(other.ids() == solver.ids());
+    auto const x = solver.positions(), y = other.positions();
+    for (std::size_t i = 0; i < x.size(); ++i) CHECK((x[i] - y[i]).norm() < 1e-8); // of 2e-3 m
+}
+
+TEST_CASE("a snapshot that was changed by hand to what cannot be is refused")
+{
+    auto solver = small_scene();
+    auto const good = solver.snapshot();
+    auto const before = small_scene();
+    auto const refuses = [&](auto const& spoil) {
+        auto bad = good;
+        spoil(bad, bad.materials[0]);
+        CHECK(refused([&] { solver.restore(bad); }) != "nothing was refused");
+        CHECK(same(solver, before));
+    };
+    refuses([](auto&, auto& snow) { snow.ids[1] = snow.ids[0]; });
+    refuses([](auto& all, auto&) { all.next_id = 3; });
+    refuses([](auto&, auto& snow) { snow.cells.pop_back(); });
+    refuses([](auto&, auto& snow) { snow.cells[0][1] = 2'000'000'000; });
+    refuses([](auto&, auto& snow) { snow.offsets[0][0] = 1 << 30; });
+    refuses([](auto&, auto& snow) { snow.offsets[1].push_back(0); });
+    refuses([](auto&, auto& snow) { snow.fields[0].components[0][0] = std::nanf(""); });
+    refuses([](auto&, auto& snow) { snow.fields[0].components.pop_back(); });
+    refuses([](auto&, auto& snow) { snow.fields[0].components[0].pop_back(); });
+    refuses([](auto&, auto& snow) { snow.fields.push_back(snow.fields[0]); });
+    refuses([](auto&, auto& snow) { snow.portions.clear(); });
+    refuses([](auto&, auto& snow) { snow.portions[0].first_row = 1; });
+    refuses([](auto&, auto& snow) { snow.portions[1].first_row = 100; });
+    refuses([](auto&, auto& snow) { snow.portions[0].mass = 0; });
+    refuses([](auto&, auto& snow) { snow.portions[0].volume = -1; });
+    refuses([](auto& all, auto&) { all.masses.unit = 0; });
+    refuses([](auto& all, auto&) { all.bounds.material = 1; });
+    refuses([](auto& all, auto&) { all.bounds.speed = std::nan(""); });
+    refuses([](auto& all, auto&) { all.time = std::nan(""); });
+    solver.restore(good);
+    CHECK(same(solver, before));
+}
+
+TEST_CASE("a checkpoint that cannot be written leaves the one of before, and the solver goes on")
+{
+    meshes::Folder const folder;
+    auto const path = folder / "a.firn";
+    auto solver = small_scene(), other = small_scene();
+    write_checkpoint(path, solver);
+    auto const whole = content(path);
+    solver.step(1e-4);
+    CHECK_THAT(refused([&] { write_checkpoint(folder / "nowhere" / "a.firn", solver); }),
+               Contains("cannot be created"));
+    struct rlimit before, small;
+    ::getrlimit(RLIMIT_FSIZE, &before);
+    small = {256, before.rlim_max};
+    auto const handler = std::signal(SIGXFSZ, SIG_IGN);
+    ::setrlimit(RLIMIT_FSIZE, &small);
+    auto const refusal = refused([&] { write_checkpoint(path, solver); });
+    ::setrlimit(RLIMIT_FSIZE, &before);
+    std::signal(SIGXFSZ, handler);
+    CHECK_THAT(refusal, Contains("Is the disk full?"));
+    CHECK(content(path) == whole);
+    CHECK(!std::filesystem::exists(folder / "a.firn.part"));
+    // the steps that follow are those after a checkpoint that was written
+    write_checkpoint(path, other);
+    other.step(1e-4);
+    write_checkpoint(path, other);
+    solver.step(1e-4);
+    other.step(1e-4);
+    CHECK(same(solver, other));
+}
+
+namespace
+{
+
+/// As many particles as make a checkpoint of some megabytes.
+Sheet large_scene()
+{
+    Sheet solver(lattice(0.05), materials::fresh_snow<PlaneFloat>());
+    solver.add(box_of_points<2>({0, 0}, {4, 4}, 0.05), 6e-4, {1, -1});
+    return solver;
+}
+
+// where the writer writes, and the file descriptor to which it tells what is written
+char const *const folder_of_writer = "FIRN_TEST_CHECKPOINT_FOLDER", *const writer_tells =
+                                                                        "FIRN_TEST_CHECKPOINT_DESCRIPTOR";
+
+} // namespace
+
+// Not to be run by itself: the next test starts it in a program of its own, and kills that.
+TEST_CASE("writes checkpoints until it is killed", "[.writer]")
+{
+    char const *const folder = std::getenv(folder_of_writer), *const tells = std::getenv(writer_tells);
+    if (folder == nullptr || tells == nullptr) return;
+    auto const path = std::filesystem::path(folder) / "a.firn";
+    auto solver = large_scene();
+    std::uint64_t count = 0;
+    if (std::filesystem::exists(path)) read_checkpoint(path, solver, count);
+    for (;;) {
+        solver.step(1e-6);
+        ++count;
+        write_checkpoint(path, solver, count);
+        if (::write(std::atoi(tells), &count, sizeof(count)) != sizeof(count)) return;
+    }
+}
+
+TEST_CASE("a program that is killed as it writes loses the newest checkpoint at most")
+{
+    meshes::Folder const folder;
+    auto const path = folder / "a.firn";
+    auto const self = std::filesystem::read_symlink("/proc/self/exe");
+    std::mt19937 random(1);
+    std::uint64_t last = 0; // that was known to be written
+    int in_the_middle = 0, went_on = 0;
+    for (int kill = 0; kill < 50; ++kill) {
+        int told[2];
+        REQUIRE(::pipe(told) == 0);
+        ::pid_t const writer = ::fork();
+        REQUIRE(writer >= 0);
+        if (writer == 0) {
+            ::close(told[0]);
+            ::setenv(folder_of_writer, (folder / "").c_str(), 1);
+            ::setenv(writer_tells, std::to_string(told[1]).c_str(), 1);
+            ::execl(self.c_str(), self.c_str(), "writes checkpoints until it is killed", "-o", "/dev/null",
+                    nullptr);
+            ::_exit(1);
+        }
+        ::close(told[1]);
+        std::uint64_t const before = last;
+        // from the first one that it has written on, so that there is something to kill
+        auto const hear = [&] {
+            std::uint64_t count = 0;
+            if (::read(told[0], &count, sizeof(count)) != sizeof(count)) return false;
+            last = count;
+            return true;
+        };
+        REQUIRE(hear());
+        std::this_thread::sleep_for(
+            std::chrono::microseconds(std::uniform_int_distribution<int>(0, 40000)(random)));
+        ::kill(writer, SIGKILL);
+        int status = 0;
+        REQUIRE(::waitpid(writer, &status, 0) == writer);
+        CHECK(WIFSIGNALED(status));
+        while (hear()) {
+        }
+        ::close(told[0]);
+        in_the_middle += std::filesystem::exists(folder / "a.firn.part");
+        Sheet solver = large_scene();
+        std::uint64_t count = 0;
+        REQUIRE_NOTHROW(read_checkpoint(path, solver, count));
+        CHECK(count >= last);     // what it was told to have written is there
+        CHECK(count <= last + 1); // or one that was finished before it could tell
+        CHECK(solver.time() == Approx(1e-6 * double(count)));
+        went_on += count > before;
+        last = count;
+    }
+    CHECK(went_on == 50);
+    CHECK(in_the_middle > 10); // most of its time it writes
+}
