@@ -9,4 +9,5 @@ void firn::bench::add_transfers()
     add_million<NeoHookean<S>, Apic>();
     add_million<NeoHookean<S>, Tpic>();
     add_million<NeoHookean<S>, Asflip>();
+    add_million<NeoHookean<S>, Xpic>();
 }

@@ -60,6 +60,7 @@ concept TransferScheme = Lane<Real> &&
     {
         T::moves_with_grid // or by transfer.motion(particle, gathered)
         } -> std::convertible_to<bool>;
+    requires !ExtendsVelocities<T> || T::keeps_old_velocity; // what is held in its place: see Xpic
     {
         transfer.template give<Kernel, Real, d>(particle, number, stress_impulse, number)
         } -> std::same_as<Given<Real, d>>;

@@ -26,3 +26,4 @@
 #include <firn/transfer/mls.hpp>
 #include <firn/transfer/pic.hpp>
 #include <firn/transfer/tpic.hpp>
+#include <firn/transfer/xpic.hpp>

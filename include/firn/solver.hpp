@@ -7,6 +7,7 @@
 #include <firn/models/several_materials.hpp>
 #include <firn/particle_table.hpp>
 #include <firn/phases/conclude_step.hpp>
+#include <firn/phases/extend_velocities.hpp>
 #include <firn/phases/move_particles.hpp>
 #include <firn/report.hpp>
 #include <firn/snapshot.hpp>
@@ -672,6 +673,7 @@ private:
         Sides const sides = sides_of(effects);
         using Update = UpdateGrid<Space, Kernel, Transfer, Actions>;
         auto const update = [&](int step) {
+            extend_velocities();
             return backend_.for_each_node(
                 cells, grid_, Update{now + (turn + step) % 2, lattice_, smallest_node_mass(), kept_share()});
         };
@@ -859,6 +861,31 @@ private:
         given_for_ = dt;
     }
 
+    /// Extends the velocities of nodes before their update, where the transfer does so: what particles give
+    /// back lies where the next step's sums will, and those of this one come back.
+    void extend_velocities()
+    {
+        if constexpr (ExtendsVelocities<Transfer>) {
+            auto const on_nodes = [&](bool first) {
+                backend_.for_each_node(particles<0>().cells(), grid_,
+                                       ExtendVelocities<Space>{smallest_node_mass(), first});
+            };
+            on_nodes(true);
+            for (int pass = 0; pass < transfer_.passes(); ++pass) {
+                for_each_material([&](auto k) {
+                    auto& table = particles<k>();
+                    auto layer = grid_.layer(k);
+                    backend_.give_back(table.cells(), layer,
+                                       ReturnVelocities<Space, Kernel, typename Of<Material<k>>::Stored>{
+                                           table.current(), table.portions()});
+                });
+                grid_.accept();
+                on_nodes(false);
+                grid_.accept();
+            }
+        }
+    }
+
     /// The fields that particles take from the grid, as they took them in the last step.
     template <std::size_t k>
     void take_again(typename Of<Material<k>>::Table::TakenView const& taken) const
@@ -898,6 +925,7 @@ private:
         if (!spoiled_ || holds_taken()) return;
         for_each_material([&](auto k) { scatter<k>(-given_for_, true); });
         given_for_ = 0;
+        extend_velocities();
         backend_.for_each_node(particles<0>().cells(), grid_,
                                UpdateGrid<Space, Kernel, Transfer, Chain<>>{
                                    reinterpret_cast<StepNow<Number, Chain<>> const*>(now_.data()), lattice_,

@@ -10,8 +10,8 @@ namespace firn::test
 namespace detail
 {
 
-/// A body that meets something: a block of jelly that flies down and aside, 100 steps of half a cell's travel
-/// in all. Heavy enough to be stopped, slow enough to stay smooth.
+/// A body that meets something: a block of jelly that flies down and aside, by a cell and a half in
+/// 100 steps. Slow enough to stay smooth.
 template <class SceneType>
 struct Jelly
 {
@@ -29,20 +29,21 @@ struct Jelly
         return v;
     }
 
-    /// Points whose lowest corner is half a cell over the origin along y, and `beside` cells aside.
-    static std::vector<Vector<double, d>> points(double beside)
+    /// Points whose lowest corner is that many cells over and beside the origin.
+    static std::vector<Vector<double, d>> points(double above, double beside)
     {
         Vector<double, d> low = Vector<double, d>::Constant(beside * h);
-        low[1] = 0.5 * h;
+        low[1] = above * h;
         return box_of_points<d>(low, low + Vector<double, d>::Constant(4 * h), h);
     }
 
+    /// So low that kernels reach over a surface near the origin, and particles get there.
     static Solver falling(double beside)
     {
         typename SceneType::Model model;
         model.density = 1000;
         Solver solver(lattice(h), model);
-        solver.add(points(beside), std::pow(h / 2, d), velocity());
+        solver.add(points(0.1, beside), std::pow(h / 2, d), velocity());
         return solver;
     }
 };
@@ -83,7 +84,7 @@ Outcome meets(double beside, Effects const&... effects)
 template <class SceneType>
 Outcome corner()
 {
-    return meets<SceneType>(0.3, ReflectingWall{.axis = 1}, ReflectingWall{.axis = 0});
+    return meets<SceneType>(0.1, ReflectingWall{.axis = 1}, ReflectingWall{.axis = 0});
 }
 
 /// A shell that rises between nodes, and rubs.
@@ -113,7 +114,7 @@ Outcome on_hills()
     for (int k = 0; k < (d == 3 ? count : 1); ++k)
         for (int i = 0; i < count; ++i)
             heights.push_back(
-                Number(-0.4 * h + 0.25 * h * (std::sin(M_PI / 4 * i) + std::cos(M_PI / 4 * k))));
+                Number(-0.4 * h + 0.25 * h * (std::sin(M_PI / 4 * i + 0.6) + std::cos(M_PI / 4 * k))));
     Terrain const hills(origin, Number(h / 2), counts, heights);
     auto const there = hills.on(typename SceneType::Backend{});
     return meets<SceneType>(0.0, Obstacle{.shape = there, .contact = Contact::coulomb(0.3)});
@@ -128,7 +129,7 @@ Outcome under_a_ball()
     typename SceneType::Model model;
     model.density = 1000;
     typename SceneType::Solver solver(lattice(h), model);
-    solver.add(Body::points(0), std::pow(h / 2, Body::d));
+    solver.add(Body::points(0.5, 0), std::pow(h / 2, Body::d));
     double const middle = 2 * h;
     RigidBody ball = RigidBody::ball(
         radius, 4, {.position = {middle + 0.2 * h, 4.7 * h + radius, middle}, .velocity = {0.3, -2, 0}});
@@ -157,7 +158,7 @@ Outcome collision()
     constexpr int d = Body::d;
     double const h = Body::h, volume = std::pow(h / 2, d);
     typename SceneType::Solver solver(lattice(h));
-    auto above = Body::points(0), below = above;
+    auto above = Body::points(0.5, 0), below = above;
     for (auto& x : below) x[0] += 0.7 * h, x[1] -= 4.8 * h;
     solver.template add<Material<0>>(above, volume, Body::velocity());
     solver.template add<Material<1>>(below, volume);

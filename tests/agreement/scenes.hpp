@@ -166,6 +166,8 @@ std::vector<AgreementCase> agreement_cases()
                       vibrating_block<Scene<CamClay<Plane>, QuadraticBSpline, Mls, Backend>>},
                      {"block, 2D double, Herschel-Bulkley, quadratic, ASFLIP",
                       vibrating_block<Scene<HerschelBulkley<Plane>, QuadraticBSpline, Asflip, Backend>>},
+                     {"block, 2D double, neo-Hookean, cubic, XPIC",
+                      vibrating_block<Scene<NeoHookean<Plane>, CubicBSpline, Xpic, Backend>>},
                      {"block, 3D float, fluid, quadratic, MLS",
                       vibrating_block<Scene<Fluid<SolidFloat>, QuadraticBSpline, Mls, Backend>>},
                      {"splash, 3D float, snow, quadratic, MLS",

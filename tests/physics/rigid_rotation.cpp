@@ -77,6 +77,20 @@ TEST_CASE("pure FLIP loses a few per cent of the angular momentum in a revolutio
     CHECK(pic.momentum <= 1e-13);
 }
 
+TEST_CASE("extended PIC keeps momentum, and angular momentum the better the higher its order")
+{
+    double before = revolve(Scene<FixedCorotated<Plane>, QuadraticBSpline, Pic>{}).angular_momentum;
+    for (int order : {2, 4, 8}) {
+        auto const change =
+            revolve(Scene<FixedCorotated<Plane>, QuadraticBSpline, Xpic>{}, Xpic{.order = order});
+        CAPTURE(order);
+        CHECK(change.momentum <= 1e-13);
+        CHECK(change.angular_momentum > before);
+        CHECK(change.angular_momentum < 0);
+        before = change.angular_momentum;
+    }
+}
+
 TEST_CASE("TPIC keeps momentum, and angular momentum nearly")
 {
     for (auto const& change : {revolve(Scene<FixedCorotated<Plane>, QuadraticBSpline, Tpic>{}),

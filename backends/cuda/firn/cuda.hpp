@@ -135,6 +135,17 @@ struct Cuda
         return grid.node_results().template partial<Result>();
     }
 
+    /// All items take from the grid and, where they are, give to what accept() makes its sums.
+    template <class CellOrder, class GridType, class Phase>
+    void give_back(CellOrder const& cells, GridType& grid, Phase const& phase) const
+    {
+        if (grid.blocks() == 0) return;
+        cuda::OnDevice const here(device);
+        cuda::detail::launch("give_back", queue(), cuda::detail::give_back<CellOrder, GridType, Phase>,
+                             grid.blocks(), 1, cuda::detail::SharedTiles<GridType>::bytes(true, true),
+                             cells.signal(), phase, cells.view(), grid.view());
+    }
+
     /// All items take from the grid as they did when they moved last; the phase stores what it wants of that.
     template <class CellOrder, class GridType, class Phase>
     void take(CellOrder const& cells, GridType const& grid, Phase const& phase) const

@@ -90,6 +90,13 @@ struct BasicOpenMP
         return openmp::for_each_node<Lane<typename Phase::Number>>(thread_count(), grid, phase);
     }
 
+    /// All items take from the grid and, where they are, give to what accept() makes its sums.
+    template <class CellOrder, class GridType, class Phase>
+    void give_back(CellOrder const& cells, GridType& grid, Phase const& phase) const
+    {
+        openmp::give_back<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase);
+    }
+
     /// All items take from the grid as they did when they moved last; the phase stores what it wants of that.
     template <class CellOrder, class GridType, class Phase>
     void take(CellOrder const& cells, GridType const& grid, Phase const& phase) const

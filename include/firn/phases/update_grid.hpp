@@ -39,6 +39,9 @@ struct UpdateGrid
     static constexpr int channels = Velocities::channels;
     static constexpr bool looks_around = Effects::walls > 0;
 
+    static_assert(!(ExtendsVelocities<Transfer> && looks_around),
+                  "Xpic knows no ReflectingWall: choose another transfer, or an Obstacle for a wall");
+
     StepNow<Number, Effects> const* now;
     Lattice lattice;
     Number smallest_mass;
@@ -50,8 +53,8 @@ struct UpdateGrid
         using Real = typename Node::Real;
         Place<Real, d> const place{lattice, node.first(), node.offset(), kernel_reach(Kernel::order)};
         update<Real>(
-            place, [&](int c) { return node.sum(c); }, [&](int c, Real const& value) { node.set(c, value); },
-            reactions);
+            place, [&](int c) { return node.sum(c); }, [&](int a) { return withheld<Real>(node, a); },
+            [&](int c, Real const& value) { node.set(c, value); }, reactions);
     }
 
     /// Whether one of `count` nodes in a row along the last axis looks at others.
@@ -75,8 +78,8 @@ struct UpdateGrid
         Number velocity[channels];
         Result found;
         update<Number>(
-            place, [&](int c) { return mirrored.sums[c]; }, [&](int c, Number value) { velocity[c] = value; },
-            found);
+            place, [&](int c) { return mirrored.sums[c]; }, [](int) { return Number(0); },
+            [&](int c, Number value) { velocity[c] = value; }, found);
         // What a node receives its images do not receive once more.
         if (!mirrored.is_image()) {
             book_walls(mirrored, velocity, place.relative_to(Eigen::Vector3d::Zero()), found);
@@ -89,9 +92,19 @@ struct UpdateGrid
     }
 
 private:
-    template <class Real, class Sum, class Set>
-    FIRN_HOST_DEVICE void update(Place<Real, d> const& place, Sum const& sum, Set const& set,
-                                 Result& reactions) const
+    /// v_i^n - v_i*: what extending took from a node's old velocity, where a transfer does so.
+    template <class Real, class Node>
+    FIRN_HOST_DEVICE static Real withheld(Node const& node, int a)
+    {
+        if constexpr (ExtendsVelocities<Transfer>)
+            return node.value(Velocities::old_velocity + a) - node.value(Velocities::velocity + a);
+        else
+            return Real(0);
+    }
+
+    template <class Real, class Sum, class Withheld, class Set>
+    FIRN_HOST_DEVICE void update(Place<Real, d> const& place, Sum const& sum, Withheld const& withheld,
+                                 Set const& set, Result& reactions) const
     {
         Real const mass = sum(Sums::mass);
         Mask<Real> const filled = mass > Real(smallest_mass);
@@ -101,7 +114,8 @@ private:
         for (int a = 0; a < d; ++a) {
             momentum[a] = sum(Sums::momentum + a);
             if constexpr (Transfer::keeps_old_velocity) {
-                set(Velocities::old_velocity + a, momentum[a] * inverse_mass);
+                set(Velocities::old_velocity + a,
+                    ExtendsVelocities<Transfer> ? withheld(a) : momentum[a] * inverse_mass);
                 momentum[a] += sum(Sums::impulse + a);
             }
         }

@@ -34,10 +34,19 @@ struct Given
 template <class Real, int d>
 struct Gathered
 {
-    Vector<Real, d> velocity;     ///< sum of w_i v_i [m/s]
-    Vector<Real, d> old_velocity; ///< sum of w_i v_i before the forces of the step; if the scheme keeps it
+    Vector<Real, d> velocity; ///< sum of w_i v_i [m/s]
+    /// sum of w_i v_i before the forces of the step, if the scheme keeps it; of what extending took from
+    /// them, if it extends velocities
+    Vector<Real, d> old_velocity;
     Matrix<Real, d> affine;   ///< sum of w_i v_i (x_i - x_p)^T D^-1 [m/s per cell]; if it takes Terms::affine
     Matrix<Real, d> gradient; ///< sum of v_i dw_i^T [m/s per cell]; if the scheme takes Terms::gradient
+};
+
+/// Whether a scheme extends the velocities of nodes by `passes()` to the particles and back, see Xpic.
+template <class Transfer>
+concept ExtendsVelocities = requires(Transfer const transfer)
+{
+    transfer.passes();
 };
 
 /// Whether the kernel has one inertia D for all positions (B-splines of order two and three have, the tent

@@ -189,11 +189,14 @@ class NodeOfThread
 public:
     using Real = typename GridType::Number;
 
-    __device__ NodeOfThread(typename GridType::Sums const& sums, Coordinates<d> const& node)
-        : sums_(sums), node_(node)
+    __device__ NodeOfThread(typename GridType::Sums const& sums, typename GridType::Values const& before,
+                            Coordinates<d> const& node)
+        : sums_(sums), before_(before), node_(node)
     {}
 
     __device__ Real sum(int channel) const { return sums_.of[channel]; }
+    /// What was set before.
+    __device__ Real value(int channel) const { return before_.of[channel]; }
     __device__ void set(int channel, Real value) { values_.of[channel] = value; }
     __device__ Coordinates<d> first() const { return node_; }
     __device__ Vector<Real, d> offset() const { return Vector<Real, d>::Zero(); }
@@ -202,6 +205,7 @@ public:
 private:
     typename GridType::Sums sums_;
     typename GridType::Values values_{};
+    typename GridType::Values const& before_;
     Coordinates<d> node_;
 };
 

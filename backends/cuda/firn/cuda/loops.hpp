@@ -305,7 +305,7 @@ __global__ void __launch_bounds__(block_threads)
         }
     }
     if (!alone) {
-        NodeOfThread<GridType, d> lane(sums, node);
+        NodeOfThread<GridType, d> lane(sums, values, node);
         if (any) phase(lane, result); // nothing was added to the others
         values = lane.values();
     }
@@ -394,6 +394,36 @@ __global__ void __launch_bounds__(most_teams* block_threads, 1)
     tiles.write_sums(grid.next_tiles + std::size_t(blockIdx.x) * Tile::nodes, false);
     __shared__ __align__(16) unsigned char parts[2 * most_teams * sizeof(typename Phase::Result)];
     moved.results.take(result, reinterpret_cast<typename Phase::Result*>(parts));
+}
+
+/// All items take and give, where they are, to the tile of the next sums of their block.
+template <class CellOrder, class GridType, class Phase>
+__global__ void __launch_bounds__(block_threads)
+    give_back(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid)
+{
+    if (signal.stops()) return;
+    extern __shared__ __align__(16) unsigned char memory[];
+    SharedTiles<GridType> const tiles(memory, true);
+    tiles.read_values(grid, blockIdx.x);
+    tiles.clear_sums();
+    __syncthreads();
+    std::uint32_t const c = blockIdx.x * block_threads + threadIdx.x;
+    CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(
+        cells.cell(c), tiles.values + GridType::TileShape::at(GridType::Shape::cell(int(threadIdx.x))));
+    SumsInTile<GridType> sums{tiles.own_sums(int(threadIdx.x))};
+    typename Phase::Result result{};
+    Ranks(cells.begin, c).for_each([&](std::uint32_t rank, bool here, std::uint32_t slot) {
+        cell.forget();
+        if (here) {
+            cell.enter(cells.order[cells.begin[c] + rank], slot);
+            phase.locate(cell);
+            Phase::take(cell);
+            phase.answer(cell, result);
+        }
+        Phase::give(cell, sums);
+    });
+    __syncthreads();
+    tiles.write_sums(grid.next_tiles + std::size_t(blockIdx.x) * GridType::TileShape::nodes, false);
 }
 
 /// All items take, and the phase keeps what it wants of that.

@@ -414,6 +414,8 @@ public:
     {}
 
     Lane sum(int c) const { return LaneTraits<Lane>::load(sums_ + c * GridType::Shape::along); }
+    /// What was set before.
+    Lane value(int c) const { return LaneTraits<Lane>::load(values_ + c * GridType::block_channel); }
     void set(int c, Lane const& value) const
     {
         LaneTraits<Lane>::store(value, values_ + c * GridType::block_channel);

@@ -436,6 +436,15 @@ typename Phase::Result move(int threads, CellOrder& cells, GridType& grid, Phase
         });
 }
 
+/// Items take from the nodes and give, where they are, to what will be the next sums.
+template <class Lane, class CellOrder, class GridType, class Phase>
+void give_back(int threads, CellOrder const& cells, GridType& grid, Phase const& phase)
+{
+    detail::take_and_answer<Items<Lane, CellOrder, Phase::d>, Lane>(threads, cells, grid, phase, [&] {
+        return detail::GiveToNext<Lane, CellOrder, GridType, Phase>{cells, grid};
+    });
+}
+
 /// Items take from the nodes as they did when they moved last, and the phase keeps what they took.
 template <class Lane, class CellOrder, class GridType, class Phase>
 void take(int threads, CellOrder const& cells, GridType const& grid, Phase const& phase)

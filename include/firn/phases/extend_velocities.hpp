@@ -1,0 +1,112 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/phases/particles_to_grid.hpp>
+#include <firn/phases/taking.hpp>
+
+// What comes before the nodes' update where a transfer extends their velocities, see Xpic: with S+ and S from
+// particles to nodes and back, the extended ones are
+//
+//   v* = sum_k<m (I - S+ S)^k v^n,   by   u_1 = v^n,   u_k+1 = u_k + v^n - S+ S u_k,   v* = u_m
+//
+// so that S v* = (I - (I - S S+)^m) v (Hammerquist & Nairn 2017, in a form without binomials, whose
+// terms would cancel).
+namespace firn
+{
+
+/// On nodes: the first of them, or the next one from what particles gave back, S+ S u_k. A node holds u_k in
+/// place of its velocity and v^n in place of the old one.
+template <class Space>
+struct ExtendVelocities
+{
+    static constexpr int d = Space::dimension;
+    using Number = typename Space::Real;
+    using Sums = NodeSums<d, true>;
+    using Velocities = NodeVelocities<d, true>;
+    static constexpr bool looks_around = false;
+    struct Result
+    {
+        std::uint32_t nothing = 0;
+        FIRN_HOST_DEVICE void merge(Result const&) {}
+    };
+
+    Number smallest_mass; ///< see UpdateGrid
+    bool first;
+
+    template <class Node>
+    FIRN_HOST_DEVICE void operator()(Node& node, Result&) const
+    {
+        using Real = typename Node::Real;
+        Real const mass = node.sum(Sums::mass);
+        Mask<Real> const filled = mass > Real(smallest_mass);
+        Real const inverse_mass = select(filled, Real(1) / select(filled, mass, Real(1)), Real(0));
+        for (int a = 0; a < d; ++a) {
+            Real const found = node.sum(Sums::momentum + a) * inverse_mass;
+            Real const old = first ? found : node.value(Velocities::old_velocity + a);
+            Real const now = first ? found : node.value(Velocities::velocity + a) + (old - found);
+            node.set(Velocities::old_velocity + a, old);
+            node.set(Velocities::velocity + a, now);
+        }
+    }
+};
+
+/// On particles: they take u_k from the nodes, and give it back with their mass.
+template <class Space, class Kernel, class StoredSet>
+struct ReturnVelocities
+{
+    /// Nothing but velocities.
+    struct Transfer
+    {
+        template <class>
+        static constexpr Terms gives{};
+        template <class>
+        static constexpr Terms takes{};
+        static constexpr bool keeps_old_velocity = false;
+    };
+    using Gives = Giving<Space, Kernel, Transfer>;
+    using Takes = Taking<Space, Kernel, Transfer>;
+    static constexpr int d = Space::dimension;
+    using Number = typename Space::Real;
+    static constexpr int node_channels = Takes::node_channels, channels = Gives::channels;
+    static constexpr int kept = Takes::kept > Gives::kept ? Takes::kept : Gives::kept;
+    template <class Real>
+    using CellNodes = typename Takes::template CellNodes<Real>;
+    struct Result
+    {
+        FIRN_HOST_DEVICE void merge(Result const&) {}
+    };
+
+    TableView<Number, d, StoredSet> particles;
+    Portions<Number> portions;
+
+    template <class Items>
+    FIRN_HOST_DEVICE void locate(Items& items) const
+    {
+        Takes::template keep_position<typename Items::Real>(items, particles.position(items));
+    }
+
+    template <class Row>
+    FIRN_HOST_DEVICE static void take(Row& row_of_cells)
+    {
+        Takes::take(row_of_cells);
+    }
+
+    template <class Items>
+    FIRN_HOST_DEVICE void answer(Items& items, Result&) const
+    {
+        using Real = typename Items::Real;
+        Vector<Real, d> const x = Takes::template kept_position<Real>(items);
+        Real const mass = portions.find(items, particles.id).mass;
+        Given<Real, d> given;
+        given.momentum = Takes::template taken<Real>(items).velocity * mass;
+        Gives::keep(items, x, mass, given);
+    }
+
+    template <class Row, class SumsOfCells>
+    FIRN_HOST_DEVICE static void give(Row const& row_of_cells, SumsOfCells& sums)
+    {
+        Gives::give(row_of_cells, sums);
+    }
+};
+
+} // namespace firn
