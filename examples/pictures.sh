@@ -20,7 +20,7 @@ declare -A shown=(
     [waterfall]="--frames -1 --size 640x340"
     [own_material]="--frames 0,-1 --columns 2 --size 400x400"
     [ball_into_snow]="--frames 8 --size 640x400"
-    [snow_on_mesh]="--frames 6 --size 640x400"
+    [snow_on_mesh]="--frames 8 --size 600x360"
 )
 names=("$@")
 [ $# -gt 0 ] || mapfile -t names < <(printf '%s\n' "${!shown[@]}" | sort)

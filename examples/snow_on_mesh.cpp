@@ -12,7 +12,7 @@ using namespace firn::examples;
 int main(int argc, char** argv)
 try {
     using Room = Space<3, float>;
-    double const h = 0.025, size = 0.4; // [m]
+    double const h = 0.03, size = 0.42; // [m]
     auto const mesh = torus(0.25, 0.06);
     MeshInterior const solid(mesh);
     auto const distances = distance_from_mesh<float>(solid, h / 2, 4 * h, OpenMP{});
