@@ -392,6 +392,10 @@ public:
             else if (field->components.size() != static_cast<std::size_t>(component_count<Tag>(d)))
                 refuse("the field '" + field->name + "' has " + std::to_string(field->components.size()) +
                        " components instead of " + std::to_string(component_count<Tag>(d)));
+            else if constexpr (requires { Tag::is_above_zero; })
+                for (auto const& component : field->components)
+                    for (Number const value : component)
+                        if (!(value > 0)) refuse("a value of '" + field->name + "' is not above 0");
         });
         for (auto field = from.fields.begin(); field != from.fields.end(); ++field) {
             bool known = false;

@@ -10,6 +10,7 @@
 #include <array>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -140,7 +141,8 @@ void require_whole(Snapshot<Number, d> const& snapshot, double largest_coordinat
           "a bound of the next step is out of range");
     auto const& masses = snapshot.masses;
     whole(not_negative(masses.unit) && not_negative(masses.smallest) && not_negative(masses.largest) &&
-              masses.smallest <= masses.largest && (masses.unit > 0) == (masses.smallest > 0),
+              masses.smallest <= masses.largest && masses.largest <= std::numeric_limits<Number>::max() &&
+              (masses.unit > 0) == (masses.smallest > 0),
           "the masses are out of range");
     std::vector<std::uint32_t> ids;
     for (auto const& of : snapshot.materials) {

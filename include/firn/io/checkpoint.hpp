@@ -13,6 +13,7 @@
 #include <filesystem>
 #include <fstream>
 #include <istream>
+#include <limits>
 #include <new>
 #include <ostream>
 #include <span>
@@ -297,6 +298,9 @@ MaterialSnapshot<Number, d> get_material(CheckpointReader& in)
         std::uint32_t first = 0;
         double mass = 0, volume = 0;
         in.values(first, mass, volume);
+        constexpr double most = std::numeric_limits<Number>::max();
+        require(mass <= most && volume <= most && mass > 0 && volume > 0, "a mass or volume is out of range",
+                "read_checkpoint", "The file was not written by this library: pass another one.");
         material.portions.push_back({first, static_cast<Number>(mass), static_cast<Number>(volume)});
     }
     material.ids = in.all<std::uint32_t>(particles);
@@ -362,7 +366,7 @@ std::tuple<Companions...> get_checkpoint(CheckpointReader& in, Snapshot<Number, 
                     "read_checkpoint", "Pass the same companions as to write_checkpoint, in the same order."};
     std::tuple<Companions...> read{get_companion<Companions>(in)...}; // braces: one after the other
     in.values(materials);
-    in.expect(materials, 44);
+    in.expect(materials, 40); // of a text, two reals and three counts
     for (std::uint32_t i = 0; i < materials; ++i) to.materials.push_back(get_material<Number, d>(in));
     in.expect_end();
     return read;
