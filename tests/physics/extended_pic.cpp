@@ -311,6 +311,32 @@ TEST_CASE("two materials that are the same move as one by extended PIC, too")
     CHECK(worst <= 1e-12);
 }
 
+TEST_CASE("extended PIC repeats steps that go wrong, and after a mishap particles have what they gave")
+{
+    using Block = Scene<FixedCorotated<Plane>, QuadraticBSpline, Xpic>::Solver;
+    double const speed = 60, mass = 0.09 * 1000;
+    auto const hurled = [&](int retries) {
+        Block solver(lattice(0.05), {}, Xpic{.order = 3},
+                     {.deformation = 0.09, .rejection = 0.1, .retries = retries});
+        solver.add(box_of_points<2>({0, 0.1}, {0.3, 0.4}, 0.05), 0.025 * 0.025, {0, -speed});
+        return solver;
+    };
+    auto repeating = hurled(12);
+    auto const report = repeating.advance(0.01, Obstacle<HalfSpace>{});
+    CHECK(report.rejected > 0);
+    double const expected = -speed * mass - report.reactions[0].impulse.y();
+    CHECK(std::abs(Totals(repeating).momentum.y() - expected) < 1e-10 * speed * mass);
+
+    auto ending = hurled(0);
+    CHECK_THROWS_AS(ending.advance(0.02, Obstacle<HalfSpace>{}), Error);
+    CHECK(ending.time() > 0);
+    auto const before = Totals(ending);
+    CHECK(before.momentum.y() < 0);
+    CHECK(before.kinetic_energy < 0.5 * mass * speed * speed);
+    ending.step(1e-6);
+    CHECK((Totals(ending).momentum - before.momentum).norm() < 1e-12 * before.momentum.norm());
+}
+
 TEST_CASE("extended PIC stores what PIC does, and refuses an order that is none")
 {
     using Extended = Jelly<Xpic, SolidFloat>;
