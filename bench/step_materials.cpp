@@ -20,6 +20,7 @@ void add_material_steps(int threads)
 {
     using S = Space<3, float>;
     add_one<Hencky<S>>(threads);
+    add_one<SplitNeoHookean<S>>(threads);
     add_one<VonMises<S>>(threads);
     add_one<HardeningVonMises<S>>(threads);
     add_one<Sand<S>>(threads);
@@ -28,6 +29,7 @@ void add_material_steps(int threads)
     add_one<Fluid<S>>(threads);
     add_one<NeoHookean<S>, Tpic>(threads);
     add_one<NeoHookean<S>, Asflip>(threads);
+    add_one<NeoHookean<S>, Xpic>(threads);
 }
 
 } // namespace firn::bench

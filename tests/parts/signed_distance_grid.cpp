@@ -118,5 +118,6 @@ TEST_CASE("a grid that does not fit its values is refused")
     CHECK_THROWS_AS(Grid2({0, 0}, 1, {4, 1}, four), firn::Error);
     CHECK_THROWS_AS(Grid2({0, 0}, 1, {2, 3}, four), firn::Error);
     CHECK_THROWS_AS(Grid2({0, std::nanf("")}, 1, {2, 2}, four), firn::Error);
+    CHECK_THROWS_AS(Grid3({0, 0, 0}, 1, {1 << 22, 1 << 21, 1 << 21}, {}), firn::Error); // 2^64 nodes
     CHECK_THROWS_AS(Grid2({0, 0}, 1, {2, 2}, {1, 2, 3, std::nanf("")}), firn::Error);
 }

@@ -122,7 +122,7 @@ public:
                 "the grid's cell size is not above 0, or its origin is not finite", where,
                 "Pass lengths in metres.");
         require((nodes >= 2).all(), "the grid has an axis of fewer than 2 nodes", where, "Use more nodes.");
-        require(values.size() == nodes.template cast<std::size_t>().prod(),
+        require(double(values.size()) == nodes.template cast<double>().prod(), // which cannot overflow
                 "the number of values is not that of the nodes", where,
                 "Pass one distance for each node, x fastest.");
         require(std::ranges::all_of(values, [](Real v) { return std::isfinite(v); }),
