@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
 
+#include <firn/effects/shapes/inside.hpp>
 #include <firn/effects/shapes/signed_distance_grid.hpp>
 
+#include <cmath>
 #include <random>
 
 namespace
@@ -120,4 +122,27 @@ TEST_CASE("a grid that does not fit its values is refused")
     CHECK_THROWS_AS(Grid2({0, std::nanf("")}, 1, {2, 2}, four), firn::Error);
     CHECK_THROWS_AS(Grid3({0, 0, 0}, 1, {1 << 22, 1 << 21, 1 << 21}, {}), firn::Error); // 2^64 nodes
     CHECK_THROWS_AS(Grid2({0, 0}, 1, {2, 2}, {1, 2, 3, std::nanf("")}), firn::Error);
+}
+
+TEST_CASE("a grid of distances tells who is inside, too")
+{
+    auto const square = []<class Real>(Real) {
+        std::vector<Real> distance; // to a circle of radius 1 about (2, 2)
+        for (int j = 0; j < 41; ++j)
+            for (int i = 0; i < 41; ++i) distance.push_back(Real(std::hypot(i * 0.1 - 2, j * 0.1 - 2) - 1));
+        return firn::SignedDistanceGrid<Real, 2>({0, 0}, Real(0.1), {41, 41}, distance);
+    };
+    auto const check = [](auto const& grid) {
+        firn::Inside<std::decay_t<decltype(grid)>> const inside{.shape = grid,
+                                                                .pose = {.position = {3, 0, 0}}};
+        firn::Outside<std::decay_t<decltype(grid)>> const outside{grid, inside.pose};
+        for (double angle = 0; angle < 6; angle += 0.5) {
+            Eigen::Vector2d const away(std::cos(angle), std::sin(angle)), centre(5, 2);
+            CHECK(inside(Eigen::Vector2d(centre + 0.95 * away)));
+            CHECK_FALSE(inside(Eigen::Vector2d(centre + 1.05 * away)));
+            CHECK(outside(Eigen::Vector2d(centre + 1.05 * away)));
+        }
+    };
+    check(square(1.0f));
+    check(square(1.0));
 }

@@ -16,7 +16,9 @@ namespace firn
 /// neither rubs nor lets go. Its reaction is booked as an obstacle's, angular impulse about the world's
 /// origin.
 ///
-/// All particles are on its side. (Schemes that move particles with the grid keep them there.)
+/// All particles are on its side; nobody checks. Schemes that move particles with the grid keep them there,
+/// unless an obstacle that acts on particles, or a shell, meets the wall at an acute angle: it pushes them
+/// without knowing of the wall, and some end behind it.
 struct ReflectingWall
 {
     int axis = 1; ///< across which it lies: 0, 1 or 2

@@ -31,7 +31,10 @@ struct Inside
         Eigen::Matrix3d const rotation = pose.orientation.normalized().toRotationMatrix();
         Vector<double, d> const away = x - pose.position.template head<d>();
         Vector<double, d> const local = rotation.template topLeftCorner<d, d>().transpose() * away;
-        return shape.template surface<double, d>(local).distance < 0;
+        if constexpr (Shape<ShapeType, double, d>)
+            return shape.surface(local).distance < 0;
+        else // samples in single precision
+            return shape.surface(Vector<float, d>(local.template cast<float>())).distance < 0;
     }
 };
 

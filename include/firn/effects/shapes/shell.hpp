@@ -14,7 +14,8 @@ namespace firn
 ///
 /// `thickness` may be far less than a cell. As the shape of an Obstacle it keeps every particle on the side
 /// of the surface where it began the step, however the shell moves: see Obstacle. Down to a thousandth of a
-/// cell in single precision.
+/// cell in single precision. Several shells correct particles one after the other: what is driven into the
+/// corner of two that meet at 60 degrees or less passes through the earlier one.
 ///
 /// Where it is thinner than a cell the bodies on its two sides still share nodes: it parts them, but lets a
 /// little of a blow through, and what leaves it is held back a little in the layer of nodes that it lies in.
