@@ -11,18 +11,6 @@ using namespace firn::test;
 namespace
 {
 
-/// Everything on the left of a plane.
-struct OnTheLeft
-{
-    double x;
-
-    template <int d>
-    FIRN_HOST_DEVICE bool operator()(Eigen::Matrix<double, d, 1> const& at) const
-    {
-        return at[0] < x;
-    }
-};
-
 /// What is faster than that.
 struct Faster
 {

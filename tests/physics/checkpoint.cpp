@@ -13,18 +13,6 @@ using namespace firn::test;
 namespace
 {
 
-/// Everything on the left of a plane.
-struct OnTheLeft
-{
-    double x;
-
-    template <int d>
-    FIRN_HOST_DEVICE bool operator()(Eigen::Matrix<double, d, 1> const& at) const
-    {
-        return at[0] < x;
-    }
-};
-
 /// Whether two scenes are in the same state to the last bit, in all that can be asked for.
 template <class Solver>
 bool same(Solver const& a, Solver const& b)

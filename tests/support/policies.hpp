@@ -167,6 +167,18 @@ private:
     }
 };
 
+/// Everything on the left of a plane.
+struct OnTheLeft
+{
+    double x;
+
+    template <int d>
+    FIRN_HOST_DEVICE bool operator()(Eigen::Matrix<double, d, 1> const& at) const
+    {
+        return at[0] < x;
+    }
+};
+
 /// Damps all velocities by e^(-rate t): settles a scene.
 struct Damping
 {
