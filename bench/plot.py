@@ -63,10 +63,10 @@ class Row:
 
 
 def front(rows, cost):
-    """Those rows of which none is both cheaper and more accurate, by rising cost."""
+    """Those rows of which none is both cheaper and as accurate, within one per cent; by rising cost."""
     best, found = math.inf, []
     for row in sorted(rows, key=lambda row: (row.cost(cost), row.error)):
-        if row.error < best:
+        if row.error < 0.99 * best:
             best = row.error
             found.append(row)
     return found

@@ -69,6 +69,15 @@ std::string plain(std::string text)
     return text;
 }
 
+std::string compiler()
+{
+#if defined(__clang__)
+    return __VERSION__; // says its name
+#else
+    return std::string("g++ ") + __VERSION__;
+#endif
+}
+
 std::string today()
 {
     std::time_t const now = std::chrono::system_clock::to_time_t(std::chrono::system_clock::now());
@@ -88,7 +97,7 @@ void measure_all(Options const& options)
     std::ofstream out(options.out);
     if (!out) throw std::runtime_error("cannot write " + options.out);
     // what is the same in all rows of a run is repeated, so that files of several runs may be joined
-    std::string const where = plain(hardware(options.patience.threads)) + "," + plain(__VERSION__) + "," +
+    std::string const where = plain(hardware(options.patience.threads)) + "," + plain(compiler()) + "," +
                               plain(options.commit) + "," + today();
     out << "problem,backend,model,kernel,transfer,precision,cfl_fraction,cells,ppc,deterministic,error,"
            "seconds,particle_steps,bytes_per_particle,status,spread,cpu_seconds,runs,steps,rejected,threads,"

@@ -117,8 +117,9 @@ public:
                 amplitude * k * Eigen::Vector2d(std::cos(k * X.x()), -std::cos(k * X.y()));
             strains.push_back(strain.template cast<Number>());
             velocities.emplace_back(Number(rate * std::sin(k * X.x())), Number(-rate * std::sin(k * X.y())));
-            gradients.push_back(
-                (strain * (speed * M_PI)).asDiagonal().toDenseMatrix().template cast<Number>());
+            Matrix<Number, 2> gradient = Matrix<Number, 2>::Zero();
+            for (int a = 0; a < 2; ++a) gradient(a, a) = Number(speed * M_PI * strain[a]);
+            gradients.push_back(gradient);
         }
         solver.template upload<WaveStrain>(strains);
         solver.template upload<Velocity>(velocities);
