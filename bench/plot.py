@@ -172,14 +172,13 @@ def draw_convergence(problem, rows, path):
         sizes = sorted({row.cells for row in every})
         place.set_xticks(sizes, [str(size) for size in sizes])
         place.minorticks_off()
-        # triangles of slope: error falls with the first and second power of the cell size
-        lowest = min(row.error for row in every)
-        left, right = sizes[0], sizes[0] * 2
+        # triangles of slope, below all lines: error falls with the first and second power of the cell size
+        y, left, right = 0.7 * min(row.error for row in every), sizes[0], sizes[0] * 2
         for order in (1, 2):
-            y = lowest * 2.2 ** (1 if order == 2 else 3.2)
             place.plot([left, right, left, left], [y, y / 2**order, y / 2**order, y], color=MIDDLE, linewidth=1)
-            place.annotate(f"{order}", (left * 1.06, y / 2**order * 1.15), fontsize=8)
-    place.legend(fontsize=6.5, ncols=2, framealpha=0, labelcolor=MIDDLE, loc="best")
+            place.annotate(f"{order}", (left * 1.05, y / 2**order * 1.06), fontsize=7)
+            y /= 2.6
+    place.legend(fontsize=7, framealpha=0, labelcolor=MIDDLE, bbox_to_anchor=(1, 1), loc="upper left")
     save(figure, path)
 
 
