@@ -66,13 +66,14 @@ void compare(std::string const& problem, std::initializer_list<int> sizes)
 using Settings = Combinations<
     Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>, Scene<NeoHookean<PlaneFloat>, QuadraticBSpline, Mls>,
     Scene<NeoHookean<Plane>, QuadraticBSpline, Apic>, Scene<NeoHookean<Plane>, QuadraticBSpline, Flip>,
-    Scene<NeoHookean<Plane>, CubicBSpline, Mls>, Scene<NeoHookean<PlaneFloat>, CubicBSpline, Mls>>;
+    Scene<NeoHookean<Plane>, CubicBSpline, Mls>>;
 
 TEMPLATE_LIST_TEST_CASE("errors of large waves and of a column's stress are no larger than they were", "",
                         Settings)
 {
     compare<ManufacturedSolution, TestType>("P1", {8, 16, 32, 64});
-    compare<Column, TestType>("P2", {8, 16, 32});
+    if constexpr (!TestType::Transfer::keeps_old_velocity) // at rest FLIP is what APIC is
+        compare<Column, TestType>("P2", {8, 16, 32});
 }
 
 // Tolerances of the error are two to three times what a reference code of ours has, in another form of the
