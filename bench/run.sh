@@ -10,7 +10,7 @@
 #   --short         100 000 particles and the phases of one step, about 4 minutes
 #   --long          up to 10 million particles, about an hour
 #   --error short   four problems by every kernel, transfer and precision, less than 5 minutes after building
-#   --error long    the same, finer, with more lengths of steps and numbers of particles, an hour
+#   --error long    the same, finer, with more lengths of steps and numbers of particles, half an hour
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 source "$root/examples/set_up.sh"
@@ -20,7 +20,7 @@ while [ $# -gt 0 ]; do
     case $1 in
         --short | --long) size=${1#--} ;;
         --error)
-            [ "${2:-}" = short ] || [ "${2:-}" = long ] || stop "--error needs 'short' (5 minutes) or 'long' (an hour)."
+            [ "${2:-}" = short ] || [ "${2:-}" = long ] || stop "--error needs 'short' (5 minutes) or 'long' (half an hour)."
             error=$2
             shift
             ;;
@@ -31,7 +31,7 @@ while [ $# -gt 0 ]; do
     esac
     shift
 done
-[ -n "$size$error" ] || stop "choose --short (4 minutes), --long (an hour), --error short (5 minutes) or --error long (an hour)."
+[ -n "$size$error" ] || stop "choose --short (4 minutes), --long (an hour), --error short (5 minutes) or --error long (half an hour)."
 [ -z "$size" ] || [ -z "$error" ] || stop "choose speeds (--$size) or errors (--error $error), not both."
 case $threads in '' | *[!0-9]* | 0) stop "--threads needs a number above 0, not '$threads'." ;; esac
 
