@@ -43,8 +43,8 @@ class WithTaichi:
     def __init__(self):
         import taichi as ti
 
-        self.ti, self.name = ti, f"taichi {ti.__version__ if isinstance(ti.__version__, str) else '.'.join(map(str, ti.__version__))}"
-        ti.init(arch=ti.cpu, cpu_max_num_threads=1, default_fp=ti.f32, default_ip=ti.i32, fast_math=False, log_level=ti.ERROR)
+        self.ti, self.name = ti, "taichi " + ".".join(map(str, ti.__version__))
+        ti.init(arch=ti.cpu, cpu_max_num_threads=1, default_fp=ti.f32, fast_math=False, log_level=ti.ERROR)
 
     def set_up(self, cells):
         ti = self.ti
@@ -198,7 +198,12 @@ class WithWarp:
             given[p] = answer(C[p], F[p], wp.vec2(0.0, 0.0))
 
         @wp.kernel
-        def scatter(x: wp.array(dtype=wp.vec2), v: wp.array(dtype=wp.vec2), given: wp.array(dtype=wp.mat22), grid: wp.array2d(dtype=wp.vec3)):
+        def scatter(
+            x: wp.array(dtype=wp.vec2),
+            v: wp.array(dtype=wp.vec2),
+            given: wp.array(dtype=wp.mat22),
+            grid: wp.array2d(dtype=wp.vec3),
+        ):
             p = wp.tid()
             at = x[p] * float(N_)
             bx = wp.floor(at[0] - 0.5)
