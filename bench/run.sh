@@ -1,31 +1,58 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 #
-# Sets the machine up, builds the benchmarks and writes bench.json (Google Benchmark's format):
+# Sets the machine up, builds the benchmarks and writes bench.json (Google Benchmark's format) or a table of errors and
+# their costs, speed_against_error.csv, with its drawings beside it:
 #
 #     bash bench/run.sh --short | --long [--threads N] [--out FILE]
+#     bash bench/run.sh --error short | --error long [--threads N] [--out FILE]
 #
-#   --short   100 000 particles and the phases of one step, about 4 minutes
-#   --long    up to 10 million particles, about an hour
+#   --short         100 000 particles and the phases of one step, about 4 minutes
+#   --long          up to 10 million particles, about an hour
+#   --error short   four problems by every kernel, transfer and precision, less than 5 minutes after building
+#   --error long    the same, finer, with more lengths of steps and numbers of particles, half an hour
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 source "$root/examples/set_up.sh"
 
-size="" threads=1 out="$root/bench.json"
+size="" error="" threads=1 out=""
 while [ $# -gt 0 ]; do
     case $1 in
         --short | --long) size=${1#--} ;;
+        --error)
+            [ "${2:-}" = short ] || [ "${2:-}" = long ] || stop "--error needs 'short' (5 minutes) or 'long' (half an hour)."
+            error=$2
+            shift
+            ;;
         --threads) [ $# -ge 2 ] || stop "--threads needs a number."; threads=$2; shift ;;
         --out) [ $# -ge 2 ] || stop "--out needs a file."; out=$2; shift ;;
-        --help | -h) sed -n '/^# Sets/,/^#   --long/s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit ;;
+        --help | -h) sed -n '/^# Sets/,/^#   --error long/s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit ;;
         *) stop "unknown argument '$1': bash bench/run.sh --short or --long." ;;
     esac
     shift
 done
-[ -n "$size" ] || stop "choose --short (4 minutes) or --long (an hour)."
+[ -n "$size$error" ] || stop "choose --short (4 minutes), --long (an hour), --error short (5 minutes) or --error long (half an hour)."
+[ -z "$size" ] || [ -z "$error" ] || stop "choose speeds (--$size) or errors (--error $error), not both."
 case $threads in '' | *[!0-9]* | 0) stop "--threads needs a number above 0, not '$threads'." ;; esac
 
-need_packages g++ cmake ninja-build libeigen3-dev libxsimd-dev libcgal-dev libbenchmark-dev
+packages=(g++ cmake ninja-build libeigen3-dev libxsimd-dev libcgal-dev libbenchmark-dev)
+export OMP_WAIT_POLICY="${OMP_WAIT_POLICY:-passive}"
+
+if [ -n "$error" ]; then
+    out=${out:-$root/speed_against_error.csv}
+    need_packages "${packages[@]}" python3-matplotlib
+    (cd "$root" && cmake --preset bench && cmake --build --preset bench --target speed_against_error) ||
+        stop "the benchmark could not be built."
+    commit=$(git -C "$root" describe --always --dirty 2>/dev/null) || commit=unknown
+    "$root/build/bench/bench/speed_against_error" --grid "$error" --threads "$threads" --commit "$commit" --out "$out" ||
+        stop "the benchmark failed."
+    /usr/bin/python3 "$root/bench/plot.py" "$out" --out "$(dirname "$out")" || stop "the drawings failed."
+    echo "results in $out"
+    exit
+fi
+
+out=${out:-$root/bench.json}
+need_packages "${packages[@]}"
 (cd "$root" && cmake --preset bench && cmake --build --preset bench) || stop "the benchmarks could not be built."
 
 filter='.*' seconds=1
@@ -33,7 +60,6 @@ filter='.*' seconds=1
     filter='^step.*/(lattice|random|splash)/100000$|^step/openmp/neo_hookean.*/10000$|^phase.*neo_hookean.*lattice|sampling/openmp/lattice|^compile'
     seconds=0.3
 }
-export OMP_WAIT_POLICY="${OMP_WAIT_POLICY:-passive}"
 "$root/build/bench/bench/benchmarks" "$threads" --benchmark_filter="$filter" --benchmark_min_time="$seconds" \
     --benchmark_out="$out" --benchmark_out_format=json --benchmark_counters_tabular=true ||
     stop "the benchmark failed."

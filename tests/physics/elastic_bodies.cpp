@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
-#include "support/policies.hpp"
+#include "problems/column.hpp"
+#include "problems/disks.hpp"
 
 #include <algorithm>
 
@@ -23,86 +24,32 @@ struct Collision
 template <class SceneType>
 Collision collide(typename SceneType::Transfer const& transfer = {})
 {
-    using Number = typename SceneType::Number;
-    double const h = 1.0 / 40, volume = h * h / 4;
-    NeoHookean<typename SceneType::Space> material;
-    material.density = 1000;
-    material.elasticity = lame<Number>(1000, 0.3);
-    typename SceneType::Solver solver(lattice(h), material, transfer);
-    for (double side : {-1.0, 1.0}) {
-        Vector<double, 2> const centre = Vector<double, 2>::Constant(0.5 + 0.3 * side);
-        solver.add(ball_of_points<2>(centre, 0.2, h), volume, Vector<double, 2>::Constant(-0.1 * side));
-    }
-    auto const kinetic = [&](Vector<double, 2>& momentum) {
-        auto const v = solver.template download<Velocity>();
-        auto const m = solver.masses();
-        double energy = 0;
-        momentum.setZero();
-        for (std::size_t i = 0; i < m.size(); ++i) {
-            Vector<double, 2> const u = v[i].template cast<double>();
-            energy += 0.5 * m[i] * u.squaredNorm();
-            momentum += m[i] * u;
-        }
-        return energy;
-    };
-    Vector<double, 2> momentum;
-    double const start = kinetic(momentum), mu = material.elasticity.mu, lambda = material.elasticity.lambda;
+    CollidingDisks<SceneType> disks(40, 2, transfer);
+    Eigen::Vector2d momentum;
+    double const start = disks.kinetic_energy(momentum);
     Collision result;
     for (int frame = 0; frame < 72; ++frame) {
-        solver.advance(0.05);
-        result.kinetic = kinetic(momentum) / start;
-        double elastic = 0;
-        for (auto const& H : solver.template download<DisplacementGradient>()) {
-            Matrix<double, 2> const F = Matrix<double, 2>::Identity() + H.template cast<double>();
-            double const log_J = std::log(F.determinant());
-            elastic +=
-                volume * (0.5 * mu * (F.squaredNorm() - 2) - mu * log_J + 0.5 * lambda * log_J * log_J);
-        }
-        result.largest_energy = std::max(result.largest_energy, result.kinetic + elastic / start);
+        disks.solver.advance(0.05);
+        result.kinetic = disks.kinetic_energy(momentum) / start;
+        result.largest_energy =
+            std::max(result.largest_energy, result.kinetic + disks.elastic_energy() / start);
         result.largest_momentum = std::max(result.largest_momentum, momentum.norm());
         if (result.kinetic < result.least_kinetic) {
             result.least_kinetic = result.kinetic;
-            result.least_at = solver.time();
+            result.least_at = disks.solver.time();
         }
     }
     return result;
 }
 
-/// How far the top of a column sinks under its own weight between slippery walls [m], and the root mean
-/// square error of its stress, of that at the foot: case 7.8. Whatever the law, the first Piola-Kirchhoff
-/// stress is -rho_0 g (H - Y), Y being the height at rest.
+/// How far the top of a column sinks under its own weight [m], and the error of its stress.
 template <class SceneType>
 std::pair<double, double> settle(int cells)
 {
-    using Model = typename SceneType::Model;
-    double const h = 1.0 / cells, g = 9.81, density = 1000;
-    Model material;
-    material.density = density;
-    material.elasticity = lame<typename SceneType::Number>(1e5, 0.3);
-    double const period = 4 / std::sqrt(material.elasticity.p_wave_modulus() / density);
-    typename SceneType::Solver solver(lattice(h), material);
-    auto const points = box_of_points<2>({0, 0}, {2 * h, 1}, h);
-    solver.add(points, h * h / 4);
-    solver.advance(12 * period, Gravity{}, Damping{1.4 * 6.283185307179586 / period},
-                   ReflectingWall{.axis = 0}, ReflectingWall{.axis = 0, .node = 2, .side = -1},
-                   ReflectingWall{.axis = 1});
-    auto const x = solver.positions();
-    auto const H = solver.template download<DisplacementGradient>();
-    double squares = 0, highest = 0, tip = 0;
-    for (std::size_t i = 0; i < points.size(); ++i) {
-        using Particle = Record<double, 2, typename Model::State>;
-        auto particle = Particle::at_rest();
-        particle[DisplacementGradient{}] = H[i];
-        Matrix<double, 2> const still = Matrix<double, 2>::Zero();
-        Matrix<double, 2> const tau =
-            material.template respond<double>(particle, still, 0.0).kirchhoff_stress;
-        double const found = tau(1, 1) / (1 + H[i](1, 1)), exact = -density * g * (1 - points[i].y());
-        squares += (found - exact) * (found - exact);
-        if (points[i].y() <= highest) continue;
-        highest = points[i].y();
-        tip = x[i].y() - highest + H[i](1, 1) * (1 - highest);
-    }
-    return {tip, std::sqrt(squares / double(points.size())) / (density * g)};
+    Column<SceneType> column(cells);
+    column.advance(0);
+    column.observe(0);
+    return {column.tip(), column.error()};
 }
 
 } // namespace

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
-#include "support/policies.hpp"
+#include "problems/sand_column.hpp"
 
 using namespace firn;
 using namespace firn::test;
@@ -190,16 +190,6 @@ TEST_CASE("a viscous fluid that gives afresh gives the viscous stress of its mot
 namespace
 {
 
-/// The coordinate along x that a share of the particles has not passed.
-template <class Points>
-double front(Points const& points, double share = 0.995)
-{
-    std::vector<double> x;
-    for (auto const& point : points) x.push_back(point[0]);
-    std::sort(x.begin(), x.end());
-    return x[static_cast<std::size_t>(share * double(x.size()))];
-}
-
 /// What became of a column of sand of a half width, and a height of so many of them.
 struct Pile
 {
@@ -209,19 +199,13 @@ struct Pile
 
 Pile collapse(double aspect)
 {
-    double const L0 = 0.1, h = L0 / 16;
-    using Solver = Scene<Sand<Plane>, QuadraticBSpline, Mls>::Solver;
-    auto sand = materials::dry_sand<Plane>();
-    sand.cone = friction_cone(3, 30 * M_PI / 180);
-    Solver solver(lattice(h), sand);
-    solver.add(box_of_points<2>({0, 0}, {L0, aspect * L0}, h), h * h / 4);
-    Obstacle<HalfSpace> const floor{.contact = Contact::sticky()};
-    Obstacle<HalfSpace> const middle{.shape = {{1, 0, 0}}, .contact = Contact::slip()};
-    solver.advance(8 * std::sqrt(aspect * L0 / 9.81), Gravity{}, floor, middle);
-    auto const before = solver.positions();
-    solver.advance(0.1, Gravity{}, floor, middle);
-    auto const after = solver.positions();
-    Pile pile{front(after) / L0 - 1, 0, 0};
+    SandColumn<Scene<Sand<Plane>, QuadraticBSpline, Mls>> column(16, 2, {}, {}, {}, aspect);
+    double const L0 = column.half_width, h = column.solver.lattice().cell_size;
+    column.advance(0);
+    auto const before = column.solver.positions();
+    column.advance_by(0.1);
+    auto const after = column.solver.positions();
+    Pile pile{column.run_out(), 0, 0};
     for (std::size_t i = 0; i < after.size(); ++i) {
         pile.height = std::max(pile.height, after[i].y() / L0);
         pile.creep += (after[i] - before[i]).norm() / h / double(after.size());

@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "settings.hpp"
+
+#include "problems/column.hpp"
+#include "problems/disks.hpp"
+#include "problems/manufactured.hpp"
+#include "problems/sand_column.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <ctime>
+
+namespace firn::bench
+{
+
+namespace detail
+{
+/// The processor time of this program, all threads together [s].
+inline double processor_seconds()
+{
+    timespec used{};
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &used);
+    return double(used.tv_sec) + 1e-9 * double(used.tv_nsec);
+}
+
+template <class Backend>
+Backend backend_of(Patience const& patience)
+{
+    if constexpr (requires(Backend backend) { backend.threads; })
+        return {patience.threads};
+    else
+        return {};
+}
+} // namespace detail
+
+/// Solves a problem with a setting until it has been seen often enough. The clock is on while time advances:
+/// neither for the set-up nor while the state is compared.
+///
+/// What goes wrong is a row like others, with its status.
+template <template <class> class Problem, class Scene>
+Row measure(Setting const& setting, Patience const& patience, typename Scene::Transfer const& transfer)
+{
+    using Clock = std::chrono::steady_clock;
+    Row row;
+    row.model = Scene::Model::name;
+    row.bytes_per_particle = Problem<Scene>::Solver::bytes_per_particle;
+    try {
+        StepControl control;
+        control.wave = setting.cfl_fraction;
+        Problem<Scene> problem(setting.cells, setting.per_cell, transfer, control,
+                               detail::backend_of<typename Scene::Backend>(patience));
+        auto const start = problem.solver.snapshot();
+        std::vector<double> seconds;
+        double all = 0;
+        row.cpu_seconds = std::numeric_limits<double>::infinity();
+        do {
+            double wall = 0, processor = 0;
+            AdvanceReport report;
+            for (int piece = 0; piece < Problem<Scene>::pieces; ++piece) {
+                double const processor_before = detail::processor_seconds();
+                auto const before = Clock::now();
+                report.merge(problem.advance(piece));
+                wall += std::chrono::duration<double>(Clock::now() - before).count();
+                processor += detail::processor_seconds() - processor_before;
+                if (row.runs == 0) problem.observe(piece);
+            }
+            if (row.runs == 0) {
+                row.error = problem.error();
+                row.steps = report.substeps;
+                row.rejected = report.rejected;
+                row.particle_steps =
+                    double(report.substeps + report.rejected) * double(problem.solver.size());
+            }
+            all += wall;
+            ++row.runs;
+            seconds.push_back(wall);
+            row.cpu_seconds = std::min(row.cpu_seconds, processor);
+            problem.solver.restore(start);
+        } while (row.runs < patience.most_runs && all < patience.seconds);
+        if (seconds.size() > 1) seconds.erase(seconds.begin()); // the warm-up
+        std::sort(seconds.begin(), seconds.end());
+        row.seconds = seconds[seconds.size() / 2];
+        row.spread = 0.5 * (seconds[(3 * seconds.size()) / 4] - seconds[seconds.size() / 4]) / row.seconds;
+        row.status = !std::isfinite(row.error) ? "failed: not finite"
+                     : row.error > 1           ? "failed: no solution"
+                                               : "ok";
+    }
+    catch (Error const& error) {
+        row.status = std::string("failed: ") + error.what();
+        row.cpu_seconds = 0;
+    }
+    return row;
+}
+
+namespace detail
+{
+template <class Kernel, class Transfer, class Number>
+void offer(Offer& offers, std::string const& transfer_name, Transfer const& transfer)
+{
+    using Plane = Space<2, Number>;
+    using Elastic = test::Scene<NeoHookean<Plane>, Kernel, Transfer>;
+    using Grains = test::Scene<Sand<Plane>, Kernel, Transfer>;
+    std::string const rest = std::string("/") + Kernel::name + "/" + transfer_name + "/" +
+                             (std::is_same_v<Number, float> ? "float" : "double");
+    auto const by = [&](std::string const& problem, auto const& run) {
+        offers[problem + rest] = [=](Setting const& setting, Patience const& patience) {
+            return run(setting, patience, transfer);
+        };
+    };
+    by("P1", measure<test::ManufacturedSolution, Elastic>);
+    by("P2", measure<test::Column, Elastic>);
+    by("P3", measure<test::CollidingDisks, Elastic>);
+    by("P4", measure<test::SandColumn, Grains>);
+}
+} // namespace detail
+
+template <class Kernel, class Transfer>
+void offer(Offer& offers)
+{
+    auto const with = [&](std::string const& name, Transfer const& transfer) {
+        detail::offer<Kernel, Transfer, float>(offers, name, transfer);
+        detail::offer<Kernel, Transfer, double>(offers, name, transfer);
+    };
+    if constexpr (std::is_same_v<Transfer, Flip>) {
+        with("flip_0.95", Flip{});
+        with("flip_1", Flip{.fraction = 1});
+    }
+    else
+        with(Transfer::name, Transfer{});
+}
+
+} // namespace firn::bench

@@ -1,0 +1,172 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "support/policies.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <vector>
+
+namespace firn::test
+{
+
+/// Waves that stand in a unit square between smooth walls, and the motion that they force on it, known
+/// exactly:
+///
+///   u_x = A sin(2 pi X) sin(c pi t),   u_y = - A sin(2 pi Y) sin(c pi t),   c = sqrt(E / rho_0)
+///
+/// with an amplitude A so large that particles cross cells. (The axis-aligned manufactured solution on which
+/// variants of the method are compared since Sadeghirad, Brannon & Burghardt 2011.)
+struct StandingWaves
+{
+    static constexpr double young = 1e7, poisson = 0.3, density = 1000; ///< [Pa], -, [kg/m^3]
+    static constexpr double speed = 100;                                ///< c [m/s]
+    static constexpr double amplitude = 0.05;                           ///< A [m]
+    static constexpr double half_period = 1 / speed;                    ///< [s]
+
+    /// How far the waves are up: sin(c pi t) along x, the opposite along y.
+    FIRN_HOST_DEVICE static double height(double time) { return std::sin(speed * M_PI * time); }
+};
+
+/// The largest strain of the waves at a particle, signed, along each axis [-].
+struct WaveStrain
+{
+    static constexpr auto name = "wave_strain";
+    static constexpr auto shape = FieldShape::vector;
+};
+
+/// A particle's time, in half periods of the waves [-].
+struct WaveTime
+{
+    static constexpr auto name = "wave_time";
+    static constexpr auto shape = FieldShape::scalar;
+};
+
+/// sin(pi t) for lanes of t from 0 to 1: its Taylor polynomial about 1/2, of order 18, 1e-15 off at most.
+template <Lane Real>
+FIRN_HOST_DEVICE Real sine_of_half_periods(Real t)
+{
+    using Number = Scalar<Real>;
+    Real const z = (t - Real(Number(0.5))) * Real(Number(M_PI)), z2 = z * z;
+    Real sum(Number(1));
+    for (int n = 17; n >= 1; n -= 2) sum = Real(Number(1)) - sum * z2 * Real(Number(1.0 / (n * (n + 1))));
+    return sum;
+}
+
+/// A neo-Hookean solid that StandingWaves are forced on.
+///
+/// Waves need a force per mass b with rho_0 b = rho_0 u'' - dP/dX, P being the stress of their strains. It
+/// enters as a stress, S = E/4 (F - 1) - P of the exact F, of which rho_0 b is the divergence: a force that
+/// particles give to the grid as they give their stress, so that no error is added by how it is spread.
+template <class ModelType>
+struct Driven : ModelType
+{
+    using Model = ModelType;
+    using Space = typename Model::Space;
+    using State = Join<typename Model::State, Fields<WaveStrain, WaveTime>>;
+
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Response<Real, Space::dimension>
+    respond(Particle& state, Matrix<Real, Space::dimension> const& velocity_gradient, Real dt) const
+    {
+        using Number = Scalar<Real>;
+        constexpr int d = Space::dimension;
+        auto response = Model::template respond<Real>(state, velocity_gradient, dt);
+        Real& time = state[WaveTime{}];
+        time = time + dt * Real(Number(1 / StandingWaves::half_period));
+        Real const mu(Model::elasticity.mu), lambda(Model::elasticity.lambda), one(Number(1));
+        Vector<Real, d> const strain = state[WaveStrain{}] * sine_of_half_periods(time);
+        Real J = one;
+        for (int a = 0; a < d; ++a) J = J * (one + strain[a]);
+        Real const pressure = lambda * log(J);
+        for (int a = 0; a < d; ++a) {
+            Real const F = one + strain[a], inverse = one / F;
+            Real const wanted = strain[a] * Real(Number(StandingWaves::young / 4));
+            Real const driving = wanted - (mu * (F - inverse) + pressure * inverse); // P_aa
+            response.kirchhoff_stress(a, a) += driving * (one + state[DisplacementGradient{}](a, a));
+        }
+        return response;
+    }
+};
+
+/// The square of StandingWaves in a solver, for half a period, in some pieces between which it may be
+/// compared with what is exact.
+template <class SceneType>
+class ManufacturedSolution : StandingWaves
+{
+public:
+    using Transfer = typename SceneType::Transfer;
+    using Solver = firn::Solver<typename SceneType::Backend, Driven<typename SceneType::Model>,
+                                typename SceneType::Kernel, Transfer>;
+    static constexpr int pieces = 5;
+
+    /// `cells` per metre, `per_cell` particles per cell and axis.
+    ManufacturedSolution(int cells, int per_cell = 2, Transfer const& transfer = {},
+                         StepControl const& control = {}, typename SceneType::Backend const& backend = {})
+        : solver(lattice(1.0 / cells), material(), transfer, control, backend),
+          points_(box_of_points<2>({0, 0}, {1, 1}, 1.0 / cells, per_cell)), cells_(cells)
+    {
+        using Number = typename SceneType::Number;
+        solver.add(points_, 1.0 / double(points_.size()));
+        double const rate = amplitude * speed * M_PI, k = 2 * M_PI;
+        std::vector<Vector<Number, 2>> velocities;
+        std::vector<Matrix<Number, 2>> gradients;
+        std::vector<Vector<Number, 2>> strains;
+        for (auto const& X : points_) {
+            Eigen::Vector2d const strain =
+                amplitude * k * Eigen::Vector2d(std::cos(k * X.x()), -std::cos(k * X.y()));
+            strains.push_back(strain.template cast<Number>());
+            velocities.emplace_back(Number(rate * std::sin(k * X.x())), Number(-rate * std::sin(k * X.y())));
+            Matrix<Number, 2> gradient = Matrix<Number, 2>::Zero();
+            for (int a = 0; a < 2; ++a) gradient(a, a) = Number(speed * M_PI * strain[a]);
+            gradients.push_back(gradient);
+        }
+        solver.template upload<WaveStrain>(strains);
+        solver.template upload<Velocity>(velocities);
+        if constexpr (Solver::State::template contains<AffineVelocity>)
+            solver.template upload<AffineVelocity>(gradients);
+    }
+
+    AdvanceReport advance(int piece)
+    {
+        ReflectingWall const left{.axis = 0}, right{.axis = 0, .node = cells_, .side = -1}, below{.axis = 1},
+            above{.axis = 1, .node = cells_, .side = -1};
+        double const end = half_period * (piece + 1) / pieces;
+        return solver.advance(end - solver.time(), left, right, below, above);
+    }
+
+    /// Compares the particles with where they belong.
+    void observe(int)
+    {
+        auto const x = solver.positions();
+        double const u = amplitude * height(solver.time());
+        double square = 0;
+        for (std::size_t i = 0; i < x.size(); ++i) {
+            Eigen::Vector2d const& X = points_[i];
+            Eigen::Vector2d const exact{X.x() + u * std::sin(2 * M_PI * X.x()),
+                                        X.y() - u * std::sin(2 * M_PI * X.y())};
+            square += (x[i] - exact).squaredNorm() / double(x.size());
+        }
+        worst_ = std::max(worst_, std::sqrt(square) / amplitude);
+    }
+
+    /// The largest root mean square error of positions that was observed, over the amplitude.
+    double error() const { return worst_; }
+
+    Solver solver;
+
+private:
+    static typename Solver::Model material()
+    {
+        typename Solver::Model square;
+        square.density = density;
+        square.elasticity = lame<typename SceneType::Number>(young, poisson);
+        return square;
+    }
+
+    std::vector<Eigen::Vector2d> points_;
+    int cells_;
+    double worst_ = 0;
+};
+
+} // namespace firn::test
