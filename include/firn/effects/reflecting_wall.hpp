@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/effects/contact.hpp>
 #include <firn/effects/effect.hpp>
 
+#include <limits>
 #include <type_traits>
 
 namespace firn
@@ -47,8 +49,50 @@ struct ReflectingWall
     {
         static constexpr bool is_obstacle = true; ///< it has a reaction
         static constexpr bool mirrors = true;
-        static constexpr bool on_particles = false;
+        static constexpr bool on_particles = false; ///< by itself; else see ParticleContact
         int axis, node, side;
+
+        /// Contact of lanes of particles with velocity v that something has pushed to a place: what is behind
+        /// the wall comes before it.
+        template <Lane Real, int d>
+        FIRN_HOST_DEVICE Touched<Real, d> hold(Place<Real, d> const& place, Vector<Real, d> const&,
+                                               Vector<Real, d> const& v, Contact const& rule) const
+        {
+            Touched<Real, d> touched;
+            touched.arm = place.relative_to(reference());
+            touched.depth = max(overlap<Real, d>(place, v), Real(0));
+            touched.inside = touched.depth > Real(0);
+            for (int a = 0; a < d; ++a) touched.normal[a] = Real(Scalar<Real>(a == axis ? side : 0));
+            Vector<Real, d> const after = rule.after<Real, d>(v, touched.normal);
+            for (int a = 0; a < d; ++a) touched.velocity[a] = select(touched.inside, after[a], v[a]);
+            return touched;
+        }
+
+        /// How far [m] they are behind it, or too close for what rounding may do next.
+        template <Lane Real, int d>
+        FIRN_HOST_DEVICE Real overlap(Place<Real, d> const& place, Vector<Real, d> const&) const
+        {
+            using Number = Scalar<Real>;
+            Real before(0); // [cells]
+            for (int a = 0; a < d; ++a)
+                if (a == axis)
+                    before = (Real(Number(place.first[a] - node)) + place.offset[a]) * Real(Number(side));
+            return Real(lost_beyond<Number>(place.lattice)) - before * Real(Number(place.lattice.cell_size));
+        }
+
+        template <class Number>
+        FIRN_HOST_DEVICE Number lost_beyond(Lattice const& lattice) const
+        {
+            return Number(256 * std::numeric_limits<Number>::epsilon() * lattice.cell_size);
+        }
+
+        template <Lane Real, int d>
+        FIRN_HOST_DEVICE Vector<Real, d> carried(Place<Real, d> const&, Vector<Real, d> const&, Real) const
+        {
+            return Vector<Real, d>::Zero();
+        }
+
+        FIRN_HOST_DEVICE static Eigen::Vector3d reference() { return Eigen::Vector3d::Zero(); }
     };
 
     template <class Number, int d>
