@@ -18,9 +18,9 @@ namespace firn
 /// neither rubs nor lets go. Its reaction is booked as an obstacle's, angular impulse about the world's
 /// origin.
 ///
-/// All particles are on its side; nobody checks. Schemes that move particles with the grid keep them there,
-/// unless an obstacle that acts on particles, or a shell, meets the wall at an acute angle: it pushes them
-/// without knowing of the wall, and some end behind it.
+/// All particles are on its side: a call with a wall that has some behind it is refused. Schemes that move
+/// particles with the grid keep them there, and where an obstacle acts on particles, or a shell, so does the
+/// wall: see ParticleContact. Asflip's may swing beyond it by a small part of a cell where nothing does.
 struct ReflectingWall
 {
     int axis = 1; ///< across which it lies: 0, 1 or 2
@@ -43,6 +43,8 @@ struct ReflectingWall
         require(axis < 2, "a wall of a scene in two dimensions is across z", "ReflectingWall",
                 "Pass 0 or 1.");
     }
+
+    friend bool operator==(ReflectingWall const&, ReflectingWall const&) = default;
 
     /// A plain value, the same in every step: see UpdateGrid.
     struct Action
@@ -99,6 +101,25 @@ struct ReflectingWall
     FIRN_HOST_DEVICE Action during(Interval const&) const
     {
         return {axis, node, side};
+    }
+};
+
+/// Whether a position [m] is behind a wall by more than some cells.
+struct BehindWall
+{
+    int axis, side;
+    double farthest; ///< coordinate along the axis times the side [m]
+
+    BehindWall(ReflectingWall const& wall, Lattice const& lattice, double spared)
+        : axis(wall.axis), side(wall.side),
+          farthest(wall.side * (lattice.origin[wall.axis] + wall.node * lattice.cell_size) -
+                   spared * lattice.cell_size)
+    {}
+
+    template <int d>
+    FIRN_HOST_DEVICE bool operator()(Eigen::Matrix<double, d, 1> const& x) const
+    {
+        return x[axis] * side < farthest;
     }
 };
 
