@@ -162,7 +162,9 @@ void check(Corner const& corner, int count, int frames, double within = 3)
     CAPTURE(corner.angle, int(corner.faces[0]), int(corner.faces[1]), int(corner.faces[2]), outcome.mean);
     CHECK(outcome.behind_a_wall == 0);
     CHECK(outcome.through_a_shell == 0);
-    CHECK(outcome.deepest <= 4e-5); // what ParticleContact takes for outside is 2e-5 cells
+    // What ParticleContact takes for outside is 2e-5 cells. A solid that closes in on another face leaves no
+    // place that surely is: what comes out over several steps is inside meanwhile.
+    CHECK(outcome.deepest <= (corner.closing > 0 ? 2e-3 : 4e-5));
     CHECK(outcome.unbooked <= (is_float ? 1e-5 : 1e-12));
     CHECK(outcome.mean < within);
 }

@@ -56,7 +56,6 @@ template <class Tag, class Model>
 std::string refusal_of(double value, Model const& model = {})
 {
     auto solver = block(model);
-    solver.step(1e-4, Gravity{});
     auto const before = solver.template download<Tag>();
     auto values = before;
     values[3] = static_cast<typename Model::Space::Real>(value);

@@ -118,8 +118,10 @@ private:
         if (first && !keeps_sides<Action>) spare = max(touched.depth - Real(in_metres(0.25)), Real(0));
         Vector<Real, d> shift = Vector<Real, d>::Zero();
         if (first) shift = (touched.velocity - velocity) * dt;
-        // what the velocity no longer does needs no push
-        Real const out = max(touched.depth - spare - shift.dot(touched.normal), Real(0));
+        Real out = touched.depth - spare;
+        // What the velocity no longer does needs no push, unless this is the only one: where a distance is an
+        // estimate, too far out is better.
+        if constexpr (may_fail) out = max(out - shift.dot(touched.normal), Real(0));
         for (int a = 0; a < d; ++a)
             shift[a] = select(touched.inside, shift[a] + touched.normal[a] * out, Real(0));
         displacement += shift;
