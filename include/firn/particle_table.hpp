@@ -250,6 +250,16 @@ public:
         return doomed;
     }
 
+    /// The first row of those that find() has found, if it has found any.
+    std::uint32_t first_row(Doomed<Backend> const& found) const
+    {
+        auto const row = detail::downloaded(buffer_[0].id);
+        auto first = static_cast<std::uint32_t>(size_);
+        for (std::size_t place = 0; place < size_; ++place)
+            if (found.here[place]) first = std::min(first, row[place]);
+        return first;
+    }
+
     /// Removes the particles that find() has found, nothing having happened since but sort() and
     /// hold_taken(). The others keep all they have, and their order.
     void remove(Doomed<Backend> const& doomed)
@@ -392,10 +402,12 @@ public:
             else if (field->components.size() != static_cast<std::size_t>(component_count<Tag>(d)))
                 refuse("the field '" + field->name + "' has " + std::to_string(field->components.size()) +
                        " components instead of " + std::to_string(component_count<Tag>(d)));
-            else if constexpr (requires { Tag::is_above_zero; })
+            else
                 for (auto const& component : field->components)
                     for (Number const value : component)
-                        if (!(value > 0)) refuse("a value of '" + field->name + "' is not above 0");
+                        require_valid<Tag>(
+                            value, [&] { return "Solver::restore, " + where; },
+                            "Restore what Solver::snapshot has returned.");
         });
         for (auto field = from.fields.begin(); field != from.fields.end(); ++field) {
             bool known = false;

@@ -155,6 +155,7 @@ public:
         if (added == 0) return first;
         next_id_ += static_cast<std::uint32_t>(added);
         given_for_ = 0;
+        walls_.clear();
         auto at_rest = Record<Number, d, typename Of<Which>::Model::State>::at_rest();
         auto const response =
             model_of<k>().template respond<Number>(at_rest, Matrix<Number, d>::Zero(), Number(0));
@@ -200,8 +201,8 @@ public:
     }
 
     /// Sets a field of all particles of a material, by rising id: velocities, an affine velocity, or a part
-    /// of the model's state. Throws an Error, and changes nothing, unless there is one finite value per
-    /// particle.
+    /// of the model's state. Throws an Error, and changes nothing, unless there is one value per particle
+    /// that is finite and in the field's range.
     template <class Tag, class Which = Every>
     void upload(std::vector<FieldValue<Tag, Number, d>> const& by_id)
     {
@@ -210,13 +211,11 @@ public:
                       "the scene's particles have no such field, or it follows from others");
         require(by_id.size() == size<Material<k>>(), "there is not one value per particle", "Solver::upload",
                 "Pass size() values, by id.");
-        for (auto value : by_id)
-            for_each_component<Tag, d>(value, [](int, Number number) {
-                require(std::isfinite(number), "a value is not finite", "Solver::upload",
-                        "Pass finite values.");
-                if constexpr (requires { Tag::is_above_zero; })
-                    require(number > 0, "a value that is to be above 0 is not", "Solver::upload",
-                            "Pass values above 0.");
+        for (std::size_t i = 0; i < by_id.size(); ++i)
+            for_each_component<Tag, d>(by_id[i], [&](int, Number number) {
+                require_valid<Tag>(
+                    number, [&] { return "Solver::upload, value " + std::to_string(i); },
+                    "Pass finite values that the field may have.");
             });
         hold_taken();
         if constexpr (Of<Which>::Stored::template contains<Tag>)
@@ -246,8 +245,10 @@ public:
     {
         require(std::isfinite(dt) && dt > 0, "the time step is not a finite number above 0", "Solver::step",
                 "Pass seconds.");
+        require_to_last(dt, "Solver::step");
         (validate(effects), ...);
         require_walls_apart(effects...);
+        require_before_walls(effects...);
         auto rule = rule_for(effects...);
         rule.equal = dt;
         auto const plain = plain_effects(effects...);
@@ -277,8 +278,10 @@ public:
     {
         require(std::isfinite(duration) && duration >= 0, "the duration is not a finite number, 0 or above",
                 "Solver::advance", "Pass seconds, e.g. 1.0 / 24.");
+        if (duration > 0) require_to_last(duration, "Solver::advance");
         (validate(effects), ...);
         require_walls_apart(effects...);
+        require_before_walls(effects...);
         auto rule = rule_for(effects...);
         rule.duration = duration;
         rule.end = course_.time + duration;
@@ -516,6 +519,7 @@ private:
         given_for_ = 0;
         movers_gave_ = false;
         spoiled_ = false;
+        walls_.clear();
     }
 
     template <std::size_t k>
@@ -934,10 +938,12 @@ private:
         spoiled_ = false;
     }
 
-    /// The bounds of the next step, for states set from outside.
+    /// The bounds of the next step, for states set from outside. How fast particles deform, and what they
+    /// touch, is for a step to find: it stays what the last one found, an affine velocity aside.
     void find_bounds()
     {
-        course_.bounds = {};
+        course_.bounds = {.deformation_rate = course_.bounds.deformation_rate,
+                          .obstacle_speed = course_.bounds.obstacle_speed};
         Rule const rule = rule_of_materials();
         for_each_material([&](auto k) {
             double modulus = 0;
@@ -950,6 +956,10 @@ private:
             rule.admit(course_.bounds, static_cast<int>(k), wave_speed<k>(modulus));
             for (auto const& velocity : download_of<Velocity, k>())
                 course_.bounds.speed = std::max(course_.bounds.speed, double(velocity.norm()));
+            if constexpr (Of<Material<k>>::State::template contains<AffineVelocity>)
+                for (auto const& rate : download_of<AffineVelocity, k>())
+                    course_.bounds.deformation_rate =
+                        std::max(course_.bounds.deformation_rate, double(rate.norm()));
         });
     }
 
@@ -982,6 +992,58 @@ private:
                           "the obstacle's shape lies in memory of the host: pass `shape.on(backend)`");
         effect.validate();
         if constexpr (d == 2 && requires { effect.validate_in_plane(); }) effect.validate_in_plane();
+    }
+
+    /// Refuses a time [s] that would be lost to rounding: a host that passes such ones again and again would
+    /// wait for ever.
+    void require_to_last(double duration, char const* where) const
+    {
+        require(course_.time + duration > course_.time &&
+                    static_cast<Number>(duration) >= std::numeric_limits<Number>::min(),
+                "the time is too short: beside the solver's own, or in its precision, it is none", where,
+                "Pass a longer one, or 0 to advance by nothing.");
+    }
+
+    /// Refuses walls that have particles behind them: looks where walls or particles are new.
+    template <class... Effects>
+    void require_before_walls(Effects const&... effects)
+    {
+        if constexpr ((std::is_same_v<Effects, ReflectingWall> || ...)) {
+            // who moves by velocities of its own may swing a little beyond, where kernels still reach
+            // mirrored nodes alone
+            double const spared = Transfer::moves_with_grid ? 1e-3 : 0.5; // [cells]
+            std::vector<ReflectingWall> walls;
+            [[maybe_unused]] auto const look = [&](auto const& effect) {
+                if constexpr (std::is_same_v<decltype(effect), ReflectingWall const&>) {
+                    walls.push_back(effect);
+                    if (std::ranges::find(walls_, effect) != walls_.end()) return;
+                    for_each_material([&](auto k) {
+                        auto const found = particles<k>().find(BehindWall(effect, lattice_, spared));
+                        if (found.count > 0) fail_behind_wall<k>(found, effect);
+                    });
+                }
+            };
+            (look(effects), ...);
+            walls_ = std::move(walls);
+        }
+        else
+            walls_.clear();
+    }
+
+    template <std::size_t k>
+    [[noreturn]] void fail_behind_wall(Doomed<Backend> const& found, ReflectingWall const& wall) const
+    {
+        auto const row = particles<k>().first_row(found);
+        std::ostringstream what, where;
+        what << "particle " << particles<k>().id(row);
+        if (found.count > 1) what << " and " << found.count - 1 << " more";
+        if (materials > 1) what << " of " << detail::name_of_material<typename Of<Material<k>>::Model>(k);
+        what << (found.count > 1 ? " are" : " is") << " behind a reflecting wall";
+        where << "at (" << particles<k>().position(row).transpose() << ") m, ReflectingWall across axis "
+              << wall.axis << " at node " << wall.node;
+        throw Error{
+            what.str(), where.str(),
+            "Put all particles on the wall's side before it is passed, or let it face the other way."};
     }
 
     void require_progress(Rule const& rule)
@@ -1027,6 +1089,8 @@ private:
     MassScale masses_;
     std::uint32_t next_id_ = 0;
     Course course_;
+    std::vector<ReflectingWall>
+        walls_; ///< of the last call, which nobody was behind: see require_before_walls
     typename Backend::template Array<unsigned char> now_;  ///< two StepNow and a RunRule, of whatever effects
     typename Backend::template Outbox<unsigned char> log_; ///< a RunLog
     int now_turn_ = 0;      ///< which of the two it is that the next step finds

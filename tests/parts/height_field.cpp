@@ -182,4 +182,6 @@ TEST_CASE("heights that do not fit their samples are refused")
     CHECK_THROWS_AS(Field3({0, 0}, 1, {2, 3}, four), firn::Error);
     CHECK_THROWS_AS(Field3({std::nan(""), 0}, 1, {2, 2}, four), firn::Error);
     CHECK_THROWS_AS(Field3({0, 0}, 1, {2, 2}, {1, 2, 3, std::nan("")}), firn::Error);
+    CHECK_THROWS_AS(Field3({0, 0}, 1, {2, 2}, {1, 2, 3, 1e308}), firn::Error);
+    CHECK_THROWS_AS(Field3({0, 0}, 1e-300, {2, 2}, four), firn::Error); // slopes overflow
 }

@@ -122,6 +122,7 @@ TEST_CASE("a grid that does not fit its values is refused")
     CHECK_THROWS_AS(Grid2({0, std::nanf("")}, 1, {2, 2}, four), firn::Error);
     CHECK_THROWS_AS(Grid3({0, 0, 0}, 1, {1 << 22, 1 << 21, 1 << 21}, {}), firn::Error); // 2^64 nodes
     CHECK_THROWS_AS(Grid2({0, 0}, 1, {2, 2}, {1, 2, 3, std::nanf("")}), firn::Error);
+    CHECK_THROWS_AS(Grid2({0, 0}, 1, {2, 2}, {1, 2, 3, -3e38f}), firn::Error);
 }
 
 TEST_CASE("a grid of distances tells who is inside, too")

@@ -132,6 +132,20 @@ TEST_CASE("a file that cannot be written is refused, for root too, and leaves no
     CHECK(files_in(folder) == 1);
 }
 
+TEST_CASE("a writer that throws leaves the file of before, and nothing beside it")
+{
+    meshes::Folder const folder;
+    auto const path = folder.file("a", "before");
+    CHECK_THROWS_AS(firn::detail::replace_file(path,
+                                               [](std::ostream& out) {
+                                                   out << "half";
+                                                   throw std::bad_alloc();
+                                               }),
+                    std::bad_alloc);
+    CHECK(content(path) == "before");
+    CHECK(files_in(folder) == 1);
+}
+
 TEST_CASE("a write cut short is refused and leaves the file of before")
 {
     meshes::Folder const folder;

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
+#include "support/dust.hpp"
 #include "support/policies.hpp"
 
 using namespace firn;
@@ -7,25 +8,6 @@ using namespace firn::test;
 
 namespace
 {
-
-/// Particles without stress: nothing holds them back but obstacles.
-template <class SpaceType>
-struct Dust
-{
-    using Space = SpaceType;
-    using Number = typename Space::Real;
-    using State = Fields<>;
-    static constexpr int d = Space::dimension;
-    Number density = 100; // [kg/m^3]
-
-    void validate() const {}
-
-    template <Lane Real, class Particle>
-    FIRN_HOST_DEVICE Response<Real, d> respond(Particle&, Matrix<Real, d> const&, Real) const
-    {
-        return {Matrix<Real, d>::Zero(), Real(1e-6f), nowhere<Real>(), nowhere<Real>()};
-    }
-};
 
 /// How far particles got, and in what steps.
 struct Driven

@@ -122,7 +122,7 @@ TEST_CASE("two blocks on both sides of a shell that moves between them stay ther
     CHECK(report.reactions[0].impulse.norm() > 0.1 * start.mass);
 }
 
-TEST_CASE("a shell is as thick as it says, and one without thickness is refused")
+TEST_CASE("a shell is as thick as it says, and one without thickness, or thicker than its shape, is refused")
 {
     Shell<Sphere> const bowl{{0.5}, 0.02};
     CHECK(bowl.surface<double, 3>(Eigen::Vector3d(0.6, 0, 0)).distance == Approx(0.09));
@@ -134,4 +134,8 @@ TEST_CASE("a shell is as thick as it says, and one without thickness is refused"
     CHECK_THROWS_AS((Shell<Sphere>{{0.5}, 0}.validate()), Error);
     CHECK_THROWS_AS((Shell<Sphere>{{0.5}, std::nan("")}.validate()), Error);
     CHECK_THROWS_AS((Shell<Sphere>{{-1}, 0.1}.validate()), Error);
+    CHECK_THROWS_AS((Shell<Sphere>{{0.5}, 1e300}.validate()), Error);
+    CHECK_THROWS_AS((Shell<HalfSpace>{{}, 1e300}.validate()), Error);
+    CHECK_THROWS_AS((Shell<Sphere>{{1e300}, 0.1}.validate()), Error);
+    CHECK_THROWS_AS((Shell<Sphere>{{0.5}, 1.1}.validate()), Error); // there is no inside left
 }

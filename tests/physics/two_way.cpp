@@ -52,7 +52,7 @@ TEST_CASE("a ball that snow stops: its momentum and the snow's change by what gr
 
 TEST_CASE("a free body turns as its angular momentum says, and falls as gravity says")
 {
-    RigidBody body{.mass = 2, .inertia = Eigen::Vector3d(1, 2, 4).asDiagonal()};
+    RigidBody body{.mass = 2, .inertia = Eigen::Vector3d(1, 2, 2.5).asDiagonal()};
     body.motion.angular_velocity = {0.3, 2, 0.1};
     Eigen::Vector3d const spin = body.angular_momentum();
     for (int i = 0; i < 1000; ++i) body.advance({}, 1e-3, {0, -10, 0});
@@ -76,5 +76,29 @@ TEST_CASE("a body without mass or with an impossible inertia is refused, as is a
     CHECK_THROWS_AS((RigidBody{.mass = std::nan("")}.validate()), Error);
     CHECK_THROWS_AS((RigidBody{.inertia = -Eigen::Matrix3d::Identity()}.validate()), Error);
     CHECK_THROWS_AS((RigidBody{.inertia = Eigen::Vector3d(-1, -1, 1).asDiagonal()}.validate()), Error);
+    // no body is harder to turn about one axis than about the two others together
+    CHECK_THROWS_AS((RigidBody{.inertia = Eigen::Vector3d(1, 1, 100).asDiagonal()}.validate()), Error);
+    Eigen::Matrix3d const turn = Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, 3).normalized()).matrix();
+    CHECK_THROWS_AS(
+        (RigidBody{.inertia = turn * Eigen::Vector3d(3, 1, 1.9).asDiagonal() * turn.transpose()}.validate()),
+        Error);
+    CHECK_NOTHROW(
+        RigidBody{.inertia = turn * Eigen::Vector3d(3, 1, 2).asDiagonal() * turn.transpose()}.validate());
+    CHECK_NOTHROW(
+        RigidBody{.inertia = turn * Eigen::Vector3d(1, 1, 1e-5).asDiagonal() * turn.transpose()}.validate());
     CHECK_THROWS_AS((RigidBody{.motion = {.velocity = {std::nan(""), 0, 0}}}.validate()), Error);
+}
+
+TEST_CASE("a body that would be set off beyond all numbers is refused, and stays where it is")
+{
+    auto const stays = [](RigidBody body, Reaction const& received, double dt) {
+        Motion const before = body.motion;
+        CHECK_THROWS_AS(body.advance(received, dt, {0, 0, 0}), Error);
+        CHECK(body.motion.position == before.position);
+        CHECK(body.motion.velocity == before.velocity);
+        CHECK(body.motion.time == before.time);
+    };
+    stays({.mass = 1e-310}, {.impulse = {1, 0, 0}}, 1e-3);
+    stays({.motion = {.velocity = {10, 0, 0}}}, {}, 1e308);
+    stays({.inertia = Eigen::Matrix3d::Identity() * 1e-100}, {.angular_impulse = {0, 1e250, 0}}, 1e-3);
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
 #include "support/policies.hpp"
+#include "support/refused.hpp"
 
 using namespace firn;
 using namespace firn::test;
@@ -12,23 +13,6 @@ using Sheet = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>::Solver;
 using SnowBall = Scene<Snow<SolidFloat>, CubicBSpline, Flip>::Solver;
 constexpr double infinite = std::numeric_limits<double>::infinity();
 double const not_a_number = std::numeric_limits<double>::quiet_NaN();
-
-/// Runs what must be refused; returns the error, whose three parts must be there.
-template <class Call>
-Error refused(Call const& call)
-{
-    try {
-        call();
-    }
-    catch (Error const& error) {
-        CHECK(!error.what_is_wrong().empty());
-        CHECK(!error.where().empty());
-        CHECK(!error.remedy().empty());
-        return error;
-    }
-    FAIL("nothing was refused");
-    return {"", "", ""};
-}
 
 /// A block that has already taken a few steps.
 Sheet running_scene()

@@ -1,16 +1,31 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/error.hpp>
 #include <firn/core/host_device.hpp>
+#include <firn/core/lane.hpp>
 #include <firn/core/space.hpp>
 
+#include <cmath>
 #include <cstddef>
+#include <limits>
+#include <sstream>
+#include <string>
 #include <type_traits>
 
 // What a particle stores is declared by the policies that need it: each names its fields, and the table of
-// particles is their union. A field is a tag type with a name, a shape and a value at rest.
+// particles is their union. A field is a tag type with a name and a shape. A scalar one may say more: its
+// value `at_rest`, which is 0 unless it says so, and the `range` of what may be uploaded and restored.
 namespace firn
 {
+
+/// The values that a scalar field may have.
+struct FieldRange
+{
+    double above = -std::numeric_limits<double>::infinity();    ///< not this one itself
+    double at_least = -std::numeric_limits<double>::infinity(); ///< nor less than this one
+    double at_most = std::numeric_limits<double>::infinity();
+};
 
 /// How many components a field has in `d` dimensions.
 enum class FieldShape
@@ -50,6 +65,8 @@ struct PlasticVolumeRatio
 {
     static constexpr auto name = "plastic_volume_ratio";
     static constexpr auto shape = FieldShape::scalar;
+    static constexpr double at_rest = 1;
+    static constexpr FieldRange range{.above = 0};
 };
 
 /// ln J, J being the volume ratio of a fluid [-].
@@ -71,6 +88,7 @@ struct EquivalentPlasticStrain
 {
     static constexpr auto name = "equivalent_plastic_strain";
     static constexpr auto shape = FieldShape::scalar;
+    static constexpr FieldRange range{.at_least = 0};
 };
 
 /// v_c: the logarithmic volume that loose grains have gained, and give back before they bear load again [-].
@@ -78,6 +96,7 @@ struct LooseVolume
 {
     static constexpr auto name = "loose_volume";
     static constexpr auto shape = FieldShape::scalar;
+    static constexpr FieldRange range{.at_least = 0};
 };
 
 /// The factor of a particle's own moduli [-]: where a material is heterogeneous.
@@ -85,7 +104,8 @@ struct Stiffness
 {
     static constexpr auto name = "stiffness";
     static constexpr auto shape = FieldShape::scalar;
-    static constexpr bool is_above_zero = true; ///< what may be uploaded
+    static constexpr double at_rest = 1;
+    static constexpr FieldRange range{.above = 0};
 };
 
 /// The number of components of a field in `d` dimensions.
@@ -127,16 +147,42 @@ FIRN_HOST_DEVICE inline void for_each_component(Value& value, Use const& use)
     }
 }
 
-/// The value of a field of a body at rest: one for a volume ratio and for a factor, else zero.
+/// The value of a field of a body at rest: what it says itself, or zero.
 template <class Tag, class Real, int d>
 FIRN_HOST_DEVICE inline FieldValue<Tag, Real, d> value_at_rest()
 {
-    if constexpr (std::is_same_v<Tag, PlasticVolumeRatio> || std::is_same_v<Tag, Stiffness>)
-        return Real(1);
-    else if constexpr (Tag::shape == FieldShape::scalar)
-        return Real(0);
-    else
+    if constexpr (Tag::shape != FieldShape::scalar)
         return FieldValue<Tag, Real, d>::Zero();
+    else if constexpr (requires { Tag::at_rest; })
+        return Real(static_cast<Scalar<Real>>(Tag::at_rest));
+    else
+        return Real(0);
+}
+
+/// Throws an Error unless a component of a field is finite and in the field's range; `where()` is asked for
+/// only then.
+template <class Tag, class Where>
+void require_valid(double value, Where const& where, char const* remedy)
+{
+    constexpr FieldRange range = [] {
+        if constexpr (requires { Tag::range; })
+            return Tag::range;
+        else
+            return FieldRange{};
+    }();
+    static_assert(
+        Tag::shape == FieldShape::scalar || !requires { Tag::range; }, "only a scalar has a range");
+    auto const require_that = [&](bool condition, char const* what, double bound) {
+        if (condition) return;
+        std::ostringstream text;
+        text << "a value of '" << Tag::name << "' is " << what;
+        if (std::isfinite(bound)) text << ' ' << bound;
+        throw Error{text.str(), where(), remedy};
+    };
+    require_that(std::isfinite(value), "not finite", value);
+    require_that(value > range.above, "not above", range.above);
+    require_that(value >= range.at_least, "below", range.at_least);
+    require_that(value <= range.at_most, "above", range.at_most);
 }
 
 /// A set of fields.

@@ -48,6 +48,18 @@ struct Place
     }
 };
 
+/// What contact did to a lane of velocities.
+template <class Real, int d>
+struct Touched
+{
+    Vector<Real, d> velocity; ///< after contact [m/s]
+    Vector<Real, d> arm;      ///< from the obstacle's reference point [m]
+    Mask<Real> inside;        ///< where there was contact
+    Real depth;               ///< how far inside, 0 outside [m]
+    Vector<Real, d> normal;   ///< outward, in world axes
+    Real surface_speed2;      ///< squared speed of the obstacle there, 0 outside [m^2/s^2]
+};
+
 /// What an obstacle received during a step or a call.
 struct Reaction
 {

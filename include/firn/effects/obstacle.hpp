@@ -6,6 +6,7 @@
 #include <firn/effects/motion.hpp>
 #include <firn/effects/shapes/shape.hpp>
 
+#include <limits>
 #include <type_traits>
 
 namespace firn
@@ -108,18 +109,6 @@ struct Obstacle
     }
 };
 
-/// What contact did to a lane of velocities.
-template <class Real, int d>
-struct Touched
-{
-    Vector<Real, d> velocity; ///< after contact [m/s]
-    Vector<Real, d> arm;      ///< from the obstacle's reference point [m]
-    Mask<Real> inside;        ///< where there was contact
-    Real depth;               ///< how far inside, 0 outside [m]
-    Vector<Real, d> normal;   ///< outward, in world axes
-    Real surface_speed2;      ///< squared speed of the obstacle there, 0 outside [m^2/s^2]
-};
-
 template <class ShapeType>
 template <class Number, int d>
 struct Obstacle<ShapeType>::Action
@@ -175,53 +164,96 @@ struct Obstacle<ShapeType>::Action
         return touched;
     }
 
-    /// Keeps lanes of particles with velocity v, at a place after a displacement [m] by the grid, on the side
-    /// of a shell where they were. `correction` becomes the displacement [m] that goes with it.
+    /// Contact of lanes of particles with velocity v, at a place to which they travelled [m] since the step
+    /// began: a solid pushes out what is inside it, a shell keeps each on the side of it where it was.
     ///
     /// The side is that of the shell at the beginning of the step, so nothing is lost to a shell that moves
-    /// across particles. Where the way out is longer than the distances say, they are carried along with the
-    /// shell.
+    /// across particles.
     template <Lane Real>
-    FIRN_HOST_DEVICE Touched<Real, d>
-    keep_side(Place<Real, d> const& place, Vector<Real, d> const& displacement, Vector<Real, d> const& v,
-              Real dt, Vector<Real, d>& correction) const requires keeps_sides
+    FIRN_HOST_DEVICE Touched<Real, d> hold(Place<Real, d> const& place, Vector<Real, d> const& travelled,
+                                           Vector<Real, d> const& v, Contact const& rule) const
     {
-        Matrix<Real, d> const R = rotation.template cast<Real>();
-        Vector<Real, d> const from = place.relative_to(earlier.position) - displacement;
-        Vector<Real, d> const start = earlier.rotation.template cast<Real>().transpose() * from;
-        Real const zero(0), one(1), half(Number(0.5 * shape.thickness));
-        Real const side = select(surface_of<Real, d>(shape.shape, start).distance < zero, -one, one);
-        // towards that side, from the surface of the shell
-        auto const sample = [&](Vector<Real, d> const& arm) {
-            auto at = surface_of<Real, d>(shape.shape, Vector<Real, d>(R.transpose() * arm));
-            return SurfaceSample<Real, d>{at.distance * side - half, R * (at.normal * side)};
-        };
-        Touched<Real, d> touched;
-        touched.arm = place.relative_to(position);
-        auto here = sample(touched.arm);
-        touched.inside = !(here.distance > zero);
-        touched.velocity = v;
-        correction.setZero();
-        if (!any(touched.inside)) return touched;
+        if constexpr (!keeps_sides)
+            return touch<Real>(place, v, rule);
+        else {
+            Touched<Real, d> touched;
+            touched.arm = place.relative_to(position);
+            auto const here = from_side<Real>(touched.arm, start<Real>(place, travelled));
+            touched.inside = !(here.distance > Real(0));
+            touched.velocity = v;
+            if (!any(touched.inside)) return touched;
 
-        Vector<Real, d> const surface = surface_velocity<Real>(touched.arm);
-        Vector<Real, d> const after = surface + contact.after<Real, d>(v - surface, here.normal);
-        Vector<Real, d> arm = touched.arm + (after - v) * dt;
-        for (int i = 0; i < 3; ++i) { // once for an exact distance
-            here = sample(arm);
-            arm += here.normal * max(-here.distance, zero);
+            Vector<Real, d> const surface = surface_velocity<Real>(touched.arm);
+            Vector<Real, d> const after = surface + rule.after<Real, d>(v - surface, here.normal);
+            for (int a = 0; a < d; ++a) touched.velocity[a] = select(touched.inside, after[a], v[a]);
+            touched.depth = select(touched.inside, -here.distance, Real(0));
+            touched.normal = here.normal;
+            return touched;
         }
-        Mask<Real> const on_side = sample(arm).distance > -half;
-        Vector<Real, d> const carried = R * start;
-        for (int a = 0; a < d; ++a) {
-            touched.velocity[a] = select(touched.inside, after[a], v[a]);
-            correction[a] =
-                select(touched.inside, select(on_side, arm[a], carried[a]) - touched.arm[a], zero);
-        }
-        return touched;
     }
 
+    /// How deep [m] lanes of particles are inside then, or below the surface that a shell has on their side.
+    template <Lane Real>
+    FIRN_HOST_DEVICE Real overlap(Place<Real, d> const& place, Vector<Real, d> const& travelled) const
+    {
+        Vector<Real, d> const arm = place.relative_to(position);
+        if constexpr (keeps_sides)
+            return -from_side<Real>(arm, start<Real>(place, travelled)).distance;
+        else
+            return -surface_of<Real, d>(shape,
+                                        Vector<Real, d>(rotation.template cast<Real>().transpose() * arm))
+                        .distance;
+    }
+
+    /// An overlap [m] beyond which particles are lost: they are through a shell.
+    template <class Same>
+    FIRN_HOST_DEVICE Same lost_beyond(Lattice const&) const
+    {
+        static_assert(std::is_same_v<Same, Number>);
+        if constexpr (keeps_sides)
+            return Number(0.5 * shape.thickness);
+        else
+            return std::numeric_limits<Number>::max();
+    }
+
+    /// The way [m] that lanes of particles would have gone since the step began, had they gone along with it.
+    template <Lane Real>
+    FIRN_HOST_DEVICE Vector<Real, d> carried(Place<Real, d> const& place, Vector<Real, d> const& travelled,
+                                             Real dt) const
+    {
+        Vector<Real, d> const from = place.relative_to(position) - travelled;
+        if constexpr (keeps_sides)
+            return rotation.template cast<Real>() * start<Real>(place, travelled) - from;
+        else {
+            Vector<Real, d> const arm = from + velocity.template cast<Real>() * dt;
+            return surface_velocity<Real>(arm) * dt;
+        }
+    }
+
+    FIRN_HOST_DEVICE Eigen::Vector3d reference() const { return position; } ///< of its angular impulse [m]
+
 private:
+    /// Where in the body's frame lanes of particles were when the step began.
+    template <Lane Real>
+    FIRN_HOST_DEVICE Vector<Real, d> start(Place<Real, d> const& place,
+                                           Vector<Real, d> const& travelled) const requires keeps_sides
+    {
+        Vector<Real, d> const from = place.relative_to(earlier.position) - travelled;
+        return earlier.rotation.template cast<Real>().transpose() * from;
+    }
+
+    /// Distance from the surface that a shell has on the side of `start`, and the normal towards that side.
+    template <Lane Real>
+    FIRN_HOST_DEVICE SurfaceSample<Real, d> from_side(Vector<Real, d> const& arm,
+                                                      Vector<Real, d> const& start) const requires keeps_sides
+    {
+        Matrix<Real, d> const R = rotation.template cast<Real>();
+        Real const side =
+            select(surface_of<Real, d>(shape.shape, start).distance < Real(0), Real(-1), Real(1));
+        auto const here = surface_of<Real, d>(shape.shape, Vector<Real, d>(R.transpose() * arm));
+        return {here.distance * side - Real(Number(0.5 * shape.thickness)), R * (here.normal * side)};
+    }
+
     /// v + omega x arm.
     template <Lane Real>
     FIRN_HOST_DEVICE Vector<Real, d> surface_velocity(Vector<Real, d> const& arm) const

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/effects/contact.hpp>
 #include <firn/effects/effect.hpp>
 
+#include <limits>
 #include <type_traits>
 
 namespace firn
@@ -16,9 +18,9 @@ namespace firn
 /// neither rubs nor lets go. Its reaction is booked as an obstacle's, angular impulse about the world's
 /// origin.
 ///
-/// All particles are on its side; nobody checks. Schemes that move particles with the grid keep them there,
-/// unless an obstacle that acts on particles, or a shell, meets the wall at an acute angle: it pushes them
-/// without knowing of the wall, and some end behind it.
+/// All particles are on its side: a call with a wall that has some behind it is refused. Schemes that move
+/// particles with the grid keep them there, and where an obstacle acts on particles, or a shell, so does the
+/// wall: see ParticleContact. Asflip's may swing beyond it by a small part of a cell where nothing does.
 struct ReflectingWall
 {
     int axis = 1; ///< across which it lies: 0, 1 or 2
@@ -42,19 +44,82 @@ struct ReflectingWall
                 "Pass 0 or 1.");
     }
 
+    friend bool operator==(ReflectingWall const&, ReflectingWall const&) = default;
+
     /// A plain value, the same in every step: see UpdateGrid.
     struct Action
     {
         static constexpr bool is_obstacle = true; ///< it has a reaction
         static constexpr bool mirrors = true;
-        static constexpr bool on_particles = false;
+        static constexpr bool on_particles = false; ///< by itself; else see ParticleContact
         int axis, node, side;
+
+        /// Contact of lanes of particles with velocity v that something has pushed to a place: what is behind
+        /// the wall comes before it.
+        template <Lane Real, int d>
+        FIRN_HOST_DEVICE Touched<Real, d> hold(Place<Real, d> const& place, Vector<Real, d> const&,
+                                               Vector<Real, d> const& v, Contact const& rule) const
+        {
+            Touched<Real, d> touched;
+            touched.arm = place.relative_to(reference());
+            touched.depth = max(overlap<Real, d>(place, v), Real(0));
+            touched.inside = touched.depth > Real(0);
+            for (int a = 0; a < d; ++a) touched.normal[a] = Real(Scalar<Real>(a == axis ? side : 0));
+            Vector<Real, d> const after = rule.after<Real, d>(v, touched.normal);
+            for (int a = 0; a < d; ++a) touched.velocity[a] = select(touched.inside, after[a], v[a]);
+            return touched;
+        }
+
+        /// How far [m] they are behind it, or too close for what rounding may do next.
+        template <Lane Real, int d>
+        FIRN_HOST_DEVICE Real overlap(Place<Real, d> const& place, Vector<Real, d> const&) const
+        {
+            using Number = Scalar<Real>;
+            Real before(0); // [cells]
+            for (int a = 0; a < d; ++a)
+                if (a == axis)
+                    before = (Real(Number(place.first[a] - node)) + place.offset[a]) * Real(Number(side));
+            return Real(lost_beyond<Number>(place.lattice)) - before * Real(Number(place.lattice.cell_size));
+        }
+
+        template <class Number>
+        FIRN_HOST_DEVICE Number lost_beyond(Lattice const& lattice) const
+        {
+            return Number(256 * std::numeric_limits<Number>::epsilon() * lattice.cell_size);
+        }
+
+        template <Lane Real, int d>
+        FIRN_HOST_DEVICE Vector<Real, d> carried(Place<Real, d> const&, Vector<Real, d> const&, Real) const
+        {
+            return Vector<Real, d>::Zero();
+        }
+
+        FIRN_HOST_DEVICE static Eigen::Vector3d reference() { return Eigen::Vector3d::Zero(); }
     };
 
     template <class Number, int d>
     FIRN_HOST_DEVICE Action during(Interval const&) const
     {
         return {axis, node, side};
+    }
+};
+
+/// Whether a position [m] is behind a wall by more than some cells.
+struct BehindWall
+{
+    int axis, side;
+    double farthest; ///< coordinate along the axis times the side [m]
+
+    BehindWall(ReflectingWall const& wall, Lattice const& lattice, double spared)
+        : axis(wall.axis), side(wall.side),
+          farthest(wall.side * (lattice.origin[wall.axis] + wall.node * lattice.cell_size) -
+                   spared * lattice.cell_size)
+    {}
+
+    template <int d>
+    FIRN_HOST_DEVICE bool operator()(Eigen::Matrix<double, d, 1> const& x) const
+    {
+        return x[axis] * side < farthest;
     }
 };
 

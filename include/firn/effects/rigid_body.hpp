@@ -34,13 +34,20 @@ struct RigidBody
 
     void validate() const
     {
+        auto const is_definite = [](Eigen::Matrix3d const& m) { // by its leading minors
+            return m(0, 0) > 0 && m.topLeftCorner<2, 2>().determinant() > 0 && m.determinant() > 0;
+        };
         bool const symmetric =
             inertia.allFinite() && (inertia - inertia.transpose()).isZero(1e-12 * inertia.norm());
-        bool const definite = symmetric && inertia(0, 0) > 0 &&
-                              inertia.topLeftCorner<2, 2>().determinant() > 0 && inertia.determinant() > 0;
-        require(std::isfinite(mass) && mass > 0 && definite,
+        require(std::isfinite(mass) && mass > 0 && symmetric && is_definite(inertia),
                 "the mass is not above 0, or the inertia is not that of a body", "RigidBody",
                 "Pass kg, and a symmetric positive definite matrix in kg m^2.");
+        // The sum of m x x^T, whose trace is half the inertia's, is not negative along any axis; a flat
+        // body's is 0, but for a rounding.
+        Eigen::Matrix3d const shares = inertia / inertia.trace();
+        require(is_definite(Eigen::Matrix3d::Identity() * (0.5 + 1e-6) - shares),
+                "a principal moment of inertia is more than the other two together", "RigidBody",
+                "Pass the inertia of a body: a flat one in the plane has Ixx + Iyy = Izz.");
         motion.validate("RigidBody");
     }
 
@@ -50,7 +57,8 @@ struct RigidBody
     Eigen::Vector3d angular_momentum() const { return world_inertia() * motion.angular_velocity; }
 
     /// Moves it by `dt` [s] as the obstacle was moved, and then gives it what it received meanwhile and what
-    /// gravity [m/s^2] did. Throws an Error, and does not move it, unless all are finite.
+    /// gravity [m/s^2] did. Throws an Error, and does not move it, unless all are finite, and what becomes of
+    /// it too.
     void advance(Reaction const& received, double dt, Eigen::Vector3d const& gravity)
     {
         validate();
@@ -59,9 +67,16 @@ struct RigidBody
                 "what a body received is not finite, or the time it took is below 0", "RigidBody::advance",
                 "Pass a reaction, seconds and m/s^2.");
         Eigen::Vector3d const spin = angular_momentum() + received.angular_impulse;
-        motion = motion.at(motion.time + dt);
-        motion.velocity += received.impulse / mass + gravity * dt;
-        motion.angular_velocity = world_inertia().inverse() * spin;
+        RigidBody after = *this;
+        after.motion = motion.at(motion.time + dt);
+        after.motion.velocity += received.impulse / mass + gravity * dt;
+        after.motion.angular_velocity = after.world_inertia().inverse() * spin;
+        bool const finite = after.motion.position.allFinite() && after.motion.velocity.allFinite() &&
+                            after.motion.angular_velocity.allFinite() &&
+                            after.motion.orientation.coeffs().allFinite();
+        require(finite, "what a body received sets it off beyond all numbers", "RigidBody::advance",
+                "Check its mass [kg] and inertia [kg m^2] against impulses [N s] and the time [s].");
+        motion = after.motion;
     }
 
 private:

@@ -40,7 +40,8 @@ inline bool flush_to_disk([[maybe_unused]] std::filesystem::path const& path)
 }
 
 /// Writes a file under a temporary name in the same folder and gives it its own only when all of it is
-/// written, so that a reader never meets half a file and a failure leaves the file of before.
+/// written, so that a reader never meets half a file and a failure leaves the file of before, and nothing
+/// beside it; what `write` throws included.
 template <class Write>
 void replace_file(std::filesystem::path const& path, Write const& write,
                   Survives survives = Survives::program)
@@ -56,7 +57,14 @@ void replace_file(std::filesystem::path const& path, Write const& write,
     std::ofstream out(temporary, std::ios::binary | std::ios::trunc);
     if (!out)
         refuse("the file cannot be created", "Create its folder first, and check that it may be written.");
-    write(out);
+    try {
+        write(out);
+    }
+    catch (...) {
+        out.close();
+        std::filesystem::remove(temporary, ignored);
+        throw;
+    }
     out.close();
     if (!out || (survives == Survives::machine && !flush_to_disk(temporary)))
         refuse("the file could not be written to its end", "Is the disk full?");

@@ -136,7 +136,7 @@ public:
     /// [m] apart.
     ///
     /// Throws firn::Error: spacing not above 0, fewer than 2 samples along an axis, a number of heights that
-    /// does not fit, a height or an origin that is not finite.
+    /// does not fit, a height or an origin that is not finite, heights beyond 1e15 m or as many spacings.
     HeightField(std::array<Real, across> const& origin, Real spacing, std::array<int, across> const& count,
                 std::vector<Real> heights)
         : view_{origin, spacing, count, nullptr}
@@ -154,6 +154,11 @@ public:
                 "Pass one height for each sample, x fastest.");
         require(std::ranges::all_of(heights, is_finite), "a height is not finite", where,
                 "Pass a height [m] for each sample.");
+        // then no height between them, no slope and no square of one overflows
+        Real const largest = Real(largest_length) * std::min(spacing, Real(1));
+        require(std::ranges::all_of(heights, [&](Real y) { return std::abs(y) <= largest; }),
+                "a height is out of range, or the terrain is too steep to tell up from down", where,
+                "Pass heights and their spacing in metres.");
         heights_ = std::make_shared<std::vector<Real> const>(std::move(heights));
         view_.values = heights_->data();
     }

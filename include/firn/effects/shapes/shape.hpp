@@ -10,6 +10,9 @@
 namespace firn
 {
 
+/// No shape has longer ones [m]: in single precision, too, their squares are finite.
+inline constexpr double largest_length = 1e15;
+
 /// Where a point stands to a surface.
 template <class Real, int d>
 struct SurfaceSample

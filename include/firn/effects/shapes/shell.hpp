@@ -13,9 +13,8 @@ namespace firn
 /// The surface of a shape as a thin shell, open to both sides: a bowl, a hollow box, a sheet of terrain.
 ///
 /// `thickness` may be far less than a cell. As the shape of an Obstacle it keeps every particle on the side
-/// of the surface where it began the step, however the shell moves: see Obstacle. Down to a thousandth of a
-/// cell in single precision. Several shells correct particles one after the other: what is driven into the
-/// corner of two that meet at 60 degrees or less passes through the earlier one.
+/// of the surface where it began the step, however the shell moves, in corners with others too: see
+/// ParticleContact. Down to a thousandth of a cell in single precision.
 ///
 /// Where it is thinner than a cell the bodies on its two sides still share nodes: it parts them, but lets a
 /// little of a blow through, and what leaves it is held back a little in the layer of nodes that it lies in.
@@ -33,6 +32,11 @@ struct Shell
         require(std::isfinite(thickness) && thickness > 0,
                 "the thickness of a shell is not a finite number above 0", "Shell",
                 "Pass metres, e.g. a tenth of a cell.");
+        require(thickness <= largest_length, "the thickness of a shell is out of range", "Shell",
+                "Pass metres, e.g. a tenth of a cell.");
+        if constexpr (requires { shape.reach(); })
+            require(thickness / 2 <= shape.reach(), "a shell is thicker than its shape", "Shell",
+                    "Pass metres, e.g. a tenth of a cell, or make it a solid.");
     }
 
     void validate_in_plane() const

@@ -125,8 +125,8 @@ public:
         require(double(values.size()) == nodes.template cast<double>().prod(), // which cannot overflow
                 "the number of values is not that of the nodes", where,
                 "Pass one distance for each node, x fastest.");
-        require(std::ranges::all_of(values, [](Real v) { return std::isfinite(v); }),
-                "a distance is not finite", where, "Pass a distance [m] for each node.");
+        require(std::ranges::all_of(values, [](Real v) { return std::abs(v) <= Real(largest_length); }),
+                "a distance is not finite, or out of range", where, "Pass a distance [m] for each node.");
         values_ = std::make_shared<std::vector<Real> const>(std::move(values));
     }
 

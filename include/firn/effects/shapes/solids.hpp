@@ -27,6 +27,8 @@ inline void require_length(double length, char const* where)
 {
     require(std::isfinite(length) && length > 0, "a radius or extent is not a finite number above 0", where,
             "Pass lengths in metres, above 0.");
+    require(length <= largest_length, "a radius or extent is out of range", where,
+            "Pass metres; a plane is a HalfSpace.");
 }
 } // namespace detail
 
@@ -54,8 +56,8 @@ struct Capsule
     void validate() const
     {
         detail::require_length(radius, "Capsule");
-        require(std::isfinite(half_length) && half_length >= 0,
-                "the half length of a capsule is below 0 or not finite", "Capsule",
+        require(half_length >= 0 && half_length <= largest_length,
+                "the half length of a capsule is below 0 or out of range", "Capsule",
                 "Pass a length in metres.");
     }
     double reach() const

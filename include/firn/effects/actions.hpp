@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/effects/obstacle.hpp>
+
+#include <array>
+
+namespace firn
+{
+
+/// The sum of what obstacles received, in the order in which they were passed.
+template <int obstacles>
+struct Reactions
+{
+    std::array<Reaction, obstacles> of{};
+    double largest_surface_speed2 = 0; ///< of an obstacle where something touched it [m^2/s^2]
+
+    FIRN_HOST_DEVICE void merge(Reactions const& other)
+    {
+        for (int i = 0; i < obstacles; ++i) of[i] += other.of[i];
+        largest_surface_speed2 = max(largest_surface_speed2, other.largest_surface_speed2);
+    }
+};
+
+/// Whether an action is that of a shell.
+template <class Action>
+inline constexpr bool keeps_sides = requires
+{
+    requires Action::keeps_sides;
+};
+
+/// Whether an action is that of a reflecting wall, which UpdateGrid takes care of.
+template <class Action>
+inline constexpr bool is_wall = requires
+{
+    requires Action::mirrors;
+};
+
+/// The actions of a step's effects, applied in the order in which they were passed.
+template <class... Actions>
+struct Chain;
+
+template <>
+struct Chain<>
+{
+    static constexpr int obstacles = 0, walls = 0, shells = 0;
+    template <class Visit>
+    FIRN_HOST_DEVICE void for_each(Visit const&) const
+    {}
+};
+
+template <class First, class... Rest>
+struct Chain<First, Rest...>
+{
+    First first;
+    Chain<Rest...> rest;
+    static constexpr int obstacles = int(First::is_obstacle) + Chain<Rest...>::obstacles;
+    static constexpr int walls = int(is_wall<First>) + Chain<Rest...>::walls;
+    static constexpr int shells = int(keeps_sides<First>) + Chain<Rest...>::shells;
+
+    template <class Visit>
+    FIRN_HOST_DEVICE void for_each(Visit const& visit) const
+    {
+        visit(first);
+        rest.for_each(visit);
+    }
+};
+
+/// Whether one of them acts on particles, too.
+template <class... Actions>
+FIRN_HOST_DEVICE bool touches_particles(Chain<Actions...> const& chain)
+{
+    bool wanted = false;
+    chain.for_each([&](auto const& action) {
+        if constexpr (std::decay_t<decltype(action)>::is_obstacle) wanted = wanted || action.on_particles;
+    });
+    return wanted;
+}
+
+namespace detail
+{
+template <class Action, class... Actions>
+FIRN_HOST_DEVICE Chain<Action, Actions...> linked(Action const& first, Chain<Actions...> const& rest)
+{
+    return {first, rest};
+}
+} // namespace detail
+
+/// The effects of a step as plain values, from which their actions follow wherever the step's length is
+/// known.
+template <class... Effects>
+struct PlainEffects;
+
+template <>
+struct PlainEffects<>
+{
+    template <class Number, int d>
+    FIRN_HOST_DEVICE Chain<> during(Interval const&) const
+    {
+        return {};
+    }
+    bool touch_particles() const { return false; }
+};
+
+template <class First, class... Rest>
+struct PlainEffects<First, Rest...>
+{
+    First first;
+    PlainEffects<Rest...> rest;
+
+    /// The chain of the effects' actions during a step.
+    template <class Number, int d>
+    FIRN_HOST_DEVICE auto during(Interval const& interval) const
+    {
+        return detail::linked(first.template during<Number, d>(interval),
+                              rest.template during<Number, d>(interval));
+    }
+
+    /// Whether one of them acts on particles, too.
+    bool touch_particles() const
+    {
+        if constexpr (requires { first.on_particles; })
+            if (first.on_particles) return true;
+        return rest.touch_particles();
+    }
+};
+
+inline PlainEffects<> plain_effects() { return {}; }
+
+template <class First, class... Rest>
+auto plain_effects(First const& first, Rest const&... rest)
+{
+    auto const plain = [&] {
+        if constexpr (requires { first.plain(); })
+            return first.plain();
+        else
+            return first;
+    }();
+    return [&]<class... Others>(PlainEffects<Others...> const& others) {
+        return PlainEffects<std::remove_const_t<decltype(plain)>, Others...>{plain, others};
+    }(plain_effects(rest...));
+}
+
+namespace detail
+{
+/// Books what contact took from lanes of mass m: impulse m (before - after), and its moment about the
+/// reference point.
+template <Lane Real, int d>
+FIRN_HOST_DEVICE void book(Reaction& reaction, Touched<Real, d> const& touched, Vector<Real, d> const& before,
+                           Real mass)
+{
+    constexpr int width = lane_width<Real>;
+    Scalar<Real> impulse[d][width], arm[d][width];
+    for (int a = 0; a < d; ++a) {
+        // lanes without a particle may hold anything
+        Real const taken = select(touched.inside, (before[a] - touched.velocity[a]) * mass, Real(0));
+        LaneTraits<Real>::store(taken, impulse[a]);
+        LaneTraits<Real>::store(touched.arm[a], arm[a]);
+    }
+    for (int lane = 0; lane < width; ++lane) {
+        Eigen::Vector3d p = Eigen::Vector3d::Zero(), r = Eigen::Vector3d::Zero();
+        for (int a = 0; a < d; ++a) p[a] = impulse[a][lane], r[a] = arm[a][lane];
+        reaction.impulse += p;
+        reaction.angular_impulse += r.cross(p);
+    }
+}
+} // namespace detail
+
+} // namespace firn

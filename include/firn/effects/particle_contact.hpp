@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/effects/actions.hpp>
+
+#include <array>
+
+namespace firn
+{
+
+/// Contact of lanes of particles with the obstacles that act on them, and with reflecting walls then, after
+/// the grid has moved them.
+///
+/// One after the other takes the velocity into it and moves what is inside out: solids first, by at most a
+/// quarter of a cell in a step (who is deep inside comes out over several), then shells, then walls. In a
+/// corner one pushes into the other. So it begins anew until none of them moves anything (projections onto
+/// convex sets in turn, von Neumann 1950, *Functional operators* II, chapter 13: where two planes meet at an
+/// angle theta what remains falls by cos² theta each time); without friction, which has acted once. What then
+/// still is where it must not be stays where it was at the beginning of the step, or goes along with one of
+/// the obstacles, whichever is least inside any of them.
+template <Lane Real, int d, class Effects>
+struct ParticleContact
+{
+    static constexpr int obstacles = Effects::obstacles;
+    static constexpr int passes = 8; ///< leaves nothing in a corner of 75 degrees, a sixth of it in one of 30
+
+    Effects const& chain;
+    Place<Real, d> const& place;
+    Vector<Real, d> const& moved; ///< to the place, since the step began [m]
+    Mask<Real> const& here;
+    Real mass, dt;
+    Vector<Real, d>& velocity;
+    Reactions<obstacles>& reactions;
+
+    Vector<Real, d> displacement = Vector<Real, d>::Zero(); ///< from the place [m]
+    std::array<Real, obstacles> spared = no_depths(); ///< which each solid leaves inside in this step [m]
+    Real last{Number(-1)};                            ///< which of them has touched it last
+
+    /// Corrects the velocity, and returns the displacement [m] that goes with it.
+    FIRN_HOST_DEVICE Vector<Real, d> solve()
+    {
+        bool moves = pass(true);
+        if constexpr (may_fail) {
+            for (int i = 1; i < passes && moves; ++i) moves = pass(false);
+            if (moves) settle();
+        }
+        return displacement;
+    }
+
+private:
+    using Number = Scalar<Real>;
+
+    /// Whether once may not be enough: a single solid is as good as its distance.
+    static constexpr bool may_fail = obstacles > 1 || Effects::shells > 0;
+
+    FIRN_HOST_DEVICE static std::array<Real, obstacles> no_depths()
+    {
+        std::array<Real, obstacles> depths;
+        for (Real& depth : depths) depth = Real(0);
+        return depths;
+    }
+
+    FIRN_HOST_DEVICE Number in_metres(double cells) const { return Number(cells * place.lattice.cell_size); }
+    /// What counts as outside: single precision tells no less, a few cells from the reference.
+    FIRN_HOST_DEVICE Real tolerance() const { return Real(in_metres(1e-5)); }
+
+    /// The place after a displacement [m].
+    FIRN_HOST_DEVICE Place<Real, d> after(Vector<Real, d> const& way) const
+    {
+        Place<Real, d> there = place;
+        there.offset += way * Real(Number(1 / place.lattice.cell_size));
+        return there;
+    }
+
+    /// Calls `use(action, i)` for those that act on particles, `i` counting all obstacles.
+    template <class Use>
+    FIRN_HOST_DEVICE void for_each(Use const& use) const
+    {
+        int i = 0;
+        chain.for_each([&](auto const& action) {
+            using Action = std::decay_t<decltype(action)>;
+            if constexpr (Action::is_obstacle) {
+                if (is_wall<Action> || action.on_particles) use(action, i);
+                ++i;
+            }
+        });
+    }
+
+    /// Goes through all of them once. True if one moved something, which may now be inside another.
+    FIRN_HOST_DEVICE bool pass(bool first)
+    {
+        Mask<Real> pushed = Real(1) < Real(0);
+        // Later ones have it their way: nothing is to pass a shell, and rounding is what is left before a
+        // wall.
+        for (int turn = 0; turn < 3; ++turn)
+            for_each([&](auto const& action, int i) {
+                using Action = std::decay_t<decltype(action)>;
+                if (turn == (is_wall<Action> ? 2 : keeps_sides<Action> ? 1 : 0))
+                    pushed = pushed | push(action, i, first);
+            });
+        return any(pushed);
+    }
+
+    /// Takes the velocity into one of them, and what is inside it out. Returns where that moved something.
+    template <class Action>
+    FIRN_HOST_DEVICE Mask<Real> push(Action const& action, int i, bool first)
+    {
+        Contact rule = Contact::slip();
+        if constexpr (!is_wall<Action>)
+            if (first) rule = action.contact;
+        auto touched = action.template hold<Real>(after(displacement), Vector<Real, d>(moved + displacement),
+                                                  velocity, rule);
+        touched.inside = touched.inside & here;
+        if (!any(touched.inside)) return touched.inside;
+
+        detail::book<Real, d>(reactions.of[static_cast<std::size_t>(i)], touched, velocity, mass);
+        Real& spare = spared[static_cast<std::size_t>(i)];
+        if (first && !keeps_sides<Action>) spare = max(touched.depth - Real(in_metres(0.25)), Real(0));
+        Vector<Real, d> shift = Vector<Real, d>::Zero();
+        if (first) shift = (touched.velocity - velocity) * dt;
+        Real out = touched.depth - spare;
+        // What the velocity no longer does needs no push, unless this is the only one: where a distance is an
+        // estimate, too far out is better.
+        if constexpr (may_fail) out = max(out - shift.dot(touched.normal), Real(0));
+        for (int a = 0; a < d; ++a)
+            shift[a] = select(touched.inside, shift[a] + touched.normal[a] * out, Real(0));
+        displacement += shift;
+        velocity = touched.velocity;
+        last = select(touched.inside, Real(Number(i)), last);
+        return shift.squaredNorm() > tolerance() * tolerance();
+    }
+
+    /// How bad it would be to have gone a way [m] from the place: the depths inside all of them [m], and far
+    /// more where one would have lost it.
+    FIRN_HOST_DEVICE Real depths(Vector<Real, d> const& way) const
+    {
+        Real sum(0);
+        for_each([&](auto const& action, int i) {
+            Real const overlap = action.template overlap<Real>(after(way), Vector<Real, d>(moved + way)) -
+                                 spared[static_cast<std::size_t>(i)];
+            Real const lost_beyond(action.template lost_beyond<Number>(place.lattice));
+            sum += max(overlap, Real(0)) + select(overlap > lost_beyond, Real(in_metres(1000)), Real(0));
+        });
+        return sum;
+    }
+
+    /// The last resort: see above.
+    FIRN_HOST_DEVICE void settle()
+    {
+        Real least = depths(displacement);
+        Mask<Real> const stuck = here & (least > tolerance() * Real(2));
+        if (!any(stuck)) return;
+        Mask<Real> settled = Real(1) < Real(0);
+        for (int with = -1; with < obstacles; ++with) { // none of them: stays where it was
+            Vector<Real, d> way = -moved;
+            for_each([&](auto const& action, int i) {
+                if (i == with) way += action.template carried<Real>(place, moved, dt);
+            });
+            Real const depth = depths(way);
+            Mask<Real> const better = stuck & (depth < least);
+            least = select(better, depth, least);
+            for (int a = 0; a < d; ++a) displacement[a] = select(better, way[a], displacement[a]);
+            settled = settled | better;
+        }
+        if (!any(settled)) return;
+        Touched<Real, d> touched;
+        for (int a = 0; a < d; ++a)
+            touched.velocity[a] = select(settled, (moved[a] + displacement[a]) / dt, velocity[a]);
+        for_each([&](auto const& action, int i) {
+            touched.inside = settled & (last == Real(Number(i)));
+            touched.arm = place.relative_to(action.reference());
+            detail::book<Real, d>(reactions.of[static_cast<std::size_t>(i)], touched, velocity, mass);
+        });
+        velocity = touched.velocity;
+    }
+};
+
+} // namespace firn

@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/policies.hpp"
+#include "support/refused.hpp"
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+/// A share of what there was, of a user's own.
+struct Soundness
+{
+    static constexpr auto name = "soundness";
+    static constexpr auto shape = FieldShape::scalar;
+    static constexpr double at_rest = 0.75;
+    static constexpr FieldRange range{.at_least = 0, .at_most = 1};
+};
+
+/// A user's own material: as stiff as it is sound.
+template <class SpaceType>
+struct Rotten
+{
+    using Space = SpaceType;
+    using Number = typename Space::Real;
+    using State = Fields<DisplacementGradient, Soundness>;
+    static constexpr int d = Space::dimension;
+    Number density = 100; // [kg/m^3]
+
+    void validate() const {}
+
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Response<Real, d> respond(Particle& state, Matrix<Real, d> const& L, Real dt) const
+    {
+        auto& H = state[DisplacementGradient{}];
+        H = deformed<Real, d>(H, L, dt);
+        Real const modulus = state[Soundness{}] * Real(Number(1e4));
+        return {(H + H.transpose()) * modulus, Real(3) * modulus, nowhere<Real>(), nowhere<Real>()};
+    }
+};
+
+constexpr double cell = 0.1;
+
+template <class Model>
+auto block(Model const& model = {}, Eigen::Vector2d const& low = {0, 0})
+{
+    using Solver = typename Scene<Model, QuadraticBSpline, Mls>::Solver;
+    Solver solver(lattice(cell), model);
+    solver.add(box_of_points<2>(low, low + Eigen::Vector2d(0.4, 0.4), cell), cell * cell / 4);
+    return solver;
+}
+
+/// What is said to an upload of a value that particle 3 has, and to a snapshot with it, which change nothing.
+template <class Tag, class Model>
+std::string refusal_of(double value, Model const& model = {})
+{
+    auto solver = block(model);
+    auto const before = solver.template download<Tag>();
+    auto values = before;
+    values[3] = static_cast<typename Model::Space::Real>(value);
+    auto const error = refused([&] { solver.template upload<Tag>(values); });
+    CHECK(error.where() == "Solver::upload, value 3");
+    auto snapshot = solver.snapshot();
+    for (auto& field : snapshot.materials[0].fields)
+        if (field.name == Tag::name) field.components[0][3] = values[3];
+    CHECK(refused([&] { solver.restore(snapshot); }).what_is_wrong() == error.what_is_wrong());
+    CHECK(solver.template download<Tag>() == before);
+    return error.what_is_wrong();
+}
+
+} // namespace
+
+TEST_CASE("values that a field cannot have are neither uploaded nor restored")
+{
+    CHECK(refusal_of<PlasticVolumeRatio, Snow<Plane>>(0) ==
+          "a value of 'plastic_volume_ratio' is not above 0");
+    CHECK(refusal_of<PlasticVolumeRatio, Snow<PlaneFloat>>(-3) ==
+          "a value of 'plastic_volume_ratio' is not above 0");
+    CHECK(refusal_of<EquivalentPlasticStrain, HardeningVonMises<Plane>>(-1) ==
+          "a value of 'equivalent_plastic_strain' is below 0");
+    CHECK(refusal_of<LooseVolume, Sand<Plane>>(-1e-9) == "a value of 'loose_volume' is below 0");
+    auto sand = block<Sand<Plane>>();
+    CHECK_NOTHROW(sand.upload<LooseVolume>(std::vector<double>(sand.size(), 0.0)));
+}
+
+TEST_CASE("a user's own field states its value at rest, and its range")
+{
+    auto solver = block<Rotten<PlaneFloat>>();
+    for (float const sound : solver.download<Soundness>()) CHECK(sound == 0.75f);
+    CHECK(solver.bounds().wave_speed == Approx(std::sqrt(3 * 0.75e4 / 100)));
+    CHECK(refusal_of<Soundness, Rotten<PlaneFloat>>(1.5) == "a value of 'soundness' is above 1");
+    CHECK(refusal_of<Soundness, Rotten<PlaneFloat>>(-0.5) == "a value of 'soundness' is below 0");
+    solver.upload<Soundness>(std::vector<float>(solver.size(), 1.0f));
+    CHECK(solver.bounds().wave_speed == Approx(std::sqrt(3e4 / 100)));
+}
+
+TEST_CASE("what is uploaded leaves the next step the bounds that only a step finds")
+{
+    auto solver = block<Rotten<Plane>>();
+    auto velocities = solver.download<Velocity>();
+    auto const points = solver.positions();
+    for (std::size_t i = 0; i < points.size(); ++i) velocities[i] = {40 * points[i].x(), 0};
+    solver.upload<Velocity>(velocities);
+    solver.step(1e-5, Obstacle<HalfSpace>{.motion = {.position = {0, 0.1, 0}, .velocity = {7, 0, 0}}});
+    auto const found = solver.bounds();
+    CHECK(found.deformation_rate > 20);
+    CHECK(found.obstacle_speed == Approx(7));
+    solver.upload<Soundness>(std::vector<double>(solver.size(), 0.5));
+    CHECK(solver.bounds().deformation_rate >= found.deformation_rate);
+    CHECK(solver.bounds().obstacle_speed == found.obstacle_speed);
+    Eigen::Matrix2d const faster{{0, 1000}, {0, 0}};
+    solver.upload<AffineVelocity>(std::vector<Eigen::Matrix2d>(solver.size(), faster));
+    CHECK(solver.bounds().deformation_rate == Approx(1000));
+}
+
+TEST_CASE("particles behind a reflecting wall, or across it, are refused, whenever they come there")
+{
+    ReflectingWall const floor{.axis = 1}, ceiling{.axis = 1, .side = -1}, left{.axis = 0};
+    for (double low : {-0.5, -0.2}) { // all behind; half of them
+        auto solver = block<NeoHookean<Plane>>({}, {0, low});
+        auto const before = solver.positions();
+        for (int call = 0; call < 2; ++call) {
+            auto const error = refused([&] { solver.advance(0.01, Gravity{}, floor); });
+            CHECK_THAT(error.what_is_wrong(), StartsWith("particle 0 and "));
+            CHECK_THAT(error.what_is_wrong(), Contains(" behind a reflecting wall"));
+            CHECK_THAT(error.where(), Contains("across axis 1 at node 0"));
+        }
+        CHECK(solver.time() == 0);
+        CHECK((solver.positions() == before));
+        CHECK_NOTHROW(solver.step(1e-5, left));
+    }
+    auto solver = block<NeoHookean<Plane>>();
+    CHECK_NOTHROW(solver.step(1e-5, floor, left));
+    refused([&] { solver.step(1e-5, ceiling); });
+    // particles that come later
+    solver.add(std::vector<Eigen::Vector2d>{{0.1, 0.5}, {0.2, -0.002}}, 1e-3);
+    auto const error = refused([&] { solver.step(1e-5, floor, left); });
+    CHECK(error.what_is_wrong() == "particle 65 is behind a reflecting wall");
+    solver.remove_if(Inside<HalfSpace>{});
+    CHECK_NOTHROW(solver.step(1e-5, floor, left));
+    // a body that left while there was no wall
+    auto falling = block<NeoHookean<Plane>>();
+    CHECK_NOTHROW(falling.step(1e-5, floor));
+    auto const snapshot = falling.snapshot();
+    falling.advance(0.3, Gravity{});
+    refused([&] { falling.step(1e-5, floor); });
+    falling.restore(snapshot);
+    CHECK_NOTHROW(falling.step(1e-5, floor));
+}
+
+TEST_CASE("a time that would be lost to rounding is refused: nobody waits for it in vain")
+{
+    auto solver = block<NeoHookean<Plane>>();
+    CHECK(solver.advance(1e-20).substeps == 1); // there is none yet beside which it were lost
+    solver.step(1e-5);
+    double const now = solver.time();
+    for (double lost : {1e-300, 1e-22}) {
+        CHECK_THAT(refused([&] { solver.advance(lost); }).what_is_wrong(), Contains("too short"));
+        refused([&] { solver.step(lost); });
+    }
+    CHECK(solver.time() == now);
+    CHECK(solver.advance(0).substeps == 0);
+    CHECK_NOTHROW(solver.advance(1e-20)); // an ulp of 1e-5 is 2e-21
+    auto single = block<NeoHookean<PlaneFloat>>();
+    refused([&] { single.advance(1e-40); }); // a float of it has few bits, or none
+    CHECK_NOTHROW(single.advance(1e-20));
+    single.advance(1e-3);
+    refused([&] { single.advance(1e-20); });
+}
