@@ -1,15 +1,41 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Installs what the tests need, builds them and passes them all: bash tests/run.sh [--gpu] [arguments of ctest]
+# Installs what the tests need, builds them and passes them all:
+#     bash tests/run.sh [--gpu] [--full] [arguments of ctest]
 # With --gpu: the tests of the CUDA backend, on a machine with a GPU, its driver and the CUDA toolkit.
+# With --full: then the tests that are too long for every day, too, those with the tag [.full] in all programs.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 source examples/set_up.sh
 
-preset=release
-if [ "${1:-}" = --gpu ]; then
-    preset=cuda
+# full_tests <folder>: runs the tests with the tag [.full] of all programs in the folder, on all cores.
+full_tests() {
+    local program programs=() failed=()
+    for program in "$1"/*; do
+        [ -f "$program" ] && [ -x "$program" ] || continue
+        # Catch2 3 calls it an error where there are none
+        { "$program" --list-tests '[.full]' 2>/dev/null || true; } | grep -q '^[1-9][0-9]* matching test case' &&
+            programs+=("$program")
+    done
+    [ ${#programs[@]} -gt 0 ] || stop "no program in $1 has a test with the tag [.full]."
+    for program in "${programs[@]}"; do
+        echo "full tests of $program"
+        OMP_WAIT_POLICY=passive "$program" '[.full]' --durations yes || failed+=("$program")
+    done
+    [ ${#failed[@]} -eq 0 ] || stop "full tests failed: ${failed[*]}"
+}
+
+preset=release full=no
+while true; do
+    case "${1:-}" in
+    --gpu) preset=cuda ;;
+    --full) full=yes ;;
+    *) break ;;
+    esac
     shift
+done
+
+if [ $preset = cuda ]; then
     PATH=$PATH:/usr/local/cuda/bin
     command -v nvcc >/dev/null || stop "the CUDA toolkit is not installed: there is no nvcc."
     nvidia-smi -L 2>/dev/null | grep -q GPU || stop "this machine has no NVIDIA GPU, or no driver for it."
@@ -22,3 +48,4 @@ fi
 cmake --preset $preset
 cmake --build --preset $preset
 ctest --preset $preset --parallel "$(nproc)" "$@"
+[ $full = no ] || full_tests build/$preset/tests

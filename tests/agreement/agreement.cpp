@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
 #include "encounters.hpp"
+#include "support/meshes.hpp"
 
 bool tests_need_a_device = true; // see main.cpp
 
@@ -9,19 +10,22 @@ using namespace firn::test;
 namespace
 {
 
+void check_agreement(std::string const& name, Outcome const& a, Outcome const& b)
+{
+    REQUIRE(a.x.size() == b.x.size());
+    REQUIRE(!a.x.empty());
+    double sum = 0;
+    for (std::size_t k = 0; k < a.x.size(); ++k) sum += (a.x[k] - b.x[k]) * (a.x[k] - b.x[k]);
+    double const difference = std::sqrt(sum / double(a.x.size()));
+    CAPTURE(name, difference);
+    CHECK(difference <= a.tolerance);
+}
+
 void check_agreement(std::vector<AgreementCase> const& here, std::vector<AgreementCase> const& there)
 {
     REQUIRE(here.size() == there.size());
-    for (std::size_t i = 0; i < here.size(); ++i) {
-        auto const a = here[i].run(), b = there[i].run();
-        REQUIRE(a.x.size() == b.x.size());
-        REQUIRE(!a.x.empty());
-        double sum = 0;
-        for (std::size_t k = 0; k < a.x.size(); ++k) sum += (a.x[k] - b.x[k]) * (a.x[k] - b.x[k]);
-        double const difference = std::sqrt(sum / double(a.x.size()));
-        CAPTURE(here[i].name, difference);
-        CHECK(difference <= a.tolerance);
-    }
+    for (std::size_t i = 0; i < here.size(); ++i)
+        check_agreement(here[i].name, here[i].run(), there[i].run());
 }
 
 } // namespace
@@ -34,4 +38,20 @@ TEST_CASE("a device takes a scene to where the processor takes it")
 TEST_CASE("so it does where bodies meet walls, shells, terrain, a body that they push, and one another")
 {
     check_agreement(openmp_encounters(), cuda_encounters());
+}
+
+TEST_CASE("a scene that either has written half way goes on with both to where one alone takes it")
+{
+    meshes::Folder const folder;
+    auto const path = folder / "half.firn";
+    auto const processor = openmp_restarts(), device = cuda_restarts();
+    REQUIRE(processor.size() == device.size());
+    for (std::size_t i = 0; i < processor.size(); ++i) {
+        processor[i].write(path);
+        auto const alone = processor[i].go_on(path);
+        check_agreement(processor[i].name + ", from the processor", alone, device[i].go_on(path));
+        device[i].write(path);
+        check_agreement(processor[i].name + ", from the device", alone, processor[i].go_on(path));
+        check_agreement(processor[i].name + ", on the device", alone, device[i].go_on(path));
+    }
 }

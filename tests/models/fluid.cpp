@@ -9,13 +9,13 @@ namespace
 {
 
 template <class Space>
-Fluid<Space> tait(double exponent, double viscosity = 0)
+OneElement<Fluid<Space>> tait(double exponent, double viscosity = 0)
 {
-    Fluid<Space> model;
-    model.exponent = static_cast<typename Space::Real>(exponent);
-    model.viscosity = static_cast<typename Space::Real>(viscosity);
-    model.parts = false;
-    return model;
+    OneElement<Fluid<Space>> fluid;
+    fluid.model.exponent = static_cast<typename Space::Real>(exponent);
+    fluid.model.viscosity = static_cast<typename Space::Real>(viscosity);
+    fluid.model.parts = false;
+    return fluid;
 }
 
 /// The energy of Tait's equation [Pa].
@@ -33,12 +33,12 @@ TEMPLATE_TEST_CASE("a fluid's pressure is the derivative of Tait's energy, and i
     constexpr int d = TestType::dimension;
     for (double gamma : {1.0, 4.0, 7.0})
         for (double J : {0.7, 0.95, 0.999, 1.0, 1.001, 1.3}) {
-            auto const model = tait<TestType>(gamma);
-            auto state = Record<double, d, typename Fluid<TestType>::State>::at_rest();
+            auto const fluid = tait<TestType>(gamma);
+            auto state = fluid.at_rest(1).front();
             Matrix<double, d> L = Matrix<double, d>::Zero();
             L(0, 0) = std::log(J);
-            auto const response = model.template respond<double>(state, L, 1.0);
-            double const K = model.bulk_modulus, step = 1e-5;
+            auto const response = fluid.step(state, L, 1);
+            double const K = fluid.model.bulk_modulus, step = 1e-5;
             double const up = energy_of_volume(K, gamma, J * (1 + step)),
                          here = energy_of_volume(K, gamma, J),
                          down = energy_of_volume(K, gamma, J * (1 - step));
@@ -52,61 +52,62 @@ TEMPLATE_TEST_CASE("a fluid's pressure is the derivative of Tait's energy, and i
 TEST_CASE("a column of Tait's fluid settles to its known height under its weight")
 {
     // p = rho_0 g (H - Y) by reference height Y, whatever the equation of state; the height is the sum of J.
-    auto const model = tait<Solid>(7);
+    auto const fluid = tait<Solid>(7);
     double const H = 1, weight = 1000 * 9.81;
-    auto const pressure = [&](double J) {
-        auto state = Record<double, 3, Fluid<Solid>::State>::at_rest();
-        Eigen::Matrix3d const L = Eigen::Matrix3d::Identity() * (std::log(J) / 3);
-        return -model.respond<double>(state, L, 1.0).kirchhoff_stress(0, 0) / J;
-    };
-    double height = 0;
-    int const layers = 1000;
-    for (int i = 0; i < layers; ++i) {
-        double const wanted = weight * (i + 0.5) / layers * H;
-        double low = 0.5, high = 1.5;
-        for (int j = 0; j < 60; ++j) {
-            double const middle = 0.5 * (low + high);
-            (pressure(middle) > wanted ? low : high) = middle;
+    std::size_t const layers = 1000;
+    std::vector<double> low(layers, 0.5), high(layers, 1.5); // of J, by bisection
+    for (int j = 0; j < 60; ++j) {
+        std::vector<Eigen::Matrix3d> rates;
+        for (std::size_t i = 0; i < layers; ++i)
+            rates.push_back(Eigen::Matrix3d::Identity() * (std::log(0.5 * (low[i] + high[i])) / 3));
+        auto states = fluid.at_rest(layers);
+        auto const answers = fluid.drive(states, {rates}, 1);
+        for (std::size_t i = 0; i < layers; ++i) {
+            double const J = 0.5 * (low[i] + high[i]), pressure = -answers[i].kirchhoff_stress(0, 0) / J;
+            (pressure > weight * (double(i) + 0.5) / double(layers) * H ? low : high)[i] = J;
         }
-        height += low * H / layers;
     }
+    double height = 0;
+    for (double J : low) height += J * H / double(layers);
     CHECK(height == Approx(.97819601).epsilon(1e-7));
 }
 
 TEMPLATE_TEST_CASE("a viscous fluid has Newton's stress, and none of it in rotation", "", Plane, Solid)
 {
     constexpr int d = TestType::dimension;
-    auto const model = tait<TestType>(7, 5.0);
+    using Tensor = Matrix<double, d>;
+    auto const fluid = tait<TestType>(7, 5.0);
     std::mt19937 random(31);
+    std::vector<Tensor> rates, spins;
     for (int i = 0; i < 100; ++i) {
-        Matrix<double, d> L = random_matrix<d>(random);
-        auto state = Record<double, d, typename Fluid<TestType>::State>::at_rest();
-        auto const tau = model.template respond<double>(state, L, 0.0).kirchhoff_stress;
-        Matrix<double, d> const expected =
-            5.0 * (L + L.transpose() - Matrix<double, d>::Identity() * (2.0 / d * L.trace()));
+        rates.push_back(random_matrix<d>(random));
+        spins.push_back(rates.back() - rates.back().transpose());
+    }
+    auto states = fluid.at_rest(rates.size());
+    auto const sheared = fluid.drive(states, {rates}, 0), turned = fluid.drive(states, {spins}, 0);
+    for (std::size_t i = 0; i < rates.size(); ++i) {
+        Tensor const &L = rates[i], &tau = sheared[i].kirchhoff_stress;
+        Tensor const expected = 5.0 * (L + L.transpose() - Tensor::Identity() * (2.0 / d * L.trace()));
         CHECK((tau - expected).norm() <= 1e-12 * expected.norm());
         CHECK((tau.array() * L.array()).sum() >= 0); // dissipates
-        Matrix<double, d> const spin = L - L.transpose();
-        CHECK(model.template respond<double>(state, spin, 0.0).kirchhoff_stress.norm() <= 1e-12);
+        CHECK(turned[i].kirchhoff_stress.norm() <= 1e-12);
     }
 }
 
 TEST_CASE("a fluid that parts bears no tension, and forgets how far it was torn")
 {
-    Fluid<Solid> const model;
-    auto state = Record<double, 3, Fluid<Solid>::State>::at_rest();
-    CHECK(model.respond<double>(state, Eigen::Matrix3d::Identity() * 0.1, 1.0).kirchhoff_stress.norm() == 0);
+    OneElement<Fluid<Solid>> const fluid;
+    auto state = fluid.at_rest(1).front();
+    CHECK(fluid.step(state, Eigen::Matrix3d::Identity() * 0.1, 1).kirchhoff_stress.norm() == 0);
     CHECK(state[LogVolumeRatio{}] == 0);
-    CHECK(model.respond<double>(state, Eigen::Matrix3d::Identity() * -0.01, 1.0).kirchhoff_stress(0, 0) < 0);
+    CHECK(fluid.step(state, Eigen::Matrix3d::Identity() * -0.01, 1).kirchhoff_stress(0, 0) < 0);
 }
 
 TEST_CASE("a fluid in single precision sees compressions far below those of rounding a volume")
 {
-    auto const model = tait<SolidFloat>(7);
-    auto state = Record<float, 3, Fluid<SolidFloat>::State>::at_rest();
-    Eigen::Matrix3f const L = Eigen::Matrix3f::Identity() * (-1e-10f / 3);
-    Eigen::Matrix3f tau;
-    for (int i = 0; i < 100; ++i) tau = model.respond<float>(state, L, 1.0f).kirchhoff_stress;
+    auto const fluid = tait<SolidFloat>(7);
+    auto state = fluid.at_rest(1).front();
+    auto const tau = fluid.step(state, Eigen::Matrix3d::Identity() * (-1e-10 / 3), 1, 100).kirchhoff_stress;
     CHECK(tau(0, 0) == Approx(-1e-8 * 2e5).epsilon(1e-4));
 }
 

@@ -31,8 +31,8 @@ auto vibrated(Solver& solver, int steps)
 } // namespace
 
 using Solids =
-    std::tuple<Scene<Snow<Plane>, QuadraticBSpline, Mls>, Scene<NeoHookean<Solid>, CubicBSpline, Flip>,
-               Scene<Sand<SolidFloat>, QuadraticBSpline, Apic>>;
+    Combinations<Scene<Snow<Plane>, QuadraticBSpline, Mls>, Scene<NeoHookean<Solid>, CubicBSpline, Flip>,
+                 Scene<Sand<SolidFloat>, QuadraticBSpline, Apic>>;
 
 TEMPLATE_LIST_TEST_CASE("a factor of each particle's moduli costs four or eight bytes, and others nothing",
                         "", Solids)

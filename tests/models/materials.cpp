@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
-#include "support/policies.hpp"
+#include "support/one_element.hpp"
 
 using namespace firn;
 using namespace firn::test;
@@ -13,10 +13,10 @@ template <class Model>
 double wave_speed(Model const& model)
 {
     model.validate();
-    using Number = typename Model::Space::Real;
     constexpr int d = Model::Space::dimension;
-    auto state = Record<Number, d, typename Model::State>::at_rest();
-    auto const response = model.template respond<Number>(state, Matrix<Number, d>::Zero(), Number(0));
+    OneElement<Model> const material{model};
+    auto state = material.at_rest(1).front();
+    auto const response = material.step(state, Matrix<double, d>::Zero(), 0);
     CHECK(response.kirchhoff_stress.norm() <= 1e-6 * double(response.wave_modulus)); // at rest without stress
     return std::sqrt(double(response.wave_modulus) / double(model.density));
 }

@@ -41,40 +41,23 @@ struct Swing
     }
 };
 
-/// Drives `count` particles at an obstacle around the origin for so many steps: every few steps all of them
-/// get the speed again, along the normal to the surface and a little beside it.
+/// Drives `count` particles at a surface around the origin for so many steps: every few steps all of them get
+/// the speed again, along the normal to the surface and a little beside it.
 ///
-/// The obstacle is the shape, or a shell of it, on the backend.
-template <class Number, int d, class ShapeType, class ObstacleShape>
-Driven drive(int count, int steps, ShapeType const& shape, Obstacle<ObstacleShape> obstacle,
-             Swing const& swing)
+/// `surface(time, x)` is its signed distance and normal, `advance(solver, frame)` goes on by a while [s].
+template <class Number, int d, class Surface, class Advance>
+Driven drive_at(int count, int steps, bool from_both_sides, Surface const& surface, Advance const& advance)
 {
     Solver<TestedBackend, Dust<Space<d, Number>>, QuadraticBSpline, Mls> solver(lattice(cell));
     std::mt19937 random(6);
     std::uniform_real_distribution<double> unit(-1, 1);
-    double const frame = 3 * 0.3 * cell / speed;
-    obstacle.motion = swing.during(0, frame);
-    auto const plain = firn::detail::plain(shape); // on the host
-    // signed distance of the solid, or from the middle of a shell, and normal in world axes
-    auto const surface = [&](Vector<double, d> const& x) {
-        Motion const now = obstacle.motion.at(solver.time());
-        Eigen::Vector3d full = Eigen::Vector3d::Zero();
-        full.head<d>() = x;
-        full = now.orientation.conjugate() * (full - now.position);
-        auto const here =
-            surface_of<Number, d>(plain, Vector<Number, d>(full.head<d>().template cast<Number>()));
-        full.setZero();
-        full.head<d>() = here.normal.template cast<double>();
-        return std::pair(double(here.distance), Vector<double, d>((now.orientation * full).head<d>()));
-    };
     std::vector<Vector<double, d>> points;
     std::vector<double> sides;
     while (int(points.size()) < count) {
         Vector<double, d> x;
         for (int a = 0; a < d; ++a) x[a] = unit(random);
-        double const distance = surface(x).first;
-        bool const there =
-            is_two_sided<ObstacleShape> ? std::abs(distance) > 0.05 * cell : distance > 0.5 * cell;
+        double const distance = surface(0, x).first;
+        bool const there = from_both_sides ? std::abs(distance) > 0.05 * cell : distance > 0.5 * cell;
         if (!there || std::abs(distance) > 0.5) continue;
         points.push_back(x);
         sides.push_back(distance < 0 ? -1 : 1);
@@ -87,25 +70,71 @@ Driven drive(int count, int steps, ShapeType const& shape, Obstacle<ObstacleShap
         points = solver.positions();
         driven.last = driven.mean = 0;
         for (std::size_t i = 0; i < points.size(); ++i) {
-            double const distance = sides[i] * surface(points[i]).first / cell;
+            double const distance = sides[i] * surface(solver.time(), points[i]).first / cell;
             driven.last = std::max(driven.last, -distance);
             driven.mean += distance / double(points.size());
         }
         driven.deepest = std::max(driven.deepest, driven.last);
     };
     for (; driven.steps < std::uint64_t(steps); look()) {
-        obstacle.motion = swing.during(solver.time(), frame);
         for (std::size_t i = 0; i < points.size(); ++i) {
-            Vector<double, d> towards = -sides[i] * surface(points[i]).second;
+            Vector<double, d> towards = -sides[i] * surface(solver.time(), points[i]).second;
             for (int a = 0; a < d; ++a) towards[a] += 0.3 * unit(random);
             velocities[i] = (towards.normalized() * speed).template cast<Number>();
         }
         solver.template upload<Velocity>(velocities);
-        auto const report = solver.advance(frame, obstacle);
+        auto const report = advance(solver, 3 * 0.3 * cell / speed);
         driven.steps += report.substeps;
         driven.longest = std::max(driven.longest, report.largest_dt * speed / cell);
     }
     return driven;
+}
+
+/// Drives particles at an obstacle: the shape, or a shell of it, on the backend.
+template <class Number, int d, class ShapeType, class ObstacleShape>
+Driven drive(int count, int steps, ShapeType const& shape, Obstacle<ObstacleShape> obstacle,
+             Swing const& swing)
+{
+    auto const plain = firn::detail::plain(shape); // on the host
+    // signed distance of the solid, or from the middle of a shell, and normal in world axes
+    auto const surface = [&](double time, Vector<double, d> const& x) {
+        Motion const now = obstacle.motion.at(time);
+        Eigen::Vector3d full = Eigen::Vector3d::Zero();
+        full.head<d>() = x;
+        full = now.orientation.conjugate() * (full - now.position);
+        auto const here =
+            surface_of<Number, d>(plain, Vector<Number, d>(full.head<d>().template cast<Number>()));
+        full.setZero();
+        full.head<d>() = here.normal.template cast<double>();
+        return std::pair(double(here.distance), Vector<double, d>((now.orientation * full).head<d>()));
+    };
+    obstacle.motion = swing.during(0, 3 * 0.3 * cell / speed);
+    return drive_at<Number, d>(count, steps, is_two_sided<ObstacleShape>, surface,
+                               [&](auto& solver, double frame) {
+                                   obstacle.motion = swing.during(solver.time(), frame);
+                                   return solver.advance(frame, obstacle);
+                               });
+}
+
+/// Drives particles into the corner of three walls that mirror.
+template <class Number>
+Driven drive_into_corner(int count, int steps)
+{
+    ReflectingWall const walls[]{{.axis = 0, .node = -10, .side = 1},
+                                 {.axis = 1, .node = 10, .side = -1},
+                                 {.axis = 2, .node = -10, .side = 1}};
+    auto const surface = [&](double, Vector<double, 3> const& x) {
+        std::pair nearest(1e9, Vector<double, 3>(Vector<double, 3>::Zero()));
+        for (auto const& wall : walls) {
+            double const distance = wall.side * (x[wall.axis] - wall.node * cell);
+            if (distance < nearest.first)
+                nearest = {distance, wall.side * Vector<double, 3>::Unit(wall.axis)};
+        }
+        return nearest;
+    };
+    return drive_at<Number, 3>(count, steps, false, surface, [&](auto& solver, double frame) {
+        return solver.advance(frame, walls[0], walls[1], walls[2]);
+    });
 }
 
 /// A ball with a dent, as a grid of distances.
@@ -198,6 +227,15 @@ void check_shells(int count, int steps)
         });
 }
 
+void check_walls(int count, int steps)
+{
+    // They move with the grid, whose velocity across the wall is zero on it.
+    auto const driven = drive_into_corner<float>(count, steps);
+    CAPTURE(driven.steps, driven.longest, driven.mean);
+    CHECK(driven.deepest <= 1e-6);
+    CHECK(driven.mean < 1);
+}
+
 } // namespace
 
 TEST_CASE("nothing passes into a moving solid by more than the reach of the kernel, whatever drives it")
@@ -216,6 +254,11 @@ TEST_CASE("nothing passes through a shell a twentieth of a cell thick, from eith
     check_shells<double>(500, 200);
 }
 
+TEST_CASE("nothing passes through reflecting walls, or out of the corner between them")
+{
+    check_walls(2000, 200);
+}
+
 TEST_CASE("1e5 particles do not pass into a solid in 2 000 steps", "[.full]")
 {
     check_solids<float>(100000, 2000, false);
@@ -226,4 +269,9 @@ TEST_CASE("nor do they with contact of their own", "[.full]") { check_solids<flo
 TEST_CASE("1e5 particles do not pass through a shell in 2 000 steps", "[.full]")
 {
     check_shells<float>(100000, 2000);
+}
+
+TEST_CASE("1e5 particles do not pass through reflecting walls in 2 000 steps", "[.full]")
+{
+    check_walls(100000, 2000);
 }
