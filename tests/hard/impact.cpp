@@ -246,8 +246,9 @@ TEST_CASE("H3: particles that are turned inside out stay so, shrink, and disturb
         H.resize(H.size() + points.size(), Matrix<double, 3>::Zero());
         Matrix<double, 3> F = random_matrix<3>(random);
         if (F.determinant() > 0) F.col(0) *= -1;
-        if (block == 0) F = Vector<double, 3>(1, 1, -1).asDiagonal();
-        if (block == 1) F = -Matrix<double, 3>::Identity();
+        if (block < 2) F.setIdentity();
+        if (block == 0) F(2, 2) = -1;
+        if (block == 1) F *= -1;
         H[turned.back()] = F - Matrix<double, 3>::Identity();
     }
     solver.upload<DisplacementGradient>(H);
