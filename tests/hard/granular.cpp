@@ -232,7 +232,7 @@ TEST_CASE("H17: a paddle turns in sand")
 
 TEST_CASE("H17: the same in finer cells", "[.full]") { stir("paddle in fine cells", 0.005, 80); }
 
-// The plan's 3 % are not reached: sand that was thrown takes 4 to 20 % more room, by how and in what cells,
+// The plan's 3 % are not reached: sand that was thrown takes 3 to 23 % more room, by how and in what cells,
 // and three times as much where the volume that it gained is not taken back. Most of that stays in no
 // particle's state: where it bears, J is what it was to 1 %, and the particles lie further apart than J says.
 // Nothing in the method brings the two together again once particles have changed their places, see also the

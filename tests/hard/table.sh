@@ -16,6 +16,7 @@ awk -F, -v style=$style '
                 split(newest[of[i]], f, ",")
                 if (f[1] != "H" number) continue
                 if (f[6] != "passed") ++failed
+                if (style == "markdown") gsub(/[|]/, "\\|", f[3])
                 if (style == "markdown")
                     printf "| %s | %s | %s | %s | %s | %s |\n", f[1], f[2], f[3], f[4], f[5], f[6]
                 else
