@@ -42,8 +42,8 @@ struct FixedCorotatedLaw : MeasuredByExtension
 };
 
 /// Fixed corotated solid: Psi = mu |F - R|^2 + lambda/2 (J - 1)^2 with the rotation R of the polar
-/// decomposition (Stomakhin et al. 2012, eq. 6). Finite under inversion, from which it recovers; soft towards
-/// J = 0.
+/// decomposition (Stomakhin et al. 2012, eq. 6). Finite under inversion, from which a particle does not come
+/// back, though: a step that is safe keeps the sign of det F. Soft towards J = 0.
 template <class Space>
 using FixedCorotated = Elastoplastic<FixedCorotatedLaw, NoFlow<Space>>;
 
