@@ -33,7 +33,7 @@ mkdir -p "$out"
 cd "$root"
 
 cmake --preset cuda ${prefix:+-DCMAKE_PREFIX_PATH="$prefix"} >"$out/configure.log" || { cat "$out/configure.log"; exit 1; }
-cmake --build --preset cuda --target cuda_scenes cuda_devices cuda_fault cuda_agreement benchmarks_cuda $materials >"$out/build.log" ||
+cmake --build --preset cuda --target cuda_scenes cuda_hard_cases cuda_devices cuda_fault cuda_agreement benchmarks_cuda $materials >"$out/build.log" ||
     { tail -n 40 "$out/build.log"; stop "the programs could not be built."; }
 ctest --preset cuda -E 'hot loops' >"$out/tests.log" || { tail -n 60 "$out/tests.log"; stop "a test failed."; }
 tail -n 4 "$out/tests.log"
