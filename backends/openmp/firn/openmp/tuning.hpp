@@ -2,8 +2,10 @@
 #pragma once
 
 // Asks for a function to be inlined whole: the compiler's own measure stops in the middle of the formulas,
-// and packs then travel through memory. Instrumented code would take ten minutes to compile that way.
-#if defined(__OPTIMIZE__) && !defined(__SANITIZE_ADDRESS__) && !defined(__SANITIZE_THREAD__)
+// and packs then travel through memory. Instrumented code would take ten minutes to compile that way, and
+// who defines FIRN_COMPILE_SOON would rather wait for steps than for the compiler.
+#if defined(__OPTIMIZE__) && !defined(FIRN_COMPILE_SOON) && !defined(__SANITIZE_ADDRESS__) &&                \
+    !defined(__SANITIZE_THREAD__)
 #define FIRN_INLINE_WHOLE [[gnu::flatten]]
 #else
 #define FIRN_INLINE_WHOLE
