@@ -231,7 +231,8 @@ def main():
     arguments = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     arguments.add_argument("tables", nargs="+", type=pathlib.Path)
     arguments.add_argument("--out", type=pathlib.Path, default=pathlib.Path("."), help="folder of the drawings")
-    arguments.add_argument("--cost", choices=COSTS, default="cpu")
+    arguments.add_argument("--cost", choices=COSTS,
+                           help="by default processor time, and the clock for a GPU, whose work takes none")
     options = arguments.parse_args()
     rows = []
     for table in options.tables:
@@ -245,9 +246,10 @@ def main():
     for problem, backend in sorted({(row.problem, row.backend) for row in rows}):
         of = [row for row in rows if (row.problem, row.backend) == (problem, backend)]
         name = problem if backend == "openmp" else f"{problem}_{backend}"
-        best = draw_cost(problem, of, options.cost, options.out / f"{name}_cost.svg")
+        cost = options.cost or ("cpu" if backend == "openmp" else "wall")
+        best = draw_cost(problem, of, cost, options.out / f"{name}_cost.svg")
         draw_convergence(problem, of, options.out / f"{name}_convergence.svg")
-        say(name, of, best, options.cost)
+        say(name, of, best, cost)
     compare_precisions(rows)
 
 
