@@ -71,6 +71,7 @@ TEST_CASE("parameters that make no sense are refused, with what, where and a rem
     using Model = Sand<Solid>;
     change(Hencky<Solid>{}, &Hencky<Solid>::density, -1.0);
     change(Hencky<Solid>{}, &Hencky<Solid>::elasticity, Lame<double>{-1, 1});
+    change(Hencky<Solid>{}, &Hencky<Solid>::elasticity, Lame<double>{1, -1.5}); // a bulk modulus below 0
     for (double bad : {-1.0, nan, inf}) {
         change(VonMises<Solid>{}, &VonMises<Solid>::yield_stress, bad);
         change(HardeningVonMises<Solid>{}, &HardeningVonMises<Solid>::hardening_modulus, bad);

@@ -76,7 +76,8 @@ struct LogVolumeRatio
     static constexpr auto shape = FieldShape::scalar;
 };
 
-/// ln J_P since the start, J_P being the volume ratio of the plastic part of the deformation [-].
+/// alpha of Cam-Clay less what it was at the start: the sum of the logarithms of the volume ratios by which
+/// plastic flow opened or compacted the material [-].
 struct LogPlasticVolumeRatio
 {
     static constexpr auto name = "log_plastic_volume_ratio";

@@ -22,7 +22,7 @@ template <Lane Real, int d, class Effects>
 struct ParticleContact
 {
     static constexpr int obstacles = Effects::obstacles;
-    static constexpr int passes = 8; ///< leaves nothing in a corner of 75 degrees, a sixth of it in one of 30
+    static constexpr int passes = 8; ///< leaves nothing in a corner of 75 degrees, a fifth of it in one of 30
 
     Effects const& chain;
     Place<Real, d> const& place;
@@ -115,12 +115,13 @@ private:
 
         detail::book<Real, d>(reactions.of[static_cast<std::size_t>(i)], touched, velocity, mass);
         Real& spare = spared[static_cast<std::size_t>(i)];
-        if (first && !keeps_sides<Action>) spare = max(touched.depth - Real(in_metres(0.25)), Real(0));
+        if (first && !keeps_sides<Action> && !is_wall<Action>)
+            spare = max(touched.depth - Real(in_metres(0.25)), Real(0));
         Vector<Real, d> shift = Vector<Real, d>::Zero();
         if (first) shift = (touched.velocity - velocity) * dt;
         Real out = touched.depth - spare;
-        // What the velocity no longer does needs no push, unless this is the only one: where a distance is an
-        // estimate, too far out is better.
+        // What the velocity no longer does needs no push, unless this is the only obstacle of the scene:
+        // where a distance is an estimate, too far out is better.
         if constexpr (may_fail) out = max(out - shift.dot(touched.normal), Real(0));
         for (int a = 0; a < d; ++a)
             shift[a] = select(touched.inside, shift[a] + touched.normal[a] * out, Real(0));

@@ -27,7 +27,8 @@ struct Lame
 
     void validate(char const* where) const
     {
-        require(std::isfinite(mu) && std::isfinite(lambda) && mu > 0 && p_wave_modulus() > 0,
+        // 3 lambda + 2 mu is three times the bulk modulus
+        require(std::isfinite(mu) && std::isfinite(lambda) && mu > 0 && 3 * lambda + 2 * mu > 0,
                 "the Lamé parameters are not those of a stable solid", where,
                 "Use firn::lame(young_modulus, poisson_ratio) with E > 0 and -1 < nu < 0.5.");
     }

@@ -12,9 +12,9 @@
 #include <firn/models/plasticity/snow.hpp>
 #include <firn/models/plasticity/von_mises.hpp>
 
-/// Named parameter sets in SI units, each with its source. Moduli of what is stiff in nature are often
-/// lowered, since they bound an explicit step: each says so. "Not verified" marks values that are quoted by
-/// others after their source, which was not at hand.
+/// Named parameter sets in SI units, each with its source, or "usual values" where there is none. Moduli of
+/// what is stiff in nature are often lowered, since they bound an explicit step: each says so. "Not verified"
+/// marks values that are quoted by others after their source, which was not at hand.
 namespace firn::materials
 {
 
@@ -113,8 +113,8 @@ NeoHookean<Space> jelly()
     return {};
 }
 
-/// Rubber: neo-Hookean, E = 1e6 Pa, nu = 0.45, 1000 kg/m^3; a stiffer volume would only shrink an explicit
-/// step.
+/// Rubber: neo-Hookean, E = 1e6 Pa, nu = 0.45, 1000 kg/m^3 (usual values); a stiffer volume would only shrink
+/// an explicit step.
 template <class Space>
 NeoHookean<Space> rubber()
 {

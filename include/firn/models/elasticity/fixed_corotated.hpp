@@ -33,8 +33,8 @@ struct FixedCorotatedLaw : MeasuredByExtension
             found.kirchhoff[i] = Real(2) * mu * extension[i] * (Real(1) + extension[i]) + pressure;
             longest = max(longest, extension[i]);
         }
-        // The shear values 2 mu sigma_1^2 (1 - 1/(sigma_i + sigma_j)) are always below the longitudinal one.
-        // In compression sigma_1 may be below 1, but not the modulus below that at rest.
+        // The shear values 2 mu sigma_1^2 (1 - 1/(sigma_i + sigma_j)) are below the longitudinal one unless
+        // nu < 0. In compression sigma_1 may be below 1, but not the modulus below that at rest.
         Real const sigma = Real(1) + longest;
         found.wave_modulus = max(Real(2) * mu * sigma * sigma + lambda * J * J, lambda + Real(2) * mu);
         return found;

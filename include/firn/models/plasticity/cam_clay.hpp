@@ -11,8 +11,8 @@ namespace firn
 /// crumbles. The stress stays within the ellipse y = (1 + 2 beta) q^2 + M^2 (p + beta p0)(p - p0) <= 0 of
 /// pressure p and shear q, which grows where material is compacted and shrinks where it opens.
 ///
-/// Keeps ln J_P since the start: with alpha = start + ln J_P, p0 = kappa (1e-5 + sinh(xi max(-alpha, 0))).
-/// Flow in shear keeps the volume to rounding (see relaxed_extensions).
+/// Keeps what flow has opened since the start, a logarithm of volume: alpha = start + that, p0 = kappa (1e-5
+/// + sinh(xi max(-alpha, 0))). Flow in shear keeps the volume to rounding (see relaxed_extensions).
 template <class SpaceType>
 struct CamClayFlow
 {
