@@ -3,7 +3,8 @@
 
 Large standing waves in a unit square between smooth walls, with an exact solution: see StandingWaves and Driven in
 tests/problems/manufactured.hpp. MLS-MPM with quadratic kernels in float on a dense grid; walls mirror the nodes behind
-them. As many steps as Firn takes. Rows are those of speed_against_error, so that plot.py draws them.
+them. As many steps as Firn takes. Rows are those of speed_against_error, so that plot.py draws them, each
+program in drawings of its own.
 """
 
 import argparse
@@ -181,6 +182,10 @@ class WithWarp:
             return w
 
         @wp.func
+        def first_node(at: wp.vec2):
+            return wp.vec2(wp.floor(at[0] - 0.5), wp.floor(at[1] - 0.5))
+
+        @wp.func
         def answer(C: wp.mat22, G: wp.mat22, e: wp.vec2):
             tau = mu * (G * wp.transpose(G))
             pressure = lam * wp.log(wp.determinant(G)) - mu
@@ -206,17 +211,15 @@ class WithWarp:
         ):
             p = wp.tid()
             at = x[p] * float(N_)
-            bx = wp.floor(at[0] - 0.5)
-            by = wp.floor(at[1] - 0.5)
-            tx = at[0] - bx
-            ty = at[1] - by
+            first = first_node(at)
+            t = at - first
             A_p = given[p]
             u = v[p]
             for i in range(3):
                 for j in range(3):
-                    w = weight(tx, i) * weight(ty, j)
-                    q = mass * u + A_p * wp.vec2(float(i) - tx, float(j) - ty)
-                    wp.atomic_add(grid, int(bx) + pad + i, int(by) + pad + j, w * wp.vec3(q[0], q[1], mass))
+                    w = weight(t[0], i) * weight(t[1], j)
+                    q = mass * u + A_p * wp.vec2(float(i) - t[0], float(j) - t[1])
+                    wp.atomic_add(grid, int(first[0]) + pad + i, int(first[1]) + pad + j, w * wp.vec3(q[0], q[1], mass))
 
         @wp.kernel
         def update(grid: wp.array2d(dtype=wp.vec3), velocity: wp.array2d(dtype=wp.vec2)):
@@ -263,17 +266,15 @@ class WithWarp:
         ):
             p = wp.tid()
             at = x[p] * float(N_)
-            bx = wp.floor(at[0] - 0.5)
-            by = wp.floor(at[1] - 0.5)
-            tx = at[0] - bx
-            ty = at[1] - by
+            first = first_node(at)
+            t = at - first
             u = wp.vec2(0.0, 0.0)
             B = wp.mat22(0.0, 0.0, 0.0, 0.0)
             for i in range(3):
                 for j in range(3):
-                    part = (weight(tx, i) * weight(ty, j)) * velocity[int(bx) + pad + i, int(by) + pad + j]
+                    part = (weight(t[0], i) * weight(t[1], j)) * velocity[int(first[0]) + pad + i, int(first[1]) + pad + j]
                     u = u + part
-                    B = B + wp.outer(part, wp.vec2(float(i) - tx, float(j) - ty))
+                    B = B + wp.outer(part, wp.vec2(float(i) - t[0], float(j) - t[1]))
             L = (4.0 / h_) * B
             G = F[p] + dt_ * (L * F[p])
             v[p] = u

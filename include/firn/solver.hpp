@@ -1089,9 +1089,8 @@ private:
     MassScale masses_;
     std::uint32_t next_id_ = 0;
     Course course_;
-    std::vector<ReflectingWall>
-        walls_; ///< of the last call, which nobody was behind: see require_before_walls
-    typename Backend::template Array<unsigned char> now_;  ///< two StepNow and a RunRule, of whatever effects
+    std::vector<ReflectingWall> walls_;                   ///< that nobody is behind: see require_before_walls
+    typename Backend::template Array<unsigned char> now_; ///< two StepNow and a RunRule, of whatever effects
     typename Backend::template Outbox<unsigned char> log_; ///< a RunLog
     int now_turn_ = 0;      ///< which of the two it is that the next step finds
     std::size_t queue_ = 1; ///< as many steps are worth while to queue: it went well with half as many

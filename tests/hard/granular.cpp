@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "hard/hard_case.hpp"
+#include "problems/sand_column.hpp"
 #include "support/one_element.hpp"
 
 #include <algorithm>
@@ -39,15 +40,6 @@ double mean_speed(Solver const& solver)
     return std::sqrt(squares);
 }
 
-/// The coordinate along x that all but half a per cent of the particles have not passed.
-double foot(SandScene::Solver const& solver)
-{
-    std::vector<double> x;
-    for (auto const& at : solver.positions()) x.push_back(at.x());
-    std::sort(x.begin(), x.end());
-    return x[static_cast<std::size_t>(0.995 * double(x.size()))];
-}
-
 /// Half a pile of 25 degrees, below the angle of repose, that has settled.
 void lie_still(std::string const& name, double h, double duration)
 {
@@ -61,10 +53,10 @@ void lie_still(std::string const& name, double h, double duration)
     auto const middle = half_space({1, 0, 0}, {0, 0, 0}, Contact::slip());
     solver.advance(0.5, Gravity{}, floor, middle, Damping{40}); // or it rings for seconds
     solver.advance(0.5, Gravity{}, floor, middle);
-    double const before = foot(solver);
+    double const before = front(solver.positions());
     solver.advance(duration, Gravity{}, floor, middle);
     H10.at_most(name + ": mean speed / sqrt(g h)", mean_speed(solver) / std::sqrt(9.81 * h), 1e-3);
-    H10.at_most(name + ": way of the foot [cells]", std::abs(foot(solver) - before) / h, 0.1);
+    H10.at_most(name + ": way of the foot [cells]", std::abs(front(solver.positions()) - before) / h, 0.1);
 }
 
 /// The room that sand takes in a box 0.4 m wide [m^2 per metre of depth] after it has come to rest: the sum
@@ -124,14 +116,6 @@ struct Paddle
         }
         return inside / double(solver.size());
     }
-
-    double energy_of(SandScene::Solver const& solver) const
-    {
-        double sum = Totals(solver).kinetic_energy;
-        for (auto const& H : solver.download<DisplacementGradient>())
-            sum += volume * energy(solver.model(), Matrix<double, 2>(Matrix<double, 2>::Identity() + H));
-        return sum;
-    }
 };
 
 void stir(std::string const& name, double h, int parts)
@@ -146,7 +130,7 @@ void stir(std::string const& name, double h, int parts)
         work -= report.reactions[0].angular_impulse.z() * paddle.omega; // of the torque that turns it
         longest = std::max(longest, report.largest_dt * paddle.omega * paddle.length / h);
         leaked = std::max(leaked, paddle.leaked(solver));
-        gained = std::max(gained, paddle.energy_of(solver) / work);
+        gained = std::max(gained, mechanical_energy(solver, paddle.volume) / work);
     }
     H17.at_most(name + ": particles not finite", double(not_finite(solver)), 0);
     H17.at_most(name + ": way of the tips in a step [cells]", longest, 0.5);

@@ -119,6 +119,13 @@ private:
     }
 };
 
+/// The speed of pressure waves at rest [m/s].
+template <class Model>
+double wave_speed(Model const& model)
+{
+    return std::sqrt(double(model.elasticity.p_wave_modulus()) / double(model.density));
+}
+
 /// How many particles are not where numbers are.
 template <class Solver>
 std::size_t not_finite(Solver const& solver)

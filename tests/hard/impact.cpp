@@ -16,18 +16,6 @@ bool tests_need_a_device = true; // see cuda/main.cpp
 namespace
 {
 
-/// Kinetic and elastic energy [J] of a scene whose particles have one rest volume [m^3].
-template <class Solver>
-double energy_of(Solver const& solver, double volume)
-{
-    constexpr int d = Solver::d;
-    double sum = Totals(solver).kinetic_energy;
-    for (auto const& H : solver.template download<DisplacementGradient>())
-        sum += volume * energy(solver.model(),
-                               Matrix<double, d>(Matrix<double, d>::Identity() + H.template cast<double>()));
-    return sum;
-}
-
 template <class Model>
 Model elastic(double young, double poisson, double density = 1000)
 {
@@ -57,12 +45,12 @@ void hit_wall(std::string const& name, int cells)
     double const h = 0.2 / cells, volume = std::pow(h / 2, 3);
     typename SceneType::Solver solver(lattice(h), elastic<typename SceneType::Model>(1e6, 0.3));
     solver.add(box_of_points<3>({0, 0.1, 0}, {0.2, 0.3, 0.2}, h), volume, {0, -100, 0});
-    double const start = energy_of(solver, volume);
+    double const start = mechanical_energy(solver, volume);
     double most = 0, deepest = 0, flattest = 1;
     watch(
         solver, 0.01, 50,
         [&](AdvanceReport const&) {
-            most = std::max(most, energy_of(solver, volume) / start);
+            most = std::max(most, mechanical_energy(solver, volume) / start);
             for (auto const& x : solver.positions()) deepest = std::max(deepest, -x.y() / h);
             for (auto const& H : solver.template download<DisplacementGradient>())
                 flattest = std::min(flattest, 1 + volume_change<double, 3>(H));
@@ -87,7 +75,7 @@ void let_go(std::string const& name, double expected_step)
     solver.add(points, volume);
     solver.template upload<DisplacementGradient>(
         std::vector<Matrix<double, 3>>(points.size(), Matrix<double, 3>::Identity() * (side - 1)));
-    double const stored = energy_of(solver, volume);
+    double const stored = mechanical_energy(solver, volume);
     double const at_rest = StepControl{}.wave *
                            isolated_limit<QuadraticBSpline, Mls>(material.elasticity.expansion_ratio(3)) * h /
                            std::sqrt(material.elasticity.p_wave_modulus() / material.density);
@@ -95,7 +83,7 @@ void let_go(std::string const& name, double expected_step)
     double kinetic = 0, total = 0;
     watch(solver, 0.03, 60, [&](AdvanceReport const&) {
         kinetic = std::max(kinetic, Totals(solver).kinetic_energy / stored);
-        total = std::max(total, energy_of(solver, volume) / stored);
+        total = std::max(total, mechanical_energy(solver, volume) / stored);
     });
     H4.at_most(name + ": particles not finite", double(not_finite(solver)), 0);
     H4.at_most(name + ": largest kinetic energy / energy stored", kinetic, 1.05);
@@ -253,11 +241,11 @@ TEST_CASE("H3: particles that are turned inside out stay so, shrink, and disturb
         H[turned.back()] = F - Matrix<double, 3>::Identity();
     }
     solver.upload<DisplacementGradient>(H);
-    double const start = energy_of(solver, volume);
+    double const start = mechanical_energy(solver, volume);
     double const wave = std::sqrt(solver.model().elasticity.p_wave_modulus() / 1000);
     double last = start, growth = 0;
     watch(solver, 10 * 6 * h / wave, 20, [&](AdvanceReport const&) { // ten times to and fro
-        double const now = energy_of(solver, volume);
+        double const now = mechanical_energy(solver, volume);
         growth = std::max(growth, now / last);
         last = now;
     });

@@ -27,11 +27,6 @@ Model jelly(double young = 1e5, double density = 1000)
     return model;
 }
 
-double wave_speed(Model const& model)
-{
-    return std::sqrt(double(model.elasticity.p_wave_modulus()) / double(model.density));
-}
-
 /// Offsets from the middle of a cell at which a code may go wrong, in cells, and some others.
 std::vector<double> offsets_of_interest(std::mt19937& random)
 {

@@ -23,26 +23,9 @@ using Points = std::vector<Point>;
 constexpr double h = 0.1; // [m]
 
 template <class Solver>
-double wave_speed(Solver const& solver)
-{
-    return std::sqrt(double(solver.model().elasticity.p_wave_modulus()) / double(solver.model().density));
-}
-
-template <class Solver>
 double kinetic(Solver const& solver)
 {
     return Totals(solver).kinetic_energy;
-}
-
-/// Kinetic and elastic energy [J] of particles of one rest volume [m^3].
-template <class Solver>
-double total(Solver const& solver, double volume)
-{
-    double sum = kinetic(solver);
-    for (auto const& H : solver.template download<DisplacementGradient>())
-        sum += volume * energy(solver.model(),
-                               Matrix<double, 2>(Matrix<double, 2>::Identity() + H.template cast<double>()));
-    return sum;
 }
 
 /// The particles get random velocities of a millionth of the speed of waves, and strains of that size: one
@@ -52,7 +35,7 @@ void stir(Solver& solver)
 {
     double const size = 1e-6;
     std::mt19937 random(5);
-    std::normal_distribution<double> normal(0, size * wave_speed(solver));
+    std::normal_distribution<double> normal(0, size * wave_speed(solver.model()));
     std::vector<Point> velocities(solver.size());
     std::vector<Matrix<double, 2>> H(solver.size());
     for (auto& v : velocities) v = {normal(random), normal(random)};
@@ -89,8 +72,8 @@ double growth(Points const& points, double courant, int steps, typename SceneTyp
     typename SceneType::Solver solver(lattice(h), {}, transfer);
     solver.add(points, volume);
     stir(solver);
-    double const dt = courant * h / wave_speed(solver);
-    double start = total(solver, volume), most = 0;
+    double const dt = courant * h / wave_speed(solver.model());
+    double start = mechanical_energy(solver, volume), most = 0;
     for (int i = 0; i < steps && most < 1e4;) {
         std::size_t const count = i < 20 ? 1 : 20;
         try {
@@ -100,7 +83,8 @@ double growth(Points const& points, double courant, int steps, typename SceneTyp
             return 1e4;
         }
         double& side = i < 20 ? start : most;
-        side = std::max(side, i < 20 ? total(solver, volume) : total(solver, volume) / start);
+        side = std::max(side, i < 20 ? mechanical_energy(solver, volume)
+                                     : mechanical_energy(solver, volume) / start);
         i += static_cast<int>(count);
     }
     return most;
@@ -138,14 +122,14 @@ double alternate(Points const& points, int turn, int steps)
     typename SceneType::Solver solver{lattice(h)};
     solver.add(points, volume);
     stir(solver);
-    double const dt = 0.4 * h / wave_speed(solver);
-    double most[2]{total(solver, volume), 0};
+    double const dt = 0.4 * h / wave_speed(solver.model());
+    double most[2]{mechanical_energy(solver, volume), 0};
     try {
         for (int i = 0; i < steps; i += 2 * turn)
             for (double each : {dt, dt / 10}) {
                 solver.steps(static_cast<std::size_t>(turn), each);
                 double& half = most[2 * i / steps];
-                half = std::max(half, total(solver, volume));
+                half = std::max(half, mechanical_energy(solver, volume));
             }
     }
     catch (Error const&) {
@@ -176,7 +160,7 @@ void drift(std::string const& name, double stress, double energy)
     HardCase const H8{"H8"};
     typename SceneType::Solver solver{lattice(h)};
     auto const points = scattered<2>(box_of_points<2>({0, 0}, {4 * h, 4 * h}, h), 0.1 * h);
-    double const dt = 0.4 * h / wave_speed(solver);
+    double const dt = 0.4 * h / wave_speed(solver.model());
     double most = 0, change = 0;
     auto const go = [&](double cells_a_step, int steps) {
         solver.template upload<Velocity>(std::vector<Vector<typename SceneType::Number, 2>>(
@@ -208,7 +192,7 @@ Noise checkerboard(int steps, typename SceneType::Transfer const& transfer = {})
     int const across = 16;
     Points points;
     std::vector<Point> velocities;
-    double const c = wave_speed(solver);
+    double const c = wave_speed(solver.model());
     for (int i = 0; i < 3 * across; ++i)
         for (int j = 0; j < across; ++j) {
             points.emplace_back(0.5 * h * (i + 0.5), 0.5 * h * (j + 0.5));
@@ -243,7 +227,7 @@ std::pair<double, double> ring(Points const& points, double volume)
     Soft::Solver solver{lattice(h)};
     solver.add(points, volume);
     std::vector<Point> velocities;
-    double const c = wave_speed(solver), side = 8 * h;
+    double const c = wave_speed(solver.model()), side = 8 * h;
     for (auto const& x : points)
         velocities.emplace_back(0.05 * c * std::cos(M_PI * x.x() / side),
                                 0.05 * c * std::cos(M_PI * x.y() / side));
@@ -251,7 +235,7 @@ std::pair<double, double> ring(Points const& points, double volume)
     double most[2]{0, 0}, strain = 0;
     for (int i = 0; i < 80; ++i) {
         solver.advance(20 * side / c / 80);
-        most[i / 40] = std::max(most[i / 40], total(solver, volume));
+        most[i / 40] = std::max(most[i / 40], mechanical_energy(solver, volume));
         strain = std::max(strain, largest_norm(solver.download<DisplacementGradient>()));
     }
     return {most[1] / most[0], strain};
@@ -275,7 +259,7 @@ void rotate_long(std::string const& name, int steps, double angular)
     solver.upload<Velocity>(velocities);
     solver.upload<AffineVelocity>(std::vector<Matrix<float, 2>>(points.size(), spin));
     Totals const before(solver);
-    double const dt = 0.4 * h / wave_speed(solver);
+    double const dt = 0.4 * h / wave_speed(solver.model());
     auto const mean_volume = [&] {
         double volume = 0;
         for (auto const& H : solver.download<DisplacementGradient>())
@@ -300,7 +284,7 @@ void rest_long(std::string const& name, int steps)
     auto const points = box_of_points<2>({0, 0}, {2 * h, 10 * h}, h);
     solver.add(points, h * h / 4);
     ReflectingWall const left{.axis = 0}, right{.axis = 0, .node = 2, .side = -1}, foot{.axis = 1};
-    double const dt = 0.4 * h / wave_speed(solver);
+    double const dt = 0.4 * h / wave_speed(solver.model());
     solver.steps(4000, dt, Gravity{}, Damping{10}, left, right, foot);
     auto const mean = [&] {
         double volume = 0, height = 0;
@@ -315,8 +299,8 @@ void rest_long(std::string const& name, int steps)
     H9.at_most(name + ": drift of the mean volume", std::abs(after.first - before.first), 1e-3);
     H9.at_most(name + ": drift of the mean height / height", std::abs(after.second / before.second - 1),
                1e-3);
-    H9.at_most(name + ": largest speed / c", largest_norm(solver.download<Velocity>()) / wave_speed(solver),
-               1e-3);
+    H9.at_most(name + ": largest speed / c",
+               largest_norm(solver.download<Velocity>()) / wave_speed(solver.model()), 1e-3);
 }
 
 } // namespace

@@ -193,7 +193,7 @@ TEST_CASE("nor does it where three of them meet, as in a hopper")
                                                                {Is::shell, Is::other_shell, Is::solid},
                                                                {Is::other_shell, Is::solid, Is::shell}}})
         // 1 000, of which a cell holds hundreds in the end: in single precision what they give is summed one
-        // after the other, with an error that grows with their number (on a device 4e-6 of the momentum, 3e-5
+        // after the other, with an error that grows with their number (on a device 4e-6 of the momentum, 5e-5
         // where they are 12 000).
         for (double angle : {60.0, 30.0}) check<SolidFloat, Mls>({.angle = angle, .faces = faces}, 1000, 30);
 }

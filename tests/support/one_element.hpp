@@ -49,6 +49,25 @@ double energy(NeoHookean<SpaceType> const& model, Matrix<double, d> const& F)
            0.5 * model.elasticity.lambda * log_J * log_J;
 }
 
+/// The elastic energy [J] of a scene's particles, all of one rest volume [m^3], before any hardening.
+template <class Solver>
+double elastic_energy(Solver const& solver, double volume)
+{
+    constexpr int d = Solver::d;
+    double sum = 0;
+    for (auto const& H : solver.template download<DisplacementGradient>())
+        sum += volume * energy(solver.model(),
+                               Matrix<double, d>(Matrix<double, d>::Identity() + H.template cast<double>()));
+    return sum;
+}
+
+/// The same and their kinetic energy.
+template <class Solver>
+double mechanical_energy(Solver const& solver, double volume)
+{
+    return Totals(solver).kinetic_energy + elastic_energy(solver, volume);
+}
+
 namespace detail
 {
 /// What particles are taken through, where a backend's loops can reach it: component after component, those
