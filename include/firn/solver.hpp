@@ -747,8 +747,13 @@ private:
         StepLog const& last = heard.at[taken + (spoiled_ ? 1 : 0)];
         adopt(last.course, taken, spoiled_, sides);
         now_turn_ = (turn + taken) % 2;
-        queue_ =
-            taken == expected && !lacked ? std::max<std::size_t>(queue_, 2 * taken) : std::max(taken / 2, 1);
+        unstopped_ += static_cast<std::size_t>(taken);
+        if (taken == expected && !lacked)
+            queue_ = std::max<std::size_t>(queue_, 2 * taken);
+        else {
+            queue_ = std::max<std::size_t>(unstopped_ / 2, 1);
+            unstopped_ = 0;
+        }
         for (int i = 0; i < taken; ++i) visit(heard.records[i]);
         return last;
     }
@@ -1092,9 +1097,10 @@ private:
     std::vector<ReflectingWall> walls_;                   ///< that nobody is behind: see require_before_walls
     typename Backend::template Array<unsigned char> now_; ///< two StepNow and a RunRule, of whatever effects
     typename Backend::template Outbox<unsigned char> log_; ///< a RunLog
-    int now_turn_ = 0;      ///< which of the two it is that the next step finds
-    std::size_t queue_ = 1; ///< as many steps are worth while to queue: it went well with half as many
-    double given_for_ = 0;  ///< the grid holds what particles give to a step of this length [s]; 0: nothing
+    int now_turn_ = 0;          ///< which of the two it is that the next step finds
+    std::size_t queue_ = 1;     ///< as many steps are worth while to queue: it went well with half as many
+    std::size_t unstopped_ = 0; ///< steps since queued ones were stopped
+    double given_for_ = 0; ///< the grid holds what particles give to a step of this length [s]; 0: nothing
     bool movers_gave_ = false; ///< so have those that changed their cells since
     bool spoiled_ = false;     ///< a step went wrong: nodes do not hold the velocities of the last good one
 };

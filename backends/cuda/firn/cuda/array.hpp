@@ -49,11 +49,10 @@ public:
     Array& operator=(Array const&) = delete;
     ~Array() { release(); }
 
-    /// Changes the size and keeps the elements that stay; grows by an eighth so that repeated growth is
-    /// cheap.
+    /// Changes the size and keeps the elements that stay.
     void resize(std::size_t size)
     {
-        if (size > capacity_) grow(size_ == 0 ? size : std::max(size, size_ + size_ / 16), size_);
+        if (size > capacity_) grow(size_ == 0 ? size : with_spare(size), size_);
         size_ = size;
     }
 
@@ -63,7 +62,7 @@ public:
         if (size > capacity_) {
             queue_.wait();
             release();
-            grow(size + size / 16, 0);
+            grow(with_spare(size), 0);
         }
         size_ = size;
     }
@@ -107,6 +106,13 @@ public:
     std::size_t memory() const { return capacity_ * sizeof(T); }
 
 private:
+    /// So that repeated growth is cheap: a sixteenth more, and where that is little memory as much again.
+    static std::size_t with_spare(std::size_t size)
+    {
+        std::size_t const little = (std::size_t(1) << 20) / sizeof(T);
+        return size + std::max(size / 16, std::min(size, little));
+    }
+
     void grow(std::size_t capacity, std::size_t kept)
     {
         OnDevice const here(queue_);

@@ -271,9 +271,18 @@ private:
                 meet.renew(1);
                 meet.fill_bytes(0, 1, 0);
             }
-            for (auto* const array : {&slot, &next, &way}) array->renew(room);
-            cell.renew(channels > 0 ? room : 0);
-            given.renew(room * static_cast<std::size_t>(channels));
+            for (auto* const array : {&slot, &next, &way}) make_room(*array, room);
+            make_room(cell, channels > 0 ? room : 0);
+            make_room(given, room * static_cast<std::size_t>(channels));
+        }
+
+        /// For so many and not more: who asks has added what there is to spare.
+        template <class T>
+        static void make_room(Array<T>& array, std::size_t room)
+        {
+            if (room <= array.size()) return;
+            array.clear();
+            array.resize(room);
         }
 
         Movers view(int channels) const

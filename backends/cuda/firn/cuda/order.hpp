@@ -394,7 +394,7 @@ __global__ void __launch_bounds__(scanning_threads)
     // the next loop that moves items counts anew, unless these are to be found once more
     if (births == 0 || departed > movers.most) meet.departed = 0;
     // (nobody is left where nothing lives: blocks are then kept for who comes)
-    bool const crowded = !short_of_room && live > 0 && begins.blocks > 8 + live + live / 4;
+    bool const crowded = !short_of_room && live > 0 && begins.blocks > 8 + live + live / 8;
     if (__ldcg(&meet.goes_on) != 0 && !short_of_room && !crowded) return;
     *signal.stopped = 1;
     *signal.stop = {1, departed, births, crowded};
