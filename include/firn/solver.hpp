@@ -11,6 +11,7 @@
 #include <firn/phases/move_particles.hpp>
 #include <firn/report.hpp>
 #include <firn/snapshot.hpp>
+#include <firn/step_error.hpp>
 #include <firn/transfer/mls.hpp>
 
 #include <algorithm>
@@ -229,9 +230,10 @@ public:
     /// Advances the simulation by one time step of length `dt` [s].
     ///
     /// A `dt` above the stable one is taken, with a warning in the report. A step that goes wrong changes
-    /// nothing and throws an Error that names particle, place, time and cause. (If it was within the stable
-    /// one, velocities that are not stored, see Taken, are then taken anew from what particles gave to the
-    /// grid: momentum and uniform or affine motion are exact, the rest is smoothed by one transfer.)
+    /// nothing and throws a StepError that names particle, place, time and cause; with
+    /// StepControl::quarantine it is repeated without that particle. (If it was within the stable one,
+    /// velocities that are not stored, see Taken, are then taken anew from what particles gave to the grid:
+    /// momentum and uniform or affine motion are exact, the rest is smoothed by one transfer.)
     template <NodeEffect<Number, d>... Effects>
     StepReport step(double dt, Effects const&... effects)
     {
@@ -253,6 +255,7 @@ public:
         rule.equal = dt;
         auto const plain = plain_effects(effects...);
         std::vector<StepReport> reports;
+        std::vector<StepFailure> isolated;
         while (reports.size() < count) {
             if (!course_.ready) choose(rule);
             bool const beyond_stable = dt > course_.stable;
@@ -261,8 +264,9 @@ public:
             StepLog const& log = run(rule, most, plain, [&](auto const& record) {
                 reports.push_back(report_of(record));
                 reports.back().beyond_stable = dt > record.stable;
+                std::swap(reports.back().isolated, isolated); // before that step
             });
-            if (log.wrong > 0) fail(log, dt);
+            if (log.wrong > 0 && !isolate(unusable(dt), log, dt, isolated)) fail(log, dt);
         }
         course_.ready = false;
         return reports;
@@ -271,8 +275,9 @@ public:
     /// Advances the simulation by `duration` [s] in as many stable steps as needed.
     ///
     /// A step that goes wrong is repeated with half its length; after StepControl::retries halvings that is
-    /// an Error that names particle, place, time and cause, and the state is that of the last good step (but
-    /// see step() for velocities).
+    /// a StepError that names particle, place, time and cause, and the state is that of the last good step
+    /// (but see step() for velocities). With StepControl::quarantine the particle is taken out of the scene
+    /// instead, and the run goes on; so it does at once for one whose own state has no stress.
     template <NodeEffect<Number, d>... Effects>
     AdvanceReport advance(double duration, Effects const&... effects)
     {
@@ -289,7 +294,10 @@ public:
         AdvanceReport report;
         while (rule.goes_on(course_)) {
             if (!course_.ready) choose(rule);
-            require_progress(rule);
+            if (!rule.gets_on(course_)) {
+                require_culprits(course_.now.interval.length(), report.isolated);
+                continue;
+            }
             double const tried = course_.now.interval.length();
             // as many as there would be if all were as long as this one
             auto const most = static_cast<std::size_t>(std::ceil((rule.end - course_.time) / tried));
@@ -297,7 +305,13 @@ public:
                 rule, most, plain, [&](auto const& record) { report.add(report_of(record), record.limit); });
             if (log.wrong == 0) continue;
             ++report.rejected;
-            if (++course_.retries > control_.retries) fail(log, course_.now.interval.length());
+            bool const last = ++course_.retries > control_.retries;
+            double const dt = course_.now.interval.length();
+            auto const culprits = log.mishap == Mishap::rejected && !last ? Failures() : unusable(dt);
+            if (last || !culprits.empty()) {
+                bool const goes_on = isolate(culprits, log, dt, report.isolated);
+                if (last && !goes_on) fail(log, dt);
+            }
         }
         course_.ready = false;
         return report;
@@ -323,6 +337,10 @@ public:
         });
         return count;
     }
+
+    /// Who was taken out of the scene for what went wrong, and why, since the solver was made; see
+    /// StepControl::quarantine.
+    std::vector<StepFailure> const& isolated() const { return isolated_; }
 
     /// What the next time step depends on.
     StepBounds const& bounds() const { return course_.bounds; }
@@ -434,6 +452,7 @@ private:
         NodeVelocities<d, Transfer::keeps_old_velocity>::channels, static_cast<int>(materials)>;
     using Cells = typename Of<Material<0>>::Table::Cells;
     using Rule = StepRule<static_cast<int>(materials)>;
+    using Failures = std::vector<StepFailure>;
 
     /// A material of the scene: all materials have a layer of the grid each, in the same order.
     template <std::size_t k>
@@ -754,7 +773,8 @@ private:
     }
 
     /// Of each material: whether what particles take from the grid was held beside them before a run, and
-    /// whether its steps write it. Only obstacles that push particles set what cannot be taken again.
+    /// whether its steps write it. Obstacles that push particles set what cannot be taken again, and where
+    /// particles may be taken out after a step that went wrong, the grid is no longer there to take from.
     struct Sides
     {
         std::array<bool, materials> held{}, pushed{};
@@ -765,7 +785,8 @@ private:
         Sides sides;
         for_each_material([&](auto k) {
             sides.held[k] = particles<k>().holds_taken();
-            sides.pushed[k] = Of<Material<k>>::Taken::components(d) > 0 && effects.touch_particles();
+            sides.pushed[k] = Of<Material<k>>::Taken::components(d) > 0 &&
+                              (effects.touch_particles() || control_.quarantine > 0);
         });
         return sides;
     }
@@ -947,7 +968,7 @@ private:
         Rule const rule = rule_of_materials();
         for_each_material([&](auto k) {
             double modulus = 0;
-            particles<k>().for_each([&](auto& particle) {
+            particles<k>().for_each([&](std::uint32_t, auto& particle) {
                 modulus = std::max(modulus, double(model_of<k>()
                                                        .template respond<Number>(
                                                            particle, Matrix<Number, d>::Zero(), Number(0))
@@ -1046,13 +1067,82 @@ private:
             "Put all particles on the wall's side before it is passed, or let it face the other way."};
     }
 
-    void require_progress(Rule const& rule)
+    /// What is wrong with a particle of a material, in a step that begins now.
+    template <std::size_t k>
+    StepFailure failure_of(std::uint32_t row, Mishap cause, double dt, std::uint64_t count) const
     {
-        if (rule.gets_on(course_)) return;
+        StepFailure failure{.cause = cause,
+                            .particle = particles<k>().id(row),
+                            .material = k,
+                            .time = course_.time,
+                            .dt = dt,
+                            .count = count};
+        failure.position.template head<d>() = particles<k>().position(row);
+        return failure;
+    }
+    StepFailure failure_of(StepLog const& log, double dt) const
+    {
+        StepFailure failure;
+        for_each_material([&](auto k) {
+            if (static_cast<std::size_t>(log.material) == k)
+                failure = failure_of<k>(log.particle, log.mishap, dt, log.wrong);
+        });
+        return failure;
+    }
+
+    /// Particles whose own state has no stress, at rest: they spoil what others take from the grid, so that
+    /// the first one for which a step goes wrong may be another. Only looked for where somebody may be taken
+    /// out.
+    Failures unusable(double dt) const
+    {
+        Failures found;
+        if (isolated_.size() >= control_.quarantine) return found;
+        for_each_material([&](auto k) {
+            particles<k>().for_each([&](std::uint32_t row, auto& particle) {
+                auto const response =
+                    model_of<k>().template respond<Number>(particle, Matrix<Number, d>::Zero(), Number(0));
+                bool const finite =
+                    response.kirchhoff_stress.allFinite() && std::isfinite(double(response.wave_modulus));
+                if (response.inverted || !finite)
+                    found.push_back(
+                        failure_of<k>(row, finite ? Mishap::inverted : Mishap::not_finite, dt, 1));
+            });
+        });
+        for (auto& failure : found) failure.count = found.size();
+        return found;
+    }
+
+    /// Takes culprits out of the scene, or where there are none the particle that a log names, and adds them
+    /// to those that were; all others keep, bit by bit, all they have. False, and nothing happens, where they
+    /// would be too many.
+    bool isolate(Failures culprits, StepLog const log, double dt, Failures& isolated)
+    {
+        if (isolated_.size() >= control_.quarantine) return false;
+        if (culprits.empty() && log.wrong > 0) culprits.push_back(failure_of(log, dt));
+        if (culprits.empty() || isolated_.size() + culprits.size() > control_.quarantine) return false;
+        hold_taken();
+        for_each_material([&](auto k) {
+            std::vector<std::uint32_t> rows;
+            for (auto const& failure : culprits)
+                if (failure.material == k) rows.push_back(particles<k>().row(failure.particle));
+            particles<k>().remove(particles<k>().doomed(rows));
+        });
+        given_for_ = 0;
+        course_.retries = 0;
+        course_.ready = false;
+        find_bounds();
+        isolated_.insert(isolated_.end(), culprits.begin(), culprits.end());
+        isolated.insert(isolated.end(), culprits.begin(), culprits.end());
+        return true;
+    }
+
+    /// Where the stable step is too short to get on: takes out of the scene who makes it so, or throws.
+    void require_culprits(double dt, Failures& isolated)
+    {
+        if (isolate(unusable(dt), {}, dt, isolated)) return;
         regain_velocities();
         std::ostringstream what, where, remedy;
-        what << "the stable time step fell to " << course_.now.interval.length() << " s, bounded by "
-             << describe(course_.now.limit);
+        what << "the stable time step fell to " << dt << " s, bounded by " << describe(course_.now.limit);
         where << "Solver::advance at t = " << course_.time << " s";
         remedy << "Check masses, moduli and velocities of the scene: wave speed " << course_.bounds.wave_speed
                << " m/s, fastest particle " << course_.bounds.speed << " m/s.";
@@ -1062,22 +1152,22 @@ private:
     [[noreturn]] void fail(StepLog const log, double dt) // a copy: what follows is logged, too
     {
         regain_velocities();
+        StepFailure const failure = failure_of(log, dt);
         std::ostringstream what, where;
-        Vector<double, d> place = Vector<double, d>::Zero();
+        what << "particle " << failure.particle;
         for_each_material([&](auto k) {
-            if (static_cast<std::size_t>(log.material) != k) return;
-            what << "particle " << particles<k>().id(log.particle);
-            if (materials > 1) what << " of " << detail::name_of_material<typename Of<Material<k>>::Model>(k);
-            place = particles<k>().position(log.particle);
+            if (materials > 1 && failure.material == k)
+                what << " of " << detail::name_of_material<typename Of<Material<k>>::Model>(k);
         });
-        what << " " << describe(log.mishap);
-        if (log.wrong > 1) what << ", as did " << log.wrong - 1 << " more";
-        where << "at (" << place.transpose() << ") m, in a step of " << dt << " s at t = " << course_.time
-              << " s";
-        throw Error{what.str(), where.str(),
-                    "The state is that of the last good step. Take a smaller step, or look at what drives "
-                    "this particle: "
-                    "obstacles that close in on it, or a material far too stiff or too soft for its speed."};
+        what << " " << describe(failure.cause);
+        if (failure.count > 1) what << ", as did " << failure.count - 1 << " more";
+        where << "at (" << failure.position.template head<d>().transpose() << ") m, in a step of " << dt
+              << " s at t = " << failure.time << " s";
+        throw StepError{
+            failure, what.str(), where.str(),
+            "The state is that of the last good step. Take a smaller step, or look at what drives "
+            "this particle: "
+            "obstacles that close in on it, or a material far too stiff or too soft for its speed."};
     }
 
     Lattice lattice_;
@@ -1089,6 +1179,7 @@ private:
     MassScale masses_;
     std::uint32_t next_id_ = 0;
     Course course_;
+    Failures isolated_;                                   ///< who was taken out of the scene
     std::vector<ReflectingWall> walls_;                   ///< that nobody is behind: see require_before_walls
     typename Backend::template Array<unsigned char> now_; ///< two StepNow and a RunRule, of whatever effects
     typename Backend::template Outbox<unsigned char> log_; ///< a RunLog
