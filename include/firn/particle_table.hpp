@@ -561,6 +561,17 @@ public:
         return by_row;
     }
 
+    /// Adds the cells in which particles are now to a list.
+    void add_cells(std::vector<Coordinates<d>>& list) const
+    {
+        std::array<std::vector<Offset>, d> offset;
+        for (int a = 0; a < d; ++a) offset[a] = detail::downloaded(buffer_[0].offset[a]);
+        cells_.for_each([&](std::size_t particle, Coordinates<d> cell) {
+            for (int a = 0; a < d; ++a) cell[a] += CellOffset<Number>::wrap(offset[a][particle]);
+            list.push_back(cell);
+        });
+    }
+
     /// The position of one particle, for error messages.
     Vector<double, d> position(std::uint32_t row) const
     {

@@ -5,6 +5,7 @@
 #include <firn/effects/reflecting_wall.hpp>
 #include <firn/interpolation/quadratic_b_spline.hpp>
 #include <firn/models/several_materials.hpp>
+#include <firn/occupancy.hpp>
 #include <firn/particle_table.hpp>
 #include <firn/phases/conclude_step.hpp>
 #include <firn/phases/extend_velocities.hpp>
@@ -394,6 +395,15 @@ public:
     std::vector<double> masses() const
     {
         return by_id<Which, double>([&](auto k) { return particles<k>().masses(masses_.unit); });
+    }
+
+    /// How the particles of all materials lie in the cells now: too few to a cell, parted, alone? Found when
+    /// it is asked for, by the host, in the time of some steps; steps compute nothing for it.
+    Occupancy occupancy() const
+    {
+        std::vector<Coordinates<d>> cells;
+        for_each_material([&](auto k) { particles<k>().add_cells(cells); });
+        return detail::CellNeighbours<d>(std::move(cells), Kernel::order).occupancy();
     }
 
     /// All that the next steps depend on, in memory of the host.

@@ -270,6 +270,26 @@ TEST_CASE("what went wrong in a step can be read as numbers")
     CHECK(thrown.count == other.size());
 }
 
+TEST_CASE("without a limit to deformation steps are taken that would be rejected, but never into nowhere")
+{
+    refused([] { running_scene({.rejection = 2}); });
+    auto shearing = [](double rate, StepControl const& control) {
+        auto solver = running_scene(control);
+        auto v = solver.download<Velocity>();
+        auto const x = solver.positions();
+        for (std::size_t i = 0; i < v.size(); ++i) v[i] = {rate * (x[i].y() - 0.2), 0};
+        solver.upload<Velocity>(v);
+        return solver;
+    };
+    StepControl const off{.rejection = infinite};
+    CHECK(failed([&] { shearing(700, {}).step(1e-3); }).cause == Mishap::rejected); // dt |L| = 0.7, 0.9 cells
+    auto solver = shearing(700, off);
+    CHECK(solver.step(1e-3).beyond_stable);
+    CHECK(failed([&] { shearing(7000, off).step(1e-3); }).cause == Mishap::rejected); // by more than a cell
+    spoil(solver, 3, 1, 1e200);
+    CHECK(failed([&] { solver.step(1e-3); }).cause == Mishap::not_finite);
+}
+
 TEST_CASE("a particle in quarantine is gone, and all others are, bit by bit, as if it had been removed")
 {
     for (auto const& [stretch, shear, cause] :

@@ -188,12 +188,15 @@ private:
                                   Real rate2, Response<Real, d> const& response, Result& result) const
     {
         // The sum of all magnitudes is finite if each of them is, and small if nothing is about to overflow.
-        Real size(0), moved(0);
+        // Stress counts: who gave one that is no number would spoil what others take in the next step.
+        Real size = abs(response.wave_modulus), moved(0);
         particle.for_each([&](int, auto& value) { size += abs(value); });
         FIRN_UNROLL
         for (int a = 0; a < d; ++a) {
             moved = max(moved, abs(displacement[a]));
             size += abs(displacement[a]);
+            FIRN_UNROLL
+            for (int b = 0; b < d; ++b) size += abs(response.kirchhoff_stress(a, b));
         }
         Mask<Real> const finite = size < Real(std::numeric_limits<Number>::max());
         Real const bound(largest_deformation * largest_deformation);
