@@ -214,7 +214,7 @@ double share_that_meet(std::string const& name, double apart)
 }
 
 template <class SceneType>
-void part(std::string const& name, double together, double apart, double pieces)
+void part(std::string const& name, double together, double apart)
 {
     HardCase const H16{"H16"};
     H16.at_least(name + ": share of particles that meet at the distance up to which all do",
@@ -250,7 +250,7 @@ void part(std::string const& name, double together, double apart, double pieces)
     H16.at_most(name + ": pieces of the sheet at the start", double(before.pieces), 1);
     H16.at_most(name + ": pieces of the stretched sheet but those between gaps",
                 std::abs(double(after.pieces) - (gaps + 1)), 0);
-    H16.at_least(name + ": pieces of the stretched sheet", double(after.pieces), pieces);
+    H16.at_least(name + ": pieces of the stretched sheet", double(after.pieces), 2);
     H16.at_least(name + ": warnings of too few particles", before.too_few + after.too_few, 2);
     auto const [low, high] = std::minmax_element(x.begin(), x.end());
     H16.at_most(name + ": particles of a sheet not finite", double(not_finite(solver)), 0);
@@ -358,8 +358,8 @@ TEST_CASE("H15: a block that has fallen on a floor lies above it by less than it
 
 TEST_CASE("H16: a sheet of one particle per cell parts where its particles no longer share a node")
 {
-    part<Quadratic>("quadratic", 2, 3, 20); // all rows are apart
-    part<Cubic>("cubic", 3, 4, 1);
+    part<Quadratic>("quadratic", 2, 3);
+    part<Cubic>("cubic", 3, 4);
 }
 
 TEST_CASE("H18: a scene at 10, 100 and 1000 m runs as one at the origin")

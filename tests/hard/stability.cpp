@@ -65,8 +65,8 @@ Points free_block() { return box_of_points<2>({0, 0}, {8 * h, 8 * h}, h); }
 
 /// The largest energy that follows in so many steps of `courant` h / c, of the largest in the first twenty:
 /// near the limit that of symplectic Euler swings by a factor of 39 within a few steps. Stops when it has
-/// grown by 1e4. It is looked at after every so many steps; after one that is refused it is infinite, or,
-/// where it must grow, what it was before: a refusal is no growth.
+/// grown by 1e4. A step that is refused is no growth: it is infinite then, or, where it must grow, what it
+/// was before, of that at the start; a factor of 39 is not enough there.
 template <class SceneType>
 double growth(Points const& points, double courant, int steps, typename SceneType::Transfer const& transfer,
               bool must_grow)
@@ -78,16 +78,16 @@ double growth(Points const& points, double courant, int steps, typename SceneTyp
     double const dt = courant * h / wave_speed(solver.model());
     double start = mechanical_energy(solver, volume), most = 0;
     for (int i = 0; i < steps && most < 1e4;) {
-        std::size_t const count = i < 20 || must_grow ? 1 : 20;
+        bool const begins = i < 20 && !must_grow;
+        std::size_t const count = begins || must_grow ? 1 : 20;
         try {
             solver.steps(count, dt);
         }
         catch (Error const&) {
             return must_grow ? most : std::numeric_limits<double>::infinity();
         }
-        double& side = i < 20 ? start : most;
-        side = std::max(side, i < 20 ? mechanical_energy(solver, volume)
-                                     : mechanical_energy(solver, volume) / start);
+        double& side = begins ? start : most;
+        side = std::max(side, mechanical_energy(solver, volume) / (begins ? 1 : start));
         i += static_cast<int>(count);
     }
     return most;
