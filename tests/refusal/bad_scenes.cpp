@@ -42,17 +42,6 @@ void spoil(Sheet& solver, std::size_t particle, double stretch, double shear = 0
     solver.upload<DisplacementGradient>(H);
 }
 
-/// Tells a particle by its place.
-struct At
-{
-    Eigen::Vector2d place;
-
-    FIRN_HOST_DEVICE bool operator()(Eigen::Vector2d const& x) const
-    {
-        return (x - place).squaredNorm() < 1e-20;
-    }
-};
-
 /// The failure of a call that must be stopped by one.
 template <class Call>
 StepFailure failed(Call const& call)
@@ -299,7 +288,7 @@ TEST_CASE("a particle in quarantine is gone, and all others are, bit by bit, as 
         spoil(isolates, 17, stretch, shear);
         removes.upload<DisplacementGradient>(removes.download<DisplacementGradient>());
         auto const x = removes.positions();
-        removes.remove_if(At{x[17]});
+        removes.remove_if(Inside<Sphere>{.shape = {1e-6}, .pose = {.position = {x[17].x(), x[17].y(), 0}}});
         auto const report = isolates.step(1e-3, Gravity{});
         removes.step(1e-3, Gravity{});
         CHECK(same(isolates, removes));

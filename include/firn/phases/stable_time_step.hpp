@@ -38,7 +38,7 @@ constexpr char const* describe(StepLimit limit)
 /// The safety factors of the automatic time step. The defaults hold for every kernel of order two and three.
 ///
 /// Who wants steps as they come takes Solver::step, which chooses none, with `rejection` infinite. (Phases
-/// find the bounds and look at what they made all the same, for less than three per cent of a step.) What
+/// find the bounds and look at what they made all the same, for less than five per cent of a step.) What
 /// would have no meaning is never taken, by whatever factors: a state or stress that is not finite, det F <=
 /// 0 where there is no stress for it, a particle that moves by a cell or leaves the range of cells.
 struct StepControl
