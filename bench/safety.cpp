@@ -20,9 +20,8 @@ constexpr char const* care_names[]{"steps", "advance", "quarantine", "occupancy"
 template <class Model, class Kernel, class Transfer>
 void take_care(benchmark::State& run, Care care, int count, int threads)
 {
-    StepControl const control{.quarantine = care == Care::quarantine ? 100u : 0u};
-    Scene<Solver<OpenMP, Model, Kernel, Transfer>> scene(Layout::lattice, count, OpenMP{threads}, courant,
-                                                         control);
+    Scene<Solver<OpenMP, Model, Kernel, Transfer>> scene(Layout::lattice, count, OpenMP{threads});
+    if (care == Care::quarantine) scene.solver.quarantine(100);
     double const user = user_seconds();
     std::uint64_t steps = 0;
     for (auto _ : run) {

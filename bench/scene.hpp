@@ -55,9 +55,8 @@ struct Scene
     Obstacle<HalfSpace> floor{.shape = {{0, 1, 0}}, .contact = Contact::coulomb(0.3)};
 
     template <class Backend>
-    Scene(Layout layout, int count, Backend backend, double courant_number = courant,
-          StepControl const& control = {})
-        : solver(lattice(cell), {}, {}, control, std::move(backend)), on_floor(layout == Layout::splash)
+    Scene(Layout layout, int count, Backend backend, double courant_number = courant)
+        : solver(lattice(cell), {}, {}, {}, std::move(backend)), on_floor(layout == Layout::splash)
     {
         auto const points = cube(count, layout);
         double const volume = std::pow(cell / 2, 3);

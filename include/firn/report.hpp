@@ -21,7 +21,7 @@ struct StepReport
     std::uint64_t capped = 0;             ///< particles whose model is at a cap
     std::vector<std::uint64_t> capped_of; ///< the same of each material, in their order
     std::vector<Reaction> reactions;      ///< one per obstacle, in the order of the arguments
-    std::vector<StepFailure> isolated; ///< who was taken out of the scene, and why: StepControl::quarantine
+    std::vector<StepFailure> isolated;    ///< who was taken out of the scene, and why: Solver::quarantine
 };
 
 /// What a call of Solver::advance did.
@@ -36,7 +36,7 @@ struct AdvanceReport
     std::vector<std::uint64_t> capped_of; ///< the same of each material, in their order
     std::uint64_t lost = 0;            ///< particles that vanished; anything but 0 would have been an Error
     std::vector<Reaction> reactions;   ///< one per obstacle, summed over the substeps
-    std::vector<StepFailure> isolated; ///< who was taken out of the scene, and why: StepControl::quarantine
+    std::vector<StepFailure> isolated; ///< who was taken out of the scene, and why: Solver::quarantine
 
     /// What bounded most substeps.
     StepLimit usual_limit() const

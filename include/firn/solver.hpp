@@ -228,11 +228,24 @@ public:
         find_bounds();
     }
 
+    /// From now on up to `most` particles in all, one after another, may be taken out of the scene where a
+    /// step goes wrong for them however short it is: the run goes on without them, and its report names them
+    /// (see isolated()). All others keep, bit by bit, all they have, as with remove_if(). One more is an
+    /// error.
+    ///
+    /// What particles take from the grid is then kept beside them from step to step.
+    void quarantine(std::size_t most)
+    {
+        hold_taken();
+        quarantine_ = most;
+        isolate_ = &Solver::isolate;
+    }
+
     /// Advances the simulation by one time step of length `dt` [s].
     ///
     /// A `dt` above the stable one is taken, with a warning in the report. A step that goes wrong changes
-    /// nothing and throws a StepError that names particle, place, time and cause; with
-    /// StepControl::quarantine it is repeated without that particle. (If it was within the stable one,
+    /// nothing and throws a StepError that names particle, place, time and cause; with quarantine()
+    /// it is repeated without that particle. (If it was within the stable one,
     /// velocities that are not stored, see Taken, are then taken anew from what particles gave to the grid:
     /// momentum and uniform or affine motion are exact, the rest is smoothed by one transfer.)
     template <NodeEffect<Number, d>... Effects>
@@ -267,7 +280,7 @@ public:
                 reports.back().beyond_stable = dt > record.stable;
                 std::swap(reports.back().isolated, isolated); // before that step
             });
-            if (log.wrong > 0 && !isolate(unusable(dt), log, dt, isolated)) fail(log, dt);
+            if (log.wrong > 0 && !isolates(log, dt, true, isolated)) fail(log, dt);
         }
         course_.ready = false;
         return reports;
@@ -277,7 +290,7 @@ public:
     ///
     /// A step that goes wrong is repeated with half its length; after StepControl::retries halvings that is
     /// a StepError that names particle, place, time and cause, and the state is that of the last good step
-    /// (but see step() for velocities). With StepControl::quarantine the particle is taken out of the scene
+    /// (but see step() for velocities). With quarantine() the particle is taken out of the scene
     /// instead, and the run goes on; so it does at once for one whose own state has no stress.
     template <NodeEffect<Number, d>... Effects>
     AdvanceReport advance(double duration, Effects const&... effects)
@@ -296,8 +309,8 @@ public:
         while (rule.goes_on(course_)) {
             if (!course_.ready) choose(rule);
             if (!rule.gets_on(course_)) {
-                require_culprits(course_.now.interval.length(), report.isolated);
-                continue;
+                if (isolates({}, course_.now.interval.length(), false, report.isolated)) continue;
+                fail_to_get_on();
             }
             double const tried = course_.now.interval.length();
             // as many as there would be if all were as long as this one
@@ -308,11 +321,7 @@ public:
             ++report.rejected;
             bool const last = ++course_.retries > control_.retries;
             double const dt = course_.now.interval.length();
-            auto const culprits = log.mishap == Mishap::rejected && !last ? Failures() : unusable(dt);
-            if (last || !culprits.empty()) {
-                bool const goes_on = isolate(culprits, log, dt, report.isolated);
-                if (last && !goes_on) fail(log, dt);
-            }
+            if (!isolates(log, dt, last, report.isolated) && last) fail(log, dt);
         }
         course_.ready = false;
         return report;
@@ -340,7 +349,7 @@ public:
     }
 
     /// Who was taken out of the scene for what went wrong, and why, since the solver was made; see
-    /// StepControl::quarantine.
+    /// quarantine().
     std::vector<StepFailure> const& isolated() const { return isolated_; }
 
     /// What the next time step depends on.
@@ -795,8 +804,8 @@ private:
         Sides sides;
         for_each_material([&](auto k) {
             sides.held[k] = particles<k>().holds_taken();
-            sides.pushed[k] = Of<Material<k>>::Taken::components(d) > 0 &&
-                              (effects.touch_particles() || control_.quarantine > 0);
+            sides.pushed[k] =
+                Of<Material<k>>::Taken::components(d) > 0 && (effects.touch_particles() || quarantine_ > 0);
         });
         return sides;
     }
@@ -1101,12 +1110,10 @@ private:
     }
 
     /// Particles whose own state has no stress, at rest: they spoil what others take from the grid, so that
-    /// the first one for which a step goes wrong may be another. Only looked for where somebody may be taken
-    /// out.
+    /// the first one for which a step goes wrong may be another.
     Failures unusable(double dt) const
     {
         Failures found;
-        if (isolated_.size() >= control_.quarantine) return found;
         for_each_material([&](auto k) {
             particles<k>().for_each([&](std::uint32_t row, auto& particle) {
                 auto const response =
@@ -1122,15 +1129,16 @@ private:
         return found;
     }
 
-    /// Takes culprits out of the scene, or where there are none the particle that a log names, and adds them
-    /// to those that were; all others keep, bit by bit, all they have. False, and nothing happens, where they
-    /// would be too many.
-    bool isolate(Failures culprits, StepLog const log, double dt, Failures& isolated)
+    /// Takes out of the scene, after a step that went wrong, whose own state has no stress or, if it is not
+    /// to be tried once more (`last`), whom the log names; see quarantine(). False, and nothing happens, if
+    /// there is nobody, or they would be too many.
+    bool isolate(StepLog log, double dt, bool last, Failures& isolated)
     {
-        if (isolated_.size() >= control_.quarantine) return false;
-        if (culprits.empty() && log.wrong > 0) culprits.push_back(failure_of(log, dt));
-        if (culprits.empty() || isolated_.size() + culprits.size() > control_.quarantine) return false;
-        hold_taken();
+        if (isolated_.size() >= quarantine_) return false;
+        Failures culprits;
+        if (log.mishap != Mishap::rejected || last) culprits = unusable(dt);
+        if (culprits.empty() && last) culprits.push_back(failure_of(log, dt));
+        if (culprits.empty() || isolated_.size() + culprits.size() > quarantine_) return false;
         for_each_material([&](auto k) {
             std::vector<std::uint32_t> rows;
             for (auto const& failure : culprits)
@@ -1146,13 +1154,18 @@ private:
         return true;
     }
 
-    /// Where the stable step is too short to get on: takes out of the scene who makes it so, or throws.
-    void require_culprits(double dt, Failures& isolated)
+    /// The same where it is allowed. (By a pointer, so that only who asks for it waits for the compiler.)
+    bool isolates(StepLog const& log, double dt, bool last, Failures& isolated)
     {
-        if (isolate(unusable(dt), {}, dt, isolated)) return;
+        return isolate_ != nullptr && (this->*isolate_)(log, dt, last, isolated);
+    }
+
+    [[noreturn]] void fail_to_get_on()
+    {
         regain_velocities();
         std::ostringstream what, where, remedy;
-        what << "the stable time step fell to " << dt << " s, bounded by " << describe(course_.now.limit);
+        what << "the stable time step fell to " << course_.now.interval.length() << " s, bounded by "
+             << describe(course_.now.limit);
         where << "Solver::advance at t = " << course_.time << " s";
         remedy << "Check masses, moduli and velocities of the scene: wave speed " << course_.bounds.wave_speed
                << " m/s, fastest particle " << course_.bounds.speed << " m/s.";
@@ -1189,6 +1202,8 @@ private:
     MassScale masses_;
     std::uint32_t next_id_ = 0;
     Course course_;
+    std::size_t quarantine_ = 0; ///< how many may be taken out
+    bool (Solver::*isolate_)(StepLog, double, bool, Failures&) = nullptr;
     Failures isolated_;                                   ///< who was taken out of the scene
     std::vector<ReflectingWall> walls_;                   ///< that nobody is behind: see require_before_walls
     typename Backend::template Array<unsigned char> now_; ///< two StepNow and a RunRule, of whatever effects

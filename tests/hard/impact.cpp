@@ -150,9 +150,9 @@ double different_bits(Solver const& a, Solver const& b)
     return count;
 }
 
-Neo::Solver running_block(StepControl const& control = {})
+Neo::Solver running_block()
 {
-    Neo::Solver solver(lattice(0.1), {}, {}, control);
+    Neo::Solver solver(lattice(0.1));
     solver.add(box_of_points<3>({0, 0, 0}, {0.4, 0.4, 0.4}, 0.1), 1.25e-4, {0.1, 0, 0});
     for (int i = 0; i < 5; ++i) solver.step(1e-3, Gravity{});
     return solver;
@@ -373,7 +373,8 @@ TEST_CASE("H13: a particle whose stress is beyond all numbers does not spoil the
 TEST_CASE("H13: such a particle in the midst of others may be taken out, and they do not notice")
 {
     HardCase const H13{"H13"};
-    auto isolates = running_block({.quarantine = 1}), removes = running_block();
+    auto isolates = running_block(), removes = running_block();
+    isolates.quarantine(1);
     for (auto* of : {&isolates, &removes}) {
         of->add(std::vector<Vector<double, 3>>{{0.45, 0.4, 0.4}}, 1.25e-4); // next to the block
         auto H = of->download<DisplacementGradient>();

@@ -283,7 +283,8 @@ TEST_CASE("a particle in quarantine is gone, and all others are, bit by bit, as 
 {
     for (auto const& [stretch, shear, cause] :
          {std::tuple(-0.5, 0.0, Mishap::inverted), std::tuple(1.0, 1e200, Mishap::not_finite)}) { // no stress
-        auto isolates = running_scene({.quarantine = 1}), removes = running_scene();
+        auto isolates = running_scene(), removes = running_scene();
+        isolates.quarantine(1);
         CHECK(same(isolates, removes)); // and before it makes no difference
         spoil(isolates, 17, stretch, shear);
         removes.upload<DisplacementGradient>(removes.download<DisplacementGradient>());
@@ -307,7 +308,8 @@ TEST_CASE("a particle in quarantine is gone, and all others are, bit by bit, as 
 TEST_CASE("advance goes on without who has no stress, at once, as it does where there was nobody")
 {
     for (auto const& [stretch, shear] : {std::pair(-0.5, 0.0), std::pair(1.0, 1e200)}) {
-        auto isolates = running_scene({.quarantine = 1}), without = running_scene();
+        auto isolates = running_scene(), without = running_scene();
+        isolates.quarantine(1);
         auto const far = isolates.add(std::vector<Eigen::Vector2d>{{5, 5}}, 0.0025);
         spoil(isolates, isolates.size() - 1, stretch, shear);
         without.upload<DisplacementGradient>(without.download<DisplacementGradient>());
@@ -323,7 +325,8 @@ TEST_CASE("advance goes on without who has no stress, at once, as it does where 
 
 TEST_CASE("more than may be in quarantine are an error: a scene does not evaporate in silence")
 {
-    auto solver = running_scene({.quarantine = 3});
+    auto solver = running_scene();
+    solver.quarantine(3);
     auto const before = solver.size();
     StepFailure const last = failed([&] { solver.step(100, Gravity{}); }); // all of them are wrong
     CHECK(last.cause == Mishap::rejected);

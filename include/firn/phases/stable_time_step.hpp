@@ -7,7 +7,6 @@
 
 #include <array>
 #include <cmath>
-#include <cstdint>
 #include <limits>
 
 namespace firn
@@ -51,9 +50,6 @@ struct StepControl
     double rejection = 0.5;   ///< dt |L| found after a step that rejects it; infinity: none does
     double smallest = 1e-12;  ///< a step below this share of the duration asked for is an error
     int retries = 12;         ///< halvings of a rejected step before it is an error
-    /// Particles that may be taken out of the scene, one after another, where a step goes wrong for them
-    /// however short it is; 0: that is an error.
-    std::uint32_t quarantine = 0;
 
     void validate() const
     {
