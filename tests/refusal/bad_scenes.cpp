@@ -334,4 +334,12 @@ TEST_CASE("more than may be in quarantine are an error: a scene does not evapora
     REQUIRE(solver.isolated().size() == 3);
     for (auto const& failure : solver.isolated()) CHECK(failure.cause == Mishap::rejected);
     CHECK_NOTHROW(solver.step(1e-3, Gravity{}));
+
+    Sheet lone(lattice(0.1));
+    lone.quarantine(1); // before there is anybody
+    lone.add(std::vector<Eigen::Vector2d>{{0, 0}}, 0.0025);
+    spoil(lone, 0, -0.5);
+    CHECK(lone.step(1e-3, Gravity{}).isolated.size() == 1);
+    CHECK(lone.size() == 0);
+    CHECK(lone.advance(0.01).substeps > 0);
 }
