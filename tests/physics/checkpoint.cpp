@@ -157,8 +157,8 @@ TEMPLATE_LIST_TEST_CASE("a run that goes on from a file is the run that wrote it
         CHECK(told == told_again);
         CHECK(same(solver, restarted));
         HardCase{"H25"}.at_most(std::string(TestType::Solver::Transfer::name) + " in " +
-                                    std::to_string(TestType::d) + "D, " + std::to_string(threads) + " to " +
-                                    std::to_string(thread_counts.back() + 1 - threads) +
+                                    std::to_string(TestType::d) + "D from " + std::to_string(threads) +
+                                    " to " + std::to_string(thread_counts.back() + 1 - threads) +
                                     " threads: restarts that are not the run that wrote",
                                 !(told == told_again && same(solver, restarted)), 0);
         if (of_one_thread.empty()) of_one_thread = told;
