@@ -23,6 +23,7 @@ int main(int argc, char** argv)
     bench::add_material_steps(threads);
     bench::add_double_steps(threads);
     bench::add_phases(threads);
+    bench::add_safety(threads);
 #if FIRN_BENCH_SAMPLING
     bench::add_sampling(threads);
 #endif

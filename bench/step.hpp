@@ -77,6 +77,7 @@ void add_steps(int threads,
 void add_double_steps(int threads);   ///< step_double.cpp: its own file, to be compiled beside the other
 void add_material_steps(int threads); ///< step_materials.cpp: the same
 void add_phases(int threads);         ///< phases.cpp
+void add_safety(int threads);         ///< safety.cpp
 void add_sampling(int threads);       ///< sampling.cpp, where CGAL is
 void add_compile_time();              ///< compile_time.cpp
 

@@ -250,6 +250,22 @@ public:
         return doomed;
     }
 
+    /// The particles of some rows, as find() tells them.
+    Doomed<Backend> doomed(std::vector<std::uint32_t> const& rows) const
+    {
+        Doomed<Backend> doomed{.there = Array<unsigned char>(backend_)};
+        if (rows.empty()) return doomed;
+        auto const row_at = detail::downloaded(buffer_[0].id);
+        std::vector<unsigned char> goes(size_, 0);
+        for (auto const row : rows) goes[row] = 1;
+        doomed.here.resize(size_);
+        for (std::size_t place = 0; place < size_; ++place) doomed.here[place] = goes[row_at[place]];
+        doomed.there.resize(size_);
+        doomed.there.upload(0, doomed.here);
+        doomed.count = rows.size();
+        return doomed;
+    }
+
     /// The first row of those that find() has found, if it has found any.
     std::uint32_t first_row(Doomed<Backend> const& found) const
     {
@@ -420,6 +436,11 @@ public:
 
     /// The permanent id of a row; the ids of all, in rising order.
     std::uint32_t id(std::size_t row) const { return named_ ? ids_[row] : static_cast<std::uint32_t>(row); }
+    /// The row of an id that is there.
+    std::uint32_t row(std::uint32_t id) const
+    {
+        return named_ ? static_cast<std::uint32_t>(std::ranges::lower_bound(ids_, id) - ids_.begin()) : id;
+    }
     std::vector<std::uint32_t> ids() const
     {
         std::vector<std::uint32_t> ids(size_);
@@ -476,15 +497,16 @@ public:
         for (std::size_t c = 0; c < component.size(); ++c) buffer_[0].component[c].upload(0, component[c]);
     }
 
-    /// Calls `visit(record)` for a copy of every particle.
+    /// Calls `visit(row, record)` for a copy of every particle.
     template <class Visit>
     void for_each(Visit const& visit) const
     {
         auto const component = columns();
+        auto const row = detail::downloaded(buffer_[0].id);
         for (std::size_t i = 0; i < size_; ++i) {
             Record<Number, d, StoredSet> record;
             record.for_each([&](int c, Number& value) { value = component[c][i]; });
-            visit(record);
+            visit(row[i], record);
         }
     }
 
@@ -537,6 +559,17 @@ public:
         for (std::size_t row = 0; row < size_; ++row)
             by_row[row] = mass_unit * portions_[here.index(static_cast<std::uint32_t>(row))].mass;
         return by_row;
+    }
+
+    /// Adds the cells in which particles are now to a list.
+    void add_cells(std::vector<Coordinates<d>>& list) const
+    {
+        std::array<std::vector<Offset>, d> offset;
+        for (int a = 0; a < d; ++a) offset[a] = detail::downloaded(buffer_[0].offset[a]);
+        cells_.for_each([&](std::size_t particle, Coordinates<d> cell) {
+            for (int a = 0; a < d; ++a) cell[a] += CellOffset<Number>::wrap(offset[a][particle]);
+            list.push_back(cell);
+        });
     }
 
     /// The position of one particle, for error messages.

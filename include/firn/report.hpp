@@ -3,6 +3,7 @@
 
 #include <firn/effects/effect.hpp>
 #include <firn/phases/stable_time_step.hpp>
+#include <firn/step_error.hpp>
 
 #include <cstdint>
 #include <limits>
@@ -20,6 +21,7 @@ struct StepReport
     std::uint64_t capped = 0;             ///< particles whose model is at a cap
     std::vector<std::uint64_t> capped_of; ///< the same of each material, in their order
     std::vector<Reaction> reactions;      ///< one per obstacle, in the order of the arguments
+    std::vector<StepFailure> isolated;    ///< who was taken out of the scene, and why: Solver::quarantine
 };
 
 /// What a call of Solver::advance did.
@@ -32,8 +34,9 @@ struct AdvanceReport
     std::array<std::uint64_t, step_limit_count> limited_by{}; ///< substeps by what bounded them: a StepLimit
     std::uint64_t capped = 0;             ///< the most particles at a cap of their model in any substep
     std::vector<std::uint64_t> capped_of; ///< the same of each material, in their order
-    std::uint64_t lost = 0;          ///< particles that vanished; anything but 0 would have been an Error
-    std::vector<Reaction> reactions; ///< one per obstacle, summed over the substeps
+    std::uint64_t lost = 0;            ///< particles that vanished; anything but 0 would have been an Error
+    std::vector<Reaction> reactions;   ///< one per obstacle, summed over the substeps
+    std::vector<StepFailure> isolated; ///< who was taken out of the scene, and why: Solver::quarantine
 
     /// What bounded most substeps.
     StepLimit usual_limit() const
@@ -54,6 +57,7 @@ struct AdvanceReport
         capped = std::max(capped, step.capped);
         add_capped(step.capped_of);
         add_reactions(step.reactions);
+        add_isolated(step.isolated);
     }
 
     void merge(AdvanceReport const& other)
@@ -67,6 +71,7 @@ struct AdvanceReport
         lost += other.lost;
         add_capped(other.capped_of);
         add_reactions(other.reactions);
+        add_isolated(other.isolated);
     }
 
 private:
@@ -79,6 +84,10 @@ private:
     {
         if (reactions.size() < more.size()) reactions.resize(more.size());
         for (std::size_t i = 0; i < more.size(); ++i) reactions[i] += more[i];
+    }
+    void add_isolated(std::vector<StepFailure> const& more)
+    {
+        isolated.insert(isolated.end(), more.begin(), more.end());
     }
 };
 

@@ -5,12 +5,14 @@
 #include <firn/effects/reflecting_wall.hpp>
 #include <firn/interpolation/quadratic_b_spline.hpp>
 #include <firn/models/several_materials.hpp>
+#include <firn/occupancy.hpp>
 #include <firn/particle_table.hpp>
 #include <firn/phases/conclude_step.hpp>
 #include <firn/phases/extend_velocities.hpp>
 #include <firn/phases/move_particles.hpp>
 #include <firn/report.hpp>
 #include <firn/snapshot.hpp>
+#include <firn/step_error.hpp>
 #include <firn/transfer/mls.hpp>
 
 #include <algorithm>
@@ -226,12 +228,26 @@ public:
         find_bounds();
     }
 
+    /// From now on up to `most` particles in all, one after another, may be taken out of the scene where a
+    /// step goes wrong for them however short it is: the run goes on without them, and its report names them
+    /// (see isolated()). All others keep, bit by bit, all they have, as with remove_if(). One more is an
+    /// error.
+    ///
+    /// What particles take from the grid is then kept beside them from step to step.
+    void quarantine(std::size_t most)
+    {
+        hold_taken();
+        quarantine_ = most;
+        isolate_ = &Solver::isolate;
+    }
+
     /// Advances the simulation by one time step of length `dt` [s].
     ///
     /// A `dt` above the stable one is taken, with a warning in the report. A step that goes wrong changes
-    /// nothing and throws an Error that names particle, place, time and cause. (If it was within the stable
-    /// one, velocities that are not stored, see Taken, are then taken anew from what particles gave to the
-    /// grid: momentum and uniform or affine motion are exact, the rest is smoothed by one transfer.)
+    /// nothing and throws a StepError that names particle, place, time and cause; with quarantine()
+    /// it is repeated without that particle. (If it was within the stable one,
+    /// velocities that are not stored, see Taken, are then taken anew from what particles gave to the grid:
+    /// momentum and uniform or affine motion are exact, the rest is smoothed by one transfer.)
     template <NodeEffect<Number, d>... Effects>
     StepReport step(double dt, Effects const&... effects)
     {
@@ -253,6 +269,7 @@ public:
         rule.equal = dt;
         auto const plain = plain_effects(effects...);
         std::vector<StepReport> reports;
+        std::vector<StepFailure> isolated;
         while (reports.size() < count) {
             if (!course_.ready) choose(rule);
             bool const beyond_stable = dt > course_.stable;
@@ -261,8 +278,9 @@ public:
             StepLog const& log = run(rule, most, plain, [&](auto const& record) {
                 reports.push_back(report_of(record));
                 reports.back().beyond_stable = dt > record.stable;
+                std::swap(reports.back().isolated, isolated); // before that step
             });
-            if (log.wrong > 0) fail(log, dt);
+            if (log.wrong > 0 && !isolates(log, dt, true, isolated)) fail(log, dt);
         }
         course_.ready = false;
         return reports;
@@ -271,8 +289,9 @@ public:
     /// Advances the simulation by `duration` [s] in as many stable steps as needed.
     ///
     /// A step that goes wrong is repeated with half its length; after StepControl::retries halvings that is
-    /// an Error that names particle, place, time and cause, and the state is that of the last good step (but
-    /// see step() for velocities).
+    /// a StepError that names particle, place, time and cause, and the state is that of the last good step
+    /// (but see step() for velocities). With quarantine() the particle is taken out of the scene
+    /// instead, and the run goes on; so it does at once for one whose own state has no stress.
     template <NodeEffect<Number, d>... Effects>
     AdvanceReport advance(double duration, Effects const&... effects)
     {
@@ -289,7 +308,10 @@ public:
         AdvanceReport report;
         while (rule.goes_on(course_)) {
             if (!course_.ready) choose(rule);
-            require_progress(rule);
+            if (!rule.gets_on(course_)) {
+                if (isolates({}, course_.now.interval.length(), false, report.isolated)) continue;
+                fail_to_get_on();
+            }
             double const tried = course_.now.interval.length();
             // as many as there would be if all were as long as this one
             auto const most = static_cast<std::size_t>(std::ceil((rule.end - course_.time) / tried));
@@ -297,7 +319,9 @@ public:
                 rule, most, plain, [&](auto const& record) { report.add(report_of(record), record.limit); });
             if (log.wrong == 0) continue;
             ++report.rejected;
-            if (++course_.retries > control_.retries) fail(log, course_.now.interval.length());
+            bool const last = ++course_.retries > control_.retries;
+            double const dt = course_.now.interval.length();
+            if (!isolates(log, dt, last, report.isolated) && last) fail(log, dt);
         }
         course_.ready = false;
         return report;
@@ -323,6 +347,10 @@ public:
         });
         return count;
     }
+
+    /// Who was taken out of the scene for what went wrong, and why, since the solver was made; see
+    /// quarantine().
+    std::vector<StepFailure> const& isolated() const { return isolated_; }
 
     /// What the next time step depends on.
     StepBounds const& bounds() const { return course_.bounds; }
@@ -376,6 +404,15 @@ public:
     std::vector<double> masses() const
     {
         return by_id<Which, double>([&](auto k) { return particles<k>().masses(masses_.unit); });
+    }
+
+    /// How the particles of all materials lie in the cells now: too few to a cell, parted, alone? Found when
+    /// it is asked for, by the host, in the time of some steps; steps compute nothing for it.
+    Occupancy occupancy() const
+    {
+        std::vector<Coordinates<d>> cells;
+        for_each_material([&](auto k) { particles<k>().add_cells(cells); });
+        return detail::CellNeighbours<d>(std::move(cells), Kernel::order).occupancy();
     }
 
     /// All that the next steps depend on, in memory of the host.
@@ -434,6 +471,7 @@ private:
         NodeVelocities<d, Transfer::keeps_old_velocity>::channels, static_cast<int>(materials)>;
     using Cells = typename Of<Material<0>>::Table::Cells;
     using Rule = StepRule<static_cast<int>(materials)>;
+    using Failures = std::vector<StepFailure>;
 
     /// A material of the scene: all materials have a layer of the grid each, in the same order.
     template <std::size_t k>
@@ -759,7 +797,8 @@ private:
     }
 
     /// Of each material: whether what particles take from the grid was held beside them before a run, and
-    /// whether its steps write it. Only obstacles that push particles set what cannot be taken again.
+    /// whether its steps write it. Obstacles that push particles set what cannot be taken again, and where
+    /// particles may be taken out after a step that went wrong, the grid is no longer there to take from.
     struct Sides
     {
         std::array<bool, materials> held{}, pushed{};
@@ -770,7 +809,8 @@ private:
         Sides sides;
         for_each_material([&](auto k) {
             sides.held[k] = particles<k>().holds_taken();
-            sides.pushed[k] = Of<Material<k>>::Taken::components(d) > 0 && effects.touch_particles();
+            sides.pushed[k] =
+                Of<Material<k>>::Taken::components(d) > 0 && (effects.touch_particles() || quarantine_ > 0);
         });
         return sides;
     }
@@ -952,7 +992,7 @@ private:
         Rule const rule = rule_of_materials();
         for_each_material([&](auto k) {
             double modulus = 0;
-            particles<k>().for_each([&](auto& particle) {
+            particles<k>().for_each([&](std::uint32_t, auto& particle) {
                 modulus = std::max(modulus, double(model_of<k>()
                                                        .template respond<Number>(
                                                            particle, Matrix<Number, d>::Zero(), Number(0))
@@ -1051,9 +1091,82 @@ private:
             "Put all particles on the wall's side before it is passed, or let it face the other way."};
     }
 
-    void require_progress(Rule const& rule)
+    /// What is wrong with a particle of a material, in a step that begins now.
+    template <std::size_t k>
+    StepFailure failure_of(std::uint32_t row, Mishap cause, double dt, std::uint64_t count) const
     {
-        if (rule.gets_on(course_)) return;
+        StepFailure failure{.cause = cause,
+                            .particle = particles<k>().id(row),
+                            .material = k,
+                            .time = course_.time,
+                            .dt = dt,
+                            .count = count};
+        failure.position.template head<d>() = particles<k>().position(row);
+        return failure;
+    }
+    StepFailure failure_of(StepLog const& log, double dt) const
+    {
+        StepFailure failure;
+        for_each_material([&](auto k) {
+            if (static_cast<std::size_t>(log.material) == k)
+                failure = failure_of<k>(log.particle, log.mishap, dt, log.wrong);
+        });
+        return failure;
+    }
+
+    /// Particles whose own state has no stress, at rest: they spoil what others take from the grid, so that
+    /// the first one for which a step goes wrong may be another.
+    Failures unusable(double dt) const
+    {
+        Failures found;
+        for_each_material([&](auto k) {
+            particles<k>().for_each([&](std::uint32_t row, auto& particle) {
+                auto const response =
+                    model_of<k>().template respond<Number>(particle, Matrix<Number, d>::Zero(), Number(0));
+                bool const finite =
+                    response.kirchhoff_stress.allFinite() && std::isfinite(double(response.wave_modulus));
+                if ((response.inverted || !finite) && found.size() <= quarantine_) // one too many will do
+                    found.push_back(
+                        failure_of<k>(row, finite ? Mishap::inverted : Mishap::not_finite, dt, 1));
+            });
+        });
+        for (auto& failure : found) failure.count = found.size();
+        return found;
+    }
+
+    /// Takes out of the scene, after a step that went wrong, whose own state has no stress or, if it is not
+    /// to be tried once more (`last`), whom the log names; see quarantine(). False, and nothing happens, if
+    /// there is nobody, or they would be too many.
+    bool isolate(StepLog log, double dt, bool last, Failures& isolated)
+    {
+        if (isolated_.size() >= quarantine_) return false;
+        Failures culprits;
+        if (log.mishap != Mishap::rejected || last) culprits = unusable(dt);
+        if (culprits.empty() && last) culprits.push_back(failure_of(log, dt));
+        if (culprits.empty() || isolated_.size() + culprits.size() > quarantine_) return false;
+        for_each_material([&](auto k) {
+            std::vector<std::uint32_t> rows;
+            for (auto const& failure : culprits)
+                if (failure.material == k) rows.push_back(particles<k>().row(failure.particle));
+            particles<k>().remove(particles<k>().doomed(rows));
+        });
+        given_for_ = 0;
+        course_.retries = 0;
+        course_.ready = false;
+        find_bounds();
+        isolated_.insert(isolated_.end(), culprits.begin(), culprits.end());
+        isolated.insert(isolated.end(), culprits.begin(), culprits.end());
+        return true;
+    }
+
+    /// The same where it is allowed. (By a pointer, so that only who asks for it waits for the compiler.)
+    bool isolates(StepLog const& log, double dt, bool last, Failures& isolated)
+    {
+        return isolate_ != nullptr && (this->*isolate_)(log, dt, last, isolated);
+    }
+
+    [[noreturn]] void fail_to_get_on()
+    {
         regain_velocities();
         std::ostringstream what, where, remedy;
         what << "the stable time step fell to " << course_.now.interval.length() << " s, bounded by "
@@ -1067,22 +1180,22 @@ private:
     [[noreturn]] void fail(StepLog const log, double dt) // a copy: what follows is logged, too
     {
         regain_velocities();
+        StepFailure const failure = failure_of(log, dt);
         std::ostringstream what, where;
-        Vector<double, d> place = Vector<double, d>::Zero();
+        what << "particle " << failure.particle;
         for_each_material([&](auto k) {
-            if (static_cast<std::size_t>(log.material) != k) return;
-            what << "particle " << particles<k>().id(log.particle);
-            if (materials > 1) what << " of " << detail::name_of_material<typename Of<Material<k>>::Model>(k);
-            place = particles<k>().position(log.particle);
+            if (materials > 1 && failure.material == k)
+                what << " of " << detail::name_of_material<typename Of<Material<k>>::Model>(k);
         });
-        what << " " << describe(log.mishap);
-        if (log.wrong > 1) what << ", as did " << log.wrong - 1 << " more";
-        where << "at (" << place.transpose() << ") m, in a step of " << dt << " s at t = " << course_.time
-              << " s";
-        throw Error{what.str(), where.str(),
-                    "The state is that of the last good step. Take a smaller step, or look at what drives "
-                    "this particle: "
-                    "obstacles that close in on it, or a material far too stiff or too soft for its speed."};
+        what << " " << describe(failure.cause);
+        if (failure.count > 1) what << ", as did " << failure.count - 1 << " more";
+        where << "at (" << failure.position.template head<d>().transpose() << ") m, in a step of " << dt
+              << " s at t = " << failure.time << " s";
+        throw StepError{
+            failure, what.str(), where.str(),
+            "The state is that of the last good step. Take a smaller step, or look at what drives "
+            "this particle: "
+            "obstacles that close in on it, or a material far too stiff or too soft for its speed."};
     }
 
     Lattice lattice_;
@@ -1094,6 +1207,9 @@ private:
     MassScale masses_;
     std::uint32_t next_id_ = 0;
     Course course_;
+    std::size_t quarantine_ = 0; ///< how many may be taken out
+    bool (Solver::*isolate_)(StepLog, double, bool, Failures&) = nullptr;
+    Failures isolated_;                                   ///< who was taken out of the scene
     std::vector<ReflectingWall> walls_;                   ///< that nobody is behind: see require_before_walls
     typename Backend::template Array<unsigned char> now_; ///< two StepNow and a RunRule, of whatever effects
     typename Backend::template Outbox<unsigned char> log_; ///< a RunLog

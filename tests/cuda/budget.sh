@@ -6,7 +6,7 @@ set -euo pipefail
 nvcc=$1 source=$2 eigen=$3
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-"$nvcc" -std=c++20 -O3 --expt-relaxed-constexpr -diag-suppress=1675,20012 -arch=sm_90 -Xptxas -v --keep --keep-dir "$work" \
+"$nvcc" -std=c++20 -O3 -DNDEBUG --expt-relaxed-constexpr -diag-suppress=1675,20012 -arch=sm_90 -Xptxas -v --keep --keep-dir "$work" \
     -I"$source/include" -I"$source/backends/cuda" -isystem "$eigen" -c "$source/tests/cuda/budget.cu" -o "$work/budget.o" \
     2>"$work/said" || { cat "$work/said"; exit 1; }
 

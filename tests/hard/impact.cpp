@@ -46,19 +46,23 @@ void hit_wall(std::string const& name, int cells)
     typename SceneType::Solver solver(lattice(h), elastic<typename SceneType::Model>(1e6, 0.3));
     solver.add(box_of_points<3>({0, 0.1, 0}, {0.2, 0.3, 0.2}, h), volume, {0, -100, 0});
     double const start = mechanical_energy(solver, volume);
-    double most = 0, deepest = 0, flattest = 1;
+    double most = 0, deepest = 0, flattest = 1, turned = 0;
     watch(
         solver, 0.01, 50,
         [&](AdvanceReport const&) {
             most = std::max(most, mechanical_energy(solver, volume) / start);
             for (auto const& x : solver.positions()) deepest = std::max(deepest, -x.y() / h);
-            for (auto const& H : solver.template download<DisplacementGradient>())
-                flattest = std::min(flattest, 1 + volume_change<double, 3>(H));
+            for (auto const& H : solver.template download<DisplacementGradient>()) {
+                double const J = 1 + volume_change<double, 3>(H);
+                turned += !(J > 0);
+                flattest = std::min(flattest, J);
+            }
         },
         Obstacle<HalfSpace>{});
     H2.at_most(name + ": particles not finite", double(not_finite(solver)), 0);
     H2.at_most(name + ": deepest particle behind the wall [cells]", deepest, 1);
     H2.at_most(name + ": largest total energy / that at the start", most, 1.02);
+    H2.at_most(name + ": particles with J <= 0 at any of 50 looks", turned, 0);
     H2.at_most(name + ": smallest volume of a particle / that at rest", flattest, 0.1); // it was an impact
 }
 
@@ -364,6 +368,28 @@ TEST_CASE("H13: a particle whose stress is beyond all numbers does not spoil the
     for (auto* of : {&solver, &without})
         for (int i = 0; i < 20; ++i) of->step(1e-3, Gravity{});
     H13.at_most("other particles that it changed 20 steps later", different_bits(solver, without), 0);
+}
+
+TEST_CASE("H13: such a particle in the midst of others may be taken out, and they do not notice")
+{
+    HardCase const H13{"H13"};
+    auto isolates = running_block(), removes = running_block();
+    isolates.quarantine(1);
+    for (auto* of : {&isolates, &removes}) {
+        of->add(std::vector<Vector<double, 3>>{{0.45, 0.4, 0.4}}, 1.25e-4); // next to the block
+        auto H = of->download<DisplacementGradient>();
+        H.back()(0, 1) = 1e200;
+        of->upload<DisplacementGradient>(H);
+    }
+    removes.remove_if(Outside<Box>{.shape = {{0.42, 2, 2}}});
+    auto const report = isolates.step(1e-3, Gravity{});
+    removes.step(1e-3, Gravity{});
+    H13.at_least("in quarantine: particles that are named", double(report.isolated.size()), 1);
+    H13.at_most("in quarantine: others that differ from a run without it", different_bits(isolates, removes),
+                0);
+    for (auto* of : {&isolates, &removes})
+        for (int i = 0; i < 20; ++i) of->step(1e-3, Gravity{});
+    H13.at_most("in quarantine: the same 20 steps later", different_bits(isolates, removes), 0);
 }
 
 TEST_CASE("H19: a snowball that hits a wedge at 20 m/s hardens without end") { hit_wedge(0.01); }

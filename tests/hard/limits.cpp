@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <chrono>
+#include <iterator>
 #include <limits>
+#include <set>
 
 using namespace firn;
 using namespace firn::test;
@@ -183,9 +185,10 @@ void come_to_rest(std::string const& name, double largest_gap)
     H15.at_most(name + ": deepest particle in the floor [cells]", deepest, 0.1);
 }
 
-/// The share of pairs of particles so far apart [cells] of which one notices the other.
+/// The share of pairs of particles so far apart [cells] of which one notices the other; those that do not are
+/// all that are counted as alone.
 template <class SceneType>
-double share_that_meet(double apart)
+double share_that_meet(std::string const& name, double apart)
 {
     double const h = 0.125;
     int const pairs = 64;
@@ -201,6 +204,12 @@ double share_that_meet(double apart)
     auto const v = solver.template download<Velocity>();
     double meet = 0;
     for (int i = 0; i < pairs; ++i) meet += v[static_cast<std::size_t>(i)].y() > 1e-12f;
+    auto const found = solver.occupancy();
+    HardCase{"H16"}.at_most(name + ": particles miscounted as alone or parted at " +
+                                std::to_string(int(2 * apart)) + " half cells",
+                            std::abs(double(found.alone) - 2 * (pairs - meet)) +
+                                std::abs(double(found.pieces) - (2 * pairs - meet)),
+                            0);
     return meet / pairs;
 }
 
@@ -209,11 +218,11 @@ void part(std::string const& name, double together, double apart)
 {
     HardCase const H16{"H16"};
     H16.at_least(name + ": share of particles that meet at the distance up to which all do",
-                 share_that_meet<SceneType>(together), 1);
-    double const between = share_that_meet<SceneType>(0.5 * (together + apart));
+                 share_that_meet<SceneType>(name, together), 1);
+    double const between = share_that_meet<SceneType>(name, 0.5 * (together + apart));
     H16.at_least(name + ": and half a cell further", between, 0.25);
     H16.at_most(name + ": and half a cell further", between, 0.75);
-    H16.at_most(name + ": and a cell further", share_that_meet<SceneType>(apart), 0);
+    H16.at_most(name + ": and a cell further", share_that_meet<SceneType>(name, apart), 0);
     // a sheet of one particle per cell, thrown apart
     double const h = 0.05, rate = 10;
     typename SceneType::Solver solver(lattice(h), jelly(1e3));
@@ -226,9 +235,23 @@ void part(std::string const& name, double together, double apart)
         }
     solver.add(points, h * h * h);
     solver.template upload<Velocity>(velocities);
+    auto const before = solver.occupancy();
     solver.advance(0.25);
     std::vector<double> x;
     for (auto const& at : solver.positions()) x.push_back(at.x() / h);
+    // where rows across the stretch lie more cells apart than two stencils overlap
+    std::set<int> cells;
+    int gaps = 0;
+    for (auto const& at : solver.positions())
+        cells.insert(locate<3>(solver.lattice(), SceneType::Kernel::order, at).cell.x());
+    for (auto cell = cells.begin(); std::next(cell) != cells.end(); ++cell)
+        gaps += *std::next(cell) - *cell > SceneType::Kernel::order;
+    auto const after = solver.occupancy();
+    H16.at_most(name + ": pieces of the sheet at the start", double(before.pieces), 1);
+    H16.at_most(name + ": pieces of the stretched sheet but those between gaps",
+                std::abs(double(after.pieces) - (gaps + 1)), 0);
+    H16.at_least(name + ": pieces of the stretched sheet", double(after.pieces), 2);
+    H16.at_least(name + ": warnings of too few particles", before.too_few + after.too_few, 2);
     auto const [low, high] = std::minmax_element(x.begin(), x.end());
     H16.at_most(name + ": particles of a sheet not finite", double(not_finite(solver)), 0);
     H16.at_least(name + ": length of the sheet / at the start", (*high - *low) / 19, 3);

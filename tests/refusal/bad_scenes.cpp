@@ -15,9 +15,9 @@ constexpr double infinite = std::numeric_limits<double>::infinity();
 double const not_a_number = std::numeric_limits<double>::quiet_NaN();
 
 /// A block that has already taken a few steps.
-Sheet running_scene()
+Sheet running_scene(StepControl const& control = {})
 {
-    Sheet solver(lattice(0.1));
+    Sheet solver(lattice(0.1), {}, {}, control);
     solver.add(box_of_points<2>({0, 0}, {0.4, 0.4}, 0.1), 0.0025, {0.1, 0});
     for (int i = 0; i < 5; ++i) solver.step(1e-3, Gravity{});
     return solver;
@@ -29,7 +29,33 @@ bool same(Solver const& a, Solver const& b)
 {
     return a.time() == b.time() && a.positions() == b.positions() &&
            a.template download<Velocity>() == b.template download<Velocity>() &&
-           a.template download<DisplacementGradient>() == b.template download<DisplacementGradient>();
+           a.template download<DisplacementGradient>() == b.template download<DisplacementGradient>() &&
+           a.ids() == b.ids();
+}
+
+/// Says of a particle of a scene that there is something wrong with it: what its F does to the second axis.
+void spoil(Sheet& solver, std::size_t particle, double stretch, double shear = 0)
+{
+    auto H = solver.download<DisplacementGradient>();
+    H[particle](1, 1) = stretch - 1;
+    H[particle](0, 1) = shear;
+    solver.upload<DisplacementGradient>(H);
+}
+
+/// The failure of a call that must be stopped by one.
+template <class Call>
+StepFailure failed(Call const& call)
+{
+    try {
+        call();
+    }
+    catch (StepError const& error) {
+        CHECK(error.what_is_wrong().find("particle " + std::to_string(error.failure().particle) + " " +
+                                         describe(error.failure().cause)) == 0);
+        return error.failure();
+    }
+    FAIL("nothing went wrong");
+    return {};
 }
 
 } // namespace
@@ -208,4 +234,112 @@ TEST_CASE("a body hurled at a wall takes rejected steps, repeats them shorter, a
     double const expected = -speed * mass - report.reactions[0].impulse.y();
     CHECK(std::abs(Totals(solver).momentum.y() - expected) < 1e-10 * speed * mass);
     CHECK(Totals(solver).mass == Approx(mass));
+}
+
+TEST_CASE("what went wrong in a step can be read as numbers")
+{
+    auto solver = running_scene();
+    auto const x = solver.positions();
+    spoil(solver, 17, -0.5);
+    StepFailure const turned = failed([&] { solver.step(1e-4, Gravity{}); });
+    CHECK(turned.cause == Mishap::inverted);
+    CHECK(turned.particle == 17);
+    CHECK(turned.material == 0);
+    CHECK(turned.position.head<2>() == x[17]);
+    CHECK(turned.position.z() == 0);
+    CHECK(turned.time == solver.time());
+    CHECK(turned.dt == 1e-4);
+    CHECK(turned.count == 1);
+    CHECK(failed([&] { solver.advance(1e-4); }).dt < 1e-4 / 4000); // after twelve halvings
+
+    auto other = running_scene();
+    StepFailure const thrown = failed([&] { other.step(100, Gravity{}); });
+    CHECK(thrown.cause == Mishap::rejected);
+    CHECK(thrown.dt == 100);
+    CHECK(thrown.count == other.size());
+}
+
+TEST_CASE("without a limit to deformation steps are taken that would be rejected, but never into nowhere")
+{
+    refused([] { running_scene({.rejection = 2}); });
+    auto shearing = [](double rate, StepControl const& control) {
+        auto solver = running_scene(control);
+        auto v = solver.download<Velocity>();
+        auto const x = solver.positions();
+        for (std::size_t i = 0; i < v.size(); ++i) v[i] = {rate * (x[i].y() - 0.2), 0};
+        solver.upload<Velocity>(v);
+        return solver;
+    };
+    StepControl const off{.rejection = infinite};
+    CHECK(failed([&] { shearing(700, {}).step(1e-3); }).cause == Mishap::rejected); // dt |L| = 0.7, 0.9 cells
+    auto solver = shearing(700, off);
+    CHECK(solver.step(1e-3).beyond_stable);
+    CHECK(failed([&] { shearing(7000, off).step(1e-3); }).cause == Mishap::rejected); // by more than a cell
+    spoil(solver, 3, 1, 1e200);
+    CHECK(failed([&] { solver.step(1e-3); }).cause == Mishap::not_finite);
+}
+
+TEST_CASE("a particle in quarantine is gone, and all others are, bit by bit, as if it had been removed")
+{
+    for (auto const& [stretch, shear, cause] :
+         {std::tuple(-0.5, 0.0, Mishap::inverted), std::tuple(1.0, 1e200, Mishap::not_finite)}) { // no stress
+        auto isolates = running_scene(), removes = running_scene();
+        isolates.quarantine(1);
+        CHECK(same(isolates, removes)); // and before it makes no difference
+        spoil(isolates, 17, stretch, shear);
+        removes.upload<DisplacementGradient>(removes.download<DisplacementGradient>());
+        auto const x = removes.positions();
+        removes.remove_if(Inside<Sphere>{.shape = {1e-6}, .pose = {.position = {x[17].x(), x[17].y(), 0}}});
+        auto const report = isolates.step(1e-3, Gravity{});
+        removes.step(1e-3, Gravity{});
+        CHECK(same(isolates, removes));
+        REQUIRE(report.isolated.size() == 1);
+        CHECK(report.isolated[0].cause == cause);
+        CHECK(report.isolated[0].particle == 17);
+        CHECK(report.isolated[0].position.head<2>() == x[17]);
+        CHECK(report.isolated[0].count == 1);
+        for (auto* of : {&isolates, &removes})
+            for (int i = 0; i < 10; ++i) of->step(1e-3, Gravity{});
+        CHECK(same(isolates, removes));
+        CHECK(isolates.isolated().size() == 1);
+    }
+}
+
+TEST_CASE("advance goes on without who has no stress, at once, as it does where there was nobody")
+{
+    for (auto const& [stretch, shear] : {std::pair(-0.5, 0.0), std::pair(1.0, 1e200)}) {
+        auto isolates = running_scene(), without = running_scene();
+        isolates.quarantine(1);
+        auto const far = isolates.add(std::vector<Eigen::Vector2d>{{5, 5}}, 0.0025);
+        spoil(isolates, isolates.size() - 1, stretch, shear);
+        without.upload<DisplacementGradient>(without.download<DisplacementGradient>());
+        auto const report = isolates.advance(0.05);
+        auto const expected = without.advance(0.05);
+        REQUIRE(report.isolated.size() == 1);
+        CHECK(report.isolated[0].particle == far);
+        CHECK(report.rejected <= 1); // halving does not help it
+        CHECK(report.substeps == expected.substeps);
+        CHECK(same(isolates, without));
+    }
+}
+
+TEST_CASE("more than may be in quarantine are an error: a scene does not evaporate in silence")
+{
+    auto solver = running_scene();
+    solver.quarantine(3);
+    auto const before = solver.size();
+    StepFailure const last = failed([&] { solver.step(100, Gravity{}); }); // all of them are wrong
+    CHECK(last.cause == Mishap::rejected);
+    CHECK(solver.size() == before - 3);
+    REQUIRE(solver.isolated().size() == 3);
+    for (auto const& failure : solver.isolated()) CHECK(failure.cause == Mishap::rejected);
+    CHECK_NOTHROW(solver.step(1e-3, Gravity{}));
+
+    Sheet lone(lattice(0.1));
+    lone.quarantine(1); // before there is anybody
+    lone.add(std::vector<Eigen::Vector2d>{{0, 0}}, 0.0025);
+    spoil(lone, 0, -0.5);
+    CHECK(lone.step(1e-3, Gravity{}).isolated.size() == 1);
+    CHECK(lone.size() == 0);
+    CHECK(lone.advance(0.01).substeps > 0);
 }

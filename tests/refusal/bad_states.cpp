@@ -18,7 +18,8 @@ struct Soundness
     static constexpr FieldRange range{.at_least = 0, .at_most = 1};
 };
 
-/// A user's own material: as stiff as it is sound.
+/// A user's own material: as stiff as it is sound. Compressed by more than it bears, the less the less
+/// sound it is, it has no stress that is a number, though all it stores is one.
 template <class SpaceType>
 struct Rotten
 {
@@ -27,6 +28,7 @@ struct Rotten
     using State = Fields<DisplacementGradient, Soundness>;
     static constexpr int d = Space::dimension;
     Number density = 100; // [kg/m^3]
+    Number bears = std::numeric_limits<Number>::infinity();
 
     void validate() const {}
 
@@ -35,7 +37,9 @@ struct Rotten
     {
         auto& H = state[DisplacementGradient{}];
         H = deformed<Real, d>(H, L, dt);
-        Real const modulus = state[Soundness{}] * Real(Number(1e4));
+        Real modulus = state[Soundness{}] * Real(Number(1e4));
+        Real const infinite(std::numeric_limits<Number>::infinity());
+        modulus = select(H(0, 0) + Real(bears) * state[Soundness{}] < Real(0), infinite, modulus);
         return {(H + H.transpose()) * modulus, Real(3) * modulus, nowhere<Real>(), nowhere<Real>()};
     }
 };
@@ -167,4 +171,48 @@ TEST_CASE("a time that would be lost to rounding is refused: nobody waits for it
     CHECK_NOTHROW(single.advance(1e-20));
     single.advance(1e-3);
     refused([&] { single.advance(1e-20); });
+}
+
+TEST_CASE("who gets a stress that is no number is named before it spoils what others take, or taken out")
+{
+    using Solver = Scene<Rotten<Plane>, QuadraticBSpline, Mls>::Solver;
+    std::uint32_t const weakest = 30;
+    auto const scene = [&] {
+        Rotten<Plane> material;
+        material.bears = 0.5;
+        Solver solver(lattice(cell), material);
+        solver.add(box_of_points<2>({0, 0}, {0.4, 0.4}, cell), cell * cell / 4);
+        auto sound = solver.download<Soundness>();
+        sound[weakest] = 0.1; // it bears a compression by 5 per cent
+        solver.upload<Soundness>(sound);
+        std::vector<Eigen::Vector2d> velocities;
+        for (auto const& x : solver.positions()) velocities.emplace_back(-10 * (x.x() - 0.2), x.x() * x.y());
+        solver.upload<Velocity>(velocities);
+        return solver;
+    };
+    auto stops = scene();
+    auto const error = refused([&] { stops.steps(20, 1e-3); });
+    CHECK(error.what_is_wrong() == "particle 30 has a state that is not finite");
+
+    auto isolates = scene(), removes = scene();
+    isolates.quarantine(1);
+    int before = 0;
+    while (isolates.step(1e-3).isolated.empty() && before < 20) ++before;
+    CHECK(before > 1);
+    REQUIRE(isolates.isolated().size() == 1);
+    CHECK(isolates.isolated()[0].particle == weakest);
+    CHECK(isolates.isolated()[0].cause == Mishap::not_finite);
+    CHECK(isolates.isolated()[0].time == Approx(before * 1e-3));
+    for (int i = 0; i < before; ++i) removes.step(1e-3);
+    removes.remove_if(Inside<Sphere>{.shape = {1e-6}, .pose = {.position = isolates.isolated()[0].position}});
+    removes.step(1e-3);
+    auto const alike = [&] {
+        return isolates.ids() == removes.ids() && isolates.positions() == removes.positions() &&
+               isolates.download<Velocity>() == removes.download<Velocity>() &&
+               isolates.download<DisplacementGradient>() == removes.download<DisplacementGradient>();
+    };
+    CHECK(alike());
+    isolates.steps(20, 1e-3);
+    removes.steps(20, 1e-3);
+    CHECK(alike());
 }

@@ -14,7 +14,7 @@ enum class Mishap : std::uint8_t
     escaped,    ///< a particle left the range of cell coordinates
     inverted,   ///< det F <= 0 where the model has no stress for it
     capped,     ///< a model's state reached a stated cap (a warning: the step stands)
-    not_finite, ///< NaN or infinity in a particle's state
+    not_finite, ///< NaN or infinity in a particle's state or stress
     rejected,   ///< a particle moved by a cell, or deformed by more than the step's limit
 };
 

@@ -5,6 +5,8 @@
 #include <firn/core/space.hpp>
 
 #include <array>
+#include <cassert>
+#include <limits>
 
 namespace firn
 {
@@ -32,6 +34,7 @@ struct Stencil
         FIRN_UNROLL
         for (int a = 0; a < d; ++a) {
             weight[a] = Kernel::weights(offset[a]);
+            assert(add_up_to_one(weight[a]) && "the weights of a stencil add up to one");
             derivative[a] = Kernel::derivatives(offset[a]);
             FIRN_UNROLL
             for (int i = 0; i < width; ++i)
@@ -59,6 +62,14 @@ struct Stencil
         Real product = derivative[axis][index(row, axis)];
         if constexpr (d == 3) product = product * weight[1 - axis][index(row, 1 - axis)];
         return product;
+    }
+
+    /// Whether weights add up to one, but for their rounding.
+    FIRN_HOST_DEVICE static bool add_up_to_one(std::array<Real, width> const& weights)
+    {
+        Real sum = weights[0];
+        for (int i = 1; i < width; ++i) sum += weights[i];
+        return all(abs(sum - Real(1)) <= Real(64 * std::numeric_limits<Scalar<Real>>::epsilon()));
     }
 
     /// The row's distance along `axis` (not the last), in cells.

@@ -5,6 +5,7 @@
 #include <firn/phases/particles_to_grid.hpp>
 #include <firn/phases/taking.hpp>
 
+#include <cassert>
 #include <limits>
 
 namespace firn
@@ -75,7 +76,9 @@ struct MoveParticles
     template <class Items>
     FIRN_HOST_DEVICE void locate(Items& items) const
     {
-        Takes::template keep_position<typename Items::Real>(items, before.position(items));
+        auto const x = before.position(items);
+        assert(inside_the_cell(x) && "a particle lies in the cell in whose order it is");
+        Takes::template keep_position<typename Items::Real>(items, x);
         before.expect_load(items);
         after.expect_store(items);
     }
@@ -147,9 +150,18 @@ private:
     {
         Number const h = static_cast<Number>(lattice.cell_size);
         auto const [mass, volume] = portions.find(items, before.id);
+        assert(all(mass >= Real(0)) && "the mass of a particle is not below 0");
         Matrix<Real, d> const impulse = stress * (volume * Real(-now->next_dt / h));
         Gives::keep(items, x, mass,
                     transfer.template give<Kernel, Real, d>(particle, mass, impulse, Real(h)));
+    }
+
+    template <class Real>
+    FIRN_HOST_DEVICE static bool inside_the_cell(Vector<Real, d> const& x)
+    {
+        auto inside = abs(x[0]) <= Real(Number(0.5));
+        for (int a = 1; a < d; ++a) inside = inside & (abs(x[a]) <= Real(Number(0.5)));
+        return all(inside);
     }
 
     /// A displacement that can be stored: one beyond a cell, or not a number, rejects the step anyway.
@@ -188,12 +200,15 @@ private:
                                   Real rate2, Response<Real, d> const& response, Result& result) const
     {
         // The sum of all magnitudes is finite if each of them is, and small if nothing is about to overflow.
-        Real size(0), moved(0);
+        // Stress counts: who gave one that is no number would spoil what others take in the next step.
+        Real size = abs(response.wave_modulus), moved(0);
         particle.for_each([&](int, auto& value) { size += abs(value); });
         FIRN_UNROLL
         for (int a = 0; a < d; ++a) {
             moved = max(moved, abs(displacement[a]));
             size += abs(displacement[a]);
+            FIRN_UNROLL
+            for (int b = 0; b < d; ++b) size += abs(response.kirchhoff_stress(a, b));
         }
         Mask<Real> const finite = size < Real(std::numeric_limits<Number>::max());
         Real const bound(largest_deformation * largest_deformation);

@@ -35,6 +35,11 @@ constexpr char const* describe(StepLimit limit)
 }
 
 /// The safety factors of the automatic time step. The defaults hold for every kernel of order two and three.
+///
+/// Who wants steps as they come takes Solver::step, which chooses none, with `rejection` infinite. (Phases
+/// find the bounds and look at what they made all the same, for less than five per cent of a step.) What
+/// would have no meaning is never taken, by whatever factors: a state or stress that is not finite, det F <=
+/// 0 where there is no stress for it, a particle that moves by a cell or leaves the range of cells.
 struct StepControl
 {
     double wave = 0.9;        ///< share of the isolated-particle limit, see isolated_limit and shear_limit
@@ -42,17 +47,18 @@ struct StepControl
     double deformation = 0.2; ///< dt |L|
     double obstacle = 0.5;    ///< cells an obstacle's surface may move per step
     double growth = 1.1;      ///< of one step over the one before
-    double rejection = 0.5;   ///< dt |L| found after a step that rejects it
+    double rejection = 0.5;   ///< dt |L| found after a step that rejects it; infinity: none does
     double smallest = 1e-12;  ///< a step below this share of the duration asked for is an error
     int retries = 12;         ///< halvings of a rejected step before it is an error
 
     void validate() const
     {
         bool const good = wave > 0 && advection > 0 && advection <= 0.5 && deformation > 0 && obstacle > 0 &&
-                          growth > 1 && rejection > deformation && rejection < 1 && smallest > 0 &&
-                          retries >= 0;
+                          growth > 1 && rejection > deformation && (rejection < 1 || std::isinf(rejection)) &&
+                          smallest > 0 && retries >= 0;
         require(good, "a factor of the step control is out of range", "StepControl",
-                "Keep 0 < wave, 0 < advection <= 0.5, 0 < deformation < rejection < 1, growth > 1.");
+                "Keep 0 < wave, 0 < advection <= 0.5, 0 < deformation < rejection < 1 (or infinite), growth "
+                "> 1.");
     }
 };
 

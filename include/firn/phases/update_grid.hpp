@@ -6,6 +6,8 @@
 #include <firn/phases/particles_to_grid.hpp>
 #include <firn/phases/step_now.hpp>
 
+#include <cassert>
+
 namespace firn
 {
 
@@ -107,6 +109,7 @@ private:
                                  Set const& set, Result& reactions) const
     {
         Real const mass = sum(Sums::mass);
+        assert(all(mass >= Real(0)) && "the mass of a node is not below 0");
         Mask<Real> const filled = mass > Real(smallest_mass);
         Real const inverse_mass = select(filled, Real(1) / select(filled, mass, Real(1)), Real(0));
 

@@ -3,6 +3,8 @@
 
 #include <firn/cuda/grid.hpp>
 
+#include <cassert>
+
 namespace firn::cuda
 {
 
@@ -28,6 +30,7 @@ public:
     /// Goes to an item that lies at `source`, and whose slot is `slot`.
     __device__ void enter(std::uint32_t source, std::uint32_t slot)
     {
+        assert(source != absent && slot != absent && "an item is one that is there");
         source_ = source;
         slot_ = slot;
         way_ = 0;
@@ -133,7 +136,11 @@ public:
     }
 
     /// Channel c of the node at place k in a row of the cell's stencil.
-    __device__ Number node(int c, int row, int k) const { return read_[TileShape::in_stencil(row, k)].of[c]; }
+    __device__ Number node(int c, int row, int k) const
+    {
+        assert(TileShape::has(row, k) && "a node is in the stencil of its cell");
+        return read_[TileShape::in_stencil(row, k)].of[c];
+    }
 
 private:
     Coordinates<d> cell_;
@@ -174,6 +181,7 @@ struct SumsInTile
         int k;
         __device__ Node operator[](int row) const
         {
+            assert(GridType::TileShape::has(row, k) && "a node is in the stencil of its cell");
             return Node(first + GridType::TileShape::in_stencil(row, k));
         }
     };

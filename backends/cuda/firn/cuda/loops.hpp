@@ -3,6 +3,8 @@
 
 #include <firn/cuda/cell.hpp>
 
+#include <cassert>
+
 namespace firn::cuda
 {
 
@@ -125,6 +127,7 @@ struct SharedTiles
                 at = at * Shape::extent + (node[a] & (Shape::extent - 1));
             }
             std::uint32_t const nodes = grid.nodes_of[block * GridType::corners + corner];
+            assert(nodes != absent && "a block of cells has its nodes");
             values[n] = grid.node_values[std::size_t(nodes) * Shape::cells + static_cast<std::size_t>(at)];
         }
     }

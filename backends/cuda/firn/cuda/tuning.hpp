@@ -68,6 +68,12 @@ struct Tile
         return d == 2 ? row * plane + k : row / (order + 1) * plane + row % (order + 1) * width + k;
     }
 
+    /// Whether a stencil has a node at place k of a row.
+    FIRN_HOST_DEVICE static constexpr bool has(int row, int k)
+    {
+        return row >= 0 && row < (d == 2 ? order + 1 : (order + 1) * (order + 1)) && k >= 0 && k <= order;
+    }
+
     /// The node at a place, and whether there is one: planes are padded.
     FIRN_HOST_DEVICE static bool node_at(int place, Coordinates<d>& node)
     {

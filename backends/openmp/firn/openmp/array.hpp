@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cassert>
 #include <cstddef>
 #include <cstring>
 #include <new>
@@ -82,8 +83,16 @@ public:
     T const* data() const { return data_; }
     std::size_t size() const { return size_; }
     std::size_t memory() const { return capacity_ * sizeof(T); }
-    T& operator[](std::size_t i) { return data_[i]; }
-    T const& operator[](std::size_t i) const { return data_[i]; }
+    T& operator[](std::size_t i)
+    {
+        assert(i < size_ && "an element is in its array");
+        return data_[i];
+    }
+    T const& operator[](std::size_t i) const
+    {
+        assert(i < size_ && "an element is in its array");
+        return data_[i];
+    }
 
 private:
     void release()

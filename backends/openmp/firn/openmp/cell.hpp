@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <cassert>
 #include <cstring>
 #include <span>
 
@@ -216,6 +217,8 @@ protected:
         std::memcpy(from_, source,
                     sizeof from_); // whole: what is loaded next is found in the stores before it
         if (count < lanes) std::fill(from_ + count, from_ + lanes, from_[count - 1]);
+        assert(std::all_of(from_, from_ + lanes, [&](auto from) { return from < cells_.size(); }) &&
+               "a lane's item is one that is there");
         if constexpr (lanes > 1) reader_.follow(from_);
         if (count != entered_) here_ = mask_of<Lane>((std::uint64_t{1} << count) - 1);
         entered_ = count;
@@ -388,6 +391,8 @@ private:
 
     int at(int c, int row, int k) const
     {
+        assert(c >= 0 && row >= 0 && row < GridType::stencil_rows && k >= 0 &&
+               place_ + k < GridType::row_length && "a node is in the tile of its block");
         return c * GridType::tile_channel + GridType::tile_row(group_, row) * GridType::row_length + place_ +
                k;
     }

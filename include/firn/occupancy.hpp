@@ -1,0 +1,156 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/grid/lattice.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <cstdlib>
+#include <numeric>
+#include <vector>
+
+namespace firn
+{
+
+/// How the particles of a scene lie in its cells at one moment: whether there are enough of them, and who has
+/// parted from whom.
+struct Occupancy
+{
+    std::uint64_t particles = 0;
+    std::uint64_t cells = 0;               ///< that have a particle
+    std::vector<std::uint64_t> cells_with; ///< how many cells have 0, 1, 2, … particles; of none it tells 0
+    double per_cell = 0; ///< particles of a cell, the mean of inner ones: those with no empty cell around
+                         ///< them; of all where there is no inner one
+    std::uint64_t pieces = 0; ///< parts of the scene that share no node with one another: a body that has
+                              ///< parted is several, as are bodies that do not touch
+    std::uint64_t alone = 0;  ///< particles that share a node with no other
+
+    /// A warning: cells have less than nine tenths of the 4 particles in the plane or 8 in space that are
+    /// recommended; holes open in such a body as it deforms, and some of its modes no node sees.
+    bool too_few = false;
+};
+
+namespace detail
+{
+/// Finds how cells hang together: sorted, then row by row along the last axis.
+template <int d>
+class CellNeighbours
+{
+public:
+    /// `cells` are those of the particles, each as often as it has some.
+    CellNeighbours(std::vector<Coordinates<d>> cells, int order) : order_(order)
+    {
+        auto const before = [](Coordinates<d> const& a, Coordinates<d> const& b) {
+            return std::lexicographical_compare(a.data(), a.data() + d, b.data(), b.data() + d);
+        };
+        std::sort(cells.begin(), cells.end(), before);
+        for (auto const& cell : cells) {
+            if (cells_.empty() || cells_.back() != cell) {
+                if (cells_.empty() || across(cells_.back()) != across(cell)) rows_.push_back(cells_.size());
+                cells_.push_back(cell);
+                count_.push_back(0);
+            }
+            ++count_.back();
+        }
+        rows_.push_back(cells_.size());
+        adjacent_.assign(cells_.size(), 0);
+        parent_.resize(cells_.size());
+        std::iota(parent_.begin(), parent_.end(), std::size_t(0));
+        std::array<int, d - 1> offset{};
+        visit_offsets(offset, 0);
+    }
+
+    Occupancy occupancy()
+    {
+        Occupancy found{.cells = cells_.size(), .cells_with = {0}};
+        std::uint64_t inner = 0, in_inner = 0;
+        int all_around = 1;
+        for (int a = 0; a < d; ++a) all_around *= 3;
+        std::vector<std::uint64_t> in_piece(cells_.size(), 0);
+        for (std::size_t i = 0; i < cells_.size(); ++i) {
+            std::size_t const n = count_[i];
+            found.particles += n;
+            if (found.cells_with.size() <= n) found.cells_with.resize(n + 1, 0);
+            ++found.cells_with[n];
+            in_piece[root(i)] += n;
+            if (adjacent_[i] != all_around - 1) continue;
+            ++inner;
+            in_inner += n;
+        }
+        for (auto const n : in_piece) {
+            found.pieces += n > 0;
+            found.alone += n == 1;
+        }
+        if (found.cells == 0) return found;
+        found.per_cell =
+            inner > 0 ? double(in_inner) / double(inner) : double(found.particles) / double(found.cells);
+        found.too_few = found.per_cell < 0.9 * (d == 2 ? 4 : 8);
+        return found;
+    }
+
+private:
+    using Across = std::array<int, d - 1>;
+
+    static Across across(Coordinates<d> const& cell)
+    {
+        Across of;
+        for (std::size_t a = 0; a < of.size(); ++a) of[a] = cell[static_cast<int>(a)];
+        return of;
+    }
+
+    /// Joins the cells of all rows with those of rows so far away that their stencils still overlap; each
+    /// pair once.
+    void visit_offsets(Across& offset, std::size_t axis)
+    {
+        if (axis < offset.size()) {
+            for (offset[axis] = -order_; offset[axis] <= order_; ++offset[axis])
+                visit_offsets(offset, axis + 1);
+            return;
+        }
+        if (offset < Across{}) return;
+        std::size_t other = 0;
+        for (std::size_t row = 0; row + 1 < rows_.size(); ++row) { // both go on in the same order
+            Across wanted = across(cells_[rows_[row]]);
+            for (std::size_t a = 0; a < wanted.size(); ++a) wanted[a] += offset[a];
+            while (other + 1 < rows_.size() && across(cells_[rows_[other]]) < wanted) ++other;
+            if (other + 1 == rows_.size()) return;
+            if (across(cells_[rows_[other]]) == wanted) join_rows(row, other, offset);
+        }
+    }
+
+    void join_rows(std::size_t row, std::size_t other, Across const& offset)
+    {
+        bool const near = std::all_of(offset.begin(), offset.end(), [](int o) { return o * o <= 1; });
+        std::size_t first = rows_[other];
+        for (std::size_t i = rows_[row]; i < rows_[row + 1]; ++i) {
+            int const at = cells_[i][d - 1];
+            if (row == other) first = i + 1;
+            while (first < rows_[other + 1] && cells_[first][d - 1] < at - order_) ++first;
+            for (std::size_t j = first; j < rows_[other + 1] && cells_[j][d - 1] <= at + order_; ++j) {
+                parent_[root(i)] = root(j);
+                if (!near || std::abs(cells_[j][d - 1] - at) > 1) continue;
+                ++adjacent_[i];
+                ++adjacent_[j];
+            }
+        }
+    }
+
+    /// The cell that stands for a piece.
+    std::size_t root(std::size_t i)
+    {
+        while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
+        return i;
+    }
+
+    int order_;
+    std::vector<Coordinates<d>> cells_; ///< each once
+    std::vector<std::uint64_t> count_;  ///< particles of each
+    std::vector<int> adjacent_;         ///< of those around it how many have particles, too
+    std::vector<std::size_t> parent_;
+    std::vector<std::size_t> rows_; ///< where rows of cells begin, and where the last ends
+};
+} // namespace detail
+
+} // namespace firn

@@ -1,0 +1,43 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/error.hpp>
+#include <firn/core/mishap.hpp>
+#include <firn/core/space.hpp>
+
+#include <cstddef>
+#include <cstdint>
+#include <string>
+#include <utility>
+
+namespace firn
+{
+
+/// What went wrong in a step, and with whom.
+struct StepFailure
+{
+    Mishap cause = Mishap::none;
+    std::uint32_t particle = 0;                         ///< its permanent id
+    std::size_t material = 0;                           ///< its material's place in the scene
+    Eigen::Vector3d position = Eigen::Vector3d::Zero(); ///< before the step [m]; in the plane z is 0
+    double time = 0;                                    ///< at which the step began [s]
+    double dt = 0;                                      ///< length of the step [s]
+    std::uint64_t count = 1; ///< particles of which something is wrong in this step; this is the first
+};
+
+/// A step that went wrong, and cannot be repeated: the state is that of the last good one. What the text says
+/// is there as numbers, too.
+class StepError : public Error
+{
+public:
+    StepError(StepFailure const& failure, std::string what_is_wrong, std::string where, std::string remedy)
+        : Error(std::move(what_is_wrong), std::move(where), std::move(remedy)), failure_(failure)
+    {}
+
+    StepFailure const& failure() const noexcept { return failure_; }
+
+private:
+    StepFailure failure_;
+};
+
+} // namespace firn
