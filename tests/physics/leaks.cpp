@@ -248,6 +248,32 @@ TEST_CASE("with contact of the particles too nothing is inside a moving solid")
     check_solids<float>(2000, 200, true);
 }
 
+// Pairs of particles in one place, whose own velocities are none to the grid: it moves both alike.
+TEST_CASE("what flies at an obstacle by a velocity of its own, but moves with the grid, is not pushed away")
+{
+    for (double slide : {0.0, 1.0}) {
+        Scene<Dust<Plane>, QuadraticBSpline, Flip>::Solver solver(lattice(cell), {}, Flip{.fraction = 1});
+        double const depth = 1e-3 * cell, dt = 1e-3;
+        std::vector<Eigen::Vector2d> points, velocities;
+        for (double x : {0.1, 0.52, 1.17})
+            for (double way : {1.0, -1.0}) {
+                points.emplace_back(x, -depth);
+                velocities.emplace_back(slide + 0.5 * speed * way, speed * way);
+            }
+        solver.add(points, 1e-3);
+        solver.upload<Velocity>(velocities);
+        Obstacle<HalfSpace> const floor{.contact = Contact::slip(), .on_particles = true};
+        solver.step(dt, floor);
+        auto const moved = solver.positions();
+        auto const left = solver.download<Velocity>();
+        for (std::size_t i = 0; i < points.size(); ++i) {
+            CHECK(moved[i].x() == Approx(points[i].x() + slide * dt).epsilon(1e-12));
+            CHECK(std::abs(moved[i].y()) <= 1e-9 * cell); // by its depth, and no more
+            CHECK(left[i].y() == Approx(std::max(velocities[i].y(), 0.0)));
+        }
+    }
+}
+
 TEST_CASE("nothing passes through a shell a twentieth of a cell thick, from either side, however it moves")
 {
     check_shells<float>(2000, 200);
