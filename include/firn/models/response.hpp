@@ -29,7 +29,8 @@ concept Viscous = requires
 };
 
 /// A material that cannot go on from every state with values in their ranges: asked what is wrong with one
-/// that is uploaded or restored, it answers, or says nothing.
+/// that is uploaded or restored, it answers, or says nothing. (One that is turned inside out where that has
+/// no stress is refused by the next step: see Response::inverted.)
 template <class Model, class Particle>
 concept ObjectsToStates = requires(Model const model, Particle const state)
 {

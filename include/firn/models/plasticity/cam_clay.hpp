@@ -4,6 +4,7 @@
 #include <firn/models/elasticity/split_neo_hookean.hpp>
 #include <firn/models/plasticity/isochoric.hpp>
 
+#include <algorithm>
 #include <limits>
 #include <string>
 
