@@ -221,8 +221,9 @@ public:
         if constexpr (Of<Which>::Stored::template contains<Tag>)
             particles<k>().edit([&](std::uint32_t row, auto& particle) {
                 particle[Tag{}] = by_id[row];
-                if constexpr (may_object<k>)
-                    require_bearable<k>(particle, "Solver::upload, value " + std::to_string(row));
+                if constexpr (may_object<k> && Of<Which>::Model::State::template contains<Tag>)
+                    require_bearable<k>(particle,
+                                        [&] { return "Solver::upload, value " + std::to_string(row); });
             });
         else
             particles<k>().held().template set<Tag>(by_id);
@@ -424,7 +425,8 @@ public:
             table.restore(from.materials[k]);
             if constexpr (may_object<k>)
                 table.for_each([&](auto const& particle) {
-                    require_bearable<k>(particle, "Solver::restore, material " + std::to_string(k));
+                    require_bearable<k>(particle,
+                                        [&] { return "Solver::restore, material " + std::to_string(k); });
                 });
         });
         parts_ = std::move(parts);
@@ -525,12 +527,13 @@ private:
     static constexpr bool may_object =
         ObjectsToStates<typename Of<Material<k>>::Model, Record<Number, d, typename Of<Material<k>>::Stored>>;
 
-    template <std::size_t k, class Particle>
-    void require_bearable(Particle const& particle, std::string const& where) const
+    /// Throws an Error if it does; `where()` is asked for only then.
+    template <std::size_t k, class Particle, class Where>
+    void require_bearable(Particle const& particle, Where const& where) const
     {
         std::string const objection = model_of<k>().objection(particle);
-        if (objection.empty()) return;
-        throw Error{objection, where, "Set the particle to a state that its material could have come to."};
+        if (!objection.empty())
+            throw Error{objection, where(), "Pass a state that the material could have come to."};
     }
 
     /// Goes on from a snapshot whose particles are there already: grid, and what was planned, begin afresh.
