@@ -70,7 +70,8 @@ concept TransferScheme = Lane<Real> &&
 };
 
 /// A material: its fields, its density, a check of its parameters, and ONE call that evolves the state and
-/// answers with stress and wave modulus: `Response<Real, d> respond(state&, velocity_gradient, dt) const`.
+/// answers with stress and wave modulus: `Response<Real, d> respond(state&, velocity_gradient, dt) const`. It
+/// may say `objection(state)`, too: see ObjectsToStates.
 template <class T, class Real>
 concept ConstitutiveModel = Lane<Real> &&
     requires(T const model, Record<Real, T::Space::dimension, typename T::State> state,

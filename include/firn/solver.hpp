@@ -204,7 +204,7 @@ public:
 
     /// Sets a field of all particles of a material, by rising id: velocities, an affine velocity, or a part
     /// of the model's state. Throws an Error, and changes nothing, unless there is one value per particle
-    /// that is finite and in the field's range.
+    /// that is finite, in the field's range, and makes no state that the model objects to.
     template <class Tag, class Which = Every>
     void upload(std::vector<FieldValue<Tag, Number, d>> const& by_id)
     {
@@ -221,7 +221,12 @@ public:
             });
         hold_taken();
         if constexpr (Of<Which>::Stored::template contains<Tag>)
-            particles<k>().edit([&](std::uint32_t row, auto& particle) { particle[Tag{}] = by_id[row]; });
+            particles<k>().edit([&](std::uint32_t row, auto& particle) {
+                particle[Tag{}] = by_id[row];
+                if constexpr (may_object<k> && Of<Which>::Model::State::template contains<Tag>)
+                    require_bearable<k>(particle,
+                                        [&] { return "Solver::upload, value " + std::to_string(row); });
+            });
         else
             particles<k>().held().template set<Tag>(by_id);
         given_for_ = 0;
@@ -452,7 +457,15 @@ public:
         require_fits(from);
         detail::require_whole(from, Cells::largest_coordinate);
         Parts parts = parts_of(materials_of(Places{}), Places{});
-        for_each_material([&](auto k) { std::get<k>(parts).particles.restore(from.materials[k]); });
+        for_each_material([&](auto k) {
+            auto& table = std::get<k>(parts).particles;
+            table.restore(from.materials[k]);
+            if constexpr (may_object<k>)
+                table.for_each([&](auto const& particle) {
+                    require_bearable<k>(particle,
+                                        [&] { return "Solver::restore, material " + std::to_string(k); });
+                });
+        });
         parts_ = std::move(parts);
         go_on_from(from);
     }
@@ -545,6 +558,20 @@ private:
                  "for " + place + " the wave modulus at rest [Pa]", theirs.wave_modulus, ours.wave_modulus);
             Of<Material<k>>::Table::require_same_fields(theirs, place + " (" + ours.name + ")");
         });
+    }
+
+    /// Whether the model of a material may object to a state from outside.
+    template <std::size_t k>
+    static constexpr bool may_object =
+        ObjectsToStates<typename Of<Material<k>>::Model, Record<Number, d, typename Of<Material<k>>::Stored>>;
+
+    /// Throws an Error if it does; `where()` is asked for only then.
+    template <std::size_t k, class Particle, class Where>
+    void require_bearable(Particle const& particle, Where const& where) const
+    {
+        std::string const objection = model_of<k>().objection(particle);
+        if (!objection.empty())
+            throw Error{objection, where(), "Pass a state that the material could have come to."};
     }
 
     /// Goes on from a snapshot whose particles are there already: grid, and what was planned, begin afresh.

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
+#include "parts/bytes_of_materials.hpp"
 #include "support/policies.hpp"
 
 bool tests_need_a_device = true; // see main.cpp

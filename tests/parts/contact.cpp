@@ -172,3 +172,97 @@ TEST_CASE("in a corner the last word is that nothing moves into either wall")
     CHECK(after.dot(Vec(1, 1, 0)) >= -1e-12);
     CHECK((reactions.of[0].impulse + reactions.of[1].impulse - 2.0 * (before - after)).norm() <= 1e-12);
 }
+
+namespace
+{
+
+/// A particle at a height [m] over a node in the plane, that came there by a motion in a step of 0.01 s.
+struct Lone
+{
+    double height;
+    Eigen::Vector2d motion, velocity; ///< [m/s]
+    static constexpr double dt = 0.01;
+
+    /// Corrects the velocity; the displacement [m] by contact with some obstacles, and what they receive.
+    template <class... Effects>
+    Eigen::Vector2d touch(Effects const&... effects)
+    {
+        auto const all = plain_effects(effects...).template during<double, 2>({0, dt});
+        Reactions<sizeof...(Effects)> reactions;
+        Place<double, 2> const place{lattice(0.1), {0, 0}, Eigen::Vector2d(0, height / 0.1)};
+        Eigen::Vector2d const moved = motion * dt, before = velocity;
+        Eigen::Vector2d const displacement =
+            apply_on_particles<double, 2>(all, place, moved, true, 2.0, dt, velocity, reactions);
+        received.setZero();
+        for (auto const& of : reactions.of) received += of.impulse.template head<2>();
+        CHECK((received - 2 * (before - velocity)).norm() <= 1e-14);
+        return displacement;
+    }
+    Eigen::Vector2d received{0, 0}; ///< [N s]
+};
+
+Obstacle<HalfSpace> floor_for_particles(Contact const& contact)
+{
+    return {.contact = contact, .on_particles = true};
+}
+
+} // namespace
+
+TEST_CASE("contact takes back of a particle's way what led into the obstacle, and no more")
+{
+    // moves with its velocity: it comes to rest where it was, and as far out again as it was inside
+    Lone fast{-0.002, {1, -0.5}, {1, -0.5}};
+    CHECK((fast.touch(floor_for_particles(Contact::coulomb(1))) - Eigen::Vector2d(-0.005, 0.007)).norm() <=
+          1e-15);
+    CHECK((fast.velocity - Eigen::Vector2d(0.5, 0)).norm() <= 1e-15);
+    // flies at it by itself, but rests, or slides, with the grid: there is nothing to take back
+    for (double slide : {0.0, 3.0}) {
+        Lone own{-1e-4, {slide, 0}, {slide + 2, -5}};
+        CHECK((own.touch(floor_for_particles(Contact::coulomb(0.1))) - Eigen::Vector2d(0, 1e-4)).norm() <=
+              1e-15);
+        CHECK((own.velocity - Eigen::Vector2d(slide + 1.5, 0)).norm() <= 1e-14);
+    }
+    Lone stuck{-1e-4, {0, 0}, {2, -5}};
+    CHECK((stuck.touch(floor_for_particles(Contact::sticky())) - Eigen::Vector2d(0, 1e-4)).norm() <= 1e-15);
+    CHECK(stuck.velocity.norm() == 0);
+    // the other way about: the grid carries it in, its own velocity is away
+    Lone carried{-0.002, {0, -0.5}, {0, 1}};
+    CHECK((carried.touch(floor_for_particles(Contact::slip())) - Eigen::Vector2d(0, 0.007)).norm() <= 1e-15);
+    CHECK(carried.velocity.y() == 1);
+}
+
+TEST_CASE("obstacles that do not act on particles do not change how others push them")
+{
+    Obstacle<HalfSpace> far{.motion = {.position = {0, -100, 0}}};
+    auto const floor = floor_for_particles(Contact::coulomb(0.5));
+    Lone alone{-0.003, {1, -0.5}, {1, -0.5}}, watched = alone, between = alone;
+    Eigen::Vector2d const pushed = alone.touch(floor);
+    CHECK(watched.touch(floor, far) == pushed);
+    CHECK(watched.velocity == alone.velocity);
+    CHECK(watched.touch(far, floor, far) == pushed);
+    // one that does: what the way was taken back by needs no push
+    far.on_particles = true;
+    CHECK((between.touch(floor, far) - Eigen::Vector2d(-0.0025, 0.005)).norm() <= 1e-15);
+}
+
+TEST_CASE("who is in a thick shell comes out on its own side over several steps, as out of a solid")
+{
+    Obstacle<Shell<HalfSpace>> const slab{.shape = {HalfSpace{}, 0.6}}; // six cells
+    for (double side : {1.0, -1.0}) {
+        Lone inside{0.05 * side, {0, -0.2 * side}, {0, -0.2 * side}};
+        for (int step = 0; step < 12; ++step) {
+            Eigen::Vector2d const way = inside.touch(slab);
+            CHECK(way.y() * side >= 0);
+            CHECK(way.norm() <= 0.1 * 0.25 + 1e-12);
+            inside.height += way.y();
+            inside.motion = inside.velocity;
+        }
+        CHECK(inside.height * side == Approx(0.3));
+        CHECK(inside.velocity.norm() == 0);
+        // one that was driven beyond the middle comes back to its side of it at once
+        Lone through{-0.05 * side, {0, -10 * side}, {0, -10 * side}};
+        double const came = through.height + through.touch(slab).y();
+        CHECK(came * side >= 0.025 - 1e-12);
+        CHECK(came * side <= 0.1);
+    }
+}

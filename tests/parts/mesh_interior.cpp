@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
+#include "support/driven.hpp"
 #include "support/meshes.hpp"
 #include "support/threads.hpp"
 
@@ -261,5 +262,26 @@ TEST_CASE("samplers fill a mesh and share its volume")
         CHECK(sample.volume_per_point * 5000 == Approx(ring.volume()).epsilon(1e-12));
         auto const inside = ring.contains(sample.points);
         CHECK(std::ranges::count(inside, 1) == 5000);
+    }
+}
+
+TEST_CASE("nothing gets into or through obstacles that are made of meshes, moving and turning")
+{
+    using namespace firn::test;
+    double const reach = 1.5 * std::sqrt(3.0); // of the kernel along a diagonal, see physics/leaks.cpp
+    Swing const swing{.reach = 0.2, .turn = {1, -2, 3}};
+    for (auto const& mesh : {meshes::torus(0.35, 0.15, 40, 20), meshes::hollow_ball(0.45, 0.25, 16)}) {
+        auto const shape = firn::distance_from_mesh<float>(MeshInterior(mesh), 0.025, 0.15, TwoThreads{});
+        using Shape = std::decay_t<decltype(shape)>;
+        auto const check = [&](auto const& obstacle, double deepest, double last) {
+            auto const driven = drive<float, 3>(1000, 200, shape, obstacle, swing);
+            CAPTURE(driven.steps, driven.longest, driven.mean, driven.deepest);
+            CHECK(driven.deepest <= deepest);
+            CHECK(driven.last <= last);
+            CHECK(driven.mean < 1); // they are at the obstacle
+        };
+        check(firn::Obstacle<Shape>{.shape = shape}, reach, reach);
+        check(firn::Obstacle<Shape>{.shape = shape, .on_particles = true}, 0.1, 1e-3);
+        check(firn::Obstacle<firn::Shell<Shape>>{.shape = {shape, 0.05 * cell}}, 0, 0);
     }
 }

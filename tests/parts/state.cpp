@@ -1,13 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
-#include "support/policies.hpp"
+#include "parts/bytes_of_materials.hpp"
 
 using namespace firn;
 using namespace firn::test;
-
-// Model only what a scene needs: a particle stores position, id, and what its transfer and its model declare.
-template <class SceneType>
-constexpr std::size_t state = SceneType::Solver::state_bytes_per_particle;
 
 TEST_CASE("a particle stores what the next step asks for, and nothing else")
 {
@@ -21,26 +17,6 @@ TEST_CASE("a particle stores what the next step asks for, and nothing else")
     // in two dimensions: position 2; velocity 2, H 4, J_P 1; the id has four bytes
     STATIC_REQUIRE(state<Scene<Snow<PlaneFloat>, CubicBSpline, Flip>> == 4 * (2 + 1 + 2 + 4 + 1));
     STATIC_REQUIRE(state<Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>> == 8 * (2 + 4) + 4);
-}
-
-/// What a material adds to position and id.
-template <class Model>
-constexpr std::size_t of_material = state<Scene<Model, QuadraticBSpline, Mls>> - 4 * (3 + 1);
-
-TEST_CASE("a material stores what its law needs, and nothing else")
-{
-    using S = SolidFloat;
-    STATIC_REQUIRE(of_material<NeoHookean<S>> == 4 * 9);
-    STATIC_REQUIRE(of_material<FixedCorotated<S>> == 4 * 9);
-    STATIC_REQUIRE(of_material<Hencky<S>> == 4 * 9);
-    STATIC_REQUIRE(of_material<SplitNeoHookean<S>> == 4 * 9);
-    STATIC_REQUIRE(of_material<Snow<S>> == 4 * (9 + 1));
-    STATIC_REQUIRE(of_material<VonMises<S>> == 4 * 9);
-    STATIC_REQUIRE(of_material<HardeningVonMises<S>> == 4 * (9 + 1));
-    STATIC_REQUIRE(of_material<Sand<S>> == 4 * (9 + 1));
-    STATIC_REQUIRE(of_material<CamClay<S>> == 4 * (9 + 1));
-    STATIC_REQUIRE(of_material<HerschelBulkley<S>> == 4 * 9);
-    STATIC_REQUIRE(of_material<Fluid<S>> == 4 * 1); // no deformation gradient
 }
 
 using Stores = std::tuple<Scene<Snow<SolidFloat>, CubicBSpline, Flip>,

@@ -19,6 +19,7 @@ enum class Is
     nothing,
     wall, // only the first face
     solid,
+    other_solid,
     shell,
     other_shell
 };
@@ -115,7 +116,7 @@ Outcome drive(Corner const& corner, int count, int frames)
         return made;
     };
     Shell<HalfSpace> const sheet{{}, 0.05 * cell};
-    auto solid = obstacle(HalfSpace{}, Is::solid);
+    auto solid = obstacle(HalfSpace{}, Is::solid), other_solid = obstacle(HalfSpace{}, Is::other_solid);
     auto shell = obstacle(sheet, Is::shell), other = obstacle(sheet, Is::other_shell);
     ReflectingWall const wall =
         corner.faces[0] == Is::wall ? ReflectingWall{.axis = 0} : ReflectingWall{.axis = 1, .node = -20000};
@@ -130,7 +131,7 @@ Outcome drive(Corner const& corner, int count, int frames)
         }
         solver.template upload<Velocity>(velocities);
         Vector<double, d> expected = Totals(solver).momentum;
-        auto const report = solver.advance(0.9 * cell / speed, shell, solid, wall, other);
+        auto const report = solver.advance(0.9 * cell / speed, shell, solid, wall, other, other_solid);
         for (auto const& received : report.reactions) expected -= received.impulse.template head<d>();
         Totals const now(solver);
         outcome.unbooked = std::max(outcome.unbooked, (now.momentum - expected).norm() / (now.mass * speed));
@@ -142,7 +143,7 @@ Outcome drive(Corner const& corner, int count, int frames)
                 if (what == Is::nothing) continue;
                 double const before = corner.before(face, full(x), solver.time()) / cell;
                 farthest = std::max(farthest, before);
-                if (what == Is::solid)
+                if (what == Is::solid || what == Is::other_solid)
                     outcome.deepest = std::max(outcome.deepest, -before);
                 else if (before < 0)
                     ++(what == Is::wall ? outcome.behind_a_wall : outcome.through_a_shell);
@@ -169,7 +170,8 @@ void check(Corner const& corner, int count, int frames, double within = 3)
     CHECK(outcome.mean < within);
 }
 
-constexpr std::array<std::array<Is, 3>, 7> pairs{{{Is::wall, Is::solid},
+constexpr std::array<std::array<Is, 3>, 8> pairs{{{Is::solid, Is::other_solid},
+                                                  {Is::wall, Is::solid},
                                                   {Is::wall, Is::shell},
                                                   {Is::wall, Is::other_shell},
                                                   {Is::shell, Is::other_shell},
@@ -188,7 +190,8 @@ TEST_CASE("nothing that is driven into an acute corner of walls, solids and shel
 
 TEST_CASE("nor does it where three of them meet, as in a hopper")
 {
-    for (auto const& faces : std::array<std::array<Is, 3>, 4>{{{Is::wall, Is::solid, Is::shell},
+    for (auto const& faces : std::array<std::array<Is, 3>, 5>{{{Is::wall, Is::solid, Is::other_solid},
+                                                               {Is::wall, Is::solid, Is::shell},
                                                                {Is::wall, Is::shell, Is::other_shell},
                                                                {Is::shell, Is::other_shell, Is::solid},
                                                                {Is::other_shell, Is::solid, Is::shell}}})

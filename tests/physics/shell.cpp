@@ -122,6 +122,22 @@ TEST_CASE("two blocks on both sides of a shell that moves between them stay ther
     CHECK(report.reactions[0].impulse.norm() > 0.1 * start.mass);
 }
 
+TEST_CASE("what a shell of six cells is laid over comes out on its own side of it, and momentum is booked")
+{
+    auto solver = block(-3 * h); // its middle is that of the shell
+    auto const start = solver.positions();
+    Totals const before(solver);
+    Obstacle<Shell<HalfSpace>> const slab{.shape = {HalfSpace{}, 6 * h}};
+    auto const report = solver.advance(0.05, slab);
+    auto const end = solver.positions();
+    for (std::size_t i = 0; i < end.size(); ++i) {
+        double const side = start[i].y() > 0 ? 1 : -1;
+        CHECK(end[i].y() * side >= 3 * h * (1 - 1e-9));
+    }
+    Eigen::Vector2d const expected = before.momentum - report.reactions[0].impulse.head<2>();
+    CHECK((Totals(solver).momentum - expected).norm() <= 1e-12 * before.mass);
+}
+
 TEST_CASE("a shell is as thick as it says, and one without thickness, or thicker than its shape, is refused")
 {
     Shell<Sphere> const bowl{{0.5}, 0.02};

@@ -62,12 +62,14 @@ std::string refusal_of(double value, Model const& model = {})
     auto solver = block(model);
     auto const before = solver.template download<Tag>();
     auto values = before;
-    values[3] = static_cast<typename Model::Space::Real>(value);
+    for_each_component<Tag, 2>(values[3], [&](int c, auto& component) { // of a matrix the first
+        if (c == 0) component = static_cast<typename Model::Space::Real>(value);
+    });
     auto const error = refused([&] { solver.template upload<Tag>(values); });
     CHECK(error.where() == "Solver::upload, value 3");
     auto snapshot = solver.snapshot();
     for (auto& field : snapshot.materials[0].fields)
-        if (field.name == Tag::name) field.components[0][3] = values[3];
+        if (field.name == Tag::name) field.components[0][3] = static_cast<typename Model::Space::Real>(value);
     CHECK(refused([&] { solver.restore(snapshot); }).what_is_wrong() == error.what_is_wrong());
     CHECK(solver.template download<Tag>() == before);
     return error.what_is_wrong();
@@ -86,6 +88,28 @@ TEST_CASE("values that a field cannot have are neither uploaded nor restored")
     CHECK(refusal_of<LooseVolume, Sand<Plane>>(-1e-9) == "a value of 'loose_volume' is below 0");
     auto sand = block<Sand<Plane>>();
     CHECK_NOTHROW(sand.upload<LooseVolume>(std::vector<double>(sand.size(), 0.0)));
+}
+
+TEST_CASE("states from which a material cannot go on are neither uploaded nor restored")
+{
+    Fluid<Plane> water;
+    water.parts = false;
+    for (double log_J : {-200.0, 800.0})
+        CHECK_THAT((refusal_of<LogVolumeRatio>(log_J, water)),
+                   StartsWith("a volume ratio of e^" + std::to_string(log_J)));
+    CHECK_THAT((refusal_of<LogPlasticVolumeRatio, CamClay<Plane>>(-300)), StartsWith("an alpha of -300.01"));
+    CHECK(refusal_of<DisplacementGradient, Snow<Plane>>(-1.5) ==
+          "an elastic volume ratio of -0.500000 is not above 0");
+    // what they can bear, the next step does
+    auto solver = block(water);
+    solver.upload<LogVolumeRatio>(std::vector<double>(solver.size(), -1.0));
+    CHECK(std::isfinite(solver.bounds().wave_speed));
+    CHECK(solver.bounds().wave_speed == Approx(std::sqrt(2e5 * std::exp(6.0) / 1000)));
+    CamClay<Plane> soil;
+    soil.start = -300;
+    CHECK_THAT(refused([&] { soil.validate(); }).what_is_wrong(), StartsWith("alpha at the start"));
+    soil.start = -1;
+    CHECK_NOTHROW(soil.validate());
 }
 
 TEST_CASE("a user's own field states its value at rest, and its range")

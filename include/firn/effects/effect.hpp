@@ -56,7 +56,8 @@ struct Touched
     Vector<Real, d> arm;      ///< from the obstacle's reference point [m]
     Mask<Real> inside;        ///< where there was contact
     Real depth;               ///< how far inside, 0 outside [m]
-    Vector<Real, d> normal;   ///< outward, in world axes
+    Vector<Real, d> normal;   ///< outward, in world axes; set where there was contact, like what follows
+    Vector<Real, d> surface;  ///< velocity of the obstacle there [m/s]
     Real surface_speed2;      ///< squared speed of the obstacle there, 0 outside [m^2/s^2]
 };
 

@@ -160,6 +160,7 @@ struct Obstacle<ShapeType>::Action
         }
         for (int a = 0; a < d; ++a) touched.velocity[a] = select(touched.inside, surface[a] + after[a], v[a]);
         touched.depth = select(touched.inside, -sample.distance, Real(0));
+        touched.surface = surface;
         touched.surface_speed2 = select(touched.inside, surface.dot(surface), Real(0));
         return touched;
     }
@@ -188,6 +189,7 @@ struct Obstacle<ShapeType>::Action
             for (int a = 0; a < d; ++a) touched.velocity[a] = select(touched.inside, after[a], v[a]);
             touched.depth = select(touched.inside, -here.distance, Real(0));
             touched.normal = here.normal;
+            touched.surface = surface;
             return touched;
         }
     }

@@ -11,9 +11,11 @@ namespace firn
 /// Contact of lanes of particles with the obstacles that act on them, and with reflecting walls then, after
 /// the grid has moved them.
 ///
-/// One after the other takes the velocity into it and moves what is inside out: solids first, by at most a
-/// quarter of a cell in a step (who is deep inside comes out over several), then shells, then walls. In a
-/// corner one pushes into the other. So it begins anew until none of them moves anything (projections onto
+/// One after the other takes the velocity into it, and back the way that led into it, and moves what is still
+/// inside out: solids first, then shells, by at most a quarter of a cell in a step (who is deep inside comes
+/// out over several), then walls. The way is that by which the particle moved: one that keeps a velocity of
+/// its own may fly at an obstacle while the grid, which it moves with, was stopped by it already. In a corner
+/// one pushes into the other. So it begins anew until none of them moves anything (projections onto
 /// convex sets in turn, von Neumann 1950, *Functional operators* II, chapter 13: where two planes meet at an
 /// angle theta what remains falls by cos² theta each time); without friction, which has acted once. What then
 /// still is where it must not be stays where it was at the beginning of the step, or goes along with one of
@@ -33,25 +35,30 @@ struct ParticleContact
     Reactions<obstacles>& reactions;
 
     Vector<Real, d> displacement = Vector<Real, d>::Zero(); ///< from the place [m]
-    std::array<Real, obstacles> spared = no_depths(); ///< which each solid leaves inside in this step [m]
+    /// By which they move in this step [m/s]: the grid's, unless the transfer has one of its own.
+    Vector<Real, d> motion = moved * (Real(1) / dt);
+    bool may_fail = false; ///< whether to go through the obstacles once may not be enough
+    std::array<Real, obstacles> spared = no_depths(); ///< which each of them leaves inside in this step [m]
     Real last{Number(-1)};                            ///< which of them has touched it last
 
     /// Corrects the velocity, and returns the displacement [m] that goes with it.
     FIRN_HOST_DEVICE Vector<Real, d> solve()
     {
+        // A single solid is as good as its distance. Who does not act on particles does not count.
+        int acting = 0;
+        for_each([&](auto const&, int) { ++acting; });
+        may_fail = acting > 1 || Effects::shells > 0;
         bool moves = pass(true);
-        if constexpr (may_fail) {
-            for (int i = 1; i < passes && moves; ++i) moves = pass(false);
-            if (moves) settle();
-        }
+        if constexpr (obstacles > 1 || Effects::shells > 0)
+            if (may_fail) {
+                for (int i = 1; i < passes && moves; ++i) moves = pass(false);
+                if (moves) settle();
+            }
         return displacement;
     }
 
 private:
     using Number = Scalar<Real>;
-
-    /// Whether once may not be enough: a single solid is as good as its distance.
-    static constexpr bool may_fail = obstacles > 1 || Effects::shells > 0;
 
     FIRN_HOST_DEVICE static std::array<Real, obstacles> no_depths()
     {
@@ -115,14 +122,20 @@ private:
 
         detail::book<Real, d>(reactions.of[static_cast<std::size_t>(i)], touched, velocity, mass);
         Real& spare = spared[static_cast<std::size_t>(i)];
-        if (first && !keeps_sides<Action> && !is_wall<Action>)
-            spare = max(touched.depth - Real(in_metres(0.25)), Real(0));
+        Number const lost_beyond = action.template lost_beyond<Number>(place.lattice);
+        if (first) spare = max(min(touched.depth, Real(lost_beyond)) - Real(in_metres(0.25)), Real(0));
         Vector<Real, d> shift = Vector<Real, d>::Zero();
-        if (first) shift = (touched.velocity - velocity) * dt;
+        if (first) {
+            Vector<Real, d> const left =
+                touched.surface +
+                rule.after<Real, d>(Vector<Real, d>(motion - touched.surface), touched.normal);
+            shift = (left - motion) * dt;
+            for (int a = 0; a < d; ++a) motion[a] = select(touched.inside, left[a], motion[a]);
+        }
         Real out = touched.depth - spare;
-        // What the velocity no longer does needs no push, unless this is the only obstacle of the scene:
-        // where a distance is an estimate, too far out is better.
-        if constexpr (may_fail) out = max(out - shift.dot(touched.normal), Real(0));
+        // What the motion no longer does needs no push, unless no other acts on particles: where a distance
+        // is an estimate, too far out is better.
+        if (may_fail) out = max(out - shift.dot(touched.normal), Real(0));
         for (int a = 0; a < d; ++a)
             shift[a] = select(touched.inside, shift[a] + touched.normal[a] * out, Real(0));
         displacement += shift;

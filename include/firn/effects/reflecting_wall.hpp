@@ -64,6 +64,7 @@ struct ReflectingWall
             touched.arm = place.relative_to(reference());
             touched.depth = max(overlap<Real, d>(place, v), Real(0));
             touched.inside = touched.depth > Real(0);
+            touched.surface = Vector<Real, d>::Zero();
             for (int a = 0; a < d; ++a) touched.normal[a] = Real(Scalar<Real>(a == axis ? side : 0));
             Vector<Real, d> const after = rule.after<Real, d>(v, touched.normal);
             for (int a = 0; a < d; ++a) touched.velocity[a] = select(touched.inside, after[a], v[a]);

@@ -12,9 +12,9 @@
 #include <firn/models/plasticity/snow.hpp>
 #include <firn/models/plasticity/von_mises.hpp>
 
-/// Named parameter sets in SI units, each with its source, or "usual values" where there is none. Moduli of
-/// what is stiff in nature are often lowered, since they bound an explicit step: each says so. "Not verified"
-/// marks values that are quoted by others after their source, which was not at hand.
+/// Named parameter sets in SI units, each with its source. Moduli of what is stiff in nature are often
+/// lowered, since they bound an explicit step: each says so. "Not verified" marks values that are quoted by
+/// others after their source, which was not at hand.
 namespace firn::materials
 {
 
@@ -27,8 +27,8 @@ Snow<Space> fresh_snow()
 }
 
 /// Powder: softer snow that breaks sooner and hardens less, E = 4.8e4 Pa, theta_c = 1.9e-2, theta_s = 5e-3,
-/// xi = 5 (the lower ends of the ranges that Stomakhin et al. 2013 vary; not verified), 200 kg/m^3 (settled
-/// dry snow, a usual value).
+/// xi = 5 (the lower ends of the ranges that Stomakhin et al. 2013 vary; not verified), 200 kg/m^3
+/// (settled snow has 200 to 300: Paterson 1994, *The Physics of Glaciers*, table 2.1; not verified).
 template <class Space>
 Snow<Space> powder()
 {
@@ -59,17 +59,20 @@ CamClay<Space> wet_snow()
     return model;
 }
 
-/// Dry sand: 35 degrees of friction, 1600 kg/m^3 (loose quartz sand, usual values), E = 1e6 Pa, nu = 0.3: a
-/// tenth or less of the stiffness of sand, which a flow does not notice.
+/// Dry sand: 35 degrees of friction (sand of medium compactness has 31 to 36: US Army Corps of Engineers, EM
+/// 1110-2-2504, table 3-1), 1600 kg/m^3 (mixed-grained sand, loose, has 1590: Terzaghi & Peck 1967, table
+/// 6.3; not verified), E = 1e6 Pa, nu = 0.3: a tenth or less of the stiffness of loose sand (10 to 24 MPa: EM
+/// 1110-1-1904), which a flow does not notice.
 template <class Space>
 Sand<Space> dry_sand()
 {
     return {};
 }
 
-/// Soft clay, undrained: 1800 kg/m^3, E = 1e6 Pa, nu = 0.3, and a yield stress of 4e4 Pa, twice an undrained
-/// shear strength of 20 kPa (soft to very soft in the classes of British practice; density and E are usual
-/// values).
+/// Soft clay, undrained: E = 1e6 Pa (very soft clay has 0.5 to 5 MPa: US Army Corps of Engineers, EM
+/// 1110-1-1904), a yield stress of 4e4 Pa, twice an undrained shear strength of 20 kPa (between soft and very
+/// soft: BS 5930; not verified), 1800 kg/m^3 (soft glacial clay, saturated, has 1770: Terzaghi & Peck 1967,
+/// table 6.3; not verified), and nu = 0.3, not the 0.5 of what keeps its volume, for longer steps.
 template <class Space>
 VonMises<Space> clay()
 {
@@ -79,7 +82,7 @@ VonMises<Space> clay()
     return model;
 }
 
-/// Water: 1000 kg/m^3, viscosity 1.0e-3 Pa s (at 20 degrees; 1.002e-3 in the usual tables), gamma = 7
+/// Water: 1000 kg/m^3, viscosity 1.0e-3 Pa s (at 20 degrees 998.2 and 1.002e-3: CRC Handbook), gamma = 7
 /// (Batchelor 1967), and a bulk modulus for flows up to `fastest` [m/s]: density (10 fastest)^2, far
 /// below 2.2e9 Pa.
 template <class Space>
@@ -92,8 +95,9 @@ Fluid<Space> water(double fastest = 3)
     return model;
 }
 
-/// Honey: 1420 kg/m^3 (a usual value) and 10 Pa s (tables give 2 to 10 at room temperature, by kind and
-/// water), bulk modulus as of water.
+/// Honey: 1420 kg/m^3 (at 20 degrees 1423 with 15 % of water, 1417 with 18 %) and 10 Pa s (clover honey of 16
+/// % of water has 19 at 20 degrees and 6.5 at 30; both after the National Honey Board, not verified), bulk
+/// modulus as of water.
 template <class Space>
 Fluid<Space> honey(double fastest = 1)
 {
@@ -105,16 +109,20 @@ Fluid<Space> honey(double fastest = 1)
     return model;
 }
 
-/// Jelly: a soft neo-Hookean solid of E = 1e5 Pa, nu = 0.3, 1000 kg/m^3 (the usual soft body of graphics
-/// scenes).
+/// Jelly: a firm gel of gelatin, neo-Hookean with E = 1e5 Pa (3.5 parts of water to one of gelatin, on the
+/// power law from 277 kPa at 2 parts to 4.3 kPa at 20: Bonavia 2025, arXiv 2512.20502), 1000 kg/m^3 (of
+/// water, which most of it is), and nu = 0.3: a gel keeps its volume, but a nu near 0.5 would shrink an
+/// explicit step.
 template <class Space>
 NeoHookean<Space> jelly()
 {
     return {};
 }
 
-/// Rubber: neo-Hookean, E = 1e6 Pa, nu = 0.45, 1000 kg/m^3 (usual values); a stiffer volume would only shrink
-/// an explicit step.
+/// Rubber: neo-Hookean, E = 1e6 Pa (vulcanised natural rubber has a shear modulus of about 0.4 MPa, and three
+/// times that for E: Treloar 1975, *The Physics of Rubber Elasticity*; not verified), 1000 kg/m^3 (950
+/// without fillers: MatWeb, natural rubber, vulcanized), and nu = 0.45: a stiffer volume would only shrink an
+/// explicit step.
 template <class Space>
 NeoHookean<Space> rubber()
 {

@@ -4,6 +4,9 @@
 #include <firn/core/lane.hpp>
 #include <firn/core/space.hpp>
 
+#include <concepts>
+#include <string>
+
 namespace firn
 {
 
@@ -23,6 +26,17 @@ template <class Model>
 concept Viscous = requires
 {
     requires Model::is_viscous;
+};
+
+/// A material that cannot go on from every state with values in their ranges: asked what is wrong with one
+/// that is uploaded or restored, it answers, or says nothing. (One that is turned inside out where that has
+/// no stress is refused by the next step: see Response::inverted.)
+template <class Model, class Particle>
+concept ObjectsToStates = requires(Model const model, Particle const state)
+{
+    {
+        model.objection(state)
+        } -> std::convertible_to<std::string>;
 };
 
 /// The trial deformation (I + dt L) F of a step (Stomakhin et al. 2013, eq. 11), in terms of H = F - I.

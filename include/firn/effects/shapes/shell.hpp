@@ -14,7 +14,8 @@ namespace firn
 ///
 /// `thickness` may be far less than a cell. As the shape of an Obstacle it keeps every particle on the side
 /// of the surface where it began the step, however the shell moves, in corners with others too: see
-/// ParticleContact. Down to a thousandth of a cell in single precision.
+/// ParticleContact. Down to a thousandth of a cell in single precision; who is in one of some cells when it
+/// is laid over them comes out over several steps.
 ///
 /// Where it is thinner than a cell the bodies on its two sides still share nodes: it parts them, but lets a
 /// little of a blow through, and what leaves it is held back a little in the layer of nodes that it lies in.

@@ -19,7 +19,7 @@ struct FixedCorotatedLaw : MeasuredByExtension
     }
 
     /// tau_i = 2 mu (sigma_i - 1) sigma_i + lambda (J - 1) J; the wave modulus max_i sigma_i^2 Psi_ii =
-    /// 2 mu sigma_1^2 + lambda J^2, not below its value at rest.
+    /// 2 mu sigma_1^2 + lambda J^2 or that of shear, not below its value at rest.
     template <Lane Real, int d>
     FIRN_HOST_DEVICE static PrincipalStress<Real, d> stress(Vector<Real, d> const& extension, Real mu,
                                                             Real lambda)
@@ -33,10 +33,12 @@ struct FixedCorotatedLaw : MeasuredByExtension
             found.kirchhoff[i] = Real(2) * mu * extension[i] * (Real(1) + extension[i]) + pressure;
             longest = max(longest, extension[i]);
         }
-        // The shear values 2 mu sigma_1^2 (1 - 1/(sigma_i + sigma_j)) are below the longitudinal one unless
-        // nu < 0. In compression sigma_1 may be below 1, but not the modulus below that at rest.
-        Real const sigma = Real(1) + longest;
-        found.wave_modulus = max(Real(2) * mu * sigma * sigma + lambda * J * J, lambda + Real(2) * mu);
+        // The shear values 2 mu sigma_1^2 (1 - 1/(sigma_1 + sigma_j)) are at most mu sigma_1 (2 sigma_1 - 1):
+        // below the longitudinal one, unless nu < 0. In compression sigma_1 may be below 1, but not the
+        // modulus below that at rest.
+        Real const sigma = Real(1) + longest, rest = lambda + Real(2) * mu;
+        Real const longitudinal = Real(2) * mu * sigma * sigma + lambda * J * J;
+        found.wave_modulus = max(max(longitudinal, mu * sigma * (Real(2) * sigma - Real(1))), rest);
         return found;
     }
 };

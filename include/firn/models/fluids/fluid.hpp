@@ -5,6 +5,9 @@
 #include <firn/models/lame.hpp>
 #include <firn/models/response.hpp>
 
+#include <limits>
+#include <string>
+
 namespace firn
 {
 
@@ -45,6 +48,17 @@ struct Fluid
                 "Pass gamma, e.g. 7 for water.");
         require(viscosity >= 0 && std::isfinite(viscosity),
                 "the viscosity is not a finite number, 0 or above", name, "Pass Pa s, e.g. 1e-3 for water.");
+    }
+
+    /// What is wrong with a state from outside: that pressure or modulus are beyond all numbers.
+    template <class Particle>
+    std::string objection(Particle const& state) const
+    {
+        double const log_J = double(state[LogVolumeRatio{}]);
+        // half of the range is left to the bulk modulus
+        double const most = 0.5 * std::log(double(std::numeric_limits<Number>::max()));
+        if (log_J <= most && -log_J * double(exponent) <= most) return {};
+        return "a volume ratio of e^" + std::to_string(log_J) + " gives the fluid a pressure without bounds";
     }
 
     static constexpr bool is_viscous = true;

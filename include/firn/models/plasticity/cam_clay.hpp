@@ -4,6 +4,10 @@
 #include <firn/models/elasticity/split_neo_hookean.hpp>
 #include <firn/models/plasticity/isochoric.hpp>
 
+#include <algorithm>
+#include <limits>
+#include <string>
+
 namespace firn
 {
 
@@ -39,6 +43,18 @@ struct CamClayFlow
         require(hardening >= 0 && std::isfinite(hardening),
                 "the hardening is not a finite number, 0 or above", name, "Pass xi, e.g. 3.");
         require(std::isfinite(start), "alpha at the start is not finite", name, "Pass alpha, e.g. -0.01.");
+        require(compaction(0) <= most_compaction(), "alpha at the start gives a pressure p0 without bounds",
+                name, "Pass alpha, e.g. -0.01: from alpha = -0.5 / xi on nothing is crushed any more.");
+    }
+
+    /// What is wrong with a state from outside: that p0 is beyond all numbers.
+    template <class Particle>
+    std::string objection(Particle const& state) const
+    {
+        double const opened = double(state[LogPlasticVolumeRatio{}]);
+        if (compaction(opened) <= most_compaction()) return {};
+        return "an alpha of " + std::to_string(double(start) + opened) +
+               " gives a pressure p0 without bounds";
     }
 
     template <Lane Real, int d, class Particle>
@@ -98,6 +114,15 @@ struct CamClayFlow
     }
 
 private:
+    /// Up to which (p0 / kappa)^2 = e^(2 compaction) / 4 takes half of the range of numbers.
+    static double most_compaction() { return 0.25 * std::log(double(std::numeric_limits<Number>::max())); }
+
+    /// xi max(-alpha, 0).
+    double compaction(double opened) const
+    {
+        return double(hardening) * std::max(-(double(start) + opened), 0.0);
+    }
+
     /// The elastic volume ratio at a pressure [Pa]: p = kappa/2 (1 - J^2), always below kappa/2.
     template <Lane Real>
     FIRN_HOST_DEVICE static Real volume_at(Real pressure, Real kappa)

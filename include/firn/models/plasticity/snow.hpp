@@ -3,6 +3,8 @@
 
 #include <firn/models/elasticity/fixed_corotated.hpp>
 
+#include <string>
+
 namespace firn
 {
 
@@ -40,6 +42,15 @@ struct SnowFlow
         require(smallest_plastic_ratio > 0 && smallest_plastic_ratio <= 1 && largest_plastic_ratio >= 1,
                 "the caps of J_P do not enclose 1", "Snow",
                 "Pass 0 < smallest <= 1 <= largest, e.g. 0.6 and 20.");
+    }
+
+    /// What is wrong with a state from outside: what is turned inside out would be clamped to one that is
+    /// not, and its plastic part take the sign.
+    template <class Particle>
+    std::string objection(Particle const& state) const
+    {
+        double const J = 1 + double(volume_change<Number, Space::dimension>(state[DisplacementGradient{}]));
+        return J > 0 ? std::string() : "an elastic volume ratio of " + std::to_string(J) + " is not above 0";
     }
 
     /// Clamps the stretches (eqs. 8 and 9 with the clamp of section 7).
