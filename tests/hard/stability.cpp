@@ -149,8 +149,8 @@ void alternate_all(std::string const& name, int steps)
     }
     H21.at_most(name + ": growth of a free block with steps of 1 and 0.1 by turns of 20",
                 alternate<SceneType>(free_block(), 20, steps), 1.5);
-    H21.at_least(name + ": resonance of lone particles with steps of 1 and 0.1 by turns of 20",
-                 alternate<SceneType>(lone_particles(), 20, steps), 1.5);
+    H21.at_most(name + ": growth of lone particles with steps of 1 and 0.1 by turns of 20",
+                alternate<SceneType>(lone_particles(), 20, steps), 1.5);
 }
 
 /// A block that drifts by a thousandth of a cell a step, then by a millionth.
@@ -358,15 +358,11 @@ TEST_CASE("H14: pure FLIP's noise for 10 000 steps", "[.full]")
                             checkerboard<Lively>(10000, Flip{.fraction = 1}).most, 1.01);
 }
 
-// The plan asks that scattered particles do not grow by turns of 20 either. Those that oscillate by
-// themselves do, in any code: one period of such steps is the product M(a/10)^n M(a)^n of matrices of
-// symplectic Euler, a = omega dt, whose largest eigenvalue is above 1 for 17 % of all a in (0.3, 1.05) at n =
-// 20, by up to 1.57 a turn (5 % and 1.24 at n = 5, none at 1 and 2): parametric resonance, as in Skeel 1993
-// (BIT 33, 172). A body damps it. The library's own steps grow by a tenth at most.
-TEST_CASE("H21: steps of 1 and 0.1 by turns make nothing grow but what is in resonance with them")
-{
-    alternate_all<Smooth>("cubic APIC", 2000);
-}
+// One period of n such steps is, where velocities belong to the middles of steps (StepRule::time_of_forces),
+// M(a/10)^n M(a)^n with matrices of the leapfrog, a = omega dt. Their largest eigenvalue is above 1 for 4 %
+// of all a in (0.3, 1.05) at n = 20, by up to 1.13 a turn: parametric resonance, as in Skeel 1993 (BIT 33,
+// 172). Of symplectic Euler, whose forces act for the step's own length, it would be 17 % and 1.57.
+TEST_CASE("H21: steps of 1 and 0.1 by turns make nothing grow") { alternate_all<Smooth>("cubic APIC", 2000); }
 
 TEST_CASE("H21: nor do 10 000 of them", "[.full]")
 {

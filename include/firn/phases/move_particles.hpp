@@ -147,7 +147,7 @@ private:
     {
         Number const h = static_cast<Number>(lattice.cell_size);
         auto const [mass, volume] = portions.find(items, before.id);
-        Matrix<Real, d> const impulse = stress * (volume * Real(-now->next_dt / h));
+        Matrix<Real, d> const impulse = stress * (volume * Real(-now->next_forces / h));
         Gives::keep(items, x, mass,
                     transfer.template give<Kernel, Real, d>(particle, mass, impulse, Real(h)));
     }
