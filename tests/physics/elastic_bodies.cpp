@@ -63,8 +63,11 @@ public:
     /// For some time, damped at a rate [1/s].
     void advance(double duration, double damping)
     {
+        // behind the node at the wall: one on a surface is not inside
         solver_.advance(duration, gravity_, Damping{damping},
-                        Obstacle<HalfSpace>{.shape = {{1, 0, 0}}, .contact = Contact::sticky()});
+                        Obstacle<HalfSpace>{.shape = {{1, 0, 0}},
+                                            .contact = Contact::sticky(),
+                                            .motion = {.position = {0.01 * h_, 0, 0}}});
     }
 
     /// The displacement of the middle of the free end [m].

@@ -127,7 +127,7 @@ Vibration vibrate(int cells, typename SceneType::Transfer const& transfer = {})
     double const start = mechanical_energy(solver, h * h / 4);
 
     double const exact = 4 / c;
-    int const per_period = 20 * ((cells + 5) / 6); // steps of 0.3 h / c, to a multiple of the looks
+    int const per_period = 20 * ((2 * cells + 2) / 3); // of 0.3 h / c each, a multiple of the looks
     ReflectingWall const below{.axis = 1}, above{.axis = 1, .node = 2, .side = -1}, fixed{.axis = 0},
         far_away{.axis = 0, .node = 4 * cells, .side = -1};
     double before = 1, crossing = 0;
@@ -170,7 +170,7 @@ Impact hit_wall(int cells)
     double until = 0, impulse = 0, during = 0;
     for (int i = 0; i < 15 * cells; ++i) { // 3 L / c
         auto const report = solver.step(dt, below, above, wall, far_away);
-        double const push = -report.reactions[0].impulse.x();
+        double const push = -report.reactions[2].impulse.x(); // behind those of the reflecting walls
         if (push > 0.5 * plateau * dt) until = solver.time();
         if (solver.time() < 0.5 / c || solver.time() > 1.5 / c) continue;
         impulse += push;
