@@ -130,18 +130,21 @@ Vibration vibrate(int cells, typename SceneType::Transfer const& transfer = {})
     int const per_period = 20 * ((2 * cells + 2) / 3); // of 0.3 h / c each, a multiple of the looks
     ReflectingWall const below{.axis = 1}, above{.axis = 1, .node = 2, .side = -1}, fixed{.axis = 0},
         far_away{.axis = 0, .node = 4 * cells, .side = -1};
-    double before = 1, crossing = 0;
+    // Velocities belong to the middles of steps, so that they cross zero late, always by as much.
+    double before = 1, first = 0, last = 0;
     for (int look = 1; look <= 200; ++look) {
         solver.steps(std::size_t(per_period / 20), exact / per_period, below, above, fixed, far_away);
         double mode = 0;
         auto const now = solver.template download<Velocity>();
         for (std::size_t i = 0; i < points.size(); ++i)
             mode += now[i].x() * std::sin(M_PI / 2 * points[i].x()) / double(points.size());
-        if ((mode > 0) != (before > 0)) // the last is the twentieth, after 9.75 periods
-            crossing = solver.time() - exact / 20 * mode / (mode - before);
+        if ((mode > 0) != (before > 0)) { // after 0.25 periods for the first time, after 9.75 for the last
+            last = solver.time() - exact / 20 * mode / (mode - before);
+            if (first == 0) first = last;
+        }
         before = mode;
     }
-    return {crossing / (9.75 * exact) - 1, mechanical_energy(solver, h * h / 4) / start};
+    return {(last - first) / (9.5 * exact) - 1, mechanical_energy(solver, h * h / 4) / start};
 }
 
 /// What happens to a bar of length 1 that meets a smooth, rigid wall head-on.
