@@ -28,6 +28,13 @@ TITLES = {
     "P2": "P2: column under its weight, error of stress over that at the foot",
     "P3": "P3: colliding disks, error of a disk's centre over its radius",
     "P4": "P4: column of sand, error of the centre of mass over its way",
+    "P5": "P5: block of snow on a floor, difference of the centre's height from a fine run over the side",
+}
+PROGRAMS = {
+    "firn": ("Firn, equal steps", "#3d8fd1", "o"),
+    "firn_advance": ("Firn, advance", "#3d8fd1", "s"),
+    "taichi": ("Taichi", "#d1553d", "^"),
+    "warp": ("Warp", "#b08a2e", "D"),
 }
 COSTS = {
     "cpu": ("cpu_seconds", "processor time of the time loop [s]"),
@@ -149,6 +156,30 @@ def draw_cost(problem, rows, cost, path):
     return best
 
 
+def draw_programs(problem, rows, cost, path):
+    """Error against cost of several programs with the same method, a line each."""
+    figure, place = axes(f"{problem} by several programs: quadratic MLS, float, one thread", COSTS[cost][1])
+    for program, (name, colour, mark) in PROGRAMS.items():
+        line = sorted((row for row in rows if row.backend == program and row.ok), key=lambda row: row.cells)
+        place.plot(
+            [row.cost(cost) for row in line],
+            [row.error for row in line],
+            marker=mark,
+            color=colour,
+            markersize=5,
+            linewidth=1,
+            markerfacecolor="none" if program == "firn_advance" else colour,
+            linestyle="--" if program == "firn_advance" else "-",
+            label=name,
+        )
+        if program == "firn":
+            for row in line:
+                place.annotate(f"{row.cells} cells", (row.cost(cost), row.error), fontsize=7, ha="right",
+                               xytext=(-5, -8), textcoords="offset points")
+    place.legend(fontsize=7, framealpha=0, labelcolor=MIDDLE)
+    save(figure, path)
+
+
 def draw_convergence(problem, rows, path):
     """Error against cell size at the library's step and four particles per cell, in double precision."""
     figure, place = axes(TITLES.get(problem, problem), "cells")
@@ -243,6 +274,12 @@ def main():
     if not rows:
         sys.exit("stop: the tables are empty.")
     options.out.mkdir(parents=True, exist_ok=True)
+    of_programs = [row for row in rows if row.backend in PROGRAMS]
+    for problem in sorted({row.problem for row in of_programs}):
+        draw_programs(problem, of_programs, options.cost or "cpu", options.out / f"{problem}_peers.svg")
+    rows = [row for row in rows if row.backend not in PROGRAMS]
+    if not rows:
+        return
     for problem, backend in sorted({(row.problem, row.backend) for row in rows}):
         of = [row for row in rows if (row.problem, row.backend) == (problem, backend)]
         name = problem if backend == "openmp" else f"{problem}_{backend}"

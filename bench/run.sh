@@ -5,12 +5,13 @@
 # their costs, speed_against_error.csv, with its drawings beside it:
 #
 #     bash bench/run.sh --short | --long [--threads N] [--out FILE]
-#     bash bench/run.sh --error short | --error long [--threads N] [--out FILE]
+#     bash bench/run.sh --error short | --error long | --error gate [--threads N] [--out FILE]
 #
 #   --short         100 000 particles and the phases of one step, about 4 minutes
 #   --long          up to 10 million particles, about an hour
-#   --error short   four problems by every kernel, transfer and precision, less than 5 minutes after building
-#   --error long    the same, finer, with more lengths of steps and numbers of particles, half an hour
+#   --error short   five problems by every kernel, transfer and precision, about 5 minutes after building
+#   --error long    the same, finer, with more lengths of steps and numbers of particles, an hour
+#   --error gate    P1 and P2 of the short one, once each, and stops with 1 where an error is 2 % above error/gate.csv
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 source "$root/examples/set_up.sh"
@@ -20,18 +21,18 @@ while [ $# -gt 0 ]; do
     case $1 in
         --short | --long) size=${1#--} ;;
         --error)
-            [ "${2:-}" = short ] || [ "${2:-}" = long ] || stop "--error needs 'short' (5 minutes) or 'long' (half an hour)."
+            [[ "${2:-}" =~ ^(short|long|gate)$ ]] || stop "--error needs 'short' (5 minutes), 'long' (an hour) or 'gate' (a minute)."
             error=$2
             shift
             ;;
         --threads) [ $# -ge 2 ] || stop "--threads needs a number."; threads=$2; shift ;;
         --out) [ $# -ge 2 ] || stop "--out needs a file."; out=$2; shift ;;
-        --help | -h) sed -n '/^# Sets/,/^#   --error long/s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit ;;
+        --help | -h) sed -n '/^# Sets/,/^#   --error gate/s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit ;;
         *) stop "unknown argument '$1': bash bench/run.sh --short or --long." ;;
     esac
     shift
 done
-[ -n "$size$error" ] || stop "choose --short (4 minutes), --long (an hour), --error short (5 minutes) or --error long (half an hour)."
+[ -n "$size$error" ] || stop "choose --short (4 minutes), --long (an hour), --error short (5 minutes), --error long (an hour) or --error gate (a minute)."
 [ -z "$size" ] || [ -z "$error" ] || stop "choose speeds (--$size) or errors (--error $error), not both."
 case $threads in '' | *[!0-9]* | 0) stop "--threads needs a number above 0, not '$threads'." ;; esac
 
@@ -43,6 +44,11 @@ if [ -n "$error" ]; then
     need_packages "${packages[@]}" python3-matplotlib
     (cd "$root" && cmake --preset bench && cmake --build --preset bench --target speed_against_error) ||
         stop "the benchmark could not be built."
+    if [ "$error" = gate ]; then
+        "$root/build/bench/bench/speed_against_error" --grid short --only '^P[12]/' --runs 1 --threads "$threads" --out "$out" ||
+            stop "the benchmark failed."
+        exec /usr/bin/python3 "$root/bench/error/gate.py" "$out"
+    fi
     commit=$(git -C "$root" describe --always --dirty 2>/dev/null) || commit=unknown
     "$root/build/bench/bench/speed_against_error" --grid "$error" --threads "$threads" --commit "$commit" --out "$out" ||
         stop "the benchmark failed."

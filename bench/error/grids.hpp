@@ -8,14 +8,15 @@ namespace firn::bench
 {
 
 /// The sizes at which a problem is solved, from coarse to fine: cells per metre, of P4 per half width of the
-/// column.
+/// column, of P5 per side of the block.
 inline std::vector<int> cells_of(std::string const& problem, bool is_long)
 {
     if (problem == "P1")
         return is_long ? std::vector{8, 16, 32, 64, 128, 256} : std::vector{8, 16, 32, 64, 128};
     if (problem == "P2") return is_long ? std::vector{8, 16, 32, 64, 128} : std::vector{8, 16, 32, 64};
     if (problem == "P3") return is_long ? std::vector{20, 40, 80, 160} : std::vector{20, 40, 80};
-    return is_long ? std::vector{4, 8, 16, 32} : std::vector{4, 8, 16};
+    if (problem == "P4") return is_long ? std::vector{4, 8, 16, 32} : std::vector{4, 8, 16};
+    return std::vector{8, 16, 32};
 }
 
 /// `short` or `long`: all problems, kernels, transfers and precisions at all sizes with the library's step
@@ -31,7 +32,7 @@ inline std::vector<Setting> named_grid(std::string const& name)
     Words const some_precisions = is_long ? precisions : Words{"float"};
     std::vector<double> const fractions = is_long ? std::vector{0.4, 0.2, 0.1} : std::vector{0.4, 0.2};
     std::vector<Setting> all;
-    for (auto const* const problem : {"P1", "P2", "P3", "P4"}) {
+    for (auto const* const problem : {"P1", "P2", "P3", "P4", "P5"}) {
         std::vector<int> const sizes = cells_of(problem, is_long);
         for (auto const* const kernel : {"linear", "quadratic", "cubic"})
             for (auto const& transfer : transfers) {

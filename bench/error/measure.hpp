@@ -7,6 +7,7 @@
 #include "problems/disks.hpp"
 #include "problems/manufactured.hpp"
 #include "problems/sand_column.hpp"
+#include "problems/snow_block.hpp"
 
 #include <algorithm>
 #include <chrono>
@@ -103,6 +104,7 @@ void offer(Offer& offers, std::string const& transfer_name, Transfer const& tran
     using Plane = Space<2, Number>;
     using Elastic = test::Scene<NeoHookean<Plane>, Kernel, Transfer>;
     using Grains = test::Scene<Sand<Plane>, Kernel, Transfer>;
+    using Snows = test::Scene<Snow<Plane>, Kernel, Transfer>;
     std::string const rest = std::string("/") + Kernel::name + "/" + transfer_name + "/" +
                              (std::is_same_v<Number, float> ? "float" : "double");
     auto const by = [&](std::string const& problem, auto const& run) {
@@ -114,6 +116,7 @@ void offer(Offer& offers, std::string const& transfer_name, Transfer const& tran
     by("P2", measure<test::Column, Elastic>);
     by("P3", measure<test::CollidingDisks, Elastic>);
     by("P4", measure<test::SandColumn, Grains>);
+    by("P5", measure<test::SnowBlock, Snows>);
 }
 } // namespace detail
 

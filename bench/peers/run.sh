@@ -5,6 +5,7 @@
 #
 #     bash bench/peers/run.sh [--only CASE] [--particles N] [--steps K] [--rounds R] [--threads T] [--double]
 #                             [--patience S] [--out FILE]
+#     bash bench/peers/run.sh --waves [--rounds R]
 #
 #   --only CASE     neo_hookean_early, neo_hookean, fixed_corotated, snow_early, snow_packed or snow_cubic, instead of all
 #   --particles N   about so many (125000)
@@ -14,18 +15,22 @@
 #   --double        compares the peers in double precision, too
 #   --patience S    waits up to S seconds before a run for other programs to leave the machine alone (0)
 #
+#   --waves         instead of the scenes, errors and times of standing waves (P1 of speed_against_error): waves.csv and
+#                   its drawing, P1_peers.svg; 5 minutes
+#
 # Without options half an hour on a quiet machine; with --particles 10000 --rounds 1 about 5 minutes.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 source "$root/examples/set_up.sh"
 
-arguments=("$@")
+arguments=("$@") waves=""
 while [ $# -gt 0 ]; do
     case $1 in
         --only | --particles | --steps | --rounds | --threads | --patience | --out)
             [ $# -ge 2 ] || stop "$1 needs a value."
             shift ;;
         --double) ;;
+        --waves) waves=yes ;;
         --help | -h) sed -n '/^# Sets/,/^# Without/s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit ;;
         *) stop "unknown argument '$1': bash bench/peers/run.sh --help." ;;
     esac
@@ -38,8 +43,21 @@ python3 -c 'import sys; sys.exit(not (3, 10) <= sys.version_info[:2] <= (3, 13))
 Put one of those first on the PATH."
 [ "$(uname -m)" = x86_64 ] || stop "Taichi 1.7.4 is published for x86-64 alone, and this machine is $(uname -m)."
 mkdir -p "$root/build"
-(need_python "$root/build/venv-peers" taichi==1.7.4 warp-lang==1.19.0 numpy) 2> >(grep -v FIRN_NO_RENDER >&2) ||
+(need_python "$root/build/venv-peers" taichi==1.7.4 warp-lang==1.19.0 numpy matplotlib) 2> >(grep -v FIRN_NO_RENDER >&2) ||
     stop "without Taichi and Warp there is nothing to compare with."
+
+if [ -n "$waves" ]; then
+    (cd "$root" && cmake --preset bench && cmake --build --preset bench --target firn_waves) ||
+        stop "Firn's program of the waves could not be built."
+    rest=()
+    for argument in ${arguments[@]+"${arguments[@]}"}; do
+        [ "$argument" = --waves ] || rest+=("$argument")
+    done
+    python="$root/build/venv-peers/bin/python"
+    "$python" "$root/bench/peers/waves.py" all --firn "$root/build/bench/bench/firn_waves" --out "$root/waves.csv" \
+        ${rest[@]+"${rest[@]}"} || stop "a program of the waves failed."
+    exec "$python" "$root/bench/plot.py" "$root/waves.csv" --out "$root"
+fi
 
 (cd "$root" && cmake --preset bench && cmake --build --preset bench --target firn_scene) ||
     stop "Firn's program of the scenes could not be built."

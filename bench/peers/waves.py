@@ -1,17 +1,21 @@
 # SPDX-License-Identifier: MIT
-"""Problem P1 of speed_against_error by Taichi and Warp, on one thread of the CPU: `waves.py taichi|warp [--out TABLE]`.
+"""Problem P1 of speed_against_error by Taichi and Warp, on one thread of the CPU: `waves.py taichi|warp [--out TABLE]`,
+and by them and Firn in turns: `waves.py all --firn PROGRAM [--rounds N] [--out TABLE]`, see run.sh.
 
 Large standing waves in a unit square between smooth walls, with an exact solution: see StandingWaves and Driven in
 tests/problems/manufactured.hpp. MLS-MPM with quadratic kernels in float on a dense grid; walls mirror the nodes behind
-them. As many steps as Firn takes. Rows are those of speed_against_error, so that plot.py draws them, each
-program in drawings of its own.
+them. As many steps as Firn takes. Rows are those of speed_against_error; plot.py draws all programs in one
+drawing.
 """
 
 import argparse
 import csv
 import datetime
+import os
 import pathlib
+import subprocess
 import sys
+import tempfile
 import time
 
 import numpy as np
@@ -339,12 +343,54 @@ def measure(program, cells, runs):
     return worst, wall, processor
 
 
+def in_turns(firn, rounds, out):
+    """Every program once a round, which compiles or warms up and is timed once; medians of all rounds."""
+    found = {}
+    for number in range(rounds):
+        print(f"round {number + 1} of {rounds}", file=sys.stderr)
+        for program in ("firn", "taichi", "warp"):
+            with tempfile.TemporaryDirectory() as folder:
+                table = pathlib.Path(folder) / "rows.csv"
+                command = [str(firn)] if program == "firn" else [sys.executable, __file__, program]
+                subprocess.run(
+                    command + ["--runs", "1", "--out", str(table)],
+                    check=True,
+                    env=os.environ | {"OMP_NUM_THREADS": "1"},
+                    stdout=subprocess.DEVNULL,
+                )
+                with table.open(newline="") as lines:
+                    for row in csv.DictReader(lines):
+                        found.setdefault((row["backend"], int(row["cells"])), []).append(row)
+    with out.open("w", newline="") as file:
+        table = csv.DictWriter(file, next(iter(found.values()))[0].keys(), lineterminator="\n")
+        table.writeheader()
+        for (_, cells), rows in sorted(found.items()):
+            of = lambda column: [float(row[column]) for row in rows]
+            wall = of("seconds")
+            spread = (np.percentile(wall, 75) - np.percentile(wall, 25)) / 2 / np.median(wall)
+            table.writerow(
+                rows[0]
+                | {"seconds": f"{np.median(wall):.6g}", "cpu_seconds": f"{np.median(of('cpu_seconds')):.6g}"}
+                | {"spread": f"{spread:.3g}", "runs": len(rows)}
+            )
+    print(f"{'cells':>6} {'program':>13} {'error':>10} {'processor ms':>13}")
+    for (program, cells), rows in sorted(found.items(), key=lambda item: item[0][::-1]):
+        milliseconds = 1000 * np.median([float(row["cpu_seconds"]) for row in rows])
+        print(f"{cells:6} {program:>13} {float(rows[0]['error']):10.4g} {milliseconds:13.3g}")
+
+
 def main():
     arguments = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    arguments.add_argument("program", choices=("taichi", "warp"))
+    arguments.add_argument("program", choices=("taichi", "warp", "all"))
     arguments.add_argument("--runs", type=int, default=5)
     arguments.add_argument("--out", type=pathlib.Path, default=None, help="table; the screen, if there is none")
+    arguments.add_argument("--firn", type=pathlib.Path, help="the program firn_waves, for all")
+    arguments.add_argument("--rounds", type=int, default=5, help="turns that every program takes, for all")
     options = arguments.parse_args()
+    if options.program == "all":
+        if options.firn is None:
+            arguments.error("all needs --firn")
+        return in_turns(options.firn, options.rounds, options.out or pathlib.Path("waves.csv"))
     program = {"taichi": WithTaichi, "warp": WithWarp}[options.program]()
     columns = (
         "problem,backend,model,kernel,transfer,precision,cfl_fraction,cells,ppc,deterministic,error,seconds,particle_steps,"

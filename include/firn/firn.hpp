@@ -19,6 +19,7 @@
 #include <firn/models/heterogeneous.hpp>
 #include <firn/models/materials.hpp>
 #include <firn/models/several_materials.hpp>
+#include <firn/recommended.hpp>
 #include <firn/solver.hpp>
 #include <firn/transfer/apic.hpp>
 #include <firn/transfer/asflip.hpp>

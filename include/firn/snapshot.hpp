@@ -71,7 +71,8 @@ struct Snapshot
     int kernel_order = 0;
     Lattice lattice{};
     double time = 0;     ///< [s]
-    double previous = 0; ///< the last step that was not cut to a duration [s]; 0: there was none
+    double previous = 0; ///< what the last step might have been that filled no duration alone [s]; 0: none
+    double last = 0;     ///< the last step [s]; 0: there was none
     StepBounds bounds{}; ///< of the next step
     MassScale masses{};
     std::uint32_t next_id = 0; ///< of the next particle that is added
@@ -134,7 +135,8 @@ void require_whole(Snapshot<Number, d> const& snapshot, double largest_coordinat
     };
     auto const not_negative = [](double value) { return std::isfinite(value) && value >= 0; };
     auto const& [wave_speed, material, speed, rate, acceleration, obstacle_speed] = snapshot.bounds;
-    whole(std::isfinite(snapshot.time) && not_negative(snapshot.previous), "a time is not finite");
+    whole(std::isfinite(snapshot.time) && not_negative(snapshot.previous) && not_negative(snapshot.last),
+          "a time is not finite");
     whole(not_negative(wave_speed) && not_negative(speed) && not_negative(rate) &&
               not_negative(acceleration) && not_negative(obstacle_speed) && material >= 0 &&
               static_cast<std::size_t>(material) < snapshot.materials.size(),

@@ -434,6 +434,7 @@ public:
                                .lattice = lattice_,
                                .time = course_.time,
                                .previous = course_.previous,
+                               .last = course_.last,
                                .bounds = course_.bounds,
                                .masses = masses_,
                                .next_id = next_id_};
@@ -580,7 +581,7 @@ private:
         grid_ = Grid(backend_);
         masses_ = from.masses;
         next_id_ = from.next_id;
-        course_ = {.time = from.time, .bounds = from.bounds, .previous = from.previous};
+        course_ = {.time = from.time, .bounds = from.bounds, .previous = from.previous, .last = from.last};
         given_for_ = 0;
         movers_gave_ = false;
         spoiled_ = false;
@@ -701,7 +702,7 @@ private:
     /// Chooses the next step, by what the host knows.
     void choose(Rule const& rule)
     {
-        if (course_.given.interval.length() != given_for_) course_.given = {};
+        if (course_.given.forces != given_for_) course_.given = {};
         rule.choose(course_);
     }
 
@@ -735,7 +736,7 @@ private:
 
         for_each_material([&](auto k) { particles<k>().sort(); }); // into the order of cells
         grid_.follow(orders());                                    // blocks of nodes under them
-        give_for(course_.now.interval.length());
+        give_for(course_.now.forces);
         backend_.for_each(Log::places(expected),
                           BeginSteps<Number, d, count, Effects, Actions>{
                               course_, {rule, densities(), effects}, kept_rule, log, now + turn});
@@ -864,7 +865,7 @@ private:
             particles<k>().set_held(taken > 0 ? sides.pushed[k] : sides.held[k], sides.held[k]);
         });
         if (taken == 0) return;
-        given_for_ = course_.given.interval.length();
+        given_for_ = course_.given.forces;
         movers_gave_ = begun;
     }
 
@@ -919,8 +920,8 @@ private:
                          !impulse_only);
     }
 
-    /// Brings the sums on the grid to what particles give to a step of this length [s]: they may have given
-    /// already, and for another length.
+    /// Brings the sums on the grid to what particles give to a step in which stresses act for so long [s]:
+    /// they may have given already, and for another time.
     void give_for(double dt)
     {
         for_each_material([&](auto k) {
@@ -1243,9 +1244,9 @@ private:
     int now_turn_ = 0;          ///< which of the two it is that the next step finds
     std::size_t queue_ = 1;     ///< as many steps are worth while to queue: it went well with half as many
     std::size_t unstopped_ = 0; ///< steps since queued ones were stopped
-    double given_for_ = 0; ///< the grid holds what particles give to a step of this length [s]; 0: nothing
-    bool movers_gave_ = false; ///< so have those that changed their cells since
-    bool spoiled_ = false;     ///< a step went wrong: nodes do not hold the velocities of the last good one
+    double given_for_ = 0;      ///< the grid holds what particles give, stresses for so long [s]; 0: nothing
+    bool movers_gave_ = false;  ///< so have those that changed their cells since
+    bool spoiled_ = false;      ///< a step went wrong: nodes do not hold the velocities of the last good one
 };
 
 } // namespace firn

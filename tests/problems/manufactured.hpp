@@ -129,10 +129,16 @@ public:
 
     AdvanceReport advance(int piece)
     {
-        ReflectingWall const left{.axis = 0}, right{.axis = 0, .node = cells_, .side = -1}, below{.axis = 1},
-            above{.axis = 1, .node = cells_, .side = -1};
-        double const end = half_period * (piece + 1) / pieces;
-        return solver.advance(end - solver.time(), left, right, below, above);
+        return between_walls(
+            [&](auto const&... walls) { return solver.advance(end_of(piece) - solver.time(), walls...); });
+    }
+
+    /// The same in so many steps of one length.
+    void advance(int piece, int steps)
+    {
+        between_walls([&](auto const&... walls) {
+            return solver.steps(std::size_t(steps), (end_of(piece) - solver.time()) / steps, walls...);
+        });
     }
 
     /// Compares the particles with where they belong.
@@ -156,6 +162,15 @@ public:
     Solver solver;
 
 private:
+    static double end_of(int piece) { return half_period * (piece + 1) / pieces; }
+
+    template <class Go>
+    auto between_walls(Go const& go) const
+    {
+        return go(ReflectingWall{.axis = 0}, ReflectingWall{.axis = 0, .node = cells_, .side = -1},
+                  ReflectingWall{.axis = 1}, ReflectingWall{.axis = 1, .node = cells_, .side = -1});
+    }
+
     static typename Solver::Model material()
     {
         typename Solver::Model square;

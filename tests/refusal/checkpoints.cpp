@@ -187,17 +187,20 @@ TEST_CASE("a file that says it holds 2^60 particles is refused before memory is 
     CHECK_THAT(refused([&] { read_checkpoint(path, solver); }), Contains("holds more than it does"));
 }
 
-TEST_CASE("a checkpoint of a newer version is refused as one, and what is no checkpoint as none")
+TEST_CASE("a checkpoint of another version is refused as one, and what is no checkpoint as none")
 {
     meshes::Folder const folder;
     auto const path = folder / "a.firn";
     auto solver = small_scene();
     write_checkpoint(path, solver);
     std::string bytes = content(path);
-    bytes[8] = 2;
-    write(path, signed_anew(bytes));
-    auto const refusal = refused([&] { read_checkpoint(path, solver); });
-    CHECK_THAT(refusal, Contains("schema 2") && Contains("newer version"));
+    auto const refusal = [&](char schema) {
+        bytes[8] = schema;
+        write(path, signed_anew(bytes));
+        return refused([&] { read_checkpoint(path, solver); });
+    };
+    CHECK_THAT(refusal(3), Contains("schema 3") && Contains("newer version"));
+    CHECK_THAT(refusal(1), Contains("schema 1") && Contains("older version"));
     write(path, "ply\nformat ascii 1.0, and so on for more than thirty-two bytes\n");
     CHECK_THAT(refused([&] { read_checkpoint(path, solver); }), Contains("no checkpoint"));
     write(path, "");

@@ -28,14 +28,15 @@
 //     stays read_checkpoint("run.firn", solver, ball, frame);    // into a solver that was made with the same
 //     policies
 //
-// A file of schema 1: little-endian, SI units, floats as in IEEE 754, nothing between one thing and the next.
+// A file of schema 2: little-endian, SI units, floats as in IEEE 754, nothing between one thing and the next.
 // A text is its length as u32 and so many bytes; `real` is f32 or f64.
 //
 //     preamble, the same in all schemas to come:
 //       8 bytes 89 'F' 'I' 'R' 'N' 0d 0a 1a | u32 schema | u32 01020304 hex | u64 bytes of the whole file
 //       u32 CRC-32 of all that follows the preamble | u32 CRC-32 of the preamble up to here
 //     u32 dimensions | u32 bytes of a real | text kernel | u32 its order | text transfer
-//     f64 cell size [m] | 3 f64 origin [m] | f64 time [s] | f64 length of the last step not cut short [s]
+//     f64 cell size [m] | 3 f64 origin [m] | f64 time [s]
+//     f64 what the last step might have been that filled no duration alone [s] | f64 length of the last [s]
 //     bounds of the next step: f64 wave speed | u32 its material | f64 speed [m/s] | f64 deformation rate
 //     [1/s]
 //       f64 acceleration [m/s^2] | f64 obstacle speed [m/s]
@@ -62,7 +63,7 @@ static_assert(
     "checkpoints copy memory into little-endian files; a big-endian machine needs a byte swap here");
 
 inline constexpr std::array<char, 8> checkpoint_magic{'\x89', 'F', 'I', 'R', 'N', '\r', '\n', '\x1a'};
-inline constexpr std::uint32_t checkpoint_schema = 1;
+inline constexpr std::uint32_t checkpoint_schema = 2;
 
 /// The first bytes of a checkpoint of whatever schema.
 struct CheckpointPreamble
@@ -325,9 +326,9 @@ void put_checkpoint(CheckpointWriter& out, Snapshot<Number, d> const& from, Comp
     auto const& origin = from.lattice.origin;
     auto const& bounds = from.bounds;
     out.values(from.lattice.cell_size, origin.x(), origin.y(), origin.z(), from.time, from.previous,
-               bounds.wave_speed, std::uint32_t(bounds.material), bounds.speed, bounds.deformation_rate,
-               bounds.acceleration, bounds.obstacle_speed, from.masses.unit, from.masses.largest,
-               from.masses.smallest, from.next_id, std::uint32_t(sizeof...(Companions)));
+               from.last, bounds.wave_speed, std::uint32_t(bounds.material), bounds.speed,
+               bounds.deformation_rate, bounds.acceleration, bounds.obstacle_speed, from.masses.unit,
+               from.masses.largest, from.masses.smallest, from.next_id, std::uint32_t(sizeof...(Companions)));
     (put_companion(out, companions), ...);
     out.values(static_cast<std::uint32_t>(from.materials.size()));
     for (auto const& material : from.materials) put_material(out, material);
@@ -354,7 +355,7 @@ std::tuple<Companions...> get_checkpoint(CheckpointReader& in, Snapshot<Number, 
     to.transfer = in.text();
     auto& origin = to.lattice.origin;
     auto& bounds = to.bounds;
-    in.values(to.lattice.cell_size, origin.x(), origin.y(), origin.z(), to.time, to.previous,
+    in.values(to.lattice.cell_size, origin.x(), origin.y(), origin.z(), to.time, to.previous, to.last,
               bounds.wave_speed, material, bounds.speed, bounds.deformation_rate, bounds.acceleration,
               bounds.obstacle_speed, to.masses.unit, to.masses.largest, to.masses.smallest, to.next_id,
               companions);
@@ -395,10 +396,12 @@ inline std::uint64_t open_checkpoint(std::filesystem::path const& path, std::ifs
         refuse("the checkpoint's first bytes are damaged", damaged);
     if (preamble.byte_order != CheckpointPreamble{}.byte_order)
         refuse("the checkpoint has another byte order", "Write it on a little-endian machine.");
-    if (preamble.schema == 0 || preamble.schema > checkpoint_schema)
+    if (preamble.schema != checkpoint_schema)
         refuse("the checkpoint is of schema " + std::to_string(preamble.schema) + ", known here is " +
                    std::to_string(checkpoint_schema),
-               "It was written by a newer version of this library: read it with that one.");
+               preamble.schema > checkpoint_schema
+                   ? "It was written by a newer version of this library: read it with that one."
+                   : "It was written by an older version of this library: read it with that one.");
     if (preamble.bytes != bytes)
         refuse("the file has " + std::to_string(bytes) + " bytes instead of " +
                    std::to_string(preamble.bytes),

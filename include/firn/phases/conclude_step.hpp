@@ -88,7 +88,7 @@ struct BeginSteps
         log.at[0].course = course;
         if (course.ready) return; // it was left so by the step before
         now->dt = static_cast<Number>(course.now.interval.length());
-        now->next_dt = static_cast<Number>(course.next.interval.length());
+        now->next_forces = static_cast<Number>(course.next.forces);
         now->actions = rule.effects.template during<Number, d>(course.now.interval);
     }
 };
@@ -144,7 +144,7 @@ struct ConcludeStep
         log.at[step + 1].course = course;
         if (!course.ready) return false;
         after->dt = static_cast<Number>(course.now.interval.length());
-        after->next_dt = static_cast<Number>(course.next.interval.length());
+        after->next_forces = static_cast<Number>(course.next.forces);
         after->actions = run.effects.template during<Number, d>(course.now.interval);
         return true;
     }

@@ -151,7 +151,7 @@ private:
         Number const h = static_cast<Number>(lattice.cell_size);
         auto const [mass, volume] = portions.find(items, before.id);
         assert(all(mass >= Real(0)) && "the mass of a particle is not below 0");
-        Matrix<Real, d> const impulse = stress * (volume * Real(-now->next_dt / h));
+        Matrix<Real, d> const impulse = stress * (volume * Real(-now->next_forces / h));
         Gives::keep(items, x, mass,
                     transfer.template give<Kernel, Real, d>(particle, mass, impulse, Real(h)));
     }

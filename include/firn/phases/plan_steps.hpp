@@ -6,6 +6,7 @@
 #include <firn/phases/stable_time_step.hpp>
 
 #include <array>
+#include <cmath>
 #include <cstddef>
 
 namespace firn
@@ -16,6 +17,8 @@ struct PlannedStep
 {
     Interval interval{};
     StepLimit limit = StepLimit::duration;
+    double longest = 0; ///< what it might have been, were it not a part of what remains [s]
+    double forces = 0;  ///< for how long stresses act in it [s], see StepRule::time_of_forces
 };
 
 /// Where a run of steps stands.
@@ -23,7 +26,8 @@ struct Course
 {
     double time = 0;     ///< [s]
     StepBounds bounds{}; ///< of the step that begins now
-    double previous = 0; ///< the last step that was not cut to a duration [s]; 0: there was none
+    double previous = 0; ///< what the last step might have been that filled no duration alone [s]; 0: none
+    double last = 0;     ///< the last step [s]; 0: there was none
     int retries = 0;     ///< how many times the step that begins now was tried in vain
     PlannedStep given{}; ///< that for which particles have given to the grid already
     PlannedStep now{};   ///< that which is taken
@@ -76,12 +80,19 @@ struct StepRule
     {
         ChosenStep const longest_now = stable(course.bounds);
         course.stable = longest_now.dt;
+        auto const forces = [&](PlannedStep const& step, double before, int retries) {
+            return retries > 0 ? step.interval.length()
+                               : time_of_forces(step.interval.length(), before, longest_now.dt);
+        };
         if (equal > 0) { // who takes equal steps is expected to go on so
             course.now = {{course.time, course.time + equal}, StepLimit::duration};
+            course.now.forces = forces(course.now, course.last, 0);
             course.next = {{course.now.interval.end, course.now.interval.end + equal}, StepLimit::duration};
-            return course.given.interval.length() == course.now.interval.length();
+            course.next.forces = forces(course.next, course.now.interval.length(), 0);
+            return course.given.forces == course.now.forces;
         }
-        PlannedStep const best = plan(longest_now, course.time, end, course.previous, course.retries);
+        PlannedStep best = plan(longest_now, course.time, end, course.previous, course.retries);
+        best.forces = forces(best, course.last, course.retries);
         double const planned = course.given.interval.length(), longest = best.interval.length();
         bool const fits = course.given.interval.begin == course.time && course.given.interval.end <= end &&
                           planned <= longest_plan * longest && planned >= shortest_plan * longest &&
@@ -90,8 +101,9 @@ struct StepRule
         // the one after it, as far as it can be told from the state before this one
         double const next_end = course.now.interval.end < end ? end : end + duration;
         double const previous =
-            course.now.limit != StepLimit::duration ? course.now.interval.length() : course.previous;
+            course.now.limit != StepLimit::duration ? course.now.longest : course.previous;
         course.next = plan(longest_now, course.now.interval.end, next_end, previous, 0);
+        course.next.forces = forces(course.next, course.now.interval.length(), 0);
         return fits;
     }
 
@@ -110,28 +122,44 @@ struct StepRule
     {
         course.time = course.now.interval.end;
         course.bounds = found;
-        if (course.now.limit != StepLimit::duration || course.retries > 0)
-            course.previous = course.now.interval.length();
+        course.last = course.now.interval.length();
+        if (course.retries > 0)
+            course.previous = course.last;
+        else if (course.now.limit != StepLimit::duration)
+            course.previous = course.now.longest;
         course.retries = 0;
         course.given = course.next;
     }
 
+    /// For how long stresses act in a step of a length, behind one of another; 0: behind none [s].
+    ///
+    /// Velocities belong to the middles of steps, positions to their ends: of a force at the end of a step
+    /// they get half of that step and half of the next one. Were it all of the next one, a length that
+    /// changes would bring an error of first order, the sum of force times half of each change. It is no
+    /// longer than a plan may be, so that a step is stable behind one that was far longer.
+    FIRN_HOST_DEVICE static double time_of_forces(double length, double before, double stable)
+    {
+        if (before == 0) return length;
+        return min(0.5 * (before + length), longest_plan * max(length, stable));
+    }
+
 private:
-    /// A step from `begin` that is as long as is stable, not much longer than the one before, and leaves no
-    /// sliver before `end`; after `retries` failures, half as long each time.
+    /// A step from `begin` that is as long as is stable, not much longer than the one before, and a whole
+    /// share of what remains before `end`; after `retries` failures, half as long each time.
     FIRN_HOST_DEVICE PlannedStep plan(ChosenStep step, double begin, double end, double previous,
                                       int retries) const
     {
         double const remaining = end - begin;
         if (previous > 0) step.bound(control.growth * previous, StepLimit::growth);
-        bool const last = step.dt >= remaining && retries == 0;
-        if (step.dt >= remaining)
+        double const longest = step.dt;
+        bool const last = longest >= remaining && retries == 0;
+        if (longest >= remaining)
             step = {remaining, StepLimit::duration};
-        else if (step.dt > remaining / 2)
-            step = {remaining / 2, StepLimit::duration};
+        else
+            step.dt = remaining / std::ceil(remaining / longest);
         // half of what was tried, also where that was all that remained
         for (int i = 0; i < retries; ++i) step.dt /= 2;
-        return {{begin, last ? end : begin + step.dt}, step.limit};
+        return {{begin, last ? end : begin + step.dt}, step.limit, longest};
     }
 };
 

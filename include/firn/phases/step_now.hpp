@@ -9,9 +9,9 @@ namespace firn
 template <class Number, class Actions>
 struct StepNow
 {
-    Number dt;       ///< [s]
-    Number next_dt;  ///< of the step after this one [s]
-    Actions actions; ///< of the effects
+    Number dt;          ///< [s]
+    Number next_forces; ///< for how long stresses act in the step after this one [s]
+    Actions actions;    ///< of the effects
 };
 
 } // namespace firn

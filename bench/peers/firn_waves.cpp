@@ -1,0 +1,97 @@
+// SPDX-License-Identifier: MIT
+// Problem P1 of speed_against_error with quadratic MLS in float, in steps of one length as its peers take
+// them and in those of advance: firn_waves [--runs N] [--out TABLE]. See waves.py, which runs it.
+#include "problems/manufactured.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <ctime>
+#include <fstream>
+#include <iostream>
+#include <map>
+#include <stdexcept>
+#include <string>
+
+namespace
+{
+
+using namespace firn;
+using Waves = test::ManufacturedSolution<test::Scene<NeoHookean<test::PlaneFloat>, QuadraticBSpline, Mls>>;
+
+/// Steps of a half period, those of waves.py.
+std::map<int, int> const steps_of{{8, 15}, {16, 30}, {32, 55}, {64, 110}, {128, 215}};
+
+double processor_seconds()
+{
+    timespec used{};
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &used);
+    return double(used.tv_sec) + 1e-9 * double(used.tv_nsec);
+}
+
+double median(std::vector<double> of)
+{
+    std::sort(of.begin(), of.end());
+    return of[of.size() / 2];
+}
+
+/// Solves it several times, the first of which only warms up, and writes a row.
+void measure(int cells, bool equal, int runs, std::ostream& out)
+{
+    using Clock = std::chrono::steady_clock;
+    std::vector<double> wall, processor;
+    double error = 0;
+    std::size_t steps = 0;
+    for (int run = 0; run <= runs; ++run) {
+        Waves waves(cells, 2, {}, {}, {1});
+        double spent = 0, spent_processor = 0;
+        steps = 0;
+        for (int piece = 0; piece < Waves::pieces; ++piece) {
+            double const processor_before = processor_seconds();
+            auto const before = Clock::now();
+            if (equal) {
+                int const in_piece = steps_of.at(cells) / Waves::pieces;
+                waves.advance(piece, in_piece);
+                steps += std::size_t(in_piece);
+            }
+            else
+                steps += waves.advance(piece).substeps;
+            spent += std::chrono::duration<double>(Clock::now() - before).count();
+            spent_processor += processor_seconds() - processor_before;
+            waves.observe(piece);
+        }
+        error = waves.error();
+        if (run == 0) continue;
+        wall.push_back(spent);
+        processor.push_back(spent_processor);
+    }
+    out << "P1," << (equal ? "firn" : "firn_advance") << ",neo_hookean,quadratic,mls,float,0.9," << cells
+        << ",4,yes," << error << ',' << median(wall) << ',' << double(steps) * 4 * cells * cells << ','
+        << Waves::Solver::bytes_per_particle << ",ok,0," << median(processor) << ',' << runs << ',' << steps
+        << ",0,1,this machine,g++ " << __VERSION__ << ",,\n";
+}
+
+} // namespace
+
+int main(int argc, char** argv)
+{
+    int runs = 1;
+    std::string path;
+    for (int i = 1; i + 1 < argc; i += 2) {
+        std::string const name = argv[i];
+        if (name == "--runs")
+            runs = std::stoi(argv[i + 1]);
+        else if (name == "--out")
+            path = argv[i + 1];
+        else {
+            std::cerr << "stop: unknown argument " << name << '\n';
+            return 1;
+        }
+    }
+    std::ofstream file(path);
+    std::ostream& out = path.empty() ? std::cout : file;
+    out << "problem,backend,model,kernel,transfer,precision,cfl_fraction,cells,ppc,deterministic,error,"
+           "seconds,particle_steps,bytes_per_particle,status,spread,cpu_seconds,runs,steps,rejected,threads,"
+           "hardware,compiler,commit,date\n";
+    for (auto const& [cells, steps] : steps_of)
+        for (bool equal : {true, false}) measure(cells, equal, runs, out);
+}

@@ -1,0 +1,82 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+
+#include <firn/firn.hpp>
+
+#include <filesystem>
+#include <fstream>
+#include <sstream>
+#include <string>
+
+using namespace firn;
+
+namespace
+{
+
+std::string readme()
+{
+    std::ifstream in(std::filesystem::path(__FILE__).parent_path().parent_path().parent_path() / "README.md");
+    std::ostringstream text;
+    text << in.rdbuf();
+    return text.str();
+}
+
+template <class Kernel>
+std::string name_of_kernel()
+{
+    return std::is_same_v<Kernel, CubicBSpline> ? "CubicBSpline" : "QuadraticBSpline";
+}
+
+std::string name_of_transfer(Mls const&) { return "Mls"; }
+std::string name_of_transfer(Flip const& flip)
+{
+    std::ostringstream name;
+    name << "Flip{" << flip.fraction << "}";
+    return name.str();
+}
+
+/// Whether the README has the row of a material as the code has it.
+template <class Model>
+void check_row(std::string const& name)
+{
+    using Choice = Recommended<Model>;
+    std::string const row = "| `" + name + "` | `" + name_of_kernel<typename Choice::Kernel>() + "` | `" +
+                            name_of_transfer(Choice::transfer) + "` | " +
+                            std::to_string(Choice::per_axis * Choice::per_axis) + " | ";
+    static std::string const text = readme();
+    INFO("README.md lacks: " << row);
+    auto const at = text.find(row);
+    CHECK(at != std::string::npos);
+    if (at == std::string::npos) return;
+    std::string const rest = text.substr(at, text.find('\n', at) - at);
+    INFO(rest);
+    CHECK((rest.find("not measured") == std::string::npos) == Choice::is_measured);
+}
+
+} // namespace
+
+TEST_CASE("the README recommends for each material what the code does")
+{
+    using Plane = Space<2, float>;
+    check_row<NeoHookean<Plane>>("NeoHookean");
+    check_row<FixedCorotated<Plane>>("FixedCorotated");
+    check_row<Hencky<Plane>>("Hencky");
+    check_row<SplitNeoHookean<Plane>>("SplitNeoHookean");
+    check_row<Snow<Plane>>("Snow");
+    check_row<VonMises<Plane>>("VonMises");
+    check_row<HardeningVonMises<Plane>>("HardeningVonMises");
+    check_row<Sand<Plane>>("Sand");
+    check_row<CamClay<Plane>>("CamClay");
+    check_row<HerschelBulkley<Plane>>("HerschelBulkley");
+    check_row<Fluid<Plane>>("Fluid");
+    CHECK(Recommended<Sand<Plane>>::transfer.fraction == 1);
+    CHECK(Recommended<NeoHookean<Plane>>::control.wave == StepControl{}.wave);
+}
+
+TEST_CASE("what is recommended for a material holds with factors of its moduli, and for the first of several")
+{
+    using Room = Space<3, double>;
+    CHECK(std::is_same_v<Recommended<Heterogeneous<Sand<Room>>>::Transfer, Flip>);
+    CHECK(std::is_same_v<Recommended<Materials<Snow<Room>, Sand<Room>>>::Kernel, QuadraticBSpline>);
+    CHECK(std::is_same_v<Recommended<Materials<Snow<Room>, Sand<Room>>>::Transfer, Mls>);
+}
