@@ -109,7 +109,7 @@ struct StepRule
     FIRN_HOST_DEVICE static void finish(Course& course, StepBounds const& found)
     {
         course.time = course.now.interval.end;
-        course.bounds = found;
+        course.bounds = found.finite();
         if (course.now.limit != StepLimit::duration || course.retries > 0)
             course.previous = course.now.interval.length();
         course.retries = 0;
