@@ -206,7 +206,8 @@ public:
                 "Solver::add",
                 "Pass the volume in m^3 that one particle stands for: the body's volume over the number of "
                 "points.");
-        require(velocity.allFinite(), "the velocity is not finite", "Solver::add", "Pass metres per second.");
+        require(velocity.template cast<Number>().allFinite(), "the velocity is not finite", "Solver::add",
+                "Pass metres per second, within the range of the scene's numbers.");
         std::size_t const count = size_ + located.size();
         require(first_id + located.size() < std::numeric_limits<std::uint32_t>::max(),
                 "there would have been more than 4 294 967 294 particles", "Solver::add",

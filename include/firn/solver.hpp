@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/concepts.hpp>
+#include <firn/core/entrance.hpp>
 #include <firn/effects/reflecting_wall.hpp>
 #include <firn/interpolation/quadratic_b_spline.hpp>
 #include <firn/models/several_materials.hpp>
@@ -51,8 +52,10 @@ std::string name_of_material(std::size_t place)
 ///
 /// `Backend` says where it runs, `Model` what the material is (and with its Space the dimension and
 /// precision), `Kernel` and `Transfer` how particles and grid exchange what they hold. All input in SI units.
-/// Not to be called from two threads at once; two solvers are independent. One that was moved from may only
-/// be destroyed or assigned.
+/// One thread at a time calls a solver, whatever it calls; with OpenMP calls that only tell something (const)
+/// may overlap one another. Solvers are independent: different ones may be called from different threads at
+/// the same time. Unless NDEBUG is defined, a call that comes while another is under way throws an Error and
+/// changes nothing. One that was moved from may only be destroyed or assigned.
 ///
 /// With Materials<...> for its model a scene has several materials, which share the grid and the time step.
 /// `Which` then says what a call is about, by the model's type or as Material<place>: add, upload, view,
@@ -149,6 +152,7 @@ public:
     std::uint32_t add(Points const& points, double volume_per_point,
                       Vector<double, d> const& velocity = Vector<double, d>::Zero())
     {
+        auto const visit = entrance_.to_change("Solver::add");
         constexpr std::size_t k = Of<Which>::place;
         hold_taken();
         std::uint32_t const first = next_id_;
@@ -163,6 +167,7 @@ public:
             model_of<k>().template respond<Number>(at_rest, Matrix<Number, d>::Zero(), Number(0));
         rule_of_materials().admit(course_.bounds, static_cast<int>(k), wave_speed<k>(response.wave_modulus));
         course_.bounds.speed = std::max(course_.bounds.speed, velocity.norm());
+        course_.bounds = course_.bounds.finite();
         return first;
     }
 
@@ -175,6 +180,7 @@ public:
     template <class Which = Every, class IsDoomed>
     std::size_t remove_if(IsDoomed const& is_doomed)
     {
+        auto const visit = entrance_.to_change("Solver::remove_if");
         if constexpr (requires { IsDoomed::in_host_memory; })
             static_assert(Backend::reaches_host_memory || !IsDoomed::in_host_memory,
                           "the shape lies in memory of the host: pass `shape.on(backend)`");
@@ -208,6 +214,7 @@ public:
     template <class Tag, class Which = Every>
     void upload(std::vector<FieldValue<Tag, Number, d>> const& by_id)
     {
+        auto const visit = entrance_.to_change("Solver::upload");
         constexpr std::size_t k = Of<Which>::place;
         static_assert(Of<Which>::State::template contains<Tag>,
                       "the scene's particles have no such field, or it follows from others");
@@ -264,6 +271,7 @@ public:
     template <NodeEffect<Number, d>... Effects>
     std::vector<StepReport> steps(std::size_t count, double dt, Effects const&... effects)
     {
+        auto const visit = entrance_.to_change("Solver::step");
         require(std::isfinite(dt) && dt > 0, "the time step is not a finite number above 0", "Solver::step",
                 "Pass seconds.");
         require_to_last(dt, "Solver::step");
@@ -300,6 +308,7 @@ public:
     template <NodeEffect<Number, d>... Effects>
     AdvanceReport advance(double duration, Effects const&... effects)
     {
+        auto const visit = entrance_.to_change("Solver::advance");
         require(std::isfinite(duration) && duration >= 0, "the duration is not a finite number, 0 or above",
                 "Solver::advance", "Pass seconds, e.g. 1.0 / 24.");
         if (duration > 0) require_to_last(duration, "Solver::advance");
@@ -397,6 +406,7 @@ public:
     template <class Which = Every>
     void write_positions(Number* to, std::size_t stride = d) const
     {
+        auto const visit = entrance_.to_look("Solver::write_positions");
         require(to != nullptr && stride >= d, "there is no place for positions, or they would overlap",
                 "Solver::write_positions",
                 "Pass room for size() times stride numbers, stride at least the dimension.");
@@ -427,6 +437,7 @@ public:
     /// is; steps that follow differ by a rounding from those without a snapshot.
     Snapshot<Number, d> snapshot()
     {
+        auto const visit = entrance_.to_change("Solver::snapshot");
         hold_taken();
         Snapshot<Number, d> to{.kernel = detail::name_of_policy<Kernel>(),
                                .transfer = detail::name_of_policy<Transfer>(),
@@ -455,6 +466,7 @@ public:
     /// returned.
     void restore(Snapshot<Number, d> const& from)
     {
+        auto const visit = entrance_.to_change("Solver::restore");
         require_fits(from);
         detail::require_whole(from, Cells::largest_coordinate);
         Parts parts = parts_of(materials_of(Places{}), Places{});
@@ -624,6 +636,7 @@ private:
     template <class Which, class Value, class Ask>
     std::vector<Value> by_id(Ask const& ask) const
     {
+        auto const visit = entrance_.to_look("Solver::download");
         constexpr std::size_t place = detail::PlaceOf<Which, List>::value;
         if constexpr (place < materials)
             return ask(std::integral_constant<std::size_t, place>{});
@@ -1034,6 +1047,7 @@ private:
                     course_.bounds.deformation_rate =
                         std::max(course_.bounds.deformation_rate, double(rate.norm()));
         });
+        course_.bounds = course_.bounds.finite();
     }
 
     template <std::size_t k>
@@ -1226,6 +1240,7 @@ private:
             "obstacles that close in on it, or a material far too stiff or too soft for its speed."};
     }
 
+    detail::Entrance<typename Backend::SharedCount> entrance_;
     Lattice lattice_;
     Transfer transfer_;
     StepControl control_;

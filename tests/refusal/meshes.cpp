@@ -199,6 +199,14 @@ TEST_CASE("a PLY header that promises more than the file holds is refused before
                       "promises");
 }
 
+TEST_CASE("a PLY header without an end is refused before the importer looks for it")
+{
+    meshes::Folder const folder;
+    for (char const* last : {"", "end_heade", "property float x\n"})
+        check_refused(folder.file("a.ply", std::string("ply\nformat ascii 1.0\nelement vertex 1\n") + last),
+                      "no end");
+}
+
 TEST_CASE("coordinates that are no numbers are refused with the vertex")
 {
     meshes::Folder const folder;

@@ -8,6 +8,7 @@
 #include <firn/cuda/loops.hpp>
 
 #include <array>
+#include <atomic>
 #include <string>
 #include <tuple>
 #include <utility>
@@ -31,6 +32,7 @@ struct Cuda
     using Lane = Number;
     template <class T>
     using Array = cuda::Array<T>;
+    using SharedCount = std::atomic<int>; ///< threads of the host may change it at the same time
     template <class T>
     using Outbox = cuda::Outbox<T>;
     template <class Number, int d>

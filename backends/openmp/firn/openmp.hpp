@@ -9,6 +9,7 @@
 #include <firn/openmp/loops.hpp>
 
 #include <array>
+#include <atomic>
 #include <string>
 #include <tuple>
 #include <utility>
@@ -31,6 +32,7 @@ struct BasicOpenMP
     using Lane = typename Lanes::template Lane<Number>;
     template <class T>
     using Array = openmp::Array<T>;
+    using SharedCount = std::atomic<int>; ///< threads of the host may change it at the same time
     template <class T>
     using Outbox = openmp::Outbox<T>;
     template <class Number, int d>

@@ -138,16 +138,17 @@ inline void check_placement(MeshPlacement const& placement)
 }
 
 /// A PLY header may promise more elements than its file can hold, and the importer would reserve their
-/// memory.
+/// memory; of one without an end it reads what lies behind the file.
 inline void check_ply_header(std::filesystem::path const& path, std::uintmax_t file_size)
 {
     std::ifstream file(path, std::ios::binary);
     std::string line;
-    for (int lines = 0; lines < 1000 && std::getline(file, line) && !line.starts_with("end_header");
-         ++lines) {
+    bool ends = false;
+    for (int lines = 0; !ends && lines < 1000 && std::getline(file, line); ++lines) {
         std::istringstream words(line);
         std::string keyword, name, count;
         words >> keyword >> name >> count;
+        ends = keyword == "end_header";
         if (keyword != "element") continue;
         bool const is_number =
             !count.empty() && std::ranges::all_of(count, [](unsigned char c) { return std::isdigit(c); });
@@ -155,6 +156,9 @@ inline void check_ply_header(std::filesystem::path const& path, std::uintmax_t f
             throw Error{"the PLY header promises '" + line + "', which the file is too short to hold",
                         path.string(), "The file is damaged or truncated: export it again."};
     }
+    if (!ends)
+        throw Error{"the PLY header has no end", path.string(),
+                    "The file is damaged or truncated: export it again."};
 }
 
 inline void check_mesh_file(std::filesystem::path const& path)

@@ -28,7 +28,7 @@ struct Lame
     void validate(char const* where) const
     {
         // 3 lambda + 2 mu is three times the bulk modulus
-        require(std::isfinite(mu) && std::isfinite(lambda) && mu > 0 && 3 * lambda + 2 * mu > 0,
+        require(std::isfinite(mu) && mu > 0 && std::isfinite(3 * lambda + 2 * mu) && 3 * lambda + 2 * mu > 0,
                 "the Lamé parameters are not those of a stable solid", where,
                 "Use firn::lame(young_modulus, poisson_ratio) with E > 0 and -1 < nu < 0.5.");
     }

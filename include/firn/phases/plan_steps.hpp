@@ -121,7 +121,7 @@ struct StepRule
     FIRN_HOST_DEVICE static void finish(Course& course, StepBounds const& found)
     {
         course.time = course.now.interval.end;
-        course.bounds = found;
+        course.bounds = found.finite();
         course.last = course.now.interval.length();
         if (course.retries > 0)
             course.previous = course.last;

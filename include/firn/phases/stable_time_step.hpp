@@ -71,6 +71,19 @@ struct StepBounds
     double deformation_rate = 0; ///< largest |L| [1/s]
     double acceleration = 0;     ///< [m/s^2]
     double obstacle_speed = 0;   ///< [m/s]
+
+    /// The same with the largest number for what is beyond all numbers, which no step follows: it can be
+    /// saved and restored.
+    FIRN_HOST_DEVICE StepBounds finite() const
+    {
+        auto const within = [](double value) {
+            constexpr double largest = std::numeric_limits<double>::max();
+            return value <= largest ? value : largest;
+        };
+        return {within(wave_speed),   material,
+                within(speed),        within(deformation_rate),
+                within(acceleration), within(obstacle_speed)};
+    }
 };
 
 /// The largest c dt / h at which a particle with no neighbours is stable:

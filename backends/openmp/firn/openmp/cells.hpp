@@ -317,7 +317,9 @@ private:
     void find_new_cells(int b, std::array<Offset*, d> const& offset)
     {
         Block const& block = blocks_[b];
-        auto& [slots, given] = departures_[b];
+        // by name: clang captures no structured binding where OpenMP is
+        std::vector<std::uint32_t>& slots = departures_[b].slots;
+        std::vector<Number>& given = departures_[b].given;
         std::size_t const channels = slots.empty() ? 0 : given.size() / slots.size();
         std::size_t i = 0;
         for (int group = 0; i < slots.size(); ++group) {

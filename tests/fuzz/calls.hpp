@@ -1,0 +1,424 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "scenes.hpp"
+
+#include <firn/io/checkpoint.hpp>
+
+#include <algorithm>
+#include <optional>
+
+// Calls in any order: particles come and go, effects move, states are saved, uploaded and taken back.
+namespace firn::fuzz
+{
+
+constexpr double cell = 0.05;     // [m]
+constexpr int wall_node = 20;     // walls at ±1 m
+constexpr std::size_t most = 300; // particles
+
+/// What is on the left of a plane [m].
+struct OnTheLeft
+{
+    double x;
+
+    template <int d>
+    bool operator()(Eigen::Matrix<double, d, 1> const& at) const
+    {
+        return at[0] < x;
+    }
+};
+
+template <class Solver>
+class Calls
+{
+    static constexpr int d = Solver::d;
+    using Number = typename Solver::Number;
+    using Model = typename Solver::Model;
+
+public:
+    Calls(Input& input, Model const& model)
+        : input_(input), model_(model),
+          solver_(lattice(cell), model, {}, {.smallest = 1e-3, .retries = input.below(14)})
+    {}
+
+    void run()
+    {
+        for (int i = 0; i < 60 && !input_.empty(); ++i) {
+            call();
+            look();
+        }
+    }
+
+private:
+    void call()
+    {
+        switch (input_.below(16)) {
+        case 0:
+        case 1:
+            add();
+            break;
+        case 2:
+            remove();
+            break;
+        case 3:
+            upload<Velocity>();
+            break;
+        case 4:
+            upload_state();
+            break;
+        case 5:
+        case 6:
+        case 7:
+            step();
+            break;
+        case 8:
+        case 9:
+            advance();
+            break;
+        case 10:
+            move_ball();
+            break;
+        case 11:
+            save_or_restore();
+            break;
+        case 12:
+            checkpoint();
+            break;
+        case 13:
+            twin();
+            break;
+        case 14:
+            gravity_.acceleration = {input_.between(-20, 20), input_.between(-20, 20), 0};
+            break;
+        default:
+            toggle();
+            break;
+        }
+    }
+
+    /// What holds after every call.
+    void look() const
+    {
+        auto const told = expect_whole(solver_);
+        expect(told.ids == ids_, "other ids than were given and not removed");
+        expect(told.masses.size() == masses_.size(), "other masses than were added");
+        for (std::size_t i = 0; i < masses_.size(); ++i)
+            expect(std::abs(told.masses[i] - masses_[i]) <= 1e-6 * masses_[i], "a mass has changed");
+    }
+
+    /// Calls `use` with a material's place as a constant.
+    template <class Use>
+    void of_some_material(Use const& use)
+    {
+        std::size_t const chosen = Solver::materials == 1 ? 0 : input_.byte() % Solver::materials;
+        [&]<std::size_t... k>(std::index_sequence<k...>)
+        {
+            ((k == chosen ? use(std::integral_constant<std::size_t, k>{}) : void()), ...);
+        }
+        (std::make_index_sequence<Solver::materials>{});
+    }
+
+    void add()
+    {
+        std::vector<Vector<double, d>> points(static_cast<std::size_t>(input_.below(32)));
+        bool const anywhere = input_.below(8) == 0;
+        for (auto& x : points)
+            for (int a = 0; a < d; ++a)
+                x[a] = anywhere ? input_.any(0.5) : input_.between(a == 0 ? -0.99 : 0, 0.99);
+        double const volume = anywhere ? input_.any(1e-3) : input_.between(1e-4, 1e-3);
+        Vector<double, d> velocity;
+        for (int a = 0; a < d; ++a) velocity[a] = input_.between(-5, 5);
+        if (ids_.size() + points.size() > most) return;
+        of_some_material([&](auto k) {
+            std::uint32_t first = 0;
+            if (refused_whole(solver_,
+                              [&] { first = solver_.template add<Material<k>>(points, volume, velocity); }))
+                return;
+            expect(first == next_, "an id was given twice, or left out");
+            double const density = double(solver_.template model<Material<k>>().density);
+            for (std::size_t i = 0; i < points.size(); ++i) {
+                ids_.push_back(next_++);
+                masses_.push_back(density * volume);
+            }
+        });
+    }
+
+    void remove()
+    {
+        OnTheLeft const left{input_.between(-1.1, 1.1)};
+        Told<Solver> const before(solver_);
+        if (input_.below(4) == 0) { // of one material: the others are told apart by their ids
+            of_some_material([&](auto k) {
+                auto const those = solver_.template ids<Material<k>>();
+                std::size_t const count = solver_.template remove_if<Material<k>>(left);
+                forget(before, count, [&](std::size_t i) {
+                    return left(before.positions[i]) && std::ranges::binary_search(those, before.ids[i]);
+                });
+            });
+            return;
+        }
+        std::size_t const count = solver_.remove_if(left);
+        forget(before, count, [&](std::size_t i) { return left(before.positions[i]); });
+    }
+
+    /// The particles that were to be removed, and no others, are gone; those that stay have changed no bit.
+    template <class IsGone>
+    void forget(Told<Solver> before, std::size_t count, IsGone const& is_gone)
+    {
+        std::size_t kept = 0;
+        for (std::size_t i = 0; i < before.ids.size(); ++i) {
+            if (is_gone(i)) continue;
+            before.ids[kept] = before.ids[i];
+            before.positions[kept] = before.positions[i];
+            before.velocities[kept] = before.velocities[i];
+            before.masses[kept] = before.masses[i];
+            masses_[kept] = masses_[i];
+            ++kept;
+        }
+        expect(before.ids.size() - kept == count, "another number was removed than was asked for");
+        before.ids.resize(kept);
+        before.positions.resize(kept);
+        before.velocities.resize(kept);
+        before.masses.resize(kept);
+        masses_.resize(kept);
+        ids_ = before.ids;
+        expect(Told<Solver>(solver_) == before, "who stays has changed");
+    }
+
+    template <class Tag>
+    void upload()
+    {
+        of_some_material([&](auto k) {
+            auto values = solver_.template download<Tag, Material<k>>();
+            int const changed = input_.below(8);
+            for (int i = 0; i < changed && !values.empty(); ++i) {
+                auto& value = values[input_.byte() % values.size()];
+                if constexpr (requires { value.coeffRef(0); })
+                    value.coeffRef(input_.byte() % value.size()) = static_cast<Number>(input_.any(1));
+                else
+                    value = static_cast<Number>(input_.any(1));
+            }
+            if (input_.below(16) == 0 && !values.empty()) values.push_back(values[0]); // one too many
+            bool const was_refused =
+                refused_whole(solver_, [&] { solver_.template upload<Tag, Material<k>>(values); });
+            if (!was_refused)
+                expect((solver_.template download<Tag, Material<k>>() == values),
+                       "other values than uploaded");
+        });
+    }
+    void upload_state()
+    {
+        if constexpr (Solver::State::template contains<DisplacementGradient>)
+            upload<DisplacementGradient>();
+        else
+            upload<Velocity>();
+    }
+
+    /// Calls `use` with all effects.
+    template <class Use>
+    auto with_effects(Use const& use)
+    {
+        Obstacle<HalfSpace> const floor{.contact = contact_};
+        return use(gravity_, floor, ball_, ReflectingWall{.axis = 0, .node = -wall_node, .side = 1},
+                   ReflectingWall{.axis = 0, .node = wall_node, .side = -1});
+    }
+
+    /// Momentum has changed by what gravity and the obstacles gave, and nobody is behind a wall.
+    template <class Reactions>
+    void expect_balance(Told<Solver> const& before, StepBounds const& bounds, double steps, double beyond,
+                        Reactions const& reactions)
+    {
+        Told<Solver> const after(solver_);
+        double const elapsed = after.time - before.time;
+        Vector<double, d> expected =
+            before.momentum() + before.mass() * elapsed * gravity_.acceleration.template head<d>();
+        // what rounding is measured by: momenta, impulses, and what stresses gave and took within the body
+        double scale =
+            before.momenta() + after.momenta() + before.mass() * elapsed * gravity_.acceleration.norm() +
+            before.mass() * std::max(bounds.wave_speed, solver_.bounds().wave_speed) * steps * beyond;
+        for (auto const& reaction : reactions) {
+            expect(reaction.impulse.allFinite() && reaction.angular_impulse.allFinite(),
+                   "a reaction is not finite");
+            expected -= reaction.impulse.template head<d>();
+            scale += reaction.impulse.norm();
+        }
+        double const tolerance = std::is_same_v<Number, float> ? 1e-4 : 1e-10;
+        if ((after.momentum() - expected).norm() > tolerance * scale)
+            broken("momentum is not that which was given",
+                   std::to_string((after.momentum() - expected).norm()) + " of " + std::to_string(scale));
+        for (auto const& x : after.positions)
+            expect(std::abs(x[0]) <= wall_node * cell + 1e-3 * cell, "a particle is behind a wall");
+    }
+
+    void step()
+    {
+        double const dt = std::pow(10.0, input_.between(-7, -2));
+        auto const count = static_cast<std::size_t>(1 + input_.below(4));
+        Told<Solver> const before(solver_);
+        StepBounds const bounds = solver_.bounds();
+        std::vector<StepReport> reports;
+        bool const was_refused = refused([&] {
+            reports =
+                with_effects([&](auto const&... effects) { return solver_.steps(count, dt, effects...); });
+        });
+        if (was_refused) { // each step is as if it had not been, or was made
+            Told<Solver> const after(solver_);
+            if (count == 1) expect(after.time == before.time, "a step that was refused took time");
+            if (count == 1)
+                expect(after.positions == before.positions, "a step that was refused moved something");
+            return;
+        }
+        expect(reports.size() == count, "not one report per step");
+        std::vector<Reaction> reactions;
+        double beyond = 1;
+        for (auto const& report : reports) {
+            reactions.insert(reactions.end(), report.reactions.begin(), report.reactions.end());
+            beyond = std::max(beyond, dt / report.stable_dt);
+            bool const as_asked = std::abs(report.dt - dt) <= 1e-15 * (before.time + 10 * dt);
+            expect(as_asked && report.reactions.size() == 4, "a report is of another step");
+        }
+        expect_balance(before, bounds, double(count), beyond, reactions);
+    }
+
+    void advance()
+    {
+        double const duration = std::pow(10.0, input_.between(-6, -2.5));
+        Told<Solver> const before(solver_);
+        StepBounds const bounds = solver_.bounds();
+        AdvanceReport report;
+        if (refused([&] {
+                report = with_effects(
+                    [&](auto const&... effects) { return solver_.advance(duration, effects...); });
+            }))
+            return;
+        expect(report.lost == 0, "particles were lost");
+        expect(solver_.time() == before.time + duration, "it ended at another time");
+        expect_balance(before, bounds, double(report.substeps), 1, report.reactions);
+    }
+
+    void move_ball()
+    {
+        auto& motion = ball_.motion;
+        if (input_.below(8) == 0)
+            ball_.shape = Sphere{input_.any(0.2)};
+        else
+            ball_.shape = Sphere{input_.between(0.01, 0.4)};
+        motion.position = {input_.between(-1, 1), input_.between(-0.2, 1), 0};
+        motion.velocity = {input_.between(-10, 10), input_.between(-10, 10), 0};
+        motion.angular_velocity = {0, 0, input_.between(-50, 50)};
+        motion.time = solver_.time();
+    }
+
+    void toggle()
+    {
+        int const what = input_.byte();
+        ball_.on_particles = what & 1;
+        ball_.contact = what & 2 ? Contact::sticky() : what & 4 ? Contact::coulomb(0.5) : Contact::slip();
+        contact_ = what & 8 ? Contact::sticky() : what & 16 ? Contact::bound_slip() : Contact::coulomb(0.3);
+    }
+
+    void save_or_restore()
+    {
+        if (!saved_ || input_.below(2) == 0) {
+            Told<Solver> const before(solver_);
+            saved_.emplace(solver_.snapshot(), ids_, masses_, next_, Told<Solver>(solver_));
+            expect(saved_->told == before, "a snapshot changed something");
+            return;
+        }
+        if (input_.below(4) == 0) { // one that does not fit
+            auto wrong = saved_->snapshot;
+            switch (input_.below(4)) {
+            case 0:
+                wrong.time = input_.any(1);
+                break;
+            case 1:
+                wrong.lattice.cell_size = input_.any(cell);
+                break;
+            case 2:
+                wrong.bounds.speed = input_.any(1);
+                break;
+            default:
+                wrong.materials.clear();
+                break;
+            }
+            if (refused_whole(solver_, [&] { solver_.restore(wrong); })) return;
+        }
+        solver_.restore(saved_->snapshot);
+        ids_ = saved_->ids;
+        masses_ = saved_->masses;
+        next_ = saved_->next;
+        expect(Told<Solver>(solver_) == saved_->told, "what was restored is not what was saved");
+    }
+
+    /// A file is written, and read into another solver: both are the same.
+    void checkpoint()
+    {
+        TemporaryFile const file(".firn");
+        int const frame = input_.byte();
+        write_checkpoint(file.path(), solver_, ball_.motion, frame);
+        Solver other(lattice(cell), model_, {}, {.smallest = 1e-3});
+        Motion motion;
+        int read = -1;
+        read_checkpoint(file.path(), other, motion, read);
+        expect(read == frame && motion.position == ball_.motion.position, "a companion has changed");
+        expect(Told<Solver>(other) == Told<Solver>(solver_), "what was read is not what was written");
+    }
+
+    /// One that is restored from a snapshot makes the same step, bit by bit.
+    void twin()
+    {
+        Solver other(lattice(cell), model_, {}, {.smallest = 1e-3});
+        other.restore(solver_.snapshot());
+        double const dt = std::pow(10.0, input_.between(-6, -3));
+        auto const step = [&](Solver& solver) {
+            return refused(
+                [&] { with_effects([&](auto const&... effects) { solver.steps(1, dt, effects...); }); });
+        };
+        expect(step(solver_) == step(other), "one of two twins was refused");
+        expect(Told<Solver>(solver_) == Told<Solver>(other), "twins differ");
+    }
+
+    struct Saved
+    {
+        Snapshot<Number, d> snapshot;
+        std::vector<std::uint32_t> ids;
+        std::vector<double> masses;
+        std::uint32_t next;
+        Told<Solver> told;
+
+        Saved(Snapshot<Number, d> s, std::vector<std::uint32_t> i, std::vector<double> m, std::uint32_t n,
+              Told<Solver> t)
+            : snapshot(std::move(s)), ids(std::move(i)), masses(std::move(m)), next(n), told(std::move(t))
+        {}
+    };
+
+    Input& input_;
+    Model model_;
+    Solver solver_;
+    std::vector<std::uint32_t> ids_; ///< of who is there, in rising order
+    std::vector<double> masses_;     ///< [kg]
+    std::uint32_t next_ = 0;
+    std::optional<Saved> saved_;
+    Gravity gravity_;
+    Contact contact_ = Contact::coulomb(0.3);
+    Obstacle<Sphere> ball_{.shape = {0.2}, .motion = {.position = {0.3, 0.1, 0}}};
+};
+
+/// The first byte says which scene it is.
+inline void calls(Bytes bytes)
+{
+    Input input(bytes);
+    [[maybe_unused]] int const scene = input.byte();
+#if defined(FIRN_FUZZ_ALL)
+    if (scene % 4 == 1) {
+        using Two = Materials<Sand<PlaneFloat>, Fluid<PlaneFloat>>;
+        Calls<Solver<OpenMP, Two, CubicBSpline, Flip>>(
+            input, {materials::dry_sand<PlaneFloat>(), materials::water<PlaneFloat>()})
+            .run();
+        return;
+    }
+#endif
+    Calls<Sheet>(input, materials::fresh_snow<PlaneFloat>()).run();
+}
+
+} // namespace firn::fuzz

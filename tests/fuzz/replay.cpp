@@ -1,0 +1,95 @@
+// SPDX-License-Identifier: MIT
+// Passes the files of tests/fuzz/corpus through the harnesses, without a fuzzer: `replay corpus`. With
+// `replay --seed corpus` it writes those that a fuzzer starts from.
+#include "calls.hpp"
+#include "checkpoint.hpp"
+#include "parameters.hpp"
+#if defined(FIRN_FUZZ_MESHES)
+#include "mesh.hpp"
+#endif
+#include "support/meshes.hpp"
+
+#include <map>
+
+namespace fs = std::filesystem;
+using namespace firn::fuzz;
+
+namespace
+{
+
+std::map<std::string, void (*)(Bytes)> const harnesses
+{
+    {"calls", calls}, {"checkpoint", checkpoint}, {"parameters", parameters},
+#if defined(FIRN_FUZZ_MESHES)
+    {
+        "mesh", mesh
+    }
+#endif
+};
+
+std::string content(fs::path const& path)
+{
+    std::ifstream file(path, std::ios::binary);
+    return {std::istreambuf_iterator<char>(file), {}};
+}
+
+/// Files that are good, one for each way to begin.
+void write_seeds(fs::path const& folder)
+{
+    auto const put = [&](char const* harness, char const* name, std::string const& bytes) {
+        fs::create_directories(folder / harness);
+        std::ofstream(folder / harness / name, std::ios::binary) << bytes;
+    };
+    auto const ball = meshes::sphere(1, 4);
+    put("mesh", "obj", '\0' + meshes::obj(ball));
+    put("mesh", "stl", '\1' + meshes::stl(ball));
+    put("mesh", "ply", '\2' + meshes::ply(ball));
+    put("mesh", "gltf", '\3' + meshes::gltf_json(ball, "none.bin", {0, 0, 0}));
+    put("mesh", "glb", '\4' + meshes::glb(ball));
+
+    Sheet sheet(firn::lattice(0.05), firn::materials::fresh_snow<PlaneFloat>());
+    std::vector<Eigen::Vector2d> points;
+    for (int i = 0; i < 6; ++i) points.push_back({0.02 * i, 0.1 + 0.01 * (i % 3)});
+    sheet.add(points, 6e-4, {1, -1});
+    sheet.step(1e-4, firn::Gravity{});
+    TemporaryFile const file(".firn");
+    firn::write_checkpoint(file.path(), sheet);
+    std::string const whole = content(file.path());
+    put("checkpoint", "scene", whole.substr(sizeof(firn::detail::CheckpointPreamble)));
+    put("checkpoint", "whole_file", '\0' + whole);
+    firn::write_checkpoint(file.path(), sheet, firn::RigidBody{}, 5);
+    put("checkpoint", "companions", content(file.path()).substr(sizeof(firn::detail::CheckpointPreamble)));
+
+    // every call once, after some particles are there
+    std::string scene{'\0', '\5', '\0', '\40', '\1'};
+    for (int i = 0; i < 80; ++i) scene += static_cast<char>(i * 41);
+    for (int call = 0; call < 16; ++call) {
+        scene += static_cast<char>(call);
+        for (int i = 0; i < 12; ++i) scene += static_cast<char>(call * 7 + i * 29);
+    }
+    put("calls", "every_call", scene);
+    for (char model = 0; model < 7; ++model)
+        put("parameters", ("usual_" + std::to_string(model)).c_str(), {model, 0, 99, 0, 0, 0, 0});
+}
+
+} // namespace
+
+int main(int argc, char** argv)
+{
+    bool const writes = argc == 3 && std::string(argv[1]) == "--seed";
+    if (argc != 2 && !writes) return std::fprintf(stderr, "replay [--seed] FOLDER\n"), 2;
+    fs::path const folder = argv[argc - 1];
+    if (writes) return write_seeds(folder), 0;
+    for (auto const& [name, harness] : harnesses) {
+        std::size_t files = 0;
+        for (auto const& entry : fs::directory_iterator(folder / name)) {
+            std::fprintf(stderr, "%s\n", entry.path().c_str()); // the last one is that which ends the program
+            std::string const bytes = content(entry.path());
+            harness({reinterpret_cast<std::uint8_t const*>(bytes.data()), bytes.size()});
+            ++files;
+        }
+        std::printf("%s: %zu files\n", name.c_str(), files);
+        if (files == 0) return std::fprintf(stderr, "%s has no files\n", name.c_str()), 1;
+    }
+    return 0;
+}

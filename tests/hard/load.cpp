@@ -1,0 +1,178 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/policies.hpp"
+
+#include <exception>
+#include <fstream>
+#include <thread>
+
+#if defined(__CUDACC__)
+#include <cuda_runtime_api.h>
+#else
+#include <unistd.h>
+#endif
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+using Jelly = Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver;
+constexpr double cell = 0.05; // [m]
+
+/// A block that falls onto a floor.
+Jelly block(int seed, TestedBackend const& backend = {})
+{
+    Jelly solver(lattice(cell), {}, {}, {}, backend);
+    Vector<double, 3> const low(0, 0.01 * seed, 0);
+    solver.add(box_of_points<3>(low, low + Vector<double, 3>::Constant(0.8), cell), 1.5e-5,
+               {0.1 * seed, -2, 0});
+    return solver;
+}
+
+void run(Jelly& solver, double duration = 1e-2)
+{
+    solver.advance(duration, Gravity{}, Obstacle<HalfSpace>{});
+}
+
+/// Sanitizers keep what is given back for a while, and watch it.
+#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
+constexpr bool sanitized = true;
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
+constexpr bool sanitized = true;
+#else
+constexpr bool sanitized = false;
+#endif
+#else
+constexpr bool sanitized = false;
+#endif
+
+/// What this process holds where solvers lie [bytes].
+double held()
+{
+#if defined(__CUDACC__)
+    std::size_t free = 0, total = 0;
+    cuda::check(cudaMemGetInfo(&free, &total), "cudaMemGetInfo");
+    return double(total - free);
+#else
+    std::size_t all = 0, resident = 0;
+    std::ifstream("/proc/self/statm") >> all >> resident;
+    return double(resident) * double(sysconf(_SC_PAGESIZE));
+#endif
+}
+
+} // namespace
+
+TEST_CASE("24 solvers that come and go leave no memory behind")
+{
+    auto const once = [](int seed) {
+        Jelly solver = block(seed % 3);
+        run(solver, 1e-3);
+        auto const saved = solver.snapshot();
+        solver.remove_if(OnTheLeft{0.2});
+        solver.restore(saved);
+        return double(solver.memory());
+    };
+    double one = 0;
+    for (int seed = 0; seed < 4; ++seed) one = std::max(one, once(seed)); // what allocators keep
+    double const before = held();
+    REQUIRE(before > one);
+    for (int seed = 0; seed < 24; ++seed) once(seed);
+    CAPTURE(one, before);
+    if (!sanitized) CHECK(held() - before < 0.5 * one);
+}
+
+TEST_CASE("two solvers on two threads at once come to the same bits as each alone")
+{
+    auto const backend = [] {
+        TestedBackend two;
+        if constexpr (requires { two.threads; }) two.threads = 2;
+        return two;
+    }();
+    std::vector<std::vector<Vector<double, 3>>> alone, together(2);
+    for (int seed = 0; seed < 2; ++seed) {
+        Jelly solver = block(seed, backend);
+        run(solver);
+        alone.push_back(solver.positions());
+    }
+    std::exception_ptr wrong[2];
+    auto const on_a_thread = [&](int seed) {
+        return std::thread([&, seed] {
+            try {
+                Jelly solver = block(seed, backend);
+                run(solver);
+                together[seed] = solver.positions();
+            }
+            catch (...) {
+                wrong[seed] = std::current_exception();
+            }
+        });
+    };
+    std::thread first = on_a_thread(0), second = on_a_thread(1);
+    first.join();
+    second.join();
+    for (auto const& what : wrong)
+        if (what) std::rethrow_exception(what);
+    CHECK((together[0] == alone[0])); // not to be printed
+    CHECK((together[1] == alone[1]));
+    CHECK((alone[0] != alone[1]));
+}
+
+#if !defined(NDEBUG) && !defined(__CUDACC__)
+
+namespace
+{
+
+/// Asks somebody else, once, while it looks for particles to remove: removes none.
+template <class Ask>
+struct Interrupted
+{
+    Ask const* ask;
+
+    bool operator()(Eigen::Matrix<double, 3, 1> const&) const
+    {
+        static bool asked;
+        if (!std::exchange(asked, true)) std::thread(*ask).join();
+        return false;
+    }
+};
+
+} // namespace
+
+TEST_CASE("a call that comes from another thread while one is under way is refused, and changes nothing")
+{
+    Jelly solver = block(0, {.threads = 1});
+    Jelly other = block(1, {.threads = 1});
+    std::string refusals;
+    auto const attempt = [&](auto const& call) {
+        try {
+            call();
+            refusals += "taken ";
+        }
+        catch (Error const& error) {
+            CHECK(error.what_is_wrong() == "another call of the same object is under way");
+            CHECK(!error.remedy().empty());
+            refusals += error.where() + ' ';
+        }
+    };
+    auto const ask = [&] {
+        attempt([&] { run(solver); });
+        attempt([&] { solver.add(std::vector<Vector<double, 3>>(1), 1e-5); });
+        attempt([&] { solver.positions(); });
+        attempt([&] { solver.snapshot(); });
+        attempt([&] { run(other); }); // another solver is nobody's business
+    };
+    auto const count = solver.size();
+    CHECK(solver.remove_if(Interrupted<decltype(ask)>{&ask}) == 0);
+    CHECK(refusals == "Solver::advance Solver::add Solver::download Solver::snapshot taken ");
+    CHECK(solver.size() == count);
+    CHECK(solver.time() == 0);
+    CHECK_THROWS_AS(run(solver, -1), Error); // nor does one that is refused stay inside
+    Jelly moved = std::move(solver);
+    run(moved);
+    CHECK(moved.positions().size() == count);
+}
+
+#endif
