@@ -248,6 +248,7 @@ public:
     /// What particles take from the grid is then kept beside them from step to step.
     void quarantine(std::size_t most)
     {
+        auto const visit = entrance_.to_change("Solver::quarantine");
         hold_taken();
         quarantine_ = most;
         isolate_ = &Solver::isolate;
@@ -425,6 +426,7 @@ public:
     /// it is asked for, by the host, in the time of some steps; steps compute nothing for it.
     Occupancy occupancy() const
     {
+        auto const visit = entrance_.to_look("Solver::occupancy");
         std::vector<Coordinates<d>> cells;
         for_each_material([&](auto k) { particles<k>().add_cells(cells); });
         return detail::CellNeighbours<d>(std::move(cells), Kernel::order).occupancy();
@@ -474,7 +476,7 @@ public:
             auto& table = std::get<k>(parts).particles;
             table.restore(from.materials[k]);
             if constexpr (may_object<k>)
-                table.for_each([&](auto const& particle) {
+                table.for_each([&](std::uint32_t, auto const& particle) {
                     require_bearable<k>(particle,
                                         [&] { return "Solver::restore, material " + std::to_string(k); });
                 });
