@@ -82,9 +82,9 @@ VonMises<Space> clay()
     return model;
 }
 
-/// Water: 1000 kg/m^3, viscosity 1.0e-3 Pa s (at 20 degrees 998.2 and 1.002e-3: CRC Handbook), gamma = 7
-/// (Batchelor 1967), and a bulk modulus for flows up to `fastest` [m/s]: density (10 fastest)^2, far
-/// below 2.2e9 Pa.
+/// Water: 1000 kg/m^3, viscosity 1.0e-3 Pa s (at 20 degrees 998.2 and 1.002e-3: CRC Handbook, not verified),
+/// gamma = 7 (Batchelor 1967), and a bulk modulus for flows up to `fastest` [m/s]: density (10 fastest)^2,
+/// far below 2.2e9 Pa.
 template <class Space>
 Fluid<Space> water(double fastest = 3)
 {
