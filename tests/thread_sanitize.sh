@@ -1,10 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Looks for data races of the OpenMP backend: thread_sanitize.sh [test file]..., hard/load.cpp if
-# none is named. With clang's ThreadSanitizer and Archer, the
-# tool of LLVM's OpenMP that tells it what a barrier is. (g++'s OpenMP tells it nothing, and all would be a race.)
-# Builds each file of tests (minutes) in build/thread_sanitize and runs it with four threads. The exit status is 1 if there
-# is a race, or a test fails.
+# Looks for data races of the OpenMP backend: thread_sanitize.sh [test file]..., hard/load.cpp if none is named. With clang's
+# ThreadSanitizer and Archer, the tool of LLVM's OpenMP that tells it what a barrier is. (g++'s OpenMP tells it nothing, and
+# all would be a race.) Builds each file of tests (minutes) in build/thread_sanitize and runs it with four threads. The exit
+# status is 1 if there is a race, or a test fails.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 source examples/set_up.sh
