@@ -86,11 +86,10 @@ TEST_CASE("24 solvers that come and go leave no memory behind")
 
 TEST_CASE("two solvers on two threads at once come to the same bits as each alone")
 {
-    auto const backend = [] {
-        TestedBackend two;
+    auto const backend = [](auto two) {
         if constexpr (requires { two.threads; }) two.threads = 2;
         return two;
-    }();
+    }(TestedBackend{});
     std::vector<std::vector<Vector<double, 3>>> alone, together(2);
     for (int seed = 0; seed < 2; ++seed) {
         Jelly solver = block(seed, backend);
