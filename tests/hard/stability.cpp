@@ -326,7 +326,7 @@ TEST_CASE("H1: the same over 3 000 steps", "[.full]")
 TEST_CASE("H8: a block that drifts slowly keeps its energy, and gets no stress of it")
 {
     drift<Soft>("double", 1e-10, 1e-10);
-    drift<SoftFloat>("float", 1e-5, 1e-5);
+    drift<SoftFloat>("float", 1e-5, 1e-4); // roundings that hardly change from step to step
 }
 
 TEST_CASE("H9: a rotating disk and a resting column after 20 000 steps in single precision")
