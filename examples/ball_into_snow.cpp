@@ -47,7 +47,8 @@ try {
             .shape = {radius}, .contact = Contact::coulomb(0.5), .motion = ball.motion, .on_particles = true};
         auto const report = solver.advance(dt, gravity, floor, sphere);
         ball.advance(report.reactions[1], dt, gravity.acceleration);
-        given += mass * dt * gravity.acceleration - report.reactions[0].impulse;
+        given += ((mass - ball.mass) * report.time_of_forces + ball.mass * dt) * gravity.acceleration -
+                 report.reactions[0].impulse;
     }
     if (!frames) return 0;
     auto shape = drawn(Obstacle<Sphere>{.shape = {radius}});

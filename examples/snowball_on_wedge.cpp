@@ -89,8 +89,8 @@ try {
         double const frame = 1.0 / 48;
         auto const report = solver.advance(frame, gravity, floor, wedge);
         total.merge(report);
-        given +=
-            mass * frame * gravity.acceleration - report.reactions[0].impulse - report.reactions[1].impulse;
+        given += mass * report.time_of_forces * gravity.acceleration - report.reactions[0].impulse -
+                 report.reactions[1].impulse;
     }
 }
 catch (std::exception const& error) {

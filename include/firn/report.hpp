@@ -16,6 +16,7 @@ namespace firn
 struct StepReport
 {
     double dt = 0;                        ///< [s]
+    double time_of_forces = 0;            ///< for how long stresses and gravity acted [s]: see StepRule
     double stable_dt = 0;                 ///< the bound before the step [s]
     bool beyond_stable = false;           ///< a warning: dt was larger than stable_dt
     std::uint64_t capped = 0;             ///< particles whose model is at a cap
@@ -31,6 +32,7 @@ struct AdvanceReport
     std::uint64_t rejected = 0; ///< attempts that went wrong and were repeated with half the step
     double smallest_dt = std::numeric_limits<double>::infinity(); ///< [s]
     double largest_dt = 0;                                        ///< [s]
+    double time_of_forces = 0; ///< for how long stresses and gravity acted [s]: see StepRule
     std::array<std::uint64_t, step_limit_count> limited_by{}; ///< substeps by what bounded them: a StepLimit
     std::uint64_t capped = 0;             ///< the most particles at a cap of their model in any substep
     std::vector<std::uint64_t> capped_of; ///< the same of each material, in their order
@@ -54,6 +56,7 @@ struct AdvanceReport
         ++limited_by[static_cast<int>(limit)];
         smallest_dt = std::min(smallest_dt, step.dt);
         largest_dt = std::max(largest_dt, step.dt);
+        time_of_forces += step.time_of_forces;
         capped = std::max(capped, step.capped);
         add_capped(step.capped_of);
         add_reactions(step.reactions);
@@ -67,6 +70,7 @@ struct AdvanceReport
         for (int i = 0; i < step_limit_count; ++i) limited_by[i] += other.limited_by[i];
         smallest_dt = std::min(smallest_dt, other.smallest_dt);
         largest_dt = std::max(largest_dt, other.largest_dt);
+        time_of_forces += other.time_of_forces;
         capped = std::max(capped, other.capped);
         lost += other.lost;
         add_capped(other.capped_of);

@@ -19,6 +19,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <optional>
 #include <sstream>
 #include <string>
 #include <tuple>
@@ -54,8 +55,8 @@ std::string name_of_material(std::size_t place)
 /// precision), `Kernel` and `Transfer` how particles and grid exchange what they hold. All input in SI units.
 /// One thread at a time calls a solver, whatever it calls; with OpenMP calls that only tell something (const)
 /// may overlap one another. Solvers are independent: different ones may be called from different threads at
-/// the same time. Unless NDEBUG is defined, a call that comes while another is under way throws an Error and
-/// changes nothing. One that was moved from may only be destroyed or assigned.
+/// the same time. Unless NDEBUG is defined, a call that changes it or copies from it while another is under
+/// way throws an Error and changes nothing. One that was moved from may only be destroyed or assigned.
 ///
 /// With Materials<...> for its model a scene has several materials, which share the grid and the time step.
 /// `Which` then says what a call is about, by the model's type or as Material<place>: add, upload, view,
@@ -231,8 +232,7 @@ public:
             particles<k>().edit([&](std::uint32_t row, auto& particle) {
                 particle[Tag{}] = by_id[row];
                 if constexpr (may_object<k> && Of<Which>::Model::State::template contains<Tag>)
-                    require_bearable<k>(particle,
-                                        [&] { return "Solver::upload, value " + std::to_string(row); });
+                    require_bearable<k>(particles<k>(), row, particle, "Solver::upload");
             });
         else
             particles<k>().held().template set<Tag>(by_id);
@@ -321,18 +321,28 @@ public:
         rule.end = course_.time + duration;
         auto const plain = plain_effects(effects...);
         AdvanceReport report;
+        StepLog lately; // the last step that went wrong, until one as long as that did not
+        double lately_tried = 0;
         while (rule.goes_on(course_)) {
             if (!course_.ready) choose(rule);
             if (!rule.gets_on(course_)) {
-                if (isolates({}, course_.now.interval.length(), false, report.isolated)) continue;
-                fail_to_get_on();
+                bool const isolated =
+                    isolates(lately, course_.now.interval.length(), lately.wrong > 0, report.isolated);
+                if (!isolated) fail_to_get_on(lately);
+                lately = {};
+                continue;
             }
             double const tried = course_.now.interval.length();
             // as many as there would be if all were as long as this one
             auto const most = static_cast<std::size_t>(std::ceil((rule.end - course_.time) / tried));
             StepLog const& log = run(
                 rule, most, plain, [&](auto const& record) { report.add(report_of(record), record.limit); });
-            if (log.wrong == 0) continue;
+            if (log.wrong == 0) {
+                if (tried >= lately_tried) lately = {};
+                continue;
+            }
+            lately = log;
+            lately_tried = tried;
             ++report.rejected;
             bool const last = ++course_.retries > control_.retries;
             double const dt = course_.now.interval.length();
@@ -476,9 +486,8 @@ public:
             auto& table = std::get<k>(parts).particles;
             table.restore(from.materials[k]);
             if constexpr (may_object<k>)
-                table.for_each([&](std::uint32_t, auto const& particle) {
-                    require_bearable<k>(particle,
-                                        [&] { return "Solver::restore, material " + std::to_string(k); });
+                table.for_each([&](std::uint32_t row, auto const& particle) {
+                    require_bearable<k>(table, row, particle, "Solver::restore");
                 });
         });
         parts_ = std::move(parts);
@@ -580,13 +589,17 @@ private:
     static constexpr bool may_object =
         ObjectsToStates<typename Of<Material<k>>::Model, Record<Number, d, typename Of<Material<k>>::Stored>>;
 
-    /// Throws an Error if it does; `where()` is asked for only then.
-    template <std::size_t k, class Particle, class Where>
-    void require_bearable(Particle const& particle, Where const& where) const
+    /// Throws an Error if it does, for the particle of a row of a table.
+    template <std::size_t k, class Particle>
+    void require_bearable(typename Of<Material<k>>::Table const& table, std::uint32_t row,
+                          Particle const& particle, char const* call) const
     {
         std::string const objection = model_of<k>().objection(particle);
-        if (!objection.empty())
-            throw Error{objection, where(), "Pass a state that the material could have come to."};
+        if (objection.empty()) return;
+        std::string where = std::string(call) + ", value " + std::to_string(row) + ", particle " +
+                            std::to_string(table.id(row));
+        if (materials > 1) where += " of " + detail::name_of_material<typename Of<Material<k>>::Model>(k);
+        throw Error{objection, where, "Pass a state that the material could have come to."};
     }
 
     /// Goes on from a snapshot whose particles are there already: grid, and what was planned, begin afresh.
@@ -717,7 +730,7 @@ private:
     /// Chooses the next step, by what the host knows.
     void choose(Rule const& rule)
     {
-        if (course_.given.forces != given_for_) course_.given = {};
+        if (course_.given.interval.forces != given_for_) course_.given = {};
         rule.choose(course_);
     }
 
@@ -751,7 +764,7 @@ private:
 
         for_each_material([&](auto k) { particles<k>().sort(); }); // into the order of cells
         grid_.follow(orders());                                    // blocks of nodes under them
-        give_for(course_.now.forces);
+        give_for(course_.now.interval.forces);
         backend_.for_each(Log::places(expected),
                           BeginSteps<Number, d, count, Effects, Actions>{
                               course_, {rule, densities(), effects}, kept_rule, log, now + turn});
@@ -880,7 +893,7 @@ private:
             particles<k>().set_held(taken > 0 ? sides.pushed[k] : sides.held[k], sides.held[k]);
         });
         if (taken == 0) return;
-        given_for_ = course_.given.forces;
+        given_for_ = course_.given.interval.forces;
         movers_gave_ = begun;
     }
 
@@ -903,6 +916,7 @@ private:
     {
         StepReport report;
         report.dt = record.dt;
+        report.time_of_forces = record.forces;
         report.stable_dt = record.stable;
         report.capped_of.assign(record.capped.begin(), record.capped.end());
         for (auto const capped : record.capped) report.capped += capped;
@@ -1178,15 +1192,38 @@ private:
         return found;
     }
 
+    /// The particle that goes furthest in a step by itself, by its own velocity or by the waves in it, if
+    /// that is more than a cell: by way of the grid others go wrong with it. Else the one that the log names.
+    StepFailure culprit(StepLog const& log, double dt) const
+    {
+        StepFailure found = failure_of(log, dt);
+        double furthest = lattice_.cell_size;
+        for_each_material([&](auto k) {
+            auto const velocities = download_of<Velocity, k>();
+            std::optional<std::uint32_t> worst;
+            particles<k>().for_each([&](std::uint32_t row, auto& particle) {
+                auto const response =
+                    model_of<k>().template respond<Number>(particle, Matrix<Number, d>::Zero(), Number(0));
+                double const way = dt * std::max(double(velocities[row].norm()),
+                                                 wave_speed<k>(double(response.wave_modulus)));
+                if (!(way > furthest)) return;
+                furthest = way;
+                worst = row;
+            });
+            if (worst) found = failure_of<k>(*worst, log.mishap, dt, log.wrong);
+        });
+        return found;
+    }
+
     /// Takes out of the scene, after a step that went wrong, whose own state has no stress or, if it is not
-    /// to be tried once more (`last`), whom the log names; see quarantine(). False, and nothing happens, if
+    /// to be tried once more (`last`), the culprit; see quarantine(). False, and nothing happens, if
     /// there is nobody, or they would be too many.
     bool isolate(StepLog log, double dt, bool last, Failures& isolated)
     {
         if (isolated_.size() >= quarantine_) return false;
         Failures culprits;
         if (log.mishap != Mishap::rejected || last) culprits = unusable(dt);
-        if (culprits.empty() && last) culprits.push_back(failure_of(log, dt));
+        if (culprits.empty() && last) culprits.push_back(culprit(log, dt));
         if (culprits.empty() || isolated_.size() + culprits.size() > quarantine_) return false;
         for_each_material([&](auto k) {
             std::vector<std::uint32_t> rows;
@@ -1209,7 +1246,7 @@ private:
         return isolate_ != nullptr && (this->*isolate_)(log, dt, last, isolated);
     }
 
-    [[noreturn]] void fail_to_get_on()
+    [[noreturn]] void fail_to_get_on(StepLog const& lately)
     {
         regain_velocities();
         std::ostringstream what, where, remedy;
@@ -1218,7 +1255,10 @@ private:
         where << "Solver::advance at t = " << course_.time << " s";
         remedy << "Check masses, moduli and velocities of the scene: wave speed " << course_.bounds.wave_speed
                << " m/s, fastest particle " << course_.bounds.speed << " m/s.";
-        throw Error{what.str(), where.str(), remedy.str()};
+        if (lately.wrong == 0) throw Error{what.str(), where.str(), remedy.str()};
+        StepFailure const failure = failure_of(lately, course_.now.interval.length());
+        what << ", since particle " << failure.particle << " " << describe(failure.cause);
+        throw StepError{failure, what.str(), where.str(), remedy.str()};
     }
 
     [[noreturn]] void fail(StepLog const log, double dt) // a copy: what follows is logged, too

@@ -164,6 +164,32 @@ TEST_CASE("an elastic column under its own weight has the stress of equilibrium 
 }
 
 // Loads are small: see the README for larger ones.
+TEST_CASE(
+    "a column at rest stays at rest, however steps change their length: gravity acts as long as stress does")
+{
+    using Mild = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>;
+    Column<Mild> column(10);
+    column.advance(0);
+    auto& solver = column.solver;
+    double const c =
+        std::sqrt(double(solver.model().elasticity.p_wave_modulus()) / double(solver.model().density));
+    ReflectingWall const left{.axis = 0}, right{.axis = 0, .node = 2, .side = -1}, foot{.axis = 1};
+    double fastest = 0;
+    auto const look = [&] {
+        for (auto const& v : solver.download<Velocity>()) fastest = std::max(fastest, v.norm());
+    };
+    for (int turn : {1, 20})
+        for (int i = 0; i < 200; ++i) {
+            solver.step((i / turn % 2 ? 0.03 : 0.3) * 0.1 / c, Gravity{}, left, right, foot);
+            look();
+        }
+    for (int i = 0; i < 40; ++i) {
+        solver.advance((i % 3 == 0 ? 0.1 : 1.7) * 0.1 / c, Gravity{}, left, right, foot);
+        look();
+    }
+    CHECK(fastest <= 1e-6 * c);
+}
+
 TEST_CASE("a beam sinks under its own weight as Timoshenko's does, and swings in its period")
 {
     using Beam = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>;

@@ -66,7 +66,7 @@ std::string refusal_of(double value, Model const& model = {})
         if (c == 0) component = static_cast<typename Model::Space::Real>(value);
     });
     auto const error = refused([&] { solver.template upload<Tag>(values); });
-    CHECK(error.where() == "Solver::upload, value 3");
+    CHECK(error.where().starts_with("Solver::upload, value 3"));
     auto snapshot = solver.snapshot();
     for (auto& field : snapshot.materials[0].fields)
         if (field.name == Tag::name) field.components[0][3] = static_cast<typename Model::Space::Real>(value);
@@ -239,4 +239,37 @@ TEST_CASE("who gets a stress that is no number is named before it spoils what ot
     isolates.steps(20, 1e-3);
     removes.steps(20, 1e-3);
     CHECK(alike());
+
+    // steps that follow the bound shrink before it as before a wall: the error, or the report, still says who
+    auto shrinks = scene(), goes_on = scene();
+    auto const advance = [](Solver& solver) {
+        for (int i = 0; i < 20; ++i) solver.advance(1e-3);
+    };
+    try {
+        advance(shrinks);
+        FAIL("nothing went wrong");
+    }
+    catch (StepError const& failed) {
+        CHECK(failed.failure().particle == weakest);
+        CHECK_THAT(failed.what_is_wrong(), Contains("particle 30"));
+    }
+    goes_on.quarantine(1);
+    CHECK_NOTHROW(advance(goes_on));
+    REQUIRE(goes_on.isolated().size() == 1);
+    CHECK(goes_on.isolated()[0].particle == weakest);
+}
+
+TEST_CASE("who is far too fast is taken out, and not those whom it carries along")
+{
+    auto solver = block<NeoHookean<Plane>>();
+    std::size_t const count = solver.size();
+    solver.quarantine(1);
+    std::vector<Eigen::Vector2d> velocities(count, Eigen::Vector2d::Zero());
+    auto const fast = static_cast<std::uint32_t>(count / 2);
+    velocities[fast] = {1e5, 0};
+    solver.upload<Velocity>(velocities);
+    auto const isolated = solver.step(1e-3).isolated;
+    REQUIRE(isolated.size() == 1);
+    CHECK(isolated[0].particle == fast);
+    CHECK(solver.size() == count - 1);
 }

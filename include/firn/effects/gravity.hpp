@@ -17,8 +17,8 @@ struct Gravity
                 "Pass it in m/s^2.");
     }
 
-    /// Adds m g dt to every momentum. (Not g dt to every velocity: bodies of one velocity would all round the
-    /// same way, step after step.)
+    /// Adds m g dt to every momentum, dt being the time for which forces act. (Not g dt to every velocity:
+    /// bodies of one velocity would all round the same way, step after step.)
     template <class Number, int d>
     struct Action
     {
@@ -35,7 +35,7 @@ struct Gravity
     template <class Number, int d>
     FIRN_HOST_DEVICE Action<Number, d> during(Interval const& interval) const
     {
-        return {(acceleration.head<d>() * interval.length()).template cast<Number>()};
+        return {(acceleration.head<d>() * interval.forces).template cast<Number>()};
     }
 
     /// The bound that gravity sets to the time step, see stable_time_step.

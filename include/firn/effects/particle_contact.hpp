@@ -150,10 +150,10 @@ private:
     {
         Real sum(0);
         for_each([&](auto const& action, int i) {
-            Real const overlap = action.template overlap<Real>(after(way), Vector<Real, d>(moved + way)) -
-                                 spared[static_cast<std::size_t>(i)];
+            Real const overlap = action.template overlap<Real>(after(way), Vector<Real, d>(moved + way));
             Real const lost_beyond(action.template lost_beyond<Number>(place.lattice));
-            sum += max(overlap, Real(0)) + select(overlap > lost_beyond, Real(in_metres(1000)), Real(0));
+            sum += max(overlap - spared[static_cast<std::size_t>(i)], Real(0)) +
+                   select(overlap > lost_beyond, Real(in_metres(1000)), Real(0));
         });
         return sum;
     }

@@ -19,10 +19,12 @@ struct Lame
     constexpr Number p_wave_modulus() const { return lambda + 2 * mu; }
 
     /// (2 mu + d lambda) / (lambda + 2 mu): the modulus of a uniform expansion in d dimensions over that of
-    /// the wave. It goes into the time step at which a particle with no neighbours is stable; at most d.
+    /// the wave; where lambda < 0 that of shear, 2 mu / (lambda + 2 mu), which is then more. It goes into the
+    /// time step at which a particle with no neighbours is stable.
     constexpr double expansion_ratio(int d) const
     {
-        return double(2 * mu + d * lambda) / double(p_wave_modulus());
+        Number const spread = lambda > 0 ? d * lambda : Number(0);
+        return double(2 * mu + spread) / double(p_wave_modulus());
     }
 
     void validate(char const* where) const

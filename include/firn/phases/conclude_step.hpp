@@ -28,6 +28,7 @@ template <int obstacles, int materials>
 struct StepRecord
 {
     double dt = 0;                                 ///< [s]
+    double forces = 0;                             ///< for how long they acted [s]
     double stable = 0;                             ///< the bound before it [s]
     StepLimit limit{};                             ///< what bounded dt
     std::array<std::uint64_t, materials> capped{}; ///< particles whose model is at a cap, of each material
@@ -88,7 +89,7 @@ struct BeginSteps
         log.at[0].course = course;
         if (course.ready) return; // it was left so by the step before
         now->dt = static_cast<Number>(course.now.interval.length());
-        now->next_forces = static_cast<Number>(course.next.forces);
+        now->next_forces = static_cast<Number>(course.next.interval.forces);
         now->actions = rule.effects.template during<Number, d>(course.now.interval);
     }
 };
@@ -123,8 +124,12 @@ struct ConcludeStep
             return false;
         }
         StepBounds bounds;
-        StepRecord<Actions::obstacles, materials> record{
-            course.now.interval.length(), course.stable, course.now.limit, {found.capped...}, {}};
+        StepRecord<Actions::obstacles, materials> record{course.now.interval.length(),
+                                                         course.now.interval.forces,
+                                                         course.stable,
+                                                         course.now.limit,
+                                                         {found.capped...},
+                                                         {}};
         int material = 0;
         auto const ask = [&](auto const& of) {
             rule.admit(bounds, material,
@@ -144,7 +149,7 @@ struct ConcludeStep
         log.at[step + 1].course = course;
         if (!course.ready) return false;
         after->dt = static_cast<Number>(course.now.interval.length());
-        after->next_forces = static_cast<Number>(course.next.forces);
+        after->next_forces = static_cast<Number>(course.next.interval.forces);
         after->actions = run.effects.template during<Number, d>(course.now.interval);
         return true;
     }

@@ -18,7 +18,6 @@ struct PlannedStep
     Interval interval{};
     StepLimit limit = StepLimit::duration;
     double longest = 0; ///< what it might have been, were it not a part of what remains [s]
-    double forces = 0;  ///< for how long stresses act in it [s], see StepRule::time_of_forces
 };
 
 /// Where a run of steps stands.
@@ -86,13 +85,13 @@ struct StepRule
         };
         if (equal > 0) { // who takes equal steps is expected to go on so
             course.now = {{course.time, course.time + equal}, StepLimit::duration};
-            course.now.forces = forces(course.now, course.last, 0);
+            course.now.interval.forces = forces(course.now, course.last, 0);
             course.next = {{course.now.interval.end, course.now.interval.end + equal}, StepLimit::duration};
-            course.next.forces = forces(course.next, course.now.interval.length(), 0);
-            return course.given.forces == course.now.forces;
+            course.next.interval.forces = forces(course.next, course.now.interval.length(), 0);
+            return course.given.interval.forces == course.now.interval.forces;
         }
         PlannedStep best = plan(longest_now, course.time, end, course.previous, course.retries);
-        best.forces = forces(best, course.last, course.retries);
+        best.interval.forces = forces(best, course.last, course.retries);
         double const planned = course.given.interval.length(), longest = best.interval.length();
         bool const fits = course.given.interval.begin == course.time && course.given.interval.end <= end &&
                           planned <= longest_plan * longest && planned >= shortest_plan * longest &&
@@ -103,7 +102,7 @@ struct StepRule
         double const previous =
             course.now.limit != StepLimit::duration ? course.now.longest : course.previous;
         course.next = plan(longest_now, course.now.interval.end, next_end, previous, 0);
-        course.next.forces = forces(course.next, course.now.interval.length(), 0);
+        course.next.interval.forces = forces(course.next, course.now.interval.length(), 0);
         return fits;
     }
 
@@ -131,7 +130,7 @@ struct StepRule
         course.given = course.next;
     }
 
-    /// For how long stresses act in a step of a length, behind one of another; 0: behind none [s].
+    /// For how long forces act in a step of a length, behind one of another; 0: behind none [s].
     ///
     /// Velocities belong to the middles of steps, positions to their ends: of a force at the end of a step
     /// they get half of that step and half of the next one. Were it all of the next one, a length that

@@ -29,7 +29,7 @@ struct CamClayFlow
     template <class Law>
     static constexpr bool suits = std::is_same_v<Law, SplitNeoHookeanLaw>;
 
-    Number slope = Number(1.2);    ///< M: q over p on the critical-state line
+    Number slope = Number(1.2);    ///< M: q over p on the critical-state line; in the plane 2 sin phi
     Number cohesion = Number(0.5); ///< beta: the share of p0 that it bears in tension
     Number hardening = 3;          ///< xi
     Number start = Number(-0.01);  ///< alpha at the start; the lower, the more compacted
