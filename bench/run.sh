@@ -21,7 +21,7 @@ while [ $# -gt 0 ]; do
     case $1 in
         --short | --long) size=${1#--} ;;
         --error)
-            [[ "${2:-}" =~ ^(short|long|gate)$ ]] || stop "--error needs 'short' (5 minutes), 'long' (an hour) or 'gate' (a minute)."
+            [[ "${2:-}" =~ ^(short|long|gate)$ ]] || stop "--error needs 'short' (5 minutes), 'long' (an hour) or 'gate' (two minutes)."
             error=$2
             shift
             ;;
@@ -32,7 +32,7 @@ while [ $# -gt 0 ]; do
     esac
     shift
 done
-[ -n "$size$error" ] || stop "choose --short (4 minutes), --long (an hour), --error short (5 minutes), --error long (an hour) or --error gate (a minute)."
+[ -n "$size$error" ] || stop "choose --short (4 minutes), --long (an hour), --error short (5 minutes), --error long (an hour) or --error gate (two minutes)."
 [ -z "$size" ] || [ -z "$error" ] || stop "choose speeds (--$size) or errors (--error $error), not both."
 case $threads in '' | *[!0-9]* | 0) stop "--threads needs a number above 0, not '$threads'." ;; esac
 

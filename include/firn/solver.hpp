@@ -241,9 +241,9 @@ public:
     }
 
     /// From now on up to `most` particles in all, one after another, may be taken out of the scene where a
-    /// step goes wrong for them however short it is: the run goes on without them, and its report names them
-    /// (see isolated()). All others keep, bit by bit, all they have, as with remove_if(). One more is an
-    /// error.
+    /// step goes wrong for them however short it is, or as long as step() was told: the run goes on without
+    /// them, and its report names them (see isolated()). All others keep, bit by bit, all they have, as with
+    /// remove_if(). One more is an error.
     ///
     /// What particles take from the grid is then kept beside them from step to step.
     void quarantine(std::size_t most)
@@ -346,7 +346,10 @@ public:
             ++report.rejected;
             bool const last = ++course_.retries > control_.retries;
             double const dt = course_.now.interval.length();
-            if (!isolates(log, dt, last, report.isolated) && last) fail(log, dt);
+            if (isolates(log, dt, last, report.isolated))
+                lately = {}; // rows are others now
+            else if (last)
+                fail(log, dt);
         }
         course_.ready = false;
         return report;

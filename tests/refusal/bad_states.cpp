@@ -257,6 +257,17 @@ TEST_CASE("who gets a stress that is no number is named before it spoils what ot
     CHECK_NOTHROW(advance(goes_on));
     REQUIRE(goes_on.isolated().size() == 1);
     CHECK(goes_on.isolated()[0].particle == weakest);
+
+    auto two = scene(); // the last of all is as weak: when it goes wrong, rows are others
+    auto sound = two.download<Soundness>();
+    sound.back() = sound[weakest];
+    two.upload<Soundness>(sound);
+    two.quarantine(2);
+    CHECK_NOTHROW(advance(two));
+    std::vector<std::size_t> gone;
+    for (auto const& failure : two.isolated()) gone.push_back(failure.particle);
+    std::sort(gone.begin(), gone.end());
+    CHECK(gone == std::vector<std::size_t>{weakest, sound.size() - 1});
 }
 
 TEST_CASE("who is far too fast is taken out, and not those whom it carries along")
