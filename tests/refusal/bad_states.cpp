@@ -3,6 +3,8 @@
 #include "support/policies.hpp"
 #include "support/refused.hpp"
 
+#include <algorithm>
+
 using namespace firn;
 using namespace firn::test;
 
