@@ -452,8 +452,15 @@ public:
     /// Brings the cell order up to date with positions that have moved.
     void sort()
     {
+        sort([](Cells& cells, auto const& offsets) { cells.follow(offsets); });
+    }
+
+    /// The same by somebody who calls Cells::follow.
+    template <class Follow>
+    void sort(Follow const& follow)
+    {
         if (!moved_) return;
-        cells_.follow(current().offset);
+        follow(cells_, current().offset);
         moved_ = false;
         require(cells_.size() == size_, "particles were lost while they were sorted into cells",
                 "ParticleTable::sort", "This is a mistake in the library: please report the scene.");
@@ -479,7 +486,7 @@ public:
             if (wrote_taken) std::swap(taken_, next_taken_);
         }
         moved_ = sorted > accepted;
-        cells_.take_back(sorted, moved_);
+        cells_.take_back(sorted, moved_, current().offset);
     }
 
     /// Calls `change(row, record)` for every particle, one after the other, and keeps what it made of the

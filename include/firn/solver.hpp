@@ -800,7 +800,7 @@ private:
 
         auto reacted = update(0);
         int queued = 1;
-        bool lacked = false;
+        bool lacked = false, gave_early = false;
         Log heard{};
         if constexpr (count > 1) {
             [&]<std::size_t... k>(std::index_sequence<k...>)
@@ -815,13 +815,16 @@ private:
         else {
             constexpr std::integral_constant<std::size_t, 0> only{};
             auto layer = grid_.layer(0);
-            for (;; reacted = update(queued++)) {
-                backend_.move(cells, layer, move(only, queued - 1), reacted, conclude(queued - 1));
-                if (queued == expected) break;
-                accept(sides); // as is to be expected
-                particles<0>().sort();
-                backend_.template scatter_movers<Scatter<0>>(cells, layer);
-            }
+            if constexpr (Backend::queues)
+                for (; queued < expected; reacted = update(queued++)) {
+                    auto const choice =
+                        backend_.move_on(cells, layer, move(only, queued - 1), reacted, conclude(queued - 1));
+                    accept(sides); // as is to be expected
+                    particles<0>().sort([&](auto&, auto const& offsets) {
+                        backend_.template follow<Scatter<0>>(cells, layer, offsets, choice);
+                    });
+                }
+            backend_.move(cells, layer, move(only, queued - 1), reacted, conclude(queued - 1));
             heard = Log::over(const_cast<unsigned char*>(log_.fetch()), expected);
             if constexpr (Backend::queues)
                 if (lacked = cells.listen(); lacked) { // a step lacked room, and those after it did nothing
@@ -834,6 +837,8 @@ private:
                         heard = Log::over(const_cast<unsigned char*>(log_.fetch()), expected);
                     } while (cells.listen());
                 }
+                else
+                    gave_early = backend_.follows_early(cells) && static_cast<int>(*heard.taken) < queued;
         }
         int const taken = static_cast<int>(*heard.taken);
         spoiled_ = taken < queued && wrong_after(heard);
@@ -842,7 +847,7 @@ private:
         else if constexpr (Backend::queues && count == 1)
             take_back(queued - 1 - taken, queued - 1 - taken + (spoiled_ ? 0 : 1), sides);
         StepLog const& last = heard.at[taken + (spoiled_ ? 1 : 0)];
-        adopt(last.course, taken, spoiled_, sides);
+        adopt(last.course, taken, spoiled_ || gave_early, sides);
         now_turn_ = (turn + taken) % 2;
         unstopped_ += static_cast<std::size_t>(taken);
         if (taken == expected && !lacked)
@@ -888,8 +893,9 @@ private:
         return log.at[*log.taken + 1].wrong > 0;
     }
 
-    /// Takes over what is known of the steps of a run; `begun` says whether one more was begun and not made.
-    void adopt(Course const& course, int taken, bool begun, Sides const& sides)
+    /// Takes over what is known of the steps of a run; `movers_gave` says whether who came to another cell in
+    /// the last one has given there.
+    void adopt(Course const& course, int taken, bool movers_gave, Sides const& sides)
     {
         course_ = course;
         for_each_material([&](auto k) {
@@ -897,7 +903,7 @@ private:
         });
         if (taken == 0) return;
         given_for_ = course_.given.interval.forces;
-        movers_gave_ = begun;
+        movers_gave_ = movers_gave;
     }
 
     /// Takes a step that was made, or soon will be, for done.

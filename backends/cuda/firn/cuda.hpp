@@ -108,10 +108,12 @@ struct Cuda
     {
         if (grid.blocks() == 0) return;
         cuda::OnDevice const here(device);
+        cuda::detail::GiveArrivals<CellOrder, GridType, Phase> const give{cells.view(), cells.arrived(),
+                                                                          cells.movers(), grid.view()};
         cuda::detail::launch(
             "scatter_movers", queue(), cuda::detail::scatter_movers<CellOrder, GridType, Phase>,
             std::min(grid.blocks(), 4096u), 1, cuda::detail::SharedTiles<GridType>::bytes(false, true),
-            cells.signal(), grid.blocks(), cells.view(), cells.arrived(), cells.movers(), grid.view());
+            cells.signal(), grid.blocks(), give);
     }
 
     /// Calls `phase(node, result)` for every node that was added to, in whatever layer; what it found becomes
@@ -180,6 +182,52 @@ struct Cuda
         cells.find_departed(Conclusion{of_nodes, grid.item_results().template partial<Result>(), conclude});
     }
 
+    /// The same where the next step is queued at once: returns what follow() is to be called with before
+    /// that. Where there are few blocks, who chooses how things go on does so while they are followed.
+    template <class CellOrder, class GridType, class Phase, class OfNodes, class Conclude>
+    auto move_on(CellOrder& cells, GridType& grid, Phase const& phase, cuda::Partial<OfNodes> const& of_nodes,
+                 Conclude const& conclude) const
+    {
+        using Result = typename Phase::Result;
+        cuda::detail::Conclusion<OfNodes, Result, Conclude> conclusion{of_nodes, {}, conclude};
+        if (grid.blocks() == 0 || !cells.follows_early()) {
+            move(cells, grid, phase, of_nodes, conclude);
+            return conclusion;
+        }
+        cuda::OnDevice const here(device);
+        start_moving(cells, grid, phase);
+        conclusion.of_items = grid.item_results().template partial<Result>();
+        conclusion.kept = cells.room_for_results(conclusion.kept_bytes);
+        cells.find_departed(conclusion);
+        return conclusion;
+    }
+
+    /// Whether follow() lets items give, and leaves the order before to be brought back.
+    template <class CellOrder>
+    bool follows_early(CellOrder const& cells) const
+    {
+        return cells.blocks() > 0 && cells.follows_early();
+    }
+
+    /// Brings the order of cells up to date with items that have moved, and lets those that came to another
+    /// cell give there.
+    template <class Phase, class CellOrder, class GridType, class Offsets, class Conclusion>
+    void follow(CellOrder& cells, GridType& grid, Offsets const& offsets, Conclusion const& conclusion) const
+    {
+        if (!conclusion.leaves_a_choice()) {
+            cells.follow(offsets);
+            scatter_movers<Phase>(cells, grid);
+            return;
+        }
+        cells.follow_early(
+            offsets, conclusion,
+            [&](auto const& view, auto const& arrived) {
+                return cuda::detail::GiveArrivals<CellOrder, GridType, Phase>{view, arrived, cells.movers(),
+                                                                              grid.view()};
+            },
+            cuda::detail::SharedTiles<GridType>::bytes(false, true));
+    }
+
     /// The same for several orders of cells that share a grid, each with its layer and its phase; calls
     /// `conclude(merged results of the nodes, and of each)` when there was room for all that moved: the host
     /// waits for that.
@@ -200,9 +248,8 @@ struct Cuda
             };
             auto const finish = [&](auto& order, auto const& layer, auto const& phase) {
                 while (layer.blocks() > 0 && order.listen()) { // there was no room: repeats what is to be
-                    bool const once_more = !order.make_room();
-                    if (!once_more) start_moving(order, layer, phase);
-                    order.find_departed(cuda::detail::Pause{}, once_more);
+                    if (order.make_room()) start_moving(order, layer, phase);
+                    order.find_departed(cuda::detail::Pause{});
                     queue().wait();
                 }
             };
@@ -230,10 +277,8 @@ struct Cuda
         if (cells.make_room())
             move(cells, grid, phase, of_nodes, conclude);
         else
-            cells.find_departed(
-                cuda::detail::Conclusion<OfNodes, Result, Conclude>{
-                    of_nodes, grid.item_results().template partial<Result>(), conclude},
-                true);
+            cells.find_departed(cuda::detail::Conclusion<OfNodes, Result, Conclude>{
+                of_nodes, grid.item_results().template partial<Result>(), conclude});
     }
 
 private:

@@ -38,6 +38,9 @@ struct CellOffset
         stored -= cells;
         return static_cast<int>(cells);
     }
+
+    /// Undoes that, for an offset that was out by so many cells, one at most: exactly.
+    FIRN_HOST_DEVICE static void unwrap(Stored& stored, int cells) { stored += static_cast<Number>(cells); }
 };
 
 template <>
@@ -72,6 +75,8 @@ struct CellOffset<float>
         stored -= cells * (1 << bits);
         return cells;
     }
+
+    FIRN_HOST_DEVICE static void unwrap(Stored& stored, int cells) { stored += cells * (1 << bits); }
 };
 
 } // namespace firn

@@ -97,8 +97,8 @@ struct BeginSteps
 /// Phase 4: what moving the particles found out bounds the next step, which is chosen, with its obstacles
 /// where they are then. Called once, when the others are through; once more if the step is repeated.
 ///
-/// False if the next step is not to be taken as things stand: this one went wrong, all are through, or the
-/// particles have given for a length that no longer fits.
+/// Whether the step went well and how things go on may be asked one after the other, so that a backend can
+/// already bring particles to where the next step finds them, or both at once.
 template <class Number, int d, int materials, class Effects, class Actions>
 struct ConcludeStep
 {
@@ -108,21 +108,37 @@ struct ConcludeStep
     StepNow<Number, Actions>* after; ///< where the next step finds what it knows
 
     /// `reactions` are those of the obstacles to nodes, `found` is what moving the particles found out, of
-    /// each material.
+    /// each material. False if the next step is not to be taken as things stand.
     template <class... Found>
-    FIRN_HOST_DEVICE bool operator()(Reactions<Actions::obstacles> reactions, Found const&... found) const
+    FIRN_HOST_DEVICE bool operator()(Reactions<Actions::obstacles> const& reactions,
+                                     Found const&... found) const
+    {
+        return went_well(found...) && goes_on(reactions, found...);
+    }
+
+    /// Writes down what went wrong; false if something did.
+    template <class... Found>
+    FIRN_HOST_DEVICE bool went_well(Found const&... found) const
     {
         static_assert(sizeof...(Found) == materials);
+        bool const wrong = note_mishaps(log.at[step + 1], found...);
+        *log.taken = step + (wrong ? 0 : 1);
+        if (!wrong) return true;
+        log.at[step + 1].course = log.at[step].course;
+        log.at[step + 1].course.ready = false;
+        return false;
+    }
+
+    /// After a step that went well: writes down what it did, and chooses the next one. False if that is not
+    /// to be taken as things stand: all are through, or the particles have given for a length that no longer
+    /// fits.
+    template <class... Found>
+    FIRN_HOST_DEVICE bool goes_on(Reactions<Actions::obstacles> reactions, Found const&... found) const
+    {
         Course course = log.at[step].course; // copies, loaded at once
         RunRule<Effects, materials> const run = *kept_rule;
         StepRule<materials> const& rule = run.steps;
         course.ready = false;
-        bool const wrong = note_mishaps(log.at[step + 1], found...);
-        *log.taken = step + (wrong ? 0 : 1);
-        if (wrong) {
-            log.at[step + 1].course = course;
-            return false;
-        }
         StepBounds bounds;
         StepRecord<Actions::obstacles, materials> record{course.now.interval.length(),
                                                          course.now.interval.forces,

@@ -106,11 +106,11 @@ public:
     std::size_t memory() const { return capacity_ * sizeof(T); }
 
 private:
-    /// So that repeated growth is cheap: a sixteenth more, and where that is little memory as much again.
+    /// So that repeated growth is cheap: 3 % more, and where that is little memory as much again.
     static std::size_t with_spare(std::size_t size)
     {
         std::size_t const little = (std::size_t(1) << 20) / sizeof(T);
-        return size + std::max(size / 16, std::min(size, little));
+        return size + std::max(size / 32, std::min(size, little));
     }
 
     void grow(std::size_t capacity, std::size_t kept)

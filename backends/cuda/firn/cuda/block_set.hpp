@@ -92,7 +92,8 @@ public:
 
     std::size_t memory() const
     {
-        return key_.memory() + index_.memory() + born_.memory() + keys_.memory() + born_count_.memory();
+        return key_.memory() + index_.memory() + born_.memory() + keys_.memory() + keys_before_.memory() +
+               born_count_.memory();
     }
 
 private:
@@ -101,7 +102,7 @@ private:
     Queue queue_;
     Array<std::uint64_t> key_;
     Array<std::uint32_t> index_, born_;
-    Array<std::uint64_t> keys_;
+    Array<std::uint64_t> keys_, keys_before_;
     Array<std::uint32_t> born_count_;
     std::uint32_t size_ = 0;
 };
@@ -113,6 +114,7 @@ static __global__ void number_births(BlockSet::View set, std::uint64_t* keys, st
                                      std::uint32_t births)
 {
     std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
+    if (i == 0) *set.born_count = 0;
     if (i >= births) return;
     std::uint64_t const key = set.key[set.born[i]];
     std::uint32_t rank = size;
@@ -141,7 +143,8 @@ static __global__ void copy_keys(std::uint64_t const* keys, std::uint32_t const*
 } // namespace detail
 
 inline BlockSet::BlockSet(Queue const& queue)
-    : queue_(queue), key_(queue), index_(queue), born_(queue), keys_(queue), born_count_(queue)
+    : queue_(queue), key_(queue), index_(queue), born_(queue), keys_(queue), keys_before_(queue),
+      born_count_(queue)
 {}
 
 inline BlockSet::View BlockSet::view()
@@ -185,19 +188,16 @@ inline void BlockSet::number(std::uint32_t births)
                                                                              births);
     check_launch("number_births");
     size_ += births;
-    expect_births();
 }
 
 inline void BlockSet::keep(std::uint32_t const* indices, std::uint32_t count)
 {
     OnDevice const here(queue_);
-    Array<std::uint64_t> kept(queue_);
-    kept.resize(keys_.size());
+    keys_before_.renew(keys_.size());
     detail::copy_keys<<<groups_of(count, 128), 128, 0, queue_.stream>>>(keys_.data(), indices, count,
-                                                                        kept.data());
+                                                                        keys_before_.data());
     check_launch("copy_keys");
-    queue_.wait(); // for what is about to be given back
-    std::swap(keys_, kept);
+    std::swap(keys_, keys_before_);
     size_ = count;
     reserve(keys_.size());
 }

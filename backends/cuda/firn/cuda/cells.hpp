@@ -49,9 +49,10 @@ public:
     template <class Backend>
     explicit Cells(Backend const& backend)
         : queue_(backend.queue()), set_(queue_), begin_(queue_), new_begin_(queue_), order_(queue_),
-          left_(queue_), stay_(queue_), arrivals_(queue_), first_arrival_(queue_), group_left_(queue_),
-          block_stay_(queue_), block_arrived_(queue_), block_begin_(queue_), arrived_begin_(queue_),
-          arrived_(queue_), movers_(queue_), blocks_before_(queue_), stopped_(queue_), stop_(queue_)
+          order_before_(queue_), left_(queue_), stay_(queue_), arrivals_(queue_), first_arrival_(queue_),
+          group_left_(queue_), block_stay_(queue_), block_arrived_(queue_), block_begin_(queue_),
+          arrived_begin_(queue_), arrived_(queue_), movers_(queue_), kept_results_(queue_),
+          blocks_before_(queue_), stopped_(queue_), stop_(queue_)
     {}
 
     Queue const& queue() const { return queue_; }
@@ -61,10 +62,11 @@ public:
 
     std::size_t memory() const
     {
-        return set_.memory() + begin_.memory() + new_begin_.memory() + order_.memory() + left_.memory() +
-               stay_.memory() + arrivals_.memory() + first_arrival_.memory() + group_left_.memory() +
-               block_stay_.memory() + block_arrived_.memory() + block_begin_.memory() +
-               arrived_begin_.memory() + arrived_.memory() + movers_.memory();
+        return set_.memory() + begin_.memory() + new_begin_.memory() + order_.memory() +
+               order_before_.memory() + left_.memory() + stay_.memory() + arrivals_.memory() +
+               first_arrival_.memory() + group_left_.memory() + block_stay_.memory() +
+               block_arrived_.memory() + block_begin_.memory() + arrived_begin_.memory() + arrived_.memory() +
+               movers_.memory();
     }
 
     /// Adds items that lie at first, first + 1, … in the given cells.
@@ -126,16 +128,63 @@ public:
         OnDevice const here(queue_);
         offset_ = offset;
         rearrange(movers_.view(channels_), movers_.most, left_.data(), offset);
+        kept_order_ = false;
         if (crowded_) forget_empty_blocks();
         crowded_ = false;
     }
 
-    /// Undoes the last calls of follow(), on the host, where it was queued and then not done; and says
-    /// whether items lie at their slots.
-    void take_back(int follows, bool settled)
+    /// Whether there are so few blocks that a device has them all at work at once: then they are followed
+    /// while it is yet to be found out how things go on.
+    bool follows_early() const { return blocks() <= 1024; }
+
+    /// The same while one thread asks `conclude` how things go on. What `give(cells, arrived)` returns is
+    /// called for each block (see detail::rearrange_and) with so much shared memory. The order before is
+    /// kept, for take_back().
+    template <class Conclude, class Give>
+    void follow_early(std::array<Offset*, d> const& offset, Conclude const& conclude, Give const& give,
+                      std::size_t shared)
     {
-        if (follows % 2 != 0) std::swap(begin_, new_begin_);
+        OnDevice const here(queue_);
+        offset_ = offset;
+        order_before_.renew(size_);
+        new_begin_.renew(blocks() * Shape::cells + 1);
+        arrived_begin_.renew(new_begin_.size());
+        arrived_.renew(movers_.most);
+        detail::NewOrder const to{
+            nullptr,         left_.data(),         new_begin_.data(),  arrived_begin_.data(),
+            arrived_.data(), order_before_.data(), movers_.cell.data()};
+        auto const then = give(view(), arrived());
+        launch_behind("rearrange_and", queue_,
+                      detail::rearrange_and<d, Number, Conclude, std::remove_cv_t<decltype(then)>>,
+                      blocks() + 1, 64, shared, signal(), 1 + early_++ % 1000, begin_.data(), changes(),
+                      block_begin_.data(), movers_.view(channels_), to, offset, conclude, then);
+        std::swap(begin_, new_begin_);
+        std::swap(order_, order_before_);
+        kept_order_ = true;
+        settled_ = false;
+    }
+    /// Room for what is kept until somebody chooses how things go on.
+    unsigned char* room_for_results(std::size_t bytes)
+    {
+        kept_results_.renew(std::max(kept_results_.size(), bytes));
+        return kept_results_.data();
+    }
+
+    /// Undoes the last calls of follow(), on the host, where it was queued and then not done; and says
+    /// whether items lie at their slots. Then the first of these calls was for items of which these are the
+    /// offsets, and is undone where it was done early.
+    void take_back(int follows, bool settled, std::array<Offset*, d> const& offset)
+    {
+        if (follows % 2 != 0) {
+            std::swap(begin_, new_begin_);
+            if (kept_order_) std::swap(order_, order_before_);
+        }
         settled_ = settled;
+        if (!settled || !kept_order_) return;
+        OnDevice const here(queue_);
+        detail::unwrap<d>
+            <<<groups_of(movers_.most, 256), 256, 0, queue_.stream>>>(movers_.view(channels_), offset);
+        check_launch("unwrap");
     }
 
     /// How many times empty blocks were forgotten, and which blocks were there before: by their new numbers.
@@ -158,15 +207,15 @@ public:
                 group_left_.data(), block_stay_.data(), block_arrived_.data()};
     }
 
-    /// Finds the cells of those that departed, and concludes. `once_more`: only finds them.
+    /// Finds the cells of those that departed, and concludes.
     template <class Conclude>
-    void find_departed(Conclude const& conclude, bool once_more = false)
+    void find_departed(Conclude const& conclude)
     {
         OnDevice const here(queue_);
         unsigned const groups = 1 + std::min(groups_of(movers_.most, detail::scanning_threads), 256u);
         launch_behind("find_new_cells", queue_, detail::find_new_cells<d, Number, Conclude>, groups,
                       detail::scanning_threads, 0, signal(), movers_.view(channels_), changes(), set_.view(),
-                      set_.keys(), begins(), conclude, once_more);
+                      set_.keys(), begins(), conclude);
     }
 
     /// Says to loops whether they have something to do.
@@ -174,8 +223,8 @@ public:
     {
         if (stopped_.size() == 0) {
             OnDevice const here(queue_);
-            stopped_.renew(1);
-            stopped_.fill_bytes(0, 1, 0);
+            stopped_.renew(detail::Signal::words);
+            stopped_.fill_bytes(0, detail::Signal::words, 0);
             stop_.template as<detail::Stop>();
         }
         return std::as_const(*this).signal();
@@ -193,7 +242,7 @@ public:
         short_ = *stop;
         if (stop->stopped == 0) return false;
         *stop = {};
-        stopped_.fill_bytes(0, 1, 0);
+        stopped_.fill_bytes(0, detail::Signal::words, 0);
         crowded_ = short_.crowded != 0;
         return short_.births > 0 || short_.departed > movers_.most;
     }
@@ -204,11 +253,10 @@ public:
     {
         OnDevice const here(queue_);
         if (short_.departed > movers_.most) {
-            movers_.most = short_.departed + short_.departed / 16;
+            movers_.most = short_.departed + short_.departed / 32;
             return true;
         }
         bear_blocks(short_.births);
-        forget_arrivals();
         return false;
     }
 
@@ -317,13 +365,6 @@ private:
         check_launch("find_all_block_begins");
     }
 
-    void forget_arrivals()
-    {
-        arrivals_.fill_bytes(0, blocks() * Shape::cells, 0);
-        first_arrival_.fill_bytes(0, blocks() * Shape::cells, 0xff);
-        block_arrived_.fill_bytes(0, blocks(), 0);
-    }
-
     void stay_all()
     {
         std::uint32_t const cells = blocks() * Shape::cells;
@@ -332,51 +373,48 @@ private:
         check_launch("stay_all");
     }
 
-    /// Numbers the blocks that a loop found to be missing, or makes room for so many.
+    /// Numbers the blocks that a loop found to be missing, or makes room for so many; forgets who arrived.
     void bear_blocks(std::uint32_t births)
     {
-        if (!set_.has_room_for(births)) {
-            set_.reserve(set_.size() + std::max<std::size_t>(2 * births, set_.size() / 8));
-            return;
-        }
         std::uint32_t const before = blocks();
-        set_.number(births);
-        std::size_t const cells = blocks() * Shape::cells;
-        begin_.resize(cells + 1);
-        std::size_t const first = before == 0 ? 0 : before * Shape::cells + 1;
-        begin_.fill(first, cells + 1 - first, static_cast<std::uint32_t>(size_));
+        if (set_.has_room_for(births))
+            set_.number(births);
+        else
+            set_.reserve(before + std::max<std::size_t>(2 * births, before / 8));
+        std::uint32_t const cells = blocks() * Shape::cells;
+        if (cells == 0) return;
+        begin_.resize(std::size_t(cells) + 1);
         stay_.resize(cells);
-        stay_.fill_bytes(before * Shape::cells, cells - before * Shape::cells, 0);
         arrivals_.resize(cells);
         first_arrival_.resize(cells);
         group_left_.resize(blocks() * Shape::groups);
-        group_left_.fill_bytes(before * Shape::groups, births * Shape::groups, 0);
         block_stay_.resize(blocks());
-        block_stay_.fill_bytes(before, births, 0);
         block_arrived_.resize(blocks());
+        detail::clear_cells<<<groups_of(cells, 256), 256, 0, queue_.stream>>>(
+            before * Shape::cells, cells, static_cast<std::uint32_t>(size_), begin_.data(), changes());
+        check_launch("clear_cells");
     }
 
     /// Numbers the blocks that hold items anew, in the order in which they are.
     void forget_empty_blocks()
     {
         std::uint32_t const before = blocks();
-        Array<std::uint32_t> live(queue_);
-        live.resize(1);
-        blocks_before_.renew(before);
+        blocks_before_.renew(std::size_t(before) + 1); // and how many there are
         detail::find_live_blocks<<<1, detail::scanning_threads, 0, queue_.stream>>>(
-            begin_.data(), before, blocks_before_.data(), live.data());
+            begin_.data(), before, blocks_before_.data(), blocks_before_.data() + before);
         check_launch("find_live_blocks");
         std::uint32_t count = 0;
-        live.download(0, {&count, 1});
+        blocks_before_.download(before, {&count, 1});
         new_begin_.renew(std::size_t(count) * Shape::cells + 1);
-        Array<std::uint32_t> new_arrived_begin(queue_);
-        new_arrived_begin.resize(new_begin_.size());
+        auto& new_arrived_begin = first_arrival_; // those of this step have come
+        new_arrived_begin.renew(new_begin_.size());
         detail::keep_blocks<<<count, 64, 0, queue_.stream>>>(blocks_before_.data(), begin_.data(),
                                                              arrived_begin_.data(), new_begin_.data(),
                                                              new_arrived_begin.data());
         check_launch("keep_blocks");
         std::swap(begin_, new_begin_);
         std::swap(arrived_begin_, new_arrived_begin);
+        first_arrival_.renew(std::size_t(count) * Shape::cells);
         set_.keep(blocks_before_.data(), count);
         ++generation_;
     }
@@ -404,7 +442,8 @@ private:
                                   new_begin_.data(),
                                   arrived_begin_.data(),
                                   arrived_.data(),
-                                  in_place ? order_.data() : next.data()};
+                                  in_place ? order_.data() : next.data(),
+                                  movers.way};
         launch_behind("rearrange", queue_, detail::rearrange<d, Number>, blocks(), 64, 0, signal(),
                       begin_.data(), changes(), block_begin_.data(), movers, to, offset);
         std::swap(begin_, new_begin_);
@@ -417,15 +456,18 @@ private:
     Queue queue_;
     std::size_t size_ = 0;
     bool settled_ = true;
+    bool kept_order_ = false;         ///< the last follow() kept the order before
+    std::uint32_t early_ = 0;         ///< how many did
     std::array<Offset*, d> offset_{}; ///< as they were last followed
     BlockSet set_;
-    Array<std::uint32_t> begin_, new_begin_, order_;
+    Array<std::uint32_t> begin_, new_begin_, order_, order_before_;
     Array<unsigned char> left_; ///< per slot: whether the item left its cell
     Array<std::uint32_t> stay_, arrivals_, first_arrival_, group_left_, block_stay_, block_arrived_;
     Array<std::uint64_t> block_begin_;
     Array<std::uint32_t> arrived_begin_, arrived_;
     MoverArrays movers_;
     int channels_ = 0;
+    Array<unsigned char> kept_results_; ///< until somebody chooses how things go on
     std::uint32_t generation_ = 0;
     Array<std::uint32_t> blocks_before_;
     Array<std::uint32_t> stopped_; ///< whether loops have nothing to do until the host has listened

@@ -27,6 +27,8 @@ struct Ranks
     __device__ Ranks(std::uint32_t const* begins, std::uint32_t cell)
         : begin(begins[cell]), count(begins[cell + 1] - begin), slot(begins[cell - threadIdx.x % 32])
     {}
+    /// Of items that are listed by cell, and have no slots.
+    __device__ explicit Ranks(ArrivedInCell const& came) : begin(came.begin), count(came.count), slot(0) {}
 
     /// Calls `use(rank, whether the cell has an item of it, the item's slot)` with all lanes of the warp: for
     /// every rank, or those of one of several teams.
@@ -168,29 +170,44 @@ __global__ void __launch_bounds__(block_threads)
 
 /// Items that came into the cells of a block give what they kept when they departed.
 template <class CellOrder, class GridType, class Phase>
-__global__ void __launch_bounds__(block_threads)
-    scatter_movers(Signal signal, std::uint32_t blocks, typename CellOrder::View cells,
-                   typename CellOrder::Arrived arrived, typename CellOrder::Movers movers,
-                   typename GridType::View grid)
+struct GiveArrivals
 {
-    if (signal.stops()) return;
-    extern __shared__ __align__(16) unsigned char memory[];
-    for (std::uint32_t block = blockIdx.x; block < blocks; block += gridDim.x) { // most have few, or none
-        std::uint32_t const first = block * block_threads, c = first + threadIdx.x;
-        if (arrived.begin[first] == arrived.begin[first + block_threads]) continue;
+    typename CellOrder::View cells;
+    typename CellOrder::Arrived arrived;
+    typename CellOrder::Movers movers;
+    typename GridType::View grid;
+
+    /// Called by all threads of a group, with shared memory for sums.
+    __device__ void operator()(std::uint32_t block, ArrivedInCell const& came) const
+    {
+        if (!__syncthreads_or(came.count > 0)) return; // most blocks have few, or none
+        extern __shared__ __align__(16) unsigned char memory[];
         SharedTiles<GridType> const tiles(memory, false);
         tiles.clear_sums();
         __syncthreads();
-        CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(cells.cell(c), nullptr);
+        CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(
+            cells.cell(block * block_threads + threadIdx.x), nullptr);
         SumsInTile<GridType> sums{tiles.own_sums(int(threadIdx.x))};
-        Ranks(arrived.begin, c).for_each([&](std::uint32_t rank, bool here, std::uint32_t) {
+        Ranks(came).for_each([&](std::uint32_t rank, bool here, std::uint32_t) {
             cell.forget();
-            if (here) cell.read_departure(movers, arrived.offset, arrived.arrived[arrived.begin[c] + rank]);
+            if (here) cell.read_departure(movers, arrived.offset, arrived.arrived[came.begin + rank]);
             Phase::give(cell, sums);
         });
         __syncthreads();
         tiles.write_sums(grid.tiles + std::size_t(block) * GridType::TileShape::nodes, true);
         __syncthreads();
+    }
+};
+
+/// The same for all blocks, once their order is written.
+template <class CellOrder, class GridType, class Phase>
+__global__ void __launch_bounds__(block_threads)
+    scatter_movers(Signal signal, std::uint32_t blocks, GiveArrivals<CellOrder, GridType, Phase> give)
+{
+    if (signal.stops()) return;
+    for (std::uint32_t block = blockIdx.x; block < blocks; block += gridDim.x) {
+        std::uint32_t const c = block * block_threads + threadIdx.x, begin = give.arrived.begin[c];
+        give(block, {begin, give.arrived.begin[c + 1] - begin});
     }
 }
 

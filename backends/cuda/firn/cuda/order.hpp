@@ -22,6 +22,8 @@ struct Rendezvous
     std::uint32_t live;      ///< blocks that hold items
     std::uint32_t goes_on;   ///< whether the conclusion was that steps go on
     std::uint32_t concluded; ///< groups that have found where blocks begin, or concluded
+    std::uint32_t crowded;   ///< whether there are many blocks without items
+    std::uint32_t followed;  ///< items that departed last, and were found in their new cells
 };
 
 /// Items on their way to other cells.
@@ -33,8 +35,7 @@ struct Movers
     int channels;        ///< of what a departed item gives
     std::uint32_t* slot; ///< where the item lies
     std::uint32_t* cell; ///< where it was
-    std::uint32_t*
-        way; ///< to which neighbour it goes: three digits of base 3, first axis highest; done with, spare
+    std::uint32_t* way;  ///< to which neighbour it goes: three digits of base 3, first axis highest
     std::uint32_t* next; ///< another one that comes into the same cell, or absent
     Number* given;       ///< what a departed item gives to the grid, one after the other, but for its offset
 };
@@ -63,18 +64,26 @@ struct Stop
 /// have not, it stops them, and the host will look after it.
 struct Signal
 {
-    std::uint32_t* stopped;
-    Stop* stop; ///< in memory of the host
+    static constexpr std::size_t words = 2;
+    std::uint32_t* stopped; ///< whether a loop has, and which of those that choose while they are at work
+    Stop* stop;             ///< in memory of the host
 
     /// The first thing that a loop asks: waits for the loop before (see launch_behind), and lets the next one
-    /// be made ready.
-    __device__ bool stops() const
+    /// be made ready. One that chooses while it is at work is stopped by the others only: it has a number.
+    __device__ bool stops(std::uint32_t number = 0) const
     {
 #if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
         cudaTriggerProgrammaticLaunchCompletion();
         cudaGridDependencySynchronize();
 #endif
-        return *stopped != 0;
+        std::uint32_t const by = stopped[1];
+        return stopped[0] != 0 || (by != 0 && by != number);
+    }
+    /// Stops the loops behind the one with this number.
+    __device__ void stop_behind(std::uint32_t number, Stop const& why) const
+    {
+        stopped[1] = number;
+        *stop = why;
     }
 };
 
@@ -92,10 +101,21 @@ __device__ void arrive(Movers<Number> const& movers, Changes const& changes, std
         atomicAdd(changes.block_arrived + block, static_cast<std::uint32_t>(__popc(with_me)));
 }
 
-/// Finds the new cell of a departed item, or wants its block.
+/// Where there are so few blocks, a step takes less time than the host that listens: it then bears blocks
+/// ahead of those that are wanted.
+inline constexpr std::uint32_t few_blocks = 128;
+
+/// How many blocks may be empty where so many are not: where they are few the host is to listen seldom,
+/// where they are many memory counts.
+FIRN_HOST_DEVICE inline std::uint32_t most_empty_blocks(std::uint32_t live)
+{
+    return live <= few_blocks ? 32 + 2 * live : live <= 4096 ? 8 + live / 8 : live / 32;
+}
+
+/// Finds the new cell of a departed item, or wants its block; also the one behind that, if `ahead`.
 template <int d, class Number>
 __device__ void find_new_cell(Movers<Number> const& movers, Changes const& changes, BlockSet::View const& set,
-                              std::uint64_t const* keys, std::uint32_t mover)
+                              std::uint64_t const* keys, std::uint32_t mover, bool ahead)
 {
     using Shape = BlockShape<d>;
     std::uint32_t block = movers.cell[mover] / Shape::cells, way = movers.way[mover];
@@ -108,10 +128,12 @@ __device__ void find_new_cell(Movers<Number> const& movers, Changes const& chang
         leaves_block = leaves_block || beyond[a] != 0;
     }
     if (leaves_block) {
-        std::uint64_t const key = block_key<d>(block_of_key<d>(keys[block]) + beyond);
+        Coordinates<d> const there = block_of_key<d>(keys[block]) + beyond;
+        std::uint64_t const key = block_key<d>(there);
         block = set.find(key);
         if (block == absent) {
             set.want(key);
+            if (ahead) set.want(block_key<d>(there + beyond));
             return;
         }
     }
@@ -139,6 +161,23 @@ __global__ void find_cells(Movers<Number> movers, std::array<int, d> const* cell
     }
     movers.slot[i] = first + i;
     arrive(movers, changes, i, block, static_cast<std::uint32_t>(Shape::place(in_block)));
+}
+
+/// Cells of new blocks are empty and begin at the end of all items; nobody has arrived anywhere.
+static __global__ void clear_cells(std::uint32_t first, std::uint32_t cells, std::uint32_t items,
+                                   std::uint32_t* begin, Changes changes)
+{
+    std::uint32_t const c = blockIdx.x * blockDim.x + threadIdx.x;
+    if (c >= cells) return;
+    changes.arrivals[c] = 0;
+    changes.first_arrival[c] = absent;
+    if (c % 64 == 0) changes.block_arrived[c / 64] = 0;
+    if (c < first) return;
+    if (c == 0) begin[0] = items;
+    begin[c + 1] = items;
+    changes.stay[c] = 0;
+    if (c % 32 == 0) changes.group_left[c / 32] = 0;
+    if (c % 64 == 0) changes.block_stay[c / 64] = 0;
 }
 
 /// What changes if nobody moves: nothing.
@@ -278,12 +317,21 @@ static __global__ void __launch_bounds__(scanning_threads)
 }
 
 /// What concludes a step: the results of two loops, and who is called with them.
+///
+/// Where nobody waits for what comes next it is only asked whether the step went well, and the results are
+/// kept for who then asks how things go on (choose).
 template <class OfNodes, class OfItems, class Call>
 struct Conclusion
 {
     Partial<OfNodes> of_nodes;
     Partial<OfItems> of_items;
     Call call;
+    unsigned char* kept = nullptr; ///< room for the results; none: all is asked at once
+
+    static constexpr std::size_t kept_bytes = sizeof(OfNodes) + sizeof(OfItems);
+    __device__ OfItems* kept_items() const { return reinterpret_cast<OfItems*>(kept); }
+    __device__ OfNodes* kept_nodes() const { return reinterpret_cast<OfNodes*>(kept_items() + 1); }
+    __host__ __device__ bool leaves_a_choice() const { return kept != nullptr; }
 
     /// Called by a whole group of threads; true in its first one if the call was.
     __device__ bool operator()() const
@@ -302,7 +350,17 @@ struct Conclusion
         if (warp > 0) return false;
         OfItems const all_items = Partial<OfItems>::whole(items, half);
         OfNodes const all_nodes = Partial<OfNodes>::whole(nodes, half);
-        return threadIdx.x == 0 && call(all_nodes, all_items);
+        if (threadIdx.x != 0) return false;
+        if (!leaves_a_choice()) return call(all_nodes, all_items);
+        store_words(all_items, kept_items());
+        store_words(all_nodes, kept_nodes());
+        return call.went_well(all_items);
+    }
+
+    /// For one thread of a later loop: how things go on after a step that went well.
+    __device__ bool choose() const
+    {
+        return call.goes_on(load_words(kept_nodes()), load_words(kept_items()));
     }
 };
 
@@ -348,6 +406,7 @@ __global__ void __launch_bounds__(scanning_threads)
 struct Pause
 {
     __device__ bool operator()() const { return false; }
+    static constexpr bool leaves_a_choice() { return false; }
 };
 
 /// For one thread of a group: whether `count - 1` groups were here before; what they wrote can then be read.
@@ -361,24 +420,25 @@ __device__ inline bool comes_last(std::uint32_t* arrived, std::uint32_t count)
 }
 
 /// Finds the new cells of departed items, and counts them there; whoever comes last finds where blocks begin.
-/// One more group of threads concludes at the same time, unless it has done so before.
+/// One more group of threads concludes at the same time.
 template <int d, class Number, class Conclude>
 __global__ void __launch_bounds__(scanning_threads)
     find_new_cells(Signal signal, Movers<Number> movers, Changes changes, BlockSet::View set,
-                   std::uint64_t const* keys, BlockBegins begins, Conclude conclude, bool once_more)
+                   std::uint64_t const* keys, BlockBegins begins, Conclude conclude)
 {
     if (signal.stops()) return;
     Rendezvous& meet = *movers.meet;
     std::uint32_t const departed = meet.departed, noted = departed < movers.most ? departed : movers.most;
     if (blockIdx.x == 0) {
-        bool const goes_on = !once_more && conclude();
-        if (threadIdx.x == 0 && !once_more) meet.goes_on = goes_on;
+        bool const goes_on = conclude();
+        if (threadIdx.x == 0) meet.goes_on = goes_on;
     }
     else {
         for (std::uint32_t first = (blockIdx.x - 1) * blockDim.x; first < noted;
              first += (gridDim.x - 1) * blockDim.x)
             if (first + threadIdx.x < noted)
-                find_new_cell<d>(movers, changes, set, keys, first + threadIdx.x);
+                find_new_cell<d>(movers, changes, set, keys, first + threadIdx.x,
+                                 begins.blocks <= few_blocks);
         __shared__ bool last;
         __syncthreads();
         if (threadIdx.x == 0) last = comes_last(&meet.found, gridDim.x - 1);
@@ -393,9 +453,11 @@ __global__ void __launch_bounds__(scanning_threads)
     bool const short_of_room = births > 0 || departed > movers.most;
     // the next loop that moves items counts anew, unless these are to be found once more
     if (births == 0 || departed > movers.most) meet.departed = 0;
+    meet.followed = departed;
     // (nobody is left where nothing lives: blocks are then kept for who comes)
-    bool const crowded = !short_of_room && live > 0 && begins.blocks > 8 + live + live / 8;
-    if (__ldcg(&meet.goes_on) != 0 && !short_of_room && !crowded) return;
+    bool const crowded = !short_of_room && live > 0 && begins.blocks > live + most_empty_blocks(live);
+    if (conclude.leaves_a_choice()) meet.crowded = crowded; // who chooses stops for that
+    if (__ldcg(&meet.goes_on) != 0 && !short_of_room && (!crowded || conclude.leaves_a_choice())) return;
     *signal.stopped = 1;
     *signal.stop = {1, departed, births, crowded};
 }
@@ -456,6 +518,12 @@ __device__ void sort_crowd(Movers<Number> const& movers, std::uint32_t* arrived,
     __syncwarp();
 }
 
+/// Items that came into a cell: a part of the list of movers by cell.
+struct ArrivedInCell
+{
+    std::uint32_t begin, count;
+};
+
 /// How a loop over all cells writes the new order.
 struct NewOrder
 {
@@ -465,17 +533,18 @@ struct NewOrder
     std::uint32_t* arrived_begin;
     std::uint32_t* arrived; ///< list of movers by cell
     std::uint32_t* order;
+    std::uint32_t* spare; ///< room for as many as arrive
 };
 
 /// Writes a block's new cells and its part of the new order: those who stay keep their order in the cell,
 /// those who come follow in the order in which they lie. Brings the offsets of arrivals back into their
 /// cells.
 template <int d, class Number>
-__global__ void __launch_bounds__(64)
-    rearrange(Signal signal, std::uint32_t const* begin, Changes changes, std::uint64_t const* block_begin,
-              Movers<Number> movers, NewOrder to, std::array<typename CellOffset<Number>::Stored*, d> offset)
+__device__ ArrivedInCell rearrange_block(std::uint32_t blocks, std::uint32_t const* begin,
+                                         Changes const& changes, std::uint64_t const* block_begin,
+                                         Movers<Number> const& movers, NewOrder const& to,
+                                         std::array<typename CellOffset<Number>::Stored*, d> const& offset)
 {
-    if (signal.stops()) return;
     constexpr std::uint32_t few = 32;
     std::uint32_t const c = blockIdx.x * 64 + threadIdx.x;
     std::uint32_t const arrivals = changes.arrivals[c], stay = changes.stay[c];
@@ -487,7 +556,7 @@ __global__ void __launch_bounds__(64)
                first_arrived = static_cast<std::uint32_t>(mine >> 32);
     to.begin[c] = first;
     to.arrived_begin[c] = first_arrived;
-    if (blockIdx.x + 1 == gridDim.x && threadIdx.x == 63) {
+    if (blockIdx.x + 1 == blocks && threadIdx.x == 63) {
         to.begin[c + 1] = first + stay + arrivals;
         to.arrived_begin[c + 1] = first_arrived + arrivals;
     }
@@ -526,9 +595,53 @@ __global__ void __launch_bounds__(64)
     for (std::uint32_t crowded = __ballot_sync(~0u, arrivals > few); crowded != 0; crowded &= crowded - 1) {
         int const lane = __ffs(static_cast<int>(crowded)) - 1;
         std::uint32_t const where = __shfl_sync(~0u, first_arrived, lane);
-        sort_crowd(movers, to.arrived + where, movers.way + where, __shfl_sync(~0u, arrivals, lane));
+        sort_crowd(movers, to.arrived + where, to.spare + where, __shfl_sync(~0u, arrivals, lane));
     }
     for (std::uint32_t i = 0; i < arrivals; ++i) to.order[at + i] = movers.slot[arrived[i]];
+    return {first_arrived, arrivals};
+}
+
+/// The same for all blocks.
+template <int d, class Number>
+__global__ void __launch_bounds__(64)
+    rearrange(Signal signal, std::uint32_t const* begin, Changes changes, std::uint64_t const* block_begin,
+              Movers<Number> movers, NewOrder to, std::array<typename CellOffset<Number>::Stored*, d> offset)
+{
+    if (signal.stops()) return;
+    rearrange_block<d>(gridDim.x, begin, changes, block_begin, movers, to, offset);
+}
+
+/// The same, and `then(block, who came into the thread's cell)` by all threads of a block; a group of threads
+/// beside those of blocks chooses how things go on. The loop's number is above 0 and that of no other one
+/// nearby.
+template <int d, class Number, class Conclude, class Then>
+__global__ void __launch_bounds__(64)
+    rearrange_and(Signal signal, std::uint32_t number, std::uint32_t const* begin, Changes changes,
+                  std::uint64_t const* block_begin, Movers<Number> movers, NewOrder to,
+                  std::array<typename CellOffset<Number>::Stored*, d> offset, Conclude conclude, Then then)
+{
+    if (signal.stops(number)) return;
+    std::uint32_t const blocks = gridDim.x - 1;
+    if (blockIdx.x < blocks) {
+        ArrivedInCell const came =
+            rearrange_block<d>(blocks, begin, changes, block_begin, movers, to, offset);
+        then(blockIdx.x, came);
+    }
+    else if (threadIdx.x == 0) {
+        bool const crowded = movers.meet->crowded != 0;
+        if (!conclude.choose() || crowded) signal.stop_behind(number, {1, 0, 0, crowded});
+    }
+}
+
+/// Brings the offsets of arrivals back to what they were before that.
+template <int d, class Number>
+__global__ void unwrap(Movers<Number> movers, std::array<typename CellOffset<Number>::Stored*, d> offset)
+{
+    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
+    if (i >= movers.meet->followed) return;
+    std::uint32_t way = movers.way[i];
+    for (int a = d - 1; a >= 0; --a, way /= 3)
+        CellOffset<Number>::unwrap(offset[a][movers.slot[i]], static_cast<int>(way % 3) - 1);
 }
 
 } // namespace firn::cuda::detail
