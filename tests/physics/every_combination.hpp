@@ -4,8 +4,9 @@
 #include "catch.hpp"
 #include "support/policies.hpp"
 
-// The full product of policies: units of a model and a transfer each, written by tests/CMakeLists.txt where
-// it is asked for (FIRN_TEST_EVERY_COMBINATION).
+// What every combination of policies must do. Those without which a pair of policies would be in no test are
+// always built (pairs_*.cpp); the full product, units of a model and a transfer each, is written by
+// tests/CMakeLists.txt where it is asked for (FIRN_TEST_EVERY_COMBINATION).
 namespace firn::test
 {
 

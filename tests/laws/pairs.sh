@@ -1,0 +1,37 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# pairs.sh FOLDER [FILE]: whether every pair of policies (models, spaces, splines, transfers) meets in a scene of the tests
+# that are built by default, FILE of tests/ left out. Prints those that do not, and exits with 1.
+set -euo pipefail
+cd "$1/tests"
+perl -e '
+    my @sets = (
+        [qw(NeoHookean FixedCorotated Hencky SplitNeoHookean Snow VonMises HardeningVonMises Sand CamClay
+            HerschelBulkley Fluid)],
+        [qw(Plane PlaneFloat Solid SolidFloat)],
+        [qw(QuadraticBSpline CubicBSpline)],
+        [qw(Pic Flip Apic Mls Tpic Asflip Xpic)]);
+    my $left_out = shift;
+    my %meet;
+    for my $file (grep { $_ ne $left_out } @ARGV) {
+        open my $in, "<", $file or die "$file: $!";
+        my $code = do { local $/; <$in> };
+        $code =~ s{//[^\n]*}{}g;
+        while ($code =~ /\bScene<\s*(\w+)<\s*(\w+)\s*>,\s*(\w+),\s*(\w+)/g) {
+            my @policies = ($1, $2, $3, $4);
+            for my $i (0 .. 3) { $meet{"$policies[$i], $policies[$_]"} = 1 for $i + 1 .. 3 }
+        }
+    }
+    my $missing = 0;
+    for my $i (0 .. 3) {
+        for my $j ($i + 1 .. 3) {
+            for my $one (@{$sets[$i]}) {
+                for my $other (@{$sets[$j]}) {
+                    next if $meet{"$one, $other"};
+                    print "no test has a scene with $one and $other.\n";
+                    ++$missing;
+                }
+            }
+        }
+    }
+    exit($missing > 0);' "${2:-}" physics/*.cpp models/*.cpp hard/*.cpp refusal/*.cpp
