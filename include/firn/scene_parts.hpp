@@ -109,15 +109,16 @@ public:
 
     /// What a model answers of a particle as it is.
     template <std::size_t k, class Particle>
-    Response<Number, d> response(Particle& particle) const
+    Response<Number, d> response(Particle const& particle) const
     {
-        return model<k>().template respond<Number>(particle, Matrix<Number, d>::Zero(), Number(0));
+        auto state = StateOf<k>::at_rest();
+        for_each_tag(typename Of<k>::Model::State{}, [&](auto tag) { state[tag] = particle[tag]; });
+        return response_of<k>(state);
     }
     template <std::size_t k>
     Response<Number, d> response_at_rest() const
     {
-        auto at_rest = Record<Number, d, typename Of<k>::Model::State>::at_rest();
-        return response<k>(at_rest);
+        return response_of<k>(StateOf<k>::at_rest());
     }
 
     /// The speed of waves [m/s] of a modulus [Pa].
@@ -162,6 +163,16 @@ public:
     }
 
 private:
+    template <std::size_t k>
+    using StateOf = Record<Number, d, typename Of<k>::Model::State>;
+
+    /// In one place, whatever else particles have: a material's answer takes long to compile.
+    template <std::size_t k>
+    Response<Number, d> response_of(StateOf<k> state) const
+    {
+        return model<k>().template respond<Number>(state, Matrix<Number, d>::Zero(), Number(0));
+    }
+
     template <std::size_t k>
     struct Part
     {

@@ -222,7 +222,9 @@ public:
     /// them, and its report names them (see isolated()). All others keep, bit by bit, all they have, as with
     /// remove_if(). One more is an error.
     ///
-    /// What particles take from the grid is then kept beside them from step to step.
+    /// What particles take from the grid is then kept beside them from step to step. A snapshot, and so a
+    /// checkpoint, has the list of those who were taken out: of `most`, which stays the solver's own, as many
+    /// are left as are not on it.
     void quarantine(std::size_t most)
     {
         auto const visit = entrance_.to_change("Solver::quarantine");
@@ -281,8 +283,9 @@ public:
     ///
     /// A step that goes wrong is repeated with half its length; after StepControl::retries halvings that is
     /// a StepError that names particle, place, time and cause, and the state is that of the last good step
-    /// (but see step() for velocities). With quarantine() the particle is taken out of the scene
-    /// instead, and the run goes on; so it does at once for one whose own state has no stress.
+    /// (but see step() for velocities). So it is where somebody's speed or waves allow no step that gets on.
+    /// With quarantine() the particle is taken out of the scene instead, and the run goes on; so it does at
+    /// once for one whose own state has no stress.
     template <NodeEffect<Number, d>... Effects>
     AdvanceReport advance(double duration, Effects const&... effects)
     {
@@ -298,35 +301,29 @@ public:
         rule.end = course_.time + duration;
         auto const plain = plain_effects(effects...);
         AdvanceReport report;
-        StepLog lately; // the last step that went wrong, until one as long as that did not
-        double lately_tried = 0;
+        StepLog wrong; // the step that is repeated, if one is: course_.retries
         while (rule.goes_on(course_)) {
             if (!course_.ready) choose(rule);
+            double const tried = course_.now.interval.length();
             if (!rule.gets_on(course_)) {
-                bool const isolated =
-                    isolates(lately, course_.now.interval.length(), lately.wrong > 0, report.isolated);
-                if (!isolated) fail_to_get_on(lately);
-                lately = {};
+                // it was halved before what goes wrong however short it is, or somebody's state allows none
+                bool const repeated = course_.retries > 0;
+                auto const who =
+                    repeated ? detail::failure_of(parts_, wrong, course_.time, tried) : slowest(rule, tried);
+                if (!isolates(repeated ? wrong : StepLog{}, tried, who.has_value(), report.isolated, who))
+                    fail_to_get_on(who);
                 continue;
             }
-            double const tried = course_.now.interval.length();
             // as many as there would be if all were as long as this one
             auto const most = static_cast<std::size_t>(std::ceil((rule.end - course_.time) / tried));
             StepLog const& log = run(
                 rule, most, plain, [&](auto const& record) { report.add(report_of(record), record.limit); });
-            if (log.wrong == 0) {
-                if (tried >= lately_tried) lately = {};
-                continue;
-            }
-            lately = log;
-            lately_tried = tried;
+            if (log.wrong == 0) continue;
+            wrong = log;
             ++report.rejected;
             bool const last = ++course_.retries > control_.retries;
             double const dt = course_.now.interval.length();
-            if (isolates(log, dt, last, report.isolated))
-                lately = {}; // rows are others now
-            else if (last)
-                fail(log, dt);
+            if (!isolates(log, dt, last, report.isolated) && last) fail(log, dt);
         }
         course_.ready = false;
         return report;
@@ -353,8 +350,8 @@ public:
         return count;
     }
 
-    /// Who was taken out of the scene for what went wrong, and why, since the solver was made; see
-    /// quarantine().
+    /// Who was taken out of the scene for what went wrong, and why, since the solver was made or, if that was
+    /// later, as it was in the snapshot that was restored; see quarantine().
     std::vector<StepFailure> const& isolated() const { return quarantine_.isolated; }
 
     /// What the next time step depends on.
@@ -774,11 +771,22 @@ private:
     /// Finds the bounds of the next step, for states set from outside.
     void find_bounds()
     {
-        course_.bounds =
-            detail::bounds_of(parts_, rule_of_materials(), course_.bounds,
-                              [&]<class Tag, std::size_t k>(Tag, std::integral_constant<std::size_t, k>) {
-                                  return exchange_.template download<Tag, k>(parts_);
-                              });
+        course_.bounds = detail::bounds_of(parts_, rule_of_materials(), course_.bounds, values());
+    }
+
+    /// What tells a field's values of a material, by row.
+    auto values() const
+    {
+        return [this]<class Tag, std::size_t k>(Tag, std::integral_constant<std::size_t, k>) {
+            return exchange_.template download<Tag, k>(parts_);
+        };
+    }
+
+    /// The particle whose own state bounds the step that was chosen, of so many seconds, if one does.
+    std::optional<StepFailure> slowest(Rule const& rule, double dt) const
+    {
+        if (course_.now.limit > StepLimit::deformation) return {}; // effects, or the steps before
+        return detail::slowest_in(parts_, rule, values(), course_.stable, course_.time, dt);
     }
 
     /// Below this share of a particle's mass, a node's momentum is rounding alone.
@@ -817,18 +825,18 @@ private:
     }
 
     /// Takes out of the scene, after a step that went wrong, whose own state has no stress or, if it is not
-    /// to be tried once more (`last`), the culprit; see quarantine(). False, and nothing happens, if
+    /// to be tried once more (`last`), `who` or the culprit; see quarantine(). False, and nothing happens, if
     /// there is nobody, or they would be too many.
-    bool isolate(StepLog log, double dt, bool last, Failures& isolated)
+    bool isolate(StepLog log, double dt, bool last, Failures& isolated, std::optional<StepFailure> const& who)
     {
         if (!quarantine_.has_room_for(1)) return false;
         Failures culprits;
         if (log.mishap != Mishap::rejected || last) // of those without stress one too many will do
             culprits = detail::without_stress(parts_, quarantine_.most + 1, course_.time, dt);
         if (culprits.empty() && last)
-            culprits.push_back(detail::furthest_in(
-                parts_, log, [&](auto k) { return exchange_.template download<Velocity, k>(parts_); },
-                lattice_.cell_size, course_.time, dt));
+            culprits.push_back(
+                who ? *who
+                    : detail::furthest_in(parts_, log, values(), lattice_.cell_size, course_.time, dt));
         if (culprits.empty() || !quarantine_.has_room_for(culprits.size())) return false;
         parts_.remove(culprits);
         exchange_.forget();
@@ -842,18 +850,16 @@ private:
     }
 
     /// The same where it is allowed. (By a pointer, so that only who asks for it waits for the compiler.)
-    bool isolates(StepLog const& log, double dt, bool last, Failures& isolated)
+    bool isolates(StepLog const& log, double dt, bool last, Failures& isolated,
+                  std::optional<StepFailure> const& who = {})
     {
-        return isolate_ != nullptr && (this->*isolate_)(log, dt, last, isolated);
+        return isolate_ != nullptr && (this->*isolate_)(log, dt, last, isolated, who);
     }
 
-    [[noreturn]] void fail_to_get_on(StepLog const& lately)
+    [[noreturn]] void fail_to_get_on(std::optional<StepFailure> const& since)
     {
         regain_velocities();
-        std::optional<StepFailure> since;
-        if (lately.wrong > 0)
-            since = detail::failure_of(parts_, lately, course_.time, course_.now.interval.length());
-        detail::throw_no_step(course_, since);
+        detail::throw_no_step(course_, since, since ? Parts::name(since->material) : "", d);
     }
 
     [[noreturn]] void fail(StepLog const log, double dt) // a copy: what follows is logged, too
@@ -874,7 +880,7 @@ private:
     std::uint32_t next_id_ = 0;
     Course course_;
     detail::Quarantine quarantine_;
-    bool (Solver::*isolate_)(StepLog, double, bool, Failures&) = nullptr;
+    bool (Solver::*isolate_)(StepLog, double, bool, Failures&, std::optional<StepFailure> const&) = nullptr;
     detail::KnownWalls walls_;                            ///< that nobody is behind: see require_before_walls
     typename Backend::template Array<unsigned char> now_; ///< two StepNow and a RunRule, of whatever effects
     typename Backend::template Outbox<unsigned char> log_; ///< a RunLog

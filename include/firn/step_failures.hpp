@@ -72,25 +72,60 @@ std::vector<StepFailure> without_stress(Parts const& parts, std::size_t enough, 
 
 /// The particle that goes furthest in a step by itself, by its own velocity or by the waves in it, if that is
 /// more than a cell: by way of the grid others go wrong with it. Else the one that the log names.
-/// `velocities(k)` are those of a material, by row.
-template <class Parts, class Velocities>
-StepFailure furthest_in(Parts const& parts, StepLog const& log, Velocities const& velocities,
-                        double cell_size, double time, double dt)
+/// `values(tag, k)` are those of a field and a material, by row.
+template <class Parts, class Values>
+StepFailure furthest_in(Parts const& parts, StepLog const& log, Values const& values, double cell_size,
+                        double time, double dt)
 {
     StepFailure found = failure_of(parts, log, time, dt);
     double furthest = cell_size;
     Parts::for_each([&](auto k) {
-        auto const of_row = velocities(k);
+        auto const velocities = values(Velocity{}, k);
         std::optional<std::uint32_t> worst;
         parts.template particles<k>().for_each([&](std::uint32_t row, auto& particle) {
             auto const response = parts.template response<k>(particle);
-            double const way = dt * std::max(double(of_row[row].norm()),
+            double const way = dt * std::max(double(velocities[row].norm()),
                                              parts.template wave_speed<k>(double(response.wave_modulus)));
             if (!(way > furthest)) return;
             furthest = way;
             worst = row;
         });
         if (worst) found = failure_of<k>(parts, *worst, log.mishap, time, dt, log.wrong);
+    });
+    return found;
+}
+
+/// The particle whose own state bounds the step to `stable` [s], but for roundings; if one is so.
+template <class Parts, class Rule, class Values>
+std::optional<StepFailure> slowest_in(Parts const& parts, Rule rule, Values const& values, double stable,
+                                      double time, double dt)
+{
+    rule.acceleration = rule.obstacle_speed = 0;
+    double shortest = 1.001 * stable;
+    std::optional<StepFailure> found;
+    Parts::for_each([&](auto k) {
+        std::vector<StepBounds> bounds;
+        for (auto const& velocity : values(Velocity{}, k))
+            bounds.push_back({.material = static_cast<int>(k), .speed = double(velocity.norm())});
+        if constexpr (Parts::template Of<k>::State::template contains<AffineVelocity>) {
+            auto const rates = values(AffineVelocity{}, k);
+            for (std::size_t row = 0; row < rates.size(); ++row)
+                bounds[row].deformation_rate = double(rates[row].norm());
+        }
+        std::optional<std::uint32_t> slowest;
+        Mishap cause{};
+        parts.template particles<k>().for_each([&](std::uint32_t row, auto& particle) {
+            auto const response = parts.template response<k>(particle);
+            bounds[row].wave_speed = parts.template wave_speed<k>(double(response.wave_modulus));
+            double const step = rule.stable(bounds[row].finite()).dt;
+            if (!(step < shortest)) return;
+            shortest = step;
+            slowest = row;
+            cause = response.inverted                               ? Mishap::inverted
+                    : !std::isfinite(double(response.wave_modulus)) ? Mishap::not_finite
+                                                                    : Mishap::stalled;
+        });
+        if (slowest) found = failure_of<k>(parts, *slowest, cause, time, dt, 1);
     });
     return found;
 }
@@ -110,9 +145,10 @@ StepFailure furthest_in(Parts const& parts, StepLog const& log, Velocities const
                     "obstacles that close in on it, or a material far too stiff or too soft for its speed."};
 }
 
-/// Stops where no step gets on any more, as one that was chosen shows; `since` is who went wrong before, if
-/// somebody did.
-[[noreturn]] inline void throw_no_step(Course const& course, std::optional<StepFailure> const& since)
+/// Stops where no step gets on any more, as one that was chosen shows; `since` is for whom, if that is known,
+/// and the rest as for throw_step_error.
+[[noreturn]] inline void throw_no_step(Course const& course, std::optional<StepFailure> const& since,
+                                       std::string const& material, int d)
 {
     std::ostringstream what, where, remedy;
     what << "the stable time step fell to " << course.now.interval.length() << " s, bounded by "
@@ -121,7 +157,8 @@ StepFailure furthest_in(Parts const& parts, StepLog const& log, Velocities const
     remedy << "Check masses, moduli and velocities of the scene: wave speed " << course.bounds.wave_speed
            << " m/s, fastest particle " << course.bounds.speed << " m/s.";
     if (!since) throw Error{what.str(), where.str(), remedy.str()};
-    what << ", since particle " << since->particle << " " << describe(since->cause);
+    what << ", since particle " << since->particle << material << " " << describe(since->cause);
+    where << ", at (" << since->position.head(d).transpose() << ") m";
     throw StepError{*since, what.str(), where.str(), remedy.str()};
 }
 
