@@ -102,6 +102,9 @@ TEST_CASE("states from which a material cannot go on are neither uploaded nor re
     CHECK_THAT((refusal_of<LogPlasticVolumeRatio, CamClay<Plane>>(-300)), StartsWith("an alpha of -300.01"));
     CHECK(refusal_of<DisplacementGradient, Snow<Plane>>(-1.5) ==
           "an elastic volume ratio of -0.500000 is not above 0");
+    for (double stretch : {1e6, 1e-7})
+        CHECK_THAT((refusal_of<DisplacementGradient, Snow<PlaneFloat>>(stretch - 1)),
+                   StartsWith("elastic stretches are further apart"));
     // what they can bear, the next step does
     auto solver = block(water);
     solver.upload<LogVolumeRatio>(std::vector<double>(solver.size(), -1.0));
