@@ -1,6 +1,5 @@
 // SPDX-License-Identifier: MIT
-// All that threads do together, in one short scene: for thread_sanitize.sh, which is why it is a program of
-// its own.
+// All that threads do together, in one short scene: for thread_sanitize.sh.
 #include "catch.hpp"
 #include "support/policies.hpp"
 
@@ -25,11 +24,11 @@ struct Outcome
     bool operator==(Outcome const&) const = default;
 };
 
-/// A ball that particles push falls on two materials upon a floor, beside a wall and before a terrain that
-/// moves; a source above, a drain below, somebody who goes wrong, and a state that is taken back.
+/// A ball that particles push falls on two materials upon a floor, between a wall and a box that comes
+/// nearer; a source above, a drain beside, two who go wrong, and a state that is taken back.
 Outcome run(int threads)
 {
-    double const cell = 0.05, dt = 2e-3;
+    double const cell = 0.025, dt = 2e-3;
     OpenMP backend;
     backend.threads = threads;
     Pair solver(lattice(cell), {}, {}, {}, backend);
