@@ -5,6 +5,7 @@
 #include <firn/grid/lattice.hpp>
 #include <firn/phases/stable_time_step.hpp>
 #include <firn/phases/table_view.hpp>
+#include <firn/step_error.hpp>
 
 #include <algorithm>
 #include <array>
@@ -77,6 +78,7 @@ struct Snapshot
     MassScale masses{};
     std::uint32_t next_id = 0; ///< of the next particle that is added
     std::vector<MaterialSnapshot<Number, d>> materials{};
+    std::vector<StepFailure> isolated{}; ///< who was taken out of the scene: see Solver::quarantine
 };
 
 namespace detail
@@ -152,8 +154,16 @@ void require_whole(Snapshot<Number, d> const& snapshot, double largest_coordinat
         require_whole(of, masses, snapshot.next_id, largest_coordinate);
         ids.insert(ids.end(), of.ids.begin(), of.ids.end());
     }
+    for (auto const& gone : snapshot.isolated) {
+        whole(gone.particle < snapshot.next_id && gone.material < snapshot.materials.size() &&
+                  gone.position.allFinite() && std::isfinite(gone.time) && not_negative(gone.dt) &&
+                  *describe(gone.cause) != 0,
+              "somebody was taken out of the scene who was never there, or for no reason");
+        ids.push_back(gone.particle);
+    }
     std::sort(ids.begin(), ids.end());
-    whole(std::adjacent_find(ids.begin(), ids.end()) == ids.end(), "two particles have the same id");
+    whole(std::adjacent_find(ids.begin(), ids.end()) == ids.end(),
+          "two particles have the same id, or one that was taken out of the scene is there");
 }
 } // namespace detail
 

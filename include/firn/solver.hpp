@@ -4,16 +4,19 @@
 #include <firn/concepts.hpp>
 #include <firn/core/entrance.hpp>
 #include <firn/effects/reflecting_wall.hpp>
+#include <firn/grid_exchange.hpp>
 #include <firn/interpolation/quadratic_b_spline.hpp>
+#include <firn/known_walls.hpp>
 #include <firn/models/several_materials.hpp>
 #include <firn/occupancy.hpp>
-#include <firn/particle_table.hpp>
 #include <firn/phases/conclude_step.hpp>
-#include <firn/phases/extend_velocities.hpp>
 #include <firn/phases/move_particles.hpp>
 #include <firn/report.hpp>
+#include <firn/restoring.hpp>
+#include <firn/scene_bounds.hpp>
+#include <firn/scene_parts.hpp>
 #include <firn/snapshot.hpp>
-#include <firn/step_error.hpp>
+#include <firn/step_failures.hpp>
 #include <firn/transfer/mls.hpp>
 
 #include <algorithm>
@@ -36,17 +39,6 @@ template <class Real, class List>
 inline constexpr bool are_materials = false;
 template <class Real, class... Models>
 inline constexpr bool are_materials<Real, Materials<Models...>> = (ConstitutiveModel<Models, Real> && ...);
-
-/// What a material is called.
-template <class Model>
-std::string name_of_material(std::size_t place)
-{
-    std::string const numbered = "material " + std::to_string(place);
-    if constexpr (requires { std::string(Model::name); })
-        return std::string(Model::name) + " (" + numbered + ")";
-    else
-        return numbered;
-}
 } // namespace detail
 
 /// An explicit Material Point Method solver.
@@ -69,6 +61,7 @@ class Solver
 {
     using List = typename detail::MaterialsOf<ModelType>::Type;
     using Every = EveryMaterial;
+    using Parts = SceneParts<Backend, List, TransferType>;
 
 public:
     using Model = ModelType;
@@ -85,28 +78,13 @@ public:
                   "the transfer scheme lacks give or take: see firn/concepts.hpp");
 
     /// How many materials there are.
-    static constexpr std::size_t materials = std::tuple_size_v<decltype(List::of)>;
+    static constexpr std::size_t materials = Parts::count;
 
-    /// What there is of one material.
+    /// What there is of one material: see SceneParts::Of.
     template <class Which = Every>
-    struct Of
+    struct Of : Parts::template Of<detail::PlaceOf<Which, List>::value>
     {
         static constexpr std::size_t place = detail::PlaceOf<Which, List>::value;
-        static_assert(place < materials, "say which material: its type, or Material<place>");
-        using Model = std::tuple_element_t<place, decltype(List::of)>;
-        /// A particle's fields beside position and id: the union of what transfer and model declare.
-        using State = Join<typename Transfer::State, typename Model::State>;
-        /// Those that are stored from step to step, and those that particles take from the grid when asked
-        /// for.
-        using Stored = Join<typename Transfer::Stored, typename Model::State>;
-        using Taken = Without<typename Transfer::State, Stored>;
-        using Table = ParticleTable<Backend, Space, Stored, Taken>;
-
-        /// The bytes of what is stored of one particle: its position, its fields and its row.
-        static constexpr std::size_t state_bytes_per_particle = Table::state_bytes;
-        /// All resident bytes per particle: two buffers of that, and the index of the cell order. (The host
-        /// keeps four more where ids are no rows.)
-        static constexpr std::size_t bytes_per_particle = Table::resident_bytes;
     };
 
 private:
@@ -134,8 +112,8 @@ public:
     explicit Solver(Lattice lattice, Model model = {}, Transfer transfer = {}, StepControl control = {},
                     Backend backend = {})
         : lattice_(firn::lattice(lattice.cell_size, lattice.origin)), transfer_(transfer), control_(control),
-          backend_(std::move(backend)), parts_(parts_of(List(std::move(model)), Places{})), grid_(backend_),
-          now_(backend_), log_(backend_)
+          backend_(std::move(backend)), parts_(List(std::move(model)), lattice_, Kernel::order, backend_),
+          exchange_(lattice_, transfer_, backend_), now_(backend_), log_(backend_)
     {
         for_each_material([&](auto k) { model_of<k>().validate(); });
         control_.validate();
@@ -161,12 +139,11 @@ public:
                                               velocity, first, masses_);
         if (added == 0) return first;
         next_id_ += static_cast<std::uint32_t>(added);
-        given_for_ = 0;
-        walls_.clear();
-        auto at_rest = Record<Number, d, typename Of<Which>::Model::State>::at_rest();
-        auto const response =
-            model_of<k>().template respond<Number>(at_rest, Matrix<Number, d>::Zero(), Number(0));
-        rule_of_materials().admit(course_.bounds, static_cast<int>(k), wave_speed<k>(response.wave_modulus));
+        exchange_.forget();
+        walls_.forget();
+        double const modulus = parts_.template response_at_rest<k>().wave_modulus;
+        rule_of_materials().admit(course_.bounds, static_cast<int>(k),
+                                  parts_.template wave_speed<k>(modulus));
         course_.bounds.speed = std::max(course_.bounds.speed, velocity.norm());
         course_.bounds = course_.bounds.finite();
         return first;
@@ -205,7 +182,7 @@ public:
         if (count == 0) return 0;
         hold_taken();
         for_each_material([&](auto k) { particles<k>().remove(doomed[k]); });
-        given_for_ = 0;
+        exchange_.forget();
         return count;
     }
 
@@ -231,12 +208,12 @@ public:
         if constexpr (Of<Which>::Stored::template contains<Tag>)
             particles<k>().edit([&](std::uint32_t row, auto& particle) {
                 particle[Tag{}] = by_id[row];
-                if constexpr (may_object<k> && Of<Which>::Model::State::template contains<Tag>)
-                    require_bearable<k>(particles<k>(), row, particle, "Solver::upload");
+                if constexpr (detail::may_object<k, Parts> && Of<Which>::Model::State::template contains<Tag>)
+                    detail::require_bearable<k>(parts_, particles<k>(), row, particle, "Solver::upload");
             });
         else
             particles<k>().held().template set<Tag>(by_id);
-        given_for_ = 0;
+        exchange_.forget();
         find_bounds();
     }
 
@@ -245,12 +222,14 @@ public:
     /// them, and its report names them (see isolated()). All others keep, bit by bit, all they have, as with
     /// remove_if(). One more is an error.
     ///
-    /// What particles take from the grid is then kept beside them from step to step.
+    /// What particles take from the grid is then kept beside them from step to step. A snapshot, and so a
+    /// checkpoint, has the list of those who were taken out: of `most`, which stays the solver's own, as many
+    /// are left as are not on it.
     void quarantine(std::size_t most)
     {
         auto const visit = entrance_.to_change("Solver::quarantine");
         hold_taken();
-        quarantine_ = most;
+        quarantine_.most = most;
         isolate_ = &Solver::isolate;
     }
 
@@ -304,8 +283,9 @@ public:
     ///
     /// A step that goes wrong is repeated with half its length; after StepControl::retries halvings that is
     /// a StepError that names particle, place, time and cause, and the state is that of the last good step
-    /// (but see step() for velocities). With quarantine() the particle is taken out of the scene
-    /// instead, and the run goes on; so it does at once for one whose own state has no stress.
+    /// (but see step() for velocities). So it is where somebody's speed or waves allow no step that gets on.
+    /// With quarantine() the particle is taken out of the scene instead, and the run goes on; so it does at
+    /// once for one whose own state has no stress.
     template <NodeEffect<Number, d>... Effects>
     AdvanceReport advance(double duration, Effects const&... effects)
     {
@@ -321,35 +301,29 @@ public:
         rule.end = course_.time + duration;
         auto const plain = plain_effects(effects...);
         AdvanceReport report;
-        StepLog lately; // the last step that went wrong, until one as long as that did not
-        double lately_tried = 0;
+        StepLog wrong; // the step that is repeated, if one is: course_.retries
         while (rule.goes_on(course_)) {
             if (!course_.ready) choose(rule);
+            double const tried = course_.now.interval.length();
             if (!rule.gets_on(course_)) {
-                bool const isolated =
-                    isolates(lately, course_.now.interval.length(), lately.wrong > 0, report.isolated);
-                if (!isolated) fail_to_get_on(lately);
-                lately = {};
+                // it was halved before what goes wrong however short it is, or somebody's state allows none
+                bool const repeated = course_.retries > 0;
+                auto const who =
+                    repeated ? detail::failure_of(parts_, wrong, course_.time, tried) : slowest(rule, tried);
+                if (!isolates(repeated ? wrong : StepLog{}, tried, who.has_value(), report.isolated, who))
+                    fail_to_get_on(who);
                 continue;
             }
-            double const tried = course_.now.interval.length();
             // as many as there would be if all were as long as this one
             auto const most = static_cast<std::size_t>(std::ceil((rule.end - course_.time) / tried));
             StepLog const& log = run(
                 rule, most, plain, [&](auto const& record) { report.add(report_of(record), record.limit); });
-            if (log.wrong == 0) {
-                if (tried >= lately_tried) lately = {};
-                continue;
-            }
-            lately = log;
-            lately_tried = tried;
+            if (log.wrong == 0) continue;
+            wrong = log;
             ++report.rejected;
             bool const last = ++course_.retries > control_.retries;
             double const dt = course_.now.interval.length();
-            if (isolates(log, dt, last, report.isolated))
-                lately = {}; // rows are others now
-            else if (last)
-                fail(log, dt);
+            if (!isolates(log, dt, last, report.isolated) && last) fail(log, dt);
         }
         course_.ready = false;
         return report;
@@ -376,9 +350,9 @@ public:
         return count;
     }
 
-    /// Who was taken out of the scene for what went wrong, and why, since the solver was made; see
-    /// quarantine().
-    std::vector<StepFailure> const& isolated() const { return isolated_; }
+    /// Who was taken out of the scene for what went wrong, and why, since the solver was made or, if that was
+    /// later, as it was in the snapshot that was restored; see quarantine().
+    std::vector<StepFailure> const& isolated() const { return quarantine_.isolated; }
 
     /// What the next time step depends on.
     StepBounds const& bounds() const { return course_.bounds; }
@@ -401,7 +375,8 @@ public:
     template <class Tag, class Which = Every>
     std::vector<FieldValue<Tag, Number, d>> download() const
     {
-        return by_id<Which, FieldValue<Tag, Number, d>>([&](auto k) { return download_of<Tag, k>(); });
+        return by_id<Which, FieldValue<Tag, Number, d>>(
+            [&](auto k) { return exchange_.template download<Tag, k>(parts_); });
     }
 
     /// A stored field where it lies, in memory of the backend: `view<DisplacementGradient>()`. Nothing is
@@ -463,10 +438,12 @@ public:
                                .last = course_.last,
                                .bounds = course_.bounds,
                                .masses = masses_,
-                               .next_id = next_id_};
+                               .next_id = next_id_,
+                               .materials = {},
+                               .isolated = quarantine_.isolated};
         for_each_material([&](auto k) {
             to.materials.push_back(particles<k>().snapshot());
-            name_material<k>(to.materials.back());
+            detail::name_material<k>(parts_, to.materials.back());
         });
         for_each_material([&](auto k) { particles<k>().restore(to.materials[k]); });
         go_on_from(to);
@@ -482,15 +459,15 @@ public:
     void restore(Snapshot<Number, d> const& from)
     {
         auto const visit = entrance_.to_change("Solver::restore");
-        require_fits(from);
+        detail::require_fits<Kernel, Transfer>(from, parts_, lattice_);
         detail::require_whole(from, Cells::largest_coordinate);
-        Parts parts = parts_of(materials_of(Places{}), Places{});
+        Parts parts = parts_.emptied(lattice_, Kernel::order, backend_);
         for_each_material([&](auto k) {
-            auto& table = std::get<k>(parts).particles;
+            auto& table = parts.template particles<k>();
             table.restore(from.materials[k]);
-            if constexpr (may_object<k>)
+            if constexpr (detail::may_object<k, Parts>)
                 table.for_each([&](std::uint32_t row, auto const& particle) {
-                    require_bearable<k>(table, row, particle, "Solver::restore");
+                    detail::require_bearable<k>(parts, table, row, particle, "Solver::restore");
                 });
         });
         parts_ = std::move(parts);
@@ -500,149 +477,48 @@ public:
     /// Bytes held by particles and grid, spare capacity included.
     std::size_t memory() const
     {
-        std::size_t bytes = grid_.memory();
+        std::size_t bytes = exchange_.grid().memory();
         for_each_material([&](auto k) { bytes += particles<k>().memory(); });
         return bytes;
     }
 
 private:
-    using Grid = typename Backend::template Grid<
-        Number, d, Kernel::order, NodeSums<d, Transfer::keeps_old_velocity>::channels,
-        NodeVelocities<d, Transfer::keeps_old_velocity>::channels, static_cast<int>(materials)>;
-    using Cells = typename Of<Material<0>>::Table::Cells;
+    using Exchange = GridExchange<Backend, Parts, Kernel, Transfer>;
+    using Cells = typename Parts::Cells;
     using Rule = StepRule<static_cast<int>(materials)>;
     using Failures = std::vector<StepFailure>;
-
-    /// A material of the scene: all materials have a layer of the grid each, in the same order.
-    template <std::size_t k>
-    struct Part
-    {
-        typename Of<Material<k>>::Model model;
-        typename Of<Material<k>>::Table particles;
-    };
-
-    template <std::size_t... k>
-    static std::tuple<Part<k>...> tuple_of_parts(std::index_sequence<k...>);
-    using Parts = decltype(tuple_of_parts(Places{}));
-
-    template <std::size_t... k>
-    Parts parts_of(List list, std::index_sequence<k...>)
-    {
-        return Parts{Part<k>{std::move(std::get<k>(list.of)),
-                             typename Of<Material<k>>::Table(lattice_, Kernel::order, backend_)}...};
-    }
-
-    template <std::size_t... k>
-    List materials_of(std::index_sequence<k...>) const
-    {
-        return List{model_of<k>()...};
-    }
-
-    /// Says in a snapshot what the model of a material is.
-    template <std::size_t k>
-    void name_material(MaterialSnapshot<Number, d>& material) const
-    {
-        using Here = typename Of<Material<k>>::Model;
-        auto at_rest = Record<Number, d, typename Here::State>::at_rest();
-        auto const response =
-            model_of<k>().template respond<Number>(at_rest, Matrix<Number, d>::Zero(), Number(0));
-        material.name = detail::name_of_policy<Here>();
-        material.density = double(model_of<k>().density);
-        material.wave_modulus = double(response.wave_modulus);
-    }
-
-    /// Refuses the snapshot of another kind of solver.
-    void require_fits(Snapshot<Number, d> const& from) const
-    {
-        auto const same = [](bool condition, std::string const& what, auto const& theirs, auto const& ours) {
-            if (condition) return;
-            std::ostringstream text;
-            text.precision(17);
-            text << "the snapshot has " << what << " " << theirs << ", this solver has " << ours;
-            throw Error{
-                text.str(), "Solver::restore",
-                "Restore into a solver that was made with the same lattice, policies and parameters."};
-        };
-        auto const compare = [&](std::string const& what, auto const& theirs, auto const& ours) {
-            same(theirs == ours, what, theirs, ours);
-        };
-        compare("the kernel", from.kernel, detail::name_of_policy<Kernel>());
-        compare("a kernel of order", from.kernel_order, Kernel::order + 0);
-        compare("the transfer", from.transfer, detail::name_of_policy<Transfer>());
-        compare("a cell size [m] of", from.lattice.cell_size, lattice_.cell_size);
-        same(from.lattice.origin == lattice_.origin, "the origin [m]", from.lattice.origin.transpose(),
-             lattice_.origin.transpose());
-        compare("this many materials:", from.materials.size(), materials + 0);
-        for_each_material([&](auto k) {
-            MaterialSnapshot<Number, d> ours;
-            name_material<k>(ours);
-            auto const& theirs = from.materials[k];
-            std::string const place = "material " + std::to_string(k);
-            compare("for " + place, theirs.name, ours.name);
-            compare("for " + place + " the density [kg/m^3]", theirs.density, ours.density);
-            // some processors' exponentials differ in the last bit
-            same(std::abs(theirs.wave_modulus - ours.wave_modulus) <= 1e-5 * ours.wave_modulus,
-                 "for " + place + " the wave modulus at rest [Pa]", theirs.wave_modulus, ours.wave_modulus);
-            Of<Material<k>>::Table::require_same_fields(theirs, place + " (" + ours.name + ")");
-        });
-    }
-
-    /// Whether the model of a material may object to a state from outside.
-    template <std::size_t k>
-    static constexpr bool may_object =
-        ObjectsToStates<typename Of<Material<k>>::Model, Record<Number, d, typename Of<Material<k>>::Stored>>;
-
-    /// Throws an Error if it does, for the particle of a row of a table.
-    template <std::size_t k, class Particle>
-    void require_bearable(typename Of<Material<k>>::Table const& table, std::uint32_t row,
-                          Particle const& particle, char const* call) const
-    {
-        std::string const objection = model_of<k>().objection(particle);
-        if (objection.empty()) return;
-        std::string where = std::string(call) + ", value " + std::to_string(row) + ", particle " +
-                            std::to_string(table.id(row));
-        if (materials > 1) where += " of " + detail::name_of_material<typename Of<Material<k>>::Model>(k);
-        throw Error{objection, where, "Pass a state that the material could have come to."};
-    }
 
     /// Goes on from a snapshot whose particles are there already: grid, and what was planned, begin afresh.
     void go_on_from(Snapshot<Number, d> const& from)
     {
-        grid_ = Grid(backend_);
+        exchange_ = Exchange(lattice_, transfer_, backend_);
         masses_ = from.masses;
         next_id_ = from.next_id;
+        quarantine_.isolated = from.isolated;
         course_ = {.time = from.time, .bounds = from.bounds, .previous = from.previous, .last = from.last};
-        given_for_ = 0;
-        movers_gave_ = false;
         spoiled_ = false;
-        walls_.clear();
+        walls_.forget();
     }
 
     template <std::size_t k>
     auto& particles()
     {
-        return std::get<k>(parts_).particles;
+        return parts_.template particles<k>();
     }
     template <std::size_t k>
     auto const& particles() const
     {
-        return std::get<k>(parts_).particles;
+        return parts_.template particles<k>();
     }
     template <std::size_t k>
     auto const& model_of() const
     {
-        return std::get<k>(parts_).model;
+        return parts_.template model<k>();
     }
-
-    /// Calls `use(place)` for every material, `place` being a constant.
     template <class Use>
     static void for_each_material(Use const& use)
     {
-        [&]<std::size_t... k>(std::index_sequence<k...>)
-        {
-            (use(std::integral_constant<std::size_t, k>{}), ...);
-        }
-        (Places{});
+        Parts::for_each(use);
     }
 
     /// Whether a call with `Which` is about this material.
@@ -672,45 +548,9 @@ private:
         }
     }
 
-    template <class Tag, std::size_t k>
-    std::vector<FieldValue<Tag, Number, d>> download_of() const
-    {
-        auto const& table = particles<k>();
-        if constexpr (Of<Material<k>>::Stored::template contains<Tag>)
-            return table.template download<Tag>();
-        else if (table.holds_taken())
-            return table.held().template by_row<Tag>(table.size());
-        else {
-            auto const taken = table.new_taken();
-            take_again<k>(taken.view());
-            return taken.template by_row<Tag>(table.size());
-        }
-    }
-
-    /// The cells of all materials.
-    std::array<Cells*, materials> orders()
-    {
-        std::array<Cells*, materials> orders{};
-        for_each_material([&](auto k) { orders[k] = &particles<k>().cells(); });
-        return orders;
-    }
-
-    /// How steps are chosen, as far as the materials alone say.
     Rule rule_of_materials() const
     {
-        Rule rule{.control = control_, .cell_size = lattice_.cell_size};
-        for_each_material([&](auto k) {
-            auto const& model = model_of<k>();
-            double expansion_ratio = d; // the largest there is, for models that do not say
-            if constexpr (requires { model.elasticity.expansion_ratio(d); })
-                expansion_ratio = model.elasticity.expansion_ratio(d);
-            MaterialLimits& limits = rule.limits[k];
-            limits.wave = isolated_limit<Kernel, Transfer>(expansion_ratio);
-            if constexpr (Viscous<typename Of<Material<k>>::Model>)
-                limits.shear = shear_limit(limits.wave, model.kinematic_viscosity(), lattice_.cell_size,
-                                           expansion_ratio);
-        });
-        return rule;
+        return detail::rule_of_materials<Kernel, Transfer>(parts_, control_, lattice_.cell_size);
     }
 
     /// How the steps of a call with these effects are chosen.
@@ -720,20 +560,14 @@ private:
         course_.ready = false; // it was for other effects, and another end
         course_.retries = 0;
         Rule rule = rule_of_materials();
-        [[maybe_unused]] auto const ask = [&](auto const& effect) {
-            if constexpr (requires { effect.largest_acceleration(); })
-                rule.acceleration = std::max(rule.acceleration, effect.largest_acceleration());
-            if constexpr (requires { effect.largest_speed(); })
-                rule.obstacle_speed = std::max(rule.obstacle_speed, effect.largest_speed());
-        };
-        (ask(effects), ...);
+        (detail::admit_effect(rule, effects), ...);
         return rule;
     }
 
     /// Chooses the next step, by what the host knows.
     void choose(Rule const& rule)
     {
-        if (course_.given.interval.forces != given_for_) course_.given = {};
+        if (course_.given.interval.forces != exchange_.given_for()) course_.given = {};
         rule.choose(course_);
     }
 
@@ -766,17 +600,19 @@ private:
         int const turn = now_turn_;
 
         for_each_material([&](auto k) { particles<k>().sort(); }); // into the order of cells
-        grid_.follow(orders());                                    // blocks of nodes under them
-        give_for(course_.now.interval.forces);
+        auto& grid = exchange_.grid();
+        grid.follow(parts_.orders()); // blocks of nodes under them
+        exchange_.give_for(course_.now.interval.forces, parts_);
         backend_.for_each(Log::places(expected),
                           BeginSteps<Number, d, count, Effects, Actions>{
-                              course_, {rule, densities(), effects}, kept_rule, log, now + turn});
+                              course_, {rule, parts_.densities(), effects}, kept_rule, log, now + turn});
         Sides const sides = sides_of(effects);
         using Update = UpdateGrid<Space, Kernel, Transfer, Actions>;
         auto const update = [&](int step) {
-            extend_velocities();
+            exchange_.extend_velocities(parts_, smallest_node_mass());
             return backend_.for_each_node(
-                cells, grid_, Update{now + (turn + step) % 2, lattice_, smallest_node_mass(), kept_share()});
+                cells, grid,
+                Update{now + (turn + step) % 2, lattice_, smallest_node_mass(), exchange_.kept_share()});
         };
         auto const move = [&]<std::size_t k>(std::integral_constant<std::size_t, k>, int step) {
             using Here = Of<Material<k>>;
@@ -805,7 +641,7 @@ private:
         if constexpr (count > 1) {
             [&]<std::size_t... k>(std::index_sequence<k...>)
             {
-                backend_.move_each(orders(), std::array{grid_.layer(k)...},
+                backend_.move_each(parts_.orders(), std::array{grid.layer(k)...},
                                    std::tuple{move(std::integral_constant<std::size_t, k>{}, 0)...}, reacted,
                                    conclude(0));
             }
@@ -814,14 +650,15 @@ private:
         }
         else {
             constexpr std::integral_constant<std::size_t, 0> only{};
-            auto layer = grid_.layer(0);
+            auto layer = grid.layer(0);
             if constexpr (Backend::queues)
                 for (; queued < expected; reacted = update(queued++)) {
                     auto const choice =
                         backend_.move_on(cells, layer, move(only, queued - 1), reacted, conclude(queued - 1));
                     accept(sides); // as is to be expected
                     particles<0>().sort([&](auto&, auto const& offsets) {
-                        backend_.template follow<Scatter<0>>(cells, layer, offsets, choice);
+                        backend_.template follow<typename Exchange::template Scatter<0>>(cells, layer,
+                                                                                         offsets, choice);
                     });
                 }
             backend_.move(cells, layer, move(only, queued - 1), reacted, conclude(queued - 1));
@@ -873,17 +710,10 @@ private:
         Sides sides;
         for_each_material([&](auto k) {
             sides.held[k] = particles<k>().holds_taken();
-            sides.pushed[k] =
-                Of<Material<k>>::Taken::components(d) > 0 && (effects.touch_particles() || quarantine_ > 0);
+            sides.pushed[k] = Of<Material<k>>::Taken::components(d) > 0 &&
+                              (effects.touch_particles() || quarantine_.most > 0);
         });
         return sides;
-    }
-
-    std::array<double, materials> densities() const
-    {
-        std::array<double, materials> densities{};
-        for_each_material([&](auto k) { densities[k] = double(model_of<k>().density); });
-        return densities;
     }
 
     /// Whether the step after those that were taken went wrong.
@@ -901,23 +731,21 @@ private:
         for_each_material([&](auto k) {
             particles<k>().set_held(taken > 0 ? sides.pushed[k] : sides.held[k], sides.held[k]);
         });
-        if (taken == 0) return;
-        given_for_ = course_.given.interval.forces;
-        movers_gave_ = movers_gave;
+        if (taken > 0) exchange_.gave(course_.given.interval.forces, movers_gave);
     }
 
     /// Takes a step that was made, or soon will be, for done.
     void accept(Sides const& sides)
     {
         for_each_material([&](auto k) { particles<k>().accept(sides.pushed[k]); });
-        grid_.accept();
+        exchange_.grid().accept();
     }
 
     /// Undoes that, and sort(), for steps that were queued and then not made.
     void take_back(int accepted, int sorted, Sides const& sides) requires Backend::queues
     {
         for_each_material([&](auto k) { particles<k>().take_back(accepted, sorted, sides.pushed[k]); });
-        if (accepted % 2 != 0) grid_.accept(); // what was swapped is swapped back
+        if (accepted % 2 != 0) exchange_.grid().accept(); // what was swapped is swapped back
     }
 
     template <class Record>
@@ -935,165 +763,43 @@ private:
         return report;
     }
 
-    template <std::size_t k>
-    using Scatter = ParticlesToGrid<Space, typename Of<Material<k>>::Model, Kernel, Transfer,
-                                    typename Of<Material<k>>::Stored, typename Of<Material<k>>::Taken>;
+    /// Holds what particles take from the grid beside them, before what they are taken from changes.
+    void hold_taken() { exchange_.hold_taken(parts_); }
 
-    /// All particles of a material give to the grid: all they have, or the impulse of a step alone.
-    template <std::size_t k>
-    void scatter(double dt, bool impulse_only)
-    {
-        auto& table = particles<k>();
-        auto layer = grid_.layer(k);
-        backend_.scatter(table.cells(), layer,
-                         Scatter<k>{{},
-                                    model_of<k>(),
-                                    transfer_,
-                                    table.current(),
-                                    table.taken(),
-                                    table.portions(),
-                                    static_cast<Number>(dt),
-                                    static_cast<Number>(lattice_.cell_size),
-                                    impulse_only},
-                         !impulse_only);
-    }
-
-    /// Brings the sums on the grid to what particles give to a step in which stresses act for so long [s]:
-    /// they may have given already, and for another time.
-    void give_for(double dt)
-    {
-        for_each_material([&](auto k) {
-            if (given_for_ == 0)
-                scatter<k>(dt, false);
-            else {
-                auto layer = grid_.layer(k);
-                if (!movers_gave_)
-                    backend_.template scatter_movers<Scatter<k>>(particles<k>().cells(), layer);
-                if (given_for_ != dt) scatter<k>(dt - given_for_, true);
-            }
-        });
-        movers_gave_ = true;
-        given_for_ = dt;
-    }
-
-    /// Extends the velocities of nodes before their update, where the transfer does so: what particles give
-    /// back lies where the next step's sums will, and those of this one come back.
-    void extend_velocities()
-    {
-        if constexpr (ExtendsVelocities<Transfer>) {
-            auto const on_nodes = [&](bool first) {
-                backend_.for_each_node(particles<0>().cells(), grid_,
-                                       ExtendVelocities<Space>{smallest_node_mass(), first});
-            };
-            on_nodes(true);
-            for (int pass = 0; pass < transfer_.passes(); ++pass) {
-                for_each_material([&](auto k) {
-                    auto& table = particles<k>();
-                    auto layer = grid_.layer(k);
-                    backend_.give_back(table.cells(), layer,
-                                       ReturnVelocities<Space, Kernel, typename Of<Material<k>>::Stored>{
-                                           table.current(), table.portions()});
-                });
-                grid_.accept();
-                on_nodes(false);
-                grid_.accept();
-            }
-        }
-    }
-
-    /// The fields that particles take from the grid, as they took them in the last step.
-    template <std::size_t k>
-    void take_again(typename Of<Material<k>>::Table::TakenView const& taken) const
-    {
-        using Here = Of<Material<k>>;
-        if constexpr (Here::Taken::components(d) > 0) {
-            auto const layer = const_cast<Grid&>(grid_).layer(k); // it is only read
-            backend_.take(
-                particles<k>().cells(), layer,
-                TakeVelocities<Space, Kernel, Transfer, typename Here::Stored, typename Here::Taken>{
-                    {}, transfer_, particles<k>().ordered(), taken, static_cast<Number>(lattice_.cell_size)});
-        }
-    }
-
-    /// Whether they are held beside the particles.
-    bool holds_taken() const
-    {
-        bool holds = true;
-        for_each_material([&](auto k) { holds = holds && particles<k>().holds_taken(); });
-        return holds;
-    }
-
-    /// Holds them beside the particles, before what they are taken from changes.
-    void hold_taken()
-    {
-        for_each_material([&](auto k) {
-            if (particles<k>().holds_taken()) return;
-            take_again<k>(particles<k>().place_for_taken());
-            particles<k>().hold_taken();
-        });
-    }
-
-    /// After a step that went wrong: the grid no longer has the velocities that particles took, but still
-    /// what they gave. They take from that, without the forces of the step.
+    /// After a step that went wrong: see GridExchange::regain_velocities.
     void regain_velocities()
     {
-        if (!spoiled_ || holds_taken()) return;
-        for_each_material([&](auto k) { scatter<k>(-given_for_, true); });
-        given_for_ = 0;
-        extend_velocities();
-        backend_.for_each_node(particles<0>().cells(), grid_,
-                               UpdateGrid<Space, Kernel, Transfer, Chain<>>{
-                                   reinterpret_cast<StepNow<Number, Chain<>> const*>(now_.data()), lattice_,
-                                   smallest_node_mass(), kept_share()});
-        hold_taken();
+        if (!spoiled_ || parts_.holds_taken()) return;
+        exchange_.regain_velocities(parts_, smallest_node_mass(),
+                                    reinterpret_cast<StepNow<Number, Chain<>> const*>(now_.data()));
         spoiled_ = false;
     }
 
-    /// The bounds of the next step, for states set from outside. How fast particles deform, and what they
-    /// touch, is for a step to find: it stays what the last one found, an affine velocity aside.
+    /// Finds the bounds of the next step, for states set from outside.
     void find_bounds()
     {
-        course_.bounds = {.deformation_rate = course_.bounds.deformation_rate,
-                          .obstacle_speed = course_.bounds.obstacle_speed};
-        Rule const rule = rule_of_materials();
-        for_each_material([&](auto k) {
-            double modulus = 0;
-            particles<k>().for_each([&](std::uint32_t, auto& particle) {
-                modulus = std::max(modulus, double(model_of<k>()
-                                                       .template respond<Number>(
-                                                           particle, Matrix<Number, d>::Zero(), Number(0))
-                                                       .wave_modulus));
-            });
-            rule.admit(course_.bounds, static_cast<int>(k), wave_speed<k>(modulus));
-            for (auto const& velocity : download_of<Velocity, k>())
-                course_.bounds.speed = std::max(course_.bounds.speed, double(velocity.norm()));
-            if constexpr (Of<Material<k>>::State::template contains<AffineVelocity>)
-                for (auto const& rate : download_of<AffineVelocity, k>())
-                    course_.bounds.deformation_rate =
-                        std::max(course_.bounds.deformation_rate, double(rate.norm()));
-        });
-        course_.bounds = course_.bounds.finite();
+        course_.bounds = detail::bounds_of(parts_, rule_of_materials(), course_.bounds, values());
     }
 
-    template <std::size_t k>
-    double wave_speed(double modulus) const
+    /// What tells a field's values of a material, by row.
+    auto values() const
     {
-        return std::sqrt(modulus / double(model_of<k>().density));
+        return [this]<class Tag, std::size_t k>(Tag, std::integral_constant<std::size_t, k>) {
+            return exchange_.template download<Tag, k>(parts_);
+        };
+    }
+
+    /// The particle whose own state bounds the step that was chosen, of so many seconds, if one does.
+    std::optional<StepFailure> slowest(Rule const& rule, double dt) const
+    {
+        if (course_.now.limit > StepLimit::deformation) return {}; // effects, or the steps before
+        return detail::slowest_in(parts_, rule, values(), course_.stable, course_.time, dt);
     }
 
     /// Below this share of a particle's mass, a node's momentum is rounding alone.
     Number smallest_node_mass() const
     {
         return Number(masses_.largest) * (std::is_same_v<Number, float> ? Number(1e-20) : Number(1e-40));
-    }
-
-    /// Of its own velocity that a particle keeps beside the grid's.
-    Number kept_share() const
-    {
-        if constexpr (Transfer::keeps_old_velocity)
-            return static_cast<Number>(transfer_.fraction);
-        else
-            return Number(0);
     }
 
     template <class Effect>
@@ -1120,175 +826,54 @@ private:
     template <class... Effects>
     void require_before_walls(Effects const&... effects)
     {
-        if constexpr ((std::is_same_v<Effects, ReflectingWall> || ...)) {
-            // who moves by velocities of its own may swing a little beyond, where kernels still reach
-            // mirrored nodes alone
-            double const spared = Transfer::moves_with_grid ? 1e-3 : 0.5; // [cells]
-            std::vector<ReflectingWall> walls;
-            [[maybe_unused]] auto const look = [&](auto const& effect) {
-                if constexpr (std::is_same_v<decltype(effect), ReflectingWall const&>) {
-                    walls.push_back(effect);
-                    if (std::ranges::find(walls_, effect) != walls_.end()) return;
-                    for_each_material([&](auto k) {
-                        auto const found = particles<k>().find(BehindWall(effect, lattice_, spared));
-                        if (found.count > 0) fail_behind_wall<k>(found, effect);
-                    });
-                }
-            };
-            (look(effects), ...);
-            walls_ = std::move(walls);
-        }
-        else
-            walls_.clear();
-    }
-
-    template <std::size_t k>
-    [[noreturn]] void fail_behind_wall(Doomed<Backend> const& found, ReflectingWall const& wall) const
-    {
-        auto const row = particles<k>().first_row(found);
-        std::ostringstream what, where;
-        what << "particle " << particles<k>().id(row);
-        if (found.count > 1) what << " and " << found.count - 1 << " more";
-        if (materials > 1) what << " of " << detail::name_of_material<typename Of<Material<k>>::Model>(k);
-        what << (found.count > 1 ? " are" : " is") << " behind a reflecting wall";
-        where << "at (" << particles<k>().position(row).transpose() << ") m, ReflectingWall across axis "
-              << wall.axis << " at node " << wall.node;
-        throw Error{
-            what.str(), where.str(),
-            "Put all particles on the wall's side before it is passed, or let it face the other way."};
-    }
-
-    /// What is wrong with a particle of a material, in a step that begins now.
-    template <std::size_t k>
-    StepFailure failure_of(std::uint32_t row, Mishap cause, double dt, std::uint64_t count) const
-    {
-        StepFailure failure{.cause = cause,
-                            .particle = particles<k>().id(row),
-                            .material = k,
-                            .time = course_.time,
-                            .dt = dt,
-                            .count = count};
-        failure.position.template head<d>() = particles<k>().position(row);
-        return failure;
-    }
-    StepFailure failure_of(StepLog const& log, double dt) const
-    {
-        StepFailure failure;
-        for_each_material([&](auto k) {
-            if (static_cast<std::size_t>(log.material) == k)
-                failure = failure_of<k>(log.particle, log.mishap, dt, log.wrong);
-        });
-        return failure;
-    }
-
-    /// Particles whose own state has no stress, at rest: they spoil what others take from the grid, so that
-    /// the first one for which a step goes wrong may be another.
-    Failures unusable(double dt) const
-    {
-        Failures found;
-        for_each_material([&](auto k) {
-            particles<k>().for_each([&](std::uint32_t row, auto& particle) {
-                auto const response =
-                    model_of<k>().template respond<Number>(particle, Matrix<Number, d>::Zero(), Number(0));
-                bool const finite =
-                    response.kirchhoff_stress.allFinite() && std::isfinite(double(response.wave_modulus));
-                if ((response.inverted || !finite) && found.size() <= quarantine_) // one too many will do
-                    found.push_back(
-                        failure_of<k>(row, finite ? Mishap::inverted : Mishap::not_finite, dt, 1));
-            });
-        });
-        for (auto& failure : found) failure.count = found.size();
-        return found;
-    }
-
-    /// The particle that goes furthest in a step by itself, by its own velocity or by the waves in it, if
-    /// that is more than a cell: by way of the grid others go wrong with it. Else the one that the log names.
-    StepFailure culprit(StepLog const& log, double dt) const
-    {
-        StepFailure found = failure_of(log, dt);
-        double furthest = lattice_.cell_size;
-        for_each_material([&](auto k) {
-            auto const velocities = download_of<Velocity, k>();
-            std::optional<std::uint32_t> worst;
-            particles<k>().for_each([&](std::uint32_t row, auto& particle) {
-                auto const response =
-                    model_of<k>().template respond<Number>(particle, Matrix<Number, d>::Zero(), Number(0));
-                double const way = dt * std::max(double(velocities[row].norm()),
-                                                 wave_speed<k>(double(response.wave_modulus)));
-                if (!(way > furthest)) return;
-                furthest = way;
-                worst = row;
-            });
-            if (worst) found = failure_of<k>(*worst, log.mishap, dt, log.wrong);
-        });
-        return found;
+        // who moves by velocities of its own may swing a little beyond, where kernels still reach mirrored
+        // nodes alone
+        walls_.look(parts_, lattice_, Transfer::moves_with_grid ? 1e-3 : 0.5, effects...);
     }
 
     /// Takes out of the scene, after a step that went wrong, whose own state has no stress or, if it is not
-    /// to be tried once more (`last`), the culprit; see quarantine(). False, and nothing happens, if
+    /// to be tried once more (`last`), `who` or the culprit; see quarantine(). False, and nothing happens, if
     /// there is nobody, or they would be too many.
-    bool isolate(StepLog log, double dt, bool last, Failures& isolated)
+    bool isolate(StepLog log, double dt, bool last, Failures& isolated, std::optional<StepFailure> const& who)
     {
-        if (isolated_.size() >= quarantine_) return false;
+        if (!quarantine_.has_room_for(1)) return false;
         Failures culprits;
-        if (log.mishap != Mishap::rejected || last) culprits = unusable(dt);
-        if (culprits.empty() && last) culprits.push_back(culprit(log, dt));
-        if (culprits.empty() || isolated_.size() + culprits.size() > quarantine_) return false;
-        for_each_material([&](auto k) {
-            std::vector<std::uint32_t> rows;
-            for (auto const& failure : culprits)
-                if (failure.material == k) rows.push_back(particles<k>().row(failure.particle));
-            particles<k>().remove(particles<k>().doomed(rows));
-        });
-        given_for_ = 0;
+        if (log.mishap != Mishap::rejected || last) // of those without stress one too many will do
+            culprits = detail::without_stress(parts_, quarantine_.most + 1, course_.time, dt);
+        if (culprits.empty() && last)
+            culprits.push_back(
+                who ? *who
+                    : detail::furthest_in(parts_, log, values(), lattice_.cell_size, course_.time, dt));
+        if (culprits.empty() || !quarantine_.has_room_for(culprits.size())) return false;
+        parts_.remove(culprits);
+        exchange_.forget();
         course_.retries = 0;
         course_.ready = false;
         find_bounds();
-        isolated_.insert(isolated_.end(), culprits.begin(), culprits.end());
+        auto& all = quarantine_.isolated;
+        all.insert(all.end(), culprits.begin(), culprits.end());
         isolated.insert(isolated.end(), culprits.begin(), culprits.end());
         return true;
     }
 
     /// The same where it is allowed. (By a pointer, so that only who asks for it waits for the compiler.)
-    bool isolates(StepLog const& log, double dt, bool last, Failures& isolated)
+    bool isolates(StepLog const& log, double dt, bool last, Failures& isolated,
+                  std::optional<StepFailure> const& who = {})
     {
-        return isolate_ != nullptr && (this->*isolate_)(log, dt, last, isolated);
+        return isolate_ != nullptr && (this->*isolate_)(log, dt, last, isolated, who);
     }
 
-    [[noreturn]] void fail_to_get_on(StepLog const& lately)
+    [[noreturn]] void fail_to_get_on(std::optional<StepFailure> const& since)
     {
         regain_velocities();
-        std::ostringstream what, where, remedy;
-        what << "the stable time step fell to " << course_.now.interval.length() << " s, bounded by "
-             << describe(course_.now.limit);
-        where << "Solver::advance at t = " << course_.time << " s";
-        remedy << "Check masses, moduli and velocities of the scene: wave speed " << course_.bounds.wave_speed
-               << " m/s, fastest particle " << course_.bounds.speed << " m/s.";
-        if (lately.wrong == 0) throw Error{what.str(), where.str(), remedy.str()};
-        StepFailure const failure = failure_of(lately, course_.now.interval.length());
-        what << ", since particle " << failure.particle << " " << describe(failure.cause);
-        throw StepError{failure, what.str(), where.str(), remedy.str()};
+        detail::throw_no_step(course_, since, since ? Parts::name(since->material) : "", d);
     }
 
     [[noreturn]] void fail(StepLog const log, double dt) // a copy: what follows is logged, too
     {
         regain_velocities();
-        StepFailure const failure = failure_of(log, dt);
-        std::ostringstream what, where;
-        what << "particle " << failure.particle;
-        for_each_material([&](auto k) {
-            if (materials > 1 && failure.material == k)
-                what << " of " << detail::name_of_material<typename Of<Material<k>>::Model>(k);
-        });
-        what << " " << describe(failure.cause);
-        if (failure.count > 1) what << ", as did " << failure.count - 1 << " more";
-        where << "at (" << failure.position.template head<d>().transpose() << ") m, in a step of " << dt
-              << " s at t = " << failure.time << " s";
-        throw StepError{
-            failure, what.str(), where.str(),
-            "The state is that of the last good step. Take a smaller step, or look at what drives "
-            "this particle: "
-            "obstacles that close in on it, or a material far too stiff or too soft for its speed."};
+        StepFailure const failure = detail::failure_of(parts_, log, course_.time, dt);
+        detail::throw_step_error(failure, Parts::name(failure.material), d);
     }
 
     detail::Entrance<typename Backend::SharedCount> entrance_;
@@ -1297,21 +882,18 @@ private:
     StepControl control_;
     Backend backend_;
     Parts parts_;
-    Grid grid_;
+    Exchange exchange_;
     MassScale masses_;
     std::uint32_t next_id_ = 0;
     Course course_;
-    std::size_t quarantine_ = 0; ///< how many may be taken out
-    bool (Solver::*isolate_)(StepLog, double, bool, Failures&) = nullptr;
-    Failures isolated_;                                   ///< who was taken out of the scene
-    std::vector<ReflectingWall> walls_;                   ///< that nobody is behind: see require_before_walls
+    detail::Quarantine quarantine_;
+    bool (Solver::*isolate_)(StepLog, double, bool, Failures&, std::optional<StepFailure> const&) = nullptr;
+    detail::KnownWalls walls_;                            ///< that nobody is behind: see require_before_walls
     typename Backend::template Array<unsigned char> now_; ///< two StepNow and a RunRule, of whatever effects
     typename Backend::template Outbox<unsigned char> log_; ///< a RunLog
     int now_turn_ = 0;          ///< which of the two it is that the next step finds
     std::size_t queue_ = 1;     ///< as many steps are worth while to queue: it went well with half as many
     std::size_t unstopped_ = 0; ///< steps since queued ones were stopped
-    double given_for_ = 0;      ///< the grid holds what particles give, stresses for so long [s]; 0: nothing
-    bool movers_gave_ = false;  ///< so have those that changed their cells since
     bool spoiled_ = false;      ///< a step went wrong: nodes do not hold the velocities of the last good one
 };
 

@@ -8,7 +8,8 @@
 #include <algorithm>
 #include <optional>
 
-// Calls in any order: particles come and go, effects move, states are saved, uploaded and taken back.
+// Calls in any order: particles come and go, effects move, states are saved, uploaded and taken back, and who
+// goes wrong may be taken out.
 namespace firn::fuzz
 {
 
@@ -45,6 +46,7 @@ public:
     {
         for (int i = 0; i < 60 && !input_.empty(); ++i) {
             call();
+            let_go();
             look();
         }
     }
@@ -104,6 +106,25 @@ private:
         expect(told.masses.size() == masses_.size(), "other masses than were added");
         for (std::size_t i = 0; i < masses_.size(); ++i)
             expect(std::abs(told.masses[i] - masses_[i]) <= 1e-6 * masses_[i], "a mass has changed");
+    }
+
+    /// Those who were taken out since the last call are gone from the books, too: each was there, and they
+    /// are no more than may be.
+    void let_go()
+    {
+        auto const& gone = solver_.isolated();
+        expect(gone.size() >= isolated_, "who was taken out is forgotten");
+        if (gone.size() > isolated_) expect(gone.size() <= in_quarantine_, "more are gone than may be");
+        for (; isolated_ < gone.size(); ++isolated_) {
+            auto const& failure = gone[isolated_];
+            auto const at = std::ranges::lower_bound(ids_, failure.particle);
+            expect(at != ids_.end() && *at == failure.particle, "somebody was taken out who was not there");
+            expect(failure.position.allFinite() && failure.material < Solver::materials &&
+                       failure.cause != Mishap::none && failure.count > 0,
+                   "who was taken out is not told");
+            masses_.erase(masses_.begin() + (at - ids_.begin()));
+            ids_.erase(at);
+        }
     }
 
     /// Calls `use` with a material's place as a constant.
@@ -261,14 +282,18 @@ private:
             reports =
                 with_effects([&](auto const&... effects) { return solver_.steps(count, dt, effects...); });
         });
+        std::size_t const gone = solver_.isolated().size() - isolated_;
         if (was_refused) { // each step is as if it had not been, or was made
             Told<Solver> const after(solver_);
             if (count == 1) expect(after.time == before.time, "a step that was refused took time");
-            if (count == 1)
+            if (count == 1 && gone == 0)
                 expect(after.positions == before.positions, "a step that was refused moved something");
             return;
         }
         expect(reports.size() == count, "not one report per step");
+        std::size_t told_gone = 0;
+        for (auto const& report : reports) told_gone += report.isolated.size();
+        expect(told_gone == gone, "reports do not tell who was taken out");
         std::vector<Reaction> reactions;
         double beyond = 1, elapsed = 0;
         for (auto const& report : reports) {
@@ -278,7 +303,7 @@ private:
             bool const as_asked = std::abs(report.dt - dt) <= 1e-15 * (before.time + 10 * dt);
             expect(as_asked && report.reactions.size() == 4, "a report is of another step");
         }
-        expect_balance(before, bounds, double(count), elapsed, beyond, reactions);
+        if (gone == 0) expect_balance(before, bounds, double(count), elapsed, beyond, reactions);
     }
 
     void advance()
@@ -294,7 +319,11 @@ private:
             return;
         expect(report.lost == 0, "particles were lost");
         expect(solver_.time() == before.time + duration, "it ended at another time");
-        expect_balance(before, bounds, double(report.substeps), report.time_of_forces, 1, report.reactions);
+        std::size_t const gone = solver_.isolated().size() - isolated_;
+        expect(report.isolated.size() == gone, "the report does not tell who was taken out");
+        if (gone == 0)
+            expect_balance(before, bounds, double(report.substeps), report.time_of_forces, 1,
+                           report.reactions);
     }
 
     void move_ball()
@@ -316,13 +345,17 @@ private:
         ball_.on_particles = what & 1;
         ball_.contact = what & 2 ? Contact::sticky() : what & 4 ? Contact::coulomb(0.5) : Contact::slip();
         contact_ = what & 8 ? Contact::sticky() : what & 16 ? Contact::bound_slip() : Contact::coulomb(0.3);
+        if (what & 32) {
+            in_quarantine_ = static_cast<std::size_t>(input_.below(6));
+            solver_.quarantine(in_quarantine_);
+        }
     }
 
     void save_or_restore()
     {
         if (!saved_ || input_.below(2) == 0) {
             Told<Solver> const before(solver_);
-            saved_.emplace(solver_.snapshot(), ids_, masses_, next_, Told<Solver>(solver_));
+            saved_.emplace(solver_.snapshot(), ids_, masses_, next_, isolated_, Told<Solver>(solver_));
             expect(saved_->told == before, "a snapshot changed something");
             return;
         }
@@ -348,6 +381,8 @@ private:
         ids_ = saved_->ids;
         masses_ = saved_->masses;
         next_ = saved_->next;
+        isolated_ = saved_->isolated;
+        expect(solver_.isolated().size() == isolated_, "others are taken out than were when it was saved");
         expect(Told<Solver>(solver_) == saved_->told, "what was restored is not what was saved");
     }
 
@@ -363,6 +398,7 @@ private:
         read_checkpoint(file.path(), other, motion, read);
         expect(read == frame && motion.position == ball_.motion.position, "a companion has changed");
         expect(Told<Solver>(other) == Told<Solver>(solver_), "what was read is not what was written");
+        expect(other.isolated().size() == isolated_, "others are taken out than were when it was written");
     }
 
     /// One that is restored from a snapshot makes the same step, bit by bit.
@@ -370,6 +406,7 @@ private:
     {
         Solver other(lattice(cell), model_, {}, {.smallest = 1e-3});
         other.restore(solver_.snapshot());
+        other.quarantine(in_quarantine_);
         double const dt = std::pow(10.0, input_.between(-6, -3));
         auto const step = [&](Solver& solver) {
             return refused(
@@ -377,6 +414,7 @@ private:
         };
         expect(step(solver_) == step(other), "one of two twins was refused");
         expect(Told<Solver>(solver_) == Told<Solver>(other), "twins differ");
+        expect(solver_.isolated().size() == other.isolated().size(), "twins lost others");
     }
 
     struct Saved
@@ -385,11 +423,13 @@ private:
         std::vector<std::uint32_t> ids;
         std::vector<double> masses;
         std::uint32_t next;
+        std::size_t isolated;
         Told<Solver> told;
 
         Saved(Snapshot<Number, d> s, std::vector<std::uint32_t> i, std::vector<double> m, std::uint32_t n,
-              Told<Solver> t)
-            : snapshot(std::move(s)), ids(std::move(i)), masses(std::move(m)), next(n), told(std::move(t))
+              std::size_t gone, Told<Solver> t)
+            : snapshot(std::move(s)), ids(std::move(i)), masses(std::move(m)), next(n), isolated(gone),
+              told(std::move(t))
         {}
     };
 
@@ -399,6 +439,8 @@ private:
     std::vector<std::uint32_t> ids_; ///< of who is there, in rising order
     std::vector<double> masses_;     ///< [kg]
     std::uint32_t next_ = 0;
+    std::size_t in_quarantine_ = 0; ///< as many may be
+    std::size_t isolated_ = 0;      ///< of those who were taken out, as many are gone from the books
     std::optional<Saved> saved_;
     Gravity gravity_;
     Contact contact_ = Contact::coulomb(0.3);
@@ -416,6 +458,10 @@ inline void calls(Bytes bytes)
         Calls<Solver<OpenMP, Two, CubicBSpline, Flip>>(
             input, {materials::dry_sand<PlaneFloat>(), materials::water<PlaneFloat>()})
             .run();
+        return;
+    }
+    if (scene % 4 == 2) {
+        Calls<SnowBall>(input, materials::fresh_snow<SolidFloat>()).run();
         return;
     }
 #endif

@@ -10,11 +10,16 @@
 namespace firn::fuzz
 {
 
-/// The solver that reads: it holds something already.
-inline Sheet reader_of_checkpoints()
+/// A solver that reads: it holds something already.
+template <class Solver>
+Solver reader_of_checkpoints()
 {
-    Sheet solver(lattice(0.05), materials::fresh_snow<PlaneFloat>(), {}, {.smallest = 1e-3});
-    solver.add(std::vector<Eigen::Vector2d>{{0.1, 0.2}, {0.12, 0.2}}, 1e-3, {1, 0});
+    using Space = typename Solver::Space;
+    Solver solver(lattice(0.05), materials::fresh_snow<Space>(), {}, {.smallest = 1e-3});
+    using Point = Vector<double, Solver::d>;
+    Point near = Point::Constant(0.2), nearer = near;
+    near[0] = 0.1, nearer[0] = 0.12;
+    solver.add(std::vector<Point>{near, nearer}, 1e-3, Point::Unit(0));
     return solver;
 }
 
@@ -33,16 +38,10 @@ inline std::vector<std::uint8_t> signed_anew(Bytes bytes)
     return whole;
 }
 
-/// Inputs are what follows the preamble of a file; or, where their first byte is 0, a byte and a whole file.
-/// (A file has a 2 or a 3 there, the number of dimensions.)
-inline void checkpoint(Bytes bytes)
+template <class Solver>
+void read_into(TemporaryFile const& file)
 {
-    TemporaryFile const file(".firn");
-    if (!bytes.empty() && bytes.front() == 0)
-        file.write(bytes.subspan(1));
-    else
-        file.write(signed_anew(bytes));
-    Sheet solver = reader_of_checkpoints();
+    Solver solver = reader_of_checkpoints<Solver>();
     RigidBody body;
     int frame = 7;
     auto const untouched = [&] { return frame == 7 && body.mass == 1; };
@@ -56,15 +55,33 @@ inline void checkpoint(Bytes bytes)
     // it goes on: steps are made or refused, and what is written is what is read
     TemporaryFile const again(".again.firn");
     write_checkpoint(again.path(), solver);
-    expect(Told<Sheet>(solver) == told, "writing a checkpoint changed something");
-    Sheet other = reader_of_checkpoints();
+    expect(Told<Solver>(solver) == told, "writing a checkpoint changed something");
+    Solver other = reader_of_checkpoints<Solver>();
     read_checkpoint(again.path(), other);
-    expect(Told<Sheet>(other) == told, "what was read is not what was written");
+    expect(Told<Solver>(other) == told, "what was read is not what was written");
+    expect(other.isolated().size() == solver.isolated().size(), "others are taken out than were");
     refused([&] { solver.step(1e-6); });
     expect_whole(solver);
     refused([&] { solver.advance(1e-4); });
     expect_whole(solver);
     expect(solver.ids() == told.ids, "a step changed ids");
+}
+
+/// Inputs are what follows the preamble of a file; or, where their first byte is 0, a byte and a whole file.
+/// (A file has a 2 or a 3 there, the number of dimensions.)
+inline void checkpoint(Bytes bytes)
+{
+    TemporaryFile const file(".firn");
+    bool const is_whole = !bytes.empty() && bytes.front() == 0;
+    if (is_whole)
+        file.write(bytes.subspan(1));
+    else
+        file.write(signed_anew(bytes));
+#if defined(FIRN_FUZZ_ALL)
+    std::size_t const dimensions_at = is_whole ? 1 + sizeof(detail::CheckpointPreamble) : 0;
+    if (bytes.size() > dimensions_at && bytes[dimensions_at] == 3) return read_into<SnowBall>(file);
+#endif
+    read_into<Sheet>(file);
 }
 
 } // namespace firn::fuzz

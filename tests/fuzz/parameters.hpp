@@ -173,6 +173,8 @@ inline void parameters(Bytes bytes)
         return run_with<Solver<OpenMP, HardeningVonMises<Plane>, CubicBSpline, Tpic>>(input);
     case 6:
         return run_with<Solver<OpenMP, NeoHookean<PlaneFloat>, CubicBSpline, Pic>>(input);
+    case 7:
+        return run_with<SnowBall>(input);
 #endif
     default:
         return;

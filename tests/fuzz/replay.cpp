@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Passes the files of tests/fuzz/corpus through the harnesses, without a fuzzer: `replay corpus`. With
-// `replay --seed corpus` it writes those that a fuzzer starts from.
+// `replay --seed corpus` it writes those that a fuzzer starts from (with FIRN_FUZZ_ALL those in space, too).
 #include "calls.hpp"
 #include "checkpoint.hpp"
 #include "parameters.hpp"
@@ -33,6 +33,26 @@ std::string content(fs::path const& path)
     return {std::istreambuf_iterator<char>(file), {}};
 }
 
+/// A few particles of snow that have taken a step, of whom somebody was taken out.
+template <class Solver>
+Solver some_snow()
+{
+    Solver solver(firn::lattice(0.05), firn::materials::fresh_snow<typename Solver::Space>());
+    using Point = firn::Vector<double, Solver::d>;
+    std::vector<Point> points;
+    for (int i = 0; i < 6; ++i) {
+        points.push_back(Point::Constant(0.02));
+        points.back().template head<2>() = Eigen::Vector2d(0.02 * i, 0.1 + 0.01 * (i % 3));
+    }
+    solver.add(points, 6e-4, Point::Unit(0) - Point::Unit(1));
+    solver.step(1e-4, firn::Gravity{});
+    solver.remove_if(OnTheLeft{0.01});
+    auto snapshot = solver.snapshot();
+    snapshot.isolated.push_back({.cause = firn::Mishap::rejected, .time = 1e-4, .dt = 1e-4});
+    solver.restore(snapshot);
+    return solver;
+}
+
 /// Files that are good, one for each way to begin.
 void write_seeds(fs::path const& folder)
 {
@@ -47,11 +67,7 @@ void write_seeds(fs::path const& folder)
     put("mesh", "gltf", '\3' + meshes::gltf_json(ball, "none.bin", {0, 0, 0}));
     put("mesh", "glb", '\4' + meshes::glb(ball));
 
-    Sheet sheet(firn::lattice(0.05), firn::materials::fresh_snow<PlaneFloat>());
-    std::vector<Eigen::Vector2d> points;
-    for (int i = 0; i < 6; ++i) points.push_back({0.02 * i, 0.1 + 0.01 * (i % 3)});
-    sheet.add(points, 6e-4, {1, -1});
-    sheet.step(1e-4, firn::Gravity{});
+    auto sheet = some_snow<Sheet>();
     TemporaryFile const file(".firn");
     firn::write_checkpoint(file.path(), sheet);
     std::string const whole = content(file.path());
@@ -68,6 +84,14 @@ void write_seeds(fs::path const& folder)
         for (int i = 0; i < 12; ++i) scene += static_cast<char>(call * 7 + i * 29);
     }
     put("calls", "every_call", scene);
+#if defined(FIRN_FUZZ_ALL)
+    scene[0] = '\2';
+    put("calls", "every_call_in_space", scene);
+    auto ball_of_snow = some_snow<SnowBall>();
+    firn::write_checkpoint(file.path(), ball_of_snow);
+    put("checkpoint", "in_space", content(file.path()).substr(sizeof(firn::detail::CheckpointPreamble)));
+    put("parameters", "usual_7", {'\7', 0, 99, 0, 0, 0, 0});
+#endif
     for (char model = 0; model < 7; ++model)
         put("parameters", ("usual_" + std::to_string(model)).c_str(), {model, 0, 99, 0, 0, 0, 0});
 }

@@ -19,6 +19,9 @@ using SolidFloat = Space<3, float>;
 /// What all harnesses have: single precision, a material that yields and hardens.
 using Sheet = Solver<OpenMP, Snow<PlaneFloat>, QuadraticBSpline, Mls>;
 
+/// The same in space, where velocities are stored: with FIRN_FUZZ_ALL.
+using SnowBall = Solver<OpenMP, Snow<SolidFloat>, CubicBSpline, Flip>;
+
 /// All that is told of a scene's particles, by rising id.
 template <class Solver>
 struct Told

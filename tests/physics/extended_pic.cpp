@@ -337,6 +337,36 @@ TEST_CASE("extended PIC repeats steps that go wrong, and after a mishap particle
     CHECK((Totals(ending).momentum - before.momentum).norm() < 1e-12 * before.momentum.norm());
 }
 
+TEST_CASE("with extended PIC, too, who goes wrong is taken out, and all others are as if it had been removed")
+{
+    Jelly<Xpic> isolates(lattice(0.05), {}, Xpic{.order = 3}), removes(lattice(0.05), {}, Xpic{.order = 3});
+    isolates.quarantine(1);
+    auto const same = [&] {
+        return isolates.ids() == removes.ids() && isolates.positions() == removes.positions() &&
+               isolates.download<Velocity>() == removes.download<Velocity>() &&
+               isolates.download<DisplacementGradient>() == removes.download<DisplacementGradient>();
+    };
+    Obstacle<HalfSpace> const floor{.contact = Contact::coulomb(0.4)};
+    for (auto* of : {&isolates, &removes}) {
+        meet(*of, 20);
+        auto H = of->download<DisplacementGradient>();
+        H[20](1, 1) = -1.5; // det F = -0.5
+        of->upload<DisplacementGradient>(H);
+    }
+    CHECK(same());
+    Eigen::Vector2d const there = removes.positions()[20];
+    CHECK(removes.remove_if(
+              Inside<Sphere>{.shape = {1e-6}, .pose = {.position = {there.x(), there.y(), 0}}}) == 1);
+    auto const isolated = isolates.step(5e-4, Gravity{}, floor).isolated;
+    removes.step(5e-4, Gravity{}, floor);
+    REQUIRE(isolated.size() == 1);
+    CHECK(isolated[0].particle == 20);
+    CHECK(same());
+    for (auto* of : {&isolates, &removes})
+        for (int i = 0; i < 20; ++i) of->step(5e-4, Gravity{}, floor);
+    CHECK(same());
+}
+
 TEST_CASE("extended PIC stores what PIC does, and refuses an order that is none")
 {
     using Extended = Jelly<Xpic, SolidFloat>;

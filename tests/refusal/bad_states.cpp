@@ -102,6 +102,9 @@ TEST_CASE("states from which a material cannot go on are neither uploaded nor re
     CHECK_THAT((refusal_of<LogPlasticVolumeRatio, CamClay<Plane>>(-300)), StartsWith("an alpha of -300.01"));
     CHECK(refusal_of<DisplacementGradient, Snow<Plane>>(-1.5) ==
           "an elastic volume ratio of -0.500000 is not above 0");
+    for (double stretch : {1e6, 1e-7})
+        CHECK_THAT((refusal_of<DisplacementGradient, Snow<PlaneFloat>>(stretch - 1)),
+                   StartsWith("elastic stretches are further apart"));
     // what they can bear, the next step does
     auto solver = block(water);
     solver.upload<LogVolumeRatio>(std::vector<double>(solver.size(), -1.0));
@@ -241,6 +244,11 @@ TEST_CASE("who gets a stress that is no number is named before it spoils what ot
     isolates.steps(20, 1e-3);
     removes.steps(20, 1e-3);
     CHECK(alike());
+    auto queued = scene(); // in the midst of steps that a device does not wait for
+    queued.quarantine(1);
+    auto const reports = queued.steps(static_cast<std::size_t>(before) + 21, 1e-3);
+    CHECK(reports[static_cast<std::size_t>(before)].isolated.size() == 1);
+    CHECK((queued.positions() == isolates.positions()));
 
     // steps that follow the bound shrink before it as before a wall: the error, or the report, still says who
     auto shrinks = scene(), goes_on = scene();
@@ -285,4 +293,98 @@ TEST_CASE("who is far too fast is taken out, and not those whom it carries along
     REQUIRE(isolated.size() == 1);
     CHECK(isolated[0].particle == fast);
     CHECK(solver.size() == count - 1);
+}
+
+TEST_CASE("who is so fast that no step gets on is named, or taken out")
+{
+    auto const scene = [](double speed) {
+        auto solver = block<NeoHookean<Plane>>();
+        solver.advance(1e-3);
+        std::vector<Eigen::Vector2d> velocities(solver.size(), Eigen::Vector2d::Zero());
+        velocities[17] = {0, speed};
+        solver.upload<Velocity>(velocities);
+        return solver;
+    };
+    for (double speed : {1e14, 1e200}) { // of the smallest share of what is asked for; beside the time
+        auto stops = scene(speed);
+        auto const x = stops.positions();
+        double const time = stops.time();
+        StepFailure failure;
+        try {
+            stops.advance(1e-2);
+            FAIL("nothing went wrong");
+        }
+        catch (StepError const& error) {
+            failure = error.failure();
+            CHECK_THAT(error.what_is_wrong(),
+                       Contains("bounded by advection, since particle 17 is too fast"));
+        }
+        CHECK(failure.cause == Mishap::stalled);
+        CHECK(failure.particle == 17);
+        CHECK(failure.position.head<2>() == x[17]);
+        CHECK(failure.time == time);
+        CHECK(failure.dt < 1e-14);
+        CHECK((stops.positions() == x));
+
+        auto goes_on = scene(speed), without = scene(0);
+        goes_on.quarantine(1);
+        without.remove_if(Inside<Sphere>{.shape = {1e-6}, .pose = {.position = failure.position}});
+        auto const report = goes_on.advance(1e-2);
+        REQUIRE(report.isolated.size() == 1);
+        CHECK(report.isolated[0].particle == 17);
+        CHECK(report.rejected == 0);
+        without.advance(1e-2);
+        CHECK((goes_on.positions() == without.positions()));
+    }
+    // of several of them each is named until they are too many; gravity is nobody's fault
+    auto all = block<NeoHookean<Plane>>();
+    all.upload<Velocity>(std::vector<Eigen::Vector2d>(all.size(), {1e14, 0}));
+    all.quarantine(3);
+    CHECK_THROWS_AS(all.advance(1e-2), StepError);
+    CHECK(all.isolated().size() == 3);
+    auto falls = block<NeoHookean<Plane>>();
+    try {
+        falls.advance(1, Gravity{{0, -1e40, 0}});
+        FAIL("nothing went wrong");
+    }
+    catch (Error const& error) {
+        CHECK(dynamic_cast<StepError const*>(&error) == nullptr);
+        CHECK_THAT(error.what_is_wrong(), Contains("bounded by acceleration"));
+    }
+}
+
+TEST_CASE("who was taken out is back with the snapshot that has them, and may be taken out once more")
+{
+    auto solver = block<NeoHookean<Plane>>();
+    solver.quarantine(2);
+    auto const take_out = [&](std::size_t which) {
+        auto velocities = solver.download<Velocity>();
+        velocities[which] = {0, 1e5};
+        solver.upload<Velocity>(velocities);
+        return solver.step(1e-3).isolated.at(0).particle;
+    };
+    auto const ids_of = [&] {
+        std::vector<std::uint32_t> ids;
+        for (auto const& failure : solver.isolated()) ids.push_back(failure.particle);
+        return ids;
+    };
+    using Ids = std::vector<std::uint32_t>;
+    take_out(20);
+    auto const snapshot = solver.snapshot();
+    take_out(30); // the 30th of those who are left
+    CHECK(ids_of() == Ids{20, 31});
+    solver.restore(snapshot);
+    CHECK(ids_of() == Ids{20});
+    CHECK(solver.size() == 63);
+    take_out(40); // there is room for one more, again
+    CHECK(ids_of() == Ids{20, 41});
+    CHECK_THROWS_AS(take_out(10), StepError);
+    CHECK(ids_of() == Ids{20, 41});
+    auto fresh = block<NeoHookean<Plane>>();
+    fresh.restore(snapshot); // as a program does that goes on from a file
+    REQUIRE(fresh.isolated().size() == 1);
+    fresh.quarantine(1); // of which nothing is left
+    fresh.upload<Velocity>(std::vector<Eigen::Vector2d>(fresh.size(), {0, 1e5}));
+    CHECK_THROWS_AS(fresh.step(1e-3), StepError);
+    CHECK(fresh.size() == 63);
 }

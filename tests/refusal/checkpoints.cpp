@@ -21,7 +21,14 @@ namespace
 
 using Sheet = Scene<Snow<PlaneFloat>, QuadraticBSpline, Mls>::Solver;
 
-/// Two lumps of snow, one of which has lost a few particles.
+StepFailure const gone{.cause = Mishap::not_finite,
+                       .particle = 0,
+                       .position = {0.0125, 0.0125, 0},
+                       .time = 1e-4,
+                       .dt = 2e-5,
+                       .count = 3};
+
+/// Two lumps of snow, one of which has lost a particle.
 Sheet small_scene(double cell_size = 0.05)
 {
     Sheet solver(lattice(cell_size), materials::fresh_snow<PlaneFloat>());
@@ -29,6 +36,9 @@ Sheet small_scene(double cell_size = 0.05)
     solver.add(box_of_points<2>({0.3, 0}, {0.35, 0.1}, 0.05), 7e-4, {-1, 0});
     solver.step(1e-4, Gravity{});
     solver.remove_if(Inside<Sphere>{.shape = {0.03}, .pose = {.position = {0, 0, 0}}});
+    auto snapshot = solver.snapshot();
+    snapshot.isolated = {gone}; // as if it had been taken out
+    solver.restore(snapshot);
     return solver;
 }
 
@@ -130,6 +140,15 @@ TEST_CASE("a checkpoint with any of its bytes changed, or cut off anywhere, is r
     write(path, whole);
     read_checkpoint(path, solver);
     CHECK(same(solver, written));
+    REQUIRE(solver.isolated().size() == 1);
+    StepFailure const& read = solver.isolated()[0];
+    CHECK(read.cause == gone.cause);
+    CHECK(read.particle == gone.particle);
+    CHECK(read.material == gone.material);
+    CHECK(read.position == gone.position);
+    CHECK(read.time == gone.time);
+    CHECK(read.dt == gone.dt);
+    CHECK(read.count == gone.count);
 }
 
 TEST_CASE("whatever is in a file whose checksums are right, it is read or refused")
@@ -199,8 +218,8 @@ TEST_CASE("a checkpoint of another version is refused as one, and what is no che
         write(path, signed_anew(bytes));
         return refused([&] { read_checkpoint(path, solver); });
     };
-    CHECK_THAT(refusal(3), Contains("schema 3") && Contains("newer version"));
-    CHECK_THAT(refusal(1), Contains("schema 1") && Contains("older version"));
+    CHECK_THAT(refusal(4), Contains("schema 4") && Contains("newer version"));
+    CHECK_THAT(refusal(2), Contains("schema 2") && Contains("older version"));
     write(path, "ply\nformat ascii 1.0, and so on for more than thirty-two bytes\n");
     CHECK_THAT(refused([&] { read_checkpoint(path, solver); }), Contains("no checkpoint"));
     write(path, "");
@@ -327,6 +346,13 @@ TEST_CASE("a snapshot that was changed by hand to what cannot be is refused")
     refuses([](auto& all, auto&) { all.bounds.material = 1; });
     refuses([](auto& all, auto&) { all.bounds.speed = std::nan(""); });
     refuses([](auto& all, auto&) { all.time = std::nan(""); });
+    refuses([](auto& all, auto&) { all.isolated[0].particle = 1; }); // who is there
+    refuses([](auto& all, auto&) { all.isolated[0].particle = all.next_id; });
+    refuses([](auto& all, auto&) { all.isolated.push_back(all.isolated[0]); });
+    refuses([](auto& all, auto&) { all.isolated[0].material = 1; });
+    refuses([](auto& all, auto&) { all.isolated[0].cause = static_cast<Mishap>(200); });
+    refuses([](auto& all, auto&) { all.isolated[0].position.y() = std::nan(""); });
+    refuses([](auto& all, auto&) { all.isolated[0].dt = -1; });
     solver.restore(good);
     CHECK(same(solver, before));
 }

@@ -136,6 +136,66 @@ TEST_CASE("a run of two materials that ends in a mishap leaves the last good sta
     CHECK((Totals(solver).momentum - before.momentum).norm() < 1e-12 * before.momentum.norm());
 }
 
+TEST_CASE("particles of several materials are taken out, and all others are as if they had been removed")
+{
+    auto isolates = running_scene(), removes = running_scene();
+    isolates.quarantine(2);
+    auto const rubber = static_cast<std::uint32_t>(isolates.size<Rubber>());
+    auto const spoil = [](Pair& solver, std::size_t of_jelly) {
+        auto H = solver.download<DisplacementGradient, Jelly>();
+        H[of_jelly](1, 1) = -1.5; // det F = -0.5
+        solver.upload<DisplacementGradient, Jelly>(H);
+    };
+    for (auto* of : {&isolates, &removes}) {
+        auto H = of->download<DisplacementGradient, Rubber>();
+        H[30](0, 1) = 1e200;
+        of->upload<DisplacementGradient, Rubber>(H);
+        spoil(*of, 17);
+    }
+    auto const x = isolates.positions();
+    for (std::uint32_t const id : {30u, rubber + 17})
+        CHECK(removes.remove_if(
+                  Inside<Sphere>{.shape = {1e-6}, .pose = {.position = {x[id].x(), x[id].y(), 0}}}) == 1);
+    auto const isolated = isolates.step(1e-3, Gravity{}).isolated;
+    removes.step(1e-3, Gravity{});
+    REQUIRE(isolated.size() == 2);
+    CHECK(isolated[0].material == 0);
+    CHECK(isolated[0].particle == 30);
+    CHECK(isolated[0].cause == Mishap::not_finite);
+    CHECK(isolated[1].material == 1);
+    CHECK(isolated[1].particle == rubber + 17);
+    CHECK(isolated[1].cause == Mishap::inverted);
+    CHECK(isolated[1].position.head<2>() == x[rubber + 17]);
+    CHECK(same(isolates, removes));
+    for (auto* of : {&isolates, &removes}) {
+        for (int i = 0; i < 10; ++i) of->step(1e-3, Gravity{});
+        of->advance(0.01);
+    }
+    CHECK(same(isolates, removes));
+    spoil(isolates, 20); // one more, of whom another was removed before: an error that names it
+    auto const error = refused([&] { isolates.advance(0.01); });
+    CHECK(error.what_is_wrong().find("particle " + std::to_string(rubber + 21) +
+                                     " of neo_hookean (material 1) was turned") == 0);
+    CHECK(isolates.isolated().size() == 2);
+
+    auto fast = running_scene(), without = running_scene(); // no step gets on with it
+    fast.quarantine(1);
+    for (auto* of : {&fast, &without}) {
+        auto v = of->download<Velocity, Jelly>();
+        v[5] = {of == &fast ? 1e14 : 0, 0};
+        of->upload<Velocity, Jelly>(v);
+    }
+    Eigen::Vector2d const there = without.positions<Jelly>()[5];
+    without.remove_if(Inside<Sphere>{.shape = {1e-6}, .pose = {.position = {there.x(), there.y(), 0}}});
+    auto const report = fast.advance(0.01);
+    without.advance(0.01);
+    REQUIRE(report.isolated.size() == 1);
+    CHECK(report.isolated[0].cause == Mishap::stalled);
+    CHECK(report.isolated[0].material == 1);
+    CHECK(report.isolated[0].particle == rubber + 5);
+    CHECK(same(fast, without));
+}
+
 TEST_CASE("a stiffness that is not above 0 is refused")
 {
     Scene<Heterogeneous<Snow<Plane>>, QuadraticBSpline, Mls>::Solver solver(lattice(0.1));

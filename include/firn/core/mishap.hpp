@@ -16,6 +16,7 @@ enum class Mishap : std::uint8_t
     capped,     ///< a model's state reached a stated cap (a warning: the step stands)
     not_finite, ///< NaN or infinity in a particle's state or stress
     rejected,   ///< a particle moved by a cell, or deformed by more than the step's limit
+    stalled,    ///< time stands still for a particle: the step that would be stable for it is none
 };
 
 /// The mishap in words.
@@ -36,6 +37,8 @@ constexpr char const* describe(Mishap mishap)
         return "has a state that is not finite";
     case Mishap::rejected:
         return "moved by a cell or more, or deformed by more than a step may";
+    case Mishap::stalled:
+        return "is too fast, or its waves are, for any time step that gets on";
     }
     return "";
 }

@@ -28,7 +28,7 @@
 //     stays read_checkpoint("run.firn", solver, ball, frame);    // into a solver that was made with the same
 //     policies
 //
-// A file of schema 2: little-endian, SI units, floats as in IEEE 754, nothing between one thing and the next.
+// A file of schema 3: little-endian, SI units, floats as in IEEE 754, nothing between one thing and the next.
 // A text is its length as u32 and so many bytes; `real` is f32 or f64.
 //
 //     preamble, the same in all schemas to come:
@@ -52,6 +52,9 @@
 //         else that behind it)
 //       offset of each from the centre of its cell, axis after axis [cells]: f64, or i32 in 2^-30
 //       real values of each, component after component of field after field
+//     u32 number of particles that were taken out of the scene (see Solver::quarantine), and of each:
+//       u8 cause (a Mishap) | u32 id | u32 its material | 3 f64 position [m] | f64 time [s] | f64 step [s]
+//       u64 how many went wrong with it
 namespace firn
 {
 
@@ -63,7 +66,7 @@ static_assert(
     "checkpoints copy memory into little-endian files; a big-endian machine needs a byte swap here");
 
 inline constexpr std::array<char, 8> checkpoint_magic{'\x89', 'F', 'I', 'R', 'N', '\r', '\n', '\x1a'};
-inline constexpr std::uint32_t checkpoint_schema = 2;
+inline constexpr std::uint32_t checkpoint_schema = 3;
 
 /// The first bytes of a checkpoint of whatever schema.
 struct CheckpointPreamble
@@ -316,6 +319,32 @@ MaterialSnapshot<Number, d> get_material(CheckpointReader& in)
     return material;
 }
 
+inline void put_isolated(CheckpointWriter& out, std::vector<StepFailure> const& isolated)
+{
+    out.values(static_cast<std::uint32_t>(isolated.size()));
+    for (auto const& gone : isolated)
+        out.values(static_cast<std::uint8_t>(gone.cause), gone.particle,
+                   static_cast<std::uint32_t>(gone.material), gone.position.x(), gone.position.y(),
+                   gone.position.z(), gone.time, gone.dt, gone.count);
+}
+
+inline std::vector<StepFailure> get_isolated(CheckpointReader& in)
+{
+    std::uint32_t count = 0;
+    in.values(count);
+    in.expect(count, 57);
+    std::vector<StepFailure> isolated(count);
+    for (auto& gone : isolated) {
+        std::uint8_t cause = 0;
+        std::uint32_t material = 0;
+        in.values(cause, gone.particle, material, gone.position.x(), gone.position.y(), gone.position.z(),
+                  gone.time, gone.dt, gone.count);
+        gone.cause = static_cast<Mishap>(cause);
+        gone.material = material;
+    }
+    return isolated;
+}
+
 template <class Number, int d, class... Companions>
 void put_checkpoint(CheckpointWriter& out, Snapshot<Number, d> const& from, Companions const&... companions)
 {
@@ -332,6 +361,7 @@ void put_checkpoint(CheckpointWriter& out, Snapshot<Number, d> const& from, Comp
     (put_companion(out, companions), ...);
     out.values(static_cast<std::uint32_t>(from.materials.size()));
     for (auto const& material : from.materials) put_material(out, material);
+    put_isolated(out, from.isolated);
 }
 
 /// Refuses a number that is not the one that the solver was compiled for.
@@ -369,6 +399,7 @@ std::tuple<Companions...> get_checkpoint(CheckpointReader& in, Snapshot<Number, 
     in.values(materials);
     in.expect(materials, 40); // of a text, two reals and three counts
     for (std::uint32_t i = 0; i < materials; ++i) to.materials.push_back(get_material<Number, d>(in));
+    to.isolated = get_isolated(in);
     in.expect_end();
     return read;
 }
@@ -423,16 +454,16 @@ inline std::uint64_t open_checkpoint(std::filesystem::path const& path, std::ifs
 } // namespace detail
 
 /// Writes all that the next steps of a solver depend on into a file: particles with their ids and all of
-/// their fields, time, and what bounds the next step. With it go `companions` of yours: numbers (a frame),
-/// Motion, RigidBody, fixed Eigen matrices.
+/// their fields, who was taken out of the scene, time, and what bounds the next step. With it go `companions`
+/// of yours: numbers (a frame), Motion, RigidBody, fixed Eigen matrices.
 ///
 /// The solver goes on from what was written, also if writing failed: it and one that reads the file are alike
 /// from then on, bit by bit (see Solver::snapshot). The file is written under another name (`.part`) and then
 /// renamed, when the disk has it: at any time the last one that was finished is there and whole.
 ///
-/// What the constructor and step() are given is yours to give once more: parameters of material, transfer and
-/// step control; effects with their shapes. Throws an Error if the file cannot be created or not be written
-/// to its end; the one of before is then as it was.
+/// What the constructor and calls are given is yours to give once more: parameters of material, transfer and
+/// step control; effects with their shapes; how many may be in quarantine. Throws an Error if the file cannot
+/// be created or not be written to its end; the one of before is then as it was.
 template <class Solver, detail::Companion... Companions>
 void write_checkpoint(std::filesystem::path const& path, Solver& solver, Companions const&... companions)
 {

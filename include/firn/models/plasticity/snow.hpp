@@ -3,6 +3,7 @@
 
 #include <firn/models/elasticity/fixed_corotated.hpp>
 
+#include <limits>
 #include <string>
 
 namespace firn
@@ -49,8 +50,15 @@ struct SnowFlow
     template <class Particle>
     std::string objection(Particle const& state) const
     {
-        double const J = 1 + double(volume_change<Number, Space::dimension>(state[DisplacementGradient{}]));
-        return J > 0 ? std::string() : "an elastic volume ratio of " + std::to_string(J) + " is not above 0";
+        constexpr int d = Space::dimension;
+        double const J = 1 + double(volume_change<Number, d>(state[DisplacementGradient{}]));
+        if (!(J > 0)) return "an elastic volume ratio of " + std::to_string(J) + " is not above 0";
+        // what flows is taken away: of stretches too far apart nothing but a rounding would be left
+        Matrix<double, d> const F =
+            Matrix<double, d>::Identity() + state[DisplacementGradient{}].template cast<double>();
+        double const apart = F.norm() * F.inverse().norm();
+        bool const borne = apart * 64 * double(std::numeric_limits<Number>::epsilon()) <= 1;
+        return borne ? std::string() : "elastic stretches are further apart than the scene's numbers bear";
     }
 
     /// Clamps the stretches (eqs. 8 and 9 with the clamp of section 7).

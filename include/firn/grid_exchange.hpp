@@ -1,0 +1,190 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/effects/chain.hpp>
+#include <firn/phases/extend_velocities.hpp>
+#include <firn/phases/particles_to_grid.hpp>
+#include <firn/phases/step_now.hpp>
+#include <firn/phases/taking.hpp>
+#include <firn/phases/update_grid.hpp>
+
+#include <cstddef>
+#include <type_traits>
+
+namespace firn
+{
+
+/// The grid of a scene, what its particles have given to it, and what they take from it between steps.
+/// `parts` are the SceneParts of the scene, the same in every call.
+template <class Backend, class Parts, class Kernel, class Transfer>
+class GridExchange
+{
+public:
+    using Space = typename Parts::Space;
+    using Number = typename Space::Real;
+    static constexpr int d = Space::dimension;
+    using Grid = typename Backend::template Grid<
+        Number, d, Kernel::order, NodeSums<d, Transfer::keeps_old_velocity>::channels,
+        NodeVelocities<d, Transfer::keeps_old_velocity>::channels, static_cast<int>(Parts::count)>;
+    template <std::size_t k>
+    using Of = typename Parts::template Of<k>;
+    /// How particles of a material give.
+    template <std::size_t k>
+    using Scatter = ParticlesToGrid<Space, typename Of<k>::Model, Kernel, Transfer, typename Of<k>::Stored,
+                                    typename Of<k>::Taken>;
+
+    GridExchange(Lattice lattice, Transfer const& transfer, Backend const& backend)
+        : lattice_(lattice), transfer_(transfer), backend_(backend), grid_(backend_)
+    {}
+
+    Grid& grid() { return grid_; }
+    Grid const& grid() const { return grid_; }
+
+    /// The grid holds what particles give to a step in which stresses act for so long [s]; 0: nothing.
+    double given_for() const { return given_for_; }
+    /// What particles give is to be given afresh: they have changed.
+    void forget() { given_for_ = 0; }
+    /// After steps: for how long [s] particles have given to the next one, and whether those that changed
+    /// their cells since have, too.
+    void gave(double dt, bool movers_gave)
+    {
+        given_for_ = dt;
+        movers_gave_ = movers_gave;
+    }
+
+    /// Brings the sums on the grid to what particles give to a step in which stresses act for so long [s]:
+    /// they may have given already, and for another time.
+    void give_for(double dt, Parts& parts)
+    {
+        Parts::for_each([&](auto k) {
+            if (given_for_ == 0)
+                scatter<k>(dt, false, parts);
+            else {
+                auto layer = grid_.layer(k);
+                if (!movers_gave_)
+                    backend_.template scatter_movers<Scatter<k>>(parts.template particles<k>().cells(),
+                                                                 layer);
+                if (given_for_ != dt) scatter<k>(dt - given_for_, true, parts);
+            }
+        });
+        movers_gave_ = true;
+        given_for_ = dt;
+    }
+
+    /// Extends the velocities of nodes before their update, where the transfer does so: what particles give
+    /// back lies where the next step's sums will, and those of this one come back.
+    void extend_velocities([[maybe_unused]] Parts& parts, [[maybe_unused]] Number smallest_node_mass)
+    {
+        if constexpr (ExtendsVelocities<Transfer>) {
+            auto const on_nodes = [&](bool first) {
+                backend_.for_each_node(parts.template particles<0>().cells(), grid_,
+                                       ExtendVelocities<Space>{smallest_node_mass, first});
+            };
+            on_nodes(true);
+            for (int pass = 0; pass < transfer_.passes(); ++pass) {
+                Parts::for_each([&](auto k) {
+                    auto& table = parts.template particles<k>();
+                    auto layer = grid_.layer(k);
+                    backend_.give_back(table.cells(), layer,
+                                       ReturnVelocities<Space, Kernel, typename Of<k>::Stored>{
+                                           table.current(), table.portions()});
+                });
+                grid_.accept();
+                on_nodes(false);
+                grid_.accept();
+            }
+        }
+    }
+
+    /// The fields that particles take from the grid, as they took them in the last step.
+    template <std::size_t k>
+    void take_again(Parts const& parts, typename Of<k>::Table::TakenView const& taken) const
+    {
+        if constexpr (Of<k>::Taken::components(d) > 0) {
+            auto const& table = parts.template particles<k>();
+            auto const layer = const_cast<Grid&>(grid_).layer(k); // it is only read
+            backend_.take(
+                table.cells(), layer,
+                TakeVelocities<Space, Kernel, Transfer, typename Of<k>::Stored, typename Of<k>::Taken>{
+                    {}, transfer_, table.ordered(), taken, static_cast<Number>(lattice_.cell_size)});
+        }
+    }
+
+    /// Holds them beside the particles, before what they are taken from changes.
+    void hold_taken(Parts& parts) const
+    {
+        Parts::for_each([&](auto k) {
+            auto& table = parts.template particles<k>();
+            if (table.holds_taken()) return;
+            take_again<k>(parts, table.place_for_taken());
+            table.hold_taken();
+        });
+    }
+
+    /// A field of a material's particles, by row: stored, held, or taken again.
+    template <class Tag, std::size_t k>
+    std::vector<FieldValue<Tag, Number, d>> download(Parts const& parts) const
+    {
+        auto const& table = parts.template particles<k>();
+        if constexpr (Of<k>::Stored::template contains<Tag>)
+            return table.template download<Tag>();
+        else if (table.holds_taken())
+            return table.held().template by_row<Tag>(table.size());
+        else {
+            auto const taken = table.new_taken();
+            take_again<k>(parts, taken.view());
+            return taken.template by_row<Tag>(table.size());
+        }
+    }
+
+    /// After a step that went wrong: the grid no longer has the velocities that particles took, but still
+    /// what they gave. They take from that, without the forces of the step. `now` is any step's.
+    void regain_velocities(Parts& parts, Number smallest_node_mass, StepNow<Number, Chain<>> const* now)
+    {
+        Parts::for_each([&](auto k) { scatter<k>(-given_for_, true, parts); });
+        given_for_ = 0;
+        extend_velocities(parts, smallest_node_mass);
+        backend_.for_each_node(
+            parts.template particles<0>().cells(), grid_,
+            UpdateGrid<Space, Kernel, Transfer, Chain<>>{now, lattice_, smallest_node_mass, kept_share()});
+        hold_taken(parts);
+    }
+
+    /// Of its own velocity that a particle keeps beside the grid's.
+    Number kept_share() const
+    {
+        if constexpr (Transfer::keeps_old_velocity)
+            return static_cast<Number>(transfer_.fraction);
+        else
+            return Number(0);
+    }
+
+private:
+    /// All particles of a material give to the grid: all they have, or the impulse of a step alone.
+    template <std::size_t k>
+    void scatter(double dt, bool impulse_only, Parts& parts)
+    {
+        auto& table = parts.template particles<k>();
+        auto layer = grid_.layer(k);
+        backend_.scatter(table.cells(), layer,
+                         Scatter<k>{{},
+                                    parts.template model<k>(),
+                                    transfer_,
+                                    table.current(),
+                                    table.taken(),
+                                    table.portions(),
+                                    static_cast<Number>(dt),
+                                    static_cast<Number>(lattice_.cell_size),
+                                    impulse_only},
+                         !impulse_only);
+    }
+
+    Lattice lattice_;
+    Transfer transfer_;
+    Backend backend_;
+    Grid grid_;
+    double given_for_ = 0;
+    bool movers_gave_ = false;
+};
+
+} // namespace firn

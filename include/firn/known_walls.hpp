@@ -1,0 +1,80 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/error.hpp>
+#include <firn/effects/reflecting_wall.hpp>
+#include <firn/grid/lattice.hpp>
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <sstream>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+namespace firn::detail
+{
+
+/// Stops with particles behind a wall, of which this is the first; `d` is how many of its coordinates there
+/// are.
+[[noreturn]] inline void throw_behind_wall(std::uint32_t particle, std::string const& material,
+                                           std::size_t count, Eigen::Vector3d const& position, int d,
+                                           ReflectingWall const& wall)
+{
+    std::ostringstream what, where;
+    what << "particle " << particle;
+    if (count > 1) what << " and " << count - 1 << " more";
+    what << material << (count > 1 ? " are" : " is") << " behind a reflecting wall";
+    where << "at (" << position.head(d).transpose() << ") m, ReflectingWall across axis " << wall.axis
+          << " at node " << wall.node;
+    throw Error{what.str(), where.str(),
+                "Put all particles on the wall's side before it is passed, or let it face the other way."};
+}
+
+/// The reflecting walls that no particle of a scene is behind.
+class KnownWalls
+{
+public:
+    /// When particles are there that were not.
+    void forget() { walls_.clear(); }
+
+    /// Refuses those among some effects that have particles of a scene's `parts` behind them, unless it knows
+    /// that they have none. `spared` [cells] beyond one is no harm.
+    template <class Parts, class... Effects>
+    void look(Parts const& parts, Lattice const& lattice, double spared, Effects const&... effects)
+    {
+        if constexpr ((std::is_same_v<Effects, ReflectingWall> || ...)) {
+            std::vector<ReflectingWall> walls;
+            [[maybe_unused]] auto const look_at = [&](auto const& effect) {
+                if constexpr (std::is_same_v<decltype(effect), ReflectingWall const&>) {
+                    walls.push_back(effect);
+                    if (std::ranges::find(walls_, effect) != walls_.end()) return;
+                    Parts::for_each([&](auto k) { require_before<k>(parts, lattice, spared, effect); });
+                }
+            };
+            (look_at(effects), ...);
+            walls_ = std::move(walls);
+        }
+        else
+            walls_.clear();
+    }
+
+private:
+    template <std::size_t k, class Parts>
+    static void require_before(Parts const& parts, Lattice const& lattice, double spared,
+                               ReflectingWall const& wall)
+    {
+        auto const& particles = parts.template particles<k>();
+        auto const found = particles.find(BehindWall(wall, lattice, spared));
+        if (found.count == 0) return;
+        auto const row = particles.first_row(found);
+        Eigen::Vector3d position = Eigen::Vector3d::Zero();
+        position.template head<Parts::d>() = particles.position(row);
+        throw_behind_wall(particles.id(row), Parts::name(k), found.count, position, Parts::d, wall);
+    }
+
+    std::vector<ReflectingWall> walls_;
+};
+
+} // namespace firn::detail

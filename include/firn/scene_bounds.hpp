@@ -1,0 +1,66 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/concepts.hpp>
+#include <firn/phases/plan_steps.hpp>
+
+#include <algorithm>
+#include <cstdint>
+
+// What of the length of time steps the materials, the effects and the state of a scene decide. `parts` are
+// its SceneParts.
+namespace firn::detail
+{
+
+/// How steps are chosen, as far as the materials alone say.
+template <class Kernel, class Transfer, class Parts>
+StepRule<static_cast<int>(Parts::count)> rule_of_materials(Parts const& parts, StepControl const& control,
+                                                           double cell_size)
+{
+    StepRule<static_cast<int>(Parts::count)> rule{.control = control, .cell_size = cell_size};
+    Parts::for_each([&](auto k) {
+        auto const& model = parts.template model<k>();
+        double expansion_ratio = Parts::d; // the largest there is, for models that do not say
+        if constexpr (requires { model.elasticity.expansion_ratio(Parts::d); })
+            expansion_ratio = model.elasticity.expansion_ratio(Parts::d);
+        MaterialLimits& limits = rule.limits[k];
+        limits.wave = isolated_limit<Kernel, Transfer>(expansion_ratio);
+        if constexpr (Viscous<typename Parts::template Of<k>::Model>)
+            limits.shear = shear_limit(limits.wave, model.kinematic_viscosity(), cell_size, expansion_ratio);
+    });
+    return rule;
+}
+
+/// Takes account of what an effect does.
+template <class Rule, class Effect>
+void admit_effect(Rule& rule, Effect const& effect)
+{
+    if constexpr (requires { effect.largest_acceleration(); })
+        rule.acceleration = std::max(rule.acceleration, effect.largest_acceleration());
+    if constexpr (requires { effect.largest_speed(); })
+        rule.obstacle_speed = std::max(rule.obstacle_speed, effect.largest_speed());
+}
+
+/// The bounds of the next step, for states set from outside. How fast particles deform, and what they touch,
+/// is for a step to find: it stays what the last one found, an affine velocity aside. `values(tag, k)` are
+/// those of a field and a material.
+template <class Parts, class Rule, class Values>
+StepBounds bounds_of(Parts const& parts, Rule const& rule, StepBounds const& found, Values const& values)
+{
+    StepBounds bounds{.deformation_rate = found.deformation_rate, .obstacle_speed = found.obstacle_speed};
+    Parts::for_each([&](auto k) {
+        double modulus = 0;
+        parts.template particles<k>().for_each([&](std::uint32_t, auto& particle) {
+            modulus = std::max(modulus, double(parts.template response<k>(particle).wave_modulus));
+        });
+        rule.admit(bounds, static_cast<int>(k), parts.template wave_speed<k>(modulus));
+        for (auto const& velocity : values(Velocity{}, k))
+            bounds.speed = std::max(bounds.speed, double(velocity.norm()));
+        if constexpr (Parts::template Of<k>::State::template contains<AffineVelocity>)
+            for (auto const& rate : values(AffineVelocity{}, k))
+                bounds.deformation_rate = std::max(bounds.deformation_rate, double(rate.norm()));
+    });
+    return bounds.finite();
+}
+
+} // namespace firn::detail

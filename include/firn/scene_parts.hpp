@@ -1,0 +1,195 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/models/response.hpp>
+#include <firn/models/several_materials.hpp>
+#include <firn/particle_table.hpp>
+#include <firn/step_error.hpp>
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <string>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+namespace firn
+{
+
+/// The materials of a scene, each with its particles. They have a layer of the grid each, in the same order.
+template <class Backend, class List, class Transfer>
+class SceneParts
+{
+public:
+    using Space = typename List::Space;
+    using Number = typename Space::Real;
+    static constexpr int d = Space::dimension;
+    /// How many materials there are.
+    static constexpr std::size_t count = std::tuple_size_v<decltype(List::of)>;
+    using Places = std::make_index_sequence<count>;
+
+    /// What there is of one material.
+    template <std::size_t place>
+    struct Of
+    {
+        static_assert(place < count, "say which material: its type, or Material<place>");
+        using Model = std::tuple_element_t<place, decltype(List::of)>;
+        /// A particle's fields beside position and id: the union of what transfer and model declare.
+        using State = Join<typename Transfer::State, typename Model::State>;
+        /// Those that are stored from step to step, and those that particles take from the grid when asked
+        /// for.
+        using Stored = Join<typename Transfer::Stored, typename Model::State>;
+        using Taken = Without<typename Transfer::State, Stored>;
+        using Table = ParticleTable<Backend, Space, Stored, Taken>;
+
+        /// The bytes of what is stored of one particle: its position, its fields and its row.
+        static constexpr std::size_t state_bytes_per_particle = Table::state_bytes;
+        /// All resident bytes per particle: two buffers of that, and the index of the cell order. (The host
+        /// keeps four more where ids are no rows.)
+        static constexpr std::size_t bytes_per_particle = Table::resident_bytes;
+    };
+    using Cells = typename Of<0>::Table::Cells;
+
+    SceneParts(List list, Lattice lattice, int kernel_order, Backend const& backend)
+        : SceneParts(std::move(list), lattice, kernel_order, backend, Places{})
+    {}
+
+    /// The same materials without particles.
+    SceneParts emptied(Lattice lattice, int kernel_order, Backend const& backend) const
+    {
+        return [&]<std::size_t... k>(std::index_sequence<k...>)
+        {
+            return SceneParts(List{model<k>()...}, lattice, kernel_order, backend);
+        }
+        (Places{});
+    }
+
+    /// Calls `use(place)` for every material, `place` being a constant.
+    template <class Use>
+    static void for_each(Use const& use)
+    {
+        [&]<std::size_t... k>(std::index_sequence<k...>)
+        {
+            (use(std::integral_constant<std::size_t, k>{}), ...);
+        }
+        (Places{});
+    }
+
+    template <std::size_t k>
+    auto& particles()
+    {
+        return std::get<k>(parts_).particles;
+    }
+    template <std::size_t k>
+    auto const& particles() const
+    {
+        return std::get<k>(parts_).particles;
+    }
+    template <std::size_t k>
+    auto const& model() const
+    {
+        return std::get<k>(parts_).model;
+    }
+
+    /// " of snow (material 1)" and so on, for errors; nothing in a scene of one.
+    static std::string name(std::size_t material)
+    {
+        std::string name;
+        for_each([&](auto k) {
+            if (count == 1 || k != material) return;
+            name = " of ";
+            if constexpr (requires { std::string(Of<k>::Model::name); })
+                name += std::string(Of<k>::Model::name) + " (material " + std::to_string(k) + ")";
+            else
+                name += "material " + std::to_string(k);
+        });
+        return name;
+    }
+
+    /// What a model answers of a particle as it is.
+    template <std::size_t k, class Particle>
+    Response<Number, d> response(Particle const& particle) const
+    {
+        auto state = StateOf<k>::at_rest();
+        for_each_tag(typename Of<k>::Model::State{}, [&](auto tag) { state[tag] = particle[tag]; });
+        return response_of<k>(state);
+    }
+    template <std::size_t k>
+    Response<Number, d> response_at_rest() const
+    {
+        return response_of<k>(StateOf<k>::at_rest());
+    }
+
+    /// The speed of waves [m/s] of a modulus [Pa].
+    template <std::size_t k>
+    double wave_speed(double modulus) const
+    {
+        return std::sqrt(modulus / double(model<k>().density));
+    }
+
+    std::array<double, count> densities() const
+    {
+        std::array<double, count> densities{};
+        for_each([&](auto k) { densities[k] = double(model<k>().density); });
+        return densities;
+    }
+
+    /// The cells of all materials.
+    std::array<Cells*, count> orders()
+    {
+        std::array<Cells*, count> orders{};
+        for_each([&](auto k) { orders[k] = &particles<k>().cells(); });
+        return orders;
+    }
+
+    /// Whether what particles take from the grid is held beside them.
+    bool holds_taken() const
+    {
+        bool holds = true;
+        for_each([&](auto k) { holds = holds && particles<k>().holds_taken(); });
+        return holds;
+    }
+
+    /// Removes the particles with which something went wrong.
+    void remove(std::vector<StepFailure> const& failures)
+    {
+        for_each([&](auto k) {
+            std::vector<std::uint32_t> rows;
+            for (auto const& failure : failures)
+                if (failure.material == k) rows.push_back(particles<k>().row(failure.particle));
+            particles<k>().remove(particles<k>().doomed(rows));
+        });
+    }
+
+private:
+    template <std::size_t k>
+    using StateOf = Record<Number, d, typename Of<k>::Model::State>;
+
+    /// In one place, whatever else particles have: a material's answer takes long to compile.
+    template <std::size_t k>
+    Response<Number, d> response_of(StateOf<k> state) const
+    {
+        return model<k>().template respond<Number>(state, Matrix<Number, d>::Zero(), Number(0));
+    }
+
+    template <std::size_t k>
+    struct Part
+    {
+        typename Of<k>::Model model;
+        typename Of<k>::Table particles;
+    };
+    template <std::size_t... k>
+    static std::tuple<Part<k>...> tuple_of_parts(std::index_sequence<k...>);
+
+    template <std::size_t... k>
+    SceneParts(List list, Lattice lattice, int kernel_order, Backend const& backend,
+               std::index_sequence<k...>)
+        : parts_{Part<k>{std::move(std::get<k>(list.of)),
+                         typename Of<k>::Table(lattice, kernel_order, backend)}...}
+    {}
+
+    decltype(tuple_of_parts(Places{})) parts_;
+};
+
+} // namespace firn

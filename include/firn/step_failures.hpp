@@ -1,0 +1,165 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/phases/conclude_step.hpp>
+#include <firn/step_error.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <optional>
+#include <sstream>
+#include <string>
+#include <vector>
+
+// Who went wrong in a step, and what is said of it. `parts` are the SceneParts of a scene whose state is that
+// before the step, which began at `time` [s] and was `dt` [s] long.
+namespace firn::detail
+{
+
+/// Who was taken out of a scene, and how many may be.
+struct Quarantine
+{
+    std::size_t most = 0;
+    std::vector<StepFailure> isolated{};
+
+    bool has_room_for(std::size_t count) const { return isolated.size() + count <= most; }
+};
+
+/// What is wrong with the particle of a row.
+template <std::size_t k, class Parts>
+StepFailure failure_of(Parts const& parts, std::uint32_t row, Mishap cause, double time, double dt,
+                       std::uint64_t count)
+{
+    auto const& particles = parts.template particles<k>();
+    StepFailure failure{
+        .cause = cause, .particle = particles.id(row), .material = k, .time = time, .dt = dt, .count = count};
+    failure.position.template head<Parts::d>() = particles.position(row);
+    return failure;
+}
+
+/// What the log of a step says.
+template <class Parts>
+StepFailure failure_of(Parts const& parts, StepLog const& log, double time, double dt)
+{
+    StepFailure failure;
+    Parts::for_each([&](auto k) {
+        if (static_cast<std::size_t>(log.material) == k)
+            failure = failure_of<k>(parts, log.particle, log.mishap, time, dt, log.wrong);
+    });
+    return failure;
+}
+
+/// Particles whose own state has no stress, at rest, `enough` at most: they spoil what others take from the
+/// grid, so that the first one for which a step goes wrong may be another.
+template <class Parts>
+std::vector<StepFailure> without_stress(Parts const& parts, std::size_t enough, double time, double dt)
+{
+    std::vector<StepFailure> found;
+    Parts::for_each([&](auto k) {
+        parts.template particles<k>().for_each([&](std::uint32_t row, auto& particle) {
+            auto const response = parts.template response<k>(particle);
+            bool const finite =
+                response.kirchhoff_stress.allFinite() && std::isfinite(double(response.wave_modulus));
+            if ((response.inverted || !finite) && found.size() < enough)
+                found.push_back(
+                    failure_of<k>(parts, row, finite ? Mishap::inverted : Mishap::not_finite, time, dt, 1));
+        });
+    });
+    for (auto& failure : found) failure.count = found.size();
+    return found;
+}
+
+/// The particle that goes furthest in a step by itself, by its own velocity or by the waves in it, if that is
+/// more than a cell: by way of the grid others go wrong with it. Else the one that the log names.
+/// `values(tag, k)` are those of a field and a material, by row.
+template <class Parts, class Values>
+StepFailure furthest_in(Parts const& parts, StepLog const& log, Values const& values, double cell_size,
+                        double time, double dt)
+{
+    StepFailure found = failure_of(parts, log, time, dt);
+    double furthest = cell_size;
+    Parts::for_each([&](auto k) {
+        auto const velocities = values(Velocity{}, k);
+        std::optional<std::uint32_t> worst;
+        parts.template particles<k>().for_each([&](std::uint32_t row, auto& particle) {
+            auto const response = parts.template response<k>(particle);
+            double const way = dt * std::max(double(velocities[row].norm()),
+                                             parts.template wave_speed<k>(double(response.wave_modulus)));
+            if (!(way > furthest)) return;
+            furthest = way;
+            worst = row;
+        });
+        if (worst) found = failure_of<k>(parts, *worst, log.mishap, time, dt, log.wrong);
+    });
+    return found;
+}
+
+/// The particle whose own state bounds the step to `stable` [s], but for roundings; if one is so.
+template <class Parts, class Rule, class Values>
+std::optional<StepFailure> slowest_in(Parts const& parts, Rule rule, Values const& values, double stable,
+                                      double time, double dt)
+{
+    rule.acceleration = rule.obstacle_speed = 0;
+    double shortest = 1.001 * stable;
+    std::optional<StepFailure> found;
+    Parts::for_each([&](auto k) {
+        std::vector<StepBounds> bounds;
+        for (auto const& velocity : values(Velocity{}, k))
+            bounds.push_back({.material = static_cast<int>(k), .speed = double(velocity.norm())});
+        if constexpr (Parts::template Of<k>::State::template contains<AffineVelocity>) {
+            auto const rates = values(AffineVelocity{}, k);
+            for (std::size_t row = 0; row < rates.size(); ++row)
+                bounds[row].deformation_rate = double(rates[row].norm());
+        }
+        std::optional<std::uint32_t> slowest;
+        Mishap cause{};
+        parts.template particles<k>().for_each([&](std::uint32_t row, auto& particle) {
+            auto const response = parts.template response<k>(particle);
+            bounds[row].wave_speed = parts.template wave_speed<k>(double(response.wave_modulus));
+            double const step = rule.stable(bounds[row].finite()).dt;
+            if (!(step < shortest)) return;
+            shortest = step;
+            slowest = row;
+            cause = response.inverted                               ? Mishap::inverted
+                    : !std::isfinite(double(response.wave_modulus)) ? Mishap::not_finite
+                                                                    : Mishap::stalled;
+        });
+        if (slowest) found = failure_of<k>(parts, *slowest, cause, time, dt, 1);
+    });
+    return found;
+}
+
+/// Stops with a step that went wrong; `material` is what SceneParts calls that of the particle, `d` how many
+/// of its coordinates there are.
+[[noreturn]] inline void throw_step_error(StepFailure const& failure, std::string const& material, int d)
+{
+    std::ostringstream what, where;
+    what << "particle " << failure.particle << material << " " << describe(failure.cause);
+    if (failure.count > 1) what << ", as did " << failure.count - 1 << " more";
+    where << "at (" << failure.position.head(d).transpose() << ") m, in a step of " << failure.dt
+          << " s at t = " << failure.time << " s";
+    throw StepError{failure, what.str(), where.str(),
+                    "The state is that of the last good step. Take a smaller step, or look at what drives "
+                    "this particle: "
+                    "obstacles that close in on it, or a material far too stiff or too soft for its speed."};
+}
+
+/// Stops where no step gets on any more, as one that was chosen shows; `since` is for whom, if that is known,
+/// and the rest as for throw_step_error.
+[[noreturn]] inline void throw_no_step(Course const& course, std::optional<StepFailure> const& since,
+                                       std::string const& material, int d)
+{
+    std::ostringstream what, where, remedy;
+    what << "the stable time step fell to " << course.now.interval.length() << " s, bounded by "
+         << describe(course.now.limit);
+    where << "Solver::advance at t = " << course.time << " s";
+    remedy << "Check masses, moduli and velocities of the scene: wave speed " << course.bounds.wave_speed
+           << " m/s, fastest particle " << course.bounds.speed << " m/s.";
+    if (!since) throw Error{what.str(), where.str(), remedy.str()};
+    what << ", since particle " << since->particle << material << " " << describe(since->cause);
+    where << ", at (" << since->position.head(d).transpose() << ") m";
+    throw StepError{*since, what.str(), where.str(), remedy.str()};
+}
+
+} // namespace firn::detail
