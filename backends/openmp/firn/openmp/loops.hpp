@@ -3,7 +3,7 @@
 
 #include <firn/openmp/cell.hpp>
 #include <firn/openmp/lanes.hpp>
-#include <firn/openmp/lone_node.hpp>
+#include <firn/openmp/node_rows.hpp>
 #include <firn/openmp/tuning.hpp>
 
 #include <array>
@@ -215,51 +215,6 @@ void scatter_movers(int threads, CellOrder const& cells, GridType& grid)
 
 namespace detail
 {
-/// Adds up, for one row of a node block, the tiles of a layer that cover it; `any` becomes true if one does.
-template <class LayerType, int channels, class Number>
-void add_row(LayerType const& layer, std::array<int, LayerType::corners> const& covered_by, int row,
-             Number (&sums)[channels][LayerType::Shape::along], bool& any)
-{
-    using Shape = typename LayerType::Shape;
-    constexpr int d = LayerType::corners == 8 ? 3 : 2, order = LayerType::row_length - Shape::along;
-    for (int corner = 0; corner < LayerType::corners; ++corner) {
-        int const b = covered_by[corner];
-        if (b == LayerType::absent) continue;
-        // the row's place in the tile of a block that lies `corner` before this one
-        auto const o = LayerType::offset(corner);
-        int const first = (d == 3 ? row / Shape::across : row) + o[0] * Shape::across;
-        if (first >= LayerType::rows_across) continue;
-        int tile_row = first;
-        if constexpr (d == 3) {
-            int const second = row % Shape::across + o[1] * Shape::across;
-            if (second >= LayerType::rows_across) continue;
-            tile_row = first * LayerType::rows_across + second;
-        }
-        if (((layer.touched(b) >> tile_row) & 1) == 0) continue;
-        if (!any)
-            for (auto& channel : sums) std::fill(channel, channel + Shape::along, Number(0));
-        any = true;
-        for (int c = 0; c < channels; ++c) {
-            Number const* const from =
-                layer.tile(b) + c * LayerType::tile_channel + tile_row * LayerType::row_length;
-            if (o[d - 1] == 0)
-                for (int k = 0; k < Shape::along; ++k) sums[c][k] += from[k];
-            else
-                for (int k = 0; k < order; ++k) sums[c][k] += from[Shape::along + k];
-        }
-    }
-}
-
-/// The same for all layers; false if no tile covers the row.
-template <class GridType, int channels, class Number>
-bool sum_row(GridType& grid, typename GridType::NodeBlock const& node, int row,
-             Number (&sums)[channels][GridType::Shape::along])
-{
-    bool any = false;
-    for (int l = 0; l < GridType::layers; ++l) add_row(grid.layer(l), node.covered_by[l], row, sums, any);
-    return any;
-}
-
 template <class Result>
 Result merged(std::vector<Result> const& results)
 {
@@ -269,7 +224,7 @@ Result merged(std::vector<Result> const& results)
 }
 } // namespace detail
 
-/// Nodes add up the tiles that cover them and are updated, row by row; those that look at others, one by one.
+/// Nodes add up the tiles that cover them and are updated, row by row.
 template <class Lane, class GridType, class Phase>
 typename Phase::Result for_each_node(int threads, GridType& grid, Phase const& phase)
 {
@@ -294,15 +249,13 @@ typename Phase::Result for_each_node(int threads, GridType& grid, Phase const& p
                 Coordinates<d> at = first;
                 at[d - 1] += place;
                 Number* const values = grid.node_values(n) + row * Shape::along + place;
+                NodeLanes<Lane, GridType, d> node(&sums[0][place], values, at);
                 if constexpr (Phase::looks_around)
                     if (phase.looks_around_at(at, lane_width<Lane>)) {
-                        for (int lane = 0; lane < lane_width<Lane>; ++lane, ++at[d - 1]) {
-                            LoneNode<GridType, Number, d> node(grid, values + lane, at);
-                            phase.look_around(node, results[n]);
-                        }
+                        LookingNodes<Lane, GridType, d> looking(node, &sums[0][0], grid, n, row);
+                        phase.look_around(looking, results[n]);
                         continue;
                     }
-                NodeLanes<Lane, GridType, d> node(&sums[0][place], values, at);
                 phase(node, results[n]);
             }
         }
