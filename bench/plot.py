@@ -180,6 +180,47 @@ def draw_programs(problem, rows, cost, path):
     save(figure, path)
 
 
+def cost_at(error, line, cost):
+    """What a program pays for an error: what it paid for one as large within 2 %, or between two of its own, on straight
+    lines of the drawing; None beyond them."""
+    for row in line:
+        if abs(row.error / error - 1) < 0.02:
+            return row.cost(cost)
+    for coarse, fine in zip(line, line[1:]):
+        if fine.error <= error <= coarse.error:
+            share = math.log(coarse.error / error) / math.log(coarse.error / fine.error)
+            return coarse.cost(cost) ** (1 - share) * fine.cost(cost) ** share
+    return None
+
+
+def say_programs(problem, rows, cost):
+    """The cost of other programs over Firn's at equal error."""
+    lines = {
+        program: sorted((row for row in rows if row.backend == program and row.ok), key=lambda row: row.cells)
+        for program in PROGRAMS
+    }
+    print(f"\n{problem}, {COSTS[cost][1]} over that of Firn at equal error:")
+    for ours in ("firn", "firn_advance"):
+        for theirs in ("taichi", "warp"):
+            ratios = [(row, cost_at(row.error, lines[ours], cost)) for row in lines[theirs]]
+            told = [f"{row.cost(cost) / at:.2f} ({row.cells} cells, {100 * row.error:.3g} %)" for row, at in ratios if at]
+            print(f"  {PROGRAMS[theirs][0]} over {PROGRAMS[ours][0]}: {', '.join(told)}")
+
+
+def say_energy(problem, rows):
+    """What is lost of the energy at the start, where a problem tells."""
+    told = [row for row in rows if row.ok and row.line.get("energy_lost") and row.fraction == 0.9 and row.ppc == 4]
+    if not told:
+        return
+    sizes = sorted({row.cells for row in told})
+    print(f"\n{problem}, energy lost in the end [% of that at the start], at {', '.join(map(str, sizes))} cells:")
+    lines = collections.defaultdict(dict)
+    for row in told:
+        lines[row.kernel, row.transfer, row.precision][row.cells] = f"{100 * float(row.line['energy_lost']):.2f}"
+    for (kernel, transfer, precision), line in sorted(lines.items()):
+        print(f"  {kernel} {transfer} {precision}: {', '.join(line.get(size, '-') for size in sizes)}")
+
+
 def draw_convergence(problem, rows, path):
     """Error against cell size at the library's step and four particles per cell, in double precision."""
     figure, place = axes(TITLES.get(problem, problem), "cells")
@@ -277,6 +318,7 @@ def main():
     of_programs = [row for row in rows if row.backend in PROGRAMS]
     for problem in sorted({row.problem for row in of_programs}):
         draw_programs(problem, of_programs, options.cost or "cpu", options.out / f"{problem}_peers.svg")
+        say_programs(problem, of_programs, options.cost or "cpu")
     rows = [row for row in rows if row.backend not in PROGRAMS]
     if not rows:
         return
@@ -287,6 +329,7 @@ def main():
         best = draw_cost(problem, of, cost, options.out / f"{name}_cost.svg")
         draw_convergence(problem, of, options.out / f"{name}_convergence.svg")
         say(name, of, best, cost)
+        say_energy(name, of)
     compare_precisions(rows)
 
 

@@ -6,6 +6,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <ctime>
 #include <fstream>
 #include <iostream>
@@ -101,7 +102,7 @@ void measure_all(Options const& options)
                               plain(options.commit) + "," + today();
     out << "problem,backend,model,kernel,transfer,precision,cfl_fraction,cells,ppc,deterministic,error,"
            "seconds,particle_steps,bytes_per_particle,status,spread,cpu_seconds,runs,steps,rejected,threads,"
-           "hardware,compiler,commit,date\n";
+           "hardware,compiler,commit,date,energy_lost\n";
     std::regex const wanted(options.only);
     std::size_t count = 0, failed = 0;
     for (Setting const& setting : named_grid(options.grid)) {
@@ -113,8 +114,9 @@ void measure_all(Options const& options)
             << setting.cells << ',' << setting.per_cell * setting.per_cell << ",yes," << row.error << ','
             << row.seconds << ',' << row.particle_steps << ',' << row.bytes_per_particle << ','
             << plain(row.status) << ',' << row.spread << ',' << row.cpu_seconds << ',' << row.runs << ','
-            << row.steps << ',' << row.rejected << ',' << options.patience.threads << ',' << where
-            << std::endl;
+            << row.steps << ',' << row.rejected << ',' << options.patience.threads << ',' << where << ',';
+        if (std::isfinite(row.energy_lost)) out << row.energy_lost;
+        out << std::endl;
         ++count;
         failed += row.status != "ok";
     }

@@ -70,6 +70,7 @@ Row measure(Setting const& setting, Patience const& patience, typename Scene::Tr
             }
             if (row.runs == 0) {
                 row.error = problem.error();
+                if constexpr (requires { problem.energy_lost(); }) row.energy_lost = problem.energy_lost();
                 row.steps = report.substeps;
                 row.rejected = report.rejected;
                 row.particle_steps =

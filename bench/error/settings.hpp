@@ -35,6 +35,8 @@ struct Row
     double particle_steps = 0; ///< rejected ones included
     std::size_t bytes_per_particle = 0;
     std::string status; ///< ok, or what went wrong
+    /// Of the energy at the start, at the end, where a problem tells.
+    double energy_lost = std::numeric_limits<double>::quiet_NaN();
 };
 
 /// How long a setting may be measured.

@@ -252,3 +252,41 @@ TEST_CASE("the front of a dam break runs as Martin and Moyce measured")
     CHECK(place.back() <
           std::sqrt(2.0) * 2 * std::sqrt(2.0) * measured[4][0] / 2 + 1); // 2 sqrt(g H) is a bound
 }
+
+// Case 7.15 of the validation suite, of particles: the curve that models/snow.cpp has for one element. With s
+// = 1 - e, s_E = 1 - 2.5e-2 once it yields: sigma = e^(xi (1 - s / s_E)) s_E (s_E - 1) (2 mu + lambda) / s.
+TEST_CASE("a column of snow between smooth walls resists a plate as confined compression asks for")
+{
+    double const height = 0.2, h = height / 16, speed = 0.1; // [m], [m/s]
+    Scene<Snow<Plane>, QuadraticBSpline, Mls>::Solver solver(lattice(h));
+    solver.add(box_of_points<2>({0, 0}, {2 * h, height}, h), h * h / 4);
+    double plate = height; // where it is [m]
+    auto const press = [&](double velocity, double duration) {
+        Obstacle<HalfSpace> const pressing{
+            .shape = {{0, -1, 0}},
+            .motion = {.position = {0, plate, 0}, .velocity = {0, -velocity, 0}, .time = solver.time()}};
+        plate -= velocity * duration;
+        auto const report = solver.advance(duration, ReflectingWall{.axis = 0},
+                                           ReflectingWall{.axis = 0, .node = 2, .side = -1},
+                                           ReflectingWall{.axis = 1}, pressing);
+        return report.reactions[3].impulse.y() / (duration * 2 * h); // [Pa]
+    };
+    auto const compression = [&] { // as the particles have it: the plate acts on nodes, up to a cell ahead
+        auto const H = solver.download<DisplacementGradient>();
+        auto const J_P = solver.download<PlasticVolumeRatio>();
+        double J = 0;
+        for (std::size_t i = 0; i < H.size(); ++i)
+            J += (Eigen::Matrix2d::Identity() + H[i]).determinant() * J_P[i] / double(H.size());
+        return 1 - J;
+    };
+    for (int i = 1; i <= 10; ++i) press(speed * i / 10, 0.01); // softly, or waves run through it for long
+    auto const [mu, lambda] = solver.model().elasticity;
+    for (int i = 0; i < 5; ++i) {
+        press(speed, 0.07);
+        double const before = compression(), stress = press(speed, 0.02), e = 0.5 * (before + compression());
+        double const s = 1 - e, s_E = 1 - 2.5e-2;
+        CHECK(e > 0.05);
+        CHECK(stress ==
+              Approx(-std::exp(10 * (1 - s / s_E)) * s_E * (s_E - 1) * (2 * mu + lambda) / s).epsilon(0.05));
+    }
+}

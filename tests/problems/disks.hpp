@@ -20,6 +20,7 @@ public:
     using Transfer = typename SceneType::Transfer;
     static constexpr int pieces = 12;
     static constexpr double radius = 0.2, duration = 3.6; ///< [m], [s]
+    static constexpr double density = 1000, speed = 0.1;  ///< [kg/m^3]; along each axis [m/s]
 
     /// `cells` per metre, `per_cell` particles per cell and axis.
     CollidingDisks(int cells, int per_cell = 2, Transfer const& transfer = {},
@@ -30,7 +31,7 @@ public:
         for (double side : {-1.0, 1.0}) {
             Eigen::Vector2d const centre = Eigen::Vector2d::Constant(0.5 + 0.3 * side);
             auto const disk = ball_of_points<2>(centre, radius, 1.0 / cells, per_cell);
-            solver.add(disk, volume_, Eigen::Vector2d::Constant(-0.1 * side));
+            solver.add(disk, volume_, Eigen::Vector2d::Constant(-speed * side));
             of_first_ = disk.size(); // of either
         }
     }
@@ -50,6 +51,14 @@ public:
     /// The root mean square error of a disk's centre over the run, along each axis, over the radius.
     double error() const { return std::sqrt(squares_); }
     std::array<double, pieces> const& centres() const { return centres_; }
+
+    /// How much of the energy with which they started, all of it kinetic, is neither kinetic nor elastic now.
+    double energy_lost() const
+    {
+        Eigen::Vector2d momentum;
+        double const start = 0.5 * density * 2 * double(of_first_) * volume_ * (2 * speed * speed);
+        return 1 - (kinetic_energy(momentum) + elastic_energy()) / start;
+    }
 
     /// Where the first disk's centre is along each axis, on average [m].
     double centre() const
@@ -84,7 +93,7 @@ private:
     static typename SceneType::Model material()
     {
         typename SceneType::Model disk;
-        disk.density = 1000;
+        disk.density = density;
         disk.elasticity = lame<typename SceneType::Number>(1000, 0.3);
         return disk;
     }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/lane.hpp>
 #include <firn/effects/chain.hpp>
 #include <firn/grid/lattice.hpp>
 
@@ -23,7 +24,6 @@ struct WallPlane
         return coordinate == node - 1 || coordinate == node + 1;
     }
     FIRN_HOST_DEVICE int image(int coordinate) const { return 2 * node - coordinate; }
-    FIRN_HOST_DEVICE bool is_behind(int coordinate) const { return (coordinate - node) * side < 0; }
 };
 
 /// The walls of a chain.
@@ -41,73 +41,111 @@ FIRN_HOST_DEVICE std::array<WallPlane, Chain<Actions...>::walls> walls_of(Chain<
     return walls;
 }
 
-/// A node beside reflecting walls, or its image on their side: what it holds together with its images behind
-/// them.
+/// Lanes of nodes along a row beside reflecting walls, or of their images on the walls' side: what they hold
+/// together with their images behind the walls.
 ///
 /// What particles give to a node behind a wall, their mirror images give to the node in front of it, where
 /// momentum along the wall's axis is of the other sign. So sums of both make the whole problem, body and
-/// image; where walls meet, axis by axis.
-template <class Sums, class Number, int d, std::size_t count>
+/// image; where walls meet, axis by axis. A wall across the row's own axis mirrors single lanes, one across
+/// another axis whole rows.
+template <class Sums, class Real, int d, std::size_t count>
 struct MirroredNode
 {
+    using Number = Scalar<Real>;
     std::array<WallPlane, count> walls;
-    Coordinates<d> node;              ///< on the side of the walls
-    std::array<bool, d> flipped{};    ///< whether the node in question is behind a wall across this axis
-    std::array<bool, d> on_wall{};    ///< or on it
-    Number sums[Sums::channels] = {}; ///< of the node and its images
+    /// The nodes on the side of the walls: first + along, the latter on the last axis.
+    Coordinates<d> first;
+    Real along;
+    std::array<Mask<Real>, d> flipped; ///< whether the node in question is behind a wall across this axis
+    std::array<Mask<Real>, count> on;  ///< or on this wall
+    Real sums[Sums::channels];         ///< of the nodes and their images
     /// Of what the sums hold, behind each wall: as it is there, momentum and impulse along its axis.
-    Number mass_behind[count] = {}, momentum_behind[count] = {}, impulse_behind[count] = {};
+    Real mass_behind[count], momentum_behind[count], impulse_behind[count];
 
-    /// Of the node `at`, which looks at others by `sums_at(coordinates, sums)`.
+    /// Of the lanes of nodes `at`, which look at others by `sums_at(first, along, which lanes, sums)`.
     template <class Node>
     FIRN_HOST_DEVICE MirroredNode(std::array<WallPlane, count> const& planes, Node const& at)
-        : walls(planes), node(at.first())
+        : walls(planes), first(at.first()), along(at.offset()[d - 1])
     {
-        for (WallPlane const& wall : walls) {
-            int& coordinate = node[wall.axis];
-            on_wall[wall.axis] = on_wall[wall.axis] || coordinate == wall.node;
-            if (!wall.mirrors(coordinate) || !wall.is_behind(coordinate)) continue;
-            coordinate = wall.image(coordinate);
-            flipped[wall.axis] = true;
+        Real const zero(Number(0));
+        for (auto& sum : sums) sum = zero;
+        for (int a = 0; a < d; ++a) flipped[a] = zero > zero;
+        for (std::size_t w = 0; w < count; ++w) {
+            mass_behind[w] = momentum_behind[w] = impulse_behind[w] = zero;
+            WallPlane const& wall = walls[w];
+            Real const before = beyond(wall) * Real(Number(wall.side));
+            on[w] = before == zero;
+            Mask<Real> const behind = before == Real(Number(-1));
+            if (!any(behind)) continue;
+            flipped[wall.axis] = flipped[wall.axis] | behind;
+            if (wall.axis == d - 1)
+                along = along + select(behind, Real(Number(2 * wall.side)), zero);
+            else // all lanes
+                first[wall.axis] = wall.image(first[wall.axis]);
         }
         std::array<bool, count> behind{};
-        add<0>(at, node, behind);
+        add<0>(at, first, along, zero == zero, behind);
     }
 
-    FIRN_HOST_DEVICE bool is_image() const
+    /// Which of the nodes in question are images.
+    FIRN_HOST_DEVICE Mask<Real> is_image() const
     {
-        bool is = false;
-        for (bool here : flipped) is = is || here;
+        Mask<Real> is = flipped[0];
+        for (int a = 1; a < d; ++a) is = is | flipped[a];
+        return is;
+    }
+
+    /// Which are on a wall across an axis.
+    FIRN_HOST_DEVICE Mask<Real> on_wall(int axis) const
+    {
+        Mask<Real> is = Real(Number(1)) < Real(Number(0));
+        for (std::size_t w = 0; w < count; ++w)
+            if (walls[w].axis == axis) is = is | on[w];
         return is;
     }
 
 private:
-    /// Adds what is found at a place and at its images across this axis and those after it.
+    /// How far the nodes are beyond a wall, along its axis.
+    FIRN_HOST_DEVICE Real beyond(WallPlane const& wall) const
+    {
+        Real const of_first(Number(first[wall.axis] - wall.node));
+        return wall.axis == d - 1 ? of_first + along : of_first;
+    }
+
+    /// Adds what is found at places and at their images across this axis and those after it.
     template <int axis, class Node>
-    FIRN_HOST_DEVICE void add(Node const& from, Coordinates<d> const& place,
-                              std::array<bool, count> const& behind)
+    FIRN_HOST_DEVICE void add(Node const& from, Coordinates<d> const& row, Real const& places,
+                              Mask<Real> const& which, std::array<bool, count> const& behind)
     {
         if constexpr (axis == d)
-            add_sums(from, place, behind);
+            add_sums(from, row, places, which, behind);
         else {
-            add<axis + 1>(from, place, behind);
+            add<axis + 1>(from, row, places, which, behind);
             for (std::size_t w = 0; w < count; ++w) {
-                if (walls[w].axis != axis || !walls[w].mirrors(place[axis])) continue;
-                Coordinates<d> image = place;
-                image[axis] = walls[w].image(place[axis]);
+                if (walls[w].axis != axis) continue;
                 auto behind_this = behind;
                 behind_this[w] = true;
-                add<axis + 1>(from, image, behind_this);
+                if constexpr (axis == d - 1) {
+                    Real const distance = Real(Number(row[axis] - walls[w].node)) + places;
+                    Mask<Real> const mirrored = which & (abs(distance) == Real(Number(1)));
+                    if (any(mirrored))
+                        add<axis + 1>(from, row, places - Real(Number(2)) * distance, mirrored, behind_this);
+                }
+                else if (walls[w].mirrors(row[axis])) {
+                    Coordinates<d> image = row;
+                    image[axis] = walls[w].image(row[axis]);
+                    add<axis + 1>(from, image, places, which, behind_this);
+                }
             }
         }
     }
 
     template <class Node>
-    FIRN_HOST_DEVICE void add_sums(Node const& from, Coordinates<d> const& place,
-                                   std::array<bool, count> const& behind)
+    FIRN_HOST_DEVICE void add_sums(Node const& from, Coordinates<d> const& row, Real const& places,
+                                   Mask<Real> const& which, std::array<bool, count> const& behind)
     {
-        Number found[Sums::channels];
-        from.sums_at(place, found);
+        Real found[Sums::channels];
+        from.sums_at(row, places, which, found);
         std::array<bool, d> reverse{};
         for (std::size_t w = 0; w < count; ++w) {
             if (!behind[w]) continue;

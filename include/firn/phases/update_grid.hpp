@@ -27,9 +27,9 @@ struct NodeVelocities
 ///
 /// A node of less than `smallest_mass` counts as empty: its quotient would be rounding alone.
 ///
-/// A node beside a reflecting wall holds sums together with its images, see MirroredNode: it looks at them,
-/// one node at a time (`looks_around`), and so does each image; both then hold the same velocity, but for its
-/// sign across the wall, and 0 on it.
+/// A node beside a reflecting wall holds sums together with its images, see MirroredNode: it looks at them
+/// (`looks_around`), and so does each image; both then hold the same velocity, but for its sign across the
+/// wall, and 0 on it.
 template <class Space, class Kernel, class Transfer, class Effects>
 struct UpdateGrid
 {
@@ -56,7 +56,7 @@ struct UpdateGrid
         Place<Real, d> const place{lattice, node.first(), node.offset(), kernel_reach(Kernel::order)};
         update<Real>(
             place, [&](int c) { return node.sum(c); }, [&](int a) { return withheld<Real>(node, a); },
-            [&](int c, Real const& value) { node.set(c, value); }, reactions);
+            [&](int c, Real const& value) { node.set(c, value); }, Real(0) == Real(0), reactions);
     }
 
     /// Whether one of `count` nodes in a row along the last axis looks at others.
@@ -70,26 +70,26 @@ struct UpdateGrid
         return beside;
     }
 
-    /// The same as operator() for one node that looks at others.
+    /// The same as operator() for a lane of nodes that look at others.
     template <class Node>
     FIRN_HOST_DEVICE void look_around(Node& node, Result& reactions) const
     {
-        MirroredNode<Sums, Number, d, Effects::walls> const mirrored(walls_of(now->actions), node);
-        Place<Number, d> const place{lattice, mirrored.node, Vector<Number, d>::Zero(),
-                                     kernel_reach(Kernel::order)};
-        Number velocity[channels];
-        Result found;
-        update<Number>(
-            place, [&](int c) { return mirrored.sums[c]; }, [](int) { return Number(0); },
-            [&](int c, Number value) { velocity[c] = value; }, found);
-        // What a node receives its images do not receive once more.
-        if (!mirrored.is_image()) {
-            book_walls(mirrored, velocity, place.relative_to(Eigen::Vector3d::Zero()), found);
-            reactions.merge(found);
-        }
-        for (int c = 0; c < channels; ++c) {
-            Number const value = mirrored.on_wall[c % d] ? Number(0) : velocity[c];
-            node.set(c, mirrored.flipped[c % d] ? -value : value);
+        using Real = typename Node::Real;
+        MirroredNode<Sums, Real, d, Effects::walls> const mirrored(walls_of(now->actions), node);
+        Place<Real, d> place{lattice, mirrored.first, Vector<Real, d>::Zero(), kernel_reach(Kernel::order)};
+        place.offset[d - 1] = mirrored.along;
+        Mask<Real> const received = !mirrored.is_image(); // what a node receives its images do not once more
+        Real velocity[channels];
+        update<Real>(
+            place, [&](int c) { return mirrored.sums[c]; }, [](int) { return Real(0); },
+            [&](int c, Real const& value) { velocity[c] = value; }, received, reactions);
+        book_walls(mirrored, velocity, place.relative_to(Eigen::Vector3d::Zero()), received, reactions);
+        for (int a = 0; a < d; ++a) {
+            Mask<Real> const on_wall = mirrored.on_wall(a);
+            for (int c = a; c < channels; c += d) {
+                Real const value = select(on_wall, Real(0), velocity[c]);
+                node.set(c, select(mirrored.flipped[a], -value, value));
+            }
         }
     }
 
@@ -104,9 +104,10 @@ private:
             return Real(0);
     }
 
+    /// `received` are the lanes of which obstacles' reactions are booked.
     template <class Real, class Sum, class Withheld, class Set>
     FIRN_HOST_DEVICE void update(Place<Real, d> const& place, Sum const& sum, Withheld const& withheld,
-                                 Set const& set, Result& reactions) const
+                                 Set const& set, Mask<Real> const& received, Result& reactions) const
     {
         Real const mass = sum(Sums::mass);
         assert(all(mass >= Real(0)) && "the mass of a node is not below 0");
@@ -124,8 +125,8 @@ private:
         }
         apply_on_momentum<Real, d>(now->actions, momentum, mass);
         Vector<Real, d> velocity = momentum * inverse_mass;
-        velocity =
-            apply_on_nodes<Real, d>(now->actions, place, select(filled, mass, Real(0)), velocity, reactions);
+        velocity = apply_on_nodes<Real, d>(now->actions, place, select(filled & received, mass, Real(0)),
+                                           velocity, reactions);
         for (int a = 0; a < d; ++a) set(Velocities::velocity + a, select(filled, velocity[a], Real(0)));
     }
 
@@ -135,31 +136,45 @@ private:
     /// of their image, p + m v is lost; and as much before it, where their images gave -p and take m v of
     /// what is theirs. Of what particles keep of their own velocities, the like with the old velocity is not
     /// lost.
-    template <class Mirrored>
-    FIRN_HOST_DEVICE void book_walls(Mirrored const& mirrored, Number const* velocity,
-                                     Vector<Number, d> const& arm, Result& reactions) const
+    template <class Mirrored, class Real>
+    FIRN_HOST_DEVICE void book_walls(Mirrored const& mirrored, Real const* velocity,
+                                     Vector<Real, d> const& arm, Mask<Real> const& which,
+                                     Result& reactions) const
     {
+        Real const two(2), kept(kept_share);
         for (std::size_t w = 0; w < mirrored.walls.size(); ++w) {
             WallPlane const& wall = mirrored.walls[w];
             int const a = wall.axis;
-            Number received(0);
-            if (mirrored.node[a] == wall.node) {
-                received = mirrored.sums[Sums::mass] * velocity[Velocities::velocity + a];
-                if constexpr (Transfer::keeps_old_velocity)
-                    received -= kept_share * mirrored.sums[Sums::momentum + a];
+            Real const m = mirrored.mass_behind[w], p = mirrored.momentum_behind[w],
+                       v = velocity[Velocities::velocity + a];
+            Real on = mirrored.sums[Sums::mass] * v, beside = two * (p + m * v);
+            if constexpr (Transfer::keeps_old_velocity) {
+                on -= kept * mirrored.sums[Sums::momentum + a];
+                beside += two * (mirrored.impulse_behind[w] -
+                                 kept * (p + m * velocity[Velocities::old_velocity + a]));
             }
-            else {
-                Number const m = mirrored.mass_behind[w], p = mirrored.momentum_behind[w];
-                received = 2 * (p + m * velocity[Velocities::velocity + a]);
-                if constexpr (Transfer::keeps_old_velocity)
-                    received += 2 * (mirrored.impulse_behind[w] -
-                                     kept_share * (p + m * velocity[Velocities::old_velocity + a]));
-            }
-            Eigen::Vector3d impulse = Eigen::Vector3d::Zero(), from = Eigen::Vector3d::Zero();
-            impulse[a] = received;
-            for (int i = 0; i < d; ++i) from[i] = arm[i];
-            reactions.of[wall.obstacle] += {impulse, from.cross(impulse)};
+            Real const received = select(which, select(mirrored.on[w], on, beside), Real(0));
+            if (!all(received == Real(0))) book(reactions.of[wall.obstacle], a, received, arm);
         }
+    }
+
+    /// Books what lanes of nodes give along an axis, and its moment about the world's origin.
+    template <class Real>
+    FIRN_HOST_DEVICE static void book(Reaction& reaction, int axis, Real const& given,
+                                      Vector<Real, d> const& arm)
+    {
+        constexpr int width = lane_width<Real>;
+        Number impulse[width], at[d][width];
+        LaneTraits<Real>::store(given, impulse);
+        for (int i = 0; i < d; ++i) LaneTraits<Real>::store(arm[i], at[i]);
+        double sum = 0;
+        Eigen::Vector3d moment = Eigen::Vector3d::Zero();
+        for (int lane = 0; lane < width; ++lane) {
+            sum += impulse[lane];
+            for (int i = 0; i < d; ++i) moment[i] += double(at[i][lane]) * impulse[lane];
+        }
+        Eigen::Vector3d const along = Eigen::Vector3d::Unit(axis);
+        reaction += {sum * along, moment.cross(along)};
     }
 };
 

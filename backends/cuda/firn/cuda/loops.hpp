@@ -263,13 +263,16 @@ public:
     {}
 
     __device__ Coordinates<d> first() const { return at_; }
+    __device__ static Vector<Real, d> offset() { return Vector<Real, d>::Zero(); }
     __device__ void set(int channel, Real value) { values_.of[channel] = value; }
     __device__ typename GridType::Values const& values() const { return values_; }
 
-    /// The sums of any node; zeros where there is none.
+    /// The sums of the node first + along, the latter on the last axis; zeros where there is none.
     template <int channels>
-    __device__ void sums_at(Coordinates<d> const& node, Real (&found)[channels]) const
+    __device__ void sums_at(Coordinates<d> const& first, Real along, bool, Real (&found)[channels]) const
     {
+        Coordinates<d> node = first;
+        node[d - 1] += static_cast<int>(along);
         using Shape = typename GridType::Shape;
         Coordinates<d> block, here;
         for (int a = 0; a < d; ++a) {

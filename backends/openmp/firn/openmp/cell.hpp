@@ -214,9 +214,9 @@ protected:
     {
         item_ = item;
         active_ = count;
-        std::memcpy(from_, source,
-                    sizeof from_); // whole: what is loaded next is found in the stores before it
-        if (count < lanes) std::fill(from_ + count, from_ + lanes, from_[count - 1]);
+        // written at once and whole: what is loaded next is found in one store before it
+        std::uint32_t const last = source[count - 1];
+        for (int l = 0; l < lanes; ++l) from_[l] = l < count ? source[l] : last;
         assert(std::all_of(from_, from_ + lanes, [&](auto from) { return from < cells_.size(); }) &&
                "a lane's item is one that is there");
         if constexpr (lanes > 1) reader_.follow(from_);

@@ -5,6 +5,7 @@
 #include <firn/openmp/array.hpp>
 #include <firn/openmp/block_map.hpp>
 #include <firn/openmp/lanes.hpp>
+#include <firn/openmp/share.hpp>
 #include <firn/openmp/tuning.hpp>
 
 #include <algorithm>
@@ -175,8 +176,7 @@ public:
     {
         prepare_lists();
         int const count = static_cast<int>(blocks_.size());
-#pragma omp parallel for schedule(dynamic, 16) num_threads(threads_)
-        for (int b = 0; b < count; ++b) find_new_cells(b, offset);
+        share(threads_, count, 16, [&] { return [&](int b) { find_new_cells(b, offset); }; });
         rearrange(size());
     }
 
@@ -371,12 +371,8 @@ private:
         new_group_begin_.resize(next.size() * Shape::groups);
         movers_.resize(next.size());
         int const blocks = static_cast<int>(next.size());
-#pragma omp parallel num_threads(threads_)
-        {
-            Ranks ranks;
-#pragma omp for schedule(dynamic, 4)
-            for (int b = 0; b < blocks; ++b) sort_block(b, next[b], ranks);
-        }
+        share(threads_, blocks, 4,
+              [&] { return [&, ranks = Ranks()](int b) mutable { sort_block(b, next[b], ranks); }; });
         std::swap(source_, new_source_);
         std::swap(counts_, new_counts_);
         std::swap(group_begin_, new_group_begin_);

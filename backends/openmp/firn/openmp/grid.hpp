@@ -42,6 +42,18 @@ struct GridShape
         return o;
     }
 
+    /// The coordinates of the block of nodes that a node belongs to, and of its place in it.
+    static std::pair<Coordinates<d>, Coordinates<d>> block_and_place(Coordinates<d> const& node)
+    {
+        Coordinates<d> block, place;
+        for (int a = 0; a < d; ++a) {
+            int const extent = Shape::extent(a), at = node[a] + reach;
+            place[a] = (at % extent + extent) % extent;
+            block[a] = (at - place[a]) / extent;
+        }
+        return {block, place};
+    }
+
     /// The rows of a tile that a group's stencils touch.
     static constexpr std::uint64_t rows_of_group(int group)
     {
@@ -176,17 +188,15 @@ public:
     std::vector<NodeBlock> const& nodes() const { return nodes_; }
     Number* node_values(std::size_t node_block) { return &values_[node_block * values * block_channel]; }
 
+    /// The index of the block of nodes with these coordinates, or absent.
+    int find(Coordinates<d> const& block) const { return map_.find(block_key<d>(block)); }
+
     /// The sums of one node, wherever it is: what its row has there, or zeros.
     void sums_at(Coordinates<d> const& node, Number (&found)[sums]) const
     {
         std::fill(found, found + sums, Number(0));
-        Coordinates<d> block, place;
-        for (int a = 0; a < d; ++a) {
-            int const extent = Base::Shape::extent(a), at = node[a] + Base::reach;
-            place[a] = (at % extent + extent) % extent;
-            block[a] = (at - place[a]) / extent;
-        }
-        int const n = map_.find(block_key<d>(block));
+        auto const [block, place] = Base::block_and_place(node);
+        int const n = find(block);
         if (n == absent) return;
         for (int l = 0; l < layers; ++l) add_sums(tiles_[l], nodes_[n].covered_by[l], place, found);
     }

@@ -3,7 +3,8 @@
 
 #include <firn/openmp/cell.hpp>
 #include <firn/openmp/lanes.hpp>
-#include <firn/openmp/lone_node.hpp>
+#include <firn/openmp/node_rows.hpp>
+#include <firn/openmp/share.hpp>
 #include <firn/openmp/tuning.hpp>
 
 #include <array>
@@ -33,9 +34,8 @@ struct ScalarLanes
 template <class Body>
 void for_each(int threads, std::size_t count, Body const& body)
 {
-    auto const last = static_cast<std::int64_t>(count);
-#pragma omp parallel for schedule(dynamic, 256) num_threads(threads) if (last > 256)
-    for (std::int64_t i = 0; i < last; ++i) body(static_cast<std::size_t>(i));
+    share(count > 256 ? threads : 1, static_cast<std::int64_t>(count), 256,
+          [&] { return [&](std::int64_t i) { body(static_cast<std::size_t>(i)); }; });
 }
 
 namespace detail
@@ -129,12 +129,10 @@ void scatter(int threads, CellOrder const& cells, GridType& grid, Phase const& p
 {
     constexpr int d = Phase::d, lanes = lane_width<Lane>;
     int const blocks = static_cast<int>(cells.blocks().size());
-#pragma omp parallel num_threads(threads)
-    {
-        Scratch<typename Phase::Number, lanes> scratch;
-        auto const spreads = std::make_unique<detail::Spreads<Lane, typename Phase::Gives>>();
-#pragma omp for schedule(dynamic, 1)
-        for (int b = 0; b < blocks; ++b) {
+    share(threads, blocks, 1, [&] {
+        return [&, scratch = Scratch<typename Phase::Number, lanes>(),
+                spreads = std::make_unique_for_overwrite<detail::Spreads<Lane, typename Phase::Gives>>()](
+                   int b) mutable {
             if (afresh) grid.touched(b) = 0;
             std::uint64_t const rows = detail::own_rows<GridType>(cells, b);
             detail::clear_rows<GridType, Phase::channels>(grid.tile(b), rows & ~grid.touched(b));
@@ -151,8 +149,8 @@ void scatter(int threads, CellOrder const& cells, GridType& grid, Phase const& p
                 GroupOfCells<Lane, GridType> group(cells.counts(b, g), g, scratch, nullptr, grid.tile(b));
                 detail::give<typename Phase::Gives>(group, *spreads);
             }
-        }
-    }
+        };
+    });
 }
 
 namespace detail
@@ -184,15 +182,13 @@ void scatter_movers(int threads, CellOrder const& cells, GridType& grid)
     using Shape = typename GridType::Shape;
     constexpr int lanes = lane_width<Lane>;
     int const blocks = static_cast<int>(cells.blocks().size());
-#pragma omp parallel num_threads(threads)
-    {
-        Scratch<typename Phase::Number, lanes> scratch;
-        auto const spreads = std::make_unique<detail::Spreads<Lane, typename Phase::Gives>>();
-        std::array<std::uint32_t, Shape::cells> counts;
-#pragma omp for schedule(dynamic, 4)
-        for (int b = 0; b < blocks; ++b) {
+    share(threads, blocks, 4, [&] {
+        return [&, scratch = Scratch<typename Phase::Number, lanes>(),
+                spreads = std::make_unique_for_overwrite<detail::Spreads<Lane, typename Phase::Gives>>()](
+                   int b) mutable {
             auto const movers = cells.movers(b);
-            if (movers.empty()) continue;
+            if (movers.empty()) return;
+            std::array<std::uint32_t, Shape::cells> counts;
             counts.fill(0);
             for (auto const& mover : movers) ++counts[mover.place];
             auto const* next = movers.data();
@@ -209,57 +205,12 @@ void scatter_movers(int threads, CellOrder const& cells, GridType& grid)
                 detail::give<typename Phase::Gives>(group, *spreads);
                 next += here;
             }
-        }
-    }
+        };
+    });
 }
 
 namespace detail
 {
-/// Adds up, for one row of a node block, the tiles of a layer that cover it; `any` becomes true if one does.
-template <class LayerType, int channels, class Number>
-void add_row(LayerType const& layer, std::array<int, LayerType::corners> const& covered_by, int row,
-             Number (&sums)[channels][LayerType::Shape::along], bool& any)
-{
-    using Shape = typename LayerType::Shape;
-    constexpr int d = LayerType::corners == 8 ? 3 : 2, order = LayerType::row_length - Shape::along;
-    for (int corner = 0; corner < LayerType::corners; ++corner) {
-        int const b = covered_by[corner];
-        if (b == LayerType::absent) continue;
-        // the row's place in the tile of a block that lies `corner` before this one
-        auto const o = LayerType::offset(corner);
-        int const first = (d == 3 ? row / Shape::across : row) + o[0] * Shape::across;
-        if (first >= LayerType::rows_across) continue;
-        int tile_row = first;
-        if constexpr (d == 3) {
-            int const second = row % Shape::across + o[1] * Shape::across;
-            if (second >= LayerType::rows_across) continue;
-            tile_row = first * LayerType::rows_across + second;
-        }
-        if (((layer.touched(b) >> tile_row) & 1) == 0) continue;
-        if (!any)
-            for (auto& channel : sums) std::fill(channel, channel + Shape::along, Number(0));
-        any = true;
-        for (int c = 0; c < channels; ++c) {
-            Number const* const from =
-                layer.tile(b) + c * LayerType::tile_channel + tile_row * LayerType::row_length;
-            if (o[d - 1] == 0)
-                for (int k = 0; k < Shape::along; ++k) sums[c][k] += from[k];
-            else
-                for (int k = 0; k < order; ++k) sums[c][k] += from[Shape::along + k];
-        }
-    }
-}
-
-/// The same for all layers; false if no tile covers the row.
-template <class GridType, int channels, class Number>
-bool sum_row(GridType& grid, typename GridType::NodeBlock const& node, int row,
-             Number (&sums)[channels][GridType::Shape::along])
-{
-    bool any = false;
-    for (int l = 0; l < GridType::layers; ++l) add_row(grid.layer(l), node.covered_by[l], row, sums, any);
-    return any;
-}
-
 template <class Result>
 Result merged(std::vector<Result> const& results)
 {
@@ -269,7 +220,7 @@ Result merged(std::vector<Result> const& results)
 }
 } // namespace detail
 
-/// Nodes add up the tiles that cover them and are updated, row by row; those that look at others, one by one.
+/// Nodes add up the tiles that cover them and are updated, row by row.
 template <class Lane, class GridType, class Phase>
 typename Phase::Result for_each_node(int threads, GridType& grid, Phase const& phase)
 {
@@ -278,35 +229,35 @@ typename Phase::Result for_each_node(int threads, GridType& grid, Phase const& p
     using Number = typename Phase::Number;
     int const blocks = static_cast<int>(grid.nodes().size());
     std::vector<typename Phase::Result> results(blocks);
-#pragma omp parallel for schedule(dynamic, 4) num_threads(threads)
-    for (int n = 0; n < blocks; ++n) {
-        auto const& block = grid.nodes()[n];
-        alignas(64) Number sums[Phase::Sums::channels][Shape::along];
-        for (int row = 0; row < Shape::rows; ++row) {
-            if (!detail::sum_row<GridType>(grid, block, row, sums)) continue;
-            Coordinates<d> first;
-            if constexpr (d == 3)
-                first = {row / Shape::across, row % Shape::across, 0};
-            else
-                first = {row, 0};
-            for (int a = 0; a < d; ++a) first[a] += block.coordinates[a] * Shape::extent(a) - GridType::reach;
-            for (int place = 0; place < Shape::along; place += lane_width<Lane>) {
-                Coordinates<d> at = first;
-                at[d - 1] += place;
-                Number* const values = grid.node_values(n) + row * Shape::along + place;
-                if constexpr (Phase::looks_around)
-                    if (phase.looks_around_at(at, lane_width<Lane>)) {
-                        for (int lane = 0; lane < lane_width<Lane>; ++lane, ++at[d - 1]) {
-                            LoneNode<GridType, Number, d> node(grid, values + lane, at);
-                            phase.look_around(node, results[n]);
+    share(threads, blocks, 4, [&] {
+        return [&](int n) {
+            auto const& block = grid.nodes()[n];
+            alignas(64) Number sums[Phase::Sums::channels][Shape::along];
+            for (int row = 0; row < Shape::rows; ++row) {
+                if (!detail::sum_row<GridType>(grid, block, row, sums)) continue;
+                Coordinates<d> first;
+                if constexpr (d == 3)
+                    first = {row / Shape::across, row % Shape::across, 0};
+                else
+                    first = {row, 0};
+                for (int a = 0; a < d; ++a)
+                    first[a] += block.coordinates[a] * Shape::extent(a) - GridType::reach;
+                for (int place = 0; place < Shape::along; place += lane_width<Lane>) {
+                    Coordinates<d> at = first;
+                    at[d - 1] += place;
+                    Number* const values = grid.node_values(n) + row * Shape::along + place;
+                    NodeLanes<Lane, GridType, d> node(&sums[0][place], values, at);
+                    if constexpr (Phase::looks_around)
+                        if (phase.looks_around_at(at, lane_width<Lane>)) {
+                            LookingNodes<Lane, GridType, d> looking(node, &sums[0][0], grid, n, row);
+                            phase.look_around(looking, results[n]);
+                            continue;
                         }
-                        continue;
-                    }
-                NodeLanes<Lane, GridType, d> node(&sums[0][place], values, at);
-                phase(node, results[n]);
+                    phase(node, results[n]);
+                }
             }
-        }
-    }
+        };
+    });
     return detail::merged(results);
 }
 
@@ -354,7 +305,7 @@ struct GiveToNext
     CellOrder const& cells;
     GridType& grid;
     std::unique_ptr<Spreads<Lane, typename Phase::Gives>> spreads =
-        std::make_unique<Spreads<Lane, typename Phase::Gives>>();
+        std::make_unique_for_overwrite<Spreads<Lane, typename Phase::Gives>>();
 
     void begin(std::size_t block, std::uint64_t rows)
     {
@@ -389,16 +340,13 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
     using Number = typename Phase::Number;
     int const blocks = static_cast<int>(cells.blocks().size());
     std::vector<typename Phase::Result> results(blocks);
-#pragma omp parallel num_threads(threads)
-    {
+    share(threads, blocks, 1, [&] {
         Array<Number> nodes;
         nodes.resize(Phase::node_channels * GridType::tile_channel);
-        Scratch<Number, lanes> scratch;
         // Not on the stack: compilers would take it apart and copy it for every group.
-        auto const nodes_of_cells = std::make_unique<typename Phase::template CellNodes<Lane>>();
-        auto giver = make_giver();
-#pragma omp for schedule(dynamic, 1)
-        for (int b = 0; b < blocks; ++b) {
+        return [&, nodes = std::move(nodes), scratch = Scratch<Number, lanes>(),
+                nodes_of_cells = std::make_unique_for_overwrite<typename Phase::template CellNodes<Lane>>(),
+                giver = make_giver()](int b) mutable {
             std::uint64_t const rows = own_rows<GridType>(cells, b);
             fill_tile<GridType, Phase::node_channels>(grid, b, rows, nodes.data());
             giver.begin(b, rows);
@@ -419,8 +367,8 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
                 for_each_pack([&] { answer(phase, items, results[b]); });
                 giver.give(b, g, scratch);
             }
-        }
-    }
+        };
+    });
     return merged(results);
 }
 } // namespace detail
