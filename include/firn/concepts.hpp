@@ -127,12 +127,12 @@ template <class Model, class Real>
 struct Complete
 {
     static_assert(HasState<Model>,
-                  "the model lacks `using State = firn::Fields<...>`, what a particle of it keeps");
-    static_assert(HasDensity<Model>, "the model lacks `density`, a number [kg/m^3]");
-    static_assert(HasValidate<Model>, "the model lacks `void validate() const`, which refuses parameters");
+                  "the model lacks 'using State = firn::Fields<...>', what a particle of it keeps");
+    static_assert(HasDensity<Model>, "the model lacks 'density', a number [kg/m^3]");
+    static_assert(HasValidate<Model>, "the model lacks 'void validate() const', which refuses parameters");
     static_assert(!HasState<Model> || Responds<Model, Real>,
-                  "the model lacks `template <firn::Lane Real, class Particle> firn::Response<Real, d> "
-                  "respond(Particle& state, firn::Matrix<Real, d> const& velocity_gradient, Real dt) const`");
+                  "the model lacks 'template <firn::Lane Real, class Particle> firn::Response<Real, d> "
+                  "respond(Particle& state, firn::Matrix<Real, d> const& velocity_gradient, Real dt) const'");
     static constexpr bool value = ConstitutiveModel<Model, Real>;
 };
 } // namespace detail

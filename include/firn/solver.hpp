@@ -68,7 +68,7 @@ template <class Backend, class ModelType, InterpolationKernel Kernel = Quadratic
 class Solver
 {
     static_assert(detail::HasSpace<ModelType>,
-                  "the model lacks `using Space = firn::Space<d, number>`, its dimension and precision");
+                  "the model lacks 'using Space = firn::Space<d, number>', its dimension and precision");
     using List = typename detail::MaterialsOf<ModelType>::Type;
     using Every = EveryMaterial;
 

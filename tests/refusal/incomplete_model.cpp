@@ -2,7 +2,14 @@
 // Read by incomplete_model.sh: a complete model, and with INCOMPLETE defined one for each member that is
 // missing.
 #include <firn/firn.hpp>
+
+#if defined(__CUDACC__)
+#include <firn/cuda.hpp>
+using Backend = firn::Cuda;
+#else
 #include <firn/openmp.hpp>
+using Backend = firn::OpenMP;
+#endif
 
 struct ItsSpace
 {
@@ -42,7 +49,7 @@ struct Model : Members...
 {};
 
 template <class... Members>
-using SolverOf = firn::Solver<firn::OpenMP, Model<Members...>>;
+using SolverOf = firn::Solver<Backend, Model<Members...>>;
 
 #if !defined(INCOMPLETE)
 std::size_t complete = sizeof(SolverOf<ItsSpace, ItsState, ItsDensity, ItsValidate, ItsRespond>);

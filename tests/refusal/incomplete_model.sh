@@ -1,20 +1,25 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# A model that forgets a member is refused by the compiler, with a sentence that names it: incomplete_model.sh COMPILER SOURCE EIGEN.
+# A model that forgets a member is refused by the compiler, a host's or nvcc, with a sentence that names it:
+# incomplete_model.sh COMPILER SOURCE EIGEN.
 set -euo pipefail
 compiler=$1 source=$2 eigen=$3
 said=$(mktemp)
 trap 'rm -f "$said"' EXIT
+case $(basename "$compiler") in
+nvcc*) flags=(-x cu --expt-relaxed-constexpr -diag-suppress=1675,20012 -I"$source/backends/cuda" --ptx -o /dev/null) ;;
+*) flags=(-fopenmp -fsyntax-only -I"$source/backends/openmp") ;;
+esac
 
 # compiles <option>...: the unit
 compiles() {
-    "$compiler" -std=c++20 -fopenmp -fsyntax-only -I"$source/include" -I"$source/backends/openmp" -isystem "$eigen" \
-        "$@" "$source/tests/refusal/incomplete_model.cpp" >"$said" 2>&1
+    "$compiler" -std=c++20 "${flags[@]}" -I"$source/include" -isystem "$eigen" "$@" \
+        "$source/tests/refusal/incomplete_model.cpp" >"$said" 2>&1
 }
 
 # names <times> <member>: so often the compiler says that a model lacks this member
 names() {
-    local -r times=$(grep -cF "the model lacks \`$2" "$said" || true)
+    local -r times=$(grep -cF "the model lacks '$2" "$said" || true)
     # a compiler may show the line of the sentence, too
     [ "$times" = "$1" ] || [ "$times" = $((2 * $1)) ] ||
         { cat "$said"; echo "'$2' is named $times times where it is missing $1 times."; exit 1; }
