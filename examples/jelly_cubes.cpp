@@ -90,10 +90,10 @@ try {
         }
         if (frames) frames->write(solver, [&](ParticleFrame& frame) { frame.scalar("body", body); });
         if (i == frame_count) break;
-        Eigen::Vector3d const on_floor =
-            solver.advance(1.0 / frame_rate, Gravity{{0, -g, 0}}, floor).reactions[0].impulse;
-        force = -on_floor.y() * frame_rate / (mass * g);
-        given += Eigen::Vector3d(0, -mass * g / frame_rate, 0) - on_floor;
+        auto const report = solver.advance(1.0 / frame_rate, Gravity{{0, -g, 0}}, floor);
+        Eigen::Vector3d const on_floor = report.reactions[0].impulse;
+        force = -on_floor.y() / (mass * g * report.time_of_forces);
+        given += Eigen::Vector3d(0, -mass * g * report.time_of_forces, 0) - on_floor;
     }
     std::printf("the last second's means                                      %25.2f  %12.2f%%  %6.2f%%\n",
                 mean_force, 100 * mean_volume, 100 * mean_at_rest);

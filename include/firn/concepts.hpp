@@ -69,21 +69,72 @@ concept TransferScheme = Lane<Real> &&
         } -> std::same_as<Matrix<Real, d>>;
 };
 
-/// A material: its fields, its density, a check of its parameters, and ONE call that evolves the state and
-/// answers with stress and wave modulus: `Response<Real, d> respond(state&, velocity_gradient, dt) const`. It
-/// may say `objection(state)`, too: see ObjectsToStates.
-template <class T, class Real>
-concept ConstitutiveModel = Lane<Real> &&
-    requires(T const model, Record<Real, T::Space::dimension, typename T::State> state,
-             Matrix<Real, T::Space::dimension> velocity_gradient, Real dt)
+/// What a material owes, member by member, so that the compiler can say which of them is missing.
+namespace detail
+{
+template <class T>
+concept HasSpace = requires
+{
+    typename T::Space::Real;
+    {
+        T::Space::dimension
+        } -> std::convertible_to<int>;
+};
+
+template <class T>
+concept HasState = requires
+{
+    {
+        T::State::components(T::Space::dimension)
+        } -> std::convertible_to<int>;
+};
+
+template <class T>
+concept HasDensity = requires(T const model)
 {
     {
         model.density
         } -> std::convertible_to<double>;
+};
+
+template <class T>
+concept HasValidate = requires(T const model)
+{
     model.validate();
+};
+
+template <class T, class Real>
+concept Responds = requires(T const model, Record<Real, T::Space::dimension, typename T::State> state,
+                            Matrix<Real, T::Space::dimension> velocity_gradient, Real dt)
+{
     {
         model.template respond<Real>(state, velocity_gradient, dt)
         } -> std::same_as<Response<Real, T::Space::dimension>>;
 };
+} // namespace detail
+
+/// A material: its fields, its density, a check of its parameters, and ONE call that evolves the state and
+/// answers with stress and wave modulus: `Response<Real, d> respond(state&, velocity_gradient, dt) const`. It
+/// may say `objection(state)`, too: see ObjectsToStates.
+template <class T, class Real>
+concept ConstitutiveModel = Lane<Real> && detail::HasSpace<T> && detail::HasState<T> &&
+    detail::HasDensity<T> && detail::HasValidate<T> && detail::Responds<T, Real>;
+
+namespace detail
+{
+/// Says in a sentence which member a material lacks; the model is named in the note beside it.
+template <class Model, class Real>
+struct Complete
+{
+    static_assert(HasState<Model>,
+                  "the model lacks 'using State = firn::Fields<...>', what a particle of it keeps");
+    static_assert(HasDensity<Model>, "the model lacks 'density', a number [kg/m^3]");
+    static_assert(HasValidate<Model>, "the model lacks 'void validate() const', which refuses parameters");
+    static_assert(!HasState<Model> || Responds<Model, Real>,
+                  "the model lacks 'template <firn::Lane Real, class Particle> firn::Response<Real, d> "
+                  "respond(Particle& state, firn::Matrix<Real, d> const& velocity_gradient, Real dt) const'");
+    static constexpr bool value = ConstitutiveModel<Model, Real>;
+};
+} // namespace detail
 
 } // namespace firn

@@ -38,7 +38,7 @@ namespace detail
 template <class Real, class List>
 inline constexpr bool are_materials = false;
 template <class Real, class... Models>
-inline constexpr bool are_materials<Real, Materials<Models...>> = (ConstitutiveModel<Models, Real> && ...);
+inline constexpr bool are_materials<Real, Materials<Models...>> = (Complete<Models, Real>::value && ...);
 } // namespace detail
 
 /// An explicit Material Point Method solver.
@@ -59,6 +59,8 @@ template <class Backend, class ModelType, InterpolationKernel Kernel = Quadratic
           class TransferType = Mls>
 class Solver
 {
+    static_assert(detail::HasSpace<ModelType>,
+                  "the model lacks 'using Space = firn::Space<d, number>', its dimension and precision");
     using List = typename detail::MaterialsOf<ModelType>::Type;
     using Every = EveryMaterial;
     using Parts = SceneParts<Backend, List, TransferType>;
@@ -72,8 +74,7 @@ public:
     static constexpr int d = Space::dimension;
     using Real = typename Backend::template Lane<Number>;
     static_assert(detail::are_materials<Real, List>,
-                  "the model lacks `Response<Real, d> respond(state&, velocity_gradient, dt) const`, "
-                  "a density, a State or validate(): see firn/concepts.hpp");
+                  "what is said to be a material is none: see ConstitutiveModel in firn/concepts.hpp");
     static_assert(TransferScheme<Transfer, Kernel, Real, d>,
                   "the transfer scheme lacks give or take: see firn/concepts.hpp");
 

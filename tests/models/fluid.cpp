@@ -103,6 +103,35 @@ TEST_CASE("a fluid that parts bears no tension, and forgets how far it was torn"
     CHECK(fluid.step(state, Eigen::Matrix3d::Identity() * -0.01, 1).kirchhoff_stress(0, 0) < 0);
 }
 
+TEMPLATE_TEST_CASE(
+    "a fluid that does not part holds its tension at twice its volume, and says that it is capped", "", Plane,
+    Solid)
+{
+    constexpr int d = TestType::dimension;
+    using Tensor = Matrix<double, d>;
+    for (double gamma : {1.0, 7.0}) {
+        auto const fluid = tait<TestType>(gamma);
+        double const K = fluid.model.bulk_modulus;
+        auto state = fluid.at_rest(1).front();
+        auto const stretched = [&](double log_J, int times = 1) {
+            return fluid.step(state, Tensor::Identity() * (log_J / d), 1, times);
+        };
+        CHECK_FALSE(stretched(0.69).capped);
+        double last = stretched(0).kirchhoff_stress(0, 0);
+        CHECK(last > 0);
+        auto const far = stretched(1, 30); // without a cap e^30.69 times its volume, and as much stress
+        CHECK(far.capped);
+        CHECK(far.kirchhoff_stress(0, 0) == Approx(2 * K / gamma * (1 - std::pow(2, -gamma))));
+        CHECK(far.kirchhoff_stress(0, 0) <= far.wave_modulus * (1 + 1e-12));
+        CHECK(state[LogVolumeRatio{}] == Approx(std::log(fluid.model.largest_volume_ratio)));
+        CHECK_FALSE(stretched(-0.1).capped); // and comes back from there
+        CHECK(state[LogVolumeRatio{}] == Approx(std::log(2.0) - 0.1));
+    }
+    OneElement<Fluid<TestType>> const water; // parts: no cap, since it has nothing to hold
+    auto state = water.at_rest(1).front();
+    CHECK_FALSE(water.step(state, Tensor::Identity(), 1, 30).capped);
+}
+
 TEST_CASE("a fluid in single precision sees compressions far below those of rounding a volume")
 {
     auto const fluid = tait<SolidFloat>(7);

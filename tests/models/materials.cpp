@@ -60,6 +60,19 @@ TEMPLATE_TEST_CASE(
           Approx(std::sqrt((2.9e4 + 290 * (2 - 2.0 / TestType::dimension)) / 77.7)).epsilon(1e-3));
 }
 
+TEST_CASE("values that follow from those of a source are what they are said to be")
+{
+    auto const steel = materials::steel<Solid>();
+    double const E = 210e9, H = steel.hardening_modulus;
+    CHECK(E * H / (E + H) == Approx(E / 100)); // the tangent of EN 1993-1-5, annex C.6
+    auto const wet = materials::wet_snow<Solid>();
+    double const bulk = wet.elasticity.lambda + 2 * wet.elasticity.mu / 3;
+    CHECK(wet.preconsolidation(bulk, 0.0) == Approx(1e5).epsilon(1e-3));
+    CHECK(wet.preconsolidation(bulk, -0.02) == Approx(2e5).epsilon(3e-3));
+    auto const foam = materials::foam<Solid>();
+    CHECK(foam.yield_stress / std::sqrt(3.0) / foam.elasticity.mu == Approx(0.0635).epsilon(1e-3));
+}
+
 TEST_CASE("parameters that make no sense are refused, with what, where and a remedy")
 {
     double const nan = std::numeric_limits<double>::quiet_NaN(),

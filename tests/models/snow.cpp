@@ -122,6 +122,77 @@ TEST_CASE("snow in simple shear reaches its plateau")
     }
 }
 
+// The clamp of stretches is no projection onto the yield surface. It lowers the energy of shear; that of
+// volume rises where a stretch yields in tension while the others are compressed. One that yields at last,
+// at 1 + theta_s, gives energy back as long as 2 mu theta_s >= lambda (1 - J) P, where P = J / (1 + theta_s)
+// is the product of the others, (1 - theta_c)^(d - 1) at least: always in the plane, in space below nu =
+// 0.136.
+TEMPLATE_TEST_CASE(
+    "snow that flows loses energy, but for a stretch that yields between two that are compressed", "", Plane,
+    Solid)
+{
+    constexpr int d = TestType::dimension;
+    for (double nu : {0.2, 0.13}) {
+        OneElement<Snow<TestType>> material;
+        material.model.elasticity = lame(1.4e5, nu);
+        auto const& model = material.model;
+        std::mt19937 random(33);
+        int rose = 0, rose_elsewhere = 0;
+        double worst = 0;
+        for (double spread : {0.3, 0.05, 0.03}) {
+            std::vector<Matrix<double, d>> deformations;
+            for (int i = 0; i < 4000; ++i)
+                deformations.push_back(random_deformation<d>(random, 1 - spread, 1 + spread));
+            auto states = material.at_rest(deformations.size());
+            material.answers(states, deformations);
+            for (std::size_t i = 0; i < states.size(); ++i) {
+                auto const& F = deformations[i];
+                auto const F_E = material.elastic_part(states[i]);
+                Vector<double, d> const trial = singular_values(F).sigma.array() - 1, // largest first
+                    left = singular_values(F_E).sigma.array() - 1;
+                CHECK(left.squaredNorm() <= trial.squaredNorm() * (1 + 1e-12));
+                double const before = energy(model, F), rise = energy(model, F_E) / before - 1;
+                if (rise <= 1e-12) continue;
+                ++rose;
+                rose_elsewhere += !(trial[0] > model.critical_stretch && trial[1] < 0);
+                worst = std::max(worst, rise);
+            }
+        }
+        CAPTURE(nu, rose);
+        CHECK(rose_elsewhere == 0);
+        CHECK((rose > 0) == (d == 3 && nu == 0.2));
+        CHECK(worst <= 0.0143); // where two are at 1 - theta_c
+    }
+}
+
+TEST_CASE("of the work that presses snow hardening stores xi theta_c J_P / (2 - 2 theta_c), the rest is lost")
+{
+    struct Here
+    {
+        double stored, pull, plastic_ratio; ///< [Pa], by reference volume; [Pa], by reference area
+    };
+    auto const pressed_to = [](double s) {
+        Element<Solid> element;
+        Eigen::Matrix3d const sigma = element.to(Eigen::Vector3d(s, 1, 1).asDiagonal(), 7);
+        auto const& model = element.material.model;
+        double const energy_of_soft = energy(model, element.material.elastic_part(element.state));
+        return Here{std::exp(model.hardening * (1 - element.J_P())) * energy_of_soft, sigma(0, 0),
+                    element.J_P()};
+    };
+    Snow<Solid> const model;
+    for (double s : {0.97, 0.9, 0.8, 0.7}) {
+        double const way = 1e-4;
+        Here const start = pressed_to(s), end = pressed_to(s - way);
+        double const work = -0.5 * (start.pull + end.pull) * way;
+        double const stored = (end.stored - start.stored) / work;
+        CHECK(stored ==
+              Approx(model.hardening * model.critical_compression *
+                     (start.plastic_ratio + end.plastic_ratio) / 4 / (1 - model.critical_compression))
+                  .epsilon(1e-5));
+        CHECK(stored < 0.13); // of fresh_snow
+    }
+}
+
 TEST_CASE("snow says when its hardening is at the cap, and hardens no further")
 {
     Element<Solid> element;

@@ -265,7 +265,11 @@ TEST_CASE("samplers fill a mesh and share its volume")
     }
 }
 
-TEST_CASE("nothing gets into or through obstacles that are made of meshes, moving and turning")
+namespace
+{
+
+/// Drives particles at obstacles made of meshes, that act on nodes, on particles too, and as shells.
+void check_leaks(int count, int steps)
 {
     using namespace firn::test;
     double const reach = 1.5 * std::sqrt(3.0); // of the kernel along a diagonal, see physics/leaks.cpp
@@ -274,7 +278,7 @@ TEST_CASE("nothing gets into or through obstacles that are made of meshes, movin
         auto const shape = firn::distance_from_mesh<float>(MeshInterior(mesh), 0.025, 0.15, TwoThreads{});
         using Shape = std::decay_t<decltype(shape)>;
         auto const check = [&](auto const& obstacle, double deepest, double last) {
-            auto const driven = drive<float, 3>(1000, 200, shape, obstacle, swing);
+            auto const driven = drive<float, 3>(count, steps, shape, obstacle, swing);
             CAPTURE(driven.steps, driven.longest, driven.mean, driven.deepest);
             CHECK(driven.deepest <= deepest);
             CHECK(driven.last <= last);
@@ -285,3 +289,12 @@ TEST_CASE("nothing gets into or through obstacles that are made of meshes, movin
         check(firn::Obstacle<firn::Shell<Shape>>{.shape = {shape, 0.05 * cell}}, 0, 0);
     }
 }
+
+} // namespace
+
+TEST_CASE("nothing gets into or through obstacles that are made of meshes, moving and turning")
+{
+    check_leaks(1000, 200);
+}
+
+TEST_CASE("nor do 1e5 particles in 2 000 steps", "[.full]") { check_leaks(100000, 2000); }

@@ -56,7 +56,8 @@ HeightField<Number, 3> hills()
     return {{-1, -1}, Number(0.1), {21, 21}, std::move(heights)};
 }
 
-/// Drives particles at every shape: `use(name, driven)`. Shapes without an end do not turn.
+/// Drives particles at every shape: `use(name, driven)`. A half-space turns so slowly that its surface is not
+/// much faster than the particles where they are; terrain stays upright.
 template <class Number, class Wrap, class Use>
 void for_each_shape(int count, int steps, Wrap const& wrap, Use const& use)
 {
@@ -71,6 +72,7 @@ void for_each_shape(int count, int steps, Wrap const& wrap, Use const& use)
     };
     Eigen::Vector3d const turn(1, -2, 3);
     run("half-space", HalfSpace{Eigen::Vector3d(0.6, 0.64, 0.48)}, {.reach = 0.2});
+    run("turning half-space", HalfSpace{}, {.reach = 0.1, .turn = {1, 0, 2}});
     run("box", Box{{0.3, 0.4, 0.35}}, {.reach = 0.2, .turn = turn});
     run("box at rest", Box{{0.3, 0.4, 0.35}}, {});
     run("sphere", Sphere{0.4}, {.reach = 0.2, .turn = turn});

@@ -1,27 +1,64 @@
 // SPDX-License-Identifier: MIT
-// Compiled by incomplete_model.sh, once as it is and once without each member that a model owes.
+// Read by incomplete_model.sh: a complete model, and with INCOMPLETE defined one for each member that is
+// missing.
 #include <firn/firn.hpp>
-#include <firn/openmp.hpp>
 
-struct Model
+#if defined(__CUDACC__)
+#include <firn/cuda.hpp>
+using Backend = firn::Cuda;
+#else
+#include <firn/openmp.hpp>
+using Backend = firn::OpenMP;
+#endif
+
+struct ItsSpace
 {
     using Space = firn::Space<3, float>;
-#if !defined(WITHOUT_STATE)
+};
+struct ItsState
+{
     using State = firn::Fields<firn::DisplacementGradient>;
-#endif
-#if !defined(WITHOUT_DENSITY)
+};
+struct ItsDensity
+{
     float density = 1000;
-#endif
-#if !defined(WITHOUT_VALIDATE)
+};
+struct ItsValidate
+{
     void validate() const {}
-#endif
-#if !defined(WITHOUT_RESPOND)
+};
+struct ItsRespond
+{
     template <firn::Lane Real, class Particle>
     firn::Response<Real, 3> respond(Particle& state, firn::Matrix<Real, 3> const&, Real) const
     {
         return {state[firn::DisplacementGradient{}], Real(1), firn::nowhere<Real>(), firn::nowhere<Real>()};
     }
-#endif
+};
+struct AnswersWithStressAlone
+{
+    template <firn::Lane Real, class Particle>
+    firn::Matrix<Real, 3> respond(Particle& state, firn::Matrix<Real, 3> const&, Real) const
+    {
+        return state[firn::DisplacementGradient{}];
+    }
 };
 
-template class firn::Solver<firn::OpenMP, Model>;
+template <class... Members>
+struct Model : Members...
+{};
+
+template <class... Members>
+using SolverOf = firn::Solver<Backend, Model<Members...>>;
+
+#if !defined(INCOMPLETE)
+std::size_t complete = sizeof(SolverOf<ItsSpace, ItsState, ItsDensity, ItsValidate, ItsRespond>);
+#else
+std::size_t without_state = sizeof(SolverOf<ItsSpace, ItsDensity, ItsValidate, ItsRespond>);
+std::size_t without_density = sizeof(SolverOf<ItsSpace, ItsState, ItsValidate, ItsRespond>);
+std::size_t without_validate = sizeof(SolverOf<ItsSpace, ItsState, ItsDensity, ItsRespond>);
+std::size_t without_respond = sizeof(SolverOf<ItsSpace, ItsState, ItsDensity, ItsValidate>);
+std::size_t without_response =
+    sizeof(SolverOf<ItsSpace, ItsState, ItsDensity, ItsValidate, AnswersWithStressAlone>);
+std::size_t without_space = sizeof(SolverOf<ItsState, ItsDensity, ItsValidate, ItsRespond>);
+#endif

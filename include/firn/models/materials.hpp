@@ -12,9 +12,8 @@
 #include <firn/models/plasticity/snow.hpp>
 #include <firn/models/plasticity/von_mises.hpp>
 
-/// Named parameter sets in SI units, each with its source. Moduli of what is stiff in nature are often
-/// lowered, since they bound an explicit step: each says so. "Not verified" marks values that are quoted by
-/// others after their source, which was not at hand.
+/// Named parameter sets in SI units. Each value has its source, or is said to be our choice, with the reason.
+/// Moduli of what is stiff in nature are often lowered, since they bound an explicit step: each says so.
 namespace firn::materials
 {
 
@@ -26,9 +25,10 @@ Snow<Space> fresh_snow()
     return {};
 }
 
-/// Powder: softer snow that breaks sooner and hardens less, E = 4.8e4 Pa, theta_c = 1.9e-2, theta_s = 5e-3,
-/// xi = 5 (the lower ends of the ranges that Stomakhin et al. 2013 vary; not verified), 200 kg/m^3
-/// (settled snow has 200 to 300: Paterson 1994, *The Physics of Glaciers*, table 2.1; not verified).
+/// Powder: snow that breaks sooner, theta_c = 1.9e-2 and theta_s = 5e-3 (the smaller ones of Stomakhin et al.
+/// 2013, who take such for dry and powdery snow), 200 kg/m^3 (settled snow has 200 to 300: Paterson 1994,
+/// *The Physics of Glaciers*, table 2.1). E = 4.8e4 Pa and xi = 5 are the lowest that they show; that powder
+/// has them is our choice, since so light a snow is soft and takes longer to pack.
 template <class Space>
 Snow<Space> powder()
 {
@@ -42,9 +42,11 @@ Snow<Space> powder()
     return model;
 }
 
-/// Wet snow: packs and sticks, by Cam-Clay with E = 2e6 Pa, nu = 0.3, M = 1.2, beta = 1, xi = 3, alpha =
-/// -0.02, 450 kg/m^3 (within the ranges of Gaume et al. 2018 and Wolper et al. 2019; not verified, and the
-/// choice in them is this library's).
+/// Wet snow: packs and sticks, by Cam-Clay. 450 kg/m^3 lies between wind-packed snow (350 to 400) and old
+/// firn (400 to 830: Paterson 1994, table 2.1). All else is our choice, not measured: the 30 degrees of loose
+/// grains; beta = 1, so that it bears as much tension as pressure, and sticks; alpha = -0.02 and xi = 3, so
+/// that it is crushed at 6 % of its bulk modulus, and p0 has doubled where another 2 % of its volume are
+/// lost; E = 2e6 Pa and nu = 0.3, which make that 1e5 Pa in space.
 template <class Space>
 CamClay<Space> wet_snow()
 {
@@ -52,7 +54,7 @@ CamClay<Space> wet_snow()
     CamClay<Space> model;
     model.density = 450;
     model.elasticity = lame<Number>(2e6, 0.3);
-    model.slope = Number(1.2);
+    model.slope = Number(critical_slope(Space::dimension, 0.5235987755982988)); // of 30 degrees
     model.cohesion = 1;
     model.hardening = 3;
     model.start = Number(-0.02);
@@ -60,9 +62,10 @@ CamClay<Space> wet_snow()
 }
 
 /// Dry sand: 35 degrees of friction (sand of medium compactness has 31 to 36: US Army Corps of Engineers, EM
-/// 1110-2-2504, table 3-1), 1600 kg/m^3 (mixed-grained sand, loose, has 1590: Terzaghi & Peck 1967, table
-/// 6.3; not verified), E = 1e6 Pa, nu = 0.3: a tenth or less of the stiffness of loose sand (10 to 24 MPa: EM
-/// 1110-1-1904), which a flow does not notice.
+/// 1110-2-2504, table 3-1), 1600 kg/m^3 (mixed-grained sand, loose, has 1590: Terzaghi & Peck 1967, *Soil
+/// Mechanics in Engineering Practice*, table 6.3, and 2650 for quartz less its porosity of 40 %), E = 1e6 Pa,
+/// nu = 0.3: a tenth or less of the stiffness of loose sand (10 to 24 MPa: EM 1110-1-1904), which a flow does
+/// not notice.
 template <class Space>
 Sand<Space> dry_sand()
 {
@@ -70,9 +73,10 @@ Sand<Space> dry_sand()
 }
 
 /// Soft clay, undrained: E = 1e6 Pa (very soft clay has 0.5 to 5 MPa: US Army Corps of Engineers, EM
-/// 1110-1-1904), a yield stress of 4e4 Pa, twice an undrained shear strength of 20 kPa (between soft and very
-/// soft: BS 5930; not verified), 1800 kg/m^3 (soft glacial clay, saturated, has 1770: Terzaghi & Peck 1967,
-/// table 6.3; not verified), and nu = 0.3, not the 0.5 of what keeps its volume, for longer steps.
+/// 1110-1-1904), a yield stress of 4e4 Pa, twice an undrained shear strength of 20 kPa (where BS 5930:1999
+/// parts very soft clay from soft), 1800 kg/m^3 (soft glacial clay, saturated, has 1770: Terzaghi & Peck
+/// 1967, table 6.3), and nu = 0.3, not the 0.5 of what keeps its volume, for longer steps. It has no angle of
+/// friction: in a fast flow water bears the pressure. CamClay is for clay that drains.
 template <class Space>
 VonMises<Space> clay()
 {
@@ -82,9 +86,9 @@ VonMises<Space> clay()
     return model;
 }
 
-/// Water: 1000 kg/m^3, viscosity 1.0e-3 Pa s (at 20 degrees 998.2 and 1.002e-3: CRC Handbook, not verified),
-/// gamma = 7 (Batchelor 1967), and a bulk modulus for flows up to `fastest` [m/s]: density (10 fastest)^2,
-/// far below 2.2e9 Pa.
+/// Water: 1000 kg/m^3 and a viscosity of 1.0e-3 Pa s (at 20 degrees 998.2 and 1.002e-3: IAPWS R6-95 and
+/// R12-08), gamma = 7 (Batchelor 1967), and a bulk modulus for flows up to `fastest` [m/s]: density (10
+/// fastest)^2 (Monaghan 1994, J. Comput. Phys. 110: its density then changes by 1 %), far below 2.2e9 Pa.
 template <class Space>
 Fluid<Space> water(double fastest = 3)
 {
@@ -95,8 +99,8 @@ Fluid<Space> water(double fastest = 3)
     return model;
 }
 
-/// Honey: 1420 kg/m^3 (at 20 degrees 1423 with 15 % of water, 1417 with 18 %) and 10 Pa s (clover honey of 16
-/// % of water has 19 at 20 degrees and 6.5 at 30; both after the National Honey Board, not verified), bulk
+/// Honey: 1420 kg/m^3 (at 20 degrees 1417 with 18 % of water) and 10 Pa s (clover honey of 16 % of water has
+/// 19 at 20 degrees and 6.5 at 30: so at 26; both by the reference guide of the National Honey Board), bulk
 /// modulus as of water.
 template <class Space>
 Fluid<Space> honey(double fastest = 1)
@@ -119,10 +123,9 @@ NeoHookean<Space> jelly()
     return {};
 }
 
-/// Rubber: neo-Hookean, E = 1e6 Pa (vulcanised natural rubber has a shear modulus of about 0.4 MPa, and three
-/// times that for E: Treloar 1975, *The Physics of Rubber Elasticity*; not verified), 1000 kg/m^3 (950
-/// without fillers: MatWeb, natural rubber, vulcanized), and nu = 0.45: a stiffer volume would only shrink an
-/// explicit step.
+/// Rubber: neo-Hookean, E = 1e6 Pa (the vulcanised natural rubber of Treloar 1944, Trans. Faraday Soc. 40,
+/// 59, has a shear modulus of 0.39 MPa, which makes 1.2 MPa), 1000 kg/m^3 (950 without fillers: MatWeb,
+/// natural rubber, vulcanized), and nu = 0.45: a stiffer volume would only shrink an explicit step.
 template <class Space>
 NeoHookean<Space> rubber()
 {
@@ -131,9 +134,9 @@ NeoHookean<Space> rubber()
     return model;
 }
 
-/// Structural steel: E = 210e9 Pa, nu = 0.3, 7850 kg/m^3, yield stress 235e6 Pa (EN 1993-1-1, 3.2.6, and EN
-/// 10025-2, S235), and a linear hardening of 2e9 Pa, about E / 100 as EN 1993-1-5, annex C suggests. Not
-/// verified. Steps are of h / 6000 m/s.
+/// Structural steel: E = 210e9 Pa, nu = 0.3 (EN 1993-1-1, 3.2.6), 7850 kg/m^3 (EN 1991-1-1, table A.4), yield
+/// stress 235e6 Pa (S235: EN 10025-2), and a linear hardening that gives it a tangent of E / 100 beyond yield
+/// (EN 1993-1-5, annex C.6). Steps are of h / 6000 m/s.
 template <class Space>
 HardeningVonMises<Space> steel()
 {
@@ -142,12 +145,15 @@ HardeningVonMises<Space> steel()
     model.density = 7850;
     model.elasticity = lame<Number>(210e9, 0.3);
     model.yield_stress = Number(235e6);
-    model.hardening_modulus = Number(2e9);
+    model.hardening_modulus = Number(210e9 / 99); // E H / (E + H) = E / 100
     return model;
 }
 
-/// Shaving foam: shear modulus 290 Pa, yield stress 31.9 Pa, consistency 27.2 Pa s^0.22, power 0.22, 77.7
-/// kg/m^3 (Yue et al. 2015; not verified); its bulk modulus of 1.09e5 Pa lowered to 2.9e4 Pa.
+/// Shaving foam: our choice after what others quote from Yue et al. 2015 (ACM Trans. Graph. 34, 160), whose
+/// table was not at hand: 77.7 kg/m^3 (water with 92 % of gas, as shaving foams have), shear modulus 290 Pa,
+/// yield stress 31.9 Pa (so it yields at a shear of 6 %), consistency 27.2 Pa s^0.22, power 0.22. Bulk
+/// modulus 2.9e4 Pa, a hundred times that of shear, so that it keeps its volume: lowered from 1.09e5 Pa for
+/// longer steps.
 template <class Space>
 HerschelBulkley<Space> foam()
 {

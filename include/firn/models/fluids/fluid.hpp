@@ -37,6 +37,11 @@ struct Fluid
     /// Whether it bears no tension: J is then at most 1, and splashes part. (In a flow that is stretched and
     /// pressed again this forgets volume.)
     bool parts = true;
+    /// What does not part bears Tait's tension, below K / gamma, up to this J; there it stays, and counts as
+    /// capped. No liquid gets near it: water cavitates at 26 MPa, a hundredth of its volume (Herbert, Balibar
+    /// and Caupin 2006, Phys. Rev. E 74, 041603). Our choice: tension times J is then at most K, which bounds
+    /// the time step.
+    static constexpr double largest_volume_ratio = 2;
 
     void validate() const
     {
@@ -50,15 +55,21 @@ struct Fluid
                 "the viscosity is not a finite number, 0 or above", name, "Pass Pa s, e.g. 1e-3 for water.");
     }
 
-    /// What is wrong with a state from outside: that pressure or modulus are beyond all numbers.
+    /// What is wrong with a state from outside: that it bears a tension that this fluid does not, or that
+    /// pressure or modulus are beyond all numbers.
     template <class Particle>
     std::string objection(Particle const& state) const
     {
         double const log_J = double(state[LogVolumeRatio{}]);
+        auto const said = [&](char const* why) {
+            return "a volume ratio of e^" + std::to_string(log_J) + ' ' + why;
+        };
         // half of the range is left to the bulk modulus
         double const most = 0.5 * std::log(double(std::numeric_limits<Number>::max()));
-        if (log_J <= most && -log_J * double(exponent) <= most) return {};
-        return "a volume ratio of e^" + std::to_string(log_J) + " gives the fluid a pressure without bounds";
+        if (!(-log_J * double(exponent) <= most)) return said("gives the fluid a pressure without bounds");
+        double const rounding = 1e-6; // in what computed a state without pressure
+        if (log_J <= largest_log_volume_ratio() + rounding) return {};
+        return said(parts ? "is above 1: this fluid parts instead" : "is beyond that of any fluid");
     }
 
     static constexpr bool is_viscous = true;
@@ -73,7 +84,9 @@ struct Fluid
         Real const rate = velocity_gradient.trace();
         Real& log_J = state[LogVolumeRatio{}];
         log_J += dt * rate;
-        if (parts) log_J = min(log_J, Real(0)); // the same for all particles
+        Real const most(static_cast<Number>(largest_log_volume_ratio()));
+        Mask<Real> const capped = log_J > most;
+        log_J = min(log_J, most);
         Real const J = exp(log_J), gamma(exponent), K(bulk_modulus);
         Real const compressed = exp_minus_one(-gamma * log_J); // J^-gamma - 1
         Real const pressure = K / gamma * compressed;
@@ -94,8 +107,14 @@ struct Fluid
         // rho_0 c^2 = J^2 Psi_JJ = K J^(1 - gamma)
         response.wave_modulus = max(K * J * (compressed + Real(1)), K);
         response.inverted = nowhere<Real>();
-        response.capped = nowhere<Real>();
+        response.capped = parts ? nowhere<Real>() : capped; // the same for all particles
         return response;
+    }
+
+private:
+    FIRN_HOST_DEVICE double largest_log_volume_ratio() const
+    {
+        return parts ? 0 : 0.6931471805599453; // ln 2
     }
 };
 

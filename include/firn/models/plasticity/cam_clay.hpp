@@ -11,6 +11,18 @@
 namespace firn
 {
 
+/// M of the ellipse for an angle of internal friction phi [rad] at the critical state, for what bears no
+/// tension. In space 6 sin phi / (3 - sin phi): triaxial compression flows as Mohr–Coulomb does (Wood 1990,
+/// *Soil Behaviour and Critical State Soil Mechanics*, section 7.2). In the plane q is the difference of two
+/// principal stresses and p their mean: 2 sin phi, which is Mohr–Coulomb itself.
+inline double critical_slope(int d, double friction_angle)
+{
+    require(friction_angle > 0 && friction_angle < 1.5707, "the angle of friction is outside (0, pi/2)",
+            "critical_slope", "Pass radians, e.g. 0.52 (30 degrees).");
+    double const s = std::sin(friction_angle);
+    return d == 2 ? 2 * s : 6 * s / (3 - s);
+}
+
 /// Non-associated Cam-Clay (NACC; Gaume et al. 2018, Wolper et al. 2019, section 4.2): snow, clay, and what
 /// crumbles. The stress stays within the ellipse y = (1 + 2 beta) q^2 + M^2 (p + beta p0)(p - p0) <= 0 of
 /// pressure p and shear q, which grows where material is compacted and shrinks where it opens.
@@ -29,7 +41,7 @@ struct CamClayFlow
     template <class Law>
     static constexpr bool suits = std::is_same_v<Law, SplitNeoHookeanLaw>;
 
-    Number slope = Number(1.2);    ///< M: q over p on the critical-state line; in the plane 2 sin phi
+    Number slope = Number(critical_slope(Space::dimension, 0.5235987755982988)); ///< M; here of 30 degrees
     Number cohesion = Number(0.5); ///< beta: the share of p0 that it bears in tension
     Number hardening = 3;          ///< xi
     Number start = Number(-0.01);  ///< alpha at the start; the lower, the more compacted
@@ -37,7 +49,7 @@ struct CamClayFlow
     void validate() const
     {
         require(slope > 0 && std::isfinite(slope), "the slope M is not a finite number above 0", name,
-                "Pass M = 6 sin phi / (3 - sin phi), e.g. 1.2.");
+                "Pass critical_slope(dimension, angle).");
         require(cohesion >= 0 && std::isfinite(cohesion), "the cohesion is not a finite number, 0 or above",
                 name, "Pass beta, e.g. 0.5; 0 for what bears no tension.");
         require(hardening >= 0 && std::isfinite(hardening),
