@@ -664,8 +664,11 @@ private:
                 }
             backend_.move(cells, layer, move(only, queued - 1), reacted, conclude(queued - 1));
             heard = Log::over(const_cast<unsigned char*>(log_.fetch()), expected);
-            if constexpr (Backend::queues)
-                if (lacked = cells.listen(); lacked) { // a step lacked room, and those after it did nothing
+            if constexpr (Backend::queues) {
+                lacked = cells.listen();
+                gave_early =
+                    !lacked && backend_.follows_early(cells) && static_cast<int>(*heard.taken) < queued;
+                if (lacked) { // a step lacked room, and those after it did nothing
                     int const lacking = static_cast<int>(*heard.taken) - (wrong_after(heard) ? 0 : 1);
                     take_back(queued - 1 - lacking, queued - 1 - lacking, sides);
                     queued = lacking + 1;
@@ -675,8 +678,7 @@ private:
                         heard = Log::over(const_cast<unsigned char*>(log_.fetch()), expected);
                     } while (cells.listen());
                 }
-                else
-                    gave_early = backend_.follows_early(cells) && static_cast<int>(*heard.taken) < queued;
+            }
         }
         int const taken = static_cast<int>(*heard.taken);
         spoiled_ = taken < queued && wrong_after(heard);
