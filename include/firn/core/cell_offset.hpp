@@ -39,8 +39,12 @@ struct CellOffset
         return static_cast<int>(cells);
     }
 
-    /// Undoes that, for an offset that was out by so many cells, one at most: exactly.
-    FIRN_HOST_DEVICE static void unwrap(Stored& stored, int cells) { stored += static_cast<Number>(cells); }
+    /// Undoes that, for an offset that was out by so many cells, one at most: exactly, but for the largest
+    /// number below 1/2, which comes back as 1/2.
+    FIRN_HOST_DEVICE static void unwrap(Stored& stored, int cells)
+    {
+        if (cells != 0) stored += static_cast<Number>(cells); // or -0 would become 0
+    }
 };
 
 template <>

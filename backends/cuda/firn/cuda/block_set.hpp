@@ -158,7 +158,10 @@ inline void BlockSet::reserve(std::size_t blocks)
     OnDevice const here(queue_);
     std::size_t slots = 64;
     while (slots < 2 * blocks) slots *= 2;
-    keys_.resize(std::max(blocks, keys_.size()));
+    if (std::size_t const before = keys_.size(); blocks > before) {
+        keys_.resize(blocks);
+        keys_.fill_bytes(before, blocks - before, 0xff); // copied with the others when there are more
+    }
     born_.renew(keys_.size());
     born_count_.renew(1);
     key_.renew(std::max(slots, key_.size()));

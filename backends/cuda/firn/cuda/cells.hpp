@@ -133,6 +133,10 @@ public:
         crowded_ = false;
     }
 
+    /// Whether a step takes less time than the host that listens: few blocks, most of them well filled. Then
+    /// blocks are born ahead of those that are wanted, and more empty ones are kept.
+    bool is_small() const { return blocks() <= 128 && size_ >= std::size_t(32) * blocks(); }
+
     /// Whether there are so few blocks that a device has them all at work at once: then they are followed
     /// while it is yet to be found out how things go on.
     bool follows_early() const { return blocks() <= 1024; }
@@ -190,6 +194,7 @@ public:
     /// How many times empty blocks were forgotten, and which blocks were there before: by their new numbers.
     std::uint32_t generation() const { return generation_; }
     std::uint32_t const* blocks_before() const { return blocks_before_.data(); }
+    std::uint32_t blocks_kept() const { return blocks_kept_; } ///< so many have one; others are younger
 
     /// Makes room for items that depart, and forgets those before: the loop that follows notes them, and
     /// clears what is counted of arrivals.
@@ -197,6 +202,7 @@ public:
     {
         OnDevice const here(queue_);
         channels_ = channels;
+        crowded_ = false; // if it was said of a step that was then not made
         movers_.renew(std::max<std::size_t>(movers_.most, size_ / 32 + 256), channels);
         return movers_.view(channels);
     }
@@ -215,7 +221,7 @@ public:
         unsigned const groups = 1 + std::min(groups_of(movers_.most, detail::scanning_threads), 256u);
         launch_behind("find_new_cells", queue_, detail::find_new_cells<d, Number, Conclude>, groups,
                       detail::scanning_threads, 0, signal(), movers_.view(channels_), changes(), set_.view(),
-                      set_.keys(), begins(), conclude);
+                      set_.keys(), begins(), conclude, is_small());
     }
 
     /// Says to loops whether they have something to do.
@@ -416,6 +422,7 @@ private:
         std::swap(arrived_begin_, new_arrived_begin);
         first_arrival_.renew(std::size_t(count) * Shape::cells);
         set_.keep(blocks_before_.data(), count);
+        blocks_kept_ = count;
         ++generation_;
     }
 
@@ -468,7 +475,7 @@ private:
     MoverArrays movers_;
     int channels_ = 0;
     Array<unsigned char> kept_results_; ///< until somebody chooses how things go on
-    std::uint32_t generation_ = 0;
+    std::uint32_t generation_ = 0, blocks_kept_ = 0;
     Array<std::uint32_t> blocks_before_;
     Array<std::uint32_t> stopped_; ///< whether loops have nothing to do until the host has listened
     HostMemory stop_;              ///< why

@@ -42,6 +42,17 @@ struct Queue
 /// ones those that wait would take the place of those that work.
 inline constexpr unsigned few_groups = 128;
 
+/// Whether every device that lets loops be made ready early (compute capability 9.0) is given code that waits
+/// by itself: not the code of an older kind, which it would translate.
+inline constexpr bool loops_wait_by_themselves = [] {
+    bool for_the_first = false, for_no_older = true;
+    for (int const architecture : {__CUDA_ARCH_LIST__}) {
+        for_the_first = for_the_first || architecture == 900;
+        for_no_older = for_no_older && architecture >= 900;
+    }
+    return for_the_first || for_no_older;
+}();
+
 /// Starts a loop; a small one may be made ready while the one before is still at work, and waits for that
 /// itself (see Signal), where the device can do so.
 template <class... Parameters, class... Arguments>
@@ -50,7 +61,7 @@ void launch_behind(char const* name, Queue const& queue, void (*loop)(Parameters
 {
     cudaLaunchAttribute attribute{};
     attribute.id = cudaLaunchAttributeProgrammaticStreamSerialization;
-    attribute.val.programmaticStreamSerializationAllowed = groups <= few_groups;
+    attribute.val.programmaticStreamSerializationAllowed = loops_wait_by_themselves && groups <= few_groups;
     cudaLaunchConfig_t how{};
     how.gridDim = groups;
     how.blockDim = threads;

@@ -221,7 +221,7 @@ private:
         for (std::size_t l = 0; l < layers; ++l) {
             if (orders[l]->generation() == tiles_[l].generation) continue;
             tiles_[l].generation = orders[l]->generation();
-            keep_tiles(tiles_[l], orders[l]->blocks_before(), orders[l]->blocks());
+            keep_tiles(tiles_[l], orders[l]->blocks_before(), orders[l]->blocks_kept());
             any = true;
         }
         if (!any) return;

@@ -101,15 +101,11 @@ __device__ void arrive(Movers<Number> const& movers, Changes const& changes, std
         atomicAdd(changes.block_arrived + block, static_cast<std::uint32_t>(__popc(with_me)));
 }
 
-/// Where there are so few blocks, a step takes less time than the host that listens: it then bears blocks
-/// ahead of those that are wanted.
-inline constexpr std::uint32_t few_blocks = 128;
-
-/// How many blocks may be empty where so many are not: where they are few the host is to listen seldom,
-/// where they are many memory counts.
-FIRN_HOST_DEVICE inline std::uint32_t most_empty_blocks(std::uint32_t live)
+/// How many blocks may be empty where so many are not: where they are many memory counts, and in a `small`
+/// scene (see Cells::is_small) the host is to listen seldom.
+__device__ inline std::uint32_t most_empty_blocks(std::uint32_t live, bool small)
 {
-    return live <= few_blocks ? 32 + 2 * live : live <= 4096 ? 8 + live / 8 : live / 32;
+    return small ? 32 + 2 * live : live <= 4096 ? 8 + live / 8 : live / 32;
 }
 
 /// Finds the new cell of a departed item, or wants its block; also the one behind that, if `ahead`.
@@ -424,7 +420,7 @@ __device__ inline bool comes_last(std::uint32_t* arrived, std::uint32_t count)
 template <int d, class Number, class Conclude>
 __global__ void __launch_bounds__(scanning_threads)
     find_new_cells(Signal signal, Movers<Number> movers, Changes changes, BlockSet::View set,
-                   std::uint64_t const* keys, BlockBegins begins, Conclude conclude)
+                   std::uint64_t const* keys, BlockBegins begins, Conclude conclude, bool small)
 {
     if (signal.stops()) return;
     Rendezvous& meet = *movers.meet;
@@ -437,8 +433,7 @@ __global__ void __launch_bounds__(scanning_threads)
         for (std::uint32_t first = (blockIdx.x - 1) * blockDim.x; first < noted;
              first += (gridDim.x - 1) * blockDim.x)
             if (first + threadIdx.x < noted)
-                find_new_cell<d>(movers, changes, set, keys, first + threadIdx.x,
-                                 begins.blocks <= few_blocks);
+                find_new_cell<d>(movers, changes, set, keys, first + threadIdx.x, small);
         __shared__ bool last;
         __syncthreads();
         if (threadIdx.x == 0) last = comes_last(&meet.found, gridDim.x - 1);
@@ -455,7 +450,7 @@ __global__ void __launch_bounds__(scanning_threads)
     if (births == 0 || departed > movers.most) meet.departed = 0;
     meet.followed = departed;
     // (nobody is left where nothing lives: blocks are then kept for who comes)
-    bool const crowded = !short_of_room && live > 0 && begins.blocks > live + most_empty_blocks(live);
+    bool const crowded = !short_of_room && live > 0 && begins.blocks > live + most_empty_blocks(live, small);
     if (conclude.leaves_a_choice()) meet.crowded = crowded; // who chooses stops for that
     if (__ldcg(&meet.goes_on) != 0 && !short_of_room && (!crowded || conclude.leaves_a_choice())) return;
     *signal.stopped = 1;
