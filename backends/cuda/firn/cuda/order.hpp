@@ -347,7 +347,7 @@ struct Conclusion
         OfItems const all_items = Partial<OfItems>::whole(items, half);
         OfNodes const all_nodes = Partial<OfNodes>::whole(nodes, half);
         if (threadIdx.x != 0) return false;
-        if (!leaves_a_choice()) return call(all_nodes, all_items);
+        if (!leaves_a_choice()) return call.went_well(all_items) && goes_on(call, all_nodes, all_items);
         store_words(all_items, kept_items());
         store_words(all_nodes, kept_nodes());
         return call.went_well(all_items);
@@ -356,7 +356,15 @@ struct Conclusion
     /// For one thread of a later loop: how things go on after a step that went well.
     __device__ bool choose() const
     {
-        return call.goes_on(load_words(kept_nodes()), load_words(kept_items()));
+        return goes_on(call, load_words(kept_nodes()), load_words(kept_items()));
+    }
+
+private:
+    /// A function of its own, which no loop takes in: one thread's registers are not to be those of all, and
+    /// it is the same code, with the same rounding, whoever asks.
+    __device__ __noinline__ static bool goes_on(Call call, OfNodes nodes, OfItems items)
+    {
+        return call.goes_on(nodes, items);
     }
 };
 
@@ -623,8 +631,9 @@ __global__ void __launch_bounds__(64)
         then(blockIdx.x, came);
     }
     else if (threadIdx.x == 0) {
-        bool const crowded = movers.meet->crowded != 0;
-        if (!conclude.choose() || crowded) signal.stop_behind(number, {1, 0, 0, crowded});
+        bool const goes_on = conclude.choose();
+        std::uint32_t const crowded = __ldcg(&movers.meet->crowded); // behind the call, to be kept by none
+        if (!goes_on || crowded != 0) signal.stop_behind(number, {1, 0, 0, crowded});
     }
 }
 
