@@ -11,15 +11,16 @@
 namespace firn::bench
 {
 
-/// How the particles lie: regularly (jittered by a tenth of their spacing), at random, or as a splash leaves
-/// them: thrown on a floor, deformed and scattered.
+/// How the particles lie: regularly (jittered by a tenth of their spacing), each anywhere in its eighth of a
+/// cell, anywhere in the body, or as a splash leaves them: thrown on a floor, deformed and scattered.
 enum class Layout
 {
     lattice,
+    jittered,
     random,
     splash
 };
-inline constexpr char const* layout_names[]{"lattice", "random", "splash"};
+inline constexpr char const* layout_names[]{"lattice", "jittered", "random", "splash"};
 
 inline constexpr double cell = 0.01;    ///< [m]; eight particles per cell at the start
 inline constexpr double courant = 0.1;  ///< cells that a body in flight falls per step
@@ -38,6 +39,8 @@ inline std::vector<Eigen::Vector3d> cube(int count, Layout layout)
         for (double& x : jitter) x = unit();
         if (layout == Layout::random)
             points.push_back(side * spacing * jitter);
+        else if (layout == Layout::jittered)
+            points.push_back(spacing * (place + jitter));
         else
             points.push_back((place + Eigen::Vector3d::Constant(0.45) + 0.1 * jitter) * spacing);
     }

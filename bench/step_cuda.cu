@@ -12,7 +12,7 @@ namespace
 template <class Model, class Kernel, class Transfer>
 void add()
 {
-    for (Layout layout : {Layout::lattice, Layout::random, Layout::splash})
+    for (Layout layout : {Layout::lattice, Layout::jittered, Layout::random, Layout::splash})
         for (int count : {10000, 125000, 1000000, 8000000, 64000000})
             if (layout != Layout::splash || count <= 1000000)
                 add_step<Model, Kernel, Transfer>(layout_names[int(layout)], layout, count);
@@ -34,5 +34,6 @@ int main(int argc, char** argv)
     bench::add<Snow<S>, CubicBSpline, Mls>();
     bench::add<Snow<S>, CubicBSpline, Flip>();
     bench::add<NeoHookean<Space<3, double>>, QuadraticBSpline, Mls>();
+    bench::add_launches();
     return bench::run_steps(argc, argv);
 }

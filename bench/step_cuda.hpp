@@ -109,6 +109,7 @@ void add_million()
 
 void add_plastic_materials(); ///< step_cuda_plastic.cu: its own file, to be compiled beside the others
 void add_transfers();         ///< step_cuda_transfers.cu: the same
+void add_launches();          ///< launches_cuda.cu
 
 /// Runs what was registered and is asked for; what main() returns.
 inline int run_steps(int argc, char** argv)
