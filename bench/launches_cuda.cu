@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// What it takes to start loops one behind another on a device, without work in them: as the backend does, and in a
-// CUDA graph.
+// What it takes to start loops one behind another on a device, without work in them: as the backend does, and
+// in a CUDA graph.
 #include "step_cuda.hpp"
 
 #include <utility>
@@ -54,7 +54,8 @@ class Graph
 public:
     Graph(Loops const& loops, unsigned groups)
     {
-        cuda::check(cudaStreamBeginCapture(loops.own, cudaStreamCaptureModeThreadLocal), "cudaStreamBeginCapture");
+        cuda::check(cudaStreamBeginCapture(loops.own, cudaStreamCaptureModeThreadLocal),
+                    "cudaStreamBeginCapture");
         loops.start(groups);
         cuda::check(cudaStreamEndCapture(loops.own, &graph_), "cudaStreamEndCapture");
         cuda::check(cudaGraphInstantiate(&ready_, graph_, 0), "cudaGraphInstantiate");
@@ -113,11 +114,12 @@ void launches(benchmark::State& run, Way way, unsigned groups)
 
 void add_launches()
 {
-    for (auto [name, way] :
-         {std::pair{"queued", Way::queued}, std::pair{"graph", Way::graph}, std::pair{"fresh_graph", Way::fresh_graph}})
+    for (auto [name, way] : {std::pair{"queued", Way::queued}, std::pair{"graph", Way::graph},
+                             std::pair{"fresh_graph", Way::fresh_graph}})
         for (unsigned groups : {32u, 4096u})
-            benchmark::RegisterBenchmark(("launches/" + std::string(name) + "/" + std::to_string(groups)).c_str(),
-                                         [=](benchmark::State& run) { launches(run, way, groups); })
+            benchmark::RegisterBenchmark(
+                ("launches/" + std::string(name) + "/" + std::to_string(groups)).c_str(),
+                [=](benchmark::State& run) { launches(run, way, groups); })
                 ->Unit(benchmark::kMicrosecond)
                 ->Iterations(200)
                 ->UseRealTime();

@@ -182,7 +182,7 @@ public:
         });
         if (count == 0) return 0;
         hold_taken();
-        for_each_material([&](auto k) { particles<k>().remove(doomed[k]); });
+        or_break_off([&] { for_each_material([&](auto k) { particles<k>().remove(doomed[k]); }); });
         exchange_.forget();
         return count;
     }
@@ -576,9 +576,33 @@ private:
     /// as long as they go as planned. `visit` is called with the record of each. A step that goes wrong
     /// leaves the particles, and what they gave, as it was.
     ///
-    /// With several materials one step is queued at a time.
+    /// With several materials one step is queued at a time. Where memory runs short or a device fails in the
+    /// middle, there is no state to go on from.
     template <class Effects, class Visit>
     StepLog const& run(Rule const& rule, std::size_t most, Effects const& effects, Visit const& visit)
+    {
+        return *or_break_off([&] { return &run_to_end(rule, most, effects, visit); });
+    }
+
+    /// Does what leaves no state to go on from if it throws; then all later calls say so.
+    template <class Work>
+    auto or_break_off(Work const& work)
+    {
+        try {
+            return work();
+        }
+        catch (Error const& error) {
+            entrance_.break_off(error);
+            throw;
+        }
+        catch (std::exception const& error) {
+            entrance_.break_off({error.what(), "Solver", "Free memory, or take fewer particles."});
+            throw;
+        }
+    }
+
+    template <class Effects, class Visit>
+    StepLog const& run_to_end(Rule const& rule, std::size_t most, Effects const& effects, Visit const& visit)
     {
         constexpr int count = static_cast<int>(materials);
         using Actions = decltype(effects.template during<Number, d>(Interval{}));

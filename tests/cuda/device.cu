@@ -3,6 +3,8 @@
 #include "parts/bytes_of_materials.hpp"
 #include "support/policies.hpp"
 
+#include <functional>
+
 bool tests_need_a_device = true; // see main.cpp
 
 using namespace firn;
@@ -90,6 +92,21 @@ TEST_CASE("where memory is short an error says how much was needed and had, and 
     auto const a = solver.positions(), b = untouched.positions();
     for (std::size_t i = 0; i < a.size(); ++i) worst = std::max(worst, (a[i] - b[i]).norm());
     CHECK(worst <= 1e-7);
+}
+
+TEST_CASE("where memory runs short in the middle of a step, so says every call after it")
+{
+    Jelly solver(lattice(0.05));
+    solver.add(box_of_points<3>({0, 0, 0}, {3, 3, 3}, 0.05), std::pow(0.025, 3)); // the grid is yet to come
+    Hoard const hoard(std::size_t(8) << 20);
+    CHECK_THROWS_WITH(solver.step(1e-4), Contains("memory is short") && Contains("are available"));
+    std::function<void()> const calls[]{[&] { solver.step(1e-4); }, [&] { solver.advance(1e-4); },
+                                        [&] { solver.positions(); }, [&] { solver.snapshot(); }};
+    for (auto const& call : calls)
+        CHECK_THROWS_WITH(call(),
+                          Contains("broke off") && Contains("memory is short") && Contains("make a new one"));
+    Jelly moved(std::move(solver));
+    CHECK_THROWS_WITH(moved.step(1e-4), Contains("broke off"));
 }
 
 TEST_CASE("what is looked at on the device is what is downloaded, before steps and after")

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
 
-#include <firn/core/error.hpp>
+#include <firn/core/entrance.hpp>
+
+#include <atomic>
 
 TEST_CASE("an error says what is wrong, where, and what to do about it")
 {
@@ -10,4 +12,17 @@ TEST_CASE("an error says what is wrong, where, and what to do about it")
     CHECK(error.what_is_wrong() == "the density is -1");
     CHECK(error.where() == "Solver::add");
     CHECK(error.remedy() == "Pass a density above 0.");
+}
+
+TEST_CASE("after a call that broke off in the middle all others are refused, and told why")
+{
+    firn::detail::Entrance<std::atomic<int>> entrance;
+    CHECK_NOTHROW(entrance.to_change("Solver::step"));
+    entrance.break_off({"memory is short", "cudaMalloc", "Free memory."});
+    CHECK_THROWS_WITH(entrance.to_change("Solver::step"),
+                      Contains("broke off") && Contains("memory is short") && Contains("Solver::step") &&
+                          Contains("Free memory."));
+    CHECK_THROWS_WITH(entrance.to_look("Solver::positions"), Contains("Solver::positions"));
+    auto const moved = std::move(entrance);
+    CHECK_THROWS_AS(moved.to_look("Solver::positions"), firn::Error);
 }

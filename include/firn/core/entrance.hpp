@@ -3,11 +3,16 @@
 
 #include <firn/core/error.hpp>
 
+#include <optional>
+#include <string>
+#include <utility>
+
 namespace firn::detail
 {
 
 /// Counts who is inside an object: nobody, one call that changes it, or some that only look. Whoever comes
-/// between gets an Error; with NDEBUG defined nobody looks.
+/// between gets an Error; with NDEBUG defined nobody looks. Whoever comes when a call broke off in the middle
+/// gets one too, always.
 ///
 /// `Count` is the backend's: an integer that may be changed from several sides at the same time.
 template <class Count>
@@ -32,11 +37,20 @@ public:
     };
 
     Entrance() = default;
-    Entrance(Entrance&&) noexcept {} // who is inside one is not inside the other
-    Entrance& operator=(Entrance&&) noexcept { return *this; }
-
-    [[nodiscard]] Visit to_change([[maybe_unused]] char const* where) const
+    // who is inside one is not inside the other
+    Entrance(Entrance&& other) noexcept : broke_off_(std::move(other.broke_off_)) {}
+    Entrance& operator=(Entrance&& other) noexcept
     {
+        broke_off_ = std::move(other.broke_off_);
+        return *this;
+    }
+
+    /// Refuses all calls from now on, since this one leaves the object as nobody knows.
+    void break_off(Error const& why) { broke_off_ = why; }
+
+    [[nodiscard]] Visit to_change(char const* where) const
+    {
+        if (broke_off_) refuse_for_good(where);
 #ifdef NDEBUG
         return {nullptr, 0};
 #else
@@ -46,8 +60,9 @@ public:
 #endif
     }
 
-    [[nodiscard]] Visit to_look([[maybe_unused]] char const* where) const
+    [[nodiscard]] Visit to_look(char const* where) const
     {
+        if (broke_off_) refuse_for_good(where);
 #ifdef NDEBUG
         return {nullptr, 0};
 #else
@@ -68,7 +83,15 @@ private:
                     "One thread at a time calls a solver: let the others wait, or give each its own."};
     }
 
+    [[noreturn]] void refuse_for_good(char const* where) const
+    {
+        throw Error{"a call before broke off in the middle: " + broke_off_->what_is_wrong(), where,
+                    broke_off_->remedy() + " This object has no state to go on from: make a new one, from a "
+                                           "snapshot or a checkpoint if there is one."};
+    }
+
     mutable Count inside_{0};
+    std::optional<Error> broke_off_;
 };
 
 } // namespace firn::detail

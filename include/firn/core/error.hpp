@@ -10,7 +10,8 @@ namespace firn
 
 /// Everything the library refuses: what is wrong, where, and what the caller can do about it.
 ///
-/// Thrown before anything has changed: the object that was called is as it was.
+/// Thrown before anything has changed: the object that was called is as it was. (Where memory runs short or a
+/// device fails in the middle of a step it cannot be: then all later calls say so.)
 class Error : public std::runtime_error
 {
 public:
