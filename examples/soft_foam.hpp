@@ -18,7 +18,8 @@ struct SoftFoam // a neo-Hookean solid without a volume term, for example
     }
 
     template <firn::Lane Real, class Particle>
-    firn::Response<Real, d> respond(Particle& state, firn::Matrix<Real, d> const& L, Real dt) const
+    FIRN_HOST_DEVICE firn::Response<Real, d> respond(Particle& state, firn::Matrix<Real, d> const& L,
+                                                     Real dt) const
     {
         auto& H = state[firn::DisplacementGradient{}];
         H = firn::deformed<Real, d>(H, L, dt);

@@ -114,7 +114,8 @@ concept Responds = requires(T const model, Record<Real, T::Space::dimension, typ
 } // namespace detail
 
 /// A material: its fields, its density, a check of its parameters, and ONE call that evolves the state and
-/// answers with stress and wave modulus: `Response<Real, d> respond(state&, velocity_gradient, dt) const`. It
+/// answers with stress and wave modulus: `Response<Real, d> respond(state&, velocity_gradient, dt) const`,
+/// which is FIRN_HOST_DEVICE if it is to run on devices. It
 /// may say `objection(state)`, too: see ObjectsToStates.
 template <class T, class Real>
 concept ConstitutiveModel = Lane<Real> && detail::HasSpace<T> && detail::HasState<T> &&

@@ -215,13 +215,16 @@ public:
         auto const first = static_cast<std::uint32_t>(size_);
         if (located.empty()) return 0;
         require_comparable(volume, density, scale);
+        half_changed_ = true;
         sort(); // inserting is for items whose cells are up to date
+        half_changed_ = false;
 
         for (auto& buffer : buffer_) buffer.resize(count);
         if (!taken_) taken_.emplace(backend_, count);
         next_taken_.reset();
         taken_->resize(count);
         held_ = true;
+        half_changed_ = true;
         add_portion(first, volume, density, scale);
         place(located, first, velocity.template cast<Number>());
         std::vector<Coordinates<d>> cells(located.size());
@@ -233,8 +236,12 @@ public:
             std::iota(ids_.begin() + first, ids_.end(), first_id);
         }
         size_ = count;
+        half_changed_ = false;
         return located.size();
     }
+
+    /// Whether add() broke off where the particles that were there before had changed, too.
+    bool is_half_changed() const { return half_changed_; }
 
     /// Finds the particles of which `is_doomed` says so; see Solver::remove_if. Changes nothing.
     template <class IsDoomed>
@@ -811,6 +818,7 @@ private:
     Backend backend_;
     std::size_t size_ = 0;
     bool moved_ = false;
+    bool half_changed_ = false;      ///< in the middle of add()
     bool named_ = false;             ///< whether rows are no ids
     std::vector<std::uint32_t> ids_; ///< then those of all rows, in rising order
     std::array<Buffer, 2> buffer_;

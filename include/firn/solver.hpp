@@ -136,8 +136,12 @@ public:
         constexpr std::size_t k = Of<Which>::place;
         hold_taken();
         std::uint32_t const first = next_id_;
-        auto const added = particles<k>().add(points, volume_per_point, double(model_of<k>().density),
-                                              velocity, first, masses_);
+        auto const added = or_break_off(
+            [&] {
+                return particles<k>().add(points, volume_per_point, double(model_of<k>().density), velocity,
+                                          first, masses_);
+            },
+            [&] { return particles<k>().is_half_changed(); });
         if (added == 0) return first;
         next_id_ += static_cast<std::uint32_t>(added);
         exchange_.forget();
@@ -387,6 +391,7 @@ public:
     {
         static_assert(Of<Which>::Stored::template contains<Tag>,
                       "this field is taken from the grid when asked for: use download, or write_positions");
+        auto const visit = entrance_.to_look("Solver::view");
         return particles<Of<Which>::place>().template view<Tag>();
     }
 
@@ -446,8 +451,10 @@ public:
             to.materials.push_back(particles<k>().snapshot());
             detail::name_material<k>(parts_, to.materials.back());
         });
-        for_each_material([&](auto k) { particles<k>().restore(to.materials[k]); });
-        go_on_from(to);
+        or_break_off([&] {
+            for_each_material([&](auto k) { particles<k>().restore(to.materials[k]); });
+            go_on_from(to);
+        });
         return to;
     }
 
@@ -471,8 +478,10 @@ public:
                     detail::require_bearable<k>(parts, table, row, particle, "Solver::restore");
                 });
         });
-        parts_ = std::move(parts);
-        go_on_from(from);
+        or_break_off([&] {
+            parts_ = std::move(parts);
+            go_on_from(from);
+        });
     }
 
     /// Bytes held by particles and grid, spare capacity included.
@@ -584,21 +593,27 @@ private:
         return *or_break_off([&] { return &run_to_end(rule, most, effects, visit); });
     }
 
-    /// Does what leaves no state to go on from if it throws; then all later calls say so.
-    template <class Work>
-    auto or_break_off(Work const& work)
+    /// Does what leaves no state to go on from if it throws, or if then `is_half_done()`: all later calls say
+    /// so.
+    template <class Work, class IsHalfDone>
+    auto or_break_off(Work const& work, IsHalfDone const& is_half_done)
     {
         try {
             return work();
         }
         catch (Error const& error) {
-            entrance_.break_off(error);
+            if (is_half_done()) entrance_.break_off(&error);
             throw;
         }
-        catch (std::exception const& error) {
-            entrance_.break_off({error.what(), "Solver", "Free memory, or take fewer particles."});
+        catch (...) { // no memory, most likely
+            if (is_half_done()) entrance_.break_off(nullptr);
             throw;
         }
+    }
+    template <class Work>
+    auto or_break_off(Work const& work)
+    {
+        return or_break_off(work, [] { return true; });
     }
 
     template <class Effects, class Visit>
@@ -872,7 +887,7 @@ private:
                 who ? *who
                     : detail::furthest_in(parts_, log, values(), lattice_.cell_size, course_.time, dt));
         if (culprits.empty() || !quarantine_.has_room_for(culprits.size())) return false;
-        parts_.remove(culprits);
+        or_break_off([&] { parts_.remove(culprits); });
         exchange_.forget();
         course_.retries = 0;
         course_.ready = false;

@@ -19,5 +19,16 @@ int main(int argc, char** argv)
         std::printf("skipped: %s\n", status != cudaSuccess ? cudaGetErrorString(status) : "no CUDA device");
         return 77;
     }
+#ifdef FIRN_TESTS_NEED_CAPABILITY // what these programs were compiled for
+    if (tests_need_a_device && !lists) {
+        cudaDeviceProp device{};
+        static_cast<void>(cudaGetDeviceProperties(&device, 0));
+        if (10 * device.major + device.minor < FIRN_TESTS_NEED_CAPABILITY) {
+            std::printf("skipped: compiled for devices of capability 9.0 or above, and this is %d.%d: see tests/run.sh --gpu\n",
+                        device.major, device.minor);
+            return 77;
+        }
+    }
+#endif
     return Catch::Session().run(argc, argv);
 }

@@ -11,8 +11,8 @@ template <class SpaceType>
 struct Forgetful : SoftFoam<SpaceType>
 {
     template <class Real, class Particle>
-    firn::Response<Real, SpaceType::dimension> respond(Particle&,
-                                                       firn::Matrix<Real, SpaceType::dimension> const&) const;
+    FIRN_HOST_DEVICE firn::Response<Real, SpaceType::dimension>
+    respond(Particle&, firn::Matrix<Real, SpaceType::dimension> const&) const;
 };
 
 /// The plastic flow of somebody's own: what cracks where a stretch goes beyond a limit, and keeps count of
@@ -33,8 +33,8 @@ struct Cracking
     void validate() const { firn::require(limit > 0, "the limit is not above 0", name, "Pass a strain."); }
 
     template <firn::Lane Real, int d, class Particle>
-    firn::PlasticFlow<Real, d> flow(firn::Vector<Real, d> const& trial, firn::Lame<Real> const&,
-                                    Particle& state, Real) const
+    FIRN_HOST_DEVICE firn::PlasticFlow<Real, d> flow(firn::Vector<Real, d> const& trial,
+                                                     firn::Lame<Real> const&, Particle& state, Real) const
     {
         using firn::min; // of numbers; that of packs is found beside them
         firn::PlasticFlow<Real, d> plastic{trial, firn::nowhere<Real>(), Real(1), firn::nowhere<Real>()};
@@ -68,7 +68,7 @@ TEST_CASE("a user's own material runs, and one without the call is refused")
     STATIC_REQUIRE(firn::ConstitutiveModel<SoftFoam<Solid>, TestLane<double>>);
     STATIC_REQUIRE(!firn::ConstitutiveModel<Forgetful<Solid>, double>);
 
-    firn::Solver<firn::OpenMP, SoftFoam<SolidFloat>> solver(firn::lattice(0.05));
+    firn::Solver<TestedBackend, SoftFoam<SolidFloat>> solver(firn::lattice(0.05));
     solver.add(box_of_points<3>({0, 0.05, 0}, {0.2, 0.25, 0.2}, 0.05), std::pow(0.025, 3));
     auto const report = solver.advance(0.2, firn::Gravity{}, firn::Obstacle<firn::HalfSpace>{});
     CHECK(report.reactions[0].impulse.y() < 0);

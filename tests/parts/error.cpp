@@ -18,11 +18,15 @@ TEST_CASE("after a call that broke off in the middle all others are refused, and
 {
     firn::detail::Entrance<std::atomic<int>> entrance;
     CHECK_NOTHROW(entrance.to_change("Solver::step"));
-    entrance.break_off({"memory is short", "cudaMalloc", "Free memory."});
+    firn::Error const why{"memory is short", "cudaMalloc", "Free memory."};
+    entrance.break_off(&why);
     CHECK_THROWS_WITH(entrance.to_change("Solver::step"),
                       Contains("broke off") && Contains("memory is short") && Contains("Solver::step") &&
                           Contains("Free memory."));
     CHECK_THROWS_WITH(entrance.to_look("Solver::positions"), Contains("Solver::positions"));
     auto const moved = std::move(entrance);
-    CHECK_THROWS_AS(moved.to_look("Solver::positions"), firn::Error);
+    CHECK_THROWS_WITH(moved.to_look("Solver::positions"), Contains("memory is short"));
+    firn::detail::Entrance<std::atomic<int>> unexplained;
+    unexplained.break_off(nullptr);
+    CHECK_THROWS_WITH(unexplained.to_look("Solver::positions"), Contains("no memory left"));
 }

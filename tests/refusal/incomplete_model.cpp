@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Read by incomplete_model.sh: a complete model, and with INCOMPLETE defined one for each member that is
-// missing.
+// missing; for devices with UNMARKED defined a step with one that they cannot call.
 #include <firn/firn.hpp>
 
 #if defined(__CUDACC__)
@@ -30,7 +30,8 @@ struct ItsValidate
 struct ItsRespond
 {
     template <firn::Lane Real, class Particle>
-    firn::Response<Real, 3> respond(Particle& state, firn::Matrix<Real, 3> const&, Real) const
+    FIRN_HOST_DEVICE firn::Response<Real, 3> respond(Particle& state, firn::Matrix<Real, 3> const&,
+                                                     Real) const
     {
         return {state[firn::DisplacementGradient{}], Real(1), firn::nowhere<Real>(), firn::nowhere<Real>()};
     }
@@ -51,7 +52,17 @@ struct Model : Members...
 template <class... Members>
 using SolverOf = firn::Solver<Backend, Model<Members...>>;
 
-#if !defined(INCOMPLETE)
+#if defined(UNMARKED)
+struct ForHosts
+{
+    template <firn::Lane Real, class Particle>
+    firn::Response<Real, 3> respond(Particle& state, firn::Matrix<Real, 3> const&, Real) const
+    {
+        return {state[firn::DisplacementGradient{}], Real(1), firn::nowhere<Real>(), firn::nowhere<Real>()};
+    }
+};
+void step(SolverOf<ItsSpace, ItsState, ItsDensity, ItsValidate, ForHosts>& solver) { solver.step(1e-4); }
+#elif !defined(INCOMPLETE)
 std::size_t complete = sizeof(SolverOf<ItsSpace, ItsState, ItsDensity, ItsValidate, ItsRespond>);
 #else
 std::size_t without_state = sizeof(SolverOf<ItsSpace, ItsDensity, ItsValidate, ItsRespond>);

@@ -1,13 +1,13 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# A model that forgets a member is refused by the compiler, a host's or nvcc, with a sentence that names it:
-# incomplete_model.sh COMPILER SOURCE EIGEN.
+# A model that forgets a member is refused by the compiler, a host's or nvcc, with a sentence that names it, and by nvcc
+# one that a device cannot call: incomplete_model.sh COMPILER SOURCE EIGEN.
 set -euo pipefail
 compiler=$1 source=$2 eigen=$3
 said=$(mktemp)
 trap 'rm -f "$said"' EXIT
 case $(basename "$compiler") in
-nvcc*) flags=(-x cu --expt-relaxed-constexpr -diag-suppress=1675,20012 -I"$source/backends/cuda" --ptx -o /dev/null) ;;
+nvcc*) flags=(-x cu --expt-relaxed-constexpr -diag-suppress=1675,20012 -Werror=cross-execution-space-call -O1 -I"$source/backends/cuda" --ptx -o /dev/null) ;;
 *) flags=(-fopenmp -fsyntax-only -I"$source/backends/openmp") ;;
 esac
 
@@ -32,4 +32,9 @@ names 1 "density"
 names 1 "void validate()"
 names 2 "template <firn::Lane Real, class Particle> firn::Response<Real, d> respond("
 names 1 "using Space"
+if [[ $(basename "$compiler") == nvcc* ]]; then # or it would compile into nothing
+    if compiles -DUNMARKED; then echo "a model that a device cannot call compiles."; exit 1; fi
+    grep -q 'calling a __host__ function' "$said" && grep -q 'respond' "$said" ||
+        { cat "$said"; echo "it is not said that a device cannot call the model."; exit 1; }
+fi
 echo "a model without its Space, State, density, validate() or respond() is refused with a sentence that names it"

@@ -38,15 +38,24 @@ public:
 
     Entrance() = default;
     // who is inside one is not inside the other
-    Entrance(Entrance&& other) noexcept : broke_off_(std::move(other.broke_off_)) {}
+    Entrance(Entrance&& other) noexcept : broke_off_(other.broke_off_), why_(std::move(other.why_)) {}
     Entrance& operator=(Entrance&& other) noexcept
     {
-        broke_off_ = std::move(other.broke_off_);
+        broke_off_ = other.broke_off_;
+        why_ = std::move(other.why_);
         return *this;
     }
 
-    /// Refuses all calls from now on, since this one leaves the object as nobody knows.
-    void break_off(Error const& why) { broke_off_ = why; }
+    /// Refuses all calls from now on, since this one leaves the object as nobody knows; `why` may be null.
+    void break_off(Error const* why) noexcept
+    {
+        broke_off_ = true;
+        try {
+            if (why) why_ = *why;
+        }
+        catch (...) { // no memory left even for that
+        }
+    }
 
     [[nodiscard]] Visit to_change(char const* where) const
     {
@@ -85,13 +94,17 @@ private:
 
     [[noreturn]] void refuse_for_good(char const* where) const
     {
-        throw Error{"a call before broke off in the middle: " + broke_off_->what_is_wrong(), where,
-                    broke_off_->remedy() + " This object has no state to go on from: make a new one, from a "
-                                           "snapshot or a checkpoint if there is one."};
+        throw Error{"a call before broke off in the middle: " +
+                        (why_ ? why_->what_is_wrong() : std::string("there was no memory left")),
+                    where,
+                    (why_ ? why_->remedy() : std::string("Free memory, or take fewer particles.")) +
+                        " This object has no state to go on from: make a new one, from a snapshot or a "
+                        "checkpoint if there is one."};
     }
 
     mutable Count inside_{0};
-    std::optional<Error> broke_off_;
+    bool broke_off_ = false;
+    std::optional<Error> why_;
 };
 
 } // namespace firn::detail

@@ -7,6 +7,8 @@
 
 #include <firn/core/error.hpp>
 
+#include <array>
+#include <atomic>
 #include <cstddef>
 #include <cuda_runtime.h>
 #include <string>
@@ -14,15 +16,35 @@
 namespace firn::cuda
 {
 
+/// What the caller can do about an error that a call returned.
+inline char const* remedy_for(cudaError_t status)
+{
+    switch (status) {
+    case cudaErrorMemoryAllocation:
+        return "Take a smaller scene or larger cells, or free memory.";
+    case cudaErrorInvalidDevice:
+    case cudaErrorInvalidValue:
+    case cudaErrorInvalidResourceHandle:
+        return "Pass a device that is there, and a stream of that device.";
+    case cudaErrorNoKernelImageForDevice:
+    case cudaErrorInvalidDeviceFunction:
+        return "Compile for this device: with CMAKE_CUDA_ARCHITECTURES=native, for example.";
+    case cudaErrorUnsupportedPtxVersion:
+    case cudaErrorInsufficientDriver:
+    case cudaErrorSystemDriverMismatch:
+        return "Install a newer driver.";
+    default:
+        return "After a fault in a kernel the device serves this process no more: what was computed is lost, "
+               "and only a new process can use it.";
+    }
+}
+
 /// Throws an Error that names the call unless it went well.
 inline void check(cudaError_t status, char const* call)
 {
     if (status == cudaSuccess) return;
     static_cast<void>(cudaGetLastError()); // or the next call would report it again
-    throw Error{
-        std::string(call) + " failed: " + cudaGetErrorString(status), "CUDA",
-        "After a fault in a kernel the device serves this process no more: what was computed is lost, and "
-        "only a new process can use it."};
+    throw Error{std::string(call) + " failed: " + cudaGetErrorString(status), "CUDA", remedy_for(status)};
 }
 
 /// Throws an Error that names the loop unless it could be started.
@@ -42,16 +64,21 @@ struct Queue
 /// ones those that wait would take the place of those that work.
 inline constexpr unsigned few_groups = 128;
 
-/// Whether every device that lets loops be made ready early (compute capability 9.0) is given code that waits
-/// by itself: not the code of an older kind, which it would translate.
-inline constexpr bool loops_wait_by_themselves = [] {
-    bool for_the_first = false, for_no_older = true;
-    for (int const architecture : {__CUDA_ARCH_LIST__}) {
-        for_the_first = for_the_first || architecture == 900;
-        for_no_older = for_no_older && architecture >= 900;
-    }
-    return for_the_first || for_no_older;
-}();
+static __global__ void any_loop() {}
+
+/// Whether a device that lets loops be made ready early (compute capability 9.0) is given code that waits by
+/// itself: not the code of an older kind, which it would translate. Loops are all compiled alike.
+inline bool loops_wait_by_themselves(int device)
+{
+    static std::array<std::atomic<signed char>, 64> known{}; // 0: not yet
+    bool const is_kept = device >= 0 && static_cast<std::size_t>(device) < known.size();
+    if (is_kept && known[device] != 0) return known[device] > 0;
+    cudaFuncAttributes loop{};
+    check(cudaFuncGetAttributes(&loop, any_loop), "cudaFuncGetAttributes");
+    bool const waits = loop.ptxVersion >= 90;
+    if (is_kept) known[device] = waits ? 1 : -1;
+    return waits;
+}
 
 /// Starts a loop; a small one may be made ready while the one before is still at work, and waits for that
 /// itself (see Signal), where the device can do so.
@@ -61,7 +88,8 @@ void launch_behind(char const* name, Queue const& queue, void (*loop)(Parameters
 {
     cudaLaunchAttribute attribute{};
     attribute.id = cudaLaunchAttributeProgrammaticStreamSerialization;
-    attribute.val.programmaticStreamSerializationAllowed = loops_wait_by_themselves && groups <= few_groups;
+    attribute.val.programmaticStreamSerializationAllowed =
+        groups <= few_groups && loops_wait_by_themselves(queue.device);
     cudaLaunchConfig_t how{};
     how.gridDim = groups;
     how.blockDim = threads;

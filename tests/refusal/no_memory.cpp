@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: MIT
+// In a program of its own: here `new` fails when it is told to.
+#include "catch.hpp"
+#include "support/policies.hpp"
+
+#include <cstdlib>
+#include <functional>
+#include <new>
+
+namespace
+{
+int allowed = -1; ///< so many more may succeed; below 0: all
+
+void* allocated(std::size_t bytes, std::size_t alignment)
+{
+    if (allowed == 0) throw std::bad_alloc{};
+    if (allowed > 0) --allowed;
+    void* const memory = std::aligned_alloc(alignment, (bytes / alignment + 1) * alignment);
+    if (!memory) throw std::bad_alloc{};
+    return memory;
+}
+} // namespace
+
+void* operator new(std::size_t bytes) { return allocated(bytes, 16); }
+void* operator new(std::size_t bytes, std::align_val_t alignment)
+{
+    return allocated(bytes, static_cast<std::size_t>(alignment));
+}
+void operator delete(void* memory) noexcept { std::free(memory); }
+void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
+void operator delete(void* memory, std::align_val_t) noexcept { std::free(memory); }
+void operator delete(void* memory, std::size_t, std::align_val_t) noexcept { std::free(memory); }
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+using Jelly = Solver<OpenMP, NeoHookean<Plane>, QuadraticBSpline, Mls>;
+
+/// A block that has moved, with a box far from it that is yet to be added.
+struct Block
+{
+    Jelly solver{lattice(0.1), {}, {}, {}, OpenMP{1}};
+    std::vector<Eigen::Vector2d> more = box_of_points<2>({3, 3}, {3.5, 3.5}, 0.1);
+
+    Block()
+    {
+        solver.add(box_of_points<2>({0, 0}, {0.4, 0.4}, 0.1), 0.0025, {1, 2});
+        for (int i = 0; i < 3; ++i) solver.step(1e-3, Gravity{});
+    }
+};
+
+/// What the call leaves when memory ends at any of its allocations: a solver that goes on, or one that says
+/// why it does not.
+void check_whatever_fails(std::function<void(Block&)> const& call)
+{
+    int refused = 0, usable = 0;
+    for (int k = 0;; ++k) {
+        Block block;
+        bool failed = false;
+        allowed = k;
+        try {
+            call(block);
+        }
+        catch (...) {
+            failed = true;
+        }
+        allowed = -1;
+        if (!failed) break;
+        try {
+            auto const before = block.solver.positions();
+            REQUIRE(before.size() == block.solver.size());
+            for (auto const& x : before) REQUIRE((x.array().abs() < 10).all());
+            block.solver.step(1e-3, Gravity{});
+            block.solver.remove_if(Inside{Sphere{0.2}});
+            REQUIRE(block.solver.positions().size() == block.solver.size());
+            ++usable;
+        }
+        catch (Error const& error) {
+            REQUIRE_THAT(error.what(), Contains("broke off") && Contains("make a new one"));
+            ++refused;
+        }
+    }
+    CAPTURE(refused, usable);
+    CHECK(refused + usable > 3);
+}
+} // namespace
+
+TEST_CASE("where memory ends in the middle of a call, the solver goes on or says why it does not")
+{
+    SECTION("add")
+    {
+        check_whatever_fails([](Block& b) { b.solver.add(b.more, 0.0025); });
+    }
+    SECTION("remove_if")
+    {
+        check_whatever_fails([](Block& b) { b.solver.remove_if(Inside{Sphere{0.2}}); });
+    }
+    SECTION("step")
+    {
+        check_whatever_fails([](Block& b) { b.solver.step(1e-3, Gravity{}); });
+    }
+    SECTION("step into new blocks")
+    {
+        check_whatever_fails([](Block& b) {
+            b.solver.add(b.more, 0.0025, {40, 0});
+            for (int i = 0; i < 30; ++i) b.solver.step(1e-3, Gravity{});
+        });
+    }
+    SECTION("advance")
+    {
+        check_whatever_fails([](Block& b) { b.solver.advance(0.01, Gravity{}); });
+    }
+    SECTION("snapshot")
+    {
+        check_whatever_fails([](Block& b) { b.solver.snapshot(); });
+    }
+    SECTION("restore")
+    {
+        auto const known = Block{}.solver.snapshot();
+        check_whatever_fails([&](Block& b) { b.solver.restore(known); });
+    }
+    SECTION("upload")
+    {
+        check_whatever_fails([](Block& b) {
+            b.solver.template upload<Velocity>(
+                std::vector<Eigen::Vector2d>(b.solver.size(), Eigen::Vector2d(1, 1)));
+        });
+    }
+}
