@@ -32,9 +32,10 @@ nvidia-smi -L 2>/dev/null | grep GPU || stop "this machine has no NVIDIA GPU, or
 mkdir -p "$out"
 out=$(cd "$out" && pwd)
 cd "$root"
+command -v compute-sanitizer >/dev/null || stop "there is no compute-sanitizer: it comes with the CUDA toolkit."
 
 cmake --preset cuda ${prefix:+-DCMAKE_PREFIX_PATH="$prefix"} >"$out/configure.log" || { cat "$out/configure.log"; exit 1; }
-cmake --build --preset cuda --target cuda_scenes cuda_hard_cases cuda_devices cuda_fault cuda_agreement benchmarks_cuda $materials >"$out/build.log" ||
+cmake --build --preset cuda --target cuda_scenes cuda_hard_cases cuda_devices cuda_fault cuda_agreement host_engine benchmarks_cuda $materials >"$out/build.log" ||
     { tail -n 40 "$out/build.log"; stop "the programs could not be built."; }
 # The programs themselves, not ctest: that starts one anew for each of 500 tests, 0.3 s of the device's each.
 ( # where ctest runs them, so that it finds the same hard_cases.csv
@@ -44,6 +45,7 @@ cmake --build --preset cuda --target cuda_scenes cuda_hard_cases cuda_devices cu
         ./$program >"$out/$program.log" 2>&1 || { tail -n 60 "$out/$program.log"; stop "a test of $program failed."; }
         echo "$program: $(tail -n 2 "$out/$program.log" | head -n 1)"
     done
+    ../examples/host_engine >"$out/host_engine.log" || { cat "$out/host_engine.log"; stop "the example host_engine failed."; }
     bash "$root/tests/hard/table.sh" hard_cases.csv >"$out/hard_cases.log" || { cat "$out/hard_cases.log"; stop "a hard case missed its limit."; }
 )
 
@@ -54,7 +56,7 @@ for tool in memcheck racecheck initcheck; do
 done
 
 bench=build/cuda/bench/benchmarks_cuda
-most='neo_hookean/quadratic/mls/float/|/(lattice|random)/1000000/|/random/0|fixed_corotated/.*/(lattice|random)/8000000/|^launches/'
+most='neo_hookean/quadratic/mls/float/|/(lattice|jittered|random)/1000000/|/random/0|fixed_corotated/.*/(lattice|jittered|random)/8000000/|^launches/'
 entries=$($bench --benchmark_list_tests=true | grep -E "$most" | grep -v "${large:-64000000}" | paste -sd'|')
 $bench --benchmark_filter="^($entries)\$" --benchmark_out="$out/bench_cuda.json" \
     --benchmark_out_format=json >"$out/bench.log" 2>&1 || { tail -n 20 "$out/bench.log"; stop "the benchmark failed."; }

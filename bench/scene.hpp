@@ -53,7 +53,7 @@ struct Scene
 {
     Solver solver;
     bool on_floor;
-    double dt = 0; ///< [s]
+    double dt = 0, stable = 0; ///< of a step, and the stable one [s]
     Gravity gravity{};
     Obstacle<HalfSpace> floor{.shape = {{0, 1, 0}}, .contact = Contact::coulomb(0.3)};
 
@@ -70,7 +70,8 @@ struct Scene
         }
         else {
             solver.add(points, volume);
-            dt = 0.5 * solver.step(1e-6).stable_dt; // at rest: all that bounds it is the wave
+            stable = solver.step(1e-6).stable_dt; // at rest: all that bounds it is the wave
+            dt = 0.5 * stable;
             using Velocities = Vector<typename Solver::Number, 3>;
             auto const fall = static_cast<typename Solver::Number>(-courant_number * cell / dt);
             solver.template upload<Velocity>(std::vector<Velocities>(solver.size(), Velocities(0, fall, 0)));

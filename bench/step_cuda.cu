@@ -16,6 +16,9 @@ void add()
         for (int count : {10000, 125000, 1000000, 8000000, 64000000})
             if (layout != Layout::splash || count <= 1000000)
                 add_step<Model, Kernel, Transfer>(layout_names[int(layout)], layout, count);
+    for (int count : {10000, 125000, 1000000, 8000000}) // twice as long, so that as many leave their cells
+        add_step<Model, Kernel, Transfer>("jittered/advance", Layout::jittered, count, courant / 2,
+                                          Length::automatic);
     for (double number : {0.03, 0.29}) // 0.3 is where a step is beyond the stable one
         add_step<Model, Kernel, Transfer>("random/" + std::to_string(number).substr(0, 4), Layout::random,
                                           1000000, number);

@@ -41,8 +41,15 @@ inline double copy_bandwidth()
 /// Steps of one call: some frames of a game have as many.
 inline constexpr int steps_at_once = 40;
 
+/// Steps of half the stable length, or as long as the library makes them (Solver::advance).
+enum class Length
+{
+    equal,
+    automatic
+};
+
 template <class Model, class Kernel, class Transfer>
-void step(benchmark::State& run, Layout layout, int count, double courant_number)
+void step(benchmark::State& run, Layout layout, int count, double courant_number, Length length)
 {
     using Solver = Solver<Cuda, Model, Kernel, Transfer>;
     try {
@@ -54,7 +61,11 @@ void step(benchmark::State& run, Layout layout, int count, double courant_number
         double const start_time = solver.time();
         auto const start = std::chrono::steady_clock::now();
         std::uint64_t steps = 0;
-        for (auto _ : run) { // ends when the host knows what the steps found out
+        for (auto _ : run) {                   // ends when the host knows what the steps found out
+            if (length == Length::automatic) { // in flight: nothing pushes
+                steps += solver.advance(scene.stable * steps_at_once).substeps;
+                continue;
+            }
             for (auto const& report : scene.steps(steps_at_once))
                 for (auto const& reaction : report.reactions) pushed += reaction.impulse;
             steps += steps_at_once;
@@ -82,15 +93,18 @@ void step(benchmark::State& run, Layout layout, int count, double courant_number
 
 /// Registers step/cuda/MODEL/KERNEL/TRANSFER/PRECISION/SCENE/PARTICLES.
 template <class Model, class Kernel, class Transfer>
-void add_step(std::string const& scene, Layout layout, int count, double courant_number = courant)
+void add_step(std::string const& scene, Layout layout, int count, double courant_number = courant,
+              Length length = Length::equal)
 {
     constexpr bool is_float = std::is_same_v<typename Model::Space::Real, float>;
     std::string const name = std::string("step/cuda/") + Model::name + "/" + Kernel::name + "/" +
                              Transfer::name + "/" + (is_float ? "float" : "double") + "/" + scene + "/" +
                              std::to_string(count);
-    benchmark::RegisterBenchmark(
-        name.c_str(),
-        [=](benchmark::State& run) { step<Model, Kernel, Transfer>(run, layout, count, courant_number); })
+    benchmark::RegisterBenchmark(name.c_str(),
+                                 [=](benchmark::State& run) {
+                                     step<Model, Kernel, Transfer>(run, layout, count, courant_number,
+                                                                   length);
+                                 })
         ->Unit(benchmark::kMillisecond)
         ->Iterations((count > 10000000  ? 40
                       : count > 2000000 ? 200

@@ -60,6 +60,28 @@ TEMPLATE_LIST_TEST_CASE("a few steps through every loop", "[sanitize]", Short)
     CHECK_THROWS_AS(solver.step(1.0), Error);
     solver.step(1e-5);
     CHECK(solver.positions().size() == 2 * points.size());
+
+    // queued steps: blocks are born and forgotten; a crowd in one cell, somebody far away, some who go
+    typename TestType::Solver flying(lattice(0.1));
+    flying.add(points, std::pow(0.05, d));
+    flying.add(std::vector(40, Vector<double, d>(Vector<double, d>::Constant(0.51))), 1e-6);
+    flying.add(std::vector{Vector<double, d>(Vector<double, d>::Constant(9.5))}, 1e-6);
+    double const dt = 0.5 * flying.step(1e-6).stable_dt;
+    using Velocities = Vector<typename TestType::Number, d>;
+    flying.template upload<Velocity>(
+        std::vector<Velocities>(flying.size(), Velocities::Constant(typename TestType::Number(-0.02 / dt))));
+    flying.steps(d == 3 && TestType::is_float ? 240 : 60, dt);
+    flying.advance(10 * dt, Gravity{});
+    std::size_t const before = flying.size(), gone = flying.remove_if(OnTheLeft{flying.positions()[0][0]});
+    CHECK(gone > 0);
+    CHECK(flying.size() == before - gone);
+    cuda::Array<typename TestType::Number> places(Cuda{});
+    places.resize(d * flying.size());
+    flying.write_positions(places.data());
+    flying.steps(5, dt);
+    std::vector<typename TestType::Number> here(places.size());
+    places.download(0, here);
+    CHECK(std::isfinite(here.back()));
 }
 
 TEST_CASE("where memory is short an error says how much was needed and had, and the scene goes on as it was")
