@@ -24,7 +24,8 @@ int main(int argc, char** argv)
         cudaDeviceProp device{};
         static_cast<void>(cudaGetDeviceProperties(&device, 0));
         if (10 * device.major + device.minor < FIRN_TESTS_NEED_CAPABILITY) {
-            std::printf("skipped: compiled for devices of capability 9.0 or above, and this is %d.%d: see tests/run.sh --gpu\n",
+            std::printf("skipped: compiled for devices of capability 9.0 or above, and this is %d.%d: see "
+                        "tests/run.sh --gpu\n",
                         device.major, device.minor);
             return 77;
         }
