@@ -100,6 +100,7 @@ TEST_CASE("parameters that make no sense are refused, with what, where and a rem
         change(Fluid<Solid>{}, &Fluid<Solid>::exponent, bad);
         change(Fluid<Solid>{}, &Fluid<Solid>::viscosity, bad);
     }
+    change(Snow<Solid>{}, &Snow<Solid>::hardening, 1000.0); // e^400, where half of the range is e^355
     change(CamClay<Solid>{}, &CamClay<Solid>::start, nan);
     change(HerschelBulkley<Solid>{}, &HerschelBulkley<Solid>::power, 1.5);
     CHECK_THROWS_AS(friction_cone(3, 35.0), Error); // degrees
