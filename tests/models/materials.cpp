@@ -100,9 +100,14 @@ TEST_CASE("parameters that make no sense are refused, with what, where and a rem
         change(Fluid<Solid>{}, &Fluid<Solid>::exponent, bad);
         change(Fluid<Solid>{}, &Fluid<Solid>::viscosity, bad);
     }
+    change(Snow<Solid>{}, &Snow<Solid>::hardening, 1000.0); // e^400, where half of the range is e^355
     change(CamClay<Solid>{}, &CamClay<Solid>::start, nan);
     change(HerschelBulkley<Solid>{}, &HerschelBulkley<Solid>::power, 1.5);
     CHECK_THROWS_AS(friction_cone(3, 35.0), Error); // degrees
+    for (double bad : {0.0, -3.0, nan, inf}) {
+        CHECK_THROWS_AS(materials::water<Solid>(bad), Error);
+        CHECK_THROWS_AS(materials::honey<Solid>(bad), Error);
+    }
     CHECK_THROWS_AS(Asflip{.fraction = 1.1}.validate(), Error);
     CHECK_THROWS_AS(Asflip{.separation = -0.1}.validate(), Error);
 }

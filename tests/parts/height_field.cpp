@@ -184,4 +184,7 @@ TEST_CASE("heights that do not fit their samples are refused")
     CHECK_THROWS_AS(Field3({0, 0}, 1, {2, 2}, {1, 2, 3, std::nan("")}), firn::Error);
     CHECK_THROWS_AS(Field3({0, 0}, 1, {2, 2}, {1, 2, 3, 1e308}), firn::Error);
     CHECK_THROWS_AS(Field3({0, 0}, 1e-300, {2, 2}, four), firn::Error); // slopes overflow
+    // far from the origin of its frame, where single precision does not tell its samples apart
+    CHECK_THROWS_AS(Field2({5e5f}, 0.1f, {2}, {0, 0}), firn::Error);
+    CHECK_NOTHROW(Field3({5e5, 5e6}, 0.1, {2, 2}, four));
 }

@@ -125,6 +125,32 @@ TEST_CASE("a grid that does not fit its values is refused")
     CHECK_THROWS_AS(Grid2({0, 0}, 1, {2, 2}, {1, 2, 3, -3e38f}), firn::Error);
 }
 
+TEST_CASE("a grid whose cells are lost to rounding, far from its frame's origin, is refused")
+{
+    auto const two_by_two = []<class Real>(Real x, Real cell) {
+        return firn::SignedDistanceGrid<Real, 2>({x, 0}, cell, {2, 2}, std::vector<Real>(4, Real(1)));
+    };
+    CHECK_NOTHROW(two_by_two(1000.0f, 0.01f));             // a kilometre
+    CHECK_THROWS_AS(two_by_two(5e5f, 0.05f), firn::Error); // where maps begin
+    CHECK_THROWS_AS(two_by_two(-5e5f, 0.05f), firn::Error);
+    CHECK_NOTHROW(two_by_two(5e5, 0.05));
+}
+
+TEST_CASE("a grid of distances knows how far its solid reaches, to a cell, also beyond its border")
+{
+    double const cell = 0.1, diagonal = std::sqrt(3.0) * cell;
+    auto const off_centre = grid_of<double, 3>(cell, [](auto const& x) {
+        return (x - Eigen::Vector3d{0.5, 0, 0}).norm() - 0.4;
+    });
+    CHECK(off_centre.reach() >= 0.9);
+    CHECK(off_centre.reach() <= 0.9 + diagonal);
+    CHECK(off_centre.view().reach() == off_centre.reach());
+    auto const full = grid_of<double, 3>(0.5, [](auto const&) { return -1.0; }); // 1 m beyond all corners
+    CHECK(full.reach() >= std::sqrt(3.0) * 1.5 + 1);
+    CHECK(full.reach() <= std::sqrt(3.0) * 2 + 1);
+    CHECK(grid_of<float, 2>(0.5f, [](auto const&) { return 1.0f; }).reach() == 0); // there is none
+}
+
 TEST_CASE("a grid of distances tells who is inside, too")
 {
     auto const square = []<class Real>(Real) {

@@ -142,6 +142,23 @@ TEST_CASE("with contact of the particles too nothing is inside a moving solid")
     check_solids<float>(2000, 200, true);
 }
 
+// The first step after it was passed, too: nothing has touched it yet, so no step before has found its speed.
+TEST_CASE("how fast a solid made of distances turns bounds steps before anything touches it")
+{
+    auto const shape = dented_ball<float>();
+    auto const there = shape.on(TestedBackend{});
+    Solver<TestedBackend, Dust<SolidFloat>, QuadraticBSpline, Mls> solver(lattice(cell));
+    solver.add(std::vector<Eigen::Vector3d>{{3, 0, 0}}, 1e-3);
+    double const turns = 50; // [rad/s]
+    Obstacle<std::decay_t<decltype(there)>> const wheel{.shape = there,
+                                                        .motion = {.angular_velocity = {0, 0, turns}}};
+    auto const report = solver.advance(0.05, wheel);
+    double const fastest = 0.45 * turns; // of its surface
+    CHECK(report.usual_limit() == StepLimit::obstacle);
+    CHECK(report.largest_dt * fastest <= 0.5 * cell);
+    CHECK(report.largest_dt * fastest >= 0.3 * cell); // and not by more than it has to
+}
+
 // Pairs of particles in one place, whose own velocities are none to the grid: it moves both alike.
 TEST_CASE("what flies at an obstacle by a velocity of its own, but moves with the grid, is not pushed away")
 {

@@ -146,6 +146,10 @@ TEST_CASE("a distance grid of no cells or too many is refused")
     MeshInterior const sheet(meshes::box({0, 0, 0.52}, {1, 1, 0.53}));
     auto const missed = error_of([&] { firn::distance_from_mesh(sheet, 0.1, 0.1); });
     CHECK_THAT(missed.what_is_wrong(), Contains("no node"));
+    MeshInterior const mapped(meshes::box({5e5, 0, 0}, {5e5 + 1, 1, 1})); // in coordinates of a map
+    auto const far = error_of([&] { firn::distance_from_mesh(mapped, 0.1, 0.1); });
+    CHECK_THAT(far.what_is_wrong(), Contains("far from its origin"));
+    CHECK_NOTHROW(firn::distance_from_mesh<double>(mapped, 0.1, 0.1));
 }
 
 TEST_CASE("a mesh file that is not there, is none, or is empty is refused")

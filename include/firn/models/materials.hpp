@@ -12,6 +12,20 @@
 #include <firn/models/plasticity/snow.hpp>
 #include <firn/models/plasticity/von_mises.hpp>
 
+namespace firn::detail
+{
+/// The bulk modulus [Pa] of a fluid of some density [kg/m^3] whose flow, of up to `fastest` [m/s], compresses
+/// it by 1 %.
+template <class Number>
+Number bulk_modulus_for(double fastest, double density, char const* where)
+{
+    require(std::isfinite(fastest) && fastest > 0,
+            "the speed of the fastest flow is not a finite number above 0", where,
+            "Pass m/s, e.g. sqrt(2 g H) for a fall from a height H.");
+    return static_cast<Number>(density * 100 * fastest * fastest);
+}
+} // namespace firn::detail
+
 /// Named parameter sets in SI units. Each value has its source, or is said to be our choice, with the reason.
 /// Moduli of what is stiff in nature are often lowered, since they bound an explicit step: each says so.
 namespace firn::materials
@@ -94,7 +108,7 @@ Fluid<Space> water(double fastest = 3)
 {
     using Number = typename Space::Real;
     Fluid<Space> model;
-    model.bulk_modulus = static_cast<Number>(1000 * 100 * fastest * fastest);
+    model.bulk_modulus = detail::bulk_modulus_for<Number>(fastest, 1000, "materials::water");
     model.viscosity = Number(1e-3);
     return model;
 }
@@ -108,7 +122,7 @@ Fluid<Space> honey(double fastest = 1)
     using Number = typename Space::Real;
     Fluid<Space> model;
     model.density = 1420;
-    model.bulk_modulus = static_cast<Number>(1420 * 100 * fastest * fastest);
+    model.bulk_modulus = detail::bulk_modulus_for<Number>(fastest, 1420, "materials::honey");
     model.viscosity = 10;
     return model;
 }

@@ -142,7 +142,8 @@ inline TriangleDistance::Triangles hole_squares(MeshInterior const& interior, No
 ///
 /// At the nodes the distance is exact to rounding; in the holes of a repaired mesh it is exact to a cell.
 /// What is thinner than a cell may fall between
-/// the nodes. Throws firn::Error: cell size not above 0, margin below 0, more than 5e8 nodes, none inside.
+/// the nodes. Throws firn::Error: cell size not above 0, margin below 0, more than 5e8 nodes, none inside, a
+/// mesh so far from its origin that cells are lost to rounding.
 template <std::floating_point Real = float, class Loop = Serial>
 SignedDistanceGrid<Real, 3> distance_from_mesh(MeshInterior const& interior, double cell_size, double margin,
                                                Loop const& loop = {})
@@ -155,6 +156,9 @@ SignedDistanceGrid<Real, 3> distance_from_mesh(MeshInterior const& interior, dou
     Eigen::Array3d const cells = ((box.sizes().array() + 2 * margin) / cell_size).ceil().max(1);
     require((cells + 1).prod() <= 5e8, "the grid would have more than 5e8 nodes", where, "Use larger cells.");
     Eigen::Vector3d const origin = box.center().array() - 0.5 * cell_size * cells;
+    require(detail::tells_cells_apart<Real, 3>(origin, static_cast<Real>(cell_size), cells.cast<int>() + 1),
+            "the mesh lies so far from its origin that the grid's cells are lost to rounding", where,
+            "Move the mesh to its origin, and place it by the obstacle's motion.");
     detail::NodeGrid const grid{origin, cell_size, cells.cast<int>() + 1};
 
     std::vector<char> inside(grid.count());

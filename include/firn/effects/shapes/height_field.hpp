@@ -136,7 +136,8 @@ public:
     /// [m] apart.
     ///
     /// Throws firn::Error: spacing not above 0, fewer than 2 samples along an axis, a number of heights that
-    /// does not fit, a height or an origin that is not finite, heights beyond 1e15 m or as many spacings.
+    /// does not fit, a height or an origin that is not finite, a terrain so far from its origin that its
+    /// samples are lost to rounding, heights beyond 1e15 m or as many spacings.
     HeightField(std::array<Real, across> const& origin, Real spacing, std::array<int, across> const& count,
                 std::vector<Real> heights)
         : view_{origin, spacing, count, nullptr}
@@ -154,6 +155,9 @@ public:
                 "Pass one height for each sample, x fastest.");
         require(std::ranges::all_of(heights, is_finite), "a height is not finite", where,
                 "Pass a height [m] for each sample.");
+        require(detail::tells_cells_apart<Real, across>(origin, spacing, count),
+                "the terrain lies so far from its frame's origin that its samples are lost to rounding",
+                where, "Give it in coordinates about a point of it, and place it by the obstacle's motion.");
         // then no height between them, no slope and no square of one overflows
         Real const largest = Real(largest_length) * std::min(spacing, Real(1));
         require(std::ranges::all_of(heights, [&](Real y) { return std::abs(y) <= largest; }),

@@ -1,6 +1,11 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/space.hpp>
+
+#include <cmath>
+#include <concepts>
+#include <limits>
 #include <memory>
 #include <type_traits>
 #include <utility>
@@ -8,6 +13,22 @@
 
 namespace firn
 {
+
+namespace detail
+{
+/// Whether single samples on a regular grid can be told apart in its precision, with a sixteenth of their
+/// spacing to spare.
+template <std::floating_point Real, int axes, class Origin, class Count>
+bool tells_cells_apart(Origin const& origin, Real spacing, Count const& count)
+{
+    double largest = 0; // coordinate [m]
+    for (int a = 0; a < axes; ++a) {
+        double const first = double(origin[a]), last = first + double(spacing) * (double(count[a]) - 1);
+        largest = std::fmax(largest, std::fmax(std::abs(first), std::abs(last)));
+    }
+    return largest * double(std::numeric_limits<Real>::epsilon()) <= double(spacing) / 16;
+}
+} // namespace detail
 
 /// A shape that is given by samples, with them on a backend: a Shape for that backend's loops. Cheap to copy.
 ///
@@ -29,6 +50,11 @@ public:
 
     /// Its samples where they lie; valid while the shape or a copy of it lives.
     View view() const { return view_; }
+    /// Of its farthest point from the reference point [m]; a shape without an end has none.
+    double reach() const requires requires(View const v) { v.reach(); }
+    {
+        return view_.reach();
+    }
 
 private:
     View view_;

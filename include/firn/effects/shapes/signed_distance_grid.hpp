@@ -27,6 +27,9 @@ struct SignedDistanceGridView
     Real cell_size;                ///< [m]
     Eigen::Array<int, d, 1> nodes; ///< along each axis
     Real const* values;            ///< distance of each node [m], x fastest
+    double farthest;               ///< point of the solid from the body's reference point, at most [m]
+
+    double reach() const { return farthest; } ///< of its farthest point from the reference point [m]
 
     /// Signed distance and outward normal at `x` [m].
     ///
@@ -112,7 +115,8 @@ public:
     /// Takes `nodes` values along each axis, x fastest, the first at `origin` [m], `cell_size` [m] apart.
     ///
     /// Throws firn::Error: cell size not above 0, fewer than 2 nodes along an axis, a number of values that
-    /// does not fit, a value or an origin that is not finite.
+    /// does not fit, a value or an origin that is not finite, a grid so far from its origin that its cells
+    /// are lost to rounding.
     SignedDistanceGrid(Vector<Real, d> const& origin, Real cell_size, Eigen::Array<int, d, 1> const& nodes,
                        std::vector<Real> values)
         : origin_(origin), cell_size_(cell_size), nodes_(nodes)
@@ -127,6 +131,10 @@ public:
                 "Pass one distance for each node, x fastest.");
         require(std::ranges::all_of(values, [](Real v) { return std::abs(v) <= Real(largest_length); }),
                 "a distance is not finite, or out of range", where, "Pass a distance [m] for each node.");
+        require(detail::tells_cells_apart<Real, d>(origin, cell_size, nodes),
+                "the grid lies so far from its frame's origin that its cells are lost to rounding", where,
+                "Give it in coordinates about a point of the solid, and place it by the obstacle's motion.");
+        farthest_ = farthest_of(values);
         values_ = std::make_shared<std::vector<Real> const>(std::move(values));
     }
 
@@ -134,7 +142,11 @@ public:
     SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const { return view().surface(x); }
 
     /// Its values where they lie; valid while the grid or a copy of it lives.
-    SignedDistanceGridView<Real, d> view() const { return {origin_, cell_size_, nodes_, values_->data()}; }
+    SignedDistanceGridView<Real, d> view() const
+    {
+        return {origin_, cell_size_, nodes_, values_->data(), farthest_};
+    }
+    double reach() const { return farthest_; }   ///< of its farthest point from the reference point [m]
     static constexpr bool in_host_memory = true; ///< where a backend for devices cannot reach them
 
     /// The same with its values where the backend's loops can reach them: for a backend that runs on a
@@ -147,9 +159,32 @@ public:
     std::vector<Real> const& values() const { return *values_; } ///< [m]
 
 private:
+    /// A diagonal of a cell beyond the farthest node that is not outside, and as far beyond the border as one
+    /// on it is deep.
+    double farthest_of(std::vector<Real> const& values) const
+    {
+        double farthest = 0;
+        for (std::size_t node = 0; node < values.size(); ++node) {
+            if (values[node] > 0) continue;
+            Vector<double, d> x = origin_.template cast<double>();
+            bool on_border = false;
+            std::size_t rest = node;
+            for (int a = 0; a < d; ++a) {
+                int const at = static_cast<int>(rest % std::size_t(nodes_[a]));
+                rest /= std::size_t(nodes_[a]);
+                x[a] += double(cell_size_) * at;
+                on_border = on_border || at == 0 || at == nodes_[a] - 1;
+            }
+            double const beyond = std::sqrt(double(d)) * double(cell_size_);
+            farthest = std::max(farthest, x.norm() + beyond - (on_border ? double(values[node]) : 0.0));
+        }
+        return farthest;
+    }
+
     Vector<Real, d> origin_;
     Real cell_size_;
     Eigen::Array<int, d, 1> nodes_;
+    double farthest_ = 0; ///< see reach()
     std::shared_ptr<std::vector<Real> const> values_;
 };
 

@@ -3,6 +3,7 @@
 
 #include <firn/models/elasticity/fixed_corotated.hpp>
 
+#include <cmath>
 #include <limits>
 #include <string>
 
@@ -43,6 +44,11 @@ struct SnowFlow
         require(smallest_plastic_ratio > 0 && smallest_plastic_ratio <= 1 && largest_plastic_ratio >= 1,
                 "the caps of J_P do not enclose 1", "Snow",
                 "Pass 0 < smallest <= 1 <= largest, e.g. 0.6 and 20.");
+        // half of the range of numbers is left to the moduli
+        require(double(hardening) * (1 - double(smallest_plastic_ratio)) <=
+                    0.5 * std::log(double(std::numeric_limits<Number>::max())),
+                "moduli that have hardened up to the cap of J_P are beyond all numbers", "Snow",
+                "Pass a smaller xi, or a larger smallest J_P, e.g. 10 and 0.6: moduli grow to 54.6 times.");
     }
 
     /// What is wrong with a state from outside: what is turned inside out would be clamped to one that is
