@@ -159,7 +159,8 @@ public:
     /// ids and, bit by bit, all they have.
     ///
     /// `is_doomed` is a function object that may be called where the backend's loops run: Inside{shape} or
-    /// Outside{shape}, for example, or for a device one of your own that is FIRN_HOST_DEVICE.
+    /// Outside{shape}, for example, or for a device one of your own that is FIRN_HOST_DEVICE. It throws
+    /// nothing: exceptions cannot leave the loops.
     template <class Which = Every, class IsDoomed>
     std::size_t remove_if(IsDoomed const& is_doomed)
     {
@@ -259,6 +260,8 @@ public:
         auto const visit = entrance_.to_change("Solver::step");
         require(std::isfinite(dt) && dt > 0, "the time step is not a finite number above 0", "Solver::step",
                 "Pass seconds.");
+        require(count <= std::vector<StepReport>().max_size(), "nobody can tell of so many steps",
+                "Solver::steps", "Pass how many there are to be, 0 or above: this looks like one below 0.");
         require_to_last(dt, "Solver::step");
         (validate(effects), ...);
         require_walls_apart(effects...);
@@ -269,6 +272,7 @@ public:
         std::vector<StepReport> reports;
         std::vector<StepFailure> isolated;
         while (reports.size() < count) {
+            require_to_last(dt, "Solver::step"); // time has gone on
             if (!course_.ready) choose(rule);
             bool const beyond_stable = dt > course_.stable;
             if (beyond_stable) hold_taken(); // it may go wrong
@@ -319,8 +323,9 @@ public:
                     fail_to_get_on(who);
                 continue;
             }
-            // as many as there would be if all were as long as this one
-            auto const most = static_cast<std::size_t>(std::ceil((rule.end - course_.time) / tried));
+            // as many as there would be if all were as long as this one, and no more than can be counted
+            auto const most =
+                static_cast<std::size_t>(std::min(std::ceil((rule.end - course_.time) / tried), 0x1p62));
             StepLog const& log = run(
                 rule, most, plain, [&](auto const& record) { report.add(report_of(record), record.limit); });
             if (log.wrong == 0) continue;
@@ -453,7 +458,7 @@ public:
         });
         or_break_off([&] {
             for_each_material([&](auto k) { particles<k>().restore(to.materials[k]); });
-            go_on_from(to);
+            go_on_from(to, Exchange(lattice_, transfer_, backend_), to.isolated);
         });
         return to;
     }
@@ -478,10 +483,10 @@ public:
                     detail::require_bearable<k>(parts, table, row, particle, "Solver::restore");
                 });
         });
-        or_break_off([&] {
-            parts_ = std::move(parts);
-            go_on_from(from);
-        });
+        auto isolated = from.isolated;
+        Exchange exchange(lattice_, transfer_, backend_);
+        parts_ = std::move(parts); // from here on nothing can fail
+        go_on_from(from, std::move(exchange), std::move(isolated));
     }
 
     /// Bytes held by particles and grid, spare capacity included.
@@ -499,12 +504,12 @@ private:
     using Failures = std::vector<StepFailure>;
 
     /// Goes on from a snapshot whose particles are there already: grid, and what was planned, begin afresh.
-    void go_on_from(Snapshot<Number, d> const& from)
+    void go_on_from(Snapshot<Number, d> const& from, Exchange exchange, Failures isolated)
     {
-        exchange_ = Exchange(lattice_, transfer_, backend_);
+        exchange_ = std::move(exchange);
         masses_ = from.masses;
         next_id_ = from.next_id;
-        quarantine_.isolated = from.isolated;
+        quarantine_.isolated = std::move(isolated);
         course_ = {.time = from.time, .bounds = from.bounds, .previous = from.previous, .last = from.last};
         spoiled_ = false;
         walls_.forget();
@@ -881,7 +886,7 @@ private:
         if (!quarantine_.has_room_for(1)) return false;
         Failures culprits;
         if (log.mishap != Mishap::rejected || last) // of those without stress one too many will do
-            culprits = detail::without_stress(parts_, quarantine_.most + 1, course_.time, dt);
+            culprits = detail::without_stress(parts_, quarantine_.most, course_.time, dt);
         if (culprits.empty() && last)
             culprits.push_back(
                 who ? *who

@@ -50,10 +50,10 @@ StepFailure failure_of(Parts const& parts, StepLog const& log, double time, doub
     return failure;
 }
 
-/// Particles whose own state has no stress, at rest, `enough` at most: they spoil what others take from the
-/// grid, so that the first one for which a step goes wrong may be another.
+/// Particles whose own state has no stress, at rest, `most` of them and one more: they spoil what others take
+/// from the grid, so that the first one for which a step goes wrong may be another.
 template <class Parts>
-std::vector<StepFailure> without_stress(Parts const& parts, std::size_t enough, double time, double dt)
+std::vector<StepFailure> without_stress(Parts const& parts, std::size_t most, double time, double dt)
 {
     std::vector<StepFailure> found;
     Parts::for_each([&](auto k) {
@@ -61,7 +61,7 @@ std::vector<StepFailure> without_stress(Parts const& parts, std::size_t enough, 
             auto const response = parts.template response<k>(particle);
             bool const finite =
                 response.kirchhoff_stress.allFinite() && std::isfinite(double(response.wave_modulus));
-            if ((response.inverted || !finite) && found.size() < enough)
+            if ((response.inverted || !finite) && found.size() <= most)
                 found.push_back(
                     failure_of<k>(parts, row, finite ? Mishap::inverted : Mishap::not_finite, time, dt, 1));
         });

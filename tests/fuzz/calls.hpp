@@ -346,7 +346,8 @@ private:
         ball_.contact = what & 2 ? Contact::sticky() : what & 4 ? Contact::coulomb(0.5) : Contact::slip();
         contact_ = what & 8 ? Contact::sticky() : what & 16 ? Contact::bound_slip() : Contact::coulomb(0.3);
         if (what & 32) {
-            in_quarantine_ = static_cast<std::size_t>(input_.below(6));
+            in_quarantine_ = what & 64 ? std::numeric_limits<std::size_t>::max()
+                                       : static_cast<std::size_t>(input_.below(6));
             solver_.quarantine(in_quarantine_);
         }
     }

@@ -426,7 +426,7 @@ TEST_CASE("H24: no particle, one, and all of them in one cell")
                 (one.positions()[0] - Point(0.03, 1 - fall, -0.02)).norm() / 0.1, 1e-5);
     int const count = 100000;
     double const crowded = time_of_step(count, 1);
-    H24.at_least("1e5 particles in one cell: time of a step [s]", crowded, 0); // it works
+    H24.at_most("1e5 particles in one cell: time of a step [s]", crowded, 1);
 #if !defined(__CUDACC__) // a device works on the particles of a cell one after another
     H24.at_most("1e5 particles in one cell: time of a step / that of 8 to a cell",
                 crowded / time_of_step(count, std::cbrt(count / 8.0)), 20);

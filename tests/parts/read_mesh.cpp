@@ -74,6 +74,8 @@ TEST_CASE("a mesh is scaled, rotated and moved, in this order")
     for (auto const& x : mesh.vertices) box.extend(x);
     CHECK((box.min() - Vector3d{9, 0, 0}).norm() < 1e-12);
     CHECK((box.max() - Vector3d{10, 0.5, 1.5}).norm() < 1e-12);
+    placement.scale = 1e308; // finite, as are the corners in the file
+    CHECK_THROWS_AS(firn::read_mesh(path, placement), firn::Error);
 }
 
 TEST_CASE("polygons become triangles; lines, points and collapsed triangles are dropped")

@@ -198,6 +198,13 @@ TEST_CASE("a time that would be lost to rounding is refused: nobody waits for it
         refused([&] { solver.step(lost); });
     }
     CHECK(solver.time() == now);
+    auto old = solver.snapshot();
+    old.time = 0x1p53 - 2; // [s]: there are no odd numbers from the end of the second step on
+    auto late = block<NeoHookean<Plane>>();
+    late.restore(old);
+    late.remove_if(Outside<Sphere>{.shape = {1e-6}}); // who moved by a cell would be an error, too
+    CHECK_THAT(refused([&] { late.steps(5, 1); }).what_is_wrong(), Contains("too short"));
+    CHECK(late.time() == 0x1p53);
     CHECK(solver.advance(0).substeps == 0);
     CHECK_NOTHROW(solver.advance(1e-20)); // an ulp of 1e-5 is 2e-21
     auto single = block<NeoHookean<PlaneFloat>>();

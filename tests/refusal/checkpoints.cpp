@@ -9,6 +9,7 @@
 #include <csignal>
 #include <cstdlib>
 #include <sys/resource.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <thread>
 #include <unistd.h>
@@ -204,6 +205,41 @@ TEST_CASE("a file that says it holds 2^60 particles is refused before memory is 
     write(path, signed_anew(bytes));
     Sheet solver(lattice(0.05), materials::fresh_snow<PlaneFloat>());
     CHECK_THAT(refused([&] { read_checkpoint(path, solver); }), Contains("holds more than it does"));
+}
+
+TEST_CASE("a file that changes between the look at its checksum and the reading is refused")
+{
+    meshes::Folder const folder;
+    auto const path = folder / "a.firn";
+    auto written = small_scene();
+    write_checkpoint(path, written);
+    std::string const whole = content(path);
+    for (bool const changes : {false, true}) {
+        write(path, whole);
+        std::ifstream in;
+        auto reader = detail::open_checkpoint(path, in);
+        if (changes) { // of the velocity of one particle the last bit
+            std::fstream file(path, std::ios::binary | std::ios::in | std::ios::out);
+            std::size_t const at = whole.size() - 4 - 57 - 4;
+            file.seekp(static_cast<std::streamoff>(at)).put(static_cast<char>(whole[at] ^ 1));
+        }
+        Snapshot<float, 2> snapshot;
+        CHECK_THAT(refused([&] { detail::get_checkpoint<>(reader, snapshot); }),
+                   Contains(changes ? "has changed while it was read" : "nothing was refused"));
+    }
+}
+
+TEST_CASE("a pipe or a device is not replaced by a file, nor read as one")
+{
+    meshes::Folder const folder;
+    auto const pipe = folder / "pipe";
+    REQUIRE(::mkfifo(pipe.c_str(), 0600) == 0);
+    auto solver = small_scene();
+    CHECK_THAT(refused([&] { write_checkpoint(pipe, solver); }), Contains("a device or a pipe"));
+    CHECK(std::filesystem::is_fifo(pipe));
+    CHECK(!std::filesystem::exists(folder / "pipe.part"));
+    CHECK_THAT(refused([&] { read_checkpoint(pipe, solver); }), Contains("no file")); // and nobody waits
+    CHECK_THAT(refused([&] { write_checkpoint(folder / "", solver); }), Contains("a folder"));
 }
 
 TEST_CASE("a checkpoint of another version is refused as one, and what is no checkpoint as none")

@@ -127,11 +127,14 @@ private:
     Crc32 crc_;
 };
 
-/// Reads a file of which so many bytes are left; asks for no memory that these could not fill.
+/// Reads a file of which so many bytes are left, with this checksum; asks for no memory that these could not
+/// fill.
 class CheckpointReader
 {
 public:
-    CheckpointReader(std::istream& in, std::uint64_t left) : in_(in), left_(left) {}
+    CheckpointReader(std::istream& in, std::uint64_t left, std::uint32_t checksum)
+        : in_(in), left_(left), checksum_(checksum)
+    {}
 
     void bytes(void* to, std::uint64_t count)
     {
@@ -139,6 +142,7 @@ public:
         in_.read(static_cast<char*>(to), static_cast<std::streamsize>(count));
         require(bool(in_), "the file could not be read to its end", "read_checkpoint", "Check the disk.");
         left_ -= count;
+        crc_.add({static_cast<char const*>(to), static_cast<std::size_t>(count)});
     }
     template <class... Values>
     void values(Values&... values)
@@ -171,15 +175,20 @@ public:
         require(count <= left_ / size, "the file says that it holds more than it does", "read_checkpoint",
                 "It was not written by this library: pass another one.");
     }
+    /// Refuses a file that holds more, or other bytes than those that were looked at when it was opened.
     void expect_end() const
     {
         require(left_ == 0, "the file holds more than it says", "read_checkpoint",
                 "It was not written by this library: pass another one.");
+        require(crc_.value() == checksum_, "the file has changed while it was read", "read_checkpoint",
+                "Read it when nobody writes into it: write_checkpoint never does, it makes a new one.");
     }
 
 private:
     std::istream& in_;
     std::uint64_t left_;
+    std::uint32_t checksum_;
+    Crc32 crc_;
 };
 
 /// A value that travels with a checkpoint: numbers, Motion and RigidBody, and fixed matrices of numbers.
@@ -404,18 +413,17 @@ std::tuple<Companions...> get_checkpoint(CheckpointReader& in, Snapshot<Number, 
     return read;
 }
 
-/// Opens a checkpoint, whose length and checksums are right, behind its preamble. Returns how much follows.
-inline std::uint64_t open_checkpoint(std::filesystem::path const& path, std::ifstream& in)
+/// Opens a checkpoint, whose length and checksums are right, behind its preamble. Returns what follows.
+inline CheckpointReader open_checkpoint(std::filesystem::path const& path, std::ifstream& in)
 {
     auto const refuse = [&](std::string what, char const* remedy) {
         throw Error{std::move(what), path.string(), remedy};
     };
     std::error_code failed;
-    bool const is_file = std::filesystem::is_regular_file(path, failed);
-    std::uint64_t const bytes = is_file ? std::filesystem::file_size(path, failed) : 0;
-    in.open(path, std::ios::binary);
-    if (!is_file || failed || !in)
-        refuse("there is no file that can be read", "Pass the path of a checkpoint.");
+    if (std::filesystem::is_regular_file(path, failed)) in.open(path, std::ios::binary | std::ios::ate);
+    if (!in.is_open() || !in) refuse("there is no file that can be read", "Pass the path of a checkpoint.");
+    auto const bytes = static_cast<std::uint64_t>(in.tellg()); // of this one: its name may soon be another's
+    in.seekg(0);
     CheckpointPreamble preamble;
     if (bytes < sizeof(preamble) || !in.read(reinterpret_cast<char*>(&preamble), sizeof(preamble)))
         refuse("the file has " + std::to_string(bytes) + " bytes, too few for a checkpoint",
@@ -448,7 +456,7 @@ inline std::uint64_t open_checkpoint(std::filesystem::path const& path, std::ifs
     }
     if (crc.value() != preamble.checksum) refuse("the checkpoint is damaged", damaged);
     in.seekg(sizeof(preamble));
-    return bytes - sizeof(preamble);
+    return {in, bytes - sizeof(preamble), preamble.checksum};
 }
 
 } // namespace detail
@@ -459,7 +467,8 @@ inline std::uint64_t open_checkpoint(std::filesystem::path const& path, std::ifs
 ///
 /// The solver goes on from what was written, also if writing failed: it and one that reads the file are alike
 /// from then on, bit by bit (see Solver::snapshot). The file is written under another name (`.part`) and then
-/// renamed, when the disk has it: at any time the last one that was finished is there and whole.
+/// renamed, when the disk has it: at any time the last one that was finished is there and whole. (One program
+/// at a time writes to a path.)
 ///
 /// What the constructor and calls are given is yours to give once more: parameters of material, transfer and
 /// step control; effects with their shapes; how many may be in quarantine. Throws an Error if the file cannot
@@ -498,9 +507,8 @@ template <class Solver, detail::Companion... Companions>
 void read_checkpoint(std::filesystem::path const& path, Solver& solver, Companions&... companions)
 {
     std::ifstream in;
-    std::uint64_t const bytes = detail::open_checkpoint(path, in);
+    auto reader = detail::open_checkpoint(path, in);
     try {
-        detail::CheckpointReader reader(in, bytes);
         Snapshot<typename Solver::Number, Solver::d> snapshot;
         auto read = detail::get_checkpoint<Companions...>(reader, snapshot);
         solver.restore(snapshot);

@@ -99,7 +99,13 @@ private:
                 throw Error{"vertex " + std::to_string(i) + " of mesh part '" + part.mName.C_Str() +
                                 "' is not finite",
                             path_, "Repair the file: every coordinate must be a finite number."};
-            index[i] = weld(placement_.rotation * (placement_.scale * in_file) + placement_.translation);
+            Eigen::Vector3d const placed =
+                placement_.rotation * (placement_.scale * in_file) + placement_.translation;
+            if (!placed.allFinite())
+                throw Error{"vertex " + std::to_string(i) + " of mesh part '" + part.mName.C_Str() +
+                                "' is placed beyond all numbers",
+                            path_, "Check the placement's scale and translation [m]."};
+            index[i] = weld(placed);
         }
         for (unsigned i = 0; i < part.mNumFaces; ++i) {
             auto const& face = part.mFaces[i];

@@ -53,7 +53,11 @@ void replace_file(std::filesystem::path const& path, Write const& write,
         std::filesystem::remove(temporary, ignored);
         throw Error{what, path.string(), std::move(remedy)};
     };
-    if (std::filesystem::is_directory(path, ignored)) refuse("this is a folder", "Pass the name of a file.");
+    auto const there = std::filesystem::status(path, ignored).type();
+    if (there == std::filesystem::file_type::directory)
+        refuse("this is a folder", "Pass the name of a file.");
+    if (there != std::filesystem::file_type::regular && there != std::filesystem::file_type::not_found)
+        refuse("this is no file, but a device or a pipe", "Pass the name of a file: it would be replaced.");
     std::ofstream out(temporary, std::ios::binary | std::ios::trunc);
     if (!out)
         refuse("the file cannot be created", "Create its folder first, and check that it may be written.");
