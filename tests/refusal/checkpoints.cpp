@@ -240,6 +240,10 @@ TEST_CASE("a pipe or a device is not replaced by a file, nor read as one")
     CHECK(!std::filesystem::exists(folder / "pipe.part"));
     CHECK_THAT(refused([&] { read_checkpoint(pipe, solver); }), Contains("no file")); // and nobody waits
     CHECK_THAT(refused([&] { write_checkpoint(folder / "", solver); }), Contains("a folder"));
+    CHECK_THAT(refused([&] { write_checkpoint("", solver); }), Contains("no name"));
+    CHECK_THAT(refused([&] { read_checkpoint("", solver); }), Contains("no name"));
+    CHECK_THAT(refused([&] { write_checkpoint(folder / std::string(300, 'a'), solver); }),
+               Contains("cannot be created"));
 }
 
 TEST_CASE("a checkpoint of another version is refused as one, and what is no checkpoint as none")

@@ -419,6 +419,7 @@ inline CheckpointReader open_checkpoint(std::filesystem::path const& path, std::
     auto const refuse = [&](std::string what, char const* remedy) {
         throw Error{std::move(what), path.string(), remedy};
     };
+    require(!path.empty(), "a file has no name", "read_checkpoint", "Pass the path of a checkpoint.");
     std::error_code failed;
     if (std::filesystem::is_regular_file(path, failed)) in.open(path, std::ios::binary | std::ios::ate);
     if (!in.is_open() || !in) refuse("there is no file that can be read", "Pass the path of a checkpoint.");

@@ -46,6 +46,7 @@ template <class Write>
 void replace_file(std::filesystem::path const& path, Write const& write,
                   Survives survives = Survives::program)
 {
+    require(!path.empty(), "a file has no name", "writing a file", "Pass the path of one.");
     auto temporary = path;
     temporary += ".part";
     std::error_code ignored;
@@ -53,10 +54,9 @@ void replace_file(std::filesystem::path const& path, Write const& write,
         std::filesystem::remove(temporary, ignored);
         throw Error{what, path.string(), std::move(remedy)};
     };
-    auto const there = std::filesystem::status(path, ignored).type();
-    if (there == std::filesystem::file_type::directory)
-        refuse("this is a folder", "Pass the name of a file.");
-    if (there != std::filesystem::file_type::regular && there != std::filesystem::file_type::not_found)
+    auto const there = std::filesystem::status(path, ignored);
+    if (std::filesystem::is_directory(there)) refuse("this is a folder", "Pass the name of a file.");
+    if (std::filesystem::is_other(there) && there.type() != std::filesystem::file_type::unknown)
         refuse("this is no file, but a device or a pipe", "Pass the name of a file: it would be replaced.");
     std::ofstream out(temporary, std::ios::binary | std::ios::trunc);
     if (!out)
