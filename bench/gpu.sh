@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: MIT
 #
 # On a machine with a GPU: builds the CUDA backend's tests and benchmarks, passes the tests (agreement with the
-# processor included), runs compute-sanitizer on a step of every kind, and times steps; in less than nine minutes with
-# 16 cores, most of which is nvcc's. The last lines are a table of the timings.
+# processor included), runs compute-sanitizer on a step of every kind, and times steps; in about nine minutes with
+# 16 cores, six of which are nvcc's (5 600 s of processor time on a slow machine). The last lines are a table of the timings.
 #
 #     bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--large] [--materials]
 #
