@@ -598,29 +598,7 @@ private:
         return *or_break_off([&] { return &run_to_end(rule, most, effects, visit); });
     }
 
-    /// Does what leaves no state to go on from if it throws, or if then `is_half_done()`: all later calls say
-    /// so.
-    template <class Work, class IsHalfDone>
-    auto or_break_off(Work const& work, IsHalfDone const& is_half_done)
-    {
-        try {
-            return work();
-        }
-        catch (Error const& error) {
-            if (is_half_done()) entrance_.break_off(&error);
-            throw;
-        }
-        catch (...) { // no memory, most likely
-            if (is_half_done()) entrance_.break_off(nullptr);
-            throw;
-        }
-    }
-    template <class Work>
-    auto or_break_off(Work const& work)
-    {
-        return or_break_off(work, [] { return true; });
-    }
-
+    /// What run() does unless it breaks off.
     template <class Effects, class Visit>
     StepLog const& run_to_end(Rule const& rule, std::size_t most, Effects const& effects, Visit const& visit)
     {
@@ -779,6 +757,29 @@ private:
             particles<k>().set_held(taken > 0 ? sides.pushed[k] : sides.held[k], sides.held[k]);
         });
         if (taken > 0) exchange_.gave(course_.given.interval.forces, movers_gave);
+    }
+
+    /// Does what leaves no state to go on from if it throws, or if then `is_half_done()`: all later calls say
+    /// so.
+    template <class Work, class IsHalfDone>
+    auto or_break_off(Work const& work, IsHalfDone const& is_half_done)
+    {
+        try {
+            return work();
+        }
+        catch (Error const& error) {
+            if (is_half_done()) entrance_.break_off(&error);
+            throw;
+        }
+        catch (...) { // no memory, most likely
+            if (is_half_done()) entrance_.break_off(nullptr);
+            throw;
+        }
+    }
+    template <class Work>
+    auto or_break_off(Work const& work)
+    {
+        return or_break_off(work, [] { return true; });
     }
 
     /// Takes a step that was made, or soon will be, for done.

@@ -64,7 +64,7 @@ struct Queue
 /// ones those that wait would take the place of those that work.
 inline constexpr unsigned few_groups = 128;
 
-static __global__ void any_loop() {}
+static __global__ void any_loop() {} ///< to ask what code of this program a device was given
 
 /// Whether a device that lets loops be made ready early (compute capability 9.0) is given code that waits by
 /// itself: not the code of an older kind, which it would translate. Loops are all compiled alike.
