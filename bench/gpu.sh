@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: MIT
 #
 # On a machine with a GPU: builds the CUDA backend's tests and benchmarks, passes the tests (agreement with the
-# processor included), runs compute-sanitizer on a step of every kind, and times steps; in about nine minutes with
-# 16 cores, six of which are nvcc's (5 600 s of processor time on a slow machine). The last lines are a table of the timings.
+# processor included), runs compute-sanitizer on a step of every kind, and times steps; in under nine minutes with
+# 16 cores, most of which are nvcc's. The last lines are a table of the timings; if a test failed, one that says so.
 #
 #     bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--large] [--materials]
 #
@@ -38,22 +38,32 @@ cmake --preset cuda ${prefix:+-DCMAKE_PREFIX_PATH="$prefix"} >"$out/configure.lo
 cmake --build --preset cuda --target cuda_scenes cuda_hard_cases cuda_devices cuda_fault cuda_agreement host_engine benchmarks_cuda $materials >"$out/build.log" ||
     { tail -n 40 "$out/build.log"; stop "the programs could not be built."; }
 # The programs themselves, not ctest: that starts one anew for each of 500 tests, 0.3 s of the device's each.
-( # where ctest runs them, so that it finds the same hard_cases.csv
-    cd build/cuda/tests
-    rm -f hard_cases.csv
-    for program in cuda_scenes cuda_hard_cases cuda_agreement cuda_devices cuda_fault; do
-        ./$program >"$out/$program.log" 2>&1 || { tail -n 60 "$out/$program.log"; stop "a test of $program failed."; }
-        echo "$program: $(tail -n 2 "$out/$program.log" | head -n 1)"
-    done
-    ../examples/host_engine >"$out/host_engine.log" || { cat "$out/host_engine.log"; stop "the example host_engine failed."; }
-    bash "$root/tests/hard/table.sh" hard_cases.csv >"$out/hard_cases.log" || { cat "$out/hard_cases.log"; stop "a hard case missed its limit."; }
-)
-
-for tool in memcheck racecheck initcheck; do
-    (cd "$out" && compute-sanitizer --tool $tool --error-exitcode 1 "$root/build/cuda/tests/cuda_scenes" '[sanitize]') >"$out/$tool.log" 2>&1 ||
-        { tail -n 40 "$out/$tool.log"; stop "$tool found something."; }
-    echo "$tool: $(grep 'SUMMARY' "$out/$tool.log" | sed 's/=* *//')"
+failed=""
+part() { # NAME COMMAND...: one line of what it found, or its last lines
+    local name=$1 summary
+    shift
+    if ! "$@" >"$out/$name.log" 2>&1; then
+        tail -n 60 "$out/$name.log"
+        echo "$name: FAILED"
+        return 1
+    fi
+    summary=$(grep -E '^All tests passed|(ERROR|RACECHECK) SUMMARY' "$out/$name.log" | tail -n 1) || summary="passed"
+    echo "$name: ${summary#=*= }"
+}
+rm -f build/cuda/tests/hard_cases.csv
+cd build/cuda/tests # where ctest runs them, so that all find the same hard_cases.csv
+part cuda_scenes ./cuda_scenes || failed=yes # by itself: it fills the device's memory once
+started=()
+for program in cuda_hard_cases cuda_agreement cuda_devices cuda_fault; do
+    part $program ./$program & started+=($!)
 done
+part host_engine ../examples/host_engine & started+=($!)
+for tool in memcheck racecheck initcheck; do
+    part $tool compute-sanitizer --tool $tool --error-exitcode 1 ./cuda_scenes '[sanitize]' & started+=($!)
+done
+for process in "${started[@]}"; do wait "$process" || failed=yes; done
+part hard_cases bash "$root/tests/hard/table.sh" hard_cases.csv || failed=yes
+cd "$root"
 
 bench=build/cuda/bench/benchmarks_cuda
 most='neo_hookean/quadratic/mls/float/|/(lattice|jittered|random)/1000000/|/random/0|fixed_corotated/.*/(lattice|jittered|random)/8000000/|^launches/'
@@ -80,7 +90,8 @@ for entry in entries:
           f"{entry['memory_per_particle']:6.0f}{leavers:>7}{entry['momentum_error']:10.1e}")
 PYTHON
 
-[ -n "$materials" ] || exit 0
+finish() { [ -z "$failed" ] || stop "a test failed: see above."; exit 0; }
+[ -n "$materials" ] || finish
 "build/cuda/bench/$materials" --benchmark_out="$out/bench_materials.json" --benchmark_out_format=json \
     >"$out/bench_materials.log" 2>&1 || { tail -n 20 "$out/bench_materials.log"; stop "the benchmark of materials failed."; }
 
@@ -101,3 +112,4 @@ for entry in failed:
     print(entry["name"], entry["error_message"], file=sys.stderr)
 sys.exit(len(failed) > 0)
 PYTHON
+finish
