@@ -15,12 +15,12 @@ set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 stop() { echo "stop: $*" >&2; exit 1; }
 
-out="$root/build/cuda" prefix="" large="" materials=""
+out="$root/build/cuda" prefix="" materials="" without='64000000|advance/8000000'
 while [ $# -gt 0 ]; do
     case $1 in
         --out) [ $# -ge 2 ] || stop "--out needs a folder."; out=$2; shift ;;
         --prefix) [ $# -ge 2 ] || stop "--prefix needs a folder."; prefix=$2; shift ;;
-        --large) large='random/64000000' ;;
+        --large) without='random/64000000' ;;
         --materials) materials=benchmarks_cuda_materials ;;
         *) stop "unknown argument '$1': bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--large] [--materials]." ;;
     esac
@@ -37,7 +37,8 @@ command -v compute-sanitizer >/dev/null || stop "there is no compute-sanitizer: 
 cmake --preset cuda ${prefix:+-DCMAKE_PREFIX_PATH="$prefix"} >"$out/configure.log" || { cat "$out/configure.log"; exit 1; }
 cmake --build --preset cuda --target cuda_scenes cuda_hard_cases cuda_devices cuda_fault cuda_agreement host_engine benchmarks_cuda $materials >"$out/build.log" ||
     { tail -n 40 "$out/build.log"; stop "the programs could not be built."; }
-# The programs themselves, not ctest: that starts one anew for each of 500 tests, 0.3 s of the device's each.
+# The programs themselves, not ctest: that starts one anew for each of 500 tests, 0.3 s of the device's each. Most scenes
+# are too small to fill a device, so parts of the tests run side by side.
 failed=""
 part() { # NAME COMMAND...: one line of what it found, or its last lines
     local name=$1 summary
@@ -52,8 +53,16 @@ part() { # NAME COMMAND...: one line of what it found, or its last lines
 }
 rm -f build/cuda/tests/hard_cases.csv
 cd build/cuda/tests # where ctest runs them, so that all find the same hard_cases.csv
-part cuda_scenes ./cuda_scenes || failed=yes # by itself: it fills the device's memory once
+part cuda_scenes_alone ./cuda_scenes '[alone]' || failed=yes # what fills the device's memory, or looks at all of it
 started=()
+lists=(--list-tests --verbosity quiet) # Catch2 3
+if ./cuda_scenes --help | grep -q list-test-names-only; then lists=(--list-test-names-only); fi # 2, whose status is their number
+./cuda_scenes "${lists[@]}" '~[alone]~[.]' | sed 's/[][,\\]/\\&/g' >"$out/cases.txt" || true
+shares=4
+for ((share = 0; share < shares; ++share)); do
+    awk -v n=$shares -v k=$share 'NR % n == k' "$out/cases.txt" >"$out/cases_$share.txt"
+    part cuda_scenes_$share ./cuda_scenes --input-file "$out/cases_$share.txt" & started+=($!)
+done
 for program in cuda_hard_cases cuda_agreement cuda_devices cuda_fault; do
     part $program ./$program & started+=($!)
 done
@@ -62,12 +71,15 @@ for tool in memcheck racecheck initcheck; do
     part $tool compute-sanitizer --tool $tool --error-exitcode 1 ./cuda_scenes '[sanitize]' & started+=($!)
 done
 for process in "${started[@]}"; do wait "$process" || failed=yes; done
+cases=$(cat "$out"/cuda_scenes_[0-9].log | grep -Eo '[0-9]+ test cases?' | awk '{ sum += $1 } END { print sum }')
+[ "$cases" = "$(wc -l <"$out/cases.txt")" ] || { echo "cuda_scenes: $cases of $(wc -l <"$out/cases.txt") cases ran"; failed=yes; }
 part hard_cases bash "$root/tests/hard/table.sh" hard_cases.csv || failed=yes
 cd "$root"
 
 bench=build/cuda/bench/benchmarks_cuda
-most='neo_hookean/quadratic/mls/float/|/(lattice|jittered|random)/1000000/|/random/0|fixed_corotated/.*/(lattice|jittered|random)/8000000/|^launches/'
-entries=$($bench --benchmark_list_tests=true | grep -E "$most" | grep -v "${large:-64000000}" | paste -sd'|')
+most='neo_hookean/.*/float/|(fixed_corotated|snow/quadratic)/.*/(lattice|jittered|random)/1000000/|/random/1000000/'
+most+='|fixed_corotated/.*/(lattice|jittered)/8000000/|snow/quadratic/.*/random/0|^launches/'
+entries=$($bench --benchmark_list_tests=true | grep -E "$most" | grep -vE "$without" | paste -sd'|')
 $bench --benchmark_filter="^($entries)\$" --benchmark_out="$out/bench_cuda.json" \
     --benchmark_out_format=json >"$out/bench.log" 2>&1 || { tail -n 20 "$out/bench.log"; stop "the benchmark failed."; }
 

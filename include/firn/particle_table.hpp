@@ -219,7 +219,7 @@ public:
         sort(); // inserting is for items whose cells are up to date
         half_changed_ = false;
 
-        for (auto& buffer : buffer_) buffer.resize(count);
+        resize_buffers(count);
         if (!taken_) taken_.emplace(backend_, count);
         next_taken_.reset();
         taken_->resize(count);
@@ -318,7 +318,7 @@ public:
         for (auto& place : from) place = new_row[row_at[place]];
         buffer_[1].id.upload(0, from);
         std::swap(buffer_[0], buffer_[1]);
-        for (auto& buffer : buffer_) buffer.resize(kept);
+        resize_buffers(kept);
         next_taken_.reset();
         std::optional<Taken> taken;
         if (held_) {
@@ -380,7 +380,7 @@ public:
                   [&](auto const& a, auto const& b) { return from.ids[a] < from.ids[b]; });
         for (std::size_t row = 0; row < count; ++row) rows[at_row[row]] = static_cast<std::uint32_t>(row);
 
-        for (auto& buffer : buffer_) buffer.resize(count);
+        resize_buffers(count);
         if (!taken_) taken_.emplace(backend_, count);
         taken_->resize(count);
         next_taken_.reset();
@@ -616,18 +616,19 @@ private:
               component(detail::arrays_of<Array<Number>, StoredSet::components(d)>(backend)), id(backend)
         {}
 
-        void resize(std::size_t count)
+        /// Keeps the first `kept` particles, or as many as there are.
+        void resize(std::size_t count, std::size_t kept)
         {
-            for (auto& array : offset) array.resize(count);
-            for (auto& array : component) array.resize(count);
-            id.resize(count);
+            for (auto& array : offset) array.resize(count, kept);
+            for (auto& array : component) array.resize(count, kept);
+            id.resize(count, kept);
         }
 
         /// Takes the particles of another one that lie where `places` says, but for their rows.
         void gather(Backend const& backend, Buffer const& from, std::uint32_t const* places,
                     std::size_t count)
         {
-            resize(count);
+            resize(count, 0);
             for (std::size_t a = 0; a < offset.size(); ++a)
                 backend.for_each(count,
                                  GatherValues<Offset>{from.offset[a].data(), places, offset[a].data()});
@@ -654,6 +655,14 @@ private:
             return bytes;
         }
     };
+
+    /// Makes room for as many particles, and keeps those that are there. The other buffer is for the next
+    /// step to write, unless the order of cells still refers to it.
+    void resize_buffers(std::size_t count)
+    {
+        buffer_[0].resize(count, size_);
+        buffer_[1].resize(count, moved_ ? size_ : 0);
+    }
 
     TakenView place(std::optional<Taken>& taken)
     {

@@ -91,8 +91,7 @@ TEMPLATE_LIST_TEST_CASE("what one body gains in a collision of two materials the
 using Halves =
     Combinations<Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>,
                  Scene<FixedCorotated<Solid>, CubicBSpline, Flip>,
-                 Scene<Fluid<Plane>, QuadraticBSpline, Asflip>, Scene<Snow<Solid>, QuadraticBSpline, Pic>,
-                 Scene<Snow<PlaneFloat>, CubicBSpline, Apic>>;
+                 Scene<Fluid<Plane>, QuadraticBSpline, Asflip>, Scene<Snow<PlaneFloat>, CubicBSpline, Apic>>;
 
 TEMPLATE_LIST_TEST_CASE(
     "a body whose halves are two materials that are the same moves as one of that material", "", Halves)
@@ -135,7 +134,10 @@ TEMPLATE_LIST_TEST_CASE(
     CHECK(worst <= rounding * h);
 }
 
-TEMPLATE_LIST_TEST_CASE("a material that has no particles changes not a bit", "", Halves)
+using Alone = Combinations<Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>,
+                           Scene<FixedCorotated<Solid>, CubicBSpline, Flip>>;
+
+TEMPLATE_LIST_TEST_CASE("a material that has no particles changes not a bit", "", Alone)
 {
     constexpr int d = TestType::d;
     using Model = typename TestType::Model;

@@ -50,13 +50,16 @@ public:
     ~Array() { release(); }
 
     /// Changes the size and keeps the elements that stay.
-    void resize(std::size_t size)
+    void resize(std::size_t size) { resize(size, size_); }
+    /// The same, but that no more than the first `kept` elements need to stay. If memory is short nothing has
+    /// changed.
+    void resize(std::size_t size, std::size_t kept)
     {
-        if (size > capacity_) grow(size_ == 0 ? size : with_spare(size), size_);
+        if (size > capacity_) grow(size_ == 0 ? size : with_spare(size), std::min(kept, size_));
         size_ = size;
     }
 
-    /// Changes the size and forgets the elements.
+    /// Changes the size and forgets the elements, before there is memory for others.
     void renew(std::size_t size)
     {
         if (size > capacity_) {

@@ -47,14 +47,18 @@ public:
 
     /// Changes the size and keeps the elements that stay; grows by half as much again so that repeated growth
     /// is cheap.
-    void resize(std::size_t size)
+    void resize(std::size_t size) { resize(size, size_); }
+    /// The same, but that no more than the first `kept` elements need to stay. If memory is short nothing has
+    /// changed.
+    void resize(std::size_t size, std::size_t kept)
     {
         if (size > capacity_) {
             std::size_t const capacity = size_ == 0 ? size : std::max(size, size_ + size_ / 2);
             auto* const block = static_cast<char*>(
                 ::operator new (capacity * sizeof(T) + padding + page, std::align_val_t{alignment}));
             auto* const bigger = reinterpret_cast<T*>(block + colour());
-            if (size_ > 0) std::memcpy(static_cast<void*>(bigger), data_, size_ * sizeof(T));
+            kept = std::min(kept, size_);
+            if (kept > 0) std::memcpy(static_cast<void*>(bigger), data_, kept * sizeof(T));
             release();
             block_ = block;
             data_ = bigger;
