@@ -65,7 +65,7 @@ double held()
 
 } // namespace
 
-TEST_CASE("24 solvers that come and go leave no memory behind", "[alone]")
+TEST_CASE("24 solvers that come and go leave no memory behind")
 {
     auto const once = [](int seed) {
         Jelly solver = block(seed % 3);

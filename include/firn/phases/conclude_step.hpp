@@ -9,6 +9,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 
 namespace firn
 {
@@ -84,7 +85,8 @@ struct BeginSteps
     {
         log.at[place].wrong = 0;
         if (place > 0) return;
-        *kept_rule = rule;
+        // padding too, or who watches what is read before it was written has something to say
+        std::memcpy(static_cast<void*>(kept_rule), &rule, sizeof rule);
         *log.taken = 0;
         log.at[0].course = course;
         if (course.ready) return; // it was left so by the step before
