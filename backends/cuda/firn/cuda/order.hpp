@@ -3,12 +3,12 @@
 
 #include <firn/core/cell_offset.hpp>
 #include <firn/cuda/block_set.hpp>
-#include <firn/cuda/results.hpp>
+#include <firn/cuda/conclusion.hpp>
+#include <firn/cuda/signal.hpp>
 #include <firn/cuda/tuning.hpp>
 
 #include <array>
 #include <cstdint>
-#include <utility>
 
 // The loops that keep the order of cells up to date.
 namespace firn::cuda::detail
@@ -49,42 +49,6 @@ struct Changes
     std::uint32_t* group_left;    ///< per group of cells: items that leave
     std::uint32_t* block_stay;    ///< per block: items that stay in their cells
     std::uint32_t* block_arrived; ///< per block: items that come into its cells
-};
-
-/// What the host is told when loops have stopped.
-struct Stop
-{
-    std::uint32_t stopped;  ///< 1; the host clears it
-    std::uint32_t departed; ///< items; more than there is room for: the others were not noted
-    std::uint32_t births;   ///< blocks that are wanted and not there
-    std::uint32_t crowded;  ///< whether there are many blocks without items
-};
-
-/// Whether loops that are queued have something to do: each asks first. Where one finds that those after it
-/// have not, it stops them, and the host will look after it.
-struct Signal
-{
-    static constexpr std::size_t words = 2;
-    std::uint32_t* stopped; ///< whether a loop has, and which of those that choose while they are at work
-    Stop* stop;             ///< in memory of the host
-
-    /// The first thing that a loop asks: waits for the loop before (see launch_behind), and lets the next one
-    /// be made ready. One that chooses while it is at work is stopped by the others only: it has a number.
-    __device__ bool stops(std::uint32_t number = 0) const
-    {
-#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
-        cudaTriggerProgrammaticLaunchCompletion();
-        cudaGridDependencySynchronize();
-#endif
-        std::uint32_t const by = stopped[1];
-        return stopped[0] != 0 || (by != 0 && by != number);
-    }
-    /// Stops the loops behind the one with this number.
-    __device__ void stop_behind(std::uint32_t number, Stop const& why) const
-    {
-        stopped[1] = number;
-        *stop = why;
-    }
 };
 
 /// Enters a mover in the list of its new cell, and counts it there and in the block.
@@ -262,7 +226,7 @@ __device__ std::uint64_t sum_before_in_block(std::uint64_t value, std::uint64_t&
     return before;
 }
 
-inline constexpr int scanning_threads = 512, scanned_at_once = 8;
+inline constexpr int scanned_at_once = 8;
 
 /// Where each block's items and arrivals begin.
 struct BlockBegins
@@ -311,107 +275,6 @@ static __global__ void __launch_bounds__(scanning_threads)
 {
     find_block_begins(begins, changes);
 }
-
-/// What concludes a step: the results of two loops, and who is called with them.
-///
-/// Where nobody waits for what comes next it is only asked whether the step went well, and the results are
-/// kept for who then asks how things go on (choose).
-template <class OfNodes, class OfItems, class Call>
-struct Conclusion
-{
-    Partial<OfNodes> of_nodes;
-    Partial<OfItems> of_items;
-    Call call;
-    unsigned char* kept = nullptr; ///< room for the results; none: all is asked at once
-
-    static constexpr std::size_t kept_bytes = sizeof(OfNodes) + sizeof(OfItems);
-    __device__ OfItems* kept_items() const { return reinterpret_cast<OfItems*>(kept); }
-    __device__ OfNodes* kept_nodes() const { return reinterpret_cast<OfNodes*>(kept_items() + 1); }
-    __host__ __device__ bool leaves_a_choice() const { return kept != nullptr; }
-
-    /// Called by a whole group of threads; true in its first one if the call was.
-    __device__ bool operator()() const
-    {
-        constexpr std::uint32_t half = scanning_threads / 64;
-        // plain values, although Eigen's types do not say so
-        __shared__ __align__(16) unsigned char memory[half * (sizeof(OfNodes) + sizeof(OfItems))];
-        auto* const items = reinterpret_cast<OfItems*>(memory);
-        auto* const nodes = reinterpret_cast<OfNodes*>(items + half);
-        std::uint32_t const warp = threadIdx.x / 32;
-        if (warp < half)
-            of_items.merge(warp, half, items);
-        else
-            of_nodes.merge(warp - half, half, nodes);
-        __syncthreads();
-        if (warp > 0) return false;
-        OfItems const all_items = Partial<OfItems>::whole(items, half);
-        OfNodes const all_nodes = Partial<OfNodes>::whole(nodes, half);
-        if (threadIdx.x != 0) return false;
-        if (!leaves_a_choice()) return call.went_well(all_items) && goes_on(call, all_nodes, all_items);
-        store_words(all_items, kept_items());
-        store_words(all_nodes, kept_nodes());
-        return call.went_well(all_items);
-    }
-
-    /// For one thread of a later loop: how things go on after a step that went well.
-    __device__ bool choose() const
-    {
-        return goes_on(call, load_words(kept_nodes()), load_words(kept_items()));
-    }
-
-private:
-    /// A function of its own, which no loop takes in: one thread's registers are not to be those of all, and
-    /// it is the same code, with the same rounding, whoever asks.
-    __device__ __noinline__ static bool goes_on(Call call, OfNodes nodes, OfItems items)
-    {
-        return call.goes_on(nodes, items);
-    }
-};
-
-/// What concludes a step of several orders of cells: the results of a loop for each.
-template <class OfNodes, class OfItems, int orders, class Call>
-struct ConclusionOfSeveral
-{
-    Partial<OfNodes> of_nodes;
-    Partial<OfItems> of_items[orders];
-    Call call;
-
-    /// Called by a whole group of threads.
-    template <std::size_t... k>
-    __device__ void conclude(std::index_sequence<k...>) const
-    {
-        constexpr std::uint32_t half = scanning_threads / 64;
-        // plain values, although Eigen's types do not say so
-        __shared__ __align__(16) unsigned char memory[half * (sizeof(OfNodes) + orders * sizeof(OfItems))];
-        auto* const items = reinterpret_cast<OfItems*>(memory);
-        auto* const nodes = reinterpret_cast<OfNodes*>(items + orders * half);
-        std::uint32_t const warp = threadIdx.x / 32;
-        if (warp < half)
-            (of_items[k].merge(warp, half, items + k * half), ...);
-        else
-            of_nodes.merge(warp - half, half, nodes);
-        __syncthreads();
-        if (warp > 0) return;
-        OfNodes const all_nodes = Partial<OfNodes>::whole(nodes, half);
-        OfItems const all_items[]{Partial<OfItems>::whole(items + k * half, half)...};
-        if (threadIdx.x == 0) call(all_nodes, all_items[k]...);
-    }
-};
-
-/// Concludes, in a loop of its own.
-template <class OfNodes, class OfItems, int orders, class Call>
-__global__ void __launch_bounds__(scanning_threads)
-    conclude_several(ConclusionOfSeveral<OfNodes, OfItems, orders, Call> conclusion)
-{
-    conclusion.conclude(std::make_index_sequence<static_cast<std::size_t>(orders)>{});
-}
-
-/// Stands for a conclusion that is yet to be made: the host listens first.
-struct Pause
-{
-    __device__ bool operator()() const { return false; }
-    static constexpr bool leaves_a_choice() { return false; }
-};
 
 /// For one thread of a group: whether `count - 1` groups were here before; what they wrote can then be read.
 __device__ inline bool comes_last(std::uint32_t* arrived, std::uint32_t count)
@@ -463,15 +326,6 @@ __global__ void __launch_bounds__(scanning_threads)
     if (__ldcg(&meet.goes_on) != 0 && !short_of_room && (!crowded || conclude.leaves_a_choice())) return;
     *signal.stopped = 1;
     *signal.stop = {1, departed, births, crowded};
-}
-
-/// What follows a loop over no items.
-template <class Conclude>
-__global__ void __launch_bounds__(scanning_threads) conclude_without_items(Signal signal, Conclude conclude)
-{
-    if (signal.stops() || conclude() || threadIdx.x != 0) return;
-    *signal.stopped = 1;
-    *signal.stop = {1, 0, 0, 0};
 }
 
 /// Lists the blocks that hold items, in their order.

@@ -1,0 +1,47 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+
+// How loops that are queued stop those behind them, and tell the host why.
+namespace firn::cuda::detail
+{
+
+/// What the host is told when loops have stopped.
+struct Stop
+{
+    std::uint32_t stopped;  ///< 1; the host clears it
+    std::uint32_t departed; ///< items; more than there is room for: the others were not noted
+    std::uint32_t births;   ///< blocks that are wanted and not there
+    std::uint32_t crowded;  ///< whether there are many blocks without items
+};
+
+/// Whether loops that are queued have something to do: each asks first. Where one finds that those after it
+/// have not, it stops them, and the host will look after it.
+struct Signal
+{
+    static constexpr std::size_t words = 2;
+    std::uint32_t* stopped; ///< whether a loop has, and which of those that choose while they are at work
+    Stop* stop;             ///< in memory of the host
+
+    /// The first thing that a loop asks: waits for the loop before (see launch_behind), and lets the next one
+    /// be made ready. One that chooses while it is at work is stopped by the others only: it has a number.
+    __device__ bool stops(std::uint32_t number = 0) const
+    {
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
+        cudaTriggerProgrammaticLaunchCompletion();
+        cudaGridDependencySynchronize();
+#endif
+        std::uint32_t const by = stopped[1];
+        return stopped[0] != 0 || (by != 0 && by != number);
+    }
+    /// Stops the loops behind the one with this number.
+    __device__ void stop_behind(std::uint32_t number, Stop const& why) const
+    {
+        stopped[1] = number;
+        *stop = why;
+    }
+};
+
+} // namespace firn::cuda::detail
