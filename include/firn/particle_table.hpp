@@ -3,7 +3,8 @@
 
 #include <firn/core/error.hpp>
 #include <firn/grid/lattice.hpp>
-#include <firn/phases/table_view.hpp>
+#include <firn/particle_storage.hpp>
+#include <firn/portion_list.hpp>
 #include <firn/snapshot.hpp>
 
 #include <algorithm>
@@ -16,29 +17,6 @@
 
 namespace firn
 {
-
-namespace detail
-{
-/// Arrays that lie where the backend's loops can reach them.
-template <class Array, std::size_t count, class Backend>
-std::array<Array, count> arrays_of(Backend const& backend)
-{
-    return [&]<std::size_t... i>(std::index_sequence<i...>)
-    {
-        return std::array<Array, count>{(static_cast<void>(i), Array(backend))...};
-    }
-    (std::make_index_sequence<count>{});
-}
-
-/// All elements of an array, in memory of the host.
-template <class Array>
-auto downloaded(Array const& array)
-{
-    std::vector<typename Array::Value> values(array.size());
-    array.download(0, values);
-    return values;
-}
-} // namespace detail
 
 /// Which particles of a table are to be removed, by where they lie.
 template <class Backend>
@@ -65,7 +43,8 @@ public:
     static constexpr int d = Space::dimension;
     using Number = typename Space::Real;
     using View = TableView<Number, d, StoredSet>;
-    using TakenView = FieldsById<Number, d, TakenSet>;
+    using Taken = TakenFields<Backend, Space, TakenSet>;
+    using TakenView = typename Taken::View;
     using Cells = typename Backend::template Cells<Number, d>;
     template <class T>
     using Array = typename Backend::template Array<T>;
@@ -77,8 +56,7 @@ public:
 
     ParticleTable(Lattice lattice, int kernel_order, Backend const& backend)
         : lattice_(lattice), order_(kernel_order),
-          backend_(backend), buffer_{Buffer(backend), Buffer(backend)}, portions_on_backend_(backend),
-          cells_(backend)
+          backend_(backend), buffer_{Buffer(backend), Buffer(backend)}, portions_(backend), cells_(backend)
     {}
 
     std::size_t size() const { return size_; }
@@ -88,89 +66,6 @@ public:
     View next() { return buffer_[1].view(); }
     /// The buffer that the order of cells refers to: after a step that of before it, until the next sort().
     View ordered() const { return buffer_[moved_ ? 1 : 0].view(); }
-
-    /// One array per component of the fields that are taken from the grid, by row.
-    class Taken
-    {
-    public:
-        Taken(Backend const& backend, std::size_t count)
-            : component_(detail::arrays_of<Array<Number>, TakenSet::components(d)>(backend))
-        {
-            resize(count);
-        }
-
-        void resize(std::size_t count)
-        {
-            for (auto& array : component_) array.resize(count);
-        }
-
-        TakenView view() const
-        {
-            TakenView view;
-            for (std::size_t c = 0; c < component_.size(); ++c)
-                view.component[c] = const_cast<Number*>(component_[c].data());
-            view.present = true;
-            return view;
-        }
-
-        /// Sets all components of all fields from `first` on.
-        void fill(std::size_t first, Record<Number, d, TakenSet> record)
-        {
-            record.for_each([&](int c, Number const& value) {
-                component_[c].fill(first, component_[c].size() - first, value);
-            });
-        }
-
-        template <class Tag>
-        void set(std::vector<FieldValue<Tag, Number, d>> const& by_row)
-        {
-            constexpr int first = TakenSet::template first_component<Tag>(d);
-            std::vector<Number> column(by_row.size());
-            for (int c = 0; c < component_count<Tag>(d); ++c) {
-                for (std::size_t row = 0; row < by_row.size(); ++row)
-                    for_each_component<Tag, d>(by_row[row], [&](int component, Number const& number) {
-                        if (component == c) column[row] = number;
-                    });
-                component_[first + c].upload(0, column);
-            }
-        }
-
-        template <class Tag>
-        std::vector<FieldValue<Tag, Number, d>> by_row(std::size_t count) const
-        {
-            constexpr int first = TakenSet::template first_component<Tag>(d);
-            std::vector<FieldValue<Tag, Number, d>> values(count, value_at_rest<Tag, Number, d>());
-            for (int c = 0; c < component_count<Tag>(d); ++c) {
-                auto const column = detail::downloaded(component_[first + c]);
-                for (std::size_t row = 0; row < count; ++row)
-                    for_each_component<Tag, d>(values[row], [&](int component, Number& number) {
-                        if (component == c) number = column[row];
-                    });
-            }
-            return values;
-        }
-
-        Array<Number> const& column(int c) const { return component_[static_cast<std::size_t>(c)]; }
-        Array<Number>& column(int c) { return component_[static_cast<std::size_t>(c)]; }
-
-        /// Takes the rows of another one that are listed at `rows`.
-        void gather(Backend const& backend, Taken const& from, std::uint32_t const* rows)
-        {
-            for (std::size_t c = 0; c < component_.size(); ++c)
-                backend.for_each(component_[c].size(),
-                                 GatherValues<Number>{from.component_[c].data(), rows, component_[c].data()});
-        }
-
-        std::size_t memory() const
-        {
-            std::size_t bytes = 0;
-            for (auto const& array : component_) bytes += array.memory();
-            return bytes;
-        }
-
-    private:
-        std::array<Array<Number>, TakenSet::components(d)> component_;
-    };
 
     /// Whether the fields that are taken from the grid are held here; with no such fields, always.
     bool holds_taken() const { return TakenSet::components(d) == 0 || held_; }
@@ -190,10 +85,7 @@ public:
     Taken& held() { return *taken_; } ///< if holds_taken()
     Taken const& held() const { return *taken_; }
     Taken new_taken() const { return Taken(backend_, size_); }
-    Portions<Number> portions() const
-    {
-        return {portions_on_backend_.data(), static_cast<int>(portions_.size())};
-    }
+    Portions<Number> portions() const { return portions_.there(); }
 
     /// Adds particles at rest but for a velocity, whose ids begin with `first_id`; see Solver::add. Returns
     /// how many.
@@ -214,7 +106,7 @@ public:
                 "Use fewer particles, or several solvers.");
         auto const first = static_cast<std::uint32_t>(size_);
         if (located.empty()) return 0;
-        require_comparable(volume, density, scale);
+        portions_.require_comparable(volume, density, scale);
         half_changed_ = true;
         sort(); // inserting is for items whose cells are up to date
         half_changed_ = false;
@@ -225,7 +117,7 @@ public:
         taken_->resize(count);
         held_ = true;
         half_changed_ = true;
-        add_portion(first, volume, density, scale);
+        portions_.add(first, volume, density, scale);
         place(located, first, velocity.template cast<Number>());
         std::vector<Coordinates<d>> cells(located.size());
         for (std::size_t i = 0; i < located.size(); ++i) cells[i] = located[i].cell;
@@ -331,7 +223,7 @@ public:
         name_rows();
         for (std::size_t row = 0; row < kept; ++row) ids_[row] = ids_[rows[row]];
         ids_.resize(kept);
-        keep_portions(new_row, kept);
+        portions_.keep(new_row, kept);
         size_ = kept;
     }
 
@@ -363,7 +255,7 @@ public:
                 to.fields.back().components.push_back(listed(taken_->column(c), rows));
             });
         });
-        to.portions = portions_;
+        to.portions = portions_.all();
         return to;
     }
 
@@ -401,8 +293,7 @@ public:
         ids_ = listed(from.ids, at_row);
         named_ = count > 0 && ids_.back() != count - 1;
         if (!named_) ids_.clear();
-        portions_ = from.portions;
-        upload_portions();
+        portions_.set(from.portions);
         held_ = true;
         moved_ = false;
         size_ = count;
@@ -569,10 +460,10 @@ public:
     /// `mass_unit` is that of the scene [kg].
     std::vector<double> masses(double mass_unit) const
     {
-        Portions<Number> const here{portions_.data(), static_cast<int>(portions_.size())};
+        Portions<Number> const here = portions_.here();
         std::vector<double> by_row(size_);
         for (std::size_t row = 0; row < size_; ++row)
-            by_row[row] = mass_unit * portions_[here.index(static_cast<std::uint32_t>(row))].mass;
+            by_row[row] = mass_unit * here.of[here.index(static_cast<std::uint32_t>(row))].mass;
         return by_row;
     }
 
@@ -605,56 +496,7 @@ public:
     }
 
 private:
-    struct Buffer
-    {
-        std::array<Array<Offset>, d> offset;
-        std::array<Array<Number>, StoredSet::components(d)> component;
-        Array<std::uint32_t> id;
-
-        explicit Buffer(Backend const& backend)
-            : offset(detail::arrays_of<Array<Offset>, d>(backend)),
-              component(detail::arrays_of<Array<Number>, StoredSet::components(d)>(backend)), id(backend)
-        {}
-
-        /// Keeps the first `kept` particles, or as many as there are.
-        void resize(std::size_t count, std::size_t kept)
-        {
-            for (auto& array : offset) array.resize(count, kept);
-            for (auto& array : component) array.resize(count, kept);
-            id.resize(count, kept);
-        }
-
-        /// Takes the particles of another one that lie where `places` says, but for their rows.
-        void gather(Backend const& backend, Buffer const& from, std::uint32_t const* places,
-                    std::size_t count)
-        {
-            resize(count, 0);
-            for (std::size_t a = 0; a < offset.size(); ++a)
-                backend.for_each(count,
-                                 GatherValues<Offset>{from.offset[a].data(), places, offset[a].data()});
-            for (std::size_t c = 0; c < component.size(); ++c)
-                backend.for_each(count,
-                                 GatherValues<Number>{from.component[c].data(), places, component[c].data()});
-        }
-
-        View view() const
-        {
-            View view;
-            for (int a = 0; a < d; ++a) view.offset[a] = const_cast<Offset*>(offset[a].data());
-            for (int c = 0; c < StoredSet::components(d); ++c)
-                view.component[c] = const_cast<Number*>(component[c].data());
-            view.id = const_cast<std::uint32_t*>(id.data());
-            return view;
-        }
-
-        std::size_t memory() const
-        {
-            std::size_t bytes = id.memory();
-            for (auto const& array : offset) bytes += array.memory();
-            for (auto const& array : component) bytes += array.memory();
-            return bytes;
-        }
-    };
+    using Buffer = StoredFields<Backend, Space, StoredSet>;
 
     /// Makes room for as many particles, and keeps those that are there. The other buffer is for the next
     /// step to write, unless the order of cells still refers to it.
@@ -738,52 +580,6 @@ private:
         return located;
     }
 
-    void require_comparable(double volume, double density, MassScale const& scale) const
-    {
-        double const unit = scale.unit == 0 ? volume * density : scale.unit;
-        bool const in_range = std::isfinite(Number(volume / unit)) && Number(volume / unit) > 0;
-        require(
-            in_range && scale.bears(volume * density / unit, std::is_same_v<Number, float> ? 1e10 : 1e20),
-            "the new particles are lighter or heavier than others by a factor that rounding does not bear",
-            "Solver::add", "Keep the masses of one scene within a factor of 1e10 (float) or 1e20 (double).");
-    }
-
-    /// Particles of the same mass and volume as those before them belong to the same portion.
-    void add_portion(std::uint32_t first, double volume, double density, MassScale& scale)
-    {
-        if (scale.unit == 0) scale.unit = volume * density;
-        Portion<Number> const portion{first, Number(volume * density / scale.unit),
-                                      Number(volume / scale.unit)};
-        scale.admit(portion.mass);
-        if (portions_.size() > 0) {
-            auto const& last = portions_.back();
-            if (last.mass == portion.mass && last.volume == portion.volume) return;
-        }
-        portions_.push_back(portion);
-        upload_portions();
-    }
-
-    /// Renumbers the rows of portions, and forgets those of which nobody is left.
-    void keep_portions(std::vector<std::uint32_t> const& new_row, std::size_t kept)
-    {
-        std::vector<Portion<Number>> left;
-        for (std::size_t i = 0; i < portions_.size(); ++i) {
-            std::size_t const begin = new_row[portions_[i].first_row],
-                              end = i + 1 < portions_.size() ? new_row[portions_[i + 1].first_row] : kept;
-            if (begin == end) continue;
-            left.push_back(portions_[i]);
-            left.back().first_row = static_cast<std::uint32_t>(begin);
-        }
-        portions_ = std::move(left);
-        upload_portions();
-    }
-
-    void upload_portions()
-    {
-        portions_on_backend_.resize(portions_.size());
-        portions_on_backend_.upload(0, portions_);
-    }
-
     /// The elements of an array that are listed.
     template <class Values, class Place>
     static auto listed(Values const& from, std::vector<Place> const& places)
@@ -827,14 +623,13 @@ private:
     Backend backend_;
     std::size_t size_ = 0;
     bool moved_ = false;
-    bool half_changed_ = false;      ///< in the middle of add()
-    bool named_ = false;             ///< whether rows are no ids
-    std::vector<std::uint32_t> ids_; ///< then those of all rows, in rising order
-    std::array<Buffer, 2> buffer_;
+    bool half_changed_ = false;               ///< in the middle of add()
+    bool named_ = false;                      ///< whether rows are no ids
+    std::vector<std::uint32_t> ids_;          ///< then those of all rows, in rising order
+    std::array<Buffer, 2> buffer_;            ///< the current one, and the next
     std::optional<Taken> taken_, next_taken_; ///< places for them; see holds_taken()
     bool held_ = false;                       ///< there is something in the first
-    std::vector<Portion<Number>> portions_;
-    Array<Portion<Number>> portions_on_backend_;
+    PortionList<Backend, Number> portions_;
     Cells cells_;
 };
 

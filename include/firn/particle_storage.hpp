@@ -1,0 +1,189 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/phases/table_view.hpp>
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+// Where a table of particles keeps their fields: see ParticleTable.
+namespace firn
+{
+
+namespace detail
+{
+/// Arrays that lie where the backend's loops can reach them.
+template <class Array, std::size_t count, class Backend>
+std::array<Array, count> arrays_of(Backend const& backend)
+{
+    return [&]<std::size_t... i>(std::index_sequence<i...>)
+    {
+        return std::array<Array, count>{(static_cast<void>(i), Array(backend))...};
+    }
+    (std::make_index_sequence<count>{});
+}
+
+/// All elements of an array, in memory of the host.
+template <class Array>
+auto downloaded(Array const& array)
+{
+    std::vector<typename Array::Value> values(array.size());
+    array.download(0, values);
+    return values;
+}
+} // namespace detail
+
+/// One array per component of the fields that are stored from step to step, positions and rows among them, in
+/// any order of particles.
+template <class Backend, class Space, class Set>
+struct StoredFields
+{
+    static constexpr int d = Space::dimension;
+    using Number = typename Space::Real;
+    using View = TableView<Number, d, Set>;
+    using Offset = typename View::Offset;
+    template <class T>
+    using Array = typename Backend::template Array<T>;
+
+    std::array<Array<Offset>, d> offset;
+    std::array<Array<Number>, Set::components(d)> component;
+    Array<std::uint32_t> id;
+
+    explicit StoredFields(Backend const& backend)
+        : offset(detail::arrays_of<Array<Offset>, d>(backend)),
+          component(detail::arrays_of<Array<Number>, Set::components(d)>(backend)), id(backend)
+    {}
+
+    /// Keeps the first `kept` particles, or as many as there are.
+    void resize(std::size_t count, std::size_t kept)
+    {
+        for (auto& array : offset) array.resize(count, kept);
+        for (auto& array : component) array.resize(count, kept);
+        id.resize(count, kept);
+    }
+
+    /// Takes the particles of another one that lie where `places` says, but for their rows.
+    void gather(Backend const& backend, StoredFields const& from, std::uint32_t const* places,
+                std::size_t count)
+    {
+        resize(count, 0);
+        for (std::size_t a = 0; a < offset.size(); ++a)
+            backend.for_each(count, GatherValues<Offset>{from.offset[a].data(), places, offset[a].data()});
+        for (std::size_t c = 0; c < component.size(); ++c)
+            backend.for_each(count,
+                             GatherValues<Number>{from.component[c].data(), places, component[c].data()});
+    }
+
+    View view() const
+    {
+        View view;
+        for (int a = 0; a < d; ++a) view.offset[a] = const_cast<Offset*>(offset[a].data());
+        for (int c = 0; c < Set::components(d); ++c)
+            view.component[c] = const_cast<Number*>(component[c].data());
+        view.id = const_cast<std::uint32_t*>(id.data());
+        return view;
+    }
+
+    std::size_t memory() const
+    {
+        std::size_t bytes = id.memory();
+        for (auto const& array : offset) bytes += array.memory();
+        for (auto const& array : component) bytes += array.memory();
+        return bytes;
+    }
+};
+
+/// One array per component of the fields that are taken from the grid, by row.
+template <class Backend, class Space, class Set>
+class TakenFields
+{
+    static constexpr int d = Space::dimension;
+    using Number = typename Space::Real;
+    using Array = typename Backend::template Array<Number>;
+
+public:
+    using View = FieldsById<Number, d, Set>;
+
+    TakenFields(Backend const& backend, std::size_t count)
+        : component_(detail::arrays_of<Array, Set::components(d)>(backend))
+    {
+        resize(count);
+    }
+
+    void resize(std::size_t count)
+    {
+        for (auto& array : component_) array.resize(count);
+    }
+
+    View view() const
+    {
+        View view;
+        for (std::size_t c = 0; c < component_.size(); ++c)
+            view.component[c] = const_cast<Number*>(component_[c].data());
+        view.present = true;
+        return view;
+    }
+
+    /// Sets all components of all fields from `first` on.
+    void fill(std::size_t first, Record<Number, d, Set> record)
+    {
+        record.for_each([&](int c, Number const& value) {
+            component_[c].fill(first, component_[c].size() - first, value);
+        });
+    }
+
+    template <class Tag>
+    void set(std::vector<FieldValue<Tag, Number, d>> const& by_row)
+    {
+        constexpr int first = Set::template first_component<Tag>(d);
+        std::vector<Number> column(by_row.size());
+        for (int c = 0; c < component_count<Tag>(d); ++c) {
+            for (std::size_t row = 0; row < by_row.size(); ++row)
+                for_each_component<Tag, d>(by_row[row], [&](int component, Number const& number) {
+                    if (component == c) column[row] = number;
+                });
+            component_[first + c].upload(0, column);
+        }
+    }
+
+    template <class Tag>
+    std::vector<FieldValue<Tag, Number, d>> by_row(std::size_t count) const
+    {
+        constexpr int first = Set::template first_component<Tag>(d);
+        std::vector<FieldValue<Tag, Number, d>> values(count, value_at_rest<Tag, Number, d>());
+        for (int c = 0; c < component_count<Tag>(d); ++c) {
+            auto const column = detail::downloaded(component_[first + c]);
+            for (std::size_t row = 0; row < count; ++row)
+                for_each_component<Tag, d>(values[row], [&](int component, Number& number) {
+                    if (component == c) number = column[row];
+                });
+        }
+        return values;
+    }
+
+    Array const& column(int c) const { return component_[static_cast<std::size_t>(c)]; }
+    Array& column(int c) { return component_[static_cast<std::size_t>(c)]; }
+
+    /// Takes the rows of another one that are listed at `rows`.
+    void gather(Backend const& backend, TakenFields const& from, std::uint32_t const* rows)
+    {
+        for (std::size_t c = 0; c < component_.size(); ++c)
+            backend.for_each(component_[c].size(),
+                             GatherValues<Number>{from.component_[c].data(), rows, component_[c].data()});
+    }
+
+    std::size_t memory() const
+    {
+        std::size_t bytes = 0;
+        for (auto const& array : component_) bytes += array.memory();
+        return bytes;
+    }
+
+private:
+    std::array<Array, Set::components(d)> component_;
+};
+
+} // namespace firn

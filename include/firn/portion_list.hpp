@@ -1,0 +1,90 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/error.hpp>
+#include <firn/phases/table_view.hpp>
+#include <firn/snapshot.hpp>
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+namespace firn
+{
+
+/// Masses and volumes of the particles of a table, one of each per portion (see Portions), here and where
+/// loops reach them.
+template <class Backend, class Number>
+class PortionList
+{
+public:
+    explicit PortionList(Backend const& backend) : there_(backend) {}
+
+    /// As loops see them, and as the host does.
+    Portions<Number> there() const { return {there_.data(), static_cast<int>(here_.size())}; }
+    Portions<Number> here() const { return {here_.data(), static_cast<int>(here_.size())}; }
+    std::vector<Portion<Number>> const& all() const { return here_; }
+
+    /// Refuses particles of a volume [m^3] and a density [kg/m^3] beside which others of the scene are lost
+    /// to rounding.
+    static void require_comparable(double volume, double density, MassScale const& scale)
+    {
+        double const unit = scale.unit == 0 ? volume * density : scale.unit;
+        bool const in_range = std::isfinite(Number(volume / unit)) && Number(volume / unit) > 0;
+        require(
+            in_range && scale.bears(volume * density / unit, std::is_same_v<Number, float> ? 1e10 : 1e20),
+            "the new particles are lighter or heavier than others by a factor that rounding does not bear",
+            "Solver::add", "Keep the masses of one scene within a factor of 1e10 (float) or 1e20 (double).");
+    }
+
+    /// From a row on particles have this volume and density: if both are those of the particles before them,
+    /// they belong to the same portion.
+    void add(std::uint32_t first_row, double volume, double density, MassScale& scale)
+    {
+        if (scale.unit == 0) scale.unit = volume * density;
+        Portion<Number> const portion{first_row, Number(volume * density / scale.unit),
+                                      Number(volume / scale.unit)};
+        scale.admit(portion.mass);
+        if (here_.size() > 0) {
+            auto const& last = here_.back();
+            if (last.mass == portion.mass && last.volume == portion.volume) return;
+        }
+        here_.push_back(portion);
+        upload();
+    }
+
+    /// Renumbers the rows, and forgets portions of which nobody is left.
+    void keep(std::vector<std::uint32_t> const& new_row, std::size_t kept)
+    {
+        std::vector<Portion<Number>> left;
+        for (std::size_t i = 0; i < here_.size(); ++i) {
+            std::size_t const begin = new_row[here_[i].first_row],
+                              end = i + 1 < here_.size() ? new_row[here_[i + 1].first_row] : kept;
+            if (begin == end) continue;
+            left.push_back(here_[i]);
+            left.back().first_row = static_cast<std::uint32_t>(begin);
+        }
+        set(std::move(left));
+    }
+
+    void set(std::vector<Portion<Number>> portions)
+    {
+        here_ = std::move(portions);
+        upload();
+    }
+
+private:
+    void upload()
+    {
+        there_.resize(here_.size());
+        there_.upload(0, here_);
+    }
+
+    std::vector<Portion<Number>> here_;
+    typename Backend::template Array<Portion<Number>> there_;
+};
+
+} // namespace firn
