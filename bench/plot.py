@@ -28,6 +28,7 @@ TITLES = {
     "P2": "P2: column under its weight, error of stress over that at the foot",
     "P3": "P3: colliding disks, error of a disk's centre over its radius",
     "P4": "P4: column of sand, error of the centre of mass over its way",
+    "P6": "P6: large standing waves in a cube, error of positions over the amplitude",
     "P5": "P5: block of snow on a floor, difference of the centre's height from a fine run over the side",
 }
 PROGRAMS = {

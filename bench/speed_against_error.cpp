@@ -111,8 +111,8 @@ void measure_all(Options const& options)
         // sums meet in a fixed order on every backend: there is no other policy to compare with
         out << setting.problem << ',' << backend_name() << ',' << row.model << ',' << setting.kernel << ','
             << setting.transfer << ',' << setting.precision << ',' << setting.cfl_fraction << ','
-            << setting.cells << ',' << setting.per_cell * setting.per_cell << ",yes," << row.error << ','
-            << row.seconds << ',' << row.particle_steps << ',' << row.bytes_per_particle << ','
+            << setting.cells << ',' << std::pow(setting.per_cell, row.dimensions) << ",yes," << row.error
+            << ',' << row.seconds << ',' << row.particle_steps << ',' << row.bytes_per_particle << ','
             << plain(row.status) << ',' << row.spread << ',' << row.cpu_seconds << ',' << row.runs << ','
             << row.steps << ',' << row.rejected << ',' << options.patience.threads << ',' << where << ',';
         if (std::isfinite(row.energy_lost)) out << row.energy_lost;

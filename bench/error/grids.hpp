@@ -8,7 +8,7 @@ namespace firn::bench
 {
 
 /// The sizes at which a problem is solved, from coarse to fine: cells per metre, of P4 per half width of the
-/// column, of P5 per side of the block.
+/// column, of P5 per side of the block, of P6 per side of the cube.
 inline std::vector<int> cells_of(std::string const& problem, bool is_long)
 {
     if (problem == "P1")
@@ -16,13 +16,14 @@ inline std::vector<int> cells_of(std::string const& problem, bool is_long)
     if (problem == "P2") return is_long ? std::vector{8, 16, 32, 64, 128} : std::vector{8, 16, 32, 64};
     if (problem == "P3") return is_long ? std::vector{20, 40, 80, 160} : std::vector{20, 40, 80};
     if (problem == "P4") return is_long ? std::vector{4, 8, 16, 32} : std::vector{4, 8, 16};
+    if (problem == "P6") return is_long ? std::vector{8, 16, 32} : std::vector{8, 16};
     return std::vector{8, 16, 32};
 }
 
 /// `short` or `long`: all problems, kernels, transfers and precisions at all sizes with the library's step
 /// and four particles per cell; and for spline kernels two things by themselves, the length of steps and
 /// the number of particles. In the short one the latter are for APIC and MLS in float, without the finest
-/// size.
+/// size. P6, in space, is for spline kernels and transfers in float, with eight particles per cell.
 inline std::vector<Setting> named_grid(std::string const& name)
 {
     using Words = std::vector<std::string>;
@@ -52,6 +53,10 @@ inline std::vector<Setting> named_grid(std::string const& name)
                             all.push_back({problem, kernel, transfer, precision, 0.9, cells, per_cell});
                     }
     }
+    for (auto const* const kernel : {"quadratic", "cubic"})
+        for (auto const& transfer : transfers)
+            for (int cells : cells_of("P6", is_long))
+                all.push_back({"P6", kernel, transfer, "float", 0.9, cells, 2});
     return all;
 }
 

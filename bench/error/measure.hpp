@@ -47,6 +47,7 @@ Row measure(Setting const& setting, Patience const& patience, typename Scene::Tr
     using Clock = std::chrono::steady_clock;
     Row row;
     row.model = Scene::Model::name;
+    row.dimensions = Scene::d;
     row.bytes_per_particle = Problem<Scene>::Solver::bytes_per_particle;
     try {
         StepControl control;
@@ -118,6 +119,9 @@ void offer(Offer& offers, std::string const& transfer_name, Transfer const& tran
     by("P3", measure<test::CollidingDisks, Elastic>);
     by("P4", measure<test::SandColumn, Grains>);
     by("P5", measure<test::SnowBlock, Snows>);
+    if constexpr (std::is_same_v<Number, float> && Kernel::order > 1)
+        by("P6",
+           measure<test::ManufacturedSolution, test::Scene<NeoHookean<Space<3, Number>>, Kernel, Transfer>>);
 }
 } // namespace detail
 

@@ -26,6 +26,7 @@ struct Setting
 struct Row
 {
     std::string model;
+    int dimensions = 2;
     double error = std::numeric_limits<double>::quiet_NaN();
     double seconds = 0;     ///< of the time loop: the median of all runs
     double spread = 0;      ///< half the range of the middle half of them, over the median

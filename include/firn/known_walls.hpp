@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/core/error.hpp>
 #include <firn/effects/reflecting_wall.hpp>
 #include <firn/grid/lattice.hpp>
+#include <firn/step_error.hpp>
 
 #include <algorithm>
 #include <cstddef>
@@ -26,8 +26,8 @@ namespace firn::detail
     what << "particle " << particle;
     if (count > 1) what << " and " << count - 1 << " more";
     what << material << (count > 1 ? " are" : " is") << " behind a reflecting wall";
-    where << "at (" << position.head(d).transpose() << ") m, ReflectingWall across axis " << wall.axis
-          << " at node " << wall.node;
+    where << at_place(position, d) << ", ReflectingWall across axis " << wall.axis << " at node "
+          << wall.node;
     throw Error{what.str(), where.str(),
                 "Put all particles on the wall's side before it is passed, or let it face the other way."};
 }

@@ -517,6 +517,7 @@ private:
                Vector<Number, d> const& velocity)
     {
         Buffer& buffer = buffer_[0];
+        auto* const columns = buffer.component.data();
         std::size_t const count = located.size();
         std::vector<Offset> offsets(count);
         for (int a = 0; a < d; ++a) {
@@ -533,7 +534,7 @@ private:
             stored[Velocity{}] = velocity;
         else
             taken[Velocity{}] = velocity;
-        stored.for_each([&](int c, Number const& value) { buffer.component[c].fill(first, count, value); });
+        stored.for_each([&](int c, Number const& value) { columns[c].fill(first, count, value); });
         taken_->fill(first, taken);
     }
 

@@ -7,6 +7,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <sstream>
 #include <string>
 #include <utility>
 
@@ -39,5 +40,18 @@ public:
 private:
     StepFailure failure_;
 };
+
+namespace detail
+{
+/// Where something went wrong, in words: "at (1 2) m"; the first `d` coordinates. (Without Eigen's own
+/// printing: it takes long to compile, and g++ 12 warns of what it makes of it for AVX-512.)
+inline std::string at_place(Eigen::Vector3d const& position, int d)
+{
+    std::ostringstream text;
+    for (int a = 0; a < d; ++a) text << (a == 0 ? "at (" : " ") << position[a];
+    text << ") m";
+    return text.str();
+}
+} // namespace detail
 
 } // namespace firn

@@ -137,8 +137,8 @@ std::optional<StepFailure> slowest_in(Parts const& parts, Rule rule, Values cons
     std::ostringstream what, where;
     what << "particle " << failure.particle << material << " " << describe(failure.cause);
     if (failure.count > 1) what << ", as did " << failure.count - 1 << " more";
-    where << "at (" << failure.position.head(d).transpose() << ") m, in a step of " << failure.dt
-          << " s at t = " << failure.time << " s";
+    where << at_place(failure.position, d) << ", in a step of " << failure.dt << " s at t = " << failure.time
+          << " s";
     throw StepError{failure, what.str(), where.str(),
                     "The state is that of the last good step. Take a smaller step, or look at what drives "
                     "this particle: "
@@ -158,7 +158,7 @@ std::optional<StepFailure> slowest_in(Parts const& parts, Rule rule, Values cons
            << " m/s, fastest particle " << course.bounds.speed << " m/s.";
     if (!since) throw Error{what.str(), where.str(), remedy.str()};
     what << ", since particle " << since->particle << material << " " << describe(since->cause);
-    where << ", at (" << since->position.head(d).transpose() << ") m";
+    where << ", " << at_place(since->position, d);
     throw StepError{*since, what.str(), where.str(), remedy.str()};
 }
 

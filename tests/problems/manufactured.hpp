@@ -10,11 +10,12 @@
 namespace firn::test
 {
 
-/// Waves that stand in a unit square between smooth walls, and the motion that they force on it, known
-/// exactly:
+/// Waves that stand in a unit square, or cube, between smooth walls, and the motion that they force on it,
+/// known exactly:
 ///
 ///   u_x = A sin(2 pi X) sin(c pi t),   u_y = - A sin(2 pi Y) sin(c pi t),   c = sqrt(E / rho_0)
 ///
+/// and along z as along x,
 /// with an amplitude A so large that particles cross cells. (The axis-aligned manufactured solution on which
 /// variants of the method are compared since Sadeghirad, Brannon & Burghardt 2011.)
 struct StandingWaves
@@ -24,8 +25,9 @@ struct StandingWaves
     static constexpr double amplitude = 0.05;                           ///< A [m]
     static constexpr double half_period = 1 / speed;                    ///< [s]
 
-    /// How far the waves are up: sin(c pi t) along x, the opposite along y.
+    /// How far the waves are up: sin(c pi t) along x and z, the opposite along y.
     FIRN_HOST_DEVICE static double height(double time) { return std::sin(speed * M_PI * time); }
+    static double sign(int axis) { return axis == 1 ? -1 : 1; }
 };
 
 /// The largest strain of the waves at a particle, signed, along each axis [-].
@@ -89,7 +91,7 @@ struct Driven : ModelType
     }
 };
 
-/// The square of StandingWaves in a solver, for half a period, in some pieces between which it may be
+/// The square or cube of StandingWaves in a solver, for half a period, in some pieces between which it may be
 /// compared with what is exact.
 template <class SceneType>
 class ManufacturedSolution : StandingWaves
@@ -98,27 +100,30 @@ public:
     using Transfer = typename SceneType::Transfer;
     using Solver = firn::Solver<typename SceneType::Backend, Driven<typename SceneType::Model>,
                                 typename SceneType::Kernel, Transfer>;
-    static constexpr int pieces = 5;
+    static constexpr int pieces = 5, d = SceneType::d;
 
     /// `cells` per metre, `per_cell` particles per cell and axis.
     ManufacturedSolution(int cells, int per_cell = 2, Transfer const& transfer = {},
                          StepControl const& control = {}, typename SceneType::Backend const& backend = {})
         : solver(lattice(1.0 / cells), material(), transfer, control, backend),
-          points_(box_of_points<2>({0, 0}, {1, 1}, 1.0 / cells, per_cell)), cells_(cells)
+          points_(box_of_points<d>(Point::Zero(), Point::Ones(), 1.0 / cells, per_cell)), cells_(cells)
     {
         using Number = typename SceneType::Number;
         solver.add(points_, 1.0 / double(points_.size()));
         double const rate = amplitude * speed * M_PI, k = 2 * M_PI;
-        std::vector<Vector<Number, 2>> velocities;
-        std::vector<Matrix<Number, 2>> gradients;
-        std::vector<Vector<Number, 2>> strains;
+        std::vector<Vector<Number, d>> strains, velocities;
+        std::vector<Matrix<Number, d>> gradients;
         for (auto const& X : points_) {
-            Eigen::Vector2d const strain =
-                amplitude * k * Eigen::Vector2d(std::cos(k * X.x()), -std::cos(k * X.y()));
-            strains.push_back(strain.template cast<Number>());
-            velocities.emplace_back(Number(rate * std::sin(k * X.x())), Number(-rate * std::sin(k * X.y())));
-            Matrix<Number, 2> gradient = Matrix<Number, 2>::Zero();
-            for (int a = 0; a < 2; ++a) gradient(a, a) = Number(speed * M_PI * strain[a]);
+            Vector<Number, d> strain, velocity;
+            Matrix<Number, d> gradient = Matrix<Number, d>::Zero();
+            for (int a = 0; a < d; ++a) {
+                double const of_axis = amplitude * k * sign(a) * std::cos(k * X[a]);
+                strain[a] = Number(of_axis);
+                velocity[a] = Number(rate * sign(a) * std::sin(k * X[a]));
+                gradient(a, a) = Number(speed * M_PI * of_axis);
+            }
+            strains.push_back(strain);
+            velocities.push_back(velocity);
             gradients.push_back(gradient);
         }
         solver.template upload<WaveStrain>(strains);
@@ -148,9 +153,8 @@ public:
         double const u = amplitude * height(solver.time());
         double square = 0;
         for (std::size_t i = 0; i < x.size(); ++i) {
-            Eigen::Vector2d const& X = points_[i];
-            Eigen::Vector2d const exact{X.x() + u * std::sin(2 * M_PI * X.x()),
-                                        X.y() - u * std::sin(2 * M_PI * X.y())};
+            Point exact = points_[i];
+            for (int a = 0; a < d; ++a) exact[a] += u * sign(a) * std::sin(2 * M_PI * points_[i][a]);
             square += (x[i] - exact).squaredNorm() / double(x.size());
         }
         worst_ = std::max(worst_, std::sqrt(square) / amplitude);
@@ -162,13 +166,19 @@ public:
     Solver solver;
 
 private:
+    using Point = Vector<double, d>;
+
     static double end_of(int piece) { return half_period * (piece + 1) / pieces; }
 
     template <class Go>
     auto between_walls(Go const& go) const
     {
-        return go(ReflectingWall{.axis = 0}, ReflectingWall{.axis = 0, .node = cells_, .side = -1},
-                  ReflectingWall{.axis = 1}, ReflectingWall{.axis = 1, .node = cells_, .side = -1});
+        auto const low = [](int axis) { return ReflectingWall{.axis = axis}; };
+        auto const high = [&](int axis) { return ReflectingWall{.axis = axis, .node = cells_, .side = -1}; };
+        if constexpr (d == 3)
+            return go(low(0), high(0), low(1), high(1), low(2), high(2));
+        else
+            return go(low(0), high(0), low(1), high(1));
     }
 
     static typename Solver::Model material()
@@ -179,7 +189,7 @@ private:
         return square;
     }
 
-    std::vector<Eigen::Vector2d> points_;
+    std::vector<Point> points_;
     int cells_;
     double worst_ = 0;
 };
