@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // A ball of ice falls into fresh snow, which stops it: after every millisecond the ball takes the reaction
-// that the solver reports, so that momentum is kept to rounding. `ball_into_snow [folder]` writes frames.
+// that the solver reports, so that momentum is kept to rounding. `ball_into_snow [--backend cuda] [folder]`
+// writes frames.
 #include "frames.hpp"
 
 using namespace firn;
@@ -9,8 +10,9 @@ using namespace firn::examples;
 int main(int argc, char** argv)
 try {
     using Room = Space<3, double>;
+    auto frames = frames_of(argc, argv);
     double const h = 0.04, radius = 0.16, dt = 1e-3, size = 1; // [m], [s]
-    Solver<OpenMP, Snow<Room>> solver(lattice(h), materials::fresh_snow<Room>());
+    Solver<Backend, Snow<Room>> solver(lattice(h), materials::fresh_snow<Room>());
     auto points = block<3>({size, 0.4, size}, h);
     for (auto& x : points) x += Eigen::Vector3d(-size / 2, 0.5 * h, -size / 2);
     solver.add(points, h * h * h / 8);
@@ -19,7 +21,6 @@ try {
         RigidBody::ball(radius, 917 * volume, {.position = {0, 0.64, 0}, .velocity = {0.5, -4, 0}});
     Gravity const gravity;
     Obstacle<HalfSpace> const floor{.contact = Contact::coulomb(0.5)};
-    auto frames = frames_of(argc, argv);
     std::vector<Motion> poses; // of the ball in the frames
 
     auto const masses = solver.masses();

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "backend.hpp"
 #include "sample_mesh.hpp"
 
 #include <CLI/CLI.hpp>
@@ -8,7 +9,6 @@
 #include <cmath>
 #include <cstdlib>
 #include <string>
-#include <unistd.h>
 
 namespace firn::examples
 {
@@ -23,29 +23,11 @@ struct Options
     int frames = 48;
     double frames_per_second = 24;
     std::string out{};
-    std::string backend = "openmp", transfer = "flip", kernel = "cubic";
+    std::string backend = backend_name, transfer = "flip", kernel = "cubic";
     double flip = 0.95;
     int threads = 0;
     bool write_ply = true;
 };
-
-/// What this file is compiled for.
-#if defined(__CUDACC__)
-inline constexpr char const* compiled_backend = "cuda";
-#else
-inline constexpr char const* compiled_backend = "openmp";
-#endif
-
-/// Goes on in the program that was built for the other backend: an example is compiled once for each.
-inline void change_backend(std::string const& wanted, char** argv)
-{
-    if (wanted == compiled_backend) return;
-    std::string const end = "_cuda", here = argv[0];
-    std::string const other = wanted == "cuda" ? here + end : here.substr(0, here.size() - end.size());
-    execv(other.c_str(), argv);
-    throw Error{"this example was built without the backend " + wanted, "--backend",
-                "Install the CUDA toolkit and build again, or choose another backend."};
-}
 
 /// Reads the command line; ends the program after --help or a mistake.
 inline Options command_line(int argc, char** argv, std::string const& name, std::string const& description)
@@ -84,7 +66,8 @@ inline Options command_line(int argc, char** argv, std::string const& name, std:
     app.add_option("--flip", options.flip, "share of FLIP in --transfer flip")->check(CLI::Range(0.0, 1.0));
     app.add_option("--kernel", options.kernel, "interpolation kernel")
         ->check(CLI::IsMember({"quadratic", "cubic"}));
-    app.add_option("--threads", options.threads, "0: all cores")->check(CLI::NonNegativeNumber);
+    app.add_option("--threads", options.threads, "of the backend openmp; 0: all cores")
+        ->check(CLI::NonNegativeNumber);
     app.add_flag("--ply,!--no-ply", options.write_ply, "write each frame as binary PLY, too");
     try {
         app.parse(argc, argv);

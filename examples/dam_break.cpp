@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // A column of water collapses: its front beside the experiment of Martin & Moyce 1952 ("An experimental study
 // of the collapse of liquid columns on a rigid horizontal plane", Phil. Trans. A 244), base 2.25 in, twice as
-// high. `dam_break [folder]` writes frames as well.
+// high. `dam_break [--backend cuda] [folder]` writes frames as well.
 #include "frames.hpp"
 
 using namespace firn;
@@ -10,16 +10,16 @@ using namespace firn::examples;
 int main(int argc, char** argv)
 try {
     using Plane = Space<2, double>;
+    auto frames = frames_of(argc, argv);
     double const L0 = 0.05715, H = 2 * L0, g = 9.81, h = L0 / 16; // [m]
     // time t sqrt(2 g / L0) and front x / L0, as measured
     double const measured[][2]{{.832, 1.217},  {1.219, 1.474}, {1.997, 2.292},
                                {2.547, 2.995}, {3.345, 4.134}, {4.034, 4.944}};
-    Solver<OpenMP, Fluid<Plane>, QuadraticBSpline, Apic> solver(
+    Solver<Backend, Fluid<Plane>, QuadraticBSpline, Apic> solver(
         lattice(h), materials::water<Plane>(std::sqrt(2 * g * H)));
     solver.add(block<2>({L0, H}, h), h * h / 4);
     Obstacle<HalfSpace> const floor{.contact = Contact::slip()};
     Obstacle<HalfSpace> const wall{.shape = {{1, 0, 0}}, .contact = Contact::slip()};
-    auto frames = frames_of(argc, argv);
     std::vector<Mark> marks;
     std::printf("time [sqrt(L0/2g)]  front [L0]  measured  particles %zu\n", solver.size());
     for (auto const& [time, place] : measured) {

@@ -1,21 +1,22 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "backend.hpp"
 #include "drawing.hpp"
 
 #include <firn/firn.hpp>
 #include <firn/io/write_particles.hpp>
-#include <firn/openmp.hpp>
 
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <cstdlib>
 #include <filesystem>
 #include <optional>
 #include <string>
 #include <vector>
 
-// What the small examples share: a table on the terminal, and frames for ParaView in a folder.
+// What the small examples share: their arguments, points, and frames for ParaView in a folder.
 namespace firn::examples
 {
 
@@ -88,6 +89,7 @@ public:
     void draw(Drawing const& drawing) const { write_drawing(folder_, drawing); }
 
     int count() const { return count_; } ///< of frames so far
+    std::filesystem::path const& folder() const { return folder_; }
 
 private:
     /// The folder with room for frames: those of an earlier run are removed.
@@ -107,15 +109,31 @@ private:
     int count_ = 0;
 };
 
-/// The folder that the command line names, if it does. Throws an Error for any other command line.
+/// The folder that the command line names, if it does; goes on in another program if that is for the wanted
+/// backend, and ends this one after --help. Throws an Error for any other command line.
 inline std::optional<std::filesystem::path> folder_of(int argc, char** argv)
 {
-    if (argc == 1) return std::nullopt;
-    std::string const first = argv[1];
-    if (argc > 2 || first.empty() || first[0] == '-')
-        throw Error{"this takes one argument at most", argc > 2 ? argv[2] : first,
-                    "Name a folder for frames, or nothing for a table alone."};
-    return first;
+    std::string const usage = "[--backend openmp|cuda] [FOLDER]";
+    std::string backend = backend_name;
+    std::optional<std::filesystem::path> folder;
+    for (int i = 1; i < argc; ++i) {
+        std::string const argument = argv[i];
+        if (argument == "--help") {
+            std::printf("%s %s\nprints a table and, with a folder, leaves frames there for ParaView.\n",
+                        argv[0], usage.c_str());
+            std::exit(0);
+        }
+        else if (argument == "--backend" && i + 1 < argc)
+            backend = argv[++i];
+        else if (argument.starts_with("--backend="))
+            backend = argument.substr(argument.find('=') + 1);
+        else if (!argument.empty() && argument[0] != '-' && !folder)
+            folder = argument;
+        else
+            throw Error{"the argument is not understood", argument, "It takes " + usage + "."};
+    }
+    change_backend(backend, argv);
+    return folder;
 }
 
 /// Frames in the folder that the command line names, if it does.

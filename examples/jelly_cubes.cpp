@@ -2,7 +2,8 @@
 // Cubes of jelly fall on one another and come to rest on a smooth floor. Then their volume is known: the work
 // of their weight against their places is that of their pressure against their volumes, 3 K (V - V0) = -m g y
 // with y the height of their centre of mass, whatever their pile is like (Clausius' virial theorem and
-// Hooke's law; strains here are some per cent). `jelly_cubes [folder]` writes frames as well.
+// Hooke's law; strains here are some per cent). `jelly_cubes [--backend cuda] [folder]` writes frames as
+// well.
 #include "frames.hpp"
 
 using namespace firn;
@@ -41,8 +42,9 @@ struct Totals
 
 int main(int argc, char** argv)
 try {
+    auto frames = frames_of(argc, argv);
     double const h = 0.04, edge = 0.4, g = 9.81, volume_per_point = h * h * h / 8; // [m], [m/s^2], [m^3]
-    Solver<OpenMP, Jelly, QuadraticBSpline, Pic> solver(lattice(h), materials::jelly<Room>());
+    Solver<Backend, Jelly, QuadraticBSpline, Pic> solver(lattice(h), materials::jelly<Room>());
     struct Cube
     {
         Eigen::Vector3d centre, axis; ///< [m], and what it is turned about
@@ -56,7 +58,6 @@ try {
         solver.add(points, volume_per_point);
     }
     Obstacle<HalfSpace> const floor{.contact = Contact::slip()};
-    auto frames = frames_of(argc, argv);
     if (frames)
         frames->draw({.cell_size = h,
                       .spacing = h / 2,

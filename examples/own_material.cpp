@@ -2,8 +2,8 @@
 // A material of one's own, soft_foam.hpp: a column of foam settles under its own weight, in the plane, to the
 // heights that its stress says. Its sides are free, and it does not bulge (without a volume term lengths
 // across carry no stress), so that the stretch s at the place Y of rest solves k (s - 1 / s) = -rho g (L -
-// Y): the first Piola-Kirchhoff stress carries the weight above. `own_material [folder]` writes frames as
-// well.
+// Y): the first Piola-Kirchhoff stress carries the weight above. `own_material [--backend cuda] [folder]`
+// writes frames as well.
 #include "frames.hpp"
 #include "soft_foam.hpp"
 
@@ -13,6 +13,7 @@ using namespace firn::examples;
 int main(int argc, char** argv)
 try {
     using Plane = Space<2, double>;
+    auto frames = frames_of(argc, argv);
     double const L = 1, width = 0.3, g = 9.81; // [m], [m/s^2]
     SoftFoam<Plane> foam;
     foam.stiffness = 1e3;                                        // [Pa]: so soft that it sinks by an eighth
@@ -21,11 +22,10 @@ try {
     auto const sum = [](double q) { return (std::sqrt(q * q + 4) - q) * q / 4 + std::asinh(q / 2); };
     auto const height = [&](double Y) { return L / weight * (sum(weight) - sum(weight * (1 - Y / L))); };
 
-    auto frames = frames_of(argc, argv);
     std::printf(
         "cell [m]  highest particle [m]  by its stress [m]  largest error of any height [m]  particles\n");
     for (double h : {0.1, 0.05, 0.025}) {
-        Solver<OpenMP, SoftFoam<Plane>, QuadraticBSpline, Apic> solver(lattice(h), foam);
+        Solver<Backend, SoftFoam<Plane>, QuadraticBSpline, Apic> solver(lattice(h), foam);
         auto const start = block<2>({width, L}, h);
         solver.add(start, h * h / 4);
         // Gravity comes on slowly, over six periods of the column, so that it hardly swings; the heights are

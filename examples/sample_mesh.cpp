@@ -3,6 +3,7 @@
 
 #include <firn/io/read_mesh.hpp>
 #include <firn/openmp.hpp>
+#include <firn/sampling/distance_from_mesh.hpp>
 #include <firn/sampling/mesh_interior.hpp>
 #include <firn/sampling/points.hpp>
 
@@ -21,6 +22,12 @@ Sampled sample(TriangleMesh const& mesh, Sampling const& how)
                                              : lattice_points(solid, count, 0.5, how.seed, loop);
     return {std::move(points.points), solid.volume(), points.volume_per_point, solid.repaired(),
             solid.defect()};
+}
+
+SignedDistanceGrid<float, 3> distances_of(TriangleMesh const& mesh, double cell_size, double margin)
+{
+    OpenMP const loop;
+    return distance_from_mesh(MeshInterior(mesh, Repair::none, loop), cell_size, margin, loop);
 }
 
 } // namespace firn::examples

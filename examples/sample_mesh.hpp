@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/effects/shapes/signed_distance_grid.hpp>
 #include <firn/io/triangle_mesh.hpp>
 
 #include <Eigen/Core>
@@ -38,5 +39,9 @@ TriangleMesh read(std::string const& path, double scale);
 /// Fills a closed mesh with particles on all cores; throws a firn::Error that names the defect and the
 /// remedy.
 Sampled sample(TriangleMesh const& mesh, Sampling const& how);
+
+/// The signed distances of a closed mesh on a grid, `cell_size` [m] apart and up to `margin` [m] around it:
+/// an obstacle of its form. Throws a firn::Error that names the defect and the remedy.
+SignedDistanceGrid<float, 3> distances_of(TriangleMesh const& mesh, double cell_size, double margin);
 
 } // namespace firn::examples

@@ -2,7 +2,7 @@
 // Columns of sand collapse on a rough floor: their run-out beside the fit to experiments of Lube et al. 2005
 // ("Collapses of two-dimensional granular columns", Phys. Rev. E 72, 041301), (L - L0) / L0 = 1.2 a for
 // columns up to 1.8 times as high as wide, 1.9 a^(2/3) above (from 2.3 or 2.8 on, by the source).
-// `sand_column [folder]` writes frames as well.
+// `sand_column [--backend cuda] [folder]` writes frames as well.
 #include "frames.hpp"
 
 using namespace firn;
@@ -19,7 +19,7 @@ try {
     for (double a : {0.5, 1.0, 2.0, 4.0}) {
         auto sand = materials::dry_sand<Plane>();
         sand.cone = friction_cone(3, 30 * 3.14159265358979 / 180); // in the plane 27.5 degrees
-        Solver<OpenMP, Sand<Plane>> solver(lattice(h), sand);
+        Solver<Backend, Sand<Plane>> solver(lattice(h), sand);
         auto const start = block<2>({L0, a * L0}, h);
         solver.add(start, h * h / 4);
         auto const layer = layers(start, L0 / 4);

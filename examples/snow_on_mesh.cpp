@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
-// Snow falls on a turning ring: an obstacle from a mesh, here a generated torus; any closed mesh will do, see
-// firn/io/read_mesh.hpp. `snow_on_mesh [folder]` writes frames as well. (It includes CGAL: GPL, see README.)
+// Snow falls on a turning ring: an obstacle from a mesh, here a generated torus; any closed mesh will do,
+// also one that `read` takes from a file. `snow_on_mesh [--backend cuda] [folder]` writes frames as well.
+// (What makes distances of the mesh, sample_mesh.cpp, includes CGAL: GPL, see README.)
 #include "frames.hpp"
 #include "meshes.hpp"
-
-#include <firn/sampling/distance_from_mesh.hpp>
+#include "sample_mesh.hpp"
 
 using namespace firn;
 using namespace firn::examples;
@@ -12,20 +12,20 @@ using namespace firn::examples;
 int main(int argc, char** argv)
 try {
     using Room = Space<3, float>;
+    auto frames = frames_of(argc, argv);
     double const h = 0.03, size = 0.42; // [m]
     auto const mesh = torus(0.25, 0.06);
-    MeshInterior const solid(mesh);
-    auto const distances = distance_from_mesh<float>(solid, h / 2, 4 * h, OpenMP{});
+    auto const distances = distances_of(mesh, h / 2, 4 * h);
 
-    Solver<OpenMP, Snow<Room>> solver(lattice(h), materials::fresh_snow<Room>());
+    Solver<Backend, Snow<Room>> solver(lattice(h), materials::fresh_snow<Room>());
     auto points = block<3>({size, 0.3, size}, h);
     for (auto& x : points) x += Eigen::Vector3d(-size / 2, 0.1, -size / 2);
     solver.add(points, h * h * h / 8, {0, -1, 0});
-    Obstacle<SignedDistanceGrid<float, 3>> const ring{.shape = distances,
-                                                      .contact = Contact::coulomb(0.4),
-                                                      .motion = {.angular_velocity = {0, 3, 0}},
-                                                      .on_particles = true};
-    auto frames = frames_of(argc, argv);
+    // its distances where the backend reaches them: on a GPU with Cuda
+    Obstacle<SignedDistanceGridOn<Backend, float, 3>> const ring{.shape = distances.on(solver.backend()),
+                                                                 .contact = Contact::coulomb(0.4),
+                                                                 .motion = {.angular_velocity = {0, 3, 0}},
+                                                                 .on_particles = true};
     std::vector<Motion> poses; // of the ring in the frames
 
     std::printf("time [s]  snow below the ring  deepest in it [cells]  force on it [N]  torque on it [N m]  "
@@ -51,7 +51,7 @@ try {
                         report.reactions[0].angular_impulse.y() / frame);
     }
     if (!frames) return 0;
-    write_obj(mesh, *folder_of(argc, argv) / "ring.obj");
+    write_obj(mesh, frames->folder() / "ring.obj");
     frames->draw({.cell_size = h,
                   .spacing = h / 2,
                   .camera = Camera{{0.9, 0.85, 1.5}, {0, -0.02, 0}},

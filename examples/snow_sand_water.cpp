@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Snow and sand fall into a basin of water, in the plane: three materials on one grid. Sand sinks, snow
-// floats. `snow_sand_water [folder]` writes frames as well, with the number of each particle's material.
+// floats. `snow_sand_water [--backend cuda] [folder]` writes frames as well, with the number of each
+// particle's material.
 #include "frames.hpp"
 
 using namespace firn;
@@ -8,7 +9,7 @@ using namespace firn::examples;
 
 using Plane = Space<2, double>;
 using Mixture = Materials<Snow<Plane>, Sand<Plane>, Fluid<Plane>>;
-using Scene = Solver<OpenMP, Mixture, QuadraticBSpline, Apic>;
+using Scene = Solver<Backend, Mixture, QuadraticBSpline, Apic>;
 
 /// Points of a block whose lowest corner is at `corner` [m].
 std::vector<Eigen::Vector2d> block_at(Eigen::Vector2d const& corner, Eigen::Vector2d const& size, double h)
@@ -29,6 +30,7 @@ double mean_height(Scene const& solver)
 
 int main(int argc, char** argv)
 try {
+    auto frames = frames_of(argc, argv);
     double const h = 0.02, width = 1, depth = 0.3; // [m]
     Scene solver(lattice(h),
                  {materials::fresh_snow<Plane>(), materials::dry_sand<Plane>(), materials::water<Plane>(3)});
@@ -40,7 +42,6 @@ try {
     Obstacle<HalfSpace> const left{.shape = {{1, 0, 0}}, .contact = Contact::slip()};
     Obstacle<HalfSpace> const right{
         .shape = {{-1, 0, 0}}, .contact = Contact::slip(), .motion = {.position = {width, 0, 0}}};
-    auto frames = frames_of(argc, argv);
     if (frames)
         frames->draw({.dimensions = 2,
                       .cell_size = h,

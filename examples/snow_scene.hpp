@@ -3,12 +3,6 @@
 
 #include "results.hpp"
 
-#if defined(__CUDACC__)
-#include <firn/cuda.hpp>
-#else
-#include <firn/openmp.hpp>
-#endif
-
 #include <cmath>
 #include <iostream>
 
@@ -16,18 +10,8 @@
 namespace firn::examples
 {
 
-#if defined(__CUDACC__)
-inline Cuda backend_of(Options const&) { return {}; }
-inline std::string backend_info() { return cuda_info(); }
-inline int threads_of(Cuda const&) { return 1; } ///< of the processor
-#else
-inline OpenMP backend_of(Options const& options) { return {options.threads}; }
-inline std::string backend_info() { return openmp_info(); }
-inline int threads_of(OpenMP const& backend) { return backend.thread_count(); }
-#endif
-
-/// What tells one snow scene from another. `effects(frame)` gives the effects of a frame as a tuple,
-/// obstacles included.
+/// What tells one snow scene from another. `effects(time, frame)` gives the effects of the frame that begins
+/// at that time and lasts so long [s] as a tuple, obstacles included.
 template <class Effects>
 struct SnowScene
 {
@@ -77,7 +61,7 @@ template <class Kernel, class Transfer, class Scene>
 void simulate(Options const& options, Scene const& scene, Sampled const& body, Transfer transfer)
 {
     using Clock = std::chrono::steady_clock;
-    using Solver = firn::Solver<decltype(backend_of(options)), Snow<Space<3, float>>, Kernel, Transfer>;
+    using Solver = firn::Solver<Backend, Snow<Space<3, float>>, Kernel, Transfer>;
     auto const since = [](Clock::time_point start) {
         return std::chrono::duration<double>(Clock::now() - start).count();
     };
@@ -90,7 +74,7 @@ void simulate(Options const& options, Scene const& scene, Sampled const& body, T
     // Crushed snow would otherwise set the step of all: at J_P = 0.6 its wave is 7.4 times as fast as in
     // fresh snow, at 0.75 it is 3.5 times. report.json counts the particles at the cap.
     snow.smallest_plastic_ratio = 0.75f;
-    Solver solver(lattice(cell), snow, transfer, {}, backend_of(options));
+    Solver solver(lattice(cell), snow, transfer, {}, backend_with(options.threads));
     solver.add(body.points, body.volume_per_point, scene.velocity);
     std::cout << solver.size() << " particles, " << std::pow(cell, 3) / body.volume_per_point
               << " per cell, cell " << cell << " m, " << Solver::bytes_per_particle << " bytes per particle ("
@@ -143,8 +127,7 @@ inline void place(TriangleMesh& mesh, Eigen::Vector3d const& where)
     for (auto& x : mesh.vertices) x += shift;
 }
 
-/// Chooses the policies that the user asked for, runs the scene, and turns errors into a sentence and exit
-/// code 1.
+/// Runs the scene with the policies that the user asked for.
 template <class Scene>
 int run(Options const& options, Scene const& scene)
 {

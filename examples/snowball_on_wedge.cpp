@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // A snowball falls on the edge of a wedge, which splits it: half of it goes to each side, and what momentum
-// the snow loses wedge and floor receive. `snowball_on_wedge [folder]` writes frames as well.
+// the snow loses wedge and floor receive. `snowball_on_wedge [--backend cuda] [folder]` writes frames as
+// well.
 #include "frames.hpp"
 
 #include <firn/sampling/points.hpp>
@@ -32,11 +33,12 @@ struct Ball
 int main(int argc, char** argv)
 try {
     using Room = Space<3, double>;
+    auto frames = frames_of(argc, argv);
     double const h = 0.025, radius = 0.25, speed = 5, edge = 0.5; // [m], [m/s], height of the edge [m]
     auto snow = materials::fresh_snow<Room>();
     snow.smallest_plastic_ratio = 0.75; // its wave is then half as fast as at 0.6, and steps twice as long
-    Solver<OpenMP, Snow<Room>> solver(lattice(h, {h / 2, 0, 0}),
-                                      snow); // no node on the edge itself, which belongs to one side alone
+    Solver<Backend, Snow<Room>> solver(lattice(h, {h / 2, 0, 0}),
+                                       snow); // no node on the edge itself, which belongs to one side alone
     // At random in their cells: nothing but the law of large numbers makes one half like the other.
     Ball const ball{{0, edge + radius + 0.02, 0}, radius};
     auto const sample = lattice_points(ball, Spacing{h / 2}, /*jitter*/ 0.5, /*seed*/ 1);
@@ -51,7 +53,6 @@ try {
                               .motion = {.orientation = Eigen::Quaterniond(Eigen::AngleAxisd(
                                              3.14159265358979 / 4, Eigen::Vector3d::UnitZ()))},
                               .on_particles = true};
-    auto frames = frames_of(argc, argv);
     if (frames)
         frames->draw({.cell_size = h,
                       .spacing = h / 2,

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // Water leaves a nozzle, falls on a ledge and into a drain, in the plane: particles that come and go. The
-// number in between settles. `waterfall [folder]` writes frames as well.
+// number in between settles. `waterfall [--backend cuda] [folder]` writes frames as well.
 #include "frames.hpp"
 
 using namespace firn;
@@ -31,6 +31,7 @@ struct Nozzle
 
 int main(int argc, char** argv)
 try {
+    auto frames = frames_of(argc, argv);
     double const h = 0.02, spacing = h / 2; // [m]
     Nozzle nozzle{.layer = {}, .spacing = spacing, .velocity = {1.5, 0}};
     for (int i = 0; i < 12; ++i) nozzle.layer.emplace_back(0, 0.8 + (i + 0.5) * spacing);
@@ -38,8 +39,7 @@ try {
     Obstacle<Box> const ledge{
         .shape = {{0.3, 0.05, 1}}, .contact = Contact::slip(), .motion = {.position = {0.6, 0.3, 0}}};
     Inside<HalfSpace> const drain{.shape = {}, .pose = {.position = {0, -0.2, 0}}}; // all below
-    Solver<OpenMP, Fluid<Plane>, QuadraticBSpline, Apic> solver(lattice(h), materials::water<Plane>(5));
-    auto frames = frames_of(argc, argv);
+    Solver<Backend, Fluid<Plane>, QuadraticBSpline, Apic> solver(lattice(h), materials::water<Plane>(5));
     if (frames)
         frames->draw({.dimensions = 2, .cell_size = h, .spacing = spacing, .obstacles = {drawn(ledge)}});
     double const duration = 2, frame = 1.0 / 24;

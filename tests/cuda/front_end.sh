@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # front_end.sh NVCC FILE FLAG...: lets the front end of nvcc check a file, in a tenth of the time that it takes to compile it:
-# all that it instantiates, as host and as device code.
+# types and all that it instantiates. That device code calls what is for the host alone is seen by a whole compilation only.
 set -euo pipefail
 nvcc=$1 file=$2
 shift 2
