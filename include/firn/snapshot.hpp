@@ -108,8 +108,8 @@ void require_whole(MaterialSnapshot<Number, d> const& material, MassScale const&
             whole(std::abs(double(cell[a])) <= largest_coordinate, "a cell is out of range");
     for (auto const& offset : material.offsets) {
         whole(offset.size() == count, "there is not one offset per particle");
-        for (auto const value : offset) // but for a rounding
-            whole(std::abs(CellOffset<Number>::exact(value)) < 0.500001, "a particle is not in its cell");
+        for (auto const value : offset)
+            whole(std::abs(CellOffset<Number>::exact(value)) <= 0.5, "a particle is not in its cell");
     }
     for (auto const& field : material.fields)
         for (auto const& component : field.components) {
