@@ -37,17 +37,26 @@ command -v compute-sanitizer >/dev/null || stop "there is no compute-sanitizer: 
 cmake --preset cuda ${prefix:+-DCMAKE_PREFIX_PATH="$prefix"} >"$out/configure.log" || { cat "$out/configure.log"; exit 1; }
 tests=$root/build/cuda/tests
 rm -f "$tests"/cuda_{device,agreement,devices,fault} "$tests/hard_cases.csv"
-cmake --build --preset cuda --target cuda_device cuda_agreement cuda_devices cuda_fault cuda_scenes cuda_hard_cases host_engine \
-    benchmarks_cuda $materials >"$out/build.log" 2>&1 &
+failed="" build=""
+leave() { # nothing goes on behind who has called this
+    local status=$?
+    [ -z "$build" ] || kill "$build" 2>/dev/null || true
+    wait
+    [ -z "$failed" ] || { echo "stop: a test failed: see above." >&2; status=1; }
+    exit $status
+}
+trap leave EXIT
+not_built() { tail -n 40 "$out/build.log"; stop "the programs could not be built."; }
+# Ninja itself, which ends its compilers when it is ended.
+ninja -C build/cuda cuda_device cuda_agreement cuda_devices cuda_fault cuda_scenes cuda_hard_cases host_engine benchmarks_cuda \
+    $materials >"$out/build.log" 2>&1 &
 build=$!
-trap 'kill $build 2>/dev/null || true' EXIT
-built() { # PROGRAM: waits for it; a linker makes it executable when it is complete
+built() { # PROGRAM: waits for it; GNU's linker makes it executable when it is complete
     until [ -x "$tests/$1" ]; do
-        kill -0 $build 2>/dev/null || [ -x "$tests/$1" ] || { tail -n 40 "$out/build.log"; stop "the programs could not be built."; }
+        kill -0 "$build" 2>/dev/null || [ -x "$tests/$1" ] || not_built
         sleep 1
     done
 }
-failed=""
 part() { # NAME COMMAND...: one line of what it found, or its last lines
     local name=$1 summary
     shift
@@ -74,7 +83,8 @@ for program in cuda_devices cuda_fault cuda_agreement; do
     part $program ./$program || failed=yes
 done
 for tool in "${watching[@]}"; do wait "$tool" || failed=yes; done
-wait $build || { tail -n 40 "$out/build.log"; stop "the programs could not be built."; }
+wait "$build" || { build=""; not_built; }
+build=""
 for program in cuda_scenes cuda_hard_cases; do part $program ./$program || failed=yes; done
 part hard_cases bash "$root/tests/hard/table.sh" hard_cases.csv || failed=yes
 part host_engine ../examples/host_engine || failed=yes
@@ -83,7 +93,7 @@ cd "$root"
 bench=build/cuda/bench/benchmarks_cuda
 most='neo_hookean/.*/float/|(fixed_corotated|snow/quadratic)/.*/(lattice|jittered|random)/1000000/|/random/1000000/'
 most+='|fixed_corotated/.*/(lattice|jittered)/8000000/|snow/quadratic/.*/random/0|^launches/'
-entries=$($bench --benchmark_list_tests=true | grep -E "$most" | grep -vE "$without" | paste -sd'|')
+entries=$($bench --benchmark_list_tests=true | grep -E "$most" | grep -vE "$without" | paste -sd'|') || stop "no benchmark is called so."
 $bench --benchmark_filter="^($entries)\$" --benchmark_out="$out/bench_cuda.json" \
     --benchmark_out_format=json >"$out/bench.log" 2>&1 || { tail -n 20 "$out/bench.log"; stop "the benchmark failed."; }
 
@@ -106,8 +116,7 @@ for entry in entries:
           f"{entry['memory_per_particle']:6.0f}{leavers:>7}{entry['momentum_error']:10.1e}")
 PYTHON
 
-finish() { [ -z "$failed" ] || stop "a test failed: see above."; exit 0; }
-[ -n "$materials" ] || finish
+[ -n "$materials" ] || exit 0
 "build/cuda/bench/$materials" --benchmark_out="$out/bench_materials.json" --benchmark_out_format=json \
     >"$out/bench_materials.log" 2>&1 || { tail -n 20 "$out/bench_materials.log"; stop "the benchmark of materials failed."; }
 
@@ -128,4 +137,3 @@ for entry in failed:
     print(entry["name"], entry["error_message"], file=sys.stderr)
 sys.exit(len(failed) > 0)
 PYTHON
-finish

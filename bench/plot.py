@@ -223,11 +223,14 @@ def say_energy(problem, rows):
 
 
 def draw_convergence(problem, rows, path):
-    """Error against cell size at the library's step and four particles per cell, in double precision."""
+    """Error against cell size at the library's step with the fewest particles per cell, in the highest precision."""
     figure, place = axes(TITLES.get(problem, problem), "cells")
     lines = collections.defaultdict(list)
-    for row in rows:
-        if row.ok and row.precision == "double" and row.ppc == 4 and row.fraction == 0.9:
+    chosen = [row for row in rows if row.ok and row.fraction == 0.9]
+    precision = min((row.precision for row in chosen), default="double")  # "double" comes before "float"
+    fewest = min((row.ppc for row in chosen), default=4)
+    for row in chosen:
+        if row.precision == precision and row.ppc == fewest:
             lines[row.kernel, row.transfer].append(row)
     for (kernel, transfer), line in sorted(lines.items()):
         line.sort(key=lambda row: row.cells)

@@ -9,7 +9,6 @@
 #include <firn/openmp.hpp>
 #endif
 
-#include <algorithm>
 #include <filesystem>
 #include <string>
 #include <unistd.h>
@@ -38,8 +37,9 @@ inline void change_backend(std::string const& wanted, char** argv)
     if (wanted != "openmp" && wanted != "cuda")
         throw Error{"there is no backend '" + wanted + "'", "--backend", "Choose openmp or cuda."};
     std::string const here = argv[0], end = "_cuda";
-    std::string const other =
-        wanted == "cuda" ? here + end : here.substr(0, here.size() - std::min(here.size(), end.size()));
+    std::string const other = wanted == "cuda"      ? here + end
+                              : here.ends_with(end) ? here.substr(0, here.size() - end.size())
+                                                    : "";
     execvp(other.c_str(), argv);
     throw Error{"this example was not built for the backend " + wanted, "--backend",
                 (wanted == "cuda" ? "Install the CUDA toolkit 12.8 or newer, configure again, and build "

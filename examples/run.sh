@@ -46,7 +46,7 @@ echo "building: $root/build/examples"
 build_example() {
     local targets=(generate_meshes "$scene")
     cd "$root" && cmake --preset examples || return
-    if [[ "${arguments[*]-}" == *cuda* ]] && cmake --build --preset examples --target help | grep "^${scene}_cuda:" >/dev/null; then
+    if [[ " ${arguments[*]-} " == *" --backend"[\ =]"cuda "* ]] && cmake --build --preset examples --target help | grep "^${scene}_cuda:" >/dev/null; then
         targets+=("${scene}_cuda")
     fi
     cmake --build --preset examples --target "${targets[@]}"
