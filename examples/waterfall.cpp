@@ -36,8 +36,9 @@ try {
     Nozzle nozzle{.layer = {}, .spacing = spacing, .velocity = {1.5, 0}};
     for (int i = 0; i < 12; ++i) nozzle.layer.emplace_back(0, 0.8 + (i + 0.5) * spacing);
 
+    // no nodes on its faces or half-way between them: rounding would tell where they belong
     Obstacle<Box> const ledge{
-        .shape = {{0.3, 0.05, 1}}, .contact = Contact::slip(), .motion = {.position = {0.6, 0.3, 0}}};
+        .shape = {{0.295, 0.05, 1}}, .contact = Contact::slip(), .motion = {.position = {0.6, 0.305, 0}}};
     Inside<HalfSpace> const drain{.shape = {}, .pose = {.position = {0, -0.2, 0}}}; // all below
     Solver<Backend, Fluid<Plane>, QuadraticBSpline, Apic> solver(lattice(h), materials::water<Plane>(5));
     if (frames)

@@ -615,7 +615,7 @@ private:
         // an obstacle's quaternion is aligned more strictly than the two before it are long
         constexpr std::size_t rule_at =
             (2 * sizeof(Now) + alignof(KeptRule) - 1) / alignof(KeptRule) * alignof(KeptRule);
-        now_.resize(std::max(now_.size(), rule_at + sizeof(KeptRule)));
+        now_.resize(rule_at + sizeof(KeptRule));
         log_.resize(Log::bytes(expected));
         auto* const now = reinterpret_cast<Now*>(now_.data()); // of steps in turn
         Log const log = Log::over(log_.data(), expected);
@@ -936,8 +936,8 @@ private:
     Course course_;
     detail::Quarantine quarantine_;
     bool (Solver::*isolate_)(StepLog, double, bool, Failures&, std::optional<StepFailure> const&) = nullptr;
-    detail::KnownWalls walls_;                            ///< that nobody is behind: see require_before_walls
-    typename Backend::template Array<unsigned char> now_; ///< two StepNow and a RunRule, of whatever effects
+    detail::KnownWalls walls_; ///< that nobody is behind: see require_before_walls
+    typename Backend::template Outbox<unsigned char> now_; ///< two StepNow and a RunRule, of whatever effects
     typename Backend::template Outbox<unsigned char> log_; ///< a RunLog
     int now_turn_ = 0;          ///< which of the two it is that the next step finds
     std::size_t queue_ = 1;     ///< as many steps are worth while to queue: it went well with half as many

@@ -42,6 +42,7 @@ template <class SceneType>
 void hit_wall(std::string const& name, int cells)
 {
     HardCase const H2{"H2"};
+    double const rounding = 16 * std::numeric_limits<double>::epsilon(); // of J, by what F may be off
     double const h = 0.2 / cells, volume = std::pow(h / 2, 3);
     typename SceneType::Solver solver(lattice(h), elastic<typename SceneType::Model>(1e6, 0.3));
     solver.add(box_of_points<3>({0, 0.1, 0}, {0.2, 0.3, 0.2}, h), volume, {0, -100, 0});
@@ -54,7 +55,7 @@ void hit_wall(std::string const& name, int cells)
             for (auto const& x : solver.positions()) deepest = std::max(deepest, -x.y() / h);
             for (auto const& H : solver.template download<DisplacementGradient>()) {
                 double const J = 1 + volume_change<double, 3>(H);
-                turned += !(J > 0);
+                turned += !(J > -rounding); // corotated ones may come to a sheet: they have no barrier
                 flattest = std::min(flattest, J);
             }
         },
@@ -62,7 +63,7 @@ void hit_wall(std::string const& name, int cells)
     H2.at_most(name + ": particles not finite", double(not_finite(solver)), 0);
     H2.at_most(name + ": deepest particle behind the wall [cells]", deepest, 1);
     H2.at_most(name + ": largest total energy / that at the start", most, 1.02);
-    H2.at_most(name + ": particles with J <= 0 at any of 50 looks", turned, 0);
+    H2.at_most(name + ": particles inside out, beyond rounding, at any of 50 looks", turned, 0);
     H2.at_most(name + ": smallest volume of a particle / that at rest", flattest, 0.1); // it was an impact
 }
 
