@@ -100,19 +100,32 @@ struct SharedTiles
                Tile::at(Shape::cell(place));
     }
 
-    /// Writes both groups' sums to the block's tile, or adds them to it.
-    __device__ void write_sums(Sums* tile, bool add) const
+    /// Writes both groups' sums to the block's tile.
+    __device__ void write_sums(Sums* tile) const
     {
         int const teams = int(blockDim.x / block_threads);
         for (int n = int(threadIdx.x); n < Tile::nodes; n += int(blockDim.x)) {
             Sums sum{};
-            if (add) sum = tile[n];
-            for (int team = 0; team < teams; ++team) {
-                Sums const* const of_team = sums + team * 2 * Tile::group_nodes;
-                if (n < Tile::group_nodes) plus(sum, of_team[n]);
-                if (n >= Tile::group_offset) plus(sum, of_team[Tile::group_nodes + n - Tile::group_offset]);
-            }
+            for (int team = 0; team < teams; ++team) plus_groups(sum, n, sums + team * 2 * Tile::group_nodes);
             tile[n] = sum;
+        }
+    }
+
+    /// Adds them to it; for a single team.
+    __device__ void add_sums(Sums* tile) const
+    {
+        constexpr int at_once = 4; // loads, each of which would wait for the one before
+        for (int first = int(threadIdx.x); first < Tile::nodes; first += at_once * int{block_threads}) {
+            Sums sum[at_once];
+#pragma unroll
+            for (int i = 0; i < at_once; ++i)
+                if (int const n = first + i * int{block_threads}; n < Tile::nodes) sum[i] = tile[n];
+#pragma unroll
+            for (int i = 0; i < at_once; ++i)
+                if (int const n = first + i * int{block_threads}; n < Tile::nodes) {
+                    plus_groups(sum[i], n, sums);
+                    tile[n] = sum[i];
+                }
         }
     }
 
@@ -135,6 +148,12 @@ struct SharedTiles
     }
 
 private:
+    /// Adds what both groups of a team have at a node of the tile.
+    __device__ static void plus_groups(Sums& sum, int n, Sums const* of_team)
+    {
+        if (n < Tile::group_nodes) plus(sum, of_team[n]);
+        if (n >= Tile::group_offset) plus(sum, of_team[Tile::group_nodes + n - Tile::group_offset]);
+    }
     __device__ static void plus(Sums& sum, Sums const& other)
     {
 #pragma unroll
@@ -165,7 +184,11 @@ __global__ void __launch_bounds__(block_threads)
         Phase::give(cell, sums);
     });
     __syncthreads();
-    tiles.write_sums(grid.tiles + std::size_t(blockIdx.x) * GridType::TileShape::nodes, !afresh);
+    typename GridType::Sums* const tile = grid.tiles + std::size_t(blockIdx.x) * GridType::TileShape::nodes;
+    if (afresh)
+        tiles.write_sums(tile);
+    else
+        tiles.add_sums(tile);
 }
 
 /// Items that came into the cells of a block give what they kept when they departed.
@@ -188,13 +211,18 @@ struct GiveArrivals
         CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(
             cells.cell(block * block_threads + threadIdx.x), nullptr);
         SumsInTile<GridType> sums{tiles.own_sums(int(threadIdx.x))};
+        std::uint32_t const* const of_cell = arrived.arrived + came.begin;
+        std::uint32_t next = came.count > 0 ? of_cell[0] : 0; // loaded one rank ahead
         Ranks(came).for_each([&](std::uint32_t rank, bool here, std::uint32_t) {
             cell.forget();
-            if (here) cell.read_departure(movers, arrived.offset, arrived.arrived[came.begin + rank]);
+            if (here) {
+                cell.read_departure(movers, arrived.offset, next);
+                if (rank + 1 < came.count) next = of_cell[rank + 1];
+            }
             Phase::give(cell, sums);
         });
         __syncthreads();
-        tiles.write_sums(grid.tiles + std::size_t(block) * GridType::TileShape::nodes, true);
+        tiles.add_sums(grid.tiles + std::size_t(block) * GridType::TileShape::nodes);
         __syncthreads();
     }
 };
@@ -414,7 +442,7 @@ __global__ void __launch_bounds__(most_teams* block_threads, 1)
         }
         if (place % 32 == 0) moved.changes.group_left[2 * blockIdx.x + place / 32] = left_group[place / 32];
     }
-    tiles.write_sums(grid.next_tiles + std::size_t(blockIdx.x) * Tile::nodes, false);
+    tiles.write_sums(grid.next_tiles + std::size_t(blockIdx.x) * Tile::nodes);
     __shared__ __align__(16) unsigned char parts[2 * most_teams * sizeof(typename Phase::Result)];
     moved.results.take(result, reinterpret_cast<typename Phase::Result*>(parts));
 }
@@ -446,7 +474,7 @@ __global__ void __launch_bounds__(block_threads)
         Phase::give(cell, sums);
     });
     __syncthreads();
-    tiles.write_sums(grid.next_tiles + std::size_t(blockIdx.x) * GridType::TileShape::nodes, false);
+    tiles.write_sums(grid.next_tiles + std::size_t(blockIdx.x) * GridType::TileShape::nodes);
 }
 
 /// All items take, and the phase keeps what it wants of that.

@@ -402,9 +402,16 @@ __device__ ArrivedInCell rearrange_block(std::uint32_t blocks, std::uint32_t con
                                          Movers<Number> const& movers, NewOrder const& to,
                                          std::array<typename CellOffset<Number>::Stored*, d> const& offset)
 {
-    constexpr std::uint32_t few = 32;
+    // Memory is far away: what can be asked for at once is, and what is put in order lies near.
+    constexpr std::uint32_t few = 12;
+    constexpr int at_once = 8;
+    __shared__ std::uint32_t near[2][few][64]; // movers that come into the thread's cell, and where they lie
     std::uint32_t const c = blockIdx.x * 64 + threadIdx.x;
-    std::uint32_t const arrivals = changes.arrivals[c], stay = changes.stay[c];
+    std::uint32_t const arrivals = changes.arrivals[c], stay = changes.stay[c],
+                        first_arrival = changes.first_arrival[c];
+    std::uint32_t const old = begin[c], count = begin[c + 1] - old, below = (1u << threadIdx.x % 32) - 1;
+    bool const all_stay = to.left == nullptr || changes.group_left[c / 32] == 0;
+    std::uint32_t slot = begin[c - threadIdx.x % 32];
     std::uint64_t total;
     std::uint64_t const mine =
         block_begin[blockIdx.x] +
@@ -418,43 +425,58 @@ __device__ ArrivedInCell rearrange_block(std::uint32_t blocks, std::uint32_t con
         to.arrived_begin[c + 1] = first_arrived + arrivals;
     }
 
-    std::uint32_t const old = begin[c], count = begin[c + 1] - old, below = (1u << threadIdx.x % 32) - 1;
-    bool const all_stay = to.left == nullptr || changes.group_left[c / 32] == 0;
-    std::uint32_t slot = begin[c - threadIdx.x % 32], at = first;
-    for (std::uint32_t rank = 0;; ++rank) {
-        std::uint32_t const pattern = __ballot_sync(~0u, rank < count);
-        if (pattern == 0) break;
-        std::uint32_t const here = slot + __popc(pattern & below);
-        slot += __popc(pattern);
-        if (rank < count && (all_stay || to.left[here] == 0))
-            to.order[at++] = to.source ? to.source[old + rank] : here;
+    std::uint32_t at = first;
+    for (std::uint32_t rank = 0; __any_sync(~0u, rank < count); rank += at_once) {
+        std::uint32_t here[at_once];
+        bool stays[at_once];
+#pragma unroll
+        for (unsigned i = 0; i < at_once; ++i) {
+            std::uint32_t const pattern = __ballot_sync(~0u, rank + i < count);
+            here[i] = slot + __popc(pattern & below);
+            slot += __popc(pattern);
+            stays[i] = rank + i < count && (all_stay || to.left[here[i]] == 0);
+        }
+#pragma unroll
+        for (unsigned i = 0; i < at_once; ++i)
+            if (stays[i]) to.order[at++] = to.source ? to.source[old + rank + i] : here[i];
     }
 
     // Its arrivals come as a chain in any order: put in one by one.
     std::uint32_t* const arrived = to.arrived + first_arrived;
-    std::uint32_t placed = 0;
-    for (std::uint32_t mover = arrivals == 0 ? absent : changes.first_arrival[c]; mover != absent;
-         mover = movers.next[mover], ++placed) {
-        std::uint32_t const where = movers.slot[mover];
-        std::uint32_t place = placed;
-        if (arrivals <= few)
-            for (; place > 0 && movers.slot[arrived[place - 1]] > where; --place)
-                arrived[place] = arrived[place - 1];
-        arrived[place] = mover;
-        if (offset[0] == nullptr) continue;
-        for (int a = 0; a < d; ++a) {
-            auto stored = offset[a][where];
-            CellOffset<Number>::wrap(stored);
-            offset[a][where] = stored;
+    std::uint32_t mover = arrivals == 0 ? absent : first_arrival, where = 0, next = absent;
+    if (mover != absent) where = movers.slot[mover], next = movers.next[mover];
+    for (std::uint32_t placed = 0; mover != absent; ++placed) {
+        typename CellOffset<Number>::Stored stored[d];
+        if (offset[0] != nullptr)
+            for (int a = 0; a < d; ++a) stored[a] = offset[a][where];
+        std::uint32_t where_next = 0, after = absent;
+        if (next != absent) where_next = movers.slot[next], after = movers.next[next];
+        if (arrivals <= few) {
+            std::uint32_t place = placed;
+            for (; place > 0 && near[1][place - 1][threadIdx.x] > where; --place)
+                for (auto& of : near) of[place][threadIdx.x] = of[place - 1][threadIdx.x];
+            near[0][place][threadIdx.x] = mover;
+            near[1][place][threadIdx.x] = where;
         }
+        else
+            arrived[placed] = mover;
+        if (offset[0] != nullptr)
+            for (int a = 0; a < d; ++a) {
+                CellOffset<Number>::wrap(stored[a]);
+                offset[a][where] = stored[a];
+            }
+        mover = next, where = where_next, next = after;
     }
     __syncwarp();
     for (std::uint32_t crowded = __ballot_sync(~0u, arrivals > few); crowded != 0; crowded &= crowded - 1) {
         int const lane = __ffs(static_cast<int>(crowded)) - 1;
-        std::uint32_t const where = __shfl_sync(~0u, first_arrived, lane);
-        sort_crowd(movers, to.arrived + where, to.spare + where, __shfl_sync(~0u, arrivals, lane));
+        std::uint32_t const from = __shfl_sync(~0u, first_arrived, lane);
+        sort_crowd(movers, to.arrived + from, to.spare + from, __shfl_sync(~0u, arrivals, lane));
     }
-    for (std::uint32_t i = 0; i < arrivals; ++i) to.order[at + i] = movers.slot[arrived[i]];
+    for (std::uint32_t i = 0; i < arrivals; ++i) {
+        if (arrivals <= few) arrived[i] = near[0][i][threadIdx.x];
+        to.order[at + i] = arrivals <= few ? near[1][i][threadIdx.x] : movers.slot[arrived[i]];
+    }
     return {first_arrived, arrivals};
 }
 
