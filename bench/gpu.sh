@@ -5,24 +5,26 @@
 # processor included), runs compute-sanitizer on a step of every kind, and times steps; in under nine minutes with
 # 16 cores, most of which are nvcc's. The last lines are a table of the timings; if a test failed, one that says so.
 #
-#     bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--large] [--materials]
+#     bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--large] [--materials] [--errors]
 #
 #   --out FOLDER      where logs and bench_cuda.json go (build/cuda)
 #   --prefix FOLDER   where Eigen, Catch2 and Google Benchmark are, if not in the usual places
 #   --large           64 million particles too: 60 GB of memory of the machine, two minutes more
 #   --materials       every material and transfer too, a million particles each, in a table relative to neo-Hookean
+#   --errors          and what an error costs: speed_against_error.csv of the short grid, four minutes more
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 stop() { echo "stop: $*" >&2; exit 1; }
 
-out="$root/build/cuda" prefix="" materials="" without='64000000|advance/8000000'
+out="$root/build/cuda" prefix="" materials="" errors="" without='64000000|advance/8000000'
 while [ $# -gt 0 ]; do
     case $1 in
         --out) [ $# -ge 2 ] || stop "--out needs a folder."; out=$2; shift ;;
         --prefix) [ $# -ge 2 ] || stop "--prefix needs a folder."; prefix=$2; shift ;;
         --large) without='random/64000000' ;;
         --materials) materials=benchmarks_cuda_materials ;;
-        *) stop "unknown argument '$1': bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--large] [--materials]." ;;
+        --errors) errors=speed_against_error_cuda ;;
+        *) stop "unknown argument '$1': bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--large] [--materials] [--errors]." ;;
     esac
     shift
 done
@@ -49,7 +51,7 @@ trap leave EXIT
 not_built() { tail -n 40 "$out/build.log"; stop "the programs could not be built."; }
 # Ninja itself, which ends its compilers when it is ended.
 ninja -C build/cuda cuda_device cuda_agreement cuda_devices cuda_fault cuda_scenes cuda_hard_cases host_engine benchmarks_cuda \
-    $materials >"$out/build.log" 2>&1 &
+    $materials $errors >"$out/build.log" 2>&1 &
 build=$!
 built() { # PROGRAM: waits for it; GNU's linker makes it executable when it is complete
     until [ -x "$tests/$1" ]; do
@@ -82,12 +84,12 @@ for program in cuda_devices cuda_fault cuda_agreement; do
     built $program
     part $program ./$program || failed=yes
 done
-for tool in "${watching[@]}"; do wait "$tool" || failed=yes; done
 wait "$build" || { build=""; not_built; }
 build=""
 for program in cuda_scenes cuda_hard_cases; do part $program ./$program || failed=yes; done
 part hard_cases bash "$root/tests/hard/table.sh" hard_cases.csv || failed=yes
 part host_engine ../examples/host_engine || failed=yes
+for tool in "${watching[@]}"; do wait "$tool" || failed=yes; done # racecheck takes longest; timings want the device
 cd "$root"
 
 bench=build/cuda/bench/benchmarks_cuda
@@ -115,6 +117,12 @@ for entry in entries:
     print(f"{name:66}{entry['ms_per_step']:9.4f}{entry['particle_steps_per_second'] * 1e-9:7.2f}"
           f"{entry['memory_per_particle']:6.0f}{leavers:>7}{entry['momentum_error']:10.1e}")
 PYTHON
+
+if [ -n "$errors" ]; then
+    commit=$(git describe --always --dirty 2>/dev/null) || commit=unknown
+    "build/cuda/bench/$errors" --grid short --runs 2 --commit "$commit" --out "$out/speed_against_error.csv" || stop "the errors were not measured."
+    echo "python3 bench/plot.py $out/speed_against_error.csv draws it."
+fi
 
 [ -n "$materials" ] || exit 0
 "build/cuda/bench/$materials" --benchmark_out="$out/bench_materials.json" --benchmark_out_format=json \
