@@ -203,6 +203,20 @@ TEST_CASE("so it does with FLIP, and PIC damps it")
     CHECK(vibrate<Scene<NeoHookean<Plane>, QuadraticBSpline, Pic>>(32).energy <= 0.2);
 }
 
+TEST_CASE("bars that swing and hit walls, in finer cells", "[.full]")
+{
+    using Quadratic = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>;
+    auto const coarse = vibrate<Quadratic>(64), fine = vibrate<Quadratic>(128);
+    CAPTURE(coarse.period, fine.period, coarse.energy, fine.energy);
+    CHECK(std::abs(fine.period) <= 4e-5);
+    CHECK(std::log2(coarse.period / fine.period) >= 1.9);
+    CHECK(std::abs(fine.energy - 1) <= 2e-4);
+    auto const bar = hit_wall<Quadratic>(256);
+    CHECK(bar.stress == Approx(1).margin(0.01));
+    CHECK(bar.contact == Approx(1).margin(0.01));
+    CHECK(bar.rebound == Approx(1).margin(0.01));
+}
+
 TEST_CASE("a bar that hits a wall is pressed by rho c v for 2 L / c, and flies back as fast")
 {
     auto const bar = hit_wall<Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>>(64);
@@ -249,4 +263,11 @@ TEST_CASE("on a reflecting wall a column of water has the pressure of its weight
     CHECK(top == Approx(.97819601).margin(5e-6));
     auto const [stopped, lower] = column_of_water(32, Obstacle<HalfSpace>{.contact = Contact::bound_slip()});
     CHECK(stopped >= 2e-2);
+}
+
+TEST_CASE("the column of water on a reflecting wall, in finer cells", "[.full]")
+{
+    auto const [error, top] = column_of_water(128, ReflectingWall{});
+    CHECK(error <= 2e-3);
+    CHECK(top == Approx(.97819601).margin(1e-6));
 }
