@@ -3,6 +3,7 @@
 #include "support/test_lane.hpp"
 
 #include <firn/concepts.hpp>
+#include <firn/core/cell_offset.hpp>
 #include <firn/grid/expansion.hpp>
 #include <firn/grid/lattice.hpp>
 #include <firn/grid/stencil.hpp>
@@ -237,4 +238,19 @@ TEST_CASE("a position is found again from its cell and offset, on both sides of 
             CHECK(at.offset.maxCoeff() < 0.5);
             CHECK((world_position<3>(grid, order, at.cell, at.offset) - x).cwiseAbs().maxCoeff() <= 1e-13);
         }
+}
+
+TEST_CASE(
+    "an offset that rounding would take to the next cell stays in its own, and goes one further at most")
+{
+    using Offset = CellOffset<float>;
+    auto stored = Offset::from(std::nextafter(0.5, 0.0));
+    CHECK(Offset::inside(stored));
+    CHECK(Offset::possible(stored));
+    CHECK(!Offset::possible(stored + 1));
+    stored = Offset::moved(stored, 1);
+    CHECK(!Offset::inside(stored));
+    CHECK(Offset::wrap(stored) == 1);
+    CHECK(Offset::from(-0.5) == -(1 << (Offset::bits - 1)));
+    CHECK(Offset::possible(Offset::from(-0.5)));
 }

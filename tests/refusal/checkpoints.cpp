@@ -371,7 +371,7 @@ TEST_CASE("a snapshot that was changed by hand to what cannot be is refused")
     refuses([](auto& all, auto&) { all.next_id = 3; });
     refuses([](auto&, auto& snow) { snow.cells.pop_back(); });
     refuses([](auto&, auto& snow) { snow.cells[0][1] = 2'000'000'000; });
-    refuses([](auto&, auto& snow) { snow.offsets[0][0] = (1 << 29) + 1; });
+    refuses([](auto&, auto& snow) { snow.offsets[0][0] = 1 << 29; });
     refuses([](auto&, auto& snow) { snow.offsets[1].push_back(0); });
     refuses([](auto&, auto& snow) { snow.fields[0].components[0][0] = std::nanf(""); });
     refuses([](auto&, auto& snow) { snow.fields[0].components.pop_back(); });

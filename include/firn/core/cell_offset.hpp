@@ -24,6 +24,8 @@ struct CellOffset
     FIRN_HOST_DEVICE static Number value(Stored stored) { return stored; }
     FIRN_HOST_DEVICE static Stored from(double offset) { return offset; }
     FIRN_HOST_DEVICE static double exact(Stored stored) { return stored; }
+    /// Whether an item may have it: also what unwrap() leaves.
+    static bool possible(Stored stored) { return stored >= -0.5 && stored <= 0.5; }
 
     /// The offset after a displacement of at most a cell.
     FIRN_HOST_DEVICE static Stored moved(Stored stored, Number displacement) { return stored + displacement; }
@@ -54,11 +56,14 @@ struct CellOffset<float>
     static constexpr int bits = 30;
 
     FIRN_HOST_DEVICE static float value(Stored stored) { return static_cast<float>(stored) * 0x1p-30f; }
+    /// What rounding would take to 1/2 is the last one below: a cell further, there is no room for more.
     FIRN_HOST_DEVICE static Stored from(double offset)
     {
-        return static_cast<Stored>(std::lrint(offset * 0x1p30));
+        auto const nearest = static_cast<Stored>(std::lrint(offset * 0x1p30));
+        return nearest < 1 << (bits - 1) ? nearest : (1 << (bits - 1)) - 1;
     }
     FIRN_HOST_DEVICE static double exact(Stored stored) { return static_cast<double>(stored) * 0x1p-30; }
+    static bool possible(Stored stored) { return stored >= -(1 << (bits - 1)) && stored < 1 << (bits - 1); }
 
     FIRN_HOST_DEVICE static Stored moved(Stored stored, float displacement)
     {
