@@ -257,7 +257,7 @@ TEST_CASE("thousands of blocks that are born at once are numbered as those that 
     together.add(points, std::pow(0.025, 3), {1, 0, 0});
     for (auto from = points.begin(); from != points.end(); from += 21 * 21 * 3)
         apart.add(std::vector(from, from + 21 * 21 * 3), std::pow(0.025, 3), {1, 0, 0});
-    for (auto* const scene : {&together, &apart}) scene->steps(100, 1e-3);
+    for (auto* const scene : {&together, &apart}) scene->steps(200, 5e-4);
     auto const here = together.positions();
     CHECK((here == apart.positions()));
     double worst = 0;
