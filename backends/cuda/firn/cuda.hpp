@@ -296,9 +296,8 @@ private:
         auto const results = layer.item_results().template expect<Result>(layer.blocks());
         auto* const loop = cuda::detail::move<CellOrder, LayerType, Phase>;
         std::size_t const shared = Tiles::bytes(true, true, teams);
-        // results grow with the obstacles, and are shared, too
-        if (shared + cuda::detail::declared_by_move < Result >> cuda::detail::given_shared)
-            cuda::detail::allow_shared(loop, shared);
+        constexpr std::size_t declared = cuda::detail::declared_by_move<Result>; // grows with the obstacles
+        if (shared + declared > cuda::detail::given_shared) cuda::detail::allow_shared(loop, shared);
         cuda::detail::Moved<typename LayerType::Number, Result> const moved{movers, cells.changes(),
                                                                             cells.left(), results};
         cuda::detail::launch("move", queue(), loop, layer.blocks(), teams, shared, signal, phase,
