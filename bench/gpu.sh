@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 #
 # On a machine with a GPU: builds the CUDA backend's tests and benchmarks, passes the tests (agreement with the
-# processor included), runs compute-sanitizer on a step of every kind, and times steps; in under nine minutes with
+# processor included), runs compute-sanitizer on a step of every kind, and times steps; in about nine minutes with
 # 16 cores, most of which are nvcc's. The last lines are a table of the timings; if a test failed, one that says so.
 #
 #     bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--large] [--materials] [--errors]
@@ -87,6 +87,7 @@ done
 wait "$build" || { build=""; not_built; }
 build=""
 for program in cuda_scenes cuda_hard_cases; do part $program ./$program || failed=yes; done
+for tool in "${watching[@]}"; do wait "$tool" || failed=yes; done # racecheck is the last; nothing runs beside timings
 part hard_cases bash "$root/tests/hard/table.sh" hard_cases.csv || failed=yes
 part host_engine ../examples/host_engine || failed=yes
 for tool in "${watching[@]}"; do wait "$tool" || failed=yes; done # racecheck takes longest; timings want the device

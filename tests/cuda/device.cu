@@ -36,6 +36,62 @@ private:
     void* memory_ = nullptr;
 };
 
+/// A dozen obstacles that nothing touches, as one: the compiler has little to do.
+struct Dozen
+{
+    constexpr operator bool() const { return true; }
+    constexpr explicit operator int() const { return 12; }
+};
+struct Nowhere
+{
+    void validate() const {}
+
+    struct Action
+    {
+        static constexpr Dozen is_obstacle{};
+        static constexpr bool on_particles = false;
+        Contact contact;
+
+        template <Lane Real, int d>
+        FIRN_HOST_DEVICE Touched<Real, d> touch(Place<Real, d> const&, Vector<Real, d> const& v,
+                                                Contact const&) const
+        {
+            Touched<Real, d> touched{};
+            touched.velocity = v;
+            return touched;
+        }
+        template <Lane Real, int d>
+        FIRN_HOST_DEVICE Touched<Real, d> hold(Place<Real, d> const& place, Vector<Real, d> const&,
+                                               Vector<Real, d> const& v, Contact const& rule) const
+        {
+            return touch<Real, d>(place, v, rule);
+        }
+        template <Lane Real, int d>
+        FIRN_HOST_DEVICE Real overlap(Place<Real, d> const&, Vector<Real, d> const&) const
+        {
+            return Real(0);
+        }
+        template <class Number>
+        FIRN_HOST_DEVICE Number lost_beyond(Lattice const&) const
+        {
+            return Number(1);
+        }
+        template <Lane Real, int d>
+        FIRN_HOST_DEVICE Vector<Real, d> carried(Place<Real, d> const&, Vector<Real, d> const& way,
+                                                 Real) const
+        {
+            return way;
+        }
+        FIRN_HOST_DEVICE Eigen::Vector3d reference() const { return Eigen::Vector3d::Zero(); }
+    };
+
+    template <class Number, int d>
+    FIRN_HOST_DEVICE Action during(Interval const&) const
+    {
+        return {};
+    }
+};
+
 } // namespace
 
 using Short =
@@ -104,6 +160,7 @@ TEST_CASE("where memory is short an error says how much was needed and had, and 
             CHECK_THAT(error.what_is_wrong(), Contains("memory is short"));
             CHECK_THAT(error.what_is_wrong(), Contains("were needed"));
             CHECK_THAT(error.what_is_wrong(), Contains("are available"));
+            CHECK_THAT(error.what_is_wrong(), Contains("scenes hold"));
         }
     }
     CHECK(solver.size() == size);
@@ -163,6 +220,50 @@ TEST_CASE("what is looked at on the device is what is downloaded, before steps a
     }
     CHECK_THROWS_AS(solver.write_positions(nullptr), Error);
     CHECK_THROWS_AS(solver.write_positions(there.data(), 2), Error);
+}
+
+TEST_CASE("an error that a call of somebody else's left behind stays theirs")
+{
+    Jelly solver(lattice(0.05));
+    cudaError_t const left = cudaSetDevice(1000);
+    REQUIRE(left != cudaSuccess);
+    add_block(solver);
+    solver.steps(20, 1e-4, Gravity{});
+    CHECK(solver.size() > 0);
+    CHECK(cudaGetLastError() == left);
+}
+
+TEST_CASE("the results of many obstacles fit beside the tiles that teams share")
+{
+    Jelly none(lattice(0.05)), many(lattice(0.05));
+    for (auto* const scene : {&none, &many}) add_block(*scene);
+    for (int i = 0; i < 20; ++i) {
+        none.step(1e-4);
+        CHECK(many.step(1e-4, Nowhere{}).reactions.size() == 12);
+    }
+    double worst = 0;
+    auto const a = none.positions(), b = many.positions();
+    for (std::size_t i = 0; i < a.size(); ++i) worst = std::max(worst, (a[i] - b[i]).norm());
+    CHECK(worst <= 1e-7);
+}
+
+TEST_CASE("thousands of blocks that are born at once are numbered as those that are born one after the other")
+{
+    std::vector<Vector<double, 3>> points; // each in a block of its own
+    for (int i = 0; i < 21 * 21 * 21; ++i)
+        points.push_back(0.4 * Vector<double, 3>(i % 21, i / 21 % 21, i / 441) +
+                         Vector<double, 3>::Constant(0.011));
+    Jelly together(lattice(0.05)), apart(lattice(0.05));
+    together.add(points, std::pow(0.025, 3), {1, 0, 0});
+    for (auto from = points.begin(); from != points.end(); from += 21 * 21 * 3)
+        apart.add(std::vector(from, from + 21 * 21 * 3), std::pow(0.025, 3), {1, 0, 0});
+    for (auto* const scene : {&together, &apart}) scene->steps(200, 5e-4);
+    auto const here = together.positions();
+    CHECK((here == apart.positions()));
+    double worst = 0;
+    for (std::size_t i = 0; i < points.size(); ++i)
+        worst = std::max(worst, (here[i] - points[i] - Vector<double, 3>(0.1, 0, 0)).norm());
+    CHECK(worst <= 1e-5);
 }
 
 TEST_CASE("two solvers in streams of their own do not disturb each other")

@@ -56,7 +56,7 @@ struct Cuda
     {
         int devices = 0;
         cudaError_t const status = cudaGetDeviceCount(&devices);
-        static_cast<void>(cudaGetLastError());
+        if (status != cudaSuccess) static_cast<void>(cudaGetLastError());
         if (status == cudaErrorInsufficientDriver)
             throw Error{"there is no driver for CUDA devices, or it is too old for this program", "Cuda",
                         "Install a driver for CUDA " + std::to_string(CUDART_VERSION / 1000) +
@@ -77,8 +77,8 @@ struct Cuda
     {
         if (count == 0) return;
         cuda::OnDevice const here(device);
-        cuda::detail::for_each<<<cuda::groups_of(count, 256), 256, 0, stream>>>(body, count);
-        cuda::check_launch("for_each");
+        cuda::launch_after("for_each", queue(), cuda::detail::for_each<Body>, cuda::groups_of(count, 256),
+                           256, body, count);
     }
 
     /// Calls `visit(where it lies, coordinates of its cell)` for every item, on the device.
@@ -173,9 +173,9 @@ struct Cuda
         using Conclusion = cuda::detail::Conclusion<OfNodes, Result, Conclude>;
         cuda::OnDevice const here(device);
         if (grid.blocks() == 0) {
-            cuda::detail::conclude_without_items<<<1, cuda::detail::scanning_threads, 0, stream>>>(
-                cells.signal(), Conclusion{{}, {}, conclude});
-            cuda::check_launch("conclude_without_items");
+            cuda::launch_after("conclude_without_items", queue(),
+                               cuda::detail::conclude_without_items<Conclusion>, 1,
+                               cuda::detail::scanning_threads, cells.signal(), Conclusion{{}, {}, conclude});
             return;
         }
         start_moving(cells, grid, phase);
@@ -260,10 +260,12 @@ struct Cuda
                 return layer.blocks() == 0 ? cuda::Partial<Result>{}
                                            : layer.item_results().template partial<Result>();
             };
-            cuda::detail::conclude_several<<<1, cuda::detail::scanning_threads, 0, stream>>>(
-                cuda::detail::ConclusionOfSeveral<OfNodes, Result, static_cast<int>(orders), Conclude>{
-                    of_nodes, {found(layers[k])...}, conclude});
-            cuda::check_launch("conclude_several");
+            constexpr int count = static_cast<int>(orders);
+            cuda::launch_after("conclude_several", queue(),
+                               cuda::detail::conclude_several<OfNodes, Result, count, Conclude>, 1,
+                               cuda::detail::scanning_threads,
+                               cuda::detail::ConclusionOfSeveral<OfNodes, Result, count, Conclude>{
+                                   of_nodes, {found(layers[k])...}, conclude});
         }
         (std::make_index_sequence<orders>{});
     }
@@ -292,11 +294,14 @@ private:
         auto const movers = cells.expect_departures(Phase::kept - Phase::d); // an offset lies with its item
         unsigned const teams = Tiles::teams(layer.blocks());
         auto const results = layer.item_results().template expect<Result>(layer.blocks());
+        auto* const loop = cuda::detail::move<CellOrder, LayerType, Phase>;
+        std::size_t const shared = Tiles::bytes(true, true, teams);
+        constexpr std::size_t declared = cuda::detail::declared_by_move<Result>; // grows with the obstacles
+        if (shared + declared > cuda::detail::given_shared) cuda::detail::allow_shared(loop, shared);
         cuda::detail::Moved<typename LayerType::Number, Result> const moved{movers, cells.changes(),
                                                                             cells.left(), results};
-        cuda::detail::launch("move", queue(), cuda::detail::move<CellOrder, LayerType, Phase>, layer.blocks(),
-                             teams, Tiles::bytes(true, true, teams), signal, phase, cells.view(),
-                             layer.view(), moved);
+        cuda::detail::launch("move", queue(), loop, layer.blocks(), teams, shared, signal, phase,
+                             cells.view(), layer.view(), moved);
     }
 };
 
@@ -304,8 +309,10 @@ private:
 inline std::string cuda_info()
 {
     int devices = 0;
-    if (cudaGetDeviceCount(&devices) != cudaSuccess) devices = 0;
-    static_cast<void>(cudaGetLastError());
+    if (cudaGetDeviceCount(&devices) != cudaSuccess) {
+        devices = 0;
+        static_cast<void>(cudaGetLastError());
+    }
     std::string text =
         "CUDA " + std::to_string(CUDART_VERSION / 1000) + "." + std::to_string(CUDART_VERSION / 10 % 100);
     for (int i = 0; i < devices; ++i) {

@@ -86,8 +86,8 @@ public:
     {
         if (count == 0) return;
         OnDevice const here(queue_);
-        detail::fill<<<groups_of(count, 256), 256, 0, queue_.stream>>>(data_ + first, count, value);
-        check_launch("Array::fill");
+        launch_after("Array::fill", queue_, detail::fill<T>, groups_of(count, 256), 256, data_ + first, count,
+                     value);
     }
     /// Sets all bytes of some elements.
     void fill_bytes(std::size_t first, std::size_t count, int byte)
@@ -119,7 +119,7 @@ private:
     void grow(std::size_t capacity, std::size_t kept)
     {
         OnDevice const here(queue_);
-        auto* const bigger = static_cast<T*>(allocate(capacity * sizeof(T)));
+        auto* const bigger = static_cast<T*>(allocate(queue_.device, capacity * sizeof(T)));
         if (kept > 0) copy(bigger, data_, kept, cudaMemcpyDeviceToDevice);
         std::size_t const size = size_;
         release();
@@ -138,7 +138,7 @@ private:
 
     void release()
     {
-        if (data_) static_cast<void>(cudaFree(data_));
+        if (data_) free_memory(queue_.device, data_, memory());
         data_ = nullptr;
         size_ = capacity_ = 0;
     }

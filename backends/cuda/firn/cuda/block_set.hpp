@@ -3,7 +3,9 @@
 
 #include <firn/cuda/array.hpp>
 
+#include <algorithm>
 #include <cstdint>
+#include <vector>
 
 namespace firn::cuda
 {
@@ -97,6 +99,10 @@ public:
     }
 
 private:
+    /// Of so many new ones each counts those before it. More, as they come with new items, the host sorts:
+    /// the device would take their number squared.
+    static constexpr std::uint32_t most_counted = 8192;
+
     std::uint32_t room() const { return static_cast<std::uint32_t>(keys_.size()) - size_; }
 
     Queue queue_;
@@ -121,6 +127,25 @@ static __global__ void number_births(BlockSet::View set, std::uint64_t* keys, st
     for (std::uint32_t j = 0; j < births; ++j) rank += set.key[set.born[j]] < key;
     set.index[set.born[i]] = rank;
     keys[rank] = key;
+}
+
+/// The same by those keys in their order.
+static __global__ void number_sorted(BlockSet::View set, std::uint64_t const* sorted, std::uint32_t size,
+                                     std::uint32_t births)
+{
+    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
+    if (i == 0) *set.born_count = 0;
+    if (i >= births) return;
+    std::uint64_t const key = set.key[set.born[i]];
+    std::uint32_t rank = 0;
+    for (std::uint32_t end = births; rank < end;) {
+        std::uint32_t const middle = rank + (end - rank) / 2;
+        if (sorted[middle] < key)
+            rank = middle + 1;
+        else
+            end = middle;
+    }
+    set.index[set.born[i]] = size + rank;
 }
 
 static __global__ void insert_keys(BlockSet::View set, std::uint64_t const* keys, std::uint32_t size)
@@ -170,8 +195,8 @@ inline void BlockSet::reserve(std::size_t blocks)
     index_.fill_bytes(0, index_.size(), 0xff);
     expect_births();
     if (size_ == 0) return;
-    detail::insert_keys<<<groups_of(size_, 128), 128, 0, queue_.stream>>>(view(), keys_.data(), size_);
-    check_launch("insert_keys");
+    launch_after("insert_keys", queue_, detail::insert_keys, groups_of(size_, 128), 128, view(), keys_.data(),
+                 size_);
 }
 
 inline void BlockSet::expect_births() { born_count_.fill_bytes(0, 1, 0); }
@@ -187,9 +212,20 @@ inline void BlockSet::number(std::uint32_t births)
 {
     if (births == 0) return;
     OnDevice const here(queue_);
-    detail::number_births<<<groups_of(births, 128), 128, 0, queue_.stream>>>(view(), keys_.data(), size_,
-                                                                             births);
-    check_launch("number_births");
+    unsigned const groups = groups_of(births, 128);
+    if (births <= most_counted)
+        launch_after("number_births", queue_, detail::number_births, groups, 128, view(), keys_.data(), size_,
+                     births);
+    else {
+        launch_after("copy_keys", queue_, detail::copy_keys, groups, 128, key_.data(), born_.data(), births,
+                     keys_.data() + size_);
+        std::vector<std::uint64_t> keys(births);
+        keys_.download(size_, keys);
+        std::sort(keys.begin(), keys.end());
+        keys_.upload(size_, keys);
+        launch_after("number_sorted", queue_, detail::number_sorted, groups, 128, view(),
+                     keys_.data() + size_, size_, births);
+    }
     size_ += births;
 }
 
@@ -197,9 +233,8 @@ inline void BlockSet::keep(std::uint32_t const* indices, std::uint32_t count)
 {
     OnDevice const here(queue_);
     keys_before_.renew(keys_.size());
-    detail::copy_keys<<<groups_of(count, 128), 128, 0, queue_.stream>>>(keys_.data(), indices, count,
-                                                                        keys_before_.data());
-    check_launch("copy_keys");
+    launch_after("copy_keys", queue_, detail::copy_keys, groups_of(count, 128), 128, keys_.data(), indices,
+                 count, keys_before_.data());
     std::swap(keys_, keys_before_);
     size_ = count;
     reserve(keys_.size());

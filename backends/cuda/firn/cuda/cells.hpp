@@ -66,7 +66,7 @@ public:
                order_before_.memory() + left_.memory() + stay_.memory() + arrivals_.memory() +
                first_arrival_.memory() + group_left_.memory() + block_stay_.memory() +
                block_arrived_.memory() + block_begin_.memory() + arrived_begin_.memory() + arrived_.memory() +
-               movers_.memory();
+               movers_.memory() + kept_results_.memory() + blocks_before_.memory();
     }
 
     /// Adds items that lie at first, first + 1, … in the given cells.
@@ -85,9 +85,8 @@ public:
         if (blocks() == 0) set_.reserve(64);
         for (;;) { // once more if there are blocks to be born
             stay_all();
-            detail::find_cells<d><<<groups_of(count, 256), 256, 0, queue_.stream>>>(
-                fresh.view(0), where.data(), first, count, changes(), set_.view());
-            check_launch("find_cells");
+            launch_after("find_cells", queue_, detail::find_cells<d, Number>, groups_of(count, 256), 256,
+                         fresh.view(0), where.data(), first, count, changes(), set_.view());
             std::uint32_t const births = set_.births();
             if (births == 0) break;
             bear_blocks(births);
@@ -104,17 +103,16 @@ public:
         if (blocks() == 0) return;
         OnDevice const here(queue_);
         signal();
-        detail::leave<<<blocks(), 64, 0, queue_.stream>>>(begin_.data(), settled_ ? nullptr : order_.data(),
-                                                          gone, changes(), left_.data());
-        check_launch("leave");
+        launch_after("leave", queue_, detail::leave, blocks(), 64, begin_.data(),
+                     settled_ ? nullptr : order_.data(), gone, changes(), left_.data());
         find_block_begins();
         MoverArrays none(queue_);
         none.renew(0, 0);
         rearrange(none.view(0), 0, left_.data(), {});
         if (kept > 0) {
             auto const count = static_cast<std::uint32_t>(kept);
-            detail::renumber<<<groups_of(count, 256), 256, 0, queue_.stream>>>(order_.data(), count, place);
-            check_launch("renumber");
+            launch_after("renumber", queue_, detail::renumber, groups_of(count, 256), 256, order_.data(),
+                         count, place);
         }
         size_ = kept;
         queue_.wait(); // for what is about to be given back
@@ -186,9 +184,8 @@ public:
         settled_ = settled;
         if (!settled || !kept_order_) return;
         OnDevice const here(queue_);
-        detail::unwrap<d>
-            <<<groups_of(movers_.most, 256), 256, 0, queue_.stream>>>(movers_.view(channels_), offset);
-        check_launch("unwrap");
+        launch_after("unwrap", queue_, detail::unwrap<d, Number>, groups_of(movers_.most, 256), 256,
+                     movers_.view(channels_), offset);
     }
 
     /// How many times empty blocks were forgotten, and which blocks were there before: by their new numbers.
@@ -367,16 +364,16 @@ private:
 
     void find_block_begins()
     {
-        detail::find_all_block_begins<<<1, detail::scanning_threads, 0, queue_.stream>>>(begins(), changes());
-        check_launch("find_all_block_begins");
+        launch_after("find_all_block_begins", queue_, detail::find_all_block_begins, 1,
+                     detail::scanning_threads, begins(), changes());
     }
 
     void stay_all()
     {
         std::uint32_t const cells = blocks() * Shape::cells;
         if (cells == 0) return;
-        detail::stay_all<<<groups_of(cells, 256), 256, 0, queue_.stream>>>(begin_.data(), cells, changes());
-        check_launch("stay_all");
+        launch_after("stay_all", queue_, detail::stay_all, groups_of(cells, 256), 256, begin_.data(), cells,
+                     changes());
     }
 
     /// Numbers the blocks that a loop found to be missing, or makes room for so many; forgets who arrived.
@@ -396,9 +393,9 @@ private:
         group_left_.resize(blocks() * Shape::groups);
         block_stay_.resize(blocks());
         block_arrived_.resize(blocks());
-        detail::clear_cells<<<groups_of(cells, 256), 256, 0, queue_.stream>>>(
-            before * Shape::cells, cells, static_cast<std::uint32_t>(size_), begin_.data(), changes());
-        check_launch("clear_cells");
+        launch_after("clear_cells", queue_, detail::clear_cells, groups_of(cells, 256), 256,
+                     before * Shape::cells, cells, static_cast<std::uint32_t>(size_), begin_.data(),
+                     changes());
     }
 
     /// Numbers the blocks that hold items anew, in the order in which they are.
@@ -406,18 +403,15 @@ private:
     {
         std::uint32_t const before = blocks();
         blocks_before_.renew(std::size_t(before) + 1); // and how many there are
-        detail::find_live_blocks<<<1, detail::scanning_threads, 0, queue_.stream>>>(
-            begin_.data(), before, blocks_before_.data(), blocks_before_.data() + before);
-        check_launch("find_live_blocks");
+        launch_after("find_live_blocks", queue_, detail::find_live_blocks, 1, detail::scanning_threads,
+                     begin_.data(), before, blocks_before_.data(), blocks_before_.data() + before);
         std::uint32_t count = 0;
         blocks_before_.download(before, {&count, 1});
         new_begin_.renew(std::size_t(count) * Shape::cells + 1);
         auto& new_arrived_begin = first_arrival_; // those of this step have come
         new_arrived_begin.renew(new_begin_.size());
-        detail::keep_blocks<<<count, 64, 0, queue_.stream>>>(blocks_before_.data(), begin_.data(),
-                                                             arrived_begin_.data(), new_begin_.data(),
-                                                             new_arrived_begin.data());
-        check_launch("keep_blocks");
+        launch_after("keep_blocks", queue_, detail::keep_blocks, count, 64, blocks_before_.data(),
+                     begin_.data(), arrived_begin_.data(), new_begin_.data(), new_arrived_begin.data());
         std::swap(begin_, new_begin_);
         std::swap(arrived_begin_, new_arrived_begin);
         first_arrival_.renew(std::size_t(count) * Shape::cells);

@@ -7,6 +7,7 @@
 
 #include <firn/core/error.hpp>
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <cstddef>
@@ -47,9 +48,6 @@ inline void check(cudaError_t status, char const* call)
     throw Error{std::string(call) + " failed: " + cudaGetErrorString(status), "CUDA", remedy_for(status)};
 }
 
-/// Throws an Error that names the loop unless it could be started.
-inline void check_launch(char const* loop) { check(cudaGetLastError(), loop); }
-
 /// Where work is queued: a stream of a device.
 struct Queue
 {
@@ -57,7 +55,7 @@ struct Queue
     cudaStream_t stream = nullptr;
 
     Queue const& queue() const { return *this; }
-    void wait() const { check(cudaStreamSynchronize(stream), "cudaStreamSynchronize"); }
+    void wait() const;
 };
 
 /// Loops of so few groups of threads may be made ready while the ones before are still at work. In larger
@@ -78,6 +76,19 @@ inline bool loops_wait_by_themselves(int device)
     bool const waits = loop.ptxVersion >= 90;
     if (is_kept) known[device] = waits ? 1 : -1;
     return waits;
+}
+
+/// Starts a loop when those before are through; an Error names it. (After <<<>>> one would ask for the last
+/// error, which may be that of a call of somebody else's long before.)
+template <class... Parameters, class... Arguments>
+void launch_after(char const* name, Queue const& queue, void (*loop)(Parameters...), unsigned groups,
+                  unsigned threads, Arguments const&... arguments)
+{
+    cudaLaunchConfig_t how{};
+    how.gridDim = groups;
+    how.blockDim = threads;
+    how.stream = queue.stream;
+    check(cudaLaunchKernelEx(&how, loop, static_cast<Parameters>(arguments)...), name);
 }
 
 /// Starts a loop; a small one may be made ready while the one before is still at work, and waits for that
@@ -123,8 +134,21 @@ private:
     bool changed_ = false;
 };
 
-/// Memory of the current device; an Error says how much was needed and how much there was.
-inline void* allocate(std::size_t bytes)
+inline void Queue::wait() const
+{
+    OnDevice const here(*this); // or the default stream would be that of another device
+    check(cudaStreamSynchronize(stream), "cudaStreamSynchronize");
+}
+
+/// Bytes of a device's memory that this program's arrays hold.
+inline std::atomic<std::size_t>& held_on(int device)
+{
+    static std::array<std::atomic<std::size_t>, 64> held{}; // of all devices beyond these together
+    return held[std::min(static_cast<std::size_t>(device), held.size() - 1)];
+}
+
+/// Memory of a device, the current one; an Error says how much was needed and how much there was.
+inline void* allocate(int device, std::size_t bytes)
 {
     void* memory = nullptr;
     cudaError_t const status = cudaMalloc(&memory, bytes);
@@ -134,11 +158,20 @@ inline void* allocate(std::size_t bytes)
         check(cudaMemGetInfo(&available, &total), "cudaMemGetInfo");
         throw Error{"the device's memory is short: " + std::to_string(bytes) +
                         " bytes more were needed, and " + std::to_string(available) + " of " +
-                        std::to_string(total) + " are available",
+                        std::to_string(total) + " are available, beside the " +
+                        std::to_string(held_on(device)) + " that this program's scenes hold",
                     "CUDA", "Take a smaller scene or larger cells, or a device with more memory."};
     }
     check(status, "cudaMalloc");
+    held_on(device) += bytes;
     return memory;
+}
+
+/// Gives it back.
+inline void free_memory(int device, void* memory, std::size_t bytes) noexcept
+{
+    static_cast<void>(cudaFree(memory));
+    held_on(device) -= bytes;
 }
 
 /// As many groups of threads as cover a number of items.

@@ -234,9 +234,8 @@ private:
     void keep_tiles(Tiles& tiles, std::uint32_t const* blocks_before, std::uint32_t blocks)
     {
         tiles.of[1].renew(std::size_t(blocks) * TileShape::nodes);
-        detail::keep_tiles<<<blocks, 64, 0, queue_.stream>>>(blocks_before, tiles.blocks, TileShape::nodes,
-                                                             tiles.of[0].data(), tiles.of[1].data());
-        check_launch("keep_tiles");
+        launch_after("keep_tiles", queue_, detail::keep_tiles<Sums>, blocks, 64, blocks_before, tiles.blocks,
+                     TileShape::nodes, tiles.of[0].data(), tiles.of[1].data());
         std::swap(tiles.of[0], tiles.of[1]);
     }
 
@@ -249,10 +248,9 @@ private:
         std::uint32_t const before = tiles.blocks, blocks = cells.blocks();
         if (before == blocks) return;
         for (;;) {
-            detail::want_nodes<d>
-                <<<groups_of(std::size_t(blocks - before) * corners, threads), threads, 0, queue_.stream>>>(
-                    cells.view().keys, before, blocks, set_.view());
-            check_launch("want_nodes");
+            launch_after("want_nodes", queue_, detail::want_nodes<d>,
+                         groups_of(std::size_t(blocks - before) * corners, threads), threads,
+                         cells.view().keys, before, blocks, set_.view());
             std::uint32_t const births = set_.births();
             if (set_.has_room_for(births)) {
                 set_.number(births);
@@ -272,11 +270,9 @@ private:
         tiles.covered_by.fill_bytes(covered_before, tiles.covered_by.size() - covered_before, 0xff);
         if (before == blocks) return;
         tiles.nodes_of.resize(std::size_t(blocks) * corners);
-        detail::tie<d>
-            <<<groups_of(std::size_t(blocks - before) * corners, threads), threads, 0, queue_.stream>>>(
-                cells.view().keys, before, blocks, set_.view(), tiles.nodes_of.data(),
-                tiles.covered_by.data());
-        check_launch("tie");
+        launch_after("tie", queue_, detail::tie<d>,
+                     groups_of(std::size_t(blocks - before) * corners, threads), threads, cells.view().keys,
+                     before, blocks, set_.view(), tiles.nodes_of.data(), tiles.covered_by.data());
         std::size_t const count = std::size_t(blocks) * TileShape::nodes,
                           count_before = std::min(tiles.of[0].size(), count);
         tiles.of[0].resize(count);

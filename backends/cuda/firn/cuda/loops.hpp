@@ -14,9 +14,9 @@ inline constexpr unsigned block_threads = 64; ///< one per cell, and one per nod
 /// Where there are few blocks, as many teams of that many threads share one: each takes every n-th item of a
 /// cell. With all threads of the largest group, up to 128 registers are left for each.
 inline constexpr unsigned most_teams = 8;
-/// Shared memory that a device gives without being asked, but for what loops declare, and that it gives at
-/// all (compute capability 7.5; later ones give more) [bytes].
-inline constexpr std::size_t unasked_shared = 40 * 1024, most_shared = 60 * 1024;
+/// Shared memory that a device gives without being asked, the same but for the little that loops declare, and
+/// what it gives at all but for that (compute capability 7.5; later ones give more) [bytes].
+inline constexpr std::size_t given_shared = 48 * 1024, unasked_shared = 40 * 1024, most_shared = 60 * 1024;
 
 /// The lane's own part of its warp: which items of the group of cells are where.
 struct Ranks
@@ -520,15 +520,25 @@ __global__ void for_each(Body body, std::size_t count)
     if (i < count) body(i);
 }
 
+/// Shared memory that move declares, for results of this kind, but for gaps between [bytes].
+template <class Result>
+inline constexpr std::size_t declared_by_move = 2 * most_teams * sizeof(Result) +
+                                                (block_threads + 2) * sizeof(std::uint32_t) + 64;
+
+/// Lets a loop have so much shared memory beside what it declares [bytes].
+template <class... Parameters>
+void allow_shared(void (*loop)(Parameters...), std::size_t bytes)
+{
+    check(cudaFuncSetAttribute(loop, cudaFuncAttributeMaxDynamicSharedMemorySize, static_cast<int>(bytes)),
+          "cudaFuncSetAttribute");
+}
+
 /// Starts a loop over blocks with its shared memory.
 template <class... Parameters, class... Arguments>
 void launch(char const* name, Queue const& queue, void (*loop)(Parameters...), std::uint32_t blocks,
             unsigned teams, std::size_t shared, Arguments const&... arguments)
 {
-    if (shared > unasked_shared)
-        check(
-            cudaFuncSetAttribute(loop, cudaFuncAttributeMaxDynamicSharedMemorySize, static_cast<int>(shared)),
-            "cudaFuncSetAttribute");
+    if (shared > unasked_shared) allow_shared(loop, shared);
     launch_behind(name, queue, loop, blocks, teams * block_threads, shared, arguments...);
 }
 } // namespace detail
