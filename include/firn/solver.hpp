@@ -820,8 +820,10 @@ private:
     void regain_velocities()
     {
         if (!spoiled_ || parts_.holds_taken()) return;
-        exchange_.regain_velocities(parts_, smallest_node_mass(),
-                                    reinterpret_cast<StepNow<Number, Chain<>> const*>(now_.data()));
+        or_break_off([&] {
+            exchange_.regain_velocities(parts_, smallest_node_mass(),
+                                        reinterpret_cast<StepNow<Number, Chain<>> const*>(now_.data()));
+        });
         spoiled_ = false;
     }
 
