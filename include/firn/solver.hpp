@@ -468,7 +468,8 @@ public:
     /// parameters the steps that follow are those of the solver that made it, bit by bit.
     ///
     /// Throws an Error, and changes nothing, if it does not fit, or is none that snapshot() can have
-    /// returned.
+    /// returned; or if a call of this solver has broken off: memory that ended or a device that failed in the
+    /// middle of one may have left more undone than particles, so that a new solver is to take the snapshot.
     void restore(Snapshot<Number, d> const& from)
     {
         auto const visit = entrance_.to_change("Solver::restore");
@@ -612,6 +613,7 @@ private:
                                        : static_cast<int>(std::min<std::size_t>(
                                              most, std::min(queue_, backend_.steps_to_queue(cells))));
         using KeptRule = RunRule<Effects, count>;
+        static_assert(std::is_trivially_destructible_v<KeptRule>, "an effect, as steps know it, too");
         // an obstacle's quaternion is aligned more strictly than the two before it are long
         constexpr std::size_t rule_at =
             (2 * sizeof(Now) + alignof(KeptRule) - 1) / alignof(KeptRule) * alignof(KeptRule);
@@ -818,8 +820,10 @@ private:
     void regain_velocities()
     {
         if (!spoiled_ || parts_.holds_taken()) return;
-        exchange_.regain_velocities(parts_, smallest_node_mass(),
-                                    reinterpret_cast<StepNow<Number, Chain<>> const*>(now_.data()));
+        or_break_off([&] {
+            exchange_.regain_velocities(parts_, smallest_node_mass(),
+                                        reinterpret_cast<StepNow<Number, Chain<>> const*>(now_.data()));
+        });
         spoiled_ = false;
     }
 
@@ -893,14 +897,16 @@ private:
                 who ? *who
                     : detail::furthest_in(parts_, log, values(), lattice_.cell_size, course_.time, dt));
         if (culprits.empty() || !quarantine_.has_room_for(culprits.size())) return false;
+        auto& all = quarantine_.isolated;
+        all.reserve(all.size() + culprits.size()); // before anything changes: nobody goes untold
+        isolated.reserve(isolated.size() + culprits.size());
         or_break_off([&] { parts_.remove(culprits); });
+        all.insert(all.end(), culprits.begin(), culprits.end());
+        isolated.insert(isolated.end(), culprits.begin(), culprits.end());
         exchange_.forget();
         course_.retries = 0;
         course_.ready = false;
         find_bounds();
-        auto& all = quarantine_.isolated;
-        all.insert(all.end(), culprits.begin(), culprits.end());
-        isolated.insert(isolated.end(), culprits.begin(), culprits.end());
         return true;
     }
 

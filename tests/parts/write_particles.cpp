@@ -146,6 +146,27 @@ TEST_CASE("a writer that throws leaves the file of before, and nothing beside it
     CHECK(files_in(folder) == 1);
 }
 
+TEST_CASE("a second writer of a file is refused as long as the first one writes, and no longer")
+{
+    meshes::Folder const folder;
+    auto const path = folder / "a";
+    auto const write = [&](std::string const& text, auto const& meanwhile) {
+        firn::detail::replace_file(path, [&](std::ostream& out) {
+            out << text;
+            meanwhile();
+        });
+    };
+    auto const nothing = [] {};
+    (void)folder.file("a.part", "left by a program that was killed, and longer");
+    write("first", [&] { // in another thread it would be the same: what is open is held, not who opened it
+        CHECK_THROWS_WITH(write("second", nothing), Contains("somebody else is writing this file"));
+    });
+    CHECK(content(path) == "first");
+    CHECK(files_in(folder) == 1);
+    write("third", nothing);
+    CHECK(content(path) == "third");
+}
+
 TEST_CASE("a write cut short is refused and leaves the file of before")
 {
     meshes::Folder const folder;

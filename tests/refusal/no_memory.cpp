@@ -41,10 +41,10 @@ using Jelly = Solver<OpenMP, NeoHookean<Plane>, QuadraticBSpline, Mls>;
 /// A block that has moved, with a box far from it that is yet to be added.
 struct Block
 {
-    Jelly solver{lattice(0.1), {}, {}, {}, OpenMP{1}};
+    Jelly solver;
     std::vector<Eigen::Vector2d> more = box_of_points<2>({3, 3}, {3.5, 3.5}, 0.1);
 
-    Block()
+    explicit Block(StepControl const& control = {}) : solver(lattice(0.1), {}, {}, control, OpenMP{1})
     {
         solver.add(box_of_points<2>({0, 0}, {0.4, 0.4}, 0.1), 0.0025, {1, 2});
         for (int i = 0; i < 3; ++i) solver.step(1e-3, Gravity{});
@@ -120,6 +120,55 @@ TEST_CASE("where memory ends in the middle of a call, the solver goes on or says
     {
         auto const known = Block{}.solver.snapshot();
         check_whatever_fails([&](Block& b) { b.solver.restore(known); });
+    }
+    SECTION("a step that goes wrong")
+    {
+        // after some that go well, so that the grid alone has the velocities; it is not beyond the stable one
+        double const dt = 1e-5;
+        auto const pressed = [&](std::size_t good) {
+            Block block({.deformation = 1e-4, .rejection = 1.0001e-4});
+            std::vector<Eigen::Matrix2d> half(block.solver.size(), Eigen::Vector2d(0, -0.3).asDiagonal());
+            block.solver.template upload<DisplacementGradient>(half);
+            block.solver.steps(good, dt, Gravity{});
+            return block;
+        };
+        std::size_t good = 0;
+        Block counted = pressed(0);
+        CHECK_THROWS_AS(
+            [&] {
+                for (; good < 1000; ++good) counted.solver.step(dt, Gravity{});
+            }(),
+            StepError);
+        REQUIRE(good > 3);
+        int refused = 0, kept = 0;
+        for (int k = 0;; ++k) {
+            Block block = pressed(good);
+            auto const before = Totals(block.solver).momentum;
+            bool went_wrong = false;
+            allowed = k;
+            try {
+                block.solver.step(dt, Gravity{});
+            }
+            catch (StepError const&) {
+                went_wrong = true;
+            }
+            catch (std::bad_alloc const&) {
+            }
+            allowed = -1;
+            try {
+                auto const after = Totals(block.solver).momentum;
+                REQUIRE((after - before).norm() < 1e-9 * before.norm());
+                ++kept;
+            }
+            catch (Error const& error) {
+                REQUIRE_THAT(error.what(), Contains("broke off"));
+                ++refused;
+            }
+            if (went_wrong) break;
+        }
+        CAPTURE(refused, kept);
+        CHECK(refused > 3);
+        CHECK(kept > 3);
     }
     SECTION("upload")
     {

@@ -469,7 +469,7 @@ inline CheckpointReader open_checkpoint(std::filesystem::path const& path, std::
 /// The solver goes on from what was written, also if writing failed: it and one that reads the file are alike
 /// from then on, bit by bit (see Solver::snapshot). The file is written under another name (`.part`) and then
 /// renamed, when the disk has it: at any time the last one that was finished is there and whole. (One program
-/// at a time writes to a path.)
+/// at a time writes to a path: another one that tries meanwhile gets an Error.)
 ///
 /// What the constructor and calls are given is yours to give once more: parameters of material, transfer and
 /// step control; effects with their shapes; how many may be in quarantine. Throws an Error if the file cannot

@@ -5,12 +5,15 @@
 
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <string>
 #include <system_error>
 #include <utility>
 
 #if __has_include(<unistd.h>) && __has_include(<fcntl.h>)
+#include <cerrno>
 #include <fcntl.h>
+#include <sys/stat.h>
 #include <unistd.h>
 #endif
 
@@ -39,9 +42,57 @@ inline bool flush_to_disk([[maybe_unused]] std::filesystem::path const& path)
 #endif
 }
 
+/// Holds a file, which is made if need be, for one writer as long as it lives, or its program does: nothing
+/// is left to clear away when that is killed. Where the system or the file system keeps no such account,
+/// nobody is kept out.
+class OnlyWriter
+{
+public:
+    explicit OnlyWriter([[maybe_unused]] std::filesystem::path const& path)
+    {
+#if defined(F_OFD_SETLK)
+        for (;; ::close(file_)) {
+            file_ = ::open(path.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0666);
+            if (file_ < 0) return;
+            // one byte where none will be: there are file systems that refuse others to write what is held
+            struct flock last = {};
+            last.l_type = F_WRLCK;
+            last.l_whence = SEEK_SET;
+            last.l_start = std::numeric_limits<off_t>::max() - 1;
+            last.l_len = 1;
+            if (::fcntl(file_, F_OFD_SETLK, &last) != 0) {
+                is_alone_ = errno != EAGAIN && errno != EACCES;
+                return;
+            }
+            struct stat held, named; // before it was held somebody may have given it another name
+            if (::fstat(file_, &held) != 0) return;
+            if (::stat(path.c_str(), &named) == 0 && held.st_dev == named.st_dev &&
+                held.st_ino == named.st_ino)
+                return;
+        }
+#endif
+    }
+    ~OnlyWriter()
+    {
+#if defined(F_OFD_SETLK)
+        if (file_ >= 0) ::close(file_);
+#endif
+    }
+    OnlyWriter(OnlyWriter const&) = delete;
+    OnlyWriter& operator=(OnlyWriter const&) = delete;
+
+    /// False if another writer holds the file.
+    bool is_alone() const { return is_alone_; }
+
+private:
+    [[maybe_unused]] int file_ = -1;
+    bool is_alone_ = true;
+};
+
 /// Writes a file under a temporary name in the same folder and gives it its own only when all of it is
 /// written, so that a reader never meets half a file and a failure leaves the file of before, and nothing
-/// beside it; what `write` throws included.
+/// beside it; what `write` throws included. Of two that write it at once the second is refused: they have the
+/// temporary name in common, so that what a killed program leaves is used by the next one.
 template <class Write>
 void replace_file(std::filesystem::path const& path, Write const& write,
                   Survives survives = Survives::program)
@@ -58,6 +109,10 @@ void replace_file(std::filesystem::path const& path, Write const& write,
     if (std::filesystem::is_directory(there)) refuse("this is a folder", "Pass the name of a file.");
     if (std::filesystem::is_other(there) && there.type() != std::filesystem::file_type::unknown)
         refuse("this is no file, but a device or a pipe", "Pass the name of a file: it would be replaced.");
+    OnlyWriter const writer(temporary);
+    if (!writer.is_alone())
+        throw Error{"somebody else is writing this file at this time", path.string(),
+                    "Let one program, and one thread of it, write to a path."};
     std::ofstream out(temporary, std::ios::binary | std::ios::trunc);
     if (!out)
         refuse("the file cannot be created", "Create its folder first, and check that it may be written.");
