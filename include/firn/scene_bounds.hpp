@@ -31,14 +31,14 @@ StepRule<static_cast<int>(Parts::count)> rule_of_materials(Parts const& parts, S
     return rule;
 }
 
-/// Takes account of what an effect does.
-template <class Rule, class Effect>
+/// Takes account of what an effect does in d dimensions.
+template <int d, class Rule, class Effect>
 void admit_effect(Rule& rule, Effect const& effect)
 {
     if constexpr (requires { effect.largest_acceleration(); })
         rule.acceleration = std::max(rule.acceleration, effect.largest_acceleration());
-    if constexpr (requires { effect.largest_speed(); })
-        rule.obstacle_speed = std::max(rule.obstacle_speed, effect.largest_speed());
+    if constexpr (requires { effect.largest_speed(d); })
+        rule.obstacle_speed = std::max(rule.obstacle_speed, effect.largest_speed(d));
 }
 
 /// The bounds of the next step, for states set from outside. How fast particles deform, and what they touch,

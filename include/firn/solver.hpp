@@ -576,7 +576,7 @@ private:
         course_.ready = false; // it was for other effects, and another end
         course_.retries = 0;
         Rule rule = rule_of_materials();
-        (detail::admit_effect(rule, effects), ...);
+        (detail::admit_effect<d>(rule, effects), ...);
         return rule;
     }
 

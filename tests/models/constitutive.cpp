@@ -175,6 +175,37 @@ TEST_CASE("fixed corotated takes no reflection for a rest state")
     CHECK(material.stress(reflected).norm() > 0.1 * material.model.elasticity.mu);
 }
 
+TEST_CASE("a stretch below the smallest that Hencky's law tells apart counts as that, and as capped")
+{
+    auto const check = [](auto const& material) {
+        using State = typename std::decay_t<decltype(material)>::State;
+        auto const pressed = [&](double stretch) {
+            auto state = State::at_rest();
+            return material.answer(state, Eigen::Vector3d(1, stretch, 1).asDiagonal());
+        };
+        auto const least = pressed(1e-4 * (1 + 1e-9)), below = pressed(1e-5);
+        CHECK(!least.capped);
+        CHECK(below.capped);
+        CHECK(!below.inverted);
+        CHECK((below.kirchhoff_stress - least.kirchhoff_stress).norm() <= 1e-6 * least.wave_modulus);
+    };
+    check(OneElement<Hencky<Solid>>{});
+    check(OneElement<Sand<Solid>>{});
+}
+
+TEST_CASE("a fluid of any consistency above 0 has a stress: the most viscous is a solid, the least flows")
+{
+    OneElement<HerschelBulkley<Solid>> material;
+    Eigen::Matrix3d const F = Eigen::Vector3d(1.2, 1, 1 / 1.2).asDiagonal();
+    auto const shear = [&](double consistency) {
+        material.model.consistency = consistency;
+        Eigen::Matrix3d const tau = material.stress(F);
+        return (tau - Eigen::Matrix3d::Identity() * (tau.trace() / 3)).norm();
+    };
+    CHECK(shear(1e308) == Approx(shear(1e15)).epsilon(1e-9));
+    CHECK(shear(1e-308) == Approx(std::sqrt(2.0 / 3) * material.model.yield_stress).epsilon(1e-9));
+}
+
 using Uninvertible = Combinations<NeoHookean<Solid>, Hencky<Solid>, SplitNeoHookean<Plane>, Sand<Solid>,
                                   VonMises<Plane>, CamClay<Solid>, HerschelBulkley<Solid>>;
 

@@ -102,6 +102,8 @@ TEST_CASE("parameters that make no sense are refused, with what, where and a rem
     }
     change(Snow<Solid>{}, &Snow<Solid>::hardening, 1000.0); // e^400, where half of the range is e^355
     change(CamClay<Solid>{}, &CamClay<Solid>::start, nan);
+    change(CamClay<Solid>{}, &CamClay<Solid>::cohesion, 1e30); // p0 would be a rounding of its tension
+    change(Model{}, &Model::cohesion, 1e30);
     change(HerschelBulkley<Solid>{}, &HerschelBulkley<Solid>::power, 1.5);
     CHECK_THROWS_AS(friction_cone(3, 35.0), Error); // degrees
     for (double bad : {0.0, -3.0, nan, inf}) {

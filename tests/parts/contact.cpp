@@ -128,6 +128,16 @@ TEST_CASE("shapes know their distances")
     CHECK(Sphere{1}.surface<double, 2>({0, 3}).distance == Approx(2));
 }
 
+TEST_CASE("the surface of what turns is as fast as its farthest point, in the plane that of its section")
+{
+    Obstacle<Box> const box{.shape = {{3, 4, 100}}, .motion = {.angular_velocity = {0, 0, 2}}};
+    CHECK(box.largest_speed(2) == Approx(10));
+    CHECK(box.largest_speed(3) == Approx(2 * std::sqrt(10025.0)));
+    Obstacle<Shell<Box>> const crate{.shape = {box.shape, 0.5}, .motion = box.motion};
+    CHECK(crate.largest_speed(2) == Approx(10.5));
+    CHECK(Obstacle<HalfSpace>{.motion = box.motion}.largest_speed(2) == 0);
+}
+
 TEST_CASE("a rotating body comes round, and moves its surface at v + omega x r")
 {
     Motion const motion{

@@ -67,13 +67,12 @@ struct Obstacle
         if constexpr (requires { shape.validate_in_plane(); }) shape.validate_in_plane();
     }
 
-    /// A bound on the speed of its surface [m/s], which bounds the time step: nothing is to pass through a
-    /// layer of nodes. The rotation of a shape without end counts only where it touches something.
-    double largest_speed() const
+    /// A bound on the speed of its surface [m/s] in a scene of so many dimensions, which bounds the time
+    /// step: nothing is to pass through a layer of nodes. The rotation of a shape without end counts only
+    /// where it touches something.
+    double largest_speed(int dimension) const
     {
-        double reach = 0;
-        if constexpr (requires { shape.reach(); }) reach = shape.reach();
-        return motion.velocity.norm() + motion.angular_velocity.norm() * reach;
+        return motion.velocity.norm() + motion.angular_velocity.norm() * detail::reach_of(shape, dimension);
     }
 
     /// Where its values lie: see SignedDistanceGrid::on.

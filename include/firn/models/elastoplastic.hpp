@@ -17,6 +17,7 @@
 //   strains(extension)           extensions (stretches less one) in the law's measure: themselves, or
 //   logarithms extensions(strains)          the way back stress(strains, mu, lambda)  PrincipalStress
 //   inverted(extension)          where there is no stress for such stretches
+//   capped(extension)            where the law counts stretches as others than they are
 // Extensions rather than stretches: near rest, differences of stretches from one are rounding errors.
 // A plastic flow (plasticity/) is a struct of parameters with its Space, a `name`, what it keeps of a
 // particle (`Kept`), defaults of density and elasticity, validate(), and
@@ -46,6 +47,11 @@ struct PlasticFlow
 /// What laws have in common whose measure is the extension itself.
 struct MeasuredByExtension
 {
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE static Mask<Real> capped(Vector<Real, d> const&)
+    {
+        return nowhere<Real>();
+    }
     template <Lane Real, int d>
     FIRN_HOST_DEVICE static Vector<Real, d> strains(Vector<Real, d> const& extension)
     {
@@ -138,7 +144,7 @@ struct Elastoplastic : FlowType
         Real mu(elasticity.mu), lambda(elasticity.lambda);
         Response<Real, d> response;
         response.inverted = Law::template inverted<Real, d>(axes.extension);
-        response.capped = nowhere<Real>();
+        response.capped = Law::template capped<Real, d>(axes.extension);
 
         if constexpr (yields) {
             PlasticFlow<Real, d> const plastic =
@@ -146,7 +152,7 @@ struct Elastoplastic : FlowType
             strains = plastic.strains;
             mu = mu * plastic.hardening;
             lambda = lambda * plastic.hardening;
-            response.capped = plastic.capped;
+            response.capped = response.capped | plastic.capped;
             // F changes by what flowed alone, along each axis by (sigma' - sigma) u v^T: rebuilt from its
             // axes it would take on their rounding errors with every step.
             H = trial;

@@ -46,6 +46,22 @@ template <class ShapeType>
 using Plain = decltype(plain(std::declval<ShapeType const&>()));
 } // namespace detail
 
+namespace detail
+{
+/// How far [m] from the reference point a shape reaches in a scene of so many dimensions; 0 where it has no
+/// end.
+template <class ShapeType>
+double reach_of(ShapeType const& shape, int dimension)
+{
+    if constexpr (requires { shape.reach(dimension); })
+        return shape.reach(dimension);
+    else if constexpr (requires { shape.reach(); })
+        return shape.reach();
+    else
+        return 0;
+}
+} // namespace detail
+
 /// Whether a shape is a shell, which keeps particles on the side where they are.
 template <class ShapeType>
 inline constexpr bool is_two_sided = requires

@@ -47,9 +47,9 @@ struct Shell
     }
 
     /// Of its farthest point from the reference point [m]; a shape without an end has none.
-    double reach() const requires requires(ShapeType const s) { s.reach(); }
+    double reach(int dimension = 3) const requires requires(ShapeType const s) { s.reach(); }
     {
-        return shape.reach() + thickness / 2;
+        return detail::reach_of(shape, dimension) + thickness / 2;
     }
 
     /// Where its values lie: see SignedDistanceGrid::on.

@@ -84,10 +84,8 @@ struct Box
     {
         for (int a = 0; a < 3; ++a) detail::require_length(half_extents[a], "Box");
     }
-    double reach() const
-    {
-        return half_extents.norm();
-    } ///< of its farthest point from the reference point [m]
+    /// Of its farthest point from the reference point [m]; in the plane it has no z.
+    double reach(int dimension = 3) const { return half_extents.head(dimension).norm(); }
 
     /// Outside, the distance to the closest point of the box; inside, the negative distance to the closest
     /// face.

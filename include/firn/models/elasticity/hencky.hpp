@@ -11,8 +11,17 @@ namespace firn
 struct HenckyLaw : RefusesInversion
 {
     static constexpr auto name = "hencky";
-    /// Stretches below count as this one: there is no logarithm at 0.
+    /// Stretches below count as this one, and the particle as capped: there is no logarithm at 0.
     static constexpr double smallest_stretch = 1e-4;
+
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE static Mask<Real> capped(Vector<Real, d> const& extension)
+    {
+        Mask<Real> below = nowhere<Real>();
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) below = below | (extension[i] < Real(Scalar<Real>(smallest_stretch - 1)));
+        return below;
+    }
 
     template <Lane Real, int d>
     FIRN_HOST_DEVICE static Vector<Real, d> strains(Vector<Real, d> const& extension)

@@ -50,8 +50,9 @@ struct CamClayFlow
     {
         require(slope > 0 && std::isfinite(slope), "the slope M is not a finite number above 0", name,
                 "Pass critical_slope(dimension, angle).");
-        require(cohesion >= 0 && std::isfinite(cohesion), "the cohesion is not a finite number, 0 or above",
-                name, "Pass beta, e.g. 0.5; 0 for what bears no tension.");
+        // what flow does to p0 is a difference of pressures of beta p0: rounding is to leave something of it
+        require(cohesion >= 0 && cohesion <= 1000, "the cohesion is outside [0, 1000]", name,
+                "Pass beta, e.g. 0.5; 0 for what bears no tension.");
         require(hardening >= 0 && std::isfinite(hardening),
                 "the hardening is not a finite number, 0 or above", name, "Pass xi, e.g. 3.");
         require(std::isfinite(start), "alpha at the start is not finite", name, "Pass alpha, e.g. -0.01.");

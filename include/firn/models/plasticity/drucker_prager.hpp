@@ -43,8 +43,9 @@ struct DruckerPragerFlow
     {
         require(cone >= 0 && std::isfinite(cone), "the slope of the cone is not a finite number, 0 or above",
                 name, "Pass friction_cone(dimension, angle).");
-        require(cohesion >= 0 && std::isfinite(cohesion), "the cohesion is not a finite number, 0 or above",
-                name, "Pass a strain, e.g. 0 for dry sand.");
+        // beyond a stretch of e Hencky's law has lost its stability, and strains are rounded as this one is
+        require(cohesion >= 0 && cohesion <= 10, "the cohesion is outside [0, 10]", name,
+                "Pass a logarithmic strain, e.g. 0 for dry sand; what never parts is VonMises or Hencky.");
     }
 
     template <Lane Real, int d, class Particle>

@@ -78,7 +78,7 @@ private:
     FIRN_HOST_DEVICE Real overstress(Real excess, Real relaxation) const
     {
         Real const eta(consistency), inverse_power(Number(1) / power);
-        if (power == Number(1)) return excess * eta / (eta + relaxation); // the same in all lanes
+        if (power == Number(1)) return excess / (Real(1) + relaxation / eta); // the same in all lanes
         Real const enough(Number(1e-3) *
                           std::sqrt(std::numeric_limits<Number>::epsilon())); // of the last step
         Real x = min(excess, eta * exp(Real(power) * log(excess / relaxation)));
