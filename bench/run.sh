@@ -9,7 +9,7 @@
 #
 #   --short         100 000 particles and the phases of one step, about 4 minutes
 #   --long          up to 10 million particles, about an hour
-#   --error short   six problems by kernels, transfers and precisions, about 5 minutes after building
+#   --error short   six problems by kernels, transfers and precisions, three to five minutes after building
 #   --error long    the same, finer, with more lengths of steps and numbers of particles, an hour
 #   --error gate    P1 and P2 of the short one, once each, and stops with 1 where an error is 2 % above error/gate.csv
 set -euo pipefail
