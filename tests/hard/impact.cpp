@@ -63,7 +63,7 @@ void hit_wall(std::string const& name, int cells)
     H2.at_most(name + ": particles not finite", double(not_finite(solver)), 0);
     H2.at_most(name + ": deepest particle behind the wall [cells]", deepest, 1);
     H2.at_most(name + ": largest total energy / that at the start", most, 1.02);
-    H2.at_most(name + ": particles inside out, beyond rounding, at any of 50 looks", turned, 0);
+    H2.at_most(name + ": particles inside out beyond rounding at any of 50 looks", turned, 0);
     H2.at_most(name + ": smallest volume of a particle / that at rest", flattest, 0.1); // it was an impact
 }
 
