@@ -39,6 +39,8 @@ void admit_effect(Rule& rule, Effect const& effect)
         rule.acceleration = std::max(rule.acceleration, effect.largest_acceleration());
     if constexpr (requires { effect.largest_speed(d); })
         rule.obstacle_speed = std::max(rule.obstacle_speed, effect.largest_speed(d));
+    else if constexpr (requires { effect.largest_speed(); }) // the same in any space
+        rule.obstacle_speed = std::max(rule.obstacle_speed, effect.largest_speed());
 }
 
 /// The bounds of the next step, for states set from outside. How fast particles deform, and what they touch,

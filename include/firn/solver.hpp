@@ -943,7 +943,8 @@ private:
     detail::Quarantine quarantine_;
     bool (Solver::*isolate_)(StepLog, double, bool, Failures&, std::optional<StepFailure> const&) = nullptr;
     detail::KnownWalls walls_; ///< that nobody is behind: see require_before_walls
-    typename Backend::template Outbox<unsigned char> now_; ///< two StepNow and a RunRule, of whatever effects
+    /// Two StepNow and a RunRule, of whatever effects. (As zeros at first: it is copied when it grows.)
+    typename Backend::template Outbox<unsigned char> now_;
     typename Backend::template Outbox<unsigned char> log_; ///< a RunLog
     int now_turn_ = 0;          ///< which of the two it is that the next step finds
     std::size_t queue_ = 1;     ///< as many steps are worth while to queue: it went well with half as many

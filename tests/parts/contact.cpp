@@ -138,6 +138,23 @@ TEST_CASE("the surface of what turns is as fast as its farthest point, in the pl
     CHECK(Obstacle<HalfSpace>{.motion = box.motion}.largest_speed(2) == 0);
 }
 
+TEST_CASE("an effect bounds the step by its speed in a space, or in any")
+{
+    struct Anywhere
+    {
+        double largest_speed() const { return 3; }
+    };
+    struct
+    {
+        double acceleration = 0, obstacle_speed = 0;
+    } rule;
+    detail::admit_effect<2>(rule, Anywhere{});
+    CHECK(rule.obstacle_speed == 3);
+    detail::admit_effect<2>(rule,
+                            Obstacle<Box>{.shape = {{3, 4, 100}}, .motion = {.angular_velocity = {0, 0, 2}}});
+    CHECK(rule.obstacle_speed == Approx(10));
+}
+
 TEST_CASE("a rotating body comes round, and moves its surface at v + omega x r")
 {
     Motion const motion{

@@ -44,10 +44,7 @@ auto plain(ShapeType const& shape)
 
 template <class ShapeType>
 using Plain = decltype(plain(std::declval<ShapeType const&>()));
-} // namespace detail
 
-namespace detail
-{
 /// How far [m] from the reference point a shape reaches in a scene of so many dimensions; 0 where it has no
 /// end.
 template <class ShapeType>
