@@ -38,7 +38,7 @@ command -v compute-sanitizer >/dev/null || stop "there is no compute-sanitizer: 
 
 cmake --preset cuda ${prefix:+-DCMAKE_PREFIX_PATH="$prefix"} >"$out/configure.log" || { cat "$out/configure.log"; exit 1; }
 tests=$root/build/cuda/tests
-rm -f "$tests"/cuda_{device,agreement,devices,fault} "$tests/hard_cases.csv"
+rm -f "$tests"/cuda_{device,devices,agreement,scenes,fault,hard_cases} "$tests/hard_cases.csv"
 failed="" build=""
 leave() { # nothing goes on behind who has called this
     local status=$?
@@ -70,26 +70,25 @@ part() { # NAME COMMAND...: one line of what it found, or its last lines
     summary=$(grep -E '^All tests passed|(ERROR|RACECHECK) SUMMARY' "$out/$name.log" | tail -n 1) || summary="passed"
     echo "$name: ${summary#=*= } (at $SECONDS s)"
 }
-# Programs themselves, not ctest: that starts one anew for each of 500 tests, 0.3 s of the device's each. What can be
-# watched or compared soon is, while nvcc has the processor and nobody the device. In $tests, as ctest does, so that
-# all find the same hard_cases.csv.
+# Programs themselves, not ctest: that starts one anew for each of 500 tests, 0.3 s of the device's each. Each runs as
+# soon as it is built, beside the others: they ask little of the device, and most wait for what watches them or for
+# nvcc. In $tests, as ctest does, so that all find the same hard_cases.csv.
 cd "$tests"
 built cuda_device
 part cuda_device ./cuda_device || failed=yes # by itself: it fills the device's memory
-watching=()
+beside=()
 for tool in memcheck racecheck initcheck; do
-    part $tool compute-sanitizer --tool $tool --error-exitcode 1 ./cuda_device '[sanitize]' & watching+=($!)
+    part $tool compute-sanitizer --tool $tool --error-exitcode 1 ./cuda_device '[sanitize]' & beside+=($!)
 done
-for program in cuda_devices cuda_fault cuda_agreement; do
+for program in cuda_devices cuda_agreement cuda_scenes cuda_fault cuda_hard_cases; do
     built $program
-    part $program ./$program || failed=yes
+    part $program ./$program & beside+=($!)
 done
 wait "$build" || { build=""; not_built; }
 build=""
-for program in cuda_scenes cuda_hard_cases; do part $program ./$program || failed=yes; done
+for program in "${beside[@]}"; do wait "$program" || failed=yes; done # racecheck takes longest; timings want the device
 part hard_cases bash "$root/tests/hard/table.sh" hard_cases.csv || failed=yes
 part host_engine ../examples/host_engine || failed=yes
-for tool in "${watching[@]}"; do wait "$tool" || failed=yes; done # racecheck takes longest; timings want the device
 cd "$root"
 
 bench=build/cuda/bench/benchmarks_cuda

@@ -52,6 +52,7 @@ Row measure(Setting const& setting, Patience const& patience, typename Scene::Tr
     try {
         StepControl control;
         control.wave = setting.cfl_fraction;
+        control.smallest = 1e-5; // of a piece: with the tent some come to steps that would take for ever
         Problem<Scene> problem(setting.cells, setting.per_cell, transfer, control,
                                detail::backend_of<typename Scene::Backend>(patience));
         auto const start = problem.solver.snapshot();

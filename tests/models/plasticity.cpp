@@ -361,6 +361,35 @@ TEST_CASE("Cam-Clay that is compressed from all sides stays at the pressure that
     CHECK(p0 > 0.05 * kappa);                      // from 0.03
 }
 
+TEST_CASE("Cam-Clay is compacted up to the pressure that it can bear, and sheared loses that bit by bit")
+{
+    OneElement<CamClay<Solid>> const material;
+    auto const& model = material.model;
+    auto state = material.at_rest(1).front();
+    auto const alpha = [&] { return model.start + state[LogPlasticVolumeRatio{}]; };
+    // to half of its volume at once, whose logarithm is twice what it takes, and back until no stress is left
+    CHECK(material.answer(state, Eigen::Matrix3d::Identity() * std::cbrt(0.5)).capped);
+    CHECK(model.hardening * alpha() == Approx(-std::asinh(0.5 - 1e-5)).epsilon(1e-5));
+    double const elastic = material.elastic_part(state).determinant();
+    auto const released =
+        material.step(state, Eigen::Matrix3d::Identity() * (1 / std::cbrt(elastic) - 1), 1, 1);
+    CHECK(!released.capped);
+    CHECK(material.elastic_part(state).determinant() == Approx(1).epsilon(1e-9));
+    CHECK(model.hardening * alpha() == Approx(-std::asinh(0.5 - 1e-5)).epsilon(1e-5));
+    // sheared without pressure, on the dry side of the ellipse, it opens
+    Eigen::Matrix3d shear = Eigen::Matrix3d::Zero();
+    shear(0, 1) = 0.2; // the most that a step may do
+    double fastest = 0, before = alpha();
+    for (int step = 0; step < 40; ++step) {
+        material.step(state, shear, 1, 1);
+        fastest = std::max(fastest, alpha() - before);
+        before = alpha();
+    }
+    CHECK(fastest > 0.001);
+    CHECK(fastest < 0.05); // of 0.16
+    CHECK(alpha() > -0.05);
+}
+
 TEST_CASE("Cam-Clay that is pulled apart lets go: its tension vanishes")
 {
     OneElement<CamClay<Solid>> const material;

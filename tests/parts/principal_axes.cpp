@@ -3,6 +3,8 @@
 #include "support/lane_types.hpp"
 #include "support/matrices.hpp"
 
+#include <firn/math/largest_eigenvalue.hpp>
+#include <firn/math/left_stretch.hpp>
 #include <firn/math/principal_axes.hpp>
 
 #include <Eigen/Eigenvalues>
@@ -15,6 +17,7 @@ namespace
 {
 
 using namespace firn;
+using test::diagonal;
 using test::Exact;
 using test::ExactVector;
 using test::kinds;
@@ -53,7 +56,7 @@ template <class Real, int d>
 void check_strains(double size, double turn)
 {
     Source<d> source;
-    double worst = 0, not_rotation = 0, not_rebuilt = 0;
+    double worst = 0, worst_stretch = 0, not_rotation = 0, not_rebuilt = 0;
     for (int i = 0; i < 10000; i += lane_width<Real>) {
         std::vector<Exact<d>> matrices(lane_width<Real>);
         for (auto& H : matrices) {
@@ -61,13 +64,18 @@ void check_strains(double size, double turn)
             if (turn > 0) H += source.rotation() - Exact<d>::Identity();
             H = H.template cast<Scalar<Real>>().template cast<double>();
         }
-        auto const axes = principal_axes<Real, d>(pack<Real, d>(matrices));
+        Matrix<Real, d> const packed = pack<Real, d>(matrices);
+        auto const axes = principal_axes<Real, d>(packed);
         auto const strain = strain_of(axes);
+        auto const V = left_stretch<Real, d>(packed, volume_change<Real, d>(packed));
         for (int lane = 0; lane < lane_width<Real>; ++lane) {
             Exact<d> const H = matrices[static_cast<std::size_t>(lane)], U = matrix_of(axes.U, lane);
             if ((Exact<d>::Identity() + H).determinant() <= 0) continue; // the square has no sign
             double const scale = H.norm() * (1 + H.norm());
-            worst = std::max(worst, (matrix_of(strain, lane) - strain_of<d>(H)).norm() / scale);
+            Exact<d> const exact = strain_of<d>(H);
+            worst = std::max(worst, (matrix_of(strain, lane) - exact).norm() / scale);
+            if (size < 1)
+                worst_stretch = std::max(worst_stretch, (matrix_of(V.strain, lane) - exact).norm() / scale);
             not_rotation = std::max(not_rotation, (U.transpose() * U - Exact<d>::Identity()).norm());
             Exact<d> const back = U * matrix_of(axes.stretched, lane).transpose();
             not_rebuilt = std::max(not_rebuilt, (back - H - Exact<d>::Identity()).norm());
@@ -75,8 +83,25 @@ void check_strains(double size, double turn)
     }
     INFO(d << " dimensions, " << lane_width<Real> << " lanes, H of " << size << ", turned " << turn);
     CHECK(worst <= exactness<Scalar<Real>>);
+    CHECK(worst_stretch <= exactness<Scalar<Real>>);
     CHECK(not_rotation <= 12 * rounding<Scalar<Real>>);
     CHECK(not_rebuilt <= 20 * (1 + size) * rounding<Scalar<Real>>);
+}
+
+/// The left stretch V of F = V R, and the product of what two stretches each add up to, with their signs,
+/// where the largest is 1: where that is nothing, the rotation R may be any, and V with it.
+template <int d>
+std::pair<Exact<d>, double> left_stretch_of(Exact<d> const& F)
+{
+    Eigen::JacobiSVD<Exact<d>> const found(F, Eigen::ComputeFullU);
+    ExactVector<d> sigma = found.singularValues();
+    if (F.determinant() < 0) sigma[d - 1] = -sigma[d - 1];
+    Exact<d> const V = found.matrixU() * sigma.asDiagonal() * found.matrixU().transpose();
+    sigma /= std::max(sigma[0], 1e-300);
+    double settled = 1;
+    for (int i = 0; i < d; ++i)
+        for (int j = 0; j < i; ++j) settled *= sigma[i] + sigma[j];
+    return {V, settled};
 }
 
 /// Whether two lanes hold the same bits, or NaN both.
@@ -157,6 +182,74 @@ TEMPLATE_LIST_TEST_CASE("No lane's axes depend on what is in the others, be it n
     CHECK(others == 0);
 }
 
+TEMPLATE_LIST_TEST_CASE(
+    "No lane's stretch depends on what is in the others, near rest or far, be it finite or not", "",
+    test::LaneTypes)
+{
+    Source<3> source;
+    int others = 0, finite = 0;
+    auto const stretch = [](std::vector<Exact<3>> const& matrices) {
+        auto const H = pack<TestType, 3>(matrices);
+        return left_stretch<TestType, 3>(H, volume_change<TestType, 3>(H)).strain;
+    };
+    for (int i = 0; i < 2000; ++i) {
+        std::vector<Exact<3>> matrices(lane_width<TestType>);
+        for (auto& H : matrices)
+            H = (i % 3 == 0 ? 0.1 : i % 3 == 1 ? 1 : 10) * source.any(); // inside out, too
+        std::vector<Exact<3>> alone(lane_width<TestType>, Exact<3>::Zero());
+        auto const kept = static_cast<std::size_t>(i % lane_width<TestType>);
+        alone[kept] = matrices[kept];
+        for (std::size_t lane = 0; lane < alone.size(); ++lane)
+            if (lane != kept && i % 2 == 1) alone[lane].setConstant(std::nan(""));
+        auto const a = stretch(matrices), b = stretch(alone);
+        int const lane = static_cast<int>(kept);
+        for (int k = 0; k < 9; ++k) others += !same(matrix_of(a, lane)(k), matrix_of(b, lane)(k));
+        if (lane_width < TestType >> 1 && i % 2 == 1)
+            finite += !matrix_of(b, (lane + 1) % lane_width<TestType>).array().isNaN().all();
+    }
+    CHECK(others == 0);
+    CHECK(finite == 0);
+}
+
+TEMPLATE_LIST_TEST_CASE("The largest eigenvalue is found, or half a percent more of the deviator", "",
+                        test::LaneTypes)
+{
+    auto const check = [](auto dimension) {
+        constexpr int d = dimension;
+        double const within = d == 2 ? 0 : 0.0046, rounded = 8 * rounding<Scalar<TestType>>;
+        for (double const size : {1e-10, 1e-5, 1.0, 1e6}) {
+            Source<d> source;
+            double least = 1, most = 0;
+            for (int i = 0; i < 2000; i += lane_width<TestType>) {
+                std::vector<Exact<d>> matrices(lane_width<TestType>);
+                for (auto& S : matrices) {
+                    Exact<d> const any = size * source.any(), U = source.rotation();
+                    S = i % 2 == 0 ? Exact<d>(any + any.transpose())
+                                   : Exact<d>(U * diagonal<d>(-size, size, size) * U.transpose());
+                    S = S.template cast<Scalar<TestType>>().template cast<double>();
+                }
+                auto const found = largest_eigenvalue(pack<TestType, d>(matrices));
+                for (int lane = 0; lane < lane_width<TestType>; ++lane) {
+                    Exact<d> const S = matrices[static_cast<std::size_t>(lane)];
+                    double const exact = Eigen::SelfAdjointEigenSolver<Exact<d>>(S).eigenvalues()[d - 1];
+                    double const deviator = std::max(exact - S.trace() / d, 1e-30);
+                    Scalar<TestType> numbers[lane_width<TestType>];
+                    LaneTraits<TestType>::store(found, numbers);
+                    double const above =
+                        (double(numbers[lane]) - exact) / std::max(deviator, S.norm() * 1e-3);
+                    least = std::min(least, above), most = std::max(most, above);
+                }
+            }
+            INFO(d << " dimensions, " << lane_width<TestType> << " lanes, " << size);
+            CHECK(least >= -100 * rounded);
+            CHECK(most <= within + 100 * rounded);
+        }
+    };
+    check(std::integral_constant<int, 2>{});
+    check(std::integral_constant<int, 3>{});
+    CHECK(largest_eigenvalue(Matrix<Scalar<TestType>, 3>(Matrix<Scalar<TestType>, 3>::Zero())) == 0);
+}
+
 TEMPLATE_LIST_TEST_CASE("Nothing is stretched at rest, and nothing finite comes of what is not", "",
                         test::LaneTypes)
 {
@@ -170,4 +263,43 @@ TEMPLATE_LIST_TEST_CASE("Nothing is stretched at rest, and nothing finite comes 
         CHECK((matrix_of(rest.U, lane) - Exact<3>::Identity()).norm() <= 4 * rounding<Scalar<TestType>>);
         if (lane > 0) CHECK(matrix_of(lost.extension, lane) == ExactVector<3>::Zero());
     }
+}
+
+TEMPLATE_LIST_TEST_CASE("The left stretch is that of the singular values, at any size", "", test::LaneTypes)
+{
+    using Number = Scalar<TestType>;
+    double const least = std::cbrt(rounding<Number>); // see left_stretch
+    auto const check = [&](auto dimension) {
+        constexpr int d = dimension;
+        Exact<d> const I = Exact<d>::Identity();
+        for (auto const& kind : kinds<d>()) {
+            Source<d> source;
+            double worst = 0, squares = 0, largest = 0;
+            for (int i = 0; i < 2000; i += lane_width<TestType>) {
+                std::vector<Exact<d>> matrices(lane_width<TestType>);
+                for (auto& H : matrices)
+                    H = (kind.make(source) - I).template cast<Number>().template cast<double>();
+                Matrix<TestType, d> const H = pack<TestType, d>(matrices);
+                auto const V = left_stretch<TestType, d>(H, volume_change<TestType, d>(H));
+                for (int lane = 0; lane < lane_width<TestType>; ++lane) {
+                    Exact<d> const F = I + matrices[static_cast<std::size_t>(lane)],
+                                   found = I + matrix_of(V.strain, lane);
+                    auto const [exact, settled] = left_stretch_of<d>(F);
+                    double const size = std::max(F.norm(), 1.0); // what is below 1 has the rounding of 1
+                    if (settled > 8 * least)
+                        worst =
+                            std::max(worst, (found - exact).norm() / size * std::min(settled * settled, 1.0));
+                    squares = std::max(squares, (matrix_of(V.square, lane) + I - F * F.transpose()).norm() /
+                                                    (size * size));
+                    largest = std::max(largest, found.norm() / size);
+                }
+            }
+            INFO(d << " dimensions, " << lane_width<TestType> << " lanes, " << kind.name);
+            CHECK(worst <= 32 * exactness<Number>);
+            CHECK(squares <= exactness<Number>);
+            CHECK(largest <= 6); // a turned reflection, whose three stretches all leave it open
+        }
+    };
+    check(std::integral_constant<int, 2>{});
+    check(std::integral_constant<int, 3>{});
 }

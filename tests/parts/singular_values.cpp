@@ -4,7 +4,6 @@
 #include "support/matrices.hpp"
 
 #include <firn/math/inverse.hpp>
-#include <firn/math/polar_decomposition.hpp>
 #include <firn/math/singular_values.hpp>
 
 #include <Eigen/SVD>
@@ -130,31 +129,6 @@ void check_that_what_is_not_finite_stays_so(double poison)
 }
 
 template <class Real, int d>
-void check_rotations()
-{
-    double const bound = 2 * bounds<Scalar<Real>>.error;
-    for (auto const& kind : kinds<d>()) {
-        INFO(d << " dimensions, " << kind.name);
-        Source<d> source;
-        double not_rotation = 0, asymmetry = 0;
-        for (int i = 0; i < 1000; ++i) {
-            std::vector<Exact<d>> matrices(lane_width<Real>);
-            for (auto& F : matrices) F = kind.make(source);
-            auto const R = rotation(pack<Real, d>(matrices));
-            for (int lane = 0; lane < lane_width<Real>; ++lane) {
-                Exact<d> const Q = matrix_of(R, lane), F = matrices[static_cast<std::size_t>(lane)];
-                Exact<d> const S = Q.transpose() * F;
-                not_rotation = std::max({not_rotation, from_identity<d>(Q), std::abs(Q.determinant() - 1)});
-                double const size = std::max(S.norm(), 1e-30);
-                asymmetry = std::max(asymmetry, (S - S.transpose()).norm() / size);
-            }
-        }
-        CHECK(not_rotation <= 2 * bound);
-        CHECK(asymmetry <= 2 * bound);
-    }
-}
-
-template <class Real, int d>
 void check_inverses()
 {
     Source<d> source;
@@ -204,20 +178,6 @@ TEMPLATE_LIST_TEST_CASE("A matrix that is not finite gives NaN, in its own lane 
     for (double poison : {std::nan(""), std::numeric_limits<double>::infinity()}) {
         check_that_what_is_not_finite_stays_so<TestType, 3>(poison);
         check_that_what_is_not_finite_stays_so<TestType, 2>(poison);
-    }
-}
-
-TEMPLATE_LIST_TEST_CASE("The polar decomposition gives a rotation and a symmetric stretch", "", LaneTypes)
-{
-    check_rotations<TestType, 3>();
-    check_rotations<TestType, 2>();
-}
-
-TEMPLATE_LIST_TEST_CASE("In the plane a matrix without rotation, even a reflection, has R = I", "", LaneTypes)
-{
-    for (Exact<2> const& F : {Exact<2>(Exact<2>::Zero()), Exact<2>(Eigen::Vector2d(1, -1).asDiagonal())}) {
-        auto const R = rotation(pack<TestType, 2>(std::vector<Exact<2>>(lane_width<TestType>, F)));
-        CHECK(matrix_of(R, lane_width<TestType> - 1) == Exact<2>::Identity());
     }
 }
 

@@ -118,7 +118,10 @@ TEST_CASE("states from which a material cannot go on are neither uploaded nor re
     CamClay<Plane> soil;
     soil.start = -300;
     CHECK_THAT(refused([&] { soil.validate(); }).what_is_wrong(), StartsWith("alpha at the start"));
+    soil.start = -0.16; // of -0.1604
+    CHECK_NOTHROW(soil.validate());
     soil.start = -1;
+    soil.hardening = 0;
     CHECK_NOTHROW(soil.validate());
 }
 

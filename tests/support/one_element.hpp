@@ -42,6 +42,12 @@ double energy(Elastoplastic<Law, Flow> const& model, Matrix<double, d> const& F)
 }
 
 template <class SpaceType, int d = SpaceType::dimension>
+double energy(FixedCorotated<SpaceType> const& model, Matrix<double, d> const& F)
+{
+    return energy<d>(FixedCorotatedLaw{}, model.elasticity, F);
+}
+
+template <class SpaceType, int d = SpaceType::dimension>
 double energy(NeoHookean<SpaceType> const& model, Matrix<double, d> const& F)
 {
     double const log_J = std::log(F.determinant());

@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/core/lane.hpp>
-#include <firn/core/space.hpp>
+#include <firn/math/deformation.hpp>
 
 #include <concepts>
 #include <string>
@@ -45,27 +44,6 @@ FIRN_HOST_DEVICE inline Matrix<Real, d> deformed(Matrix<Real, d> const& H,
                                                  Matrix<Real, d> const& velocity_gradient, Real dt)
 {
     return H + (velocity_gradient + velocity_gradient * H) * dt;
-}
-
-/// F = I + H.
-template <Lane Real, int d>
-FIRN_HOST_DEVICE inline Matrix<Real, d> deformation_gradient(Matrix<Real, d> const& H)
-{
-    Matrix<Real, d> F = H;
-    FIRN_UNROLL
-    for (int i = 0; i < d; ++i) F(i, i) += Real(1);
-    return F;
-}
-
-/// J - 1 = det(I + H) - 1, without the cancellation near rest.
-template <Lane Real, int d>
-FIRN_HOST_DEVICE inline Real volume_change(Matrix<Real, d> const& H)
-{
-    auto const minor = [&](int i, int j) { return H(i, i) * H(j, j) - H(i, j) * H(j, i); };
-    if constexpr (d == 2)
-        return H(0, 0) + H(1, 1) + minor(0, 1);
-    else
-        return H(0, 0) + H(1, 1) + H(2, 2) + (minor(0, 1) + minor(0, 2) + minor(1, 2) + H.determinant());
 }
 
 /// J - 1 from the principal extensions sigma_i - 1, without the cancellation near rest.

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/math/largest_eigenvalue.hpp>
+#include <firn/math/left_stretch.hpp>
 #include <firn/models/elastoplastic.hpp>
 
 namespace firn
@@ -33,20 +35,65 @@ struct FixedCorotatedLaw : MeasuredByExtension
             found.kirchhoff[i] = Real(2) * mu * extension[i] * (Real(1) + extension[i]) + pressure;
             longest = max(longest, extension[i]);
         }
-        // The shear values 2 mu sigma_1^2 (1 - 1/(sigma_1 + sigma_j)) are at most mu sigma_1 (2 sigma_1 - 1):
-        // below the longitudinal one, unless nu < 0. In compression sigma_1 may be below 1, but not the
-        // modulus below that at rest.
+        found.wave_modulus = wave_modulus(longest, J, mu, lambda);
+        return found;
+    }
+
+    /// That of the longest stretch, less one. The shear values 2 mu sigma_1^2 (1 - 1/(sigma_1 + sigma_j)) are
+    /// at most mu sigma_1 (2 sigma_1 - 1): below the longitudinal one, unless nu < 0. In compression sigma_1
+    /// may be below 1, but not the modulus below that at rest.
+    template <Lane Real>
+    FIRN_HOST_DEVICE static Real wave_modulus(Real longest, Real J, Real mu, Real lambda)
+    {
         Real const sigma = Real(1) + longest, rest = lambda + Real(2) * mu;
         Real const longitudinal = Real(2) * mu * sigma * sigma + lambda * J * J;
-        found.wave_modulus = max(max(longitudinal, mu * sigma * (Real(2) * sigma - Real(1))), rest);
-        return found;
+        return max(max(longitudinal, mu * sigma * (Real(2) * sigma - Real(1))), rest);
     }
 };
 
 /// Fixed corotated solid: Psi = mu |F - R|^2 + lambda/2 (J - 1)^2 with the rotation R of the polar
 /// decomposition (Stomakhin et al. 2012, eq. 6). Finite under inversion, from which a particle does not come
 /// back, though: a step that is safe keeps the sign of det F. Soft towards J = 0.
-template <class Space>
-using FixedCorotated = Elastoplastic<FixedCorotatedLaw, NoFlow<Space>>;
+///
+/// tau = 2 mu (V^2 - V) + lambda (J - 1) J I with the left stretch V: no principal axes are looked for.
+template <class SpaceType>
+struct FixedCorotated
+{
+    using Space = SpaceType;
+    using Number = typename Space::Real;
+    using State = Fields<DisplacementGradient>;
+    static constexpr auto name = FixedCorotatedLaw::name;
+
+    Number density = 1000;                            ///< [kg/m^3]
+    Lame<Number> elasticity = lame<Number>(1e5, 0.3); ///< [Pa]
+
+    void validate() const
+    {
+        require_density(density, name);
+        elasticity.validate(name);
+    }
+
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Response<Real, Space::dimension>
+    respond(Particle& state, Matrix<Real, Space::dimension> const& velocity_gradient, Real dt) const
+    {
+        constexpr int d = Space::dimension;
+        Real const mu(elasticity.mu), lambda(elasticity.lambda);
+        Matrix<Real, d>& H = state[DisplacementGradient{}];
+        H = deformed<Real, d>(H, velocity_gradient, dt);
+        Real const volume = volume_change<Real, d>(H), J = Real(1) + volume;
+        LeftStretch<Real, d> const V = left_stretch<Real, d>(H, volume);
+
+        Response<Real, d> response;
+        response.kirchhoff_stress = (V.square - V.strain) * (Real(2) * mu);
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) response.kirchhoff_stress(i, i) += lambda * volume * J;
+        response.wave_modulus =
+            FixedCorotatedLaw::wave_modulus<Real>(largest_eigenvalue<Real>(V.strain), J, mu, lambda);
+        response.inverted = nowhere<Real>();
+        response.capped = nowhere<Real>();
+        return response;
+    }
+};
 
 } // namespace firn

@@ -43,10 +43,7 @@ struct NeoHookean
         Real const log_J = log_one_plus(select(inverted, Real(0), growth));
 
         Response<Real, d> response;
-        Matrix<Real, d> strain = H * H.transpose(); // F F^T - I
-        FIRN_UNROLL
-        for (int i = 0; i < d; ++i) FIRN_UNROLL
-        for (int j = 0; j < d; ++j) strain(i, j) += H(i, j) + H(j, i);
+        Matrix<Real, d> const strain = squared_stretch_less_one<Real, d>(H); // F F^T - I
         response.kirchhoff_stress = strain * mu;
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) response.kirchhoff_stress(i, i) += lambda * log_J;

@@ -29,6 +29,10 @@ inline double critical_slope(int d, double friction_angle)
 ///
 /// Keeps what flow has opened since the start, a logarithm of volume: alpha = start + that, p0 = kappa (1e-5
 /// + sinh(xi max(-alpha, 0))). Flow in shear keeps the volume to rounding (see relaxed_extensions).
+///
+/// The elastic pressure is below kappa / 2 whatever the compression, so p0 stops there: alpha goes no lower
+/// than -0.481 / xi, and a particle that would counts as capped. (An ellipse whose middle no pressure reaches
+/// would lose all of its compaction with the first flow in shear.)
 template <class SpaceType>
 struct CamClayFlow
 {
@@ -44,7 +48,7 @@ struct CamClayFlow
     Number slope = Number(critical_slope(Space::dimension, 0.5235987755982988)); ///< M; here of 30 degrees
     Number cohesion = Number(0.5); ///< beta: the share of p0 that it bears in tension
     Number hardening = 3;          ///< xi
-    Number start = Number(-0.01);  ///< alpha at the start; the lower, the more compacted
+    Number start = Number(-0.01);  ///< alpha at the start, from -0.481 / xi on; the lower, the more compacted
 
     void validate() const
     {
@@ -56,18 +60,19 @@ struct CamClayFlow
         require(hardening >= 0 && std::isfinite(hardening),
                 "the hardening is not a finite number, 0 or above", name, "Pass xi, e.g. 3.");
         require(std::isfinite(start), "alpha at the start is not finite", name, "Pass alpha, e.g. -0.01.");
-        require(compaction(0) <= most_compaction(), "alpha at the start gives a pressure p0 without bounds",
-                name, "Pass alpha, e.g. -0.01: from alpha = -0.5 / xi on nothing is crushed any more.");
+        require(lowest_opening() <= 0,
+                "alpha at the start gives a p0 above kappa / 2, which no pressure reaches", name,
+                "Pass alpha from -0.481 / xi on, e.g. -0.01; from there on nothing is crushed.");
     }
 
-    /// What is wrong with a state from outside: that p0 is beyond all numbers.
+    /// What is wrong with a state from outside: that p0 is beyond all pressures.
     template <class Particle>
     std::string objection(Particle const& state) const
     {
-        double const opened = double(state[LogPlasticVolumeRatio{}]);
-        if (compaction(opened) <= most_compaction()) return {};
-        return "an alpha of " + std::to_string(double(start) + opened) +
-               " gives a pressure p0 without bounds";
+        Number const opened = state[LogPlasticVolumeRatio{}];
+        if (opened >= lowest_opening()) return {};
+        return "an alpha of " + std::to_string(double(start) + double(opened)) +
+               " gives a p0 above kappa / 2, which no pressure reaches";
     }
 
     template <Lane Real, int d, class Particle>
@@ -111,8 +116,10 @@ struct CamClayFlow
         for (int i = 0; i < d; ++i)
             plastic.strains[i] = select(sheared, slid[i], select(plastic.flowed, isotropic, trial[i]));
         opened += select(plastic.flowed, log(J / select(sheared, J_met, J_end)), Real(0));
+        Real const lowest(lowest_opening());
         plastic.hardening = one;
-        plastic.capped = nowhere<Real>();
+        plastic.capped = opened < lowest;
+        opened = max(opened, lowest);
         return plastic;
     }
 
@@ -127,13 +134,11 @@ struct CamClayFlow
     }
 
 private:
-    /// Up to which (p0 / kappa)^2 = e^(2 compaction) / 4 takes half of the range of numbers.
-    static double most_compaction() { return 0.25 * std::log(double(std::numeric_limits<Number>::max())); }
-
-    /// xi max(-alpha, 0).
-    double compaction(double opened) const
+    /// The least of what is kept: there p0 = kappa / 2, since sinh(0.4812) = 0.5 - 1e-5.
+    FIRN_HOST_DEVICE Number lowest_opening() const
     {
-        return double(hardening) * std::max(-(double(start) + opened), 0.0);
+        constexpr Number without_end = std::numeric_limits<Number>::lowest();
+        return hardening > 0 ? Number(-0.4812) / hardening - start : without_end;
     }
 
     /// The elastic volume ratio at a pressure [Pa]: p = kappa/2 (1 - J^2), always below kappa/2.

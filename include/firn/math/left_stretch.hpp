@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/math/deformation.hpp>
+#include <firn/math/inverse.hpp>
+
+#include <limits>
+
+namespace firn
+{
+
+/// The left stretch V of the polar decomposition F = V R, R a rotation, as its strains: both vanish at rest
+/// and are exact there to their own rounding. Where det F < 0, V has one negative eigenvalue: the smallest in
+/// size.
+template <class Real, int d>
+struct LeftStretch
+{
+    Matrix<Real, d> strain; ///< V - I
+    Matrix<Real, d> square; ///< V^2 - I = F F^T - I
+};
+
+namespace detail
+{
+
+/// V - I in the plane, where V = (V^2 + J I) / tr V and (tr V)^2 = (F_00 + F_11)^2 + (F_10 - F_01)^2.
+template <Lane Real>
+FIRN_HOST_DEVICE inline Matrix<Real, 2> strain_of_stretch(Matrix<Real, 2> const& H,
+                                                          Matrix<Real, 2> const& square, Real volume_change)
+{
+    Real const two(2), a = H(0, 0) + H(1, 1), b = H(1, 0) - H(0, 1);
+    Real const trace = sqrt((two + a) * (two + a) + b * b);
+    Real const strain_trace = (a * (Real(4) + a) + b * b) / (trace + two);
+    Real const least(Scalar<Real>(8) * std::numeric_limits<Scalar<Real>>::epsilon());
+    Matrix<Real, 2> strain = square;
+    strain(0, 0) += volume_change - strain_trace;
+    strain(1, 1) += volume_change - strain_trace;
+    return strain * (Real(1) / max(trace, least));
+}
+
+/// tr V - 3 from the invariants of V^2 - I and from J - 1: tr V is the largest root of x^4 - 2 tr(F F^T) x^2
+/// - 8 J x + tr(F F^T)^2 - 4 |cof F|^2, all of whose roots are real: Halley's steps from above go down to it,
+/// each with a third or less of its distance (two roots there) or with its cube.
+template <Lane Real>
+FIRN_HOST_DEVICE inline Real trace_of_strain(Real square_trace, Real square_minors, Real volume_change)
+{
+    using Number = Scalar<Real>;
+    constexpr int steps = 2, most = 16;
+    auto const number = [](double x) { return Real(Number(x)); };
+    // the polynomial of e = x - 3: its coefficients vanish at rest as far as they should
+    Real const c0 =
+        square_trace * (square_trace - number(20)) - number(4) * square_minors - number(24) * volume_change;
+    Real const c1 = number(64) - number(12) * square_trace - number(8) * volume_change;
+    Real const c2 = number(48) - number(2) * square_trace;
+    // (tr V)^2 = tr V^2 + 2 i_2, and i_2^2 <= 3 |cof F|^2
+    Real const cofactors2 = max(number(3) + number(2) * square_trace + square_minors, number(0));
+    Real e =
+        sqrt(max(number(3) + square_trace + number(2) * sqrt(number(3) * cofactors2), number(0))) - number(3);
+    Real last =
+        number(3) + e; // no step is longer than the one before, whatever rounding makes of a double root
+    auto const step = [&] {
+        Real const value = (((e + number(12)) * e + c2) * e + c1) * e + c0;
+        Real const slope = ((number(4) * e + number(36)) * e + number(2) * c2) * e + c1;
+        Real const bend = (number(12) * e + number(72)) * e + number(2) * c2;
+        Real const below = number(2) * slope * slope - value * bend;
+        Real const down = number(2) * value * slope / select(below > number(0), below, number(1));
+        return min(max(down, -last), last);
+    };
+    FIRN_UNROLL
+    for (int i = 0; i < steps; ++i) {
+        last = step();
+        e -= last;
+        last = abs(last);
+    }
+    // Lanes that are turned inside out or squeezed to a needle go on alone, so that nothing depends on what
+    // is in the other lanes.
+    Number const nearly = std::numeric_limits<Number>::epsilon();
+#pragma GCC unroll 1
+    for (int i = steps; i < most; ++i) {
+        Real const size = number(3) + e;
+        Mask<Real> const unfinished = last * last > Real(nearly) * size * size;
+        if (!any(unfinished)) break;
+        Real const down = select(unfinished, step(), number(0));
+        e -= down;
+        last = select(unfinished, abs(down), last);
+    }
+    return e;
+}
+
+/// V - I in space. By Cayley and Hamilton V (V^2 + i_2 I) = i_1 V^2 + i_3 I with the invariants of V; in
+/// terms of V^2 - I, what is left at rest is of the order of the strain.
+template <Lane Real>
+FIRN_HOST_DEVICE inline Matrix<Real, 3> strain_of_stretch(Matrix<Real, 3> const&,
+                                                          Matrix<Real, 3> const& square, Real volume_change)
+{
+    using Number = Scalar<Real>;
+    Real const trace = square(0, 0) + square(1, 1) + square(2, 2);
+    Real minors(0);
+    FIRN_UNROLL
+    for (int i = 0; i < 3; ++i) {
+        int const j = (i + 1) % 3;
+        minors += square(i, i) * square(j, j) - square(i, j) * square(j, i);
+    }
+    Real const one(1), e1 = trace_of_strain(trace, minors, volume_change); // the invariants of V - I
+    Real const e2 = Real(Number(0.5)) * (e1 * (e1 + Real(2)) - trace), e3 = volume_change - e1 - e2;
+    Real const i1 = Real(3) + e1, i2 = Real(3) + Real(2) * e1 + e2, i3 = one + volume_change;
+    // Two stretches that add up to nothing, with their signs, leave the rotation open: (s_1 + s_2) (s_2 +
+    // s_3) (s_3 + s_1) = i_1 i_2 - i_3 vanishes. Rounding takes eps / its square of V (more where two such
+    // pairs meet, inside out): where that would be more than what is missing here, they are taken for less
+    // than they are.
+    Number const least = sizeof(Number) == 4 ? Number(5e-3) : Number(6e-6); // the cube root of eps
+    Real const enough = select(i3 < Real(0), Real(4 * least), Real(least));
+    Real const missing = max(enough - (i1 * i2 - i3), Real(0));
+    Matrix<Real, 3> sum = square, times = square * (i1 - one);
+    FIRN_UNROLL
+    for (int i = 0; i < 3; ++i) {
+        sum(i, i) += one + i2 + missing;
+        times(i, i) += e3 - missing;
+    }
+    Matrix<Real, 3> const C = cofactors(sum);
+    Real const whole = one / sum.col(0).dot(C.col(0));
+    Matrix<Real, 3> strain; // what commutes has a symmetric product
+    FIRN_UNROLL
+    for (int i = 0; i < 3; ++i) FIRN_UNROLL
+    for (int j = i; j < 3; ++j) strain(i, j) = strain(j, i) = times.row(i).dot(C.col(j)) * whole;
+    return strain;
+}
+
+} // namespace detail
+
+/// The left stretch of F = I + H, of which J - 1 is known already.
+template <Lane Real, int d>
+FIRN_HOST_DEVICE inline LeftStretch<Real, d> left_stretch(Matrix<Real, d> const& H, Real volume_change_of_H)
+{
+    // Far from rest, F is taken in units of its size: the rounding is that of F then, not of I.
+    Real size2(d);
+    FIRN_UNROLL
+    for (int i = 0; i < d; ++i) {
+        size2 += Real(2) * H(i, i);
+        FIRN_UNROLL
+        for (int j = 0; j < d; ++j) size2 += H(i, j) * H(i, j);
+    }
+    size2 = size2 * Real(Scalar<Real>(1.0 / d));
+    Mask<Real> const far = (size2 > Real(4)) | (size2 < Real(Scalar<Real>(0.25)));
+    bool const any_far = any(far);
+    Real const one(1), least(std::numeric_limits<Scalar<Real>>::min());
+    Real unit = one, volume = volume_change_of_H;
+    Matrix<Real, d> G = H;
+    if (any_far) {
+        unit = select(far, sqrt(max(size2, least)), one);
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) G(i, i) += one - unit;
+        G = G * (one / unit);
+        volume = volume_change<Real, d>(G);
+    }
+    LeftStretch<Real, d> V;
+    V.square = squared_stretch_less_one<Real, d>(G);
+    V.strain = detail::strain_of_stretch(G, V.square, volume);
+    if (any_far) {
+        V.strain = V.strain * unit;
+        V.square = V.square * (unit * unit);
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) {
+            V.strain(i, i) += unit - one;
+            V.square(i, i) += unit * unit - one;
+        }
+    }
+    return V;
+}
+
+} // namespace firn
