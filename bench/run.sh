@@ -10,7 +10,7 @@
 #   --short         100 000 particles and the phases of one step, about 4 minutes
 #   --long          up to 10 million particles, about an hour
 #   --error short   six problems by kernels, transfers and precisions, three to five minutes after building
-#   --error long    the same, finer, with more lengths of steps and numbers of particles, an hour
+#   --error long    the same, finer, with more lengths of steps and numbers of particles, half an hour
 #   --error gate    P1 and P2 of the short one, once each, and stops with 1 where an error is 2 % above error/gate.csv
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
@@ -21,7 +21,7 @@ while [ $# -gt 0 ]; do
     case $1 in
         --short | --long) size=${1#--} ;;
         --error)
-            [[ "${2:-}" =~ ^(short|long|gate)$ ]] || stop "--error needs 'short' (5 minutes), 'long' (an hour) or 'gate' (two minutes)."
+            [[ "${2:-}" =~ ^(short|long|gate)$ ]] || stop "--error needs 'short' (5 minutes), 'long' (half an hour) or 'gate' (two minutes)."
             error=$2
             shift
             ;;
@@ -32,7 +32,7 @@ while [ $# -gt 0 ]; do
     esac
     shift
 done
-[ -n "$size$error" ] || stop "choose --short (4 minutes), --long (an hour), --error short (5 minutes), --error long (an hour) or --error gate (two minutes)."
+[ -n "$size$error" ] || stop "choose --short (4 minutes), --long (an hour), --error short (5 minutes), --error long (half an hour) or --error gate (two minutes)."
 [ -z "$size" ] || [ -z "$error" ] || stop "choose speeds (--$size) or errors (--error $error), not both."
 case $threads in '' | *[!0-9]* | 0) stop "--threads needs a number above 0, not '$threads'." ;; esac
 
