@@ -48,6 +48,12 @@ double energy(FixedCorotated<SpaceType> const& model, Matrix<double, d> const& F
 }
 
 template <class SpaceType, int d = SpaceType::dimension>
+double energy(SplitNeoHookean<SpaceType> const& model, Matrix<double, d> const& F)
+{
+    return energy<d>(SplitNeoHookeanLaw{}, model.elasticity, F);
+}
+
+template <class SpaceType, int d = SpaceType::dimension>
 double energy(NeoHookean<SpaceType> const& model, Matrix<double, d> const& F)
 {
     double const log_J = std::log(F.determinant());

@@ -393,57 +393,60 @@ struct NewOrder
     std::uint32_t* spare; ///< room for as many as arrive
 };
 
-/// Writes a block's new cells and its part of the new order: those who stay keep their order in the cell,
-/// those who come follow in the order in which they lie. Brings the offsets of arrivals back into their
-/// cells.
-template <int d, class Number>
-__device__ ArrivedInCell rearrange_block(std::uint32_t blocks, std::uint32_t const* begin,
-                                         Changes const& changes, std::uint64_t const* block_begin,
-                                         Movers<Number> const& movers, NewOrder const& to,
-                                         std::array<typename CellOffset<Number>::Stored*, d> const& offset)
+/// Who lay in the thread's cell, and where.
+struct LayInCell
 {
-    // Memory is far away: what can be asked for at once is, and what is put in order lies near.
-    constexpr std::uint32_t few = 12;
-    constexpr int at_once = 8;
-    __shared__ std::uint32_t near[2][few][64]; // movers that come into the thread's cell, and where they lie
-    std::uint32_t const c = blockIdx.x * 64 + threadIdx.x;
-    std::uint32_t const arrivals = changes.arrivals[c], stay = changes.stay[c],
-                        first_arrival = changes.first_arrival[c];
-    std::uint32_t const old = begin[c], count = begin[c + 1] - old, below = (1u << threadIdx.x % 32) - 1;
-    bool const all_stay = to.left == nullptr || changes.group_left[c / 32] == 0;
-    std::uint32_t slot = begin[c - threadIdx.x % 32];
-    std::uint64_t total;
-    std::uint64_t const mine =
-        block_begin[blockIdx.x] +
-        sum_before_in_block<64>((std::uint64_t(arrivals) << 32) | (stay + arrivals), total);
-    auto const first = static_cast<std::uint32_t>(mine),
-               first_arrived = static_cast<std::uint32_t>(mine >> 32);
-    to.begin[c] = first;
-    to.arrived_begin[c] = first_arrived;
-    if (blockIdx.x + 1 == blocks && threadIdx.x == 63) {
-        to.begin[c + 1] = first + stay + arrivals;
-        to.arrived_begin[c + 1] = first_arrived + arrivals;
-    }
+    std::uint32_t begin, count;
+    std::uint32_t slot; ///< where the first of the 32 cells lies
+    bool all_stay;
 
-    std::uint32_t at = first;
-    for (std::uint32_t rank = 0; __any_sync(~0u, rank < count); rank += at_once) {
+    __device__ LayInCell(std::uint32_t const* begins, Changes const& changes, bool nobody_left)
+    {
+        std::uint32_t const c = blockIdx.x * 64 + threadIdx.x;
+        begin = begins[c];
+        count = begins[c + 1] - begin;
+        slot = begins[c - threadIdx.x % 32];
+        all_stay = nobody_left || changes.group_left[c / 32] == 0;
+    }
+};
+
+/// Writes those who stay in the order in which they lie, from `at` on, 32 cells at a time; returns where
+/// those of the thread's cell end. Memory is far away: eight are asked for at once.
+static __device__ std::uint32_t keep_those_who_stay(LayInCell const& lay, NewOrder const& to,
+                                                    std::uint32_t at)
+{
+    constexpr int at_once = 8;
+    std::uint32_t const below = (1u << threadIdx.x % 32) - 1;
+    std::uint32_t slot = lay.slot;
+    for (std::uint32_t rank = 0; __any_sync(~0u, rank < lay.count); rank += at_once) {
         std::uint32_t here[at_once];
         bool stays[at_once];
 #pragma unroll
         for (unsigned i = 0; i < at_once; ++i) {
-            std::uint32_t const pattern = __ballot_sync(~0u, rank + i < count);
+            std::uint32_t const pattern = __ballot_sync(~0u, rank + i < lay.count);
             here[i] = slot + __popc(pattern & below);
             slot += __popc(pattern);
-            stays[i] = rank + i < count && (all_stay || to.left[here[i]] == 0);
+            stays[i] = rank + i < lay.count && (lay.all_stay || to.left[here[i]] == 0);
         }
 #pragma unroll
         for (unsigned i = 0; i < at_once; ++i)
-            if (stays[i]) to.order[at++] = to.source ? to.source[old + rank + i] : here[i];
+            if (stays[i]) to.order[at++] = to.source ? to.source[lay.begin + rank + i] : here[i];
     }
+    return at;
+}
 
-    // Its arrivals come as a chain in any order: put in one by one.
-    std::uint32_t* const arrived = to.arrived + first_arrived;
-    std::uint32_t mover = arrivals == 0 ? absent : first_arrival, where = 0, next = absent;
+/// Writes those who come into the thread's cell in the order in which they lie, from `at` on, and as a list
+/// from `first_arrived` on. They come as a chain in any order: each is put in its place among those before
+/// it, which lie near, while the next is asked for. Brings their offsets back into their cells.
+template <int d, class Number>
+__device__ void append_arrivals(std::uint32_t first_arrival, ArrivedInCell came, Movers<Number> const& movers,
+                                NewOrder const& to, std::uint32_t at,
+                                std::array<typename CellOffset<Number>::Stored*, d> const& offset)
+{
+    constexpr std::uint32_t few = 12;
+    __shared__ std::uint32_t near[2][few][64]; // movers that come into the thread's cell, and where they lie
+    std::uint32_t* const arrived = to.arrived + came.begin;
+    std::uint32_t mover = came.count == 0 ? absent : first_arrival, where = 0, next = absent;
     if (mover != absent) where = movers.slot[mover], next = movers.next[mover];
     for (std::uint32_t placed = 0; mover != absent; ++placed) {
         typename CellOffset<Number>::Stored stored[d];
@@ -451,7 +454,7 @@ __device__ ArrivedInCell rearrange_block(std::uint32_t blocks, std::uint32_t con
             for (int a = 0; a < d; ++a) stored[a] = offset[a][where];
         std::uint32_t where_next = 0, after = absent;
         if (next != absent) where_next = movers.slot[next], after = movers.next[next];
-        if (arrivals <= few) {
+        if (came.count <= few) {
             std::uint32_t place = placed;
             for (; place > 0 && near[1][place - 1][threadIdx.x] > where; --place)
                 for (auto& of : near) of[place][threadIdx.x] = of[place - 1][threadIdx.x];
@@ -468,16 +471,44 @@ __device__ ArrivedInCell rearrange_block(std::uint32_t blocks, std::uint32_t con
         mover = next, where = where_next, next = after;
     }
     __syncwarp();
-    for (std::uint32_t crowded = __ballot_sync(~0u, arrivals > few); crowded != 0; crowded &= crowded - 1) {
+    for (std::uint32_t crowded = __ballot_sync(~0u, came.count > few); crowded != 0; crowded &= crowded - 1) {
         int const lane = __ffs(static_cast<int>(crowded)) - 1;
-        std::uint32_t const from = __shfl_sync(~0u, first_arrived, lane);
-        sort_crowd(movers, to.arrived + from, to.spare + from, __shfl_sync(~0u, arrivals, lane));
+        std::uint32_t const from = __shfl_sync(~0u, came.begin, lane);
+        sort_crowd(movers, to.arrived + from, to.spare + from, __shfl_sync(~0u, came.count, lane));
     }
-    for (std::uint32_t i = 0; i < arrivals; ++i) {
-        if (arrivals <= few) arrived[i] = near[0][i][threadIdx.x];
-        to.order[at + i] = arrivals <= few ? near[1][i][threadIdx.x] : movers.slot[arrived[i]];
+    for (std::uint32_t i = 0; i < came.count; ++i) {
+        if (came.count <= few) arrived[i] = near[0][i][threadIdx.x];
+        to.order[at + i] = came.count <= few ? near[1][i][threadIdx.x] : movers.slot[arrived[i]];
     }
-    return {first_arrived, arrivals};
+}
+
+/// Writes a block's new cells and its part of the new order: those who stay keep their order in the cell,
+/// those who come follow in the order in which they lie.
+template <int d, class Number>
+__device__ ArrivedInCell rearrange_block(std::uint32_t blocks, std::uint32_t const* begin,
+                                         Changes const& changes, std::uint64_t const* block_begin,
+                                         Movers<Number> const& movers, NewOrder const& to,
+                                         std::array<typename CellOffset<Number>::Stored*, d> const& offset)
+{
+    std::uint32_t const c = blockIdx.x * 64 + threadIdx.x;
+    std::uint32_t const arrivals = changes.arrivals[c], stay = changes.stay[c],
+                        first_arrival = changes.first_arrival[c];
+    LayInCell const lay(begin, changes, to.left == nullptr); // asked for before threads wait for each other
+    std::uint64_t total;
+    std::uint64_t const mine =
+        block_begin[blockIdx.x] +
+        sum_before_in_block<64>((std::uint64_t(arrivals) << 32) | (stay + arrivals), total);
+    auto const first = static_cast<std::uint32_t>(mine);
+    ArrivedInCell const came{static_cast<std::uint32_t>(mine >> 32), arrivals};
+    to.begin[c] = first;
+    to.arrived_begin[c] = came.begin;
+    if (blockIdx.x + 1 == blocks && threadIdx.x == 63) {
+        to.begin[c + 1] = first + stay + arrivals;
+        to.arrived_begin[c + 1] = came.begin + arrivals;
+    }
+    std::uint32_t const at = keep_those_who_stay(lay, to, first);
+    append_arrivals<d>(first_arrival, came, movers, to, at, offset);
+    return came;
 }
 
 /// The same for all blocks.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/math/largest_eigenvalue.hpp>
 #include <firn/models/elastoplastic.hpp>
 
 namespace firn
@@ -45,19 +46,72 @@ struct SplitNeoHookeanLaw : MeasuredByExtension, RefusesInversion
         PrincipalStress<Real, d> found;
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) found.kirchhoff[i] = shear * (square[i] - mean) + pressure;
-        // sigma_i^2 Psi_ii = mu J^(-2/d) ((1 - 4/d) sigma_i^2 + (2/d + 1) |F|^2 / d) + kappa/2 (J^2 + 1) is
-        // largest at the smallest stretch; the shear value is mu J^(-2/d) sigma_1^2.
-        Real const longitudinal = shear * (Real(Number(1 - 4.0 / d)) * (least + Real(1)) +
-                                           Real(Number(2.0 / d + 1)) * (mean + Real(1))) +
-                                  pressure + bulk;
-        found.wave_modulus = max(max(longitudinal, shear * (most + Real(1))), lambda + Real(2) * mu);
+        found.wave_modulus = wave_modulus<d>(least, most, mean, shear, pressure, mu, lambda);
         return found;
+    }
+
+    /// From the smallest and the largest sigma_i^2 - 1 and their mean: sigma_i^2 Psi_ii = mu J^(-2/d)
+    /// ((1 - 4/d) sigma_i^2 + (2/d + 1) |F|^2 / d) + kappa/2 (J^2 + 1) is largest at the smallest stretch;
+    /// the shear value is mu J^(-2/d) sigma_1^2.
+    template <int d, Lane Real>
+    FIRN_HOST_DEVICE static Real wave_modulus(Real least, Real most, Real mean, Real shear, Real pressure,
+                                              Real mu, Real lambda)
+    {
+        using Number = Scalar<Real>;
+        Real const one(1), bulk = lambda + mu * Real(Number(2.0 / d));
+        Real const longitudinal =
+            shear * (Real(Number(1 - 4.0 / d)) * (least + one) + Real(Number(2.0 / d + 1)) * (mean + one)) +
+            pressure + bulk;
+        return max(max(longitudinal, shear * (most + one)), lambda + Real(2) * mu);
     }
 };
 
 /// Neo-Hookean solid whose shape and volume do not couple: for what is nearly incompressible, and below the
 /// models of soils and yield-stress fluids. An inverted particle is an error.
-template <class Space>
-using SplitNeoHookean = Elastoplastic<SplitNeoHookeanLaw, NoFlow<Space>>;
+///
+/// tau = mu J^(-2/d) dev(F F^T) + kappa/2 (J^2 - 1) I: no principal axes are looked for.
+template <class SpaceType>
+struct SplitNeoHookean
+{
+    using Space = SpaceType;
+    using Number = typename Space::Real;
+    using State = Fields<DisplacementGradient>;
+    static constexpr auto name = SplitNeoHookeanLaw::name;
+
+    Number density = 1000;                            ///< [kg/m^3]
+    Lame<Number> elasticity = lame<Number>(1e5, 0.3); ///< [Pa]
+
+    void validate() const
+    {
+        require_density(density, name);
+        elasticity.validate(name);
+    }
+
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Response<Real, Space::dimension>
+    respond(Particle& state, Matrix<Real, Space::dimension> const& velocity_gradient, Real dt) const
+    {
+        constexpr int d = Space::dimension;
+        Real const mu(elasticity.mu), lambda(elasticity.lambda), bulk = lambda + mu * Real(Number(2.0 / d));
+        Matrix<Real, d>& H = state[DisplacementGradient{}];
+        H = deformed<Real, d>(H, velocity_gradient, dt);
+        Real const volume = volume_change<Real, d>(H), J = Real(1) + volume;
+        Matrix<Real, d> const square = squared_stretch_less_one<Real, d>(H);
+
+        Response<Real, d> response;
+        response.inverted = !(J > Real(0));
+        response.capped = nowhere<Real>();
+        Real const root = root_of_volume<d>(select(response.inverted, Real(1), J));
+        Real const shear = mu / (root * root), pressure = Real(Number(0.5)) * bulk * volume * (J + Real(1)),
+                   mean = square.trace() * Real(Number(1.0 / d));
+        response.kirchhoff_stress = square * shear;
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) response.kirchhoff_stress(i, i) += pressure - shear * mean;
+        response.wave_modulus = SplitNeoHookeanLaw::wave_modulus<d>(-largest_eigenvalue<Real>(-square),
+                                                                    largest_eigenvalue<Real>(square), mean,
+                                                                    shear, pressure, mu, lambda);
+        return response;
+    }
+};
 
 } // namespace firn
