@@ -4,6 +4,7 @@
 #include "support/test_lane.hpp"
 
 #include <Eigen/Eigenvalues>
+#include <Eigen/SVD>
 
 using namespace firn;
 using namespace firn::test;
@@ -166,6 +167,50 @@ TEMPLATE_LIST_TEST_CASE("turned afterwards is turned before: the update of the s
         Tensor const F_E = material.elastic_part(states[i]);
         CHECK((material.elastic_part(states_turned[i]) - Q * F_E).norm() <= 1e-12);
     }
+}
+
+TEMPLATE_TEST_CASE(
+    "fixed corotated squeezed, pulled out and turned inside out has the stress of its principal axes", "",
+    Plane, Solid, SolidFloat)
+{
+    constexpr int d = TestType::dimension;
+    using Tensor = Matrix<double, d>;
+    OneElement<FixedCorotated<TestType>> const material;
+    Lame<double> const moduli{material.model.elasticity.mu, material.model.elasticity.lambda};
+    double const rounding = std::numeric_limits<typename TestType::Real>::epsilon(),
+                 unit = moduli.lambda + 2 * moduli.mu;
+    std::mt19937 random(31);
+    std::vector<Tensor> deformations;
+    for (double apart : {0.0, 1e-8, 1e-5, 1e-4, 1e-3, 1e-2, 0.1})
+        for (Eigen::Vector3d const& stretches :
+             {Eigen::Vector3d(apart, 0.9 * apart, 0.8 * apart), Eigen::Vector3d(1.3, 0.7 * apart, apart),
+              Eigen::Vector3d(1.3, -0.7 * apart, apart), Eigen::Vector3d(1.3, 1.1, apart),
+              Eigen::Vector3d(1.9, 1.9 * (1 - apart), -1.9 * (1 - 0.5 * apart)),
+              Eigen::Vector3d(1, 0.5, -apart)})
+            for (int i = 0; i < 30; ++i)
+                deformations.push_back(random_rotation<d>(random) *
+                                       Tensor(stretches.template tail<d>().asDiagonal()) *
+                                       random_rotation<d>(random));
+    auto states = material.at_rest(deformations.size());
+    auto const answers = material.answers(states, deformations);
+    double worst = 0, slow = 0;
+    for (std::size_t i = 0; i < deformations.size(); ++i) {
+        Tensor const F = Tensor::Identity() + states[i][DisplacementGradient{}].template cast<double>();
+        Eigen::JacobiSVD<Tensor> const found(F, Eigen::ComputeFullU);
+        Vector<double, d> sigma = found.singularValues(), tau;
+        double const J = F.determinant();
+        if (J < 0) sigma[d - 1] = -sigma[d - 1];
+        for (int a = 0; a < d; ++a)
+            tau[a] = 2 * moduli.mu * (sigma[a] - 1) * sigma[a] + moduli.lambda * (J - 1) * J;
+        Tensor const exact = found.matrixU() * tau.asDiagonal() * found.matrixU().transpose();
+        double const settled = (sigma[d - 2] + sigma[d - 1]) / std::max(sigma[0], 1e-3);
+        double const off = (answers[i].kirchhoff_stress.template cast<double>() - exact).norm() / unit;
+        worst = std::max(worst, off * std::min(settled, 1.0));
+        double const wave = std::max(2 * moduli.mu * sigma[0] * sigma[0] + moduli.lambda * J * J, unit);
+        slow = std::max(slow, 1 - answers[i].wave_modulus / wave);
+    }
+    CHECK(worst <= 1e3 * rounding);
+    CHECK(slow <= 10 * rounding);
 }
 
 TEST_CASE("fixed corotated takes no reflection for a rest state")

@@ -265,16 +265,31 @@ TEMPLATE_LIST_TEST_CASE("Nothing is stretched at rest, and nothing finite comes 
     }
 }
 
-TEMPLATE_LIST_TEST_CASE("The left stretch is that of the singular values, at any size", "", test::LaneTypes)
+TEMPLATE_LIST_TEST_CASE(
+    "The left stretch is that of the singular values, at any size, and squared it is F F^T", "",
+    test::LaneTypes)
 {
     using Number = Scalar<TestType>;
-    double const least = std::cbrt(rounding<Number>); // see left_stretch
     auto const check = [&](auto dimension) {
         constexpr int d = dimension;
         Exact<d> const I = Exact<d>::Identity();
-        for (auto const& kind : kinds<d>()) {
+        auto all = kinds<d>();
+        for (double const apart : {1e-8, 1e-6, 1e-4, 1e-3, 1e-2, 0.1}) {
+            all.push_back({"nearly a reflection", [=](Source<d>& s) {
+                               return s.turned(1.9 * diagonal<d>(1 + apart * s.normal(),
+                                                                 1 + apart * s.normal(),
+                                                                 -1 + apart * s.normal()));
+                           }});
+            for (double const sign : {1, -1})
+                all.push_back({"needle", [=](Source<d>& s) {
+                                   return s.turned(diagonal<d>(1.3, apart, sign * 0.7 * apart));
+                               }});
+            all.push_back(
+                {"point", [=](Source<d>& s) { return s.turned(apart * diagonal<d>(1, 0.9, 0.8)); }});
+        }
+        for (auto const& kind : all) {
             Source<d> source;
-            double worst = 0, squares = 0, largest = 0;
+            double worst = 0, squares = 0, not_root = 0;
             for (int i = 0; i < 2000; i += lane_width<TestType>) {
                 std::vector<Exact<d>> matrices(lane_width<TestType>);
                 for (auto& H : matrices)
@@ -286,18 +301,17 @@ TEMPLATE_LIST_TEST_CASE("The left stretch is that of the singular values, at any
                                    found = I + matrix_of(V.strain, lane);
                     auto const [exact, settled] = left_stretch_of<d>(F);
                     double const size = std::max(F.norm(), 1.0); // what is below 1 has the rounding of 1
-                    if (settled > 8 * least)
-                        worst =
-                            std::max(worst, (found - exact).norm() / size * std::min(settled * settled, 1.0));
+                    // where the rotation is open, another V may be as good
+                    worst = std::max(worst, (found - exact).norm() / size * std::min(settled * settled, 1.0));
+                    not_root = std::max(not_root, (found * found - F * F.transpose()).norm() / (size * size));
                     squares = std::max(squares, (matrix_of(V.square, lane) + I - F * F.transpose()).norm() /
                                                     (size * size));
-                    largest = std::max(largest, found.norm() / size);
                 }
             }
             INFO(d << " dimensions, " << lane_width<TestType> << " lanes, " << kind.name);
-            CHECK(worst <= 32 * exactness<Number>);
+            CHECK(worst <= 8 * exactness<Number>);
             CHECK(squares <= exactness<Number>);
-            CHECK(largest <= 6); // a turned reflection, whose three stretches all leave it open
+            CHECK(not_root <= 1000 * exactness<Number>); // of what is nearly a reflection; 10 of most
         }
     };
     check(std::integral_constant<int, 2>{});

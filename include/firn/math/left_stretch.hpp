@@ -3,6 +3,7 @@
 
 #include <firn/math/deformation.hpp>
 #include <firn/math/inverse.hpp>
+#include <firn/math/principal_axes.hpp>
 
 #include <limits>
 
@@ -22,6 +23,20 @@ struct LeftStretch
 namespace detail
 {
 
+/// Takes V - I from the principal axes where what two stretches add up to each, with their signs, has a
+/// product of nearly nothing: the rotation is open there, or nearly so, and rounding takes eps / its square
+/// of V. Needles and what is nearly a reflection: so few that looking for their axes does not count.
+template <Lane Real, int d>
+FIRN_HOST_DEVICE inline void look_for_axes(Matrix<Real, d>& strain, Matrix<Real, d> const& H, Real settled)
+{
+    Mask<Real> const open = !(settled > Real(Scalar<Real>(0.1)));
+    if (!any(open)) return;
+    auto const axes = principal_axes<Real, d>(H);
+    Matrix<Real, d> const found = axes.U * axes.extension.asDiagonal() * axes.U.transpose();
+    FIRN_UNROLL
+    for (int i = 0; i < d * d; ++i) strain(i) = select(open, found(i), strain(i));
+}
+
 /// V - I in the plane, where V = (V^2 + J I) / tr V and (tr V)^2 = (F_00 + F_11)^2 + (F_10 - F_01)^2.
 template <Lane Real>
 FIRN_HOST_DEVICE inline Matrix<Real, 2> strain_of_stretch(Matrix<Real, 2> const& H,
@@ -30,11 +45,12 @@ FIRN_HOST_DEVICE inline Matrix<Real, 2> strain_of_stretch(Matrix<Real, 2> const&
     Real const two(2), a = H(0, 0) + H(1, 1), b = H(1, 0) - H(0, 1);
     Real const trace = sqrt((two + a) * (two + a) + b * b);
     Real const strain_trace = (a * (Real(4) + a) + b * b) / (trace + two);
-    Real const least(Scalar<Real>(8) * std::numeric_limits<Scalar<Real>>::epsilon());
     Matrix<Real, 2> strain = square;
     strain(0, 0) += volume_change - strain_trace;
     strain(1, 1) += volume_change - strain_trace;
-    return strain * (Real(1) / max(trace, least));
+    strain = strain * (Real(1) / trace);
+    look_for_axes(strain, H, trace); // s_1 + s_2, of 2 at rest
+    return strain;
 }
 
 /// tr V - 3 from the invariants of V^2 - I and from J - 1: tr V is the largest root of x^4 - 2 tr(F F^T) x^2
@@ -44,7 +60,7 @@ template <Lane Real>
 FIRN_HOST_DEVICE inline Real trace_of_strain(Real square_trace, Real square_minors, Real volume_change)
 {
     using Number = Scalar<Real>;
-    constexpr int steps = 2, most = 16;
+    constexpr int steps = 2, most = 8;
     auto const number = [](double x) { return Real(Number(x)); };
     // the polynomial of e = x - 3: its coefficients vanish at rest as far as they should
     Real const c0 =
@@ -89,10 +105,9 @@ FIRN_HOST_DEVICE inline Real trace_of_strain(Real square_trace, Real square_mino
 /// V - I in space. By Cayley and Hamilton V (V^2 + i_2 I) = i_1 V^2 + i_3 I with the invariants of V; in
 /// terms of V^2 - I, what is left at rest is of the order of the strain.
 template <Lane Real>
-FIRN_HOST_DEVICE inline Matrix<Real, 3> strain_of_stretch(Matrix<Real, 3> const&,
+FIRN_HOST_DEVICE inline Matrix<Real, 3> strain_of_stretch(Matrix<Real, 3> const& H,
                                                           Matrix<Real, 3> const& square, Real volume_change)
 {
-    using Number = Scalar<Real>;
     Real const trace = square(0, 0) + square(1, 1) + square(2, 2);
     Real minors(0);
     FIRN_UNROLL
@@ -101,20 +116,13 @@ FIRN_HOST_DEVICE inline Matrix<Real, 3> strain_of_stretch(Matrix<Real, 3> const&
         minors += square(i, i) * square(j, j) - square(i, j) * square(j, i);
     }
     Real const one(1), e1 = trace_of_strain(trace, minors, volume_change); // the invariants of V - I
-    Real const e2 = Real(Number(0.5)) * (e1 * (e1 + Real(2)) - trace), e3 = volume_change - e1 - e2;
+    Real const e2 = Real(Scalar<Real>(0.5)) * (e1 * (e1 + Real(2)) - trace), e3 = volume_change - e1 - e2;
     Real const i1 = Real(3) + e1, i2 = Real(3) + Real(2) * e1 + e2, i3 = one + volume_change;
-    // Two stretches that add up to nothing, with their signs, leave the rotation open: (s_1 + s_2) (s_2 +
-    // s_3) (s_3 + s_1) = i_1 i_2 - i_3 vanishes. Rounding takes eps / its square of V (more where two such
-    // pairs meet, inside out): where that would be more than what is missing here, they are taken for less
-    // than they are.
-    Number const least = sizeof(Number) == 4 ? Number(5e-3) : Number(6e-6); // the cube root of eps
-    Real const enough = select(i3 < Real(0), Real(4 * least), Real(least));
-    Real const missing = max(enough - (i1 * i2 - i3), Real(0));
     Matrix<Real, 3> sum = square, times = square * (i1 - one);
     FIRN_UNROLL
     for (int i = 0; i < 3; ++i) {
-        sum(i, i) += one + i2 + missing;
-        times(i, i) += e3 - missing;
+        sum(i, i) += one + i2;
+        times(i, i) += e3;
     }
     Matrix<Real, 3> const C = cofactors(sum);
     Real const whole = one / sum.col(0).dot(C.col(0));
@@ -122,6 +130,9 @@ FIRN_HOST_DEVICE inline Matrix<Real, 3> strain_of_stretch(Matrix<Real, 3> const&
     FIRN_UNROLL
     for (int i = 0; i < 3; ++i) FIRN_UNROLL
     for (int j = i; j < 3; ++j) strain(i, j) = strain(j, i) = times.row(i).dot(C.col(j)) * whole;
+
+    // (s_1 + s_2) (s_2 + s_3) (s_3 + s_1), of 8 at rest
+    look_for_axes(strain, H, i1 * i2 - i3);
     return strain;
 }
 
@@ -132,26 +143,22 @@ template <Lane Real, int d>
 FIRN_HOST_DEVICE inline LeftStretch<Real, d> left_stretch(Matrix<Real, d> const& H, Real volume_change_of_H)
 {
     // Far from rest, F is taken in units of its size: the rounding is that of F then, not of I.
-    Real size2(d);
-    FIRN_UNROLL
-    for (int i = 0; i < d; ++i) {
-        size2 += Real(2) * H(i, i);
-        FIRN_UNROLL
-        for (int j = 0; j < d; ++j) size2 += H(i, j) * H(i, j);
-    }
-    size2 = size2 * Real(Scalar<Real>(1.0 / d));
-    Mask<Real> const far = (size2 > Real(4)) | (size2 < Real(Scalar<Real>(0.25)));
+    Matrix<Real, d> G = deformation_gradient<Real, d>(H);
+    Real const size2 = G.squaredNorm() * Real(Scalar<Real>(1.0 / d)), one(1);
+    Mask<Real> const far = (size2 > Real(2)) | (size2 < Real(Scalar<Real>(0.5)));
     bool const any_far = any(far);
-    Real const one(1), least(std::numeric_limits<Scalar<Real>>::min());
     Real unit = one, volume = volume_change_of_H;
-    Matrix<Real, d> G = H;
     if (any_far) {
-        unit = select(far, sqrt(max(size2, least)), one);
-        FIRN_UNROLL
-        for (int i = 0; i < d; ++i) G(i, i) += one - unit;
+        unit = select(far, sqrt(max(size2, Real(std::numeric_limits<Scalar<Real>>::min()))), one);
         G = G * (one / unit);
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) G(i, i) -= one;
+        FIRN_UNROLL
+        for (int i = 0; i < d * d; ++i) G(i) = select(far, G(i), H(i));
         volume = volume_change<Real, d>(G);
     }
+    else
+        G = H;
     LeftStretch<Real, d> V;
     V.square = squared_stretch_less_one<Real, d>(G);
     V.strain = detail::strain_of_stretch(G, V.square, volume);

@@ -55,7 +55,8 @@ struct FixedCorotatedLaw : MeasuredByExtension
 /// decomposition (Stomakhin et al. 2012, eq. 6). Finite under inversion, from which a particle does not come
 /// back, though: a step that is safe keeps the sign of det F. Soft towards J = 0.
 ///
-/// tau = 2 mu (V^2 - V) + lambda (J - 1) J I with the left stretch V: no principal axes are looked for.
+/// tau = 2 mu (V^2 - V) + lambda (J - 1) J I with the left stretch V: no principal axes are looked for, but
+/// of needles and near-reflections.
 template <class SpaceType>
 struct FixedCorotated
 {
@@ -88,8 +89,10 @@ struct FixedCorotated
         response.kirchhoff_stress = (V.square - V.strain) * (Real(2) * mu);
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) response.kirchhoff_stress(i, i) += lambda * volume * J;
-        response.wave_modulus =
-            FixedCorotatedLaw::wave_modulus<Real>(largest_eigenvalue<Real>(V.strain), J, mu, lambda);
+        // of V^2, in which no rotation is open
+        Real const square = largest_eigenvalue<Real>(V.square);
+        Real const longest = square / (Real(1) + sqrt(max(Real(1) + square, Real(0))));
+        response.wave_modulus = FixedCorotatedLaw::wave_modulus<Real>(longest, J, mu, lambda);
         response.inverted = nowhere<Real>();
         response.capped = nowhere<Real>();
         return response;

@@ -107,7 +107,8 @@ struct SplitNeoHookean
         response.kirchhoff_stress = square * shear;
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) response.kirchhoff_stress(i, i) += pressure - shear * mean;
-        response.wave_modulus = SplitNeoHookeanLaw::wave_modulus<d>(-largest_eigenvalue<Real>(-square),
+        Matrix<Real, d> const turned = -square; // whose largest eigenvalue is the smallest
+        response.wave_modulus = SplitNeoHookeanLaw::wave_modulus<d>(-largest_eigenvalue<Real>(turned),
                                                                     largest_eigenvalue<Real>(square), mean,
                                                                     shear, pressure, mu, lambda);
         return response;

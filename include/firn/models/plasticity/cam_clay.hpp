@@ -62,7 +62,7 @@ struct CamClayFlow
         require(std::isfinite(start), "alpha at the start is not finite", name, "Pass alpha, e.g. -0.01.");
         require(lowest_opening() <= 0,
                 "alpha at the start gives a p0 above kappa / 2, which no pressure reaches", name,
-                "Pass alpha from -0.481 / xi on, e.g. -0.01; from there on nothing is crushed.");
+                "Pass alpha from -0.481 / xi on, e.g. -0.01.");
     }
 
     /// What is wrong with a state from outside: that p0 is beyond all pressures.
@@ -134,7 +134,8 @@ struct CamClayFlow
     }
 
 private:
-    /// The least of what is kept: there p0 = kappa / 2, since sinh(0.4812) = 0.5 - 1e-5.
+    /// The least of what is kept: there p0 is kappa / 2 less 3e-6 of kappa, since sinh(0.4812) = 0.5
+    /// - 1.3e-5.
     FIRN_HOST_DEVICE Number lowest_opening() const
     {
         constexpr Number without_end = std::numeric_limits<Number>::lowest();
