@@ -70,23 +70,23 @@ part() { # NAME COMMAND...: one line of what it found, or its last lines
     summary=$(grep -E '^All tests passed|(ERROR|RACECHECK) SUMMARY' "$out/$name.log" | tail -n 1) || summary="passed"
     echo "$name: ${summary#=*= } (at $SECONDS s)"
 }
-# Programs themselves, not ctest: that starts one anew for each of 500 tests, 0.3 s of the device's each. Each runs as
-# soon as it is built, beside the others: they ask little of the device, and most wait for what watches them or for
-# nvcc. In $tests, as ctest does, so that all find the same hard_cases.csv.
+# Programs themselves, not ctest: that starts one anew for each of 500 tests, 0.3 s of the device's each. What can be
+# watched soon is, while nvcc has the processor and nobody the device; but programs that share the device take turns,
+# and all of them are slow. In $tests, as ctest does, so that all find the same hard_cases.csv.
 cd "$tests"
 built cuda_device
-part cuda_device ./cuda_device || failed=yes # by itself: it fills the device's memory
 beside=()
 for tool in memcheck racecheck initcheck; do
     part $tool compute-sanitizer --tool $tool --error-exitcode 1 ./cuda_device '[sanitize]' & beside+=($!)
 done
-for program in cuda_devices cuda_agreement cuda_scenes cuda_fault cuda_hard_cases; do
-    built $program
-    part $program ./$program & beside+=($!)
-done
+part cuda_device ./cuda_device '~[memory]' & beside+=($!)
 wait "$build" || { build=""; not_built; }
 build=""
-for program in "${beside[@]}"; do wait "$program" || failed=yes; done # racecheck takes longest; timings want the device
+for program in "${beside[@]}"; do wait "$program" || failed=yes; done
+for program in cuda_devices cuda_fault cuda_agreement cuda_scenes cuda_hard_cases; do
+    part $program ./$program || failed=yes
+done
+part memory ./cuda_device '[memory]' || failed=yes # by itself: it fills the device's
 part hard_cases bash "$root/tests/hard/table.sh" hard_cases.csv || failed=yes
 part host_engine ../examples/host_engine || failed=yes
 cd "$root"

@@ -141,7 +141,8 @@ TEMPLATE_LIST_TEST_CASE("a few steps through every loop", "[sanitize]", Short)
     CHECK(std::isfinite(here.back()));
 }
 
-TEST_CASE("where memory is short an error says how much was needed and had, and the scene goes on as it was")
+TEST_CASE("where memory is short an error says how much was needed and had, and the scene goes on as it was",
+          "[memory]") // of the whole device: nobody else has any
 {
     Jelly solver(lattice(0.05)), untouched(lattice(0.05));
     for (auto* const scene : {&solver, &untouched}) {
@@ -174,7 +175,7 @@ TEST_CASE("where memory is short an error says how much was needed and had, and 
     CHECK(worst <= 1e-7);
 }
 
-TEST_CASE("where memory runs short in the middle of a step, so says every call after it")
+TEST_CASE("where memory runs short in the middle of a step, so says every call after it", "[memory]")
 {
     Jelly solver(lattice(0.05));
     solver.add(box_of_points<3>({0, 0, 0}, {3, 3, 3}, 0.05), std::pow(0.025, 3)); // the grid is yet to come
