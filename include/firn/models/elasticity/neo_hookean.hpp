@@ -24,8 +24,8 @@ struct NeoHookean
 
     void validate() const
     {
-        require_density(density, "NeoHookean");
-        elasticity.validate("NeoHookean");
+        require_density(density, name);
+        elasticity.validate(name);
     }
 
     /// tau = mu (F F^T - I) + lambda ln J I.
