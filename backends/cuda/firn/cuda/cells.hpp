@@ -140,11 +140,11 @@ public:
     bool follows_early() const { return blocks() <= 1024; }
 
     /// The same while one thread asks `conclude` how things go on. What `give(cells, arrived)` returns is
-    /// called for each block (see detail::rearrange_and) with so much shared memory. The order before is
-    /// kept, for take_back().
+    /// called for each block by so many teams (see detail::rearrange_and) with so much shared memory. The
+    /// order before is kept, for take_back().
     template <class Conclude, class Give>
     void follow_early(std::array<Offset*, d> const& offset, Conclude const& conclude, Give const& give,
-                      std::size_t shared)
+                      unsigned teams, std::size_t shared)
     {
         OnDevice const here(queue_);
         offset_ = offset;
@@ -158,7 +158,7 @@ public:
         auto const then = give(view(), arrived());
         launch_behind("rearrange_and", queue_,
                       detail::rearrange_and<d, Number, Conclude, std::remove_cv_t<decltype(then)>>,
-                      blocks() + 1, 64, shared, signal(), 1 + early_++ % 1000, begin_.data(), changes(),
+                      blocks() + 1, teams * 64, shared, signal(), 1 + early_++ % 1000, begin_.data(), changes(),
                       block_begin_.data(), movers_.view(channels_), to, offset, conclude, then);
         std::swap(begin_, new_begin_);
         std::swap(order_, order_before_);
