@@ -609,9 +609,8 @@ private:
         using Log = RunLog<Actions::obstacles, count>;
         static_assert(std::is_trivially_destructible_v<Now>, "an effect's action is a plain value");
         auto& cells = particles<0>().cells();
-        int const expected = count > 1 ? 1
-                                       : static_cast<int>(std::min<std::size_t>(
-                                             most, std::min(queue_, backend_.steps_to_queue(cells))));
+        int const expected =
+            count > 1 ? 1 : static_cast<int>(std::min(most, backend_.steps_to_queue(cells, queue_)));
         using KeptRule = RunRule<Effects, count>;
         static_assert(std::is_trivially_destructible_v<KeptRule>, "an effect, as steps know it, too");
         // an obstacle's quaternion is aligned more strictly than the two before it are long
@@ -677,7 +676,7 @@ private:
             constexpr std::integral_constant<std::size_t, 0> only{};
             auto layer = grid.layer(0);
             if constexpr (Backend::queues)
-                for (; queued < expected; reacted = update(queued++)) {
+                for (; queued < expected && backend_.keeps_up(cells); reacted = update(queued++)) {
                     auto const choice =
                         backend_.move_on(cells, layer, move(only, queued - 1), reacted, conclude(queued - 1));
                     accept(sides); // as is to be expected
@@ -947,7 +946,7 @@ private:
     typename Backend::template Outbox<unsigned char> now_;
     typename Backend::template Outbox<unsigned char> log_; ///< a RunLog
     int now_turn_ = 0;          ///< which of the two it is that the next step finds
-    std::size_t queue_ = 1;     ///< as many steps are worth while to queue: it went well with half as many
+    std::size_t queue_ = 1;     ///< as many steps may be queued blindly: it went well with half as many
     std::size_t unstopped_ = 0; ///< steps since queued ones were stopped
     bool spoiled_ = false;      ///< a step went wrong: nodes do not hold the velocities of the last good one
 };

@@ -7,6 +7,7 @@
 #include <firn/cuda/grid.hpp>
 #include <firn/cuda/loops.hpp>
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <string>
@@ -24,7 +25,7 @@ struct Cuda
 {
     int device = 0;                ///< as cudaGetDeviceProperties counts them
     cudaStream_t stream = nullptr; ///< of that device; it must live as long as the solver
-    std::size_t batch = 16;        ///< steps that are queued before the host listens, at most
+    std::size_t batch = 64;        ///< steps that are queued before the host listens, at most
     static constexpr bool reaches_host_memory = false;
     static constexpr bool queues = true; ///< loops are not through when they return
 
@@ -42,13 +43,22 @@ struct Cuda
 
     cuda::Queue queue() const { return {device, stream}; }
 
-    /// How many steps are worth while to queue: where there are many blocks, loops that were queued in vain
-    /// take longer, and the host that listens holds up less.
+    /// How many steps are worth while to queue. Where there are many blocks, loops that were queued in vain
+    /// take longer, the host that listens holds up less, and it went well with half of `blindly`; else
+    /// keeps_up() finds out in time.
     template <class CellOrder>
-    std::size_t steps_to_queue(CellOrder const& cells) const
+    std::size_t steps_to_queue(CellOrder const& cells, std::size_t blindly) const
     {
-        std::size_t const worth_while = 2 + 10000 / (1000 + cells.blocks());
-        return batch < worth_while ? batch : worth_while;
+        if (cells.follows_early()) return batch;
+        return std::min({batch, blindly, std::size_t{2 + 10000 / (1000 + cells.blocks())}});
+    }
+
+    /// Waits until the device is about to need another step, where it is told how far it is; false if steps
+    /// that were queued have stopped.
+    template <class CellOrder>
+    bool keeps_up(CellOrder const& cells) const
+    {
+        return !follows_early(cells) || cells.keeps_up();
     }
 
     /// Throws an Error unless there is such a device and a driver for it.
@@ -220,7 +230,8 @@ struct Cuda
             return;
         }
         using Tiles = cuda::detail::SharedTiles<GridType>;
-        unsigned const teams = std::min(Tiles::teams(cells.blocks()), cuda::detail::most_teams_that_rearrange);
+        unsigned const teams =
+            std::min(Tiles::teams(cells.blocks()), cuda::detail::most_teams_that_rearrange);
         cells.follow_early(
             offsets, conclusion,
             [&](auto const& view, auto const& arrived) {

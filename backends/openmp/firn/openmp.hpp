@@ -48,7 +48,7 @@ struct BasicOpenMP
 
     /// How many steps are worth while to queue before the host listens: it need not wait.
     template <class CellOrder>
-    static std::size_t steps_to_queue(CellOrder const&)
+    static std::size_t steps_to_queue(CellOrder const&, std::size_t)
     {
         return 1;
     }

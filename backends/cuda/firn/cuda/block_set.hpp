@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cstdint>
-#include <vector>
 
 namespace firn::cuda
 {
@@ -99,10 +98,6 @@ public:
     }
 
 private:
-    /// Of so many new ones each counts those before it. More, as they come with new items, the host sorts:
-    /// the device would take their number squared.
-    static constexpr std::uint32_t most_counted = 8192;
-
     std::uint32_t room() const { return static_cast<std::uint32_t>(keys_.size()) - size_; }
 
     Queue queue_;
@@ -115,37 +110,33 @@ private:
 
 namespace detail
 {
-/// Gives each new key the index of its rank among them.
-static __global__ void number_births(BlockSet::View set, std::uint64_t* keys, std::uint32_t size,
-                                     std::uint32_t births)
-{
-    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
-    if (i == 0) *set.born_count = 0;
-    if (i >= births) return;
-    std::uint64_t const key = set.key[set.born[i]];
-    std::uint32_t rank = size;
-    for (std::uint32_t j = 0; j < births; ++j) rank += set.key[set.born[j]] < key;
-    set.index[set.born[i]] = rank;
-    keys[rank] = key;
-}
+inline constexpr unsigned numbering_threads = 256;
 
-/// The same by those keys in their order.
-static __global__ void number_sorted(BlockSet::View set, std::uint64_t const* sorted, std::uint32_t size,
-                                     std::uint32_t births)
+/// Gives each new key the index of its rank among them. All keys pass by, as many at a time as there are
+/// threads in a group, the next ones asked for while these are compared.
+static __global__ void __launch_bounds__(numbering_threads)
+    number_births(BlockSet::View set, std::uint64_t* keys, std::uint32_t size, std::uint32_t births)
 {
-    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
+    __shared__ std::uint64_t near[numbering_threads];
+    std::uint32_t const i = blockIdx.x * numbering_threads + threadIdx.x;
+    auto const new_key = [&](std::uint32_t j) {
+        return j < births ? set.key[set.born[j]] : ~std::uint64_t(0);
+    };
+    std::uint64_t const mine = new_key(i);
+    std::uint64_t passing = new_key(threadIdx.x);
+    std::uint32_t rank = size;
+    for (std::uint32_t first = 0; first < births; first += numbering_threads) {
+        near[threadIdx.x] = passing;
+        __syncthreads();
+        passing = new_key(first + numbering_threads + threadIdx.x);
+#pragma unroll 8
+        for (unsigned j = 0; j < numbering_threads; ++j) rank += near[j] < mine;
+        __syncthreads();
+    }
     if (i == 0) *set.born_count = 0;
     if (i >= births) return;
-    std::uint64_t const key = set.key[set.born[i]];
-    std::uint32_t rank = 0;
-    for (std::uint32_t end = births; rank < end;) {
-        std::uint32_t const middle = rank + (end - rank) / 2;
-        if (sorted[middle] < key)
-            rank = middle + 1;
-        else
-            end = middle;
-    }
-    set.index[set.born[i]] = size + rank;
+    set.index[set.born[i]] = rank;
+    keys[rank] = mine;
 }
 
 static __global__ void insert_keys(BlockSet::View set, std::uint64_t const* keys, std::uint32_t size)
@@ -212,20 +203,8 @@ inline void BlockSet::number(std::uint32_t births)
 {
     if (births == 0) return;
     OnDevice const here(queue_);
-    unsigned const groups = groups_of(births, 128);
-    if (births <= most_counted)
-        launch_after("number_births", queue_, detail::number_births, groups, 128, view(), keys_.data(), size_,
-                     births);
-    else {
-        launch_after("copy_keys", queue_, detail::copy_keys, groups, 128, key_.data(), born_.data(), births,
-                     keys_.data() + size_);
-        std::vector<std::uint64_t> keys(births);
-        keys_.download(size_, keys);
-        std::sort(keys.begin(), keys.end());
-        keys_.upload(size_, keys);
-        launch_after("number_sorted", queue_, detail::number_sorted, groups, 128, view(),
-                     keys_.data() + size_, size_, births);
-    }
+    launch_after("number_births", queue_, detail::number_births, groups_of(births, detail::numbering_threads),
+                 detail::numbering_threads, view(), keys_.data(), size_, births);
     size_ += births;
 }
 

@@ -52,7 +52,7 @@ public:
           order_before_(queue_), left_(queue_), stay_(queue_), arrivals_(queue_), first_arrival_(queue_),
           group_left_(queue_), block_stay_(queue_), block_arrived_(queue_), block_begin_(queue_),
           arrived_begin_(queue_), arrived_(queue_), movers_(queue_), kept_results_(queue_),
-          blocks_before_(queue_), stopped_(queue_), stop_(queue_)
+          blocks_before_(queue_), stopped_(queue_), told_(queue_)
     {}
 
     Queue const& queue() const { return queue_; }
@@ -156,9 +156,10 @@ public:
             nullptr,         left_.data(),         new_begin_.data(),  arrived_begin_.data(),
             arrived_.data(), order_before_.data(), movers_.cell.data()};
         auto const then = give(view(), arrived());
+        std::uint32_t const number = early_ = early_ % (1u << 31) + 1;
         launch_behind("rearrange_and", queue_,
                       detail::rearrange_and<d, Number, Conclude, std::remove_cv_t<decltype(then)>>,
-                      blocks() + 1, teams * 64, shared, signal(), 1 + early_++ % 1000, begin_.data(), changes(),
+                      blocks() + 1, teams * 64, shared, signal(), number, begin_.data(), changes(),
                       block_begin_.data(), movers_.view(channels_), to, offset, conclude, then);
         std::swap(begin_, new_begin_);
         std::swap(order_, order_before_);
@@ -228,23 +229,43 @@ public:
             OnDevice const here(queue_);
             stopped_.renew(detail::Signal::words);
             stopped_.fill_bytes(0, detail::Signal::words, 0);
-            stop_.template as<detail::Stop>();
+            told_.template as<detail::Told>();
         }
         return std::as_const(*this).signal();
     }
     detail::Signal signal() const ///< once there are items
     {
-        return {const_cast<std::uint32_t*>(stopped_.data()), stop_.template get<detail::Stop>()};
+        return {const_cast<std::uint32_t*>(stopped_.data()), told_.template get<detail::Told>()};
+    }
+
+    /// Waits until no more than a few of the steps that were queued are still to come, for which
+    /// follow_early() was called; false if they have stopped: what is queued behind that is queued in vain.
+    bool keeps_up() const
+    {
+        constexpr std::uint32_t few = 2;
+        auto const* const told = told_.template get<detail::Told>();
+        auto const now = [](std::uint32_t const& word) { // others write it
+            return *static_cast<std::uint32_t const volatile*>(&word);
+        };
+        for (unsigned tries = 1; now(told->stop.stopped) == 0; ++tries) {
+            if (early_ - now(told->chosen) <= few) return true;
+            if (tries % 4096 != 0) continue;
+            OnDevice const here(queue_);
+            // all are through, or a device has failed, which who waits for it will be told
+            if (cudaStreamQuery(queue_.stream) != cudaErrorNotReady) return true;
+        }
+        return false;
     }
 
     /// When the host has waited: lets loops work again if they have stopped, and says whether they did so
     /// because there was no room for all that moved.
     bool listen()
     {
-        auto* const stop = stop_.template as<detail::Stop>();
-        short_ = *stop;
-        if (stop->stopped == 0) return false;
-        *stop = {};
+        auto* const told = told_.template as<detail::Told>();
+        told->chosen = early_; // what was stopped did not
+        short_ = told->stop;
+        if (short_.stopped == 0) return false;
+        told->stop = {};
         stopped_.fill_bytes(0, detail::Signal::words, 0);
         crowded_ = short_.crowded != 0;
         return short_.births > 0 || short_.departed > movers_.most;
@@ -458,7 +479,7 @@ private:
     std::size_t size_ = 0;
     bool settled_ = true;
     bool kept_order_ = false;         ///< the last follow() kept the order before
-    std::uint32_t early_ = 0;         ///< how many did
+    std::uint32_t early_ = 0;         ///< number of the last that did
     std::array<Offset*, d> offset_{}; ///< as they were last followed
     BlockSet set_;
     Array<std::uint32_t> begin_, new_begin_, order_, order_before_;
@@ -472,7 +493,7 @@ private:
     std::uint32_t generation_ = 0, blocks_kept_ = 0;
     Array<std::uint32_t> blocks_before_;
     Array<std::uint32_t> stopped_; ///< whether loops have nothing to do until the host has listened
-    HostMemory stop_;              ///< why
+    HostMemory told_;              ///< why, and how far they are
     detail::Stop short_{};         ///< what it said last
     bool crowded_ = false;         ///< many blocks hold no items
 };

@@ -122,8 +122,7 @@ template <class Conclude>
 __global__ void __launch_bounds__(scanning_threads) conclude_without_items(Signal signal, Conclude conclude)
 {
     if (signal.stops() || conclude() || threadIdx.x != 0) return;
-    *signal.stopped = 1;
-    *signal.stop = {1, 0, 0, 0};
+    signal.stop({1, 0, 0, 0});
 }
 
 } // namespace firn::cuda::detail

@@ -327,8 +327,7 @@ __global__ void __launch_bounds__(scanning_threads)
     bool const crowded = !short_of_room && live > 0 && begins.blocks > live + most_empty_blocks(live, small);
     if (conclude.leaves_a_choice()) meet.crowded = crowded; // who chooses stops for that
     if (__ldcg(&meet.goes_on) != 0 && !short_of_room && (!crowded || conclude.leaves_a_choice())) return;
-    *signal.stopped = 1;
-    *signal.stop = {1, departed, births, crowded};
+    signal.stop({1, departed, births, crowded});
 }
 
 /// Lists the blocks that hold items, in their order.
@@ -498,7 +497,8 @@ __device__ ArrivedInCell rearrange_block(std::uint32_t blocks, std::uint32_t con
     std::uint32_t const c = blockIdx.x * 64 + place;
     std::uint32_t const arrivals = changes.arrivals[c], stay = changes.stay[c],
                         first_arrival = changes.first_arrival[c];
-    LayInCell const lay(begin, c, changes, to.left == nullptr); // asked for before threads wait for each other
+    LayInCell const lay(begin, c, changes,
+                        to.left == nullptr); // asked for before threads wait for each other
     std::uint64_t total;
     std::uint64_t const mine =
         block_begin[blockIdx.x] +
@@ -529,9 +529,9 @@ __global__ void __launch_bounds__(64)
     rearrange_block<d>(gridDim.x, begin, changes, block_begin, movers, to, offset);
 }
 
-/// The same, and `then(block, who came into the thread's cell, teams)` by all threads of a block; a group of threads
-/// beside those of blocks chooses how things go on. The loop's number is above 0 and that of no other one
-/// nearby.
+/// The same, and `then(block, who came into the thread's cell, teams)` by all threads of a block; a group of
+/// threads beside those of blocks chooses how things go on. The loop's number is above 0 and that of no other
+/// one nearby.
 template <int d, class Number, class Conclude, class Then>
 __global__ void __launch_bounds__(most_teams_that_rearrange * 64)
     rearrange_and(Signal signal, std::uint32_t number, std::uint32_t const* begin, Changes changes,
@@ -550,6 +550,7 @@ __global__ void __launch_bounds__(most_teams_that_rearrange * 64)
         bool const goes_on = conclude.choose();
         std::uint32_t const crowded = __ldcg(&movers.meet->crowded); // behind the call, to be kept by none
         if (!goes_on || crowded != 0) signal.stop_behind(number, {1, 0, 0, crowded});
+        signal.has_chosen(number);
     }
 }
 

@@ -17,13 +17,20 @@ struct Stop
     std::uint32_t crowded;  ///< whether there are many blocks without items
 };
 
+/// What loops tell the host while they are queued.
+struct Told
+{
+    Stop stop;
+    std::uint32_t chosen; ///< the last loop that chose how things go on
+};
+
 /// Whether loops that are queued have something to do: each asks first. Where one finds that those after it
 /// have not, it stops them, and the host will look after it.
 struct Signal
 {
     static constexpr std::size_t words = 2;
     std::uint32_t* stopped; ///< whether a loop has, and which of those that choose while they are at work
-    Stop* stop;             ///< in memory of the host
+    Told* told;             ///< in memory of the host
 
     /// The first thing that a loop asks: waits for the loop before (see launch_behind), and lets the next one
     /// be made ready. One that chooses while it is at work is stopped by the others only: it has a number.
@@ -36,11 +43,22 @@ struct Signal
         std::uint32_t const by = stopped[1];
         return stopped[0] != 0 || (by != 0 && by != number);
     }
+    /// Stops the loops behind.
+    __device__ void stop(Stop const& why) const
+    {
+        *stopped = 1;
+        told->stop = why;
+    }
     /// Stops the loops behind the one with this number.
     __device__ void stop_behind(std::uint32_t number, Stop const& why) const
     {
         stopped[1] = number;
-        *stop = why;
+        told->stop = why;
+    }
+    /// Says that the loop with this number chose.
+    __device__ void has_chosen(std::uint32_t number) const
+    {
+        *static_cast<std::uint32_t volatile*>(&told->chosen) = number;
     }
 };
 
