@@ -229,16 +229,13 @@ struct Cuda
             scatter_movers<Phase>(cells, grid);
             return;
         }
-        using Tiles = cuda::detail::SharedTiles<GridType>;
-        unsigned const teams =
-            std::min(Tiles::teams(cells.blocks()), cuda::detail::most_teams_that_rearrange);
         cells.follow_early(
             offsets, conclusion,
             [&](auto const& view, auto const& arrived) {
                 return cuda::detail::GiveArrivals<CellOrder, GridType, Phase>{view, arrived, cells.movers(),
                                                                               grid.view()};
             },
-            teams, Tiles::bytes(false, true, teams));
+            cuda::detail::SharedTiles<GridType>::bytes(false, true));
     }
 
     /// The same for several orders of cells that share a grid, each with its layer and its phase; calls

@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <bit>
+#include <chrono>
 #include <span>
 #include <utility>
 #include <vector>
@@ -140,11 +141,11 @@ public:
     bool follows_early() const { return blocks() <= 1024; }
 
     /// The same while one thread asks `conclude` how things go on. What `give(cells, arrived)` returns is
-    /// called for each block by so many teams (see detail::rearrange_and) with so much shared memory. The
-    /// order before is kept, for take_back().
+    /// called for each block (see detail::rearrange_and) with so much shared memory. The order before is
+    /// kept, for take_back().
     template <class Conclude, class Give>
     void follow_early(std::array<Offset*, d> const& offset, Conclude const& conclude, Give const& give,
-                      unsigned teams, std::size_t shared)
+                      std::size_t shared)
     {
         OnDevice const here(queue_);
         offset_ = offset;
@@ -159,7 +160,7 @@ public:
         std::uint32_t const number = early_ = early_ % (1u << 31) + 1;
         launch_behind("rearrange_and", queue_,
                       detail::rearrange_and<d, Number, Conclude, std::remove_cv_t<decltype(then)>>,
-                      blocks() + 1, teams * 64, shared, signal(), number, begin_.data(), changes(),
+                      blocks() + 1, 64, shared, signal(), number, begin_.data(), changes(),
                       block_begin_.data(), movers_.view(channels_), to, offset, conclude, then);
         std::swap(begin_, new_begin_);
         std::swap(order_, order_before_);
@@ -240,19 +241,22 @@ public:
 
     /// Waits until no more than a few of the steps that were queued are still to come, for which
     /// follow_early() was called; false if they have stopped: what is queued behind that is queued in vain.
+    /// After a hundredth of a second it is not worth while to wait: steps are long, or a device has failed,
+    /// which the next call of it tells.
     bool keeps_up() const
     {
         constexpr std::uint32_t few = 2;
+        using Clock = std::chrono::steady_clock;
         auto const* const told = told_.template get<detail::Told>();
         auto const now = [](std::uint32_t const& word) { // others write it
             return *static_cast<std::uint32_t const volatile*>(&word);
         };
+        Clock::time_point end{};
         for (unsigned tries = 1; now(told->stop.stopped) == 0; ++tries) {
             if (early_ - now(told->chosen) <= few) return true;
-            if (tries % 4096 != 0) continue;
-            OnDevice const here(queue_);
-            // all are through, or a device has failed, which who waits for it will be told
-            if (cudaStreamQuery(queue_.stream) != cudaErrorNotReady) return true;
+            if (tries % 1024 != 0) continue;
+            if (tries == 1024) end = Clock::now() + std::chrono::milliseconds(10);
+            if (Clock::now() >= end) return true;
         }
         return false;
     }

@@ -100,30 +100,30 @@ struct SharedTiles
                Tile::at(Shape::cell(place));
     }
 
-    /// Writes the sums of both groups, team by team, to the block's tile.
+    /// Writes both groups' sums to the block's tile.
     __device__ void write_sums(Sums* tile) const
     {
+        int const teams = int(blockDim.x / block_threads);
         for (int n = int(threadIdx.x); n < Tile::nodes; n += int(blockDim.x)) {
             Sums sum{};
-            plus_teams(sum, n, blockDim.x / block_threads);
+            for (int team = 0; team < teams; ++team) plus_groups(sum, n, sums + team * 2 * Tile::group_nodes);
             tile[n] = sum;
         }
     }
 
-    /// Adds them to it, where there are so many teams.
-    __device__ void add_sums(Sums* tile, unsigned teams = 1) const
+    /// Adds them to it; for a single team.
+    __device__ void add_sums(Sums* tile) const
     {
         constexpr int at_once = 4; // loads, each of which would wait for the one before
-        int const threads = int(teams * block_threads);
-        for (int first = int(threadIdx.x); first < Tile::nodes; first += at_once * threads) {
+        for (int first = int(threadIdx.x); first < Tile::nodes; first += at_once * int{block_threads}) {
             Sums sum[at_once];
 #pragma unroll
             for (int i = 0; i < at_once; ++i)
-                if (int const n = first + i * threads; n < Tile::nodes) sum[i] = tile[n];
+                if (int const n = first + i * int{block_threads}; n < Tile::nodes) sum[i] = tile[n];
 #pragma unroll
             for (int i = 0; i < at_once; ++i)
-                if (int const n = first + i * threads; n < Tile::nodes) {
-                    plus_teams(sum[i], n, teams);
+                if (int const n = first + i * int{block_threads}; n < Tile::nodes) {
+                    plus_groups(sum[i], n, sums);
                     tile[n] = sum[i];
                 }
         }
@@ -148,14 +148,11 @@ struct SharedTiles
     }
 
 private:
-    /// Adds what both groups of each team have at a node of the tile.
-    __device__ void plus_teams(Sums& sum, int n, unsigned teams) const
+    /// Adds what both groups of a team have at a node of the tile.
+    __device__ static void plus_groups(Sums& sum, int n, Sums const* of_team)
     {
-        for (unsigned team = 0; team < teams; ++team) {
-            Sums const* const of_team = sums + int(team) * 2 * Tile::group_nodes;
-            if (n < Tile::group_nodes) plus(sum, of_team[n]);
-            if (n >= Tile::group_offset) plus(sum, of_team[Tile::group_nodes + n - Tile::group_offset]);
-        }
+        if (n < Tile::group_nodes) plus(sum, of_team[n]);
+        if (n >= Tile::group_offset) plus(sum, of_team[Tile::group_nodes + n - Tile::group_offset]);
     }
     __device__ static void plus(Sums& sum, Sums const& other)
     {
@@ -203,32 +200,29 @@ struct GiveArrivals
     typename CellOrder::Movers movers;
     typename GridType::View grid;
 
-    /// Called by all threads of a group, so many teams, with shared memory for the sums of each.
-    __device__ void operator()(std::uint32_t block, ArrivedInCell const& came, std::uint32_t teams = 1) const
+    /// Called by all threads of a group, with shared memory for sums.
+    __device__ void operator()(std::uint32_t block, ArrivedInCell const& came) const
     {
         if (!__syncthreads_or(came.count > 0)) return; // most blocks have few, or none
         extern __shared__ __align__(16) unsigned char memory[];
         SharedTiles<GridType> const tiles(memory, false);
         tiles.clear_sums();
         __syncthreads();
-        std::uint32_t const team = teams == 1 ? 0 : threadIdx.x / block_threads,
-                            place = threadIdx.x % block_threads;
-        CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(cells.cell(block * block_threads + place),
-                                                                nullptr);
-        SumsInTile<GridType> sums{tiles.own_sums(int(place))};
+        CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(
+            cells.cell(block * block_threads + threadIdx.x), nullptr);
+        SumsInTile<GridType> sums{tiles.own_sums(int(threadIdx.x))};
         std::uint32_t const* const of_cell = arrived.arrived + came.begin;
-        std::uint32_t next = team < came.count ? of_cell[team] : 0; // loaded one rank ahead
-        auto const use = [&](std::uint32_t rank, bool here, std::uint32_t) {
+        std::uint32_t next = came.count > 0 ? of_cell[0] : 0; // loaded one rank ahead
+        Ranks(came).for_each([&](std::uint32_t rank, bool here, std::uint32_t) {
             cell.forget();
             if (here) {
                 cell.read_departure(movers, arrived.offset, next);
-                if (rank + teams < came.count) next = of_cell[rank + teams];
+                if (rank + 1 < came.count) next = of_cell[rank + 1];
             }
             Phase::give(cell, sums);
-        };
-        Ranks(came).for_each(use, team, teams);
+        });
         __syncthreads();
-        tiles.add_sums(grid.tiles + std::size_t(block) * GridType::TileShape::nodes, teams);
+        tiles.add_sums(grid.tiles + std::size_t(block) * GridType::TileShape::nodes);
         __syncthreads();
     }
 };

@@ -14,9 +14,6 @@
 namespace firn::cuda::detail
 {
 
-/// Where there are few blocks, as many teams of 64 threads write the new order of one together.
-inline constexpr unsigned most_teams_that_rearrange = 4;
-
 /// What groups of threads that work side by side tell each other; all zero where none is at work.
 struct Rendezvous
 {
@@ -211,18 +208,18 @@ __device__ inline std::uint64_t sum_before(std::uint64_t value, std::uint64_t& t
     return sum - value;
 }
 
-/// The same over the threads of a group of them; where there are more, each so many know the same.
+/// The same over the threads of a group of them.
 template <int threads>
 __device__ std::uint64_t sum_before_in_block(std::uint64_t value, std::uint64_t& total)
 {
     __shared__ std::uint64_t of_warp[threads / 32];
     std::uint64_t of_mine;
     std::uint64_t before = sum_before(value, of_mine);
-    if (threadIdx.x < threads && threadIdx.x % 32 == 31) of_warp[threadIdx.x / 32] = of_mine;
+    if (threadIdx.x % 32 == 31) of_warp[threadIdx.x / 32] = of_mine;
     __syncthreads();
     total = 0;
     for (unsigned w = 0; w < threads / 32; ++w) {
-        if (w < threadIdx.x % threads / 32) before += of_warp[w];
+        if (w < threadIdx.x / 32) before += of_warp[w];
         total += of_warp[w];
     }
     __syncthreads();
@@ -402,9 +399,9 @@ struct LayInCell
     std::uint32_t slot; ///< where the first of the 32 cells lies
     bool all_stay;
 
-    __device__ LayInCell(std::uint32_t const* begins, std::uint32_t c, Changes const& changes,
-                         bool nobody_left)
+    __device__ LayInCell(std::uint32_t const* begins, Changes const& changes, bool nobody_left)
     {
+        std::uint32_t const c = blockIdx.x * 64 + threadIdx.x;
         begin = begins[c];
         count = begins[c + 1] - begin;
         slot = begins[c - threadIdx.x % 32];
@@ -412,9 +409,10 @@ struct LayInCell
     }
 };
 
-/// Writes those who stay in the order in which they lie, from `at` on, 32 cells at a time. Memory is far
-/// away: eight are asked for at once.
-static __device__ void keep_those_who_stay(LayInCell const& lay, NewOrder const& to, std::uint32_t at)
+/// Writes those who stay in the order in which they lie, from `at` on, 32 cells at a time; returns where
+/// those of the thread's cell end. Memory is far away: eight are asked for at once.
+static __device__ std::uint32_t keep_those_who_stay(LayInCell const& lay, NewOrder const& to,
+                                                    std::uint32_t at)
 {
     constexpr int at_once = 8;
     std::uint32_t const below = (1u << threadIdx.x % 32) - 1;
@@ -433,6 +431,7 @@ static __device__ void keep_those_who_stay(LayInCell const& lay, NewOrder const&
         for (unsigned i = 0; i < at_once; ++i)
             if (stays[i]) to.order[at++] = to.source ? to.source[lay.begin + rank + i] : here[i];
     }
+    return at;
 }
 
 /// Writes those who come into the thread's cell in the order in which they lie, from `at` on, and as a list
@@ -445,7 +444,6 @@ __device__ void append_arrivals(std::uint32_t first_arrival, ArrivedInCell came,
 {
     constexpr std::uint32_t few = 12;
     __shared__ std::uint32_t near[2][few][64]; // movers that come into the thread's cell, and where they lie
-    std::uint32_t const own = threadIdx.x % 64;
     std::uint32_t* const arrived = to.arrived + came.begin;
     std::uint32_t mover = came.count == 0 ? absent : first_arrival, where = 0, next = absent;
     if (mover != absent) where = movers.slot[mover], next = movers.next[mover];
@@ -457,10 +455,10 @@ __device__ void append_arrivals(std::uint32_t first_arrival, ArrivedInCell came,
         if (next != absent) where_next = movers.slot[next], after = movers.next[next];
         if (came.count <= few) {
             std::uint32_t place = placed;
-            for (; place > 0 && near[1][place - 1][own] > where; --place)
-                for (auto& of : near) of[place][own] = of[place - 1][own];
-            near[0][place][own] = mover;
-            near[1][place][own] = where;
+            for (; place > 0 && near[1][place - 1][threadIdx.x] > where; --place)
+                for (auto& of : near) of[place][threadIdx.x] = of[place - 1][threadIdx.x];
+            near[0][place][threadIdx.x] = mover;
+            near[1][place][threadIdx.x] = where;
         }
         else
             arrived[placed] = mover;
@@ -478,44 +476,37 @@ __device__ void append_arrivals(std::uint32_t first_arrival, ArrivedInCell came,
         sort_crowd(movers, to.arrived + from, to.spare + from, __shfl_sync(~0u, came.count, lane));
     }
     for (std::uint32_t i = 0; i < came.count; ++i) {
-        if (came.count <= few) arrived[i] = near[0][i][own];
-        to.order[at + i] = came.count <= few ? near[1][i][own] : movers.slot[arrived[i]];
+        if (came.count <= few) arrived[i] = near[0][i][threadIdx.x];
+        to.order[at + i] = came.count <= few ? near[1][i][threadIdx.x] : movers.slot[arrived[i]];
     }
 }
 
 /// Writes a block's new cells and its part of the new order: those who stay keep their order in the cell,
-/// those who come follow in the order in which they lie. A team of 64 threads does all of it; of several one
-/// follows those who come while the first writes those who stay.
+/// those who come follow in the order in which they lie.
 template <int d, class Number>
 __device__ ArrivedInCell rearrange_block(std::uint32_t blocks, std::uint32_t const* begin,
                                          Changes const& changes, std::uint64_t const* block_begin,
                                          Movers<Number> const& movers, NewOrder const& to,
-                                         std::array<typename CellOffset<Number>::Stored*, d> const& offset,
-                                         std::uint32_t team = 0, std::uint32_t teams = 1)
+                                         std::array<typename CellOffset<Number>::Stored*, d> const& offset)
 {
-    std::uint32_t const place = threadIdx.x % 64;
-    std::uint32_t const c = blockIdx.x * 64 + place;
+    std::uint32_t const c = blockIdx.x * 64 + threadIdx.x;
     std::uint32_t const arrivals = changes.arrivals[c], stay = changes.stay[c],
                         first_arrival = changes.first_arrival[c];
-    LayInCell const lay(begin, c, changes,
-                        to.left == nullptr); // asked for before threads wait for each other
+    LayInCell const lay(begin, changes, to.left == nullptr); // asked for before threads wait for each other
     std::uint64_t total;
     std::uint64_t const mine =
         block_begin[blockIdx.x] +
         sum_before_in_block<64>((std::uint64_t(arrivals) << 32) | (stay + arrivals), total);
     auto const first = static_cast<std::uint32_t>(mine);
     ArrivedInCell const came{static_cast<std::uint32_t>(mine >> 32), arrivals};
-    if (team == 0) {
-        to.begin[c] = first;
-        to.arrived_begin[c] = came.begin;
-        if (blockIdx.x + 1 == blocks && place == 63) {
-            to.begin[c + 1] = first + stay + arrivals;
-            to.arrived_begin[c + 1] = came.begin + arrivals;
-        }
-        keep_those_who_stay(lay, to, first);
+    to.begin[c] = first;
+    to.arrived_begin[c] = came.begin;
+    if (blockIdx.x + 1 == blocks && threadIdx.x == 63) {
+        to.begin[c + 1] = first + stay + arrivals;
+        to.arrived_begin[c + 1] = came.begin + arrivals;
     }
-    if (team == 1 || teams == 1) // beside those
-        append_arrivals<d>(first_arrival, came, movers, to, first + stay, offset);
+    std::uint32_t const at = keep_those_who_stay(lay, to, first);
+    append_arrivals<d>(first_arrival, came, movers, to, at, offset);
     return came;
 }
 
@@ -529,11 +520,11 @@ __global__ void __launch_bounds__(64)
     rearrange_block<d>(gridDim.x, begin, changes, block_begin, movers, to, offset);
 }
 
-/// The same, and `then(block, who came into the thread's cell, teams)` by all threads of a block; a group of
-/// threads beside those of blocks chooses how things go on. The loop's number is above 0 and that of no other
-/// one nearby.
+/// The same, and `then(block, who came into the thread's cell)` by all threads of a block; a group of threads
+/// beside those of blocks chooses how things go on. The loop's number is above 0 and that of no other one
+/// nearby.
 template <int d, class Number, class Conclude, class Then>
-__global__ void __launch_bounds__(most_teams_that_rearrange * 64)
+__global__ void __launch_bounds__(64)
     rearrange_and(Signal signal, std::uint32_t number, std::uint32_t const* begin, Changes changes,
                   std::uint64_t const* block_begin, Movers<Number> movers, NewOrder to,
                   std::array<typename CellOffset<Number>::Stored*, d> offset, Conclude conclude, Then then)
@@ -541,10 +532,9 @@ __global__ void __launch_bounds__(most_teams_that_rearrange * 64)
     if (signal.stops(number)) return;
     std::uint32_t const blocks = gridDim.x - 1;
     if (blockIdx.x < blocks) {
-        std::uint32_t const teams = blockDim.x / 64;
-        ArrivedInCell const came = rearrange_block<d>(blocks, begin, changes, block_begin, movers, to, offset,
-                                                      threadIdx.x / 64, teams);
-        then(blockIdx.x, came, teams);
+        ArrivedInCell const came =
+            rearrange_block<d>(blocks, begin, changes, block_begin, movers, to, offset);
+        then(blockIdx.x, came);
     }
     else if (threadIdx.x == 0) {
         bool const goes_on = conclude.choose();
