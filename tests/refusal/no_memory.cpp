@@ -11,17 +11,22 @@ namespace
 {
 int allowed = -1; ///< so many more may succeed; below 0: all
 
+void* allocated_or_null(std::size_t bytes, std::size_t alignment)
+{
+    if (allowed == 0) return nullptr;
+    if (allowed > 0) --allowed;
+    return std::aligned_alloc(alignment, (bytes / alignment + 1) * alignment);
+}
 void* allocated(std::size_t bytes, std::size_t alignment)
 {
-    if (allowed == 0) throw std::bad_alloc{};
-    if (allowed > 0) --allowed;
-    void* const memory = std::aligned_alloc(alignment, (bytes / alignment + 1) * alignment);
+    void* const memory = allocated_or_null(bytes, alignment);
     if (!memory) throw std::bad_alloc{};
     return memory;
 }
 } // namespace
 
 void* operator new(std::size_t bytes) { return allocated(bytes, 16); }
+void* operator new(std::size_t bytes, std::nothrow_t const&) noexcept { return allocated_or_null(bytes, 16); }
 void* operator new(std::size_t bytes, std::align_val_t alignment)
 {
     return allocated(bytes, static_cast<std::size_t>(alignment));
