@@ -5,7 +5,9 @@
 #include <firn/phases/plan_steps.hpp>
 
 #include <algorithm>
+#include <cmath>
 #include <cstdint>
+#include <limits>
 
 // What of the length of time steps the materials, the effects and the state of a scene decide. `parts` are
 // its SceneParts.
@@ -53,7 +55,8 @@ StepBounds bounds_of(Parts const& parts, Rule const& rule, StepBounds const& fou
     Parts::for_each([&](auto k) {
         double modulus = 0;
         parts.template particles<k>().for_each([&](std::uint32_t, auto& particle) {
-            modulus = std::max(modulus, double(parts.template response<k>(particle).wave_modulus));
+            double const own = parts.template response<k>(particle).wave_modulus;
+            modulus = std::isfinite(own) ? std::max(modulus, own) : std::numeric_limits<double>::infinity();
         });
         rule.admit(bounds, static_cast<int>(k), parts.template wave_speed<k>(modulus));
         for (auto const& velocity : values(Velocity{}, k))

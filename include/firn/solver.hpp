@@ -288,7 +288,9 @@ public:
         return reports;
     }
 
-    /// Advances the simulation by `duration` [s] in as many stable steps as needed.
+    /// Advances the simulation by `duration` [s] in as many stable steps as needed: 1e12 at most, or what
+    /// StepControl::smallest says. Who must not wait so long for a material far too stiff, or an obstacle far
+    /// too fast, passes a larger one.
     ///
     /// A step that goes wrong is repeated with half its length; after StepControl::retries halvings that is
     /// a StepError that names particle, place, time and cause, and the state is that of the last good step

@@ -66,6 +66,15 @@ TEST_CASE("a free body turns as its angular momentum says, and falls as gravity 
     CHECK((body.angular_momentum() - spin - Eigen::Vector3d(0, 0, 1)).norm() <= 1e-12);
 }
 
+TEST_CASE("bodies of any mass and size turn on")
+{
+    for (auto const& [radius, mass] : {std::pair{0.3, 1e105}, {0.3, 1e200}, {0.3, 1e-105}, {1e60, 1.0}}) {
+        RigidBody body = RigidBody::ball(radius, mass, {.angular_velocity = {1, -2, 3}});
+        body.advance({}, 0.01, {0, -10, 0});
+        CHECK((body.motion.angular_velocity - Eigen::Vector3d(1, -2, 3)).norm() <= 1e-14);
+    }
+}
+
 TEST_CASE("a body without mass or with an impossible inertia is refused, as is an impossible push")
 {
     RigidBody body;
@@ -88,6 +97,9 @@ TEST_CASE("a body without mass or with an impossible inertia is refused, as is a
     CHECK_NOTHROW(
         RigidBody{.inertia = turn * Eigen::Vector3d(1, 1, 1e-5).asDiagonal() * turn.transpose()}.validate());
     CHECK_THROWS_AS((RigidBody{.motion = {.velocity = {std::nan(""), 0, 0}}}.validate()), Error);
+    CHECK_THROWS_AS((RigidBody{.motion = {.position = {0, 1e16, 0}}}.validate()), Error);
+    CHECK_THROWS_AS((RigidBody{.motion = {.time = -1e300}}.validate()), Error);
+    CHECK_THROWS_AS((RigidBody{.motion = {.orientation = {0, 0, 1e200, 1e200}}}.validate()), Error);
 }
 
 TEST_CASE("a body that would be set off beyond all numbers is refused, and stays where it is")

@@ -366,6 +366,20 @@ TEST_CASE("who is so fast that no step gets on is named, or taken out")
         CHECK(dynamic_cast<StepError const*>(&error) == nullptr);
         CHECK_THAT(error.what_is_wrong(), Contains("bounded by acceleration"));
     }
+    auto touched = block<NeoHookean<Plane>>(); // its speed squared is beyond all numbers
+    auto const error = refused([&] {
+        touched.advance(1, Obstacle<Sphere>{.shape = {0.1}, .motion = {.velocity = {1e155, 0, 0}}});
+    });
+    CHECK_THAT(error.what_is_wrong(), Contains("bounded by obstacle"));
+}
+
+TEST_CASE("a state whose stress is beyond all numbers is named, and not those whom it would spoil")
+{
+    auto solver = block<NeoHookean<Plane>>();
+    auto H = solver.download<DisplacementGradient>();
+    H[9](0, 0) = 1e200;
+    solver.upload<DisplacementGradient>(H);
+    CHECK_THAT(refused([&] { solver.advance(1e-2); }).what_is_wrong(), Contains("since particle 9 "));
 }
 
 TEST_CASE("who was taken out is back with the snapshot that has them, and may be taken out once more")

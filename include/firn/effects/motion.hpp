@@ -6,6 +6,8 @@
 
 #include <Eigen/Geometry>
 
+#include <cmath>
+
 namespace firn
 {
 
@@ -38,10 +40,13 @@ struct Motion
 
     void validate(char const* where) const
     {
-        require(position.allFinite() && velocity.allFinite() && angular_velocity.allFinite() &&
-                    std::isfinite(time) && orientation.coeffs().allFinite() && orientation.norm() > 1e-6,
-                "the motion of an obstacle is not finite, or its orientation is no rotation", where,
-                "Pass finite positions [m], velocities [m/s, rad/s] and a unit quaternion.");
+        constexpr double furthest = 1e15; // what is beyond is none of single precision's
+        require(position.cwiseAbs().maxCoeff() <= furthest && velocity.allFinite() &&
+                    angular_velocity.allFinite() && std::abs(time) <= furthest && orientation.norm() > 1e-6 &&
+                    orientation.norm() < 1e6,
+                "the motion of an obstacle is not finite or from beyond 1e15 m or s, or its orientation is "
+                "no rotation",
+                where, "Pass finite positions [m], velocities [m/s, rad/s] and a unit quaternion.");
     }
 };
 

@@ -39,12 +39,14 @@ struct RigidBody
         };
         bool const symmetric =
             inertia.allFinite() && (inertia - inertia.transpose()).isZero(1e-12 * inertia.norm());
-        require(std::isfinite(mass) && mass > 0 && symmetric && is_definite(inertia),
-                "the mass is not above 0, or the inertia is not that of a body", "RigidBody",
+        // shares of the trace: determinants of a heavy body's, or a light one's, would be beyond all numbers
+        double const trace = inertia.trace();
+        Eigen::Matrix3d const shares = inertia / trace;
+        require(std::isfinite(mass) && mass > 0 && symmetric && trace > 0 && is_definite(shares),
+                "the mass is not a finite number above 0, or the inertia is not that of a body", "RigidBody",
                 "Pass kg, and a symmetric positive definite matrix in kg m^2.");
         // The sum of m x x^T, whose trace is half the inertia's, is not negative along any axis; a flat
         // body's is 0, but for a rounding.
-        Eigen::Matrix3d const shares = inertia / inertia.trace();
         require(is_definite(Eigen::Matrix3d::Identity() * (0.5 + 1e-6) - shares),
                 "a principal moment of inertia is more than the other two together", "RigidBody",
                 "Pass the inertia of a body: a flat one in the plane has Ixx + Iyy = Izz.");
@@ -70,7 +72,8 @@ struct RigidBody
         RigidBody after = *this;
         after.motion = motion.at(motion.time + dt);
         after.motion.velocity += received.impulse / mass + gravity * dt;
-        after.motion.angular_velocity = after.world_inertia().inverse() * spin;
+        double const trace = inertia.trace(); // see validate()
+        after.motion.angular_velocity = (after.world_inertia() / trace).inverse() * (spin / trace);
         bool const finite = after.motion.position.allFinite() && after.motion.velocity.allFinite() &&
                             after.motion.angular_velocity.allFinite() &&
                             after.motion.orientation.coeffs().allFinite();

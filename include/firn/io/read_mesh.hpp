@@ -133,8 +133,9 @@ private:
 
 inline void check_placement(MeshPlacement const& placement)
 {
-    require(std::isfinite(placement.scale) && placement.scale > 0, "the mesh's scale is not above 0",
-            "read_mesh", "Pass a finite scale above 0: the metres per unit of the file.");
+    require(std::isfinite(placement.scale) && placement.scale > 0,
+            "the mesh's scale is not a finite number above 0", "read_mesh",
+            "Pass a finite scale above 0: the metres per unit of the file.");
     require(placement.translation.allFinite(), "the mesh's translation is not finite", "read_mesh",
             "Pass finite coordinates [m].");
     auto const& R = placement.rotation;

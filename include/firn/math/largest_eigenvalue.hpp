@@ -32,8 +32,9 @@ FIRN_HOST_DEVICE inline Real largest_eigenvalue(Matrix<Real, 3> const& S)
     Real const J2 = number(0.5) * (x * x + y * y + z * z) + xy + xz + yz;
     Real const J3 = x * (y * z - yz) - y * xz - z * xy + number(2) * S(0, 1) * S(0, 2) * S(1, 2);
     Real const root = sqrt(J2), cube = J2 * root;
-    // of a deviator whose cube has no digits left, the most that it may be
-    Mask<Real> const told = cube > number(std::numeric_limits<Number>::min());
+    // of a deviator whose cube has no digits left, or is beyond all numbers, the most that it may be
+    using Limits = std::numeric_limits<Number>;
+    Mask<Real> const told = (cube > number(Limits::min())) & (cube < number(Limits::max()));
     Real const cosine =
         select(told, number(2.59807621135331594) * J3 / select(told, cube, number(1)), number(1));
     Real const half = sqrt(max(number(0.5) + number(0.5) * cosine, number(0)));

@@ -24,8 +24,9 @@ namespace detail
 {
 
 /// Takes V - I from the principal axes where what two stretches add up to each, with their signs, has a
-/// product of nearly nothing: the rotation is open there, or nearly so, and rounding takes eps / its square
-/// of V. Needles and what is nearly a reflection: so few that looking for their axes does not count.
+/// product of nearly nothing, where it is 2 or 8 at rest: the rotation is open there, or nearly so, and
+/// rounding takes eps times the square of rest's over it of V. Needles and what is nearly a reflection: so
+/// few that looking for their axes does not count.
 template <Lane Real, int d>
 FIRN_HOST_DEVICE inline void look_for_axes(Matrix<Real, d>& strain, Matrix<Real, d> const& H, Real settled)
 {

@@ -14,15 +14,26 @@
 //
 // An elastic law (elasticity/) is a type with a `name` and static functions of d principal values, in no
 // order:
-//   strains(extension)           extensions (stretches less one) in the law's measure: themselves, or
-//   logarithms extensions(strains)          the way back stress(strains, mu, lambda)  PrincipalStress
-//   inverted(extension)          where there is no stress for such stretches
-//   capped(extension)            where the law counts stretches as others than they are
+//
+// - strains(extension): extensions, stretches less one, in the law's measure: themselves, or logarithms
+//
+// - extensions(strains): the way back
+//
+// - stress(strains, mu, lambda): PrincipalStress
+//
+// - inverted(extension): where there is no stress for such stretches
+//
+// - capped(extension): where the law counts stretches as others than they are; MeasuredByExtension has the
+//   first, the second and this one
+//
 // Extensions rather than stretches: near rest, differences of stretches from one are rounding errors.
+//
 // A plastic flow (plasticity/) is a struct of parameters with its Space, a `name`, what it keeps of a
 // particle (`Kept`), defaults of density and elasticity, validate(), and
-//   suits<Law>                   whether it is stated in the measure of this law
-//   flow(trial, Lame<Real>, state, dt)  PlasticFlow; evolves what is kept
+//
+// - suits<Law>: whether it is stated in the measure of this law
+//
+// - flow(trial, Lame<Real>, state, dt): PlasticFlow; evolves what is kept
 namespace firn
 {
 

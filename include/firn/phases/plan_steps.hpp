@@ -93,9 +93,9 @@ struct StepRule
         PlannedStep best = plan(longest_now, course.time, end, course.previous, course.retries);
         best.interval.forces = forces(best, course.last, course.retries);
         double const planned = course.given.interval.length(), longest = best.interval.length();
-        bool const fits = course.given.interval.begin == course.time && course.given.interval.end <= end &&
-                          planned <= longest_plan * longest && planned >= shortest_plan * longest &&
-                          course.retries == 0;
+        bool const fits = planned > 0 && course.given.interval.begin == course.time &&
+                          course.given.interval.end <= end && planned <= longest_plan * longest &&
+                          planned >= shortest_plan * longest && course.retries == 0;
         course.now = fits ? course.given : best;
         // the one after it, as far as it can be told from the state before this one
         double const next_end = course.now.interval.end < end ? end : end + duration;

@@ -149,9 +149,10 @@ SignedDistanceGrid<Real, 3> distance_from_mesh(MeshInterior const& interior, dou
                                                Loop const& loop = {})
 {
     char const* const where = "distance_from_mesh";
-    require(std::isfinite(cell_size) && cell_size > 0, "the cell size is not above 0", where,
+    require(std::isfinite(cell_size) && cell_size > 0, "the cell size is not a finite number above 0", where,
             "Pass a length [m].");
-    require(std::isfinite(margin) && margin >= 0, "the margin is below 0", where, "Pass a length [m].");
+    require(std::isfinite(margin) && margin >= 0, "the margin is not a finite number, 0 or above", where,
+            "Pass a length [m].");
     auto const& box = interior.bounding_box();
     Eigen::Array3d const cells = ((box.sizes().array() + 2 * margin) / cell_size).ceil().max(1);
     require((cells + 1).prod() <= 5e8, "the grid would have more than 5e8 nodes", where, "Use larger cells.");

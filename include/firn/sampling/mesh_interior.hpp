@@ -88,6 +88,14 @@ inline void check_triangles(TriangleMesh const& mesh)
                 throw Error{"triangle " + std::to_string(t) + " has a corner (vertex " +
                                 std::to_string(corner) + ") that does not exist or is not finite",
                             "MeshInterior", "Correct the mesh's indices and coordinates."};
+    double extent = 0; // of what is used
+    Eigen::Vector3d const& first = mesh.vertices[mesh.triangles.front()[0]];
+    for (auto const& triangle : mesh.triangles)
+        for (auto const corner : triangle)
+            extent = std::max(extent, (mesh.vertices[corner] - first).cwiseAbs().maxCoeff());
+    // volumes are still numbers then, and squares of volumes
+    require(extent == 0 || (extent > 1e-30 && extent < 1e15),
+            "the mesh is smaller than 1e-30 m or larger than 1e15 m", "MeshInterior", "Scale it to metres.");
 }
 
 /// Welds equal points and drops what is no triangle; tells what of the edges is wrong; then turns the

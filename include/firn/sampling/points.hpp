@@ -69,7 +69,7 @@ template <Interior Solid, class Loop = Serial>
 PointSample lattice_points(Solid const& interior, Spacing spacing, double jitter = 0, std::uint64_t seed = 0,
                            Loop const& loop = {})
 {
-    require(std::isfinite(spacing.length) && spacing.length > 0, "the spacing is not above 0",
+    require(std::isfinite(spacing.length) && spacing.length > 0, "the spacing is not a finite number above 0",
             "lattice_points", "Pass a finite length [m].");
     detail::check_jitter(jitter);
     auto points = detail::lattice_inside(interior, spacing.length, jitter, seed, loop);

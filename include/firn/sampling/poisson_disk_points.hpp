@@ -177,7 +177,7 @@ template <Interior Solid, class Loop = Serial>
 PointSample poisson_disk_points(Solid const& interior, Radius radius, std::uint64_t seed = 0,
                                 Loop const& loop = {})
 {
-    require(std::isfinite(radius.length) && radius.length > 0, "the radius is not above 0",
+    require(std::isfinite(radius.length) && radius.length > 0, "the radius is not a finite number above 0",
             "poisson_disk_points", "Pass a finite length [m].");
     return detail::sample_of(interior, detail::poisson_disk_inside(interior, radius.length, seed, loop),
                              "poisson_disk_points");

@@ -15,7 +15,7 @@ namespace firn
 /// `thickness` may be far less than a cell. As the shape of an Obstacle it keeps every particle on the side
 /// of the surface where it began the step, however the shell moves; in corners with others too, if they move
 /// alike or form an angle of 30 degrees or more: the tip of a narrower one that closes outruns the step (see
-/// ParticleContact). Down to a thousandth of a cell in single precision; who is in one of some cells when it
+/// ParticleContact). In single precision, too, however thin; who is in one of some cells when it
 /// is laid over them comes out over several steps.
 ///
 /// Where it is thinner than a cell the bodies on its two sides still share nodes: it parts them, but lets a

@@ -52,7 +52,8 @@ struct CamClayFlow
 
     void validate() const
     {
-        require(slope > 0 && std::isfinite(slope), "the slope M is not a finite number above 0", name,
+        // M of any angle is at most 3; beyond some thousands rounding leaves nothing of the ellipse
+        require(slope > 0 && slope <= 1000, "the slope M is outside (0, 1000]", name,
                 "Pass critical_slope(dimension, angle).");
         // what flow does to p0 is a difference of pressures of beta p0: rounding is to leave something of it
         require(cohesion >= 0 && cohesion <= 1000, "the cohesion is outside [0, 1000]", name,

@@ -24,7 +24,7 @@ FIRN_HOST_DEVICE inline Vector<Real, d> relaxed_extensions(Deviator<Real, d> con
     else {
         Real const half_square = Real(Number(0.5)) * s.squaredNorm(), cube = s[0] * s[1] * s[2] - J * J;
         Real const enough(Number(1e-3) *
-                          std::sqrt(std::numeric_limits<Number>::epsilon())); // of the last step;
+                          std::sqrt(std::numeric_limits<Number>::epsilon())); // of the last step
         m = Real(1) + b.trace * Real(Number(1.0 / 3));
         Mask<Real> far = m > Real(0);
         for (int i = 0; i < 12; ++i) { // 4 to 6 do, 11 at the most

@@ -36,18 +36,19 @@ struct SnowFlow
     void validate() const
     {
         require(critical_compression >= 0 && critical_compression < 1,
-                "the critical compression is outside [0, 1)", "Snow", "Pass theta_c, e.g. 2.5e-2.");
-        require(critical_stretch >= 0 && std::isfinite(critical_stretch), "the critical stretch is below 0",
-                "Snow", "Pass theta_s, e.g. 7.5e-3.");
-        require(hardening >= 0 && std::isfinite(hardening), "the hardening coefficient is below 0", "Snow",
-                "Pass xi, e.g. 10.");
+                "the critical compression is outside [0, 1)", name, "Pass theta_c, e.g. 2.5e-2.");
+        require(critical_stretch >= 0 && std::isfinite(critical_stretch),
+                "the critical stretch is not a finite number, 0 or above", name,
+                "Pass theta_s, e.g. 7.5e-3.");
+        require(hardening >= 0 && std::isfinite(hardening),
+                "the hardening coefficient is not a finite number, 0 or above", name, "Pass xi, e.g. 10.");
         require(smallest_plastic_ratio > 0 && smallest_plastic_ratio <= 1 && largest_plastic_ratio >= 1,
-                "the caps of J_P do not enclose 1", "Snow",
+                "the caps of J_P do not enclose 1", name,
                 "Pass 0 < smallest <= 1 <= largest, e.g. 0.6 and 20.");
         // half of the range of numbers is left to the moduli
         require(double(hardening) * (1 - double(smallest_plastic_ratio)) <=
                     0.5 * std::log(double(std::numeric_limits<Number>::max())),
-                "moduli that have hardened up to the cap of J_P are beyond all numbers", "Snow",
+                "moduli that have hardened up to the cap of J_P are beyond all numbers", name,
                 "Pass a smaller xi, or a larger smallest J_P, e.g. 10 and 0.6: moduli grow to 54.6 times.");
     }
 
