@@ -103,9 +103,10 @@ void require_whole(MaterialSnapshot<Number, d> const& material, MassScale const&
     };
     std::size_t const count = material.ids.size();
     whole(material.cells.size() == count, "there is not one cell per particle");
+    constexpr double block = 16; // cells: as far beyond may a step lead, before the next one is refused
     for (auto const& cell : material.cells)
         for (int a = 0; a < d; ++a)
-            whole(std::abs(double(cell[a])) <= largest_coordinate, "a cell is out of range");
+            whole(std::abs(double(cell[a])) <= largest_coordinate + block, "a cell is out of range");
     for (auto const& offset : material.offsets) {
         whole(offset.size() == count, "there is not one offset per particle");
         for (auto const value : offset)

@@ -295,6 +295,7 @@ public:
     /// A step that goes wrong is repeated with half its length; after StepControl::retries halvings that is
     /// a StepError that names particle, place, time and cause, and the state is that of the last good step
     /// (but see step() for velocities). So it is where somebody's speed or waves allow no step that gets on.
+    /// (A step that went well between them does not count where those before left it that short.)
     /// With quarantine() the particle is taken out of the scene instead, and the run goes on; so it does at
     /// once for one whose own state has no stress.
     template <NodeEffect<Number, d>... Effects>
@@ -333,7 +334,10 @@ public:
             if (log.wrong == 0) continue;
             wrong = log;
             ++report.rejected;
-            bool const last = ++course_.retries > control_.retries;
+            // So often in a row, or as short by what went wrong before: a step now and then that goes well,
+            // and shorter ones behind it that do not, would never end.
+            bool const last = ++course_.retries > control_.retries ||
+                              course_.now.longest < std::ldexp(course_.stable, -control_.retries);
             double const dt = course_.now.interval.length();
             if (!isolates(log, dt, last, report.isolated) && last) fail(log, dt);
         }
@@ -872,7 +876,10 @@ private:
         require(course_.time + duration > course_.time &&
                     static_cast<Number>(duration) >= std::numeric_limits<Number>::min(),
                 "the time is too short: beside the solver's own, or in its precision, it is none", where,
-                "Pass a longer one, or 0 to advance by nothing.");
+                "Pass a longer one.");
+        require(std::isfinite(course_.time + duration),
+                "the time is too long: with the solver's own it is beyond all numbers", where,
+                "Pass a shorter one.");
     }
 
     /// Refuses walls that have particles behind them: looks where walls or particles are new.

@@ -151,8 +151,8 @@ std::optional<StepFailure> slowest_in(Parts const& parts, Rule rule, Values cons
                                        std::string const& material, int d)
 {
     std::ostringstream what, where, remedy;
-    what << "the stable time step fell to " << course.now.interval.length() << " s, bounded by "
-         << describe(course.now.limit);
+    what << "the stable time step fell to " << course.now.interval.length()
+         << " s, too little of the duration, bounded by " << describe(course.now.limit);
     where << "Solver::advance at t = " << course.time << " s";
     remedy << "Check masses, moduli and velocities of the scene: wave speed " << course.bounds.wave_speed
            << " m/s, fastest particle " << course.bounds.speed << " m/s, fastest obstacle "

@@ -373,6 +373,21 @@ TEST_CASE("who is so fast that no step gets on is named, or taken out")
     CHECK_THAT(error.what_is_wrong(), Contains("bounded by obstacle"));
 }
 
+TEST_CASE("what goes wrong again and again, with steps that go well between, ends in an error")
+{
+    // a ball at many times the speed of waves: what it turns inside out is pushed at every step
+    auto const hit = [](std::size_t quarantine) {
+        Scene<NeoHookean<PlaneFloat>, QuadraticBSpline, Mls>::Solver solver(lattice(0.05));
+        solver.add(box_of_points<2>({0, 0}, {0.3, 0.3}, 0.05), 6e-4, {1, -1});
+        if (quarantine > 0) solver.quarantine(quarantine);
+        Motion const flies{.position = {-1, 0.1, 0}, .velocity = {200, 0, 0}};
+        Obstacle<Sphere> const ball{.shape = {0.4}, .motion = flies, .on_particles = true};
+        for (int i = 0; i < 100; ++i) solver.advance(1e-4, ball);
+    };
+    CHECK_THROWS_AS(hit(0), StepError);
+    CHECK_NOTHROW(hit(1000));
+}
+
 TEST_CASE("a state whose stress is beyond all numbers is named, and not those whom it would spoil")
 {
     auto solver = block<NeoHookean<Plane>>();

@@ -407,6 +407,21 @@ TEST_CASE("a checkpoint that cannot be written leaves the one of before, and the
     solver.step(1e-4);
     CHECK_THAT(refused([&] { write_checkpoint(folder / "nowhere" / "a.firn", solver); }),
                Contains("cannot be created"));
+    // what lies where the unfinished file would be is somebody's: nothing happens to it, nobody waits for it
+    std::filesystem::path const part = folder / "a.firn.part", aim = folder / "aim";
+    auto const leaves_it = [&] {
+        CHECK_THAT(refused([&] { write_checkpoint(path, solver); }), Contains("is no file, but a folder"));
+        CHECK(content(path) == whole);
+        CHECK(std::filesystem::remove(part));
+    };
+    std::filesystem::create_directory(part);
+    leaves_it();
+    REQUIRE(::mkfifo(part.c_str(), 0600) == 0);
+    leaves_it();
+    std::filesystem::copy_file(path, aim);
+    std::filesystem::create_symlink(aim, part);
+    leaves_it();
+    CHECK(content(aim) == whole);
     struct rlimit before, small;
     ::getrlimit(RLIMIT_FSIZE, &before);
     small = {256, before.rlim_max};

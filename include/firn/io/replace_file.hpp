@@ -52,7 +52,8 @@ public:
     {
 #if defined(F_OFD_SETLK)
         for (;; ::close(file_)) {
-            file_ = ::open(path.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC, 0666);
+            // not by a link of somebody's to another file, nor waiting for who reads a pipe
+            file_ = ::open(path.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0666);
             if (file_ < 0) return;
             // one byte where none will be: there are file systems that refuse others to write what is held
             struct flock last = {};
@@ -106,9 +107,16 @@ void replace_file(std::filesystem::path const& path, Write const& write,
         throw Error{what, path.string(), std::move(remedy)};
     };
     auto const there = std::filesystem::status(path, ignored);
-    if (std::filesystem::is_directory(there)) refuse("this is a folder", "Pass the name of a file.");
+    if (std::filesystem::is_directory(there))
+        throw Error{"this is a folder", path.string(), "Pass the name of a file."};
     if (std::filesystem::is_other(there) && there.type() != std::filesystem::file_type::unknown)
-        refuse("this is no file, but a device or a pipe", "Pass the name of a file: it would be replaced.");
+        throw Error{"this is no file, but a device or a pipe", path.string(),
+                    "Pass the name of a file: it would be replaced."};
+    auto const before = std::filesystem::symlink_status(temporary, ignored);
+    if (std::filesystem::exists(before) && !std::filesystem::is_regular_file(before))
+        throw Error{"what has the name of the unfinished file is no file, but a folder, a link, a device or "
+                    "a pipe",
+                    temporary.string(), "Move it away."};
     OnlyWriter const writer(temporary);
     if (!writer.is_alone())
         throw Error{"somebody else is writing this file at this time", path.string(),
