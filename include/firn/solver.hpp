@@ -336,8 +336,9 @@ public:
             ++report.rejected;
             // So often in a row, or as short by what went wrong before: a step now and then that goes well,
             // and shorter ones behind it that do not, would never end.
-            bool const last = ++course_.retries > control_.retries ||
-                              course_.now.longest < std::ldexp(course_.stable, -control_.retries);
+            bool const last =
+                ++course_.retries > control_.retries ||
+                course_.now.longest < std::ldexp(std::min(course_.stable, duration), -control_.retries);
             double const dt = course_.now.interval.length();
             if (!isolates(log, dt, last, report.isolated) && last) fail(log, dt);
         }
