@@ -155,8 +155,8 @@ std::optional<StepFailure> slowest_in(Parts const& parts, Rule rule, Values cons
          << " s, too little of the duration, bounded by " << describe(course.now.limit);
     where << "Solver::advance at t = " << course.time << " s";
     remedy << "Check masses, moduli and velocities of the scene: wave speed " << course.bounds.wave_speed
-           << " m/s, fastest particle " << course.bounds.speed << " m/s, fastest obstacle "
-           << course.bounds.obstacle_speed << " m/s; viscous stress bounds steps, too.";
+           << " m/s, fastest particle " << course.bounds.speed
+           << " m/s. Fast obstacles and viscous stress bound steps, too.";
     if (!since) throw Error{what.str(), where.str(), remedy.str()};
     what << ", since particle " << since->particle << material << " " << describe(since->cause);
     where << ", " << at_place(since->position, d);
