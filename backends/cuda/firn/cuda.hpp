@@ -120,10 +120,14 @@ struct Cuda
         cuda::OnDevice const here(device);
         cuda::detail::GiveArrivals<CellOrder, GridType, Phase> const give{cells.view(), cells.arrived(),
                                                                           cells.movers(), grid.view()};
-        cuda::detail::launch(
-            "scatter_movers", queue(), cuda::detail::scatter_movers<CellOrder, GridType, Phase>,
-            std::min(grid.blocks(), 4096u), 1, cuda::detail::SharedTiles<GridType>::bytes(false, true),
-            cells.signal(), grid.blocks(), give);
+        using Tiles = cuda::detail::SharedTiles<GridType>;
+        // as follow() has it where it lets them give, since sums are added up team by team
+        unsigned const teams = Tiles::teams_that_follow(cells.followed_blocks());
+        auto* const loop = teams == 1 ? cuda::detail::scatter_movers<1, CellOrder, GridType, Phase>
+                                      : cuda::detail::scatter_movers<cuda::detail::most_teams_that_follow,
+                                                                     CellOrder, GridType, Phase>;
+        cuda::detail::launch("scatter_movers", queue(), loop, std::min(grid.blocks(), 4096u), teams,
+                             Tiles::bytes(false, true, teams), cells.signal(), grid.blocks(), give);
     }
 
     /// Calls `phase(node, result)` for every node that was added to, in whatever layer; what it found becomes
@@ -136,11 +140,15 @@ struct Cuda
         if (grid.node_blocks() == 0) return {};
         cuda::OnDevice const here(device);
         auto const results = grid.node_results().template expect<Result>(grid.node_blocks());
+        std::uint32_t const to_forget =
+            cells.blocks_to_forget(); // under each block of cells lies one of nodes
+        cells.forgets_arrivals();
         auto const loop = [&](auto const& blocks) {
             using Blocks = std::remove_cvref_t<decltype(blocks)>;
             cuda::detail::launch("for_each_node", queue(),
                                  cuda::detail::for_each_node<GridType, Phase, Blocks>, grid.node_blocks(), 1,
-                                 0, cells.signal(), phase, grid.view(), blocks, results);
+                                 0, cells.signal(), phase, grid.view(), blocks, results, cells.changes(),
+                                 to_forget);
         };
         if constexpr (Phase::looks_around)
             loop(grid.blocks_of_nodes());
@@ -189,7 +197,8 @@ struct Cuda
             return;
         }
         start_moving(cells, grid, phase);
-        cells.find_departed(Conclusion{of_nodes, grid.item_results().template partial<Result>(), conclude});
+        cells.find_departed(Conclusion{of_nodes, grid.item_results().template partial<Result>(), conclude},
+                            true);
     }
 
     /// The same where the next step is queued at once: returns what follow() is to be called with before
@@ -208,7 +217,7 @@ struct Cuda
         start_moving(cells, grid, phase);
         conclusion.of_items = grid.item_results().template partial<Result>();
         conclusion.kept = cells.room_for_results(conclusion.kept_bytes);
-        cells.find_departed(conclusion);
+        cells.find_departed(conclusion, true);
         return conclusion;
     }
 
@@ -229,13 +238,15 @@ struct Cuda
             scatter_movers<Phase>(cells, grid);
             return;
         }
+        using Tiles = cuda::detail::SharedTiles<GridType>;
+        unsigned const teams = Tiles::teams_that_follow(cells.blocks());
         cells.follow_early(
             offsets, conclusion,
             [&](auto const& view, auto const& arrived) {
                 return cuda::detail::GiveArrivals<CellOrder, GridType, Phase>{view, arrived, cells.movers(),
                                                                               grid.view()};
             },
-            cuda::detail::SharedTiles<GridType>::bytes(false, true));
+            teams, Tiles::bytes(false, true, teams));
     }
 
     /// The same for several orders of cells that share a grid, each with its layer and its phase; calls
@@ -254,12 +265,13 @@ struct Cuda
             auto const start = [&](auto& order, auto const& layer, auto const& phase) {
                 if (layer.blocks() == 0) return;
                 start_moving(order, layer, phase);
-                order.find_departed(cuda::detail::Pause{});
+                order.find_departed(cuda::detail::Pause{}, true);
             };
             auto const finish = [&](auto& order, auto const& layer, auto const& phase) {
                 while (layer.blocks() > 0 && order.listen()) { // there was no room: repeats what is to be
-                    if (order.make_room()) start_moving(order, layer, phase);
-                    order.find_departed(cuda::detail::Pause{});
+                    bool const again = order.make_room();
+                    if (again) start_moving(order, layer, phase);
+                    order.find_departed(cuda::detail::Pause{}, again);
                     queue().wait();
                 }
             };
@@ -289,8 +301,10 @@ struct Cuda
         if (cells.make_room())
             move(cells, grid, phase, of_nodes, conclude);
         else
-            cells.find_departed(cuda::detail::Conclusion<OfNodes, Result, Conclude>{
-                of_nodes, grid.item_results().template partial<Result>(), conclude});
+            cells.find_departed(
+                cuda::detail::Conclusion<OfNodes, Result, Conclude>{
+                    of_nodes, grid.item_results().template partial<Result>(), conclude},
+                false);
     }
 
 private:
@@ -308,7 +322,7 @@ private:
         std::size_t const shared = Tiles::bytes(true, true, teams);
         constexpr std::size_t declared = cuda::detail::declared_by_move<Result>; // grows with the obstacles
         if (shared + declared > cuda::detail::given_shared) cuda::detail::allow_shared(loop, shared);
-        cuda::detail::Moved<typename LayerType::Number, Result> const moved{movers, cells.changes(),
+        cuda::detail::Moved<typename LayerType::Number, Result> const moved{movers, cells.destinations(),
                                                                             cells.left(), results};
         cuda::detail::launch("move", queue(), loop, layer.blocks(), teams, shared, signal, phase,
                              cells.view(), layer.view(), moved);

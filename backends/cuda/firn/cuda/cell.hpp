@@ -108,11 +108,12 @@ public:
     /// where it is.
     __device__ void depart(bool, int zero_from, int) { departed_ = true, zero_from_ = zero_from; }
     __device__ bool departed() const { return departed_; }
+    __device__ std::uint32_t way() const { return way_; } ///< to which neighbour, as Movers have it
     __device__ void write_departure(detail::Movers<Number> const& movers, std::uint32_t i, std::uint32_t cell)
     {
         movers.slot[i] = slot_;
         movers.cell[i] = cell;
-        movers.way[i] = way_;
+        movers.way[i] = static_cast<std::uint8_t>(way_);
 #pragma unroll
         for (int c = d; c < Phase::kept; ++c)
             movers.given[std::size_t(i) * movers.channels + c - d] = kept_[c];

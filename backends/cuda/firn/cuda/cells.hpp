@@ -84,6 +84,7 @@ public:
         fresh.renew(count, 0);
         signal();
         if (blocks() == 0) set_.reserve(64);
+        may_have_arrived_ = true;
         for (;;) { // once more if there are blocks to be born
             stay_all();
             launch_after("find_cells", queue_, detail::find_cells<d, Number>, groups_of(count, 256), 256,
@@ -126,14 +127,18 @@ public:
         if (blocks() == 0) return;
         OnDevice const here(queue_);
         offset_ = offset;
+        followed_blocks_ = blocks();
         rearrange(movers_.view(channels_), movers_.most, left_.data(), offset);
         kept_order_ = false;
         if (crowded_) forget_empty_blocks();
         crowded_ = false;
     }
 
+    /// How many blocks there were when items were followed, and empty ones not yet forgotten.
+    std::uint32_t followed_blocks() const { return followed_blocks_; }
+
     /// Whether a step takes less time than the host that listens: few blocks, most of them well filled. Then
-    /// blocks are born ahead of those that are wanted, and more empty ones are kept.
+    /// blocks are born ahead of those that are wanted, three deep, and more empty ones are kept.
     bool is_small() const { return blocks() <= 128 && size_ >= std::size_t(32) * blocks(); }
 
     /// Whether there are so few blocks that a device has them all at work at once: then they are followed
@@ -141,14 +146,15 @@ public:
     bool follows_early() const { return blocks() <= 1024; }
 
     /// The same while one thread asks `conclude` how things go on. What `give(cells, arrived)` returns is
-    /// called for each block (see detail::rearrange_and) with so much shared memory. The order before is
-    /// kept, for take_back().
+    /// called for each block by so many teams (see detail::rearrange_and) with so much shared memory. The
+    /// order before is kept, for take_back().
     template <class Conclude, class Give>
     void follow_early(std::array<Offset*, d> const& offset, Conclude const& conclude, Give const& give,
-                      std::size_t shared)
+                      unsigned teams, std::size_t shared)
     {
         OnDevice const here(queue_);
         offset_ = offset;
+        followed_blocks_ = blocks();
         order_before_.renew(size_);
         new_begin_.renew(blocks() * Shape::cells + 1);
         arrived_begin_.renew(new_begin_.size());
@@ -160,7 +166,7 @@ public:
         std::uint32_t const number = early_ = early_ % (1u << 31) + 1;
         launch_behind("rearrange_and", queue_,
                       detail::rearrange_and<d, Number, Conclude, std::remove_cv_t<decltype(then)>>,
-                      blocks() + 1, 64, shared, signal(), number, begin_.data(), changes(),
+                      blocks() + 1, teams * 64, shared, signal(), number, begin_.data(), changes(),
                       block_begin_.data(), movers_.view(channels_), to, offset, conclude, then);
         std::swap(begin_, new_begin_);
         std::swap(order_, order_before_);
@@ -196,13 +202,17 @@ public:
     std::uint32_t blocks_kept() const { return blocks_kept_; } ///< so many have one; others are younger
 
     /// Makes room for items that depart, and forgets those before: the loop that follows notes them, and
-    /// clears what is counted of arrivals.
+    /// finds their cells.
     Movers expect_departures(int channels)
     {
         OnDevice const here(queue_);
         channels_ = channels;
         crowded_ = false; // if it was said of a step that was then not made
         movers_.renew(std::max<std::size_t>(movers_.most, size_ / 32 + 256), channels);
+        if (blocks_to_forget() > 0)
+            launch_behind("forget_all_arrivals", queue_, detail::forget_all_arrivals, blocks(), 64, 0,
+                          signal(), changes());
+        may_have_arrived_ = true;
         return movers_.view(channels);
     }
     unsigned char* left() { return left_.data(); }
@@ -211,16 +221,23 @@ public:
         return {stay_.data(),       arrivals_.data(),   first_arrival_.data(),
                 group_left_.data(), block_stay_.data(), block_arrived_.data()};
     }
+    detail::Destinations destinations() { return {changes(), set_.view(), set_.keys(), is_small() ? 3 : 0}; }
 
-    /// Finds the cells of those that departed, and concludes.
+    /// How many blocks may still count who came into their cells, which is to be forgotten before others do;
+    /// a loop that does so on its way says it with forgets_arrivals().
+    std::uint32_t blocks_to_forget() const { return may_have_arrived_ ? blocks() : 0; }
+    void forgets_arrivals() { may_have_arrived_ = false; }
+
+    /// Concludes once those that departed have found their cells; finds them, if they have not.
     template <class Conclude>
-    void find_departed(Conclude const& conclude)
+    void find_departed(Conclude const& conclude, bool found)
     {
         OnDevice const here(queue_);
-        unsigned const groups = 1 + std::min(groups_of(movers_.most, detail::scanning_threads), 256u);
-        launch_behind("find_new_cells", queue_, detail::find_new_cells<d, Number, Conclude>, groups,
-                      detail::scanning_threads, 0, signal(), movers_.view(channels_), changes(), set_.view(),
-                      set_.keys(), begins(), conclude, is_small());
+        unsigned const groups =
+            1 + (found ? 1 : std::min(groups_of(movers_.most, detail::scanning_threads), 256u));
+        launch_behind("find_departed", queue_, detail::find_departed<d, Number, Conclude>, groups,
+                      detail::scanning_threads, 0, signal(), movers_.view(channels_), destinations(), found,
+                      begins(), conclude, is_small());
     }
 
     /// Says to loops whether they have something to do.
@@ -270,6 +287,7 @@ public:
         short_ = told->stop;
         if (short_.stopped == 0) return false;
         told->stop = {};
+        may_have_arrived_ = true; // whatever was queued to forget them
         stopped_.fill_bytes(0, detail::Signal::words, 0);
         crowded_ = short_.crowded != 0;
         return short_.births > 0 || short_.departed > movers_.most;
@@ -333,11 +351,12 @@ private:
     {
         std::size_t most = 0;
         Array<detail::Rendezvous> meet;
-        Array<std::uint32_t> slot, cell, way, next;
+        Array<std::uint32_t> slot, cell, next;
+        Array<std::uint8_t> way;
         Array<Number> given;
 
         explicit MoverArrays(Queue queue)
-            : meet(queue), slot(queue), cell(queue), way(queue), next(queue), given(queue)
+            : meet(queue), slot(queue), cell(queue), next(queue), way(queue), given(queue)
         {}
 
         void renew(std::size_t room, int channels)
@@ -347,8 +366,8 @@ private:
                 meet.renew(1);
                 meet.fill_bytes(0, 1, 0);
             }
-            for (auto* const array : {&slot, &next, &way}) make_room(*array, room);
-            make_room(cell, channels > 0 ? room : 0);
+            for (auto* const array : {&slot, &cell, &next}) make_room(*array, room);
+            make_room(way, channels > 0 ? room : 0);
             make_room(given, room * static_cast<std::size_t>(channels));
         }
 
@@ -363,7 +382,7 @@ private:
 
         Movers view(int channels) const
         {
-            auto const at = [](auto const& array) { return const_cast<std::uint32_t*>(array.data()); };
+            auto const at = []<class T>(Array<T> const& array) { return const_cast<T*>(array.data()); };
             return {const_cast<detail::Rendezvous*>(meet.data()),
                     static_cast<std::uint32_t>(most),
                     channels,
@@ -434,6 +453,7 @@ private:
         blocks_before_.download(before, {&count, 1});
         new_begin_.renew(std::size_t(count) * Shape::cells + 1);
         auto& new_arrived_begin = first_arrival_; // those of this step have come
+        may_have_arrived_ = true;
         new_arrived_begin.renew(new_begin_.size());
         launch_after("keep_blocks", queue_, detail::keep_blocks, count, 64, blocks_before_.data(),
                      begin_.data(), arrived_begin_.data(), new_begin_.data(), new_arrived_begin.data());
@@ -469,7 +489,7 @@ private:
                                   arrived_begin_.data(),
                                   arrived_.data(),
                                   in_place ? order_.data() : next.data(),
-                                  movers.way};
+                                  movers.cell};
         launch_behind("rearrange", queue_, detail::rearrange<d, Number>, blocks(), 64, 0, signal(),
                       begin_.data(), changes(), block_begin_.data(), movers, to, offset);
         std::swap(begin_, new_begin_);
@@ -482,8 +502,9 @@ private:
     Queue queue_;
     std::size_t size_ = 0;
     bool settled_ = true;
-    bool kept_order_ = false;         ///< the last follow() kept the order before
-    std::uint32_t early_ = 0;         ///< number of the last that did
+    bool kept_order_ = false; ///< the last follow() kept the order before
+    std::uint32_t early_ = 0; ///< number of the last that did
+    std::uint32_t followed_blocks_ = 0;
     std::array<Offset*, d> offset_{}; ///< as they were last followed
     BlockSet set_;
     Array<std::uint32_t> begin_, new_begin_, order_, order_before_;
@@ -500,6 +521,7 @@ private:
     HostMemory told_;              ///< why, and how far they are
     detail::Stop short_{};         ///< what it said last
     bool crowded_ = false;         ///< many blocks hold no items
+    bool may_have_arrived_ = true; ///< what is counted of arrivals is not all zero
 };
 
 } // namespace firn::cuda

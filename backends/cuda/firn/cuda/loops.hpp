@@ -2,7 +2,9 @@
 #pragma once
 
 #include <firn/cuda/cell.hpp>
+#include <firn/cuda/shared_memory.hpp>
 
+#include <algorithm>
 #include <cassert>
 
 namespace firn::cuda
@@ -75,6 +77,12 @@ struct SharedTiles
         return teams;
     }
 
+    /// The same for those who give what came to a block.
+    static unsigned teams_that_follow(std::uint32_t blocks)
+    {
+        return std::min(teams(blocks), most_teams_that_follow);
+    }
+
     static_assert(bytes(true, true) <= most_shared, "a block's tiles do not fit into shared memory");
 
     Values* values;
@@ -100,30 +108,30 @@ struct SharedTiles
                Tile::at(Shape::cell(place));
     }
 
-    /// Writes both groups' sums to the block's tile.
+    /// Writes the sums of both groups, team by team, to the block's tile.
     __device__ void write_sums(Sums* tile) const
     {
-        int const teams = int(blockDim.x / block_threads);
         for (int n = int(threadIdx.x); n < Tile::nodes; n += int(blockDim.x)) {
             Sums sum{};
-            for (int team = 0; team < teams; ++team) plus_groups(sum, n, sums + team * 2 * Tile::group_nodes);
+            plus_teams(sum, n, blockDim.x / block_threads);
             tile[n] = sum;
         }
     }
 
-    /// Adds them to it; for a single team.
-    __device__ void add_sums(Sums* tile) const
+    /// Adds them to it, where there are so many teams.
+    __device__ void add_sums(Sums* tile, unsigned teams = 1) const
     {
         constexpr int at_once = 4; // loads, each of which would wait for the one before
-        for (int first = int(threadIdx.x); first < Tile::nodes; first += at_once * int{block_threads}) {
+        int const threads = int(teams * block_threads);
+        for (int first = int(threadIdx.x); first < Tile::nodes; first += at_once * threads) {
             Sums sum[at_once];
 #pragma unroll
             for (int i = 0; i < at_once; ++i)
-                if (int const n = first + i * int{block_threads}; n < Tile::nodes) sum[i] = tile[n];
+                if (int const n = first + i * threads; n < Tile::nodes) sum[i] = tile[n];
 #pragma unroll
             for (int i = 0; i < at_once; ++i)
-                if (int const n = first + i * int{block_threads}; n < Tile::nodes) {
-                    plus_groups(sum[i], n, sums);
+                if (int const n = first + i * threads; n < Tile::nodes) {
+                    plus_teams(sum[i], n, teams);
                     tile[n] = sum[i];
                 }
         }
@@ -148,11 +156,14 @@ struct SharedTiles
     }
 
 private:
-    /// Adds what both groups of a team have at a node of the tile.
-    __device__ static void plus_groups(Sums& sum, int n, Sums const* of_team)
+    /// Adds what both groups of each team have at a node of the tile.
+    __device__ void plus_teams(Sums& sum, int n, unsigned teams) const
     {
-        if (n < Tile::group_nodes) plus(sum, of_team[n]);
-        if (n >= Tile::group_offset) plus(sum, of_team[Tile::group_nodes + n - Tile::group_offset]);
+        for (unsigned team = 0; team < teams; ++team) {
+            Sums const* const of_team = sums + int(team) * 2 * Tile::group_nodes;
+            if (n < Tile::group_nodes) plus(sum, of_team[n]);
+            if (n >= Tile::group_offset) plus(sum, of_team[Tile::group_nodes + n - Tile::group_offset]);
+        }
     }
     __device__ static void plus(Sums& sum, Sums const& other)
     {
@@ -168,8 +179,7 @@ __global__ void __launch_bounds__(block_threads)
             bool afresh)
 {
     if (signal.stops()) return;
-    extern __shared__ __align__(16) unsigned char memory[];
-    SharedTiles<GridType> const tiles(memory, false);
+    SharedTiles<GridType> const tiles(shared_memory(), false);
     tiles.clear_sums();
     __syncthreads();
     std::uint32_t const c = blockIdx.x * block_threads + threadIdx.x;
@@ -200,42 +210,46 @@ struct GiveArrivals
     typename CellOrder::Movers movers;
     typename GridType::View grid;
 
-    /// Called by all threads of a group, with shared memory for sums.
-    __device__ void operator()(std::uint32_t block, ArrivedInCell const& came) const
+    /// Called by all threads of a group, so many teams, with shared memory for the sums of each.
+    __device__ void operator()(std::uint32_t block, ArrivedInCell const& came, std::uint32_t teams) const
     {
         if (!__syncthreads_or(came.count > 0)) return; // most blocks have few, or none
-        extern __shared__ __align__(16) unsigned char memory[];
-        SharedTiles<GridType> const tiles(memory, false);
+        SharedTiles<GridType> const tiles(shared_memory(), false);
         tiles.clear_sums();
         __syncthreads();
-        CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(
-            cells.cell(block * block_threads + threadIdx.x), nullptr);
-        SumsInTile<GridType> sums{tiles.own_sums(int(threadIdx.x))};
+        std::uint32_t const team = teams == 1 ? 0 : threadIdx.x / block_threads,
+                            place = threadIdx.x % block_threads;
+        CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(cells.cell(block * block_threads + place),
+                                                                nullptr);
+        SumsInTile<GridType> sums{tiles.own_sums(int(place))};
         std::uint32_t const* const of_cell = arrived.arrived + came.begin;
-        std::uint32_t next = came.count > 0 ? of_cell[0] : 0; // loaded one rank ahead
-        Ranks(came).for_each([&](std::uint32_t rank, bool here, std::uint32_t) {
+        std::uint32_t next = team < came.count ? of_cell[team] : 0; // loaded one rank ahead
+        auto const use = [&](std::uint32_t rank, bool here, std::uint32_t) {
             cell.forget();
             if (here) {
                 cell.read_departure(movers, arrived.offset, next);
-                if (rank + 1 < came.count) next = of_cell[rank + 1];
+                if (rank + teams < came.count) next = of_cell[rank + teams];
             }
             Phase::give(cell, sums);
-        });
+        };
+        Ranks(came).for_each(use, team, teams);
         __syncthreads();
-        tiles.add_sums(grid.tiles + std::size_t(block) * GridType::TileShape::nodes);
+        tiles.add_sums(grid.tiles + std::size_t(block) * GridType::TileShape::nodes, teams);
         __syncthreads();
     }
 };
 
-/// The same for all blocks, once their order is written.
-template <class CellOrder, class GridType, class Phase>
-__global__ void __launch_bounds__(block_threads)
+/// The same for all blocks, once their order is written, by so many teams at most: a thread that is one of
+/// few takes more registers, and where there are many blocks that costs more than it gains.
+template <unsigned most, class CellOrder, class GridType, class Phase>
+__global__ void __launch_bounds__(most* block_threads)
     scatter_movers(Signal signal, std::uint32_t blocks, GiveArrivals<CellOrder, GridType, Phase> give)
 {
     if (signal.stops()) return;
     for (std::uint32_t block = blockIdx.x; block < blocks; block += gridDim.x) {
-        std::uint32_t const c = block * block_threads + threadIdx.x, begin = give.arrived.begin[c];
-        give(block, {begin, give.arrived.begin[c + 1] - begin});
+        std::uint32_t const c = block * block_threads + threadIdx.x % block_threads,
+                            begin = give.arrived.begin[c];
+        give(block, {begin, give.arrived.begin[c + 1] - begin}, most == 1 ? 1 : blockDim.x / block_threads);
     }
 }
 
@@ -327,12 +341,15 @@ struct NoBlocks
 {};
 
 /// Nodes add up the tiles that cover them and are updated. `blocks` finds those of nodes that are looked at.
+/// Beside that who came into the cells of so many blocks is forgotten, before others do.
 template <class GridType, class Phase, class Blocks>
 __global__ void __launch_bounds__(block_threads)
     for_each_node(Signal signal, Phase phase, typename GridType::View grid, Blocks blocks,
-                  ResultsOfGroups<typename Phase::Result> results)
+                  ResultsOfGroups<typename Phase::Result> results, Changes changes,
+                  std::uint32_t blocks_to_forget)
 {
     if (signal.stops()) return;
+    if (blockIdx.x < blocks_to_forget) forget_arrivals(changes, blockIdx.x);
     using Shape = typename GridType::Shape;
     constexpr int d = Phase::d;
     Coordinates<d> here;
@@ -369,12 +386,13 @@ template <class Number, class Result>
 struct Moved
 {
     Movers<Number> movers;
-    Changes changes;
+    Destinations to;
     unsigned char* left;
     ResultsOfGroups<Result> results;
 };
 
-/// All items take, answer, and give to the tile of the next step; those that depart are put on a list.
+/// All items take, answer, and give to the tile of the next step; those that depart are put on a list, and in
+/// that of their new cell.
 template <class CellOrder, class GridType, class Phase>
 __global__ void __launch_bounds__(most_teams* block_threads, 1)
     move(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid,
@@ -382,12 +400,9 @@ __global__ void __launch_bounds__(most_teams* block_threads, 1)
 {
     if (signal.stops()) return;
     using Tile = typename GridType::TileShape;
-    extern __shared__ __align__(16) unsigned char memory[];
-    SharedTiles<GridType> const tiles(memory, true);
+    SharedTiles<GridType> const tiles(shared_memory(), true);
     tiles.read_values(grid, blockIdx.x);
     tiles.clear_sums();
-    __syncthreads();
-
     __shared__ std::uint32_t left_cell[block_threads], left_group[2];
     if (threadIdx.x < block_threads) left_cell[threadIdx.x] = 0;
     if (threadIdx.x < 2) left_group[threadIdx.x] = 0;
@@ -423,7 +438,10 @@ __global__ void __launch_bounds__(most_teams* block_threads, 1)
             std::uint32_t const i = __shfl_sync(~0u, first, 0) + __popc(left & below);
             if (cell.departed()) {
                 atomicAdd(left_cell + place, 1u);
-                if (i < moved.movers.most) cell.write_departure(moved.movers, i, c);
+                if (i < moved.movers.most) {
+                    cell.write_departure(moved.movers, i, c);
+                    find_new_cell<Phase::d>(moved.movers, moved.to, i, c, cell.way());
+                }
                 cell.forget_given();
             }
         }
@@ -432,15 +450,13 @@ __global__ void __launch_bounds__(most_teams* block_threads, 1)
     ranks.for_each(use, team, teams);
     __syncthreads();
     if (team == 0) {
-        moved.changes.stay[c] = count - left_cell[place];
-        moved.changes.arrivals[c] = 0; // who comes is counted next
-        moved.changes.first_arrival[c] = absent;
+        Changes const& changes = moved.to.changes;
+        changes.stay[c] = count - left_cell[place];
         if (place == 0) {
             std::uint32_t const had = cells.begin[c + block_threads] - ranks.begin;
-            moved.changes.block_stay[blockIdx.x] = had - left_group[0] - left_group[1];
-            moved.changes.block_arrived[blockIdx.x] = 0;
+            changes.block_stay[blockIdx.x] = had - left_group[0] - left_group[1];
         }
-        if (place % 32 == 0) moved.changes.group_left[2 * blockIdx.x + place / 32] = left_group[place / 32];
+        if (place % 32 == 0) changes.group_left[2 * blockIdx.x + place / 32] = left_group[place / 32];
     }
     tiles.write_sums(grid.next_tiles + std::size_t(blockIdx.x) * Tile::nodes);
     __shared__ __align__(16) unsigned char parts[2 * most_teams * sizeof(typename Phase::Result)];
@@ -453,8 +469,7 @@ __global__ void __launch_bounds__(block_threads)
     give_back(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid)
 {
     if (signal.stops()) return;
-    extern __shared__ __align__(16) unsigned char memory[];
-    SharedTiles<GridType> const tiles(memory, true);
+    SharedTiles<GridType> const tiles(shared_memory(), true);
     tiles.read_values(grid, blockIdx.x);
     tiles.clear_sums();
     __syncthreads();
@@ -483,8 +498,7 @@ __global__ void __launch_bounds__(block_threads)
     take(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid)
 {
     if (signal.stops()) return;
-    extern __shared__ __align__(16) unsigned char memory[];
-    SharedTiles<GridType> const tiles(memory, true);
+    SharedTiles<GridType> const tiles(shared_memory(), true);
     tiles.read_values(grid, blockIdx.x);
     __syncthreads();
     std::uint32_t const c = blockIdx.x * block_threads + threadIdx.x;

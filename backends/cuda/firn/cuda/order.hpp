@@ -14,6 +14,9 @@
 namespace firn::cuda::detail
 {
 
+/// Where there are few blocks, as many teams of 64 threads follow who came to one, at most.
+inline constexpr unsigned most_teams_that_follow = 4;
+
 /// What groups of threads that work side by side tell each other; all zero where none is at work.
 struct Rendezvous
 {
@@ -35,7 +38,7 @@ struct Movers
     int channels;        ///< of what a departed item gives
     std::uint32_t* slot; ///< where the item lies
     std::uint32_t* cell; ///< where it was
-    std::uint32_t* way;  ///< to which neighbour it goes: three digits of base 3, first axis highest
+    std::uint8_t* way;   ///< to which neighbour it goes: three digits of base 3, first axis highest
     std::uint32_t* next; ///< another one that comes into the same cell, or absent
     Number* given;       ///< what a departed item gives to the grid, one after the other, but for its offset
 };
@@ -49,6 +52,24 @@ struct Changes
     std::uint32_t* group_left;    ///< per group of cells: items that leave
     std::uint32_t* block_stay;    ///< per block: items that stay in their cells
     std::uint32_t* block_arrived; ///< per block: items that come into its cells
+};
+
+/// Forgets who came into the cells of a block; called by 64 threads.
+static __device__ void forget_arrivals(Changes const& changes, std::uint32_t block)
+{
+    std::uint32_t const c = block * 64 + threadIdx.x;
+    changes.arrivals[c] = 0;
+    changes.first_arrival[c] = absent;
+    if (threadIdx.x == 0) changes.block_arrived[block] = 0;
+}
+
+/// Where departed items find their new cells.
+struct Destinations
+{
+    Changes changes;
+    BlockSet::View set;
+    std::uint64_t const* keys; ///< of blocks
+    int ahead;                 ///< so many blocks behind each that is wanted are wanted, too
 };
 
 /// Enters a mover in the list of its new cell, and counts it there and in the block.
@@ -72,14 +93,14 @@ __device__ inline std::uint32_t most_empty_blocks(std::uint32_t live, bool small
     return small ? 32 + 2 * live : live <= 4096 ? 8 + live / 8 : live / 32;
 }
 
-/// Finds the new cell of a departed item, or wants its block; also the one behind that, if `ahead`.
+/// Finds the new cell of a departed item that was in the cell `from`, or wants its block.
 template <int d, class Number>
-__device__ void find_new_cell(Movers<Number> const& movers, Changes const& changes, BlockSet::View const& set,
-                              std::uint64_t const* keys, std::uint32_t mover, bool ahead)
+__device__ void find_new_cell(Movers<Number> const& movers, Destinations const& to, std::uint32_t mover,
+                              std::uint32_t from, std::uint32_t way)
 {
     using Shape = BlockShape<d>;
-    std::uint32_t block = movers.cell[mover] / Shape::cells, way = movers.way[mover];
-    Coordinates<d> cell = Shape::cell(movers.cell[mover] % Shape::cells), beyond;
+    std::uint32_t block = from / Shape::cells;
+    Coordinates<d> cell = Shape::cell(static_cast<int>(from % Shape::cells)), beyond;
     bool leaves_block = false;
     for (int a = d - 1; a >= 0; --a, way /= 3) {
         int const moved = cell[a] + static_cast<int>(way % 3) - 1;
@@ -88,16 +109,16 @@ __device__ void find_new_cell(Movers<Number> const& movers, Changes const& chang
         leaves_block = leaves_block || beyond[a] != 0;
     }
     if (leaves_block) {
-        Coordinates<d> const there = block_of_key<d>(keys[block]) + beyond;
+        Coordinates<d> const there = block_of_key<d>(to.keys[block]) + beyond;
         std::uint64_t const key = block_key<d>(there);
-        block = set.find(key);
+        block = to.set.find(key);
         if (block == absent) {
-            set.want(key);
-            if (ahead) set.want(block_key<d>(there + beyond));
+            to.set.want(key);
+            for (int i = 1; i <= to.ahead; ++i) to.set.want(block_key<d>(there + i * beyond));
             return;
         }
     }
-    arrive(movers, changes, mover, block, static_cast<std::uint32_t>(Shape::place(cell)));
+    arrive(movers, to.changes, mover, block, static_cast<std::uint32_t>(Shape::place(cell)));
 }
 
 /// The same for new items, which say where they are.
@@ -121,6 +142,13 @@ __global__ void find_cells(Movers<Number> movers, std::array<int, d> const* cell
     }
     movers.slot[i] = first + i;
     arrive(movers, changes, i, block, static_cast<std::uint32_t>(Shape::place(in_block)));
+}
+
+/// Nobody has arrived anywhere.
+static __global__ void __launch_bounds__(64) forget_all_arrivals(Signal signal, Changes changes)
+{
+    if (signal.stops()) return;
+    forget_arrivals(changes, blockIdx.x);
 }
 
 /// Cells of new blocks are empty and begin at the end of all items; nobody has arrived anywhere.
@@ -208,18 +236,18 @@ __device__ inline std::uint64_t sum_before(std::uint64_t value, std::uint64_t& t
     return sum - value;
 }
 
-/// The same over the threads of a group of them.
+/// The same over the first threads of a group of them; if there are more, each so many know the same.
 template <int threads>
 __device__ std::uint64_t sum_before_in_block(std::uint64_t value, std::uint64_t& total)
 {
     __shared__ std::uint64_t of_warp[threads / 32];
     std::uint64_t of_mine;
     std::uint64_t before = sum_before(value, of_mine);
-    if (threadIdx.x % 32 == 31) of_warp[threadIdx.x / 32] = of_mine;
+    if (threadIdx.x < threads && threadIdx.x % 32 == 31) of_warp[threadIdx.x / 32] = of_mine;
     __syncthreads();
     total = 0;
     for (unsigned w = 0; w < threads / 32; ++w) {
-        if (w < threadIdx.x / 32) before += of_warp[w];
+        if (w < threadIdx.x % threads / 32) before += of_warp[w];
         total += of_warp[w];
     }
     __syncthreads();
@@ -286,12 +314,12 @@ __device__ inline bool comes_last(std::uint32_t* arrived, std::uint32_t count)
     return last;
 }
 
-/// Finds the new cells of departed items, and counts them there; whoever comes last finds where blocks begin.
-/// One more group of threads concludes at the same time.
+/// Finds the new cells of departed items, if they have not been found, and counts them there; whoever comes
+/// last finds where blocks begin. One more group of threads concludes at the same time.
 template <int d, class Number, class Conclude>
 __global__ void __launch_bounds__(scanning_threads)
-    find_new_cells(Signal signal, Movers<Number> movers, Changes changes, BlockSet::View set,
-                   std::uint64_t const* keys, BlockBegins begins, Conclude conclude, bool small)
+    find_departed(Signal signal, Movers<Number> movers, Destinations to, bool found, BlockBegins begins,
+                  Conclude conclude, bool small)
 {
     if (signal.stops()) return;
     Rendezvous& meet = *movers.meet;
@@ -301,21 +329,22 @@ __global__ void __launch_bounds__(scanning_threads)
         if (threadIdx.x == 0) meet.goes_on = goes_on;
     }
     else {
-        for (std::uint32_t first = (blockIdx.x - 1) * blockDim.x; first < noted;
-             first += (gridDim.x - 1) * blockDim.x)
-            if (first + threadIdx.x < noted)
-                find_new_cell<d>(movers, changes, set, keys, first + threadIdx.x, small);
+        if (!found)
+            for (std::uint32_t first = (blockIdx.x - 1) * blockDim.x; first < noted;
+                 first += (gridDim.x - 1) * blockDim.x)
+                if (std::uint32_t const mover = first + threadIdx.x; mover < noted)
+                    find_new_cell<d>(movers, to, mover, movers.cell[mover], movers.way[mover]);
         __shared__ bool last;
         __syncthreads();
         if (threadIdx.x == 0) last = comes_last(&meet.found, gridDim.x - 1);
         __syncthreads();
         if (!last) return;
-        bool const short_of_room = departed > movers.most || __ldcg(set.born_count) > 0;
-        std::uint32_t const live = short_of_room ? 0 : find_block_begins(begins, changes);
+        bool const short_of_room = departed > movers.most || __ldcg(to.set.born_count) > 0;
+        std::uint32_t const live = short_of_room ? 0 : find_block_begins(begins, to.changes);
         if (threadIdx.x == 0) meet.live = live;
     }
     if (threadIdx.x != 0 || !comes_last(&meet.concluded, 2)) return;
-    std::uint32_t const births = __ldcg(set.born_count), live = __ldcg(&meet.live);
+    std::uint32_t const births = __ldcg(to.set.born_count), live = __ldcg(&meet.live);
     bool const short_of_room = births > 0 || departed > movers.most;
     // the next loop that moves items counts anew, unless these are to be found once more
     if (births == 0 || departed > movers.most) meet.departed = 0;
@@ -399,9 +428,9 @@ struct LayInCell
     std::uint32_t slot; ///< where the first of the 32 cells lies
     bool all_stay;
 
-    __device__ LayInCell(std::uint32_t const* begins, Changes const& changes, bool nobody_left)
+    __device__ LayInCell(std::uint32_t const* begins, std::uint32_t c, Changes const& changes,
+                         bool nobody_left)
     {
-        std::uint32_t const c = blockIdx.x * 64 + threadIdx.x;
         begin = begins[c];
         count = begins[c + 1] - begin;
         slot = begins[c - threadIdx.x % 32];
@@ -409,10 +438,9 @@ struct LayInCell
     }
 };
 
-/// Writes those who stay in the order in which they lie, from `at` on, 32 cells at a time; returns where
-/// those of the thread's cell end. Memory is far away: eight are asked for at once.
-static __device__ std::uint32_t keep_those_who_stay(LayInCell const& lay, NewOrder const& to,
-                                                    std::uint32_t at)
+/// Writes those who stay in the order in which they lie, from `at` on, 32 cells at a time. Memory is far
+/// away: eight are asked for at once.
+static __device__ void keep_those_who_stay(LayInCell const& lay, NewOrder const& to, std::uint32_t at)
 {
     constexpr int at_once = 8;
     std::uint32_t const below = (1u << threadIdx.x % 32) - 1;
@@ -431,7 +459,6 @@ static __device__ std::uint32_t keep_those_who_stay(LayInCell const& lay, NewOrd
         for (unsigned i = 0; i < at_once; ++i)
             if (stays[i]) to.order[at++] = to.source ? to.source[lay.begin + rank + i] : here[i];
     }
-    return at;
 }
 
 /// Writes those who come into the thread's cell in the order in which they lie, from `at` on, and as a list
@@ -444,6 +471,7 @@ __device__ void append_arrivals(std::uint32_t first_arrival, ArrivedInCell came,
 {
     constexpr std::uint32_t few = 12;
     __shared__ std::uint32_t near[2][few][64]; // movers that come into the thread's cell, and where they lie
+    std::uint32_t const own = threadIdx.x % 64;
     std::uint32_t* const arrived = to.arrived + came.begin;
     std::uint32_t mover = came.count == 0 ? absent : first_arrival, where = 0, next = absent;
     if (mover != absent) where = movers.slot[mover], next = movers.next[mover];
@@ -455,10 +483,10 @@ __device__ void append_arrivals(std::uint32_t first_arrival, ArrivedInCell came,
         if (next != absent) where_next = movers.slot[next], after = movers.next[next];
         if (came.count <= few) {
             std::uint32_t place = placed;
-            for (; place > 0 && near[1][place - 1][threadIdx.x] > where; --place)
-                for (auto& of : near) of[place][threadIdx.x] = of[place - 1][threadIdx.x];
-            near[0][place][threadIdx.x] = mover;
-            near[1][place][threadIdx.x] = where;
+            for (; place > 0 && near[1][place - 1][own] > where; --place)
+                for (auto& of : near) of[place][own] = of[place - 1][own];
+            near[0][place][own] = mover;
+            near[1][place][own] = where;
         }
         else
             arrived[placed] = mover;
@@ -476,37 +504,42 @@ __device__ void append_arrivals(std::uint32_t first_arrival, ArrivedInCell came,
         sort_crowd(movers, to.arrived + from, to.spare + from, __shfl_sync(~0u, came.count, lane));
     }
     for (std::uint32_t i = 0; i < came.count; ++i) {
-        if (came.count <= few) arrived[i] = near[0][i][threadIdx.x];
-        to.order[at + i] = came.count <= few ? near[1][i][threadIdx.x] : movers.slot[arrived[i]];
+        if (came.count <= few) arrived[i] = near[0][i][own];
+        to.order[at + i] = came.count <= few ? near[1][i][own] : movers.slot[arrived[i]];
     }
 }
 
 /// Writes a block's new cells and its part of the new order: those who stay keep their order in the cell,
-/// those who come follow in the order in which they lie.
+/// those who come follow in the order in which they lie. A team of 64 threads does all of it; of several the
+/// second follows those who come while the first writes those who stay.
 template <int d, class Number>
 __device__ ArrivedInCell rearrange_block(std::uint32_t blocks, std::uint32_t const* begin,
                                          Changes const& changes, std::uint64_t const* block_begin,
                                          Movers<Number> const& movers, NewOrder const& to,
-                                         std::array<typename CellOffset<Number>::Stored*, d> const& offset)
+                                         std::array<typename CellOffset<Number>::Stored*, d> const& offset,
+                                         std::uint32_t teams = 1)
 {
-    std::uint32_t const c = blockIdx.x * 64 + threadIdx.x;
+    std::uint32_t const team = teams == 1 ? 0 : threadIdx.x / 64, place = threadIdx.x % 64;
+    std::uint32_t const c = blockIdx.x * 64 + place;
     std::uint32_t const arrivals = changes.arrivals[c], stay = changes.stay[c],
                         first_arrival = changes.first_arrival[c];
-    LayInCell const lay(begin, changes, to.left == nullptr); // asked for before threads wait for each other
+    LayInCell const lay(begin, c, changes, to.left == nullptr); // asked for before threads wait
     std::uint64_t total;
     std::uint64_t const mine =
         block_begin[blockIdx.x] +
         sum_before_in_block<64>((std::uint64_t(arrivals) << 32) | (stay + arrivals), total);
     auto const first = static_cast<std::uint32_t>(mine);
     ArrivedInCell const came{static_cast<std::uint32_t>(mine >> 32), arrivals};
-    to.begin[c] = first;
-    to.arrived_begin[c] = came.begin;
-    if (blockIdx.x + 1 == blocks && threadIdx.x == 63) {
-        to.begin[c + 1] = first + stay + arrivals;
-        to.arrived_begin[c + 1] = came.begin + arrivals;
+    if (team == 0) {
+        to.begin[c] = first;
+        to.arrived_begin[c] = came.begin;
+        if (blockIdx.x + 1 == blocks && place == 63) {
+            to.begin[c + 1] = first + stay + arrivals;
+            to.arrived_begin[c + 1] = came.begin + arrivals;
+        }
+        keep_those_who_stay(lay, to, first);
     }
-    std::uint32_t const at = keep_those_who_stay(lay, to, first);
-    append_arrivals<d>(first_arrival, came, movers, to, at, offset);
+    if (team == 1 || teams == 1) append_arrivals<d>(first_arrival, came, movers, to, first + stay, offset);
     return came;
 }
 
@@ -520,11 +553,11 @@ __global__ void __launch_bounds__(64)
     rearrange_block<d>(gridDim.x, begin, changes, block_begin, movers, to, offset);
 }
 
-/// The same, and `then(block, who came into the thread's cell)` by all threads of a block; a group of threads
-/// beside those of blocks chooses how things go on. The loop's number is above 0 and that of no other one
-/// nearby.
+/// The same by teams, and `then(block, who came into the thread's cell, teams)` by all threads of a block; a
+/// group of threads beside those of blocks chooses how things go on. The loop's number is above 0 and that of
+/// no other one nearby.
 template <int d, class Number, class Conclude, class Then>
-__global__ void __launch_bounds__(64)
+__global__ void __launch_bounds__(most_teams_that_follow * 64, 1)
     rearrange_and(Signal signal, std::uint32_t number, std::uint32_t const* begin, Changes changes,
                   std::uint64_t const* block_begin, Movers<Number> movers, NewOrder to,
                   std::array<typename CellOffset<Number>::Stored*, d> offset, Conclude conclude, Then then)
@@ -532,9 +565,10 @@ __global__ void __launch_bounds__(64)
     if (signal.stops(number)) return;
     std::uint32_t const blocks = gridDim.x - 1;
     if (blockIdx.x < blocks) {
+        std::uint32_t const teams = blockDim.x / 64;
         ArrivedInCell const came =
-            rearrange_block<d>(blocks, begin, changes, block_begin, movers, to, offset);
-        then(blockIdx.x, came);
+            rearrange_block<d>(blocks, begin, changes, block_begin, movers, to, offset, teams);
+        then(blockIdx.x, came, teams);
     }
     else if (threadIdx.x == 0) {
         bool const goes_on = conclude.choose();
