@@ -44,7 +44,7 @@ if [ $preset = cuda ]; then
     need_packages g++ cmake ninja-build libeigen3-dev libxsimd-dev catch2 libbenchmark-dev
 else
     need_packages g++ cmake ninja-build libeigen3-dev libxsimd-dev catch2 libcgal-dev libassimp-dev libcli11-dev \
-        libbenchmark-dev git
+        libbenchmark-dev libboost-context-dev git
 fi
 
 cmake --preset $preset

@@ -248,7 +248,8 @@ TEST_CASE("the results of many obstacles fit beside the tiles that teams share")
     CHECK(worst <= 1e-7);
 }
 
-TEST_CASE("thousands of blocks that are born at once are numbered as those that are born one after the other")
+TEST_CASE("thousands of blocks that are born at once are numbered as those that are born one after the other",
+          "[many_blocks]") // too many for a processor that stands in for a device
 {
     std::vector<Vector<double, 3>> points; // each in a block of its own
     for (int i = 0; i < 21 * 21 * 21; ++i)
