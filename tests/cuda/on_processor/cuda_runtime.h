@@ -16,6 +16,7 @@
 #include <mutex>
 #include <queue>
 #include <random>
+#include <sanitizer/asan_interface.h>
 #include <thread>
 #include <tuple>
 #include <type_traits>
@@ -127,6 +128,7 @@ public:
             memory = free_.back();
             free_.pop_back();
         }
+        ASAN_UNPOISON_MEMORY_REGION(memory, size); // what those before have left there
         boost::context::stack_context stack;
         stack.size = size;
         stack.sp = static_cast<char*>(memory) + size;
