@@ -62,23 +62,24 @@ struct TimedOpenMP : OpenMP
         times->take("scatter_movers", [&] { OpenMP::scatter_movers<Phase>(cells, grid); });
     }
 
-    template <class CellOrder, class GridType, class Phase>
-    auto for_each_node(CellOrder const& cells, GridType& grid, Phase const& phase) const
+    template <class CellOrders, class GridType, class Phase>
+    auto for_each_node(CellOrders const& cells, GridType& grid, Phase const& phase) const
     {
         return times->take("grid", [&] { return OpenMP::for_each_node(cells, grid, phase); });
     }
 
-    template <class CellOrder, class GridType, class Phase, class OfNodes, class Conclude>
-    void move(CellOrder& cells, GridType& grid, Phase const& phase, OfNodes const& of_nodes,
-              Conclude const& conclude) const
+    template <class CellOrder, class LayerType, class Phase, class OfNodes, class Conclude>
+    void move(std::array<CellOrder*, 1> const& cells, std::array<LayerType, 1> const& layers,
+              std::tuple<Phase> const& phases, OfNodes const& of_nodes, Conclude const& conclude) const
     {
         // These tiles are about to be cleared anyway.
         times->take("clear", [&] {
-            for (std::size_t b = 0; b < cells.blocks().size(); ++b)
-                openmp::detail::clear_rows<GridType, Phase::channels>(
-                    grid.next_tile(b), openmp::detail::own_rows<GridType>(cells, b));
+            LayerType layer = layers[0];
+            for (std::size_t b = 0; b < cells[0]->blocks().size(); ++b)
+                openmp::detail::clear_rows<LayerType, Phase::channels>(
+                    layer.next_tile(b), openmp::detail::own_rows<LayerType>(*cells[0], b));
         });
-        times->take("gather_and_scatter", [&] { OpenMP::move(cells, grid, phase, of_nodes, conclude); });
+        times->take("gather_and_scatter", [&] { OpenMP::move(cells, layers, phases, of_nodes, conclude); });
     }
 };
 

@@ -77,7 +77,7 @@ public:
     {
         if constexpr (ExtendsVelocities<Transfer>) {
             auto const on_nodes = [&](bool first) {
-                backend_.for_each_node(parts.template particles<0>().cells(), grid_,
+                backend_.for_each_node(parts.orders(), grid_,
                                        ExtendVelocities<Space>{smallest_node_mass, first});
             };
             on_nodes(true);
@@ -145,7 +145,7 @@ public:
         given_for_ = 0;
         extend_velocities(parts, smallest_node_mass);
         backend_.for_each_node(
-            parts.template particles<0>().cells(), grid_,
+            parts.orders(), grid_,
             UpdateGrid<Space, Kernel, Transfer, Chain<>>{now, lattice_, smallest_node_mass, kept_share()});
         hold_taken(parts);
     }

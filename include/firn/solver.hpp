@@ -598,8 +598,7 @@ private:
     /// as long as they go as planned. `visit` is called with the record of each. A step that goes wrong
     /// leaves the particles, and what they gave, as it was.
     ///
-    /// With several materials one step is queued at a time. Where memory runs short or a device fails in the
-    /// middle, there is no state to go on from.
+    /// Where memory runs short or a device fails in the middle, there is no state to go on from.
     template <class Effects, class Visit>
     StepLog const& run(Rule const& rule, std::size_t most, Effects const& effects, Visit const& visit)
     {
@@ -615,9 +614,8 @@ private:
         using Now = StepNow<Number, Actions>;
         using Log = RunLog<Actions::obstacles, count>;
         static_assert(std::is_trivially_destructible_v<Now>, "an effect's action is a plain value");
-        auto& cells = particles<0>().cells();
-        int const expected =
-            count > 1 ? 1 : static_cast<int>(std::min(most, backend_.steps_to_queue(cells, queue_)));
+        auto const orders = parts_.orders();
+        int const expected = static_cast<int>(std::min(most, backend_.steps_to_queue(orders, queue_)));
         using KeptRule = RunRule<Effects, count>;
         static_assert(std::is_trivially_destructible_v<KeptRule>, "an effect, as steps know it, too");
         // an obstacle's quaternion is aligned more strictly than the two before it are long
@@ -632,7 +630,7 @@ private:
 
         for_each_material([&](auto k) { particles<k>().sort(); }); // into the order of cells
         auto& grid = exchange_.grid();
-        grid.follow(parts_.orders()); // blocks of nodes under them
+        grid.follow(orders); // blocks of nodes under them
         exchange_.give_for(course_.now.interval.forces, parts_);
         backend_.for_each(Log::places(expected),
                           BeginSteps<Number, d, count, Effects, Actions>{
@@ -642,10 +640,10 @@ private:
         auto const update = [&](int step) {
             exchange_.extend_velocities(parts_, smallest_node_mass());
             return backend_.for_each_node(
-                cells, grid,
+                orders, grid,
                 Update{now + (turn + step) % 2, lattice_, smallest_node_mass(), exchange_.kept_share()});
         };
-        auto const move = [&]<std::size_t k>(std::integral_constant<std::size_t, k>, int step) {
+        auto const move_one = [&]<std::size_t k>(std::integral_constant<std::size_t, k>, int step) {
             using Here = Of<Material<k>>;
             auto& table = particles<k>();
             return MoveParticles<Space, typename Here::Model, Kernel, Transfer, Actions,
@@ -660,6 +658,19 @@ private:
                 lattice_,
                 Number(control_.rejection)};
         };
+        auto const each = [&](auto const& make, auto const& gather) { // of all materials
+            return [&]<std::size_t... k>(std::index_sequence<k...>)
+            {
+                return gather(make(std::integral_constant<std::size_t, k>{})...);
+            }
+            (Places{});
+        };
+        auto const layers =
+            each([&](auto k) { return grid.layer(k); }, [](auto... layer) { return std::array{layer...}; });
+        auto const move = [&](int step) {
+            return each([&](auto k) { return move_one(k, step); },
+                        [](auto... phase) { return std::tuple{phase...}; });
+        };
         auto const conclude = [&](int step) {
             return ConcludeStep<Number, d, count, Effects, Actions>{kept_rule, log, step,
                                                                     now + (turn + step + 1) % 2};
@@ -669,52 +680,40 @@ private:
         int queued = 1;
         bool lacked = false, gave_early = false;
         Log heard{};
-        if constexpr (count > 1) {
-            [&]<std::size_t... k>(std::index_sequence<k...>)
-            {
-                backend_.move_each(parts_.orders(), std::array{grid.layer(k)...},
-                                   std::tuple{move(std::integral_constant<std::size_t, k>{}, 0)...}, reacted,
-                                   conclude(0));
-            }
-            (Places{});
-            heard = Log::over(const_cast<unsigned char*>(log_.fetch()), expected);
-        }
-        else {
-            constexpr std::integral_constant<std::size_t, 0> only{};
-            auto layer = grid.layer(0);
-            if constexpr (Backend::queues)
-                for (; queued < expected && backend_.keeps_up(cells); reacted = update(queued++)) {
-                    auto const choice =
-                        backend_.move_on(cells, layer, move(only, queued - 1), reacted, conclude(queued - 1));
-                    accept(sides); // as is to be expected
-                    particles<0>().sort([&](auto&, auto const& offsets) {
-                        backend_.template follow<typename Exchange::template Scatter<0>>(cells, layer,
+        if constexpr (Backend::queues)
+            for (; queued < expected && backend_.keeps_up(orders); reacted = update(queued++)) {
+                auto const choice =
+                    backend_.move_on(orders, layers, move(queued - 1), reacted, conclude(queued - 1));
+                accept(sides); // as is to be expected
+                for_each_material([&](auto k) {
+                    particles<k>().sort([&](auto& cells, auto const& offsets) {
+                        auto layer = grid.layer(k);
+                        backend_.template follow<typename Exchange::template Scatter<k>>(cells, layer,
                                                                                          offsets, choice);
                     });
-                }
-            backend_.move(cells, layer, move(only, queued - 1), reacted, conclude(queued - 1));
-            heard = Log::over(const_cast<unsigned char*>(log_.fetch()), expected);
-            if constexpr (Backend::queues) {
-                lacked = cells.listen();
-                gave_early =
-                    !lacked && backend_.follows_early(cells) && static_cast<int>(*heard.taken) < queued;
-                if (lacked) { // a step lacked room, and those after it did nothing
-                    int const lacking = static_cast<int>(*heard.taken) - (wrong_after(heard) ? 0 : 1);
-                    take_back(queued - 1 - lacking, queued - 1 - lacking, sides);
-                    queued = lacking + 1;
-                    do {
-                        adopt(heard.at[lacking].course, lacking, true, sides);
-                        backend_.complete(cells, layer, move(only, lacking), reacted, conclude(lacking));
-                        heard = Log::over(const_cast<unsigned char*>(log_.fetch()), expected);
-                    } while (cells.listen());
-                }
+                });
+            }
+        backend_.move(orders, layers, move(queued - 1), reacted, conclude(queued - 1));
+        heard = Log::over(const_cast<unsigned char*>(log_.fetch()), expected);
+        if constexpr (Backend::queues) {
+            lacked = backend_.listen(orders);
+            gave_early = !lacked && backend_.follows_early(orders) && static_cast<int>(*heard.taken) < queued;
+            if (lacked) { // a step lacked room, and those after it did nothing
+                int const lacking = static_cast<int>(*heard.taken) - (wrong_after(heard) ? 0 : 1);
+                take_back(queued - 1 - lacking, queued - 1 - lacking, sides);
+                queued = lacking + 1;
+                do {
+                    adopt(heard.at[lacking].course, lacking, true, sides);
+                    backend_.complete(orders, layers, move(lacking), reacted, conclude(lacking));
+                    heard = Log::over(const_cast<unsigned char*>(log_.fetch()), expected);
+                } while (backend_.listen(orders));
             }
         }
         int const taken = static_cast<int>(*heard.taken);
         spoiled_ = taken < queued && wrong_after(heard);
         if (taken == queued)
             accept(sides);
-        else if constexpr (Backend::queues && count == 1)
+        else if constexpr (Backend::queues)
             take_back(queued - 1 - taken, queued - 1 - taken + (spoiled_ ? 0 : 1), sides);
         StepLog const& last = heard.at[taken + (spoiled_ ? 1 : 0)];
         adopt(last.course, taken, spoiled_ || gave_early, sides);

@@ -117,6 +117,54 @@ TEST_CASE("so are equal steps, of which half of the particles leave their cells 
     CHECK((run(true) == run(false)));
 }
 
+TEST_CASE(
+    "so are steps of three materials, one of them without particles: blocks are born, and some wait for "
+    "others that lack room",
+    "[sanitize]")
+{
+    using Solver = Scene<Materials<NeoHookean<SolidFloat>, FixedCorotated<SolidFloat>, Fluid<SolidFloat>>,
+                         QuadraticBSpline, Mls>::Solver;
+    auto const run = [](std::size_t batch) {
+        Solver solver(lattice(0.05), {}, {}, {}, Cuda{.batch = batch});
+        auto const box = [](double low, double high) {
+            return box_of_points<3>({low, 0.3, 0}, {high, 0.6, 0.15}, 0.05);
+        };
+        solver.add<Material<0>>(box(0.01, 0.21), std::pow(0.025, 3), {4, -12, 0});
+        solver.add<Material<2>>(box(0.31, 0.51), std::pow(0.025, 3), {-4, -3, 0}); // the second has none
+        auto const report = solver.advance(0.03, Gravity{}, Obstacle<HalfSpace>{});
+        CHECK(report.substeps > 10);
+        std::vector<decltype(told(StepReport{}))> equal;
+        for (auto const& each : solver.steps(20, 0.4 * report.smallest_dt, Obstacle<HalfSpace>{}))
+            equal.push_back(told(each));
+        return std::tuple{told(report),
+                          equal,
+                          solver.time(),
+                          solver.positions(),
+                          solver.download<Velocity, Material<0>>(),
+                          solver.download<Velocity, Material<2>>()};
+    };
+    auto const one_by_one = run(1);
+    for (std::size_t batch : {2, 5, 64}) CHECK((run(batch) == one_by_one));
+}
+
+TEST_CASE("so are those of two materials with rejected steps")
+{
+    using Solver = Scene<Materials<FixedCorotated<Plane>, NeoHookean<Plane>>, QuadraticBSpline, Mls>::Solver;
+    auto const run = [](std::size_t batch) {
+        Solver solver(lattice(0.05), {}, {}, {.deformation = 0.09, .rejection = 0.1}, Cuda{.batch = batch});
+        auto const points = ball_of_points<2>({0.013, 0.4}, 0.2, 0.05);
+        solver.add<Material<0>>(points, std::pow(0.025, 2), {18, -60});
+        auto beside = points;
+        for (auto& x : beside) x[0] += 0.5;
+        solver.add<Material<1>>(beside, std::pow(0.025, 2), {-18, -60});
+        auto const report = solver.advance(0.01, Obstacle<HalfSpace>{});
+        CHECK(report.rejected > 0);
+        return std::tuple{told(report), solver.time(), solver.positions()};
+    };
+    auto const one_by_one = run(1);
+    for (std::size_t batch : {3, 64}) CHECK((run(batch) == one_by_one));
+}
+
 TEST_CASE("a mishap in the middle of a batch leaves the state of the last good step")
 {
     auto const run = [](std::size_t batch) {

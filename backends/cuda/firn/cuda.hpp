@@ -46,19 +46,21 @@ struct Cuda
     /// How many steps are worth while to queue. Where there are many blocks, loops that were queued in vain
     /// take longer, the host that listens holds up less, and it went well with half of `blindly`; else
     /// keeps_up() finds out in time.
-    template <class CellOrder>
-    std::size_t steps_to_queue(CellOrder const& cells, std::size_t blindly) const
+    template <class CellOrder, std::size_t orders>
+    std::size_t steps_to_queue(std::array<CellOrder*, orders> const& cells, std::size_t blindly) const
     {
-        if (cells.follows_early()) return batch;
-        return std::min({batch, blindly, std::size_t{2 + 10000 / (1000 + cells.blocks())}});
+        if (orders == 1 && cells[0]->follows_early()) return batch;
+        std::size_t blocks = 0;
+        for (CellOrder const* const order : cells) blocks += order->blocks();
+        return std::min({batch, blindly, 2 + 10000 / (1000 + blocks)});
     }
 
     /// Waits until the device is about to need another step, where it is told how far it is; false if steps
     /// that were queued have stopped.
-    template <class CellOrder>
-    bool keeps_up(CellOrder const& cells) const
+    template <class CellOrder, std::size_t orders>
+    bool keeps_up(std::array<CellOrder*, orders> const& cells) const
     {
-        return !follows_early(cells) || cells.keeps_up();
+        return !follows_early(cells) || cells[0]->keeps_up();
     }
 
     /// Throws an Error unless there is such a device and a driver for it.
@@ -132,23 +134,22 @@ struct Cuda
 
     /// Calls `phase(node, result)` for every node that was added to, in whatever layer; what it found becomes
     /// known when the items have moved.
-    template <class CellOrder, class GridType, class Phase>
-    cuda::Partial<typename Phase::Result> for_each_node(CellOrder& cells, GridType& grid,
-                                                        Phase const& phase) const
+    template <class CellOrder, std::size_t orders, class GridType, class Phase>
+    cuda::Partial<typename Phase::Result> for_each_node(std::array<CellOrder*, orders> const& cells,
+                                                        GridType& grid, Phase const& phase) const
     {
         using Result = typename Phase::Result;
         if (grid.node_blocks() == 0) return {};
         cuda::OnDevice const here(device);
         auto const results = grid.node_results().template expect<Result>(grid.node_blocks());
-        std::uint32_t const to_forget =
-            cells.blocks_to_forget(); // under each block of cells lies one of nodes
-        cells.forgets_arrivals();
+        std::array<cuda::detail::ArrivalsToForget, orders>
+            to_forget; // a block of nodes lies under each of cells
+        for (std::size_t k = 0; k < orders; ++k) to_forget[k] = cells[k]->forget_arrivals_on_the_way();
         auto const loop = [&](auto const& blocks) {
             using Blocks = std::remove_cvref_t<decltype(blocks)>;
             cuda::detail::launch("for_each_node", queue(),
                                  cuda::detail::for_each_node<GridType, Phase, Blocks>, grid.node_blocks(), 1,
-                                 0, cells.signal(), phase, grid.view(), blocks, results, cells.changes(),
-                                 to_forget);
+                                 0, cells[0]->signal(), phase, grid.view(), blocks, results, to_forget);
         };
         if constexpr (Phase::looks_around)
             loop(grid.blocks_of_nodes());
@@ -179,53 +180,66 @@ struct Cuda
                              phase, cells.view(), grid.view());
     }
 
-    /// All items take from the grid, move, and give to the grid of the next step (see MoveParticles); then
-    /// calls `conclude(merged results of the nodes, and of the items)` on the device. Where that is false, or
-    /// there was no room for what moved, later loops do nothing until the host has listened (see
-    /// Cells::listen).
-    template <class CellOrder, class GridType, class Phase, class OfNodes, class Conclude>
-    void move(CellOrder& cells, GridType& grid, Phase const& phase, cuda::Partial<OfNodes> const& of_nodes,
+    /// The items of all orders of cells, each with its layer and its phase, take from the grid, move, and
+    /// give to the grid of the next step (see MoveParticles); then calls `conclude(merged results of the
+    /// nodes, and of the items of each order)` on the device. Where that is false, or there was no room for
+    /// what moved, later loops do nothing until the host has listened.
+    template <class CellOrder, class LayerType, std::size_t orders, class... Phase, class OfNodes,
+              class Conclude>
+    void move(std::array<CellOrder*, orders> const& cells, std::array<LayerType, orders> const& layers,
+              std::tuple<Phase...> const& phases, cuda::Partial<OfNodes> const& of_nodes,
               Conclude const& conclude) const
     {
-        using Result = typename Phase::Result;
-        using Conclusion = cuda::detail::Conclusion<OfNodes, Result, Conclude>;
         cuda::OnDevice const here(device);
-        if (grid.blocks() == 0) {
-            cuda::launch_after("conclude_without_items", queue(),
-                               cuda::detail::conclude_without_items<Conclusion>, 1,
-                               cuda::detail::scanning_threads, cells.signal(), Conclusion{{}, {}, conclude});
-            return;
-        }
-        start_moving(cells, grid, phase);
-        cells.find_departed(Conclusion{of_nodes, grid.item_results().template partial<Result>(), conclude},
-                            true);
+        for_each_order<orders>([&](auto k) { start_moving(*cells[k], layers[k], std::get<k>(phases)); });
+        end_step(cells, conclusion<Phase...>(layers, of_nodes, conclude));
     }
 
     /// The same where the next step is queued at once: returns what follow() is to be called with before
     /// that. Where there are few blocks, who chooses how things go on does so while they are followed.
-    template <class CellOrder, class GridType, class Phase, class OfNodes, class Conclude>
-    auto move_on(CellOrder& cells, GridType& grid, Phase const& phase, cuda::Partial<OfNodes> const& of_nodes,
+    template <class CellOrder, class LayerType, std::size_t orders, class... Phase, class OfNodes,
+              class Conclude>
+    auto move_on(std::array<CellOrder*, orders> const& cells, std::array<LayerType, orders> const& layers,
+                 std::tuple<Phase...> const& phases, cuda::Partial<OfNodes> const& of_nodes,
                  Conclude const& conclude) const
     {
-        using Result = typename Phase::Result;
-        cuda::detail::Conclusion<OfNodes, Result, Conclude> conclusion{of_nodes, {}, conclude};
-        if (grid.blocks() == 0 || !cells.follows_early()) {
-            move(cells, grid, phase, of_nodes, conclude);
-            return conclusion;
-        }
         cuda::OnDevice const here(device);
-        start_moving(cells, grid, phase);
-        conclusion.of_items = grid.item_results().template partial<Result>();
-        conclusion.kept = cells.room_for_results(conclusion.kept_bytes);
-        cells.find_departed(conclusion, true);
-        return conclusion;
+        for_each_order<orders>([&](auto k) { start_moving(*cells[k], layers[k], std::get<k>(phases)); });
+        auto asked = conclusion<Phase...>(layers, of_nodes, conclude);
+        if (follows_early(cells)) asked.kept = cells[0]->room_for_results(asked.kept_bytes);
+        end_step(cells, asked);
+        return asked;
     }
 
     /// Whether follow() lets items give, and leaves the order before to be brought back.
-    template <class CellOrder>
-    bool follows_early(CellOrder const& cells) const
+    template <class CellOrder, std::size_t orders>
+    bool follows_early(std::array<CellOrder*, orders> const& cells) const
     {
-        return cells.blocks() > 0 && cells.follows_early();
+        return orders == 1 && cells[0]->blocks() > 0 && cells[0]->follows_early();
+    }
+
+    /// When the host has waited: lets loops work again if they have stopped, and says whether they did so
+    /// because there was no room for all that moved.
+    template <class CellOrder, std::size_t orders>
+    bool listen(std::array<CellOrder*, orders> const& cells) const
+    {
+        bool lacks_room = false;
+        for (CellOrder* const order : cells) lacks_room = order->listen() || lacks_room;
+        return lacks_room;
+    }
+
+    /// Then makes room, and repeats what is to be repeated of move().
+    template <class CellOrder, class LayerType, std::size_t orders, class... Phase, class OfNodes,
+              class Conclude>
+    void complete(std::array<CellOrder*, orders> const& cells, std::array<LayerType, orders> const& layers,
+                  std::tuple<Phase...> const& phases, cuda::Partial<OfNodes> const& of_nodes,
+                  Conclude const& conclude) const
+    {
+        cuda::OnDevice const here(device);
+        for_each_order<orders>([&](auto k) {
+            if (cells[k]->make_room()) start_moving(*cells[k], layers[k], std::get<k>(phases));
+        });
+        end_step(cells, conclusion<Phase...>(layers, of_nodes, conclude));
     }
 
     /// Brings the order of cells up to date with items that have moved, and lets those that came to another
@@ -249,69 +263,48 @@ struct Cuda
             teams, Tiles::bytes(false, true, teams));
     }
 
-    /// The same for several orders of cells that share a grid, each with its layer and its phase; calls
-    /// `conclude(merged results of the nodes, and of each)` when there was room for all that moved: the host
-    /// waits for that.
-    template <std::size_t orders, class CellOrder, class LayerType, class... Phase, class OfNodes,
-              class Conclude>
-    void move_each(std::array<CellOrder*, orders> const& cells, std::array<LayerType, orders> const& layers,
-                   std::tuple<Phase...> const& phases, cuda::Partial<OfNodes> const& of_nodes,
-                   Conclude const& conclude) const
+private:
+    /// Calls `use(number)` for each of so many orders of cells.
+    template <std::size_t orders, class Use>
+    static void for_each_order(Use const& use)
     {
-        using Result = typename std::tuple_element_t<0, std::tuple<Phase...>>::Result;
-        cuda::OnDevice const here(device);
         [&]<std::size_t... k>(std::index_sequence<k...>)
         {
-            auto const start = [&](auto& order, auto const& layer, auto const& phase) {
-                if (layer.blocks() == 0) return;
-                start_moving(order, layer, phase);
-                order.find_departed(cuda::detail::Pause{}, true);
-            };
-            auto const finish = [&](auto& order, auto const& layer, auto const& phase) {
-                while (layer.blocks() > 0 && order.listen()) { // there was no room: repeats what is to be
-                    bool const again = order.make_room();
-                    if (again) start_moving(order, layer, phase);
-                    order.find_departed(cuda::detail::Pause{}, again);
-                    queue().wait();
-                }
-            };
-            (start(*cells[k], layers[k], std::get<k>(phases)), ...);
-            queue().wait();
-            (finish(*cells[k], layers[k], std::get<k>(phases)), ...);
-            auto const found = [&](auto const& layer) {
-                return layer.blocks() == 0 ? cuda::Partial<Result>{}
-                                           : layer.item_results().template partial<Result>();
-            };
-            constexpr int count = static_cast<int>(orders);
-            cuda::launch_after("conclude_several", queue(),
-                               cuda::detail::conclude_several<OfNodes, Result, count, Conclude>, 1,
-                               cuda::detail::scanning_threads,
-                               cuda::detail::ConclusionOfSeveral<OfNodes, Result, count, Conclude>{
-                                   of_nodes, {found(layers[k])...}, conclude});
+            (use(std::integral_constant<std::size_t, k>{}), ...);
         }
         (std::make_index_sequence<orders>{});
     }
 
-    /// The same for items for which there was no room: makes room, and repeats what is to be repeated.
-    template <class CellOrder, class GridType, class Phase, class OfNodes, class Conclude>
-    void complete(CellOrder& cells, GridType& grid, Phase const& phase,
-                  cuda::Partial<OfNodes> const& of_nodes, Conclude const& conclude) const
+    /// What concludes a step of these phases.
+    template <class Phase, class... Others, class LayerType, std::size_t orders, class OfNodes,
+              class Conclude>
+    static auto conclusion(std::array<LayerType, orders> const& layers,
+                           cuda::Partial<OfNodes> const& of_nodes, Conclude const& conclude)
     {
         using Result = typename Phase::Result;
-        if (cells.make_room())
-            move(cells, grid, phase, of_nodes, conclude);
-        else
-            cells.find_departed(
-                cuda::detail::Conclusion<OfNodes, Result, Conclude>{
-                    of_nodes, grid.item_results().template partial<Result>(), conclude},
-                false);
+        cuda::detail::Conclusion<OfNodes, Result, static_cast<int>(orders), Conclude> all{
+            of_nodes, {}, conclude};
+        for (std::size_t k = 0; k < orders; ++k)
+            if (layers[k].blocks() > 0) all.of_items[k] = layers[k].item_results().template partial<Result>();
+        return all;
     }
 
-private:
+    /// Queues the loop that ends a step when all items have moved.
+    template <class CellOrder, std::size_t orders, class Conclusion>
+    void end_step(std::array<CellOrder*, orders> const& cells, Conclusion const& conclude) const
+    {
+        constexpr int count = static_cast<int>(orders);
+        std::array<cuda::detail::MovedOrder, orders> moved;
+        for (std::size_t k = 0; k < orders; ++k) moved[k] = cells[k]->moved();
+        cuda::launch_behind("end_step", queue(), cuda::detail::end_step<count, Conclusion>, 1 + orders,
+                            cuda::detail::scanning_threads, 0, cells[0]->signal(), moved, conclude);
+    }
+
     /// Queues the loop that moves items.
     template <class CellOrder, class LayerType, class Phase>
     void start_moving(CellOrder& cells, LayerType const& layer, Phase const& phase) const
     {
+        if (layer.blocks() == 0) return;
         using Result = typename Phase::Result;
         using Tiles = cuda::detail::SharedTiles<LayerType>;
         auto const signal = cells.signal();

@@ -47,8 +47,8 @@ struct BasicOpenMP
     }
 
     /// How many steps are worth while to queue before the host listens: it need not wait.
-    template <class CellOrder>
-    static std::size_t steps_to_queue(CellOrder const&, std::size_t)
+    template <class CellOrders>
+    static std::size_t steps_to_queue(CellOrders const&, std::size_t)
     {
         return 1;
     }
@@ -86,8 +86,8 @@ struct BasicOpenMP
 
     /// Calls `phase(node, result)` for every lane of nodes that was added to, in whatever layer; returns the
     /// merged results.
-    template <class CellOrder, class GridType, class Phase>
-    auto for_each_node(CellOrder const&, GridType& grid, Phase const& phase) const
+    template <class CellOrders, class GridType, class Phase>
+    auto for_each_node(CellOrders const&, GridType& grid, Phase const& phase) const
     {
         return openmp::for_each_node<Lane<typename Phase::Number>>(thread_count(), grid, phase);
     }
@@ -106,22 +106,13 @@ struct BasicOpenMP
         openmp::take<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase);
     }
 
-    /// All items take from the grid, move, and give to the grid of the next step (see MoveParticles); then
-    /// calls `conclude(results of the nodes, merged results)`.
-    template <class CellOrder, class GridType, class Phase, class OfNodes, class Conclude>
-    void move(CellOrder& cells, GridType& grid, Phase const& phase, OfNodes const& of_nodes,
-              Conclude const& conclude) const
-    {
-        conclude(of_nodes, openmp::move<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase));
-    }
-
-    /// The same for several orders of cells that share a grid, each with its layer and its phase; calls
-    /// `conclude(results of the nodes, merged results of each)`.
+    /// The items of all orders of cells, each with its layer and its phase, take from the grid, move, and
+    /// give to the grid of the next step (see MoveParticles); then calls `conclude(results of the nodes,
+    /// merged results of each order)`.
     template <std::size_t orders, class CellOrder, class LayerType, class... Phase, class OfNodes,
               class Conclude>
-    void move_each(std::array<CellOrder*, orders> const& cells, std::array<LayerType, orders> const& layers,
-                   std::tuple<Phase...> const& phases, OfNodes const& of_nodes,
-                   Conclude const& conclude) const
+    void move(std::array<CellOrder*, orders> const& cells, std::array<LayerType, orders> const& layers,
+              std::tuple<Phase...> const& phases, OfNodes const& of_nodes, Conclude const& conclude) const
     {
         [&]<std::size_t... k>(std::index_sequence<k...>)
         {

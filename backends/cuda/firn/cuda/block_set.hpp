@@ -73,7 +73,8 @@ public:
 
     std::uint32_t size() const { return size_; }
     View view();
-    std::uint64_t const* keys() const { return keys_.data(); } ///< by index
+    std::uint64_t const* keys() const { return keys_.data(); }             ///< by index
+    std::uint32_t const* born_count() const { return born_count_.data(); } ///< of those that are wanted
     void download_keys(std::span<std::uint64_t> keys) const { keys_.download(0, keys); }
 
     /// Makes room for so many blocks in all; forgets what was wanted and not numbered.

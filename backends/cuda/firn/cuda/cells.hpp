@@ -209,7 +209,7 @@ public:
         channels_ = channels;
         crowded_ = false; // if it was said of a step that was then not made
         movers_.renew(std::max<std::size_t>(movers_.most, size_ / 32 + 256), channels);
-        if (blocks_to_forget() > 0)
+        if (may_have_arrived_)
             launch_behind("forget_all_arrivals", queue_, detail::forget_all_arrivals, blocks(), 64, 0,
                           signal(), changes());
         may_have_arrived_ = true;
@@ -223,21 +223,20 @@ public:
     }
     detail::Destinations destinations() { return {changes(), set_.view(), set_.keys(), is_small() ? 3 : 0}; }
 
-    /// How many blocks may still count who came into their cells, which is to be forgotten before others do;
-    /// a loop that does so on its way says it with forgets_arrivals().
-    std::uint32_t blocks_to_forget() const { return may_have_arrived_ ? blocks() : 0; }
-    void forgets_arrivals() { may_have_arrived_ = false; }
+    /// Who came into cells is to be forgotten before others do: what a loop is to know that does so on its
+    /// way. It is expected to be queued.
+    detail::ArrivalsToForget forget_arrivals_on_the_way()
+    {
+        return {changes(), std::exchange(may_have_arrived_, false) ? blocks() : 0};
+    }
 
-    /// Concludes once those that departed have found their cells; finds them, if they have not.
-    template <class Conclude>
-    void find_departed(Conclude const& conclude, bool found)
+    /// What the loop that ends a step is to know.
+    detail::MovedOrder moved()
     {
         OnDevice const here(queue_);
-        unsigned const groups =
-            1 + (found ? 1 : std::min(groups_of(movers_.most, detail::scanning_threads), 256u));
-        launch_behind("find_departed", queue_, detail::find_departed<d, Number, Conclude>, groups,
-                      detail::scanning_threads, 0, signal(), movers_.view(channels_), destinations(), found,
-                      begins(), conclude, is_small());
+        return {signal(),          movers_.meet.data(), static_cast<std::uint32_t>(movers_.most),
+                set_.born_count(), changes(),           begins(),
+                is_small()};
     }
 
     /// Says to loops whether they have something to do.
@@ -245,8 +244,8 @@ public:
     {
         if (stopped_.size() == 0) {
             OnDevice const here(queue_);
-            stopped_.renew(detail::Signal::words);
-            stopped_.fill_bytes(0, detail::Signal::words, 0);
+            stopped_.renew(detail::Signal::count);
+            stopped_.fill_bytes(0, detail::Signal::count, 0);
             told_.template as<detail::Told>();
         }
         return std::as_const(*this).signal();
@@ -288,13 +287,13 @@ public:
         if (short_.stopped == 0) return false;
         told->stop = {};
         may_have_arrived_ = true; // whatever was queued to forget them
-        stopped_.fill_bytes(0, detail::Signal::words, 0);
+        stopped_.fill_bytes(0, detail::Signal::count, 0);
         crowded_ = short_.crowded != 0;
         return short_.births > 0 || short_.departed > movers_.most;
     }
 
-    /// Makes room for what lacked it. True if the loop that moves items is to be repeated, and not only the
-    /// search for their cells.
+    /// Makes room for what lacked it, and finds the cells of those that departed once more, if there are new
+    /// ones. True if the loop that moves items is to be repeated.
     bool make_room()
     {
         OnDevice const here(queue_);
@@ -302,7 +301,11 @@ public:
             movers_.most = short_.departed + short_.departed / 32;
             return true;
         }
+        if (short_.births == 0) return false;
         bear_blocks(short_.births);
+        launch_behind("find_new_cells", queue_, detail::find_new_cells<d, Number>,
+                      std::min(groups_of(movers_.most, detail::scanning_threads), 256u),
+                      detail::scanning_threads, 0, signal(), movers_.view(channels_), destinations());
         return false;
     }
 

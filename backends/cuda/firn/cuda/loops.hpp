@@ -242,7 +242,7 @@ struct GiveArrivals
 /// The same for all blocks, once their order is written, by so many teams at most: a thread that is one of
 /// few takes more registers, and where there are many blocks that costs more than it gains.
 template <unsigned most, class CellOrder, class GridType, class Phase>
-__global__ void __launch_bounds__(most* block_threads)
+__global__ void __launch_bounds__(most* block_threads, most > 1 ? 1 : 0)
     scatter_movers(Signal signal, std::uint32_t blocks, GiveArrivals<CellOrder, GridType, Phase> give)
 {
     if (signal.stops()) return;
@@ -341,15 +341,17 @@ struct NoBlocks
 {};
 
 /// Nodes add up the tiles that cover them and are updated. `blocks` finds those of nodes that are looked at.
-/// Beside that who came into the cells of so many blocks is forgotten, before others do.
+/// On the way who came into the cells of each layer is forgotten, before others do.
 template <class GridType, class Phase, class Blocks>
 __global__ void __launch_bounds__(block_threads)
     for_each_node(Signal signal, Phase phase, typename GridType::View grid, Blocks blocks,
-                  ResultsOfGroups<typename Phase::Result> results, Changes changes,
-                  std::uint32_t blocks_to_forget)
+                  ResultsOfGroups<typename Phase::Result> results,
+                  std::array<ArrivalsToForget, GridType::layers> to_forget)
 {
     if (signal.stops()) return;
-    if (blockIdx.x < blocks_to_forget) forget_arrivals(changes, blockIdx.x);
+#pragma unroll
+    for (int layer = 0; layer < GridType::layers; ++layer)
+        if (blockIdx.x < to_forget[layer].blocks) forget_arrivals(to_forget[layer].changes, blockIdx.x);
     using Shape = typename GridType::Shape;
     constexpr int d = Phase::d;
     Coordinates<d> here;

@@ -17,16 +17,13 @@ namespace firn::cuda::detail
 /// Where there are few blocks, as many teams of 64 threads follow who came to one, at most.
 inline constexpr unsigned most_teams_that_follow = 4;
 
-/// What groups of threads that work side by side tell each other; all zero where none is at work.
+/// What groups of threads that work side by side tell each other about items that move.
 struct Rendezvous
 {
-    std::uint32_t departed;  ///< items
-    std::uint32_t found;     ///< groups that have found the cells of theirs
-    std::uint32_t live;      ///< blocks that hold items
-    std::uint32_t goes_on;   ///< whether the conclusion was that steps go on
-    std::uint32_t concluded; ///< groups that have found where blocks begin, or concluded
-    std::uint32_t crowded;   ///< whether there are many blocks without items
-    std::uint32_t followed;  ///< items that departed last, and were found in their new cells
+    std::uint32_t departed; ///< items
+    std::uint32_t live;     ///< blocks that hold items
+    std::uint32_t crowded;  ///< whether there are many blocks without items
+    std::uint32_t followed; ///< items that departed last, and were found in their new cells
 };
 
 /// Items on their way to other cells.
@@ -62,6 +59,13 @@ static __device__ void forget_arrivals(Changes const& changes, std::uint32_t blo
     changes.first_arrival[c] = absent;
     if (threadIdx.x == 0) changes.block_arrived[block] = 0;
 }
+
+/// The same for as many blocks of an order of cells.
+struct ArrivalsToForget
+{
+    Changes changes;
+    std::uint32_t blocks;
+};
 
 /// Where departed items find their new cells.
 struct Destinations
@@ -314,46 +318,85 @@ __device__ inline bool comes_last(std::uint32_t* arrived, std::uint32_t count)
     return last;
 }
 
-/// Finds the new cells of departed items, if they have not been found, and counts them there; whoever comes
-/// last finds where blocks begin. One more group of threads concludes at the same time.
-template <int d, class Number, class Conclude>
+/// Finds the new cells of departed items once more, now that those blocks are there which were wanted.
+template <int d, class Number>
 __global__ void __launch_bounds__(scanning_threads)
-    find_departed(Signal signal, Movers<Number> movers, Destinations to, bool found, BlockBegins begins,
-                  Conclude conclude, bool small)
+    find_new_cells(Signal signal, Movers<Number> movers, Destinations to)
 {
     if (signal.stops()) return;
-    Rendezvous& meet = *movers.meet;
-    std::uint32_t const departed = meet.departed, noted = departed < movers.most ? departed : movers.most;
+    std::uint32_t const departed = movers.meet->departed;
+    for (std::uint32_t mover = blockIdx.x * blockDim.x + threadIdx.x; mover < departed;
+         mover += gridDim.x * blockDim.x)
+        find_new_cell<d>(movers, to, mover, movers.cell[mover], movers.way[mover]);
+}
+
+/// An order of cells when its items have moved, and found their new cells if there was room.
+struct MovedOrder
+{
+    Signal signal;
+    Rendezvous* meet;
+    std::uint32_t most; ///< items on their way for which there is room
+    std::uint32_t const* births;
+    Changes changes;
+    BlockBegins begins; ///< none: there are no items
+    bool small;
+
+    /// What there was no room for, and what it is to be asked for if steps stop.
+    __device__ Stop lacking() const
+    {
+        if (begins.blocks == 0) return {1, 0, 0, 0};
+        return {1, __ldcg(&meet->departed), __ldcg(births), 0};
+    }
+    __device__ bool lacks_room(Stop const& what) const { return what.departed > most || what.births > 0; }
+    /// (Nobody is left where nothing lives: blocks are then kept for who comes.)
+    __device__ bool is_crowded() const
+    {
+        std::uint32_t const live = __ldcg(&meet->live);
+        return live > 0 && begins.blocks > live + most_empty_blocks(live, small);
+    }
+};
+
+/// Ends a step when the items of all orders have moved: one group of threads concludes, and one for each
+/// order finds where its blocks begin. Who is through last stops later loops where steps do not go on, or
+/// where there was no room for all that moved.
+template <int orders, class Conclude>
+__global__ void __launch_bounds__(scanning_threads)
+    end_step(Signal signal, std::array<MovedOrder, orders> of, Conclude conclude)
+{
+    if (signal.stops()) return;
     if (blockIdx.x == 0) {
         bool const goes_on = conclude();
-        if (threadIdx.x == 0) meet.goes_on = goes_on;
+        if (threadIdx.x == 0) signal.words[3] = goes_on;
     }
-    else {
-        if (!found)
-            for (std::uint32_t first = (blockIdx.x - 1) * blockDim.x; first < noted;
-                 first += (gridDim.x - 1) * blockDim.x)
-                if (std::uint32_t const mover = first + threadIdx.x; mover < noted)
-                    find_new_cell<d>(movers, to, mover, movers.cell[mover], movers.way[mover]);
-        __shared__ bool last;
-        __syncthreads();
-        if (threadIdx.x == 0) last = comes_last(&meet.found, gridDim.x - 1);
-        __syncthreads();
-        if (!last) return;
-        bool const short_of_room = departed > movers.most || __ldcg(to.set.born_count) > 0;
-        std::uint32_t const live = short_of_room ? 0 : find_block_begins(begins, to.changes);
-        if (threadIdx.x == 0) meet.live = live;
+#pragma unroll
+    for (int k = 0; k < orders; ++k)
+        if (blockIdx.x == static_cast<unsigned>(k) + 1 && of[k].begins.blocks > 0) {
+            bool const all_found = !of[k].lacks_room(of[k].lacking());
+            std::uint32_t const live = all_found ? find_block_begins(of[k].begins, of[k].changes) : 0;
+            if (threadIdx.x == 0) of[k].meet->live = live;
+        }
+    if (threadIdx.x != 0 || !comes_last(signal.words + 2, 1 + orders)) return;
+
+    Stop why[orders];
+    bool lack = false, crowded = false;
+#pragma unroll
+    for (int k = 0; k < orders; ++k) {
+        why[k] = of[k].lacking();
+        lack = lack || of[k].lacks_room(why[k]);
     }
-    if (threadIdx.x != 0 || !comes_last(&meet.concluded, 2)) return;
-    std::uint32_t const births = __ldcg(to.set.born_count), live = __ldcg(&meet.live);
-    bool const short_of_room = births > 0 || departed > movers.most;
-    // the next loop that moves items counts anew, unless these are to be found once more
-    if (births == 0 || departed > movers.most) meet.departed = 0;
-    meet.followed = departed;
-    // (nobody is left where nothing lives: blocks are then kept for who comes)
-    bool const crowded = !short_of_room && live > 0 && begins.blocks > live + most_empty_blocks(live, small);
-    if (conclude.leaves_a_choice()) meet.crowded = crowded; // who chooses stops for that
-    if (__ldcg(&meet.goes_on) != 0 && !short_of_room && (!crowded || conclude.leaves_a_choice())) return;
-    signal.stop({1, departed, births, crowded});
+#pragma unroll
+    for (int k = 0; k < orders; ++k) {
+        if (of[k].begins.blocks == 0) continue;
+        // the next loop that moves items counts anew, unless these are to be found once more
+        if (!lack || why[k].departed > of[k].most) of[k].meet->departed = 0;
+        of[k].meet->followed = why[k].departed;
+        why[k].crowded = !lack && of[k].is_crowded();
+        crowded = crowded || why[k].crowded != 0;
+        if (conclude.leaves_a_choice()) of[k].meet->crowded = why[k].crowded; // who chooses stops for that
+    }
+    if (__ldcg(signal.words + 3) != 0 && !lack && (!crowded || conclude.leaves_a_choice())) return;
+#pragma unroll
+    for (int k = 0; k < orders; ++k) of[k].signal.stop(why[k]);
 }
 
 /// Lists the blocks that hold items, in their order.

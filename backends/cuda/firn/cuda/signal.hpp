@@ -28,9 +28,11 @@ struct Told
 /// have not, it stops them, and the host will look after it.
 struct Signal
 {
-    static constexpr std::size_t words = 2;
-    std::uint32_t* stopped; ///< whether a loop has, and which of those that choose while they are at work
-    Told* told;             ///< in memory of the host
+    /// Whether a loop has stopped those behind it; which of those that choose while they are at work; and how
+    /// many groups of threads of the one that ends a step are through, and what it concluded.
+    std::uint32_t* words;
+    static constexpr std::size_t count = 4;
+    Told* told; ///< in memory of the host
 
     /// The first thing that a loop asks: waits for the loop before (see launch_behind), and lets the next one
     /// be made ready. One that chooses while it is at work is stopped by the others only: it has a number.
@@ -40,19 +42,19 @@ struct Signal
         cudaTriggerProgrammaticLaunchCompletion();
         cudaGridDependencySynchronize();
 #endif
-        std::uint32_t const by = stopped[1];
-        return stopped[0] != 0 || (by != 0 && by != number);
+        std::uint32_t const by = words[1];
+        return words[0] != 0 || (by != 0 && by != number);
     }
     /// Stops the loops behind.
     __device__ void stop(Stop const& why) const
     {
-        *stopped = 1;
+        words[0] = 1;
         told->stop = why;
     }
     /// Stops the loops behind the one with this number.
     __device__ void stop_behind(std::uint32_t number, Stop const& why) const
     {
-        stopped[1] = number;
+        words[1] = number;
         told->stop = why;
     }
     /// Says that the loop with this number chose.
