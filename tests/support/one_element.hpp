@@ -136,7 +136,7 @@ drive_elements(void const* model, void (*launch)(void const*, std::size_t, Drive
                std::vector<Record<Number, d, Kept>>& states,
                std::vector<std::vector<Matrix<double, d>>> const& path, double dt, int times)
 {
-    constexpr std::size_t width = lane_width<typename TestedBackend::template Lane<Number>>;
+    constexpr std::size_t width = lane_width<TestedLane<Number>>;
     std::size_t const groups = (states.size() + width - 1) / width, stride = groups * width;
     std::vector<Number> kept(stride * Kept::components(d)), rates(stride * d * d * path.size()),
         told(stride * (d * d + 3));
@@ -197,7 +197,7 @@ struct OneElement
                               double dt, int times = 1) const
     {
         auto const launch = [](void const* of, std::size_t groups, detail::Drives<Number> const& drives) {
-            using Drive = detail::DriveElements<Model, typename TestedBackend::template Lane<Number>>;
+            using Drive = detail::DriveElements<Model, TestedLane<Number>>;
             TestedBackend{}.for_each(groups, Drive{*static_cast<Model const*>(of), drives});
         };
         return detail::drive_elements<Number, d>(&model, +launch, states, path, dt, times);

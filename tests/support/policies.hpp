@@ -27,6 +27,10 @@ using TestedBackend = Cuda;
 using TestedBackend = OpenMP;
 #endif
 
+/// What it computes on at a time.
+template <class Number, class Backend = TestedBackend>
+using TestedLane = typename Backend::template Lane<Number>;
+
 /// A combination of policies, to be listed in TEMPLATE_TEST_CASE.
 template <class ModelType, class KernelType, class TransferType, class BackendType = TestedBackend>
 struct Scene
