@@ -77,8 +77,14 @@ public:
     std::uint32_t const* born_count() const { return born_count_.data(); } ///< of those that are wanted
     void download_keys(std::span<std::uint64_t> keys) const { keys_.download(0, keys); }
 
+    static constexpr std::size_t few = 1024; ///< blocks: 40 KB, and no small scene stops to make room
     /// Makes room for so many blocks in all; forgets what was wanted and not numbered.
     void reserve(std::size_t blocks);
+    /// Makes room for more than there was, `births` being wanted at least.
+    void reserve_more(std::uint32_t births)
+    {
+        reserve(size_ + std::max<std::size_t>({2 * std::size_t(births), size_ / 8, few}));
+    }
     /// Begins to count what is wanted.
     void expect_births();
     /// How many are new; the host waits for the loops that want them.

@@ -83,7 +83,7 @@ public:
         MoverArrays fresh(queue_);
         fresh.renew(count, 0);
         signal();
-        if (blocks() == 0) set_.reserve(64);
+        if (blocks() == 0) set_.reserve(BlockSet::few);
         may_have_arrived_ = true;
         for (;;) { // once more if there are blocks to be born
             stay_all();
@@ -430,7 +430,7 @@ private:
         if (set_.has_room_for(births))
             set_.number(births);
         else
-            set_.reserve(before + std::max<std::size_t>(2 * births, before / 8));
+            set_.reserve_more(births);
         std::uint32_t const cells = blocks() * Shape::cells;
         if (cells == 0) return;
         begin_.resize(std::size_t(cells) + 1);

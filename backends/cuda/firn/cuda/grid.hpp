@@ -167,7 +167,7 @@ public:
         bool grows = false;
         for (std::size_t l = 0; l < layers; ++l) grows = grows || tiles_[l].blocks != orders[l]->blocks();
         if (!grows) return;
-        if (set_.memory() == 0) set_.reserve(2 * all_blocks(orders) + 64);
+        if (set_.memory() == 0) set_.reserve(2 * all_blocks(orders) + BlockSet::few);
         for (std::size_t l = 0; l < layers; ++l) find_nodes(tiles_[l], *orders[l]);
         for (std::size_t l = 0; l < layers; ++l) tie(tiles_[l], *orders[l]);
         values_.renew(std::size_t(set_.size()) * Shape::cells);
@@ -256,7 +256,7 @@ private:
                 set_.number(births);
                 break;
             }
-            set_.reserve(set_.size() + std::max<std::size_t>(2 * births, set_.size() / 8));
+            set_.reserve_more(births);
         }
     }
 
