@@ -142,9 +142,9 @@ struct Cuda
         if (grid.node_blocks() == 0) return {};
         cuda::OnDevice const here(device);
         auto const results = grid.node_results().template expect<Result>(grid.node_blocks());
-        std::array<cuda::detail::ArrivalsToForget, orders>
-            to_forget; // a block of nodes lies under each of cells
-        for (std::size_t k = 0; k < orders; ++k) to_forget[k] = cells[k]->forget_arrivals_on_the_way();
+        std::array<cuda::detail::ArrivalsToForget, orders> to_forget;
+        for (std::size_t k = 0; k < orders; ++k)
+            to_forget[k] = cells[k]->forget_arrivals_on_the_way(grid.node_blocks());
         auto const loop = [&](auto const& blocks) {
             using Blocks = std::remove_cvref_t<decltype(blocks)>;
             cuda::detail::launch("for_each_node", queue(),

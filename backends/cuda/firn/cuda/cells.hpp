@@ -223,10 +223,12 @@ public:
     }
     detail::Destinations destinations() { return {changes(), set_.view(), set_.keys(), is_small() ? 3 : 0}; }
 
-    /// Who came into cells is to be forgotten before others do: what a loop is to know that does so on its
-    /// way. It is expected to be queued.
-    detail::ArrivalsToForget forget_arrivals_on_the_way()
+    /// Who came into cells is to be forgotten before others do: what a loop of so many groups of threads is
+    /// to know that does so on its way. It is expected to be queued. (Blocks that are born in a step that
+    /// then goes wrong have no nodes yet: a loop over those has too few groups.)
+    detail::ArrivalsToForget forget_arrivals_on_the_way(std::uint32_t groups)
     {
+        if (groups < blocks()) return {changes(), 0};
         return {changes(), std::exchange(may_have_arrived_, false) ? blocks() : 0};
     }
 

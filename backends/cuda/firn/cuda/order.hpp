@@ -371,8 +371,9 @@ __global__ void __launch_bounds__(scanning_threads)
 #pragma unroll
     for (int k = 0; k < orders; ++k)
         if (blockIdx.x == static_cast<unsigned>(k) + 1 && of[k].begins.blocks > 0) {
-            bool const all_found = !of[k].lacks_room(of[k].lacking());
-            std::uint32_t const live = all_found ? find_block_begins(of[k].begins, of[k].changes) : 0;
+            // decided by all together: once one is through, others may change what this is told by
+            bool const lacks = __syncthreads_or(of[k].lacks_room(of[k].lacking()));
+            std::uint32_t const live = lacks ? 0 : find_block_begins(of[k].begins, of[k].changes);
             if (threadIdx.x == 0) of[k].meet->live = live;
         }
     if (threadIdx.x != 0 || !comes_last(signal.words + 2, 1 + orders)) return;
