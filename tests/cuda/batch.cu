@@ -7,6 +7,32 @@
 using namespace firn;
 using namespace firn::test;
 
+/// From some time on all momenta are no numbers.
+struct NoMoreNumbers
+{
+    double from; ///< [s]
+
+    void validate() const {}
+
+    template <class Number, int d>
+    struct Action
+    {
+        static constexpr bool is_obstacle = false;
+        Number change;
+
+        template <Lane Real>
+        FIRN_HOST_DEVICE void on_momentum(Vector<Real, d>& momentum, Real) const
+        {
+            for (int a = 0; a < d; ++a) momentum[a] += Real(change);
+        }
+    };
+    template <class Number, int d>
+    FIRN_HOST_DEVICE Action<Number, d> during(Interval const& interval) const
+    {
+        return {interval.begin < from ? Number(0) : Number(NAN)};
+    }
+};
+
 namespace
 {
 
@@ -64,32 +90,6 @@ struct Thrown
         Vector<double, d> centre = Vector<double, d>::Constant(0.013);
         centre[1] = 0.4;
         solver.add(ball_of_points<d>(centre, 0.2, 0.05), std::pow(0.025, d), velocity);
-    }
-};
-
-/// From some time on all momenta are no numbers.
-struct NoMoreNumbers
-{
-    double from; ///< [s]
-
-    void validate() const {}
-
-    template <class Number, int d>
-    struct Action
-    {
-        static constexpr bool is_obstacle = false;
-        Number change;
-
-        template <Lane Real>
-        FIRN_HOST_DEVICE void on_momentum(Vector<Real, d>& momentum, Real) const
-        {
-            for (int a = 0; a < d; ++a) momentum[a] += Real(change);
-        }
-    };
-    template <class Number, int d>
-    FIRN_HOST_DEVICE Action<Number, d> during(Interval const& interval) const
-    {
-        return {interval.begin < from ? Number(0) : Number(NAN)};
     }
 };
 
