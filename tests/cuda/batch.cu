@@ -145,8 +145,7 @@ TEST_CASE("so are equal steps, of which half of the particles leave their cells 
 
 TEST_CASE(
     "so are steps of three materials, one of them without particles: blocks are born, and some wait for "
-    "others that lack room",
-    "[sanitize]")
+    "others that lack room")
 {
     using Solver = Scene<Materials<NeoHookean<SolidFloat>, FixedCorotated<SolidFloat>, Fluid<SolidFloat>>,
                          QuadraticBSpline, Mls>::Solver;
