@@ -195,8 +195,16 @@ struct Cuda
         end_step(cells, conclusion<Phase...>(layers, of_nodes, conclude));
     }
 
+    /// What is left to be asked of a step when its items are followed.
+    template <class Conclusion>
+    struct Followed
+    {
+        Conclusion conclusion;
+        bool early; ///< it is: they are followed at the same time
+    };
+
     /// The same where the next step is queued at once: returns what follow() is to be called with before
-    /// that. Where there are few blocks, who chooses how things go on does so while they are followed.
+    /// that. Where there are few blocks, the step is concluded while they are followed.
     template <class CellOrder, class LayerType, std::size_t orders, class... Phase, class OfNodes,
               class Conclude>
     auto move_on(std::array<CellOrder*, orders> const& cells, std::array<LayerType, orders> const& layers,
@@ -205,10 +213,10 @@ struct Cuda
     {
         cuda::OnDevice const here(device);
         for_each_order<orders>([&](auto k) { start_moving(*cells[k], layers[k], std::get<k>(phases)); });
-        auto asked = conclusion<Phase...>(layers, of_nodes, conclude);
-        if (follows_early(cells)) asked.kept = cells[0]->room_for_results(asked.kept_bytes);
-        end_step(cells, asked);
-        return asked;
+        auto const all = conclusion<Phase...>(layers, of_nodes, conclude);
+        Followed<std::remove_cv_t<decltype(all)>> const followed{all, follows_early(cells)};
+        if (!followed.early) end_step(cells, all);
+        return followed;
     }
 
     /// Whether follow() lets items give, and leaves the order before to be brought back.
@@ -245,9 +253,10 @@ struct Cuda
     /// Brings the order of cells up to date with items that have moved, and lets those that came to another
     /// cell give there.
     template <class Phase, class CellOrder, class GridType, class Offsets, class Conclusion>
-    void follow(CellOrder& cells, GridType& grid, Offsets const& offsets, Conclusion const& conclusion) const
+    void follow(CellOrder& cells, GridType& grid, Offsets const& offsets,
+                Followed<Conclusion> const& followed) const
     {
-        if (!conclusion.leaves_a_choice()) {
+        if (!followed.early) {
             cells.follow(offsets);
             scatter_movers<Phase>(cells, grid);
             return;
@@ -255,7 +264,7 @@ struct Cuda
         using Tiles = cuda::detail::SharedTiles<GridType>;
         unsigned const teams = Tiles::teams_that_follow(cells.blocks());
         cells.follow_early(
-            offsets, conclusion,
+            offsets, followed.conclusion,
             [&](auto const& view, auto const& arrived) {
                 return cuda::detail::GiveArrivals<CellOrder, GridType, Phase>{view, arrived, cells.movers(),
                                                                               grid.view()};
@@ -294,10 +303,14 @@ private:
     void end_step(std::array<CellOrder*, orders> const& cells, Conclusion const& conclude) const
     {
         constexpr int count = static_cast<int>(orders);
-        std::array<cuda::detail::MovedOrder, orders> moved;
+        unsigned groups = 1; // for each order
+        for (CellOrder const* const order : cells) groups = std::max(groups, order->groups_that_find());
+        using Order = decltype(cells[0]->moved());
+        std::array<Order, orders> moved;
         for (std::size_t k = 0; k < orders; ++k) moved[k] = cells[k]->moved();
-        cuda::launch_behind("end_step", queue(), cuda::detail::end_step<count, Conclusion>, 1 + orders,
-                            cuda::detail::scanning_threads, 0, cells[0]->signal(), moved, conclude);
+        cuda::launch_behind("end_step", queue(), cuda::detail::end_step<Order, count, Conclusion>,
+                            1 + count * groups, cuda::detail::scanning_threads, Conclusion::bytes,
+                            cells[0]->signal(), moved, conclude);
     }
 
     /// Queues the loop that moves items.

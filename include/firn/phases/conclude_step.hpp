@@ -97,10 +97,8 @@ struct BeginSteps
 };
 
 /// Phase 4: what moving the particles found out bounds the next step, which is chosen, with its obstacles
-/// where they are then. Called once, when the others are through; once more if the step is repeated.
-///
-/// Whether the step went well and how things go on may be asked one after the other, so that a backend can
-/// already bring particles to where the next step finds them, or both at once.
+/// where they are then. Called once, when the others are through; once more if the step is repeated. A
+/// backend may at the same time bring particles to where the next step would find them.
 template <class Number, int d, int materials, class Effects, class Actions>
 struct ConcludeStep
 {
@@ -118,6 +116,7 @@ struct ConcludeStep
         return went_well(found...) && goes_on(reactions, found...);
     }
 
+private:
     /// Writes down what went wrong; false if something did.
     template <class... Found>
     FIRN_HOST_DEVICE bool went_well(Found const&... found) const
@@ -172,7 +171,6 @@ struct ConcludeStep
         return true;
     }
 
-private:
     /// Writes down what went wrong; true if something did.
     template <class... Found>
     FIRN_HOST_DEVICE static bool note_mishaps(StepLog& note, Found const&... found)

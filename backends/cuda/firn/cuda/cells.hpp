@@ -52,8 +52,8 @@ public:
         : queue_(backend.queue()), set_(queue_), begin_(queue_), new_begin_(queue_), order_(queue_),
           order_before_(queue_), left_(queue_), stay_(queue_), arrivals_(queue_), first_arrival_(queue_),
           group_left_(queue_), block_stay_(queue_), block_arrived_(queue_), block_begin_(queue_),
-          arrived_begin_(queue_), arrived_(queue_), movers_(queue_), kept_results_(queue_),
-          blocks_before_(queue_), stopped_(queue_), told_(queue_)
+          arrived_begin_(queue_), arrived_(queue_), movers_(queue_), blocks_before_(queue_), stopped_(queue_),
+          told_(queue_)
     {}
 
     Queue const& queue() const { return queue_; }
@@ -67,7 +67,7 @@ public:
                order_before_.memory() + left_.memory() + stay_.memory() + arrivals_.memory() +
                first_arrival_.memory() + group_left_.memory() + block_stay_.memory() +
                block_arrived_.memory() + block_begin_.memory() + arrived_begin_.memory() + arrived_.memory() +
-               movers_.memory() + kept_results_.memory() + blocks_before_.memory();
+               movers_.memory() + blocks_before_.memory();
     }
 
     /// Adds items that lie at first, first + 1, … in the given cells.
@@ -141,12 +141,12 @@ public:
     /// blocks are born ahead of those that are wanted, three deep, and more empty ones are kept.
     bool is_small() const { return blocks() <= 128 && size_ >= std::size_t(32) * blocks(); }
 
-    /// Whether there are so few blocks that a device has them all at work at once: then they are followed
-    /// while it is yet to be found out how things go on.
+    /// Whether there are so few blocks that a device has them all at work at once: then who departs finds its
+    /// new cell at once, and items are followed while it is yet to be found out how the step went.
     bool follows_early() const { return blocks() <= 1024; }
 
-    /// The same while one thread asks `conclude` how things go on. What `give(cells, arrived)` returns is
-    /// called for each block by so many teams (see detail::rearrange_and) with so much shared memory. The
+    /// The same while one group of threads calls `conclude`. What `give(cells, arrived)` returns is called
+    /// for each block by so many teams (see detail::conclude_and_rearrange) with so much shared memory. The
     /// order before is kept, for take_back().
     template <class Conclude, class Give>
     void follow_early(std::array<Offset*, d> const& offset, Conclude const& conclude, Give const& give,
@@ -163,26 +163,20 @@ public:
             nullptr,         left_.data(),         new_begin_.data(),  arrived_begin_.data(),
             arrived_.data(), order_before_.data(), movers_.cell.data()};
         auto const then = give(view(), arrived());
+        using Then = std::remove_cv_t<decltype(then)>;
         std::uint32_t const number = early_ = early_ % (1u << 31) + 1;
-        launch_behind("rearrange_and", queue_,
-                      detail::rearrange_and<d, Number, Conclude, std::remove_cv_t<decltype(then)>>,
-                      blocks() + 1, teams * 64, shared, signal(), number, begin_.data(), changes(),
-                      block_begin_.data(), movers_.view(channels_), to, offset, conclude, then);
+        launch_behind("conclude_and_rearrange", queue_,
+                      detail::conclude_and_rearrange<d, Number, Conclude, Then>, 1 + blocks(), teams * 64,
+                      std::max(shared, Conclude::bytes), moved(), number, begin_.data(), to, offset, conclude,
+                      then);
         std::swap(begin_, new_begin_);
         std::swap(order_, order_before_);
         kept_order_ = true;
         settled_ = false;
     }
-    /// Room for what is kept until somebody chooses how things go on.
-    unsigned char* room_for_results(std::size_t bytes)
-    {
-        kept_results_.renew(std::max(kept_results_.size(), bytes));
-        return kept_results_.data();
-    }
-
-    /// Undoes the last calls of follow(), on the host, where it was queued and then not done; and says
-    /// whether items lie at their slots. Then the first of these calls was for items of which these are the
-    /// offsets, and is undone where it was done early.
+    /// Undoes the last calls of follow(), on the host, where it was queued and then not done, or done early;
+    /// and says whether items lie at their slots. Then the first of these calls was for items of which these
+    /// are the offsets. (Else it was for items of a step that went wrong, which nobody looks at.)
     void take_back(int follows, bool settled, std::array<Offset*, d> const& offset)
     {
         if (follows % 2 != 0) {
@@ -194,6 +188,7 @@ public:
         OnDevice const here(queue_);
         launch_after("unwrap", queue_, detail::unwrap<d, Number>, groups_of(movers_.most, 256), 256,
                      movers_.view(channels_), offset);
+        find_block_begins(); // for the next follow(): each block had found its own
     }
 
     /// How many times empty blocks were forgotten, and which blocks were there before: by their new numbers.
@@ -211,8 +206,9 @@ public:
         movers_.renew(std::max<std::size_t>(movers_.most, size_ / 32 + 256), channels);
         if (may_have_arrived_)
             launch_behind("forget_all_arrivals", queue_, detail::forget_all_arrivals, blocks(), 64, 0,
-                          signal(), changes());
+                          signal(), detail::ArrivalsToForget{changes(), blocks(), movers_.meet.data()});
         may_have_arrived_ = true;
+        is_to_find_ = !destinations().at_once;
         return movers_.view(channels);
     }
     unsigned char* left() { return left_.data(); }
@@ -221,24 +217,32 @@ public:
         return {stay_.data(),       arrivals_.data(),   first_arrival_.data(),
                 group_left_.data(), block_stay_.data(), block_arrived_.data()};
     }
-    detail::Destinations destinations() { return {changes(), set_.view(), set_.keys(), is_small() ? 3 : 0}; }
+    detail::Destinations destinations()
+    {
+        return {changes(), set_.view(), set_.keys(), is_small() ? 3 : 0, follows_early()};
+    }
 
     /// Who came into cells is to be forgotten before others do: what a loop of so many groups of threads is
     /// to know that does so on its way. It is expected to be queued. (Blocks that are born in a step that
     /// then goes wrong have no nodes yet: a loop over those has too few groups.)
     detail::ArrivalsToForget forget_arrivals_on_the_way(std::uint32_t groups)
     {
-        if (groups < blocks()) return {changes(), 0};
-        return {changes(), std::exchange(may_have_arrived_, false) ? blocks() : 0};
+        bool const does = groups >= blocks() && std::exchange(may_have_arrived_, false);
+        return {changes(), does ? blocks() : 0, movers_.meet.data()};
     }
 
-    /// What the loop that ends a step is to know.
-    detail::MovedOrder moved()
+    /// What the loop that ends a step is to know. It is expected to be queued.
+    detail::MovedOrder<d, Number> moved()
     {
         OnDevice const here(queue_);
-        return {signal(),          movers_.meet.data(), static_cast<std::uint32_t>(movers_.most),
-                set_.born_count(), changes(),           begins(),
-                is_small()};
+        return {signal(),       movers_.view(channels_),
+                destinations(), std::exchange(is_to_find_, false),
+                begins(),       is_small()};
+    }
+    /// How many groups of threads it takes to find what is then to be found.
+    unsigned groups_that_find() const
+    {
+        return is_to_find_ ? std::min(groups_of(movers_.most, detail::scanning_threads), 256u) : 1;
     }
 
     /// Says to loops whether they have something to do.
@@ -294,7 +298,7 @@ public:
         return short_.births > 0 || short_.departed > movers_.most;
     }
 
-    /// Makes room for what lacked it, and finds the cells of those that departed once more, if there are new
+    /// Makes room for what lacked it; those that departed are to find their cells once more, if there are new
     /// ones. True if the loop that moves items is to be repeated.
     bool make_room()
     {
@@ -305,9 +309,7 @@ public:
         }
         if (short_.births == 0) return false;
         bear_blocks(short_.births);
-        launch_behind("find_new_cells", queue_, detail::find_new_cells<d, Number>,
-                      std::min(groups_of(movers_.most, detail::scanning_threads), 256u),
-                      detail::scanning_threads, 0, signal(), movers_.view(channels_), destinations());
+        is_to_find_ = true;
         return false;
     }
 
@@ -436,6 +438,8 @@ private:
         std::uint32_t const cells = blocks() * Shape::cells;
         if (cells == 0) return;
         begin_.resize(std::size_t(cells) + 1);
+        new_begin_.renew(begin_.size()); // loops that are stopped read it, too, but do not look at it
+        new_begin_.fill_bytes(0, new_begin_.size(), 0);
         stay_.resize(cells);
         arrivals_.resize(cells);
         first_arrival_.resize(cells);
@@ -519,13 +523,13 @@ private:
     Array<std::uint32_t> arrived_begin_, arrived_;
     MoverArrays movers_;
     int channels_ = 0;
-    Array<unsigned char> kept_results_; ///< until somebody chooses how things go on
     std::uint32_t generation_ = 0, blocks_kept_ = 0;
     Array<std::uint32_t> blocks_before_;
     Array<std::uint32_t> stopped_; ///< whether loops have nothing to do until the host has listened
     HostMemory told_;              ///< why, and how far they are
     detail::Stop short_{};         ///< what it said last
     bool crowded_ = false;         ///< many blocks hold no items
+    bool is_to_find_ = false;      ///< who departed has yet to find its new cell
     bool may_have_arrived_ = true; ///< what is counted of arrivals is not all zero
 };
 

@@ -350,8 +350,7 @@ __global__ void __launch_bounds__(block_threads)
 {
     if (signal.stops()) return;
 #pragma unroll
-    for (int layer = 0; layer < GridType::layers; ++layer)
-        if (blockIdx.x < to_forget[layer].blocks) forget_arrivals(to_forget[layer].changes, blockIdx.x);
+    for (int layer = 0; layer < GridType::layers; ++layer) to_forget[layer].forget(blockIdx.x);
     using Shape = typename GridType::Shape;
     constexpr int d = Phase::d;
     Coordinates<d> here;
@@ -400,8 +399,17 @@ __global__ void __launch_bounds__(most_teams* block_threads, 1)
     move(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid,
          Moved<typename GridType::Number, typename Phase::Result> moved)
 {
-    if (signal.stops()) return;
     using Tile = typename GridType::TileShape;
+    Signal::Heard const heard = signal.hear();
+    std::uint32_t const team = threadIdx.x / block_threads, teams = blockDim.x / block_threads;
+    std::uint32_t const place = threadIdx.x % block_threads, c = blockIdx.x * block_threads + place,
+                        below = (1u << threadIdx.x % 32) - 1;
+    Ranks ranks(cells.begin, c); // asked for while the answer is on its way
+    if (heard.stops()) return;
+    std::uint32_t const* const sources = cells.order + ranks.begin;
+    std::uint32_t const count = ranks.count;
+    std::uint32_t next_source = team < count ? sources[team] : 0; // loaded one rank ahead
+
     SharedTiles<GridType> const tiles(shared_memory(), true);
     tiles.read_values(grid, blockIdx.x);
     tiles.clear_sums();
@@ -410,17 +418,10 @@ __global__ void __launch_bounds__(most_teams* block_threads, 1)
     if (threadIdx.x < 2) left_group[threadIdx.x] = 0;
     __syncthreads();
 
-    std::uint32_t const team = threadIdx.x / block_threads, teams = blockDim.x / block_threads;
-    std::uint32_t const place = threadIdx.x % block_threads, c = blockIdx.x * block_threads + place,
-                        below = (1u << threadIdx.x % 32) - 1;
     CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(
         cells.cell(c), tiles.values + Tile::at(GridType::Shape::cell(int(place))));
     SumsInTile<GridType> sums{tiles.own_sums(int(place))};
     typename Phase::Result result{};
-    Ranks ranks(cells.begin, c);
-    std::uint32_t const* const sources = cells.order + ranks.begin;
-    std::uint32_t const count = ranks.count;
-    std::uint32_t next_source = team < count ? sources[team] : 0; // loaded one rank ahead
     auto const use = [&](std::uint32_t rank, bool here, std::uint32_t slot) {
         cell.forget();
         if (here) {
@@ -442,7 +443,7 @@ __global__ void __launch_bounds__(most_teams* block_threads, 1)
                 atomicAdd(left_cell + place, 1u);
                 if (i < moved.movers.most) {
                     cell.write_departure(moved.movers, i, c);
-                    find_new_cell<Phase::d>(moved.movers, moved.to, i, c, cell.way());
+                    if (moved.to.at_once) find_new_cell<Phase::d>(moved.movers, moved.to, i, c, cell.way());
                 }
                 cell.forget_given();
             }

@@ -4,6 +4,7 @@
 #include <firn/core/cell_offset.hpp>
 #include <firn/cuda/block_set.hpp>
 #include <firn/cuda/conclusion.hpp>
+#include <firn/cuda/shared_memory.hpp>
 #include <firn/cuda/signal.hpp>
 #include <firn/cuda/tuning.hpp>
 
@@ -21,8 +22,8 @@ inline constexpr unsigned most_teams_that_follow = 4;
 struct Rendezvous
 {
     std::uint32_t departed; ///< items
+    std::uint32_t searched; ///< groups of threads that have found new cells
     std::uint32_t live;     ///< blocks that hold items
-    std::uint32_t crowded;  ///< whether there are many blocks without items
     std::uint32_t followed; ///< items that departed last, and were found in their new cells
 };
 
@@ -60,11 +61,20 @@ static __device__ void forget_arrivals(Changes const& changes, std::uint32_t blo
     if (threadIdx.x == 0) changes.block_arrived[block] = 0;
 }
 
-/// The same for as many blocks of an order of cells.
+/// The same for as many blocks of an order of cells, and how many departed.
 struct ArrivalsToForget
 {
     Changes changes;
     std::uint32_t blocks;
+    Rendezvous* meet; ///< none: nobody ever departed
+
+    /// Called by groups of 64 threads, as many as there are blocks, or more.
+    __device__ void forget(std::uint32_t group) const
+    {
+        if (group >= blocks) return;
+        forget_arrivals(changes, group);
+        if (group == 0 && threadIdx.x == 0 && meet != nullptr) meet->departed = 0;
+    }
 };
 
 /// Where departed items find their new cells.
@@ -74,6 +84,7 @@ struct Destinations
     BlockSet::View set;
     std::uint64_t const* keys; ///< of blocks
     int ahead;                 ///< so many blocks behind each that is wanted are wanted, too
+    bool at_once;              ///< by the loop that moves items; else by one of its own
 };
 
 /// Enters a mover in the list of its new cell, and counts it there and in the block.
@@ -148,11 +159,11 @@ __global__ void find_cells(Movers<Number> movers, std::array<int, d> const* cell
     arrive(movers, changes, i, block, static_cast<std::uint32_t>(Shape::place(in_block)));
 }
 
-/// Nobody has arrived anywhere.
-static __global__ void __launch_bounds__(64) forget_all_arrivals(Signal signal, Changes changes)
+/// Nobody has arrived anywhere, nor departed.
+static __global__ void __launch_bounds__(64) forget_all_arrivals(Signal signal, ArrivalsToForget to_forget)
 {
     if (signal.stops()) return;
-    forget_arrivals(changes, blockIdx.x);
+    to_forget.forget(blockIdx.x);
 }
 
 /// Cells of new blocks are empty and begin at the end of all items; nobody has arrived anywhere.
@@ -318,26 +329,26 @@ __device__ inline bool comes_last(std::uint32_t* arrived, std::uint32_t count)
     return last;
 }
 
-/// Finds the new cells of departed items once more, now that those blocks are there which were wanted.
+/// Finds the new cells of all departed items, by one of so many groups of threads.
 template <int d, class Number>
-__global__ void __launch_bounds__(scanning_threads)
-    find_new_cells(Signal signal, Movers<Number> movers, Destinations to)
+__device__ void find_new_cells(Movers<Number> const& movers, Destinations const& to, std::uint32_t group,
+                               std::uint32_t groups)
 {
-    if (signal.stops()) return;
-    std::uint32_t const departed = movers.meet->departed;
-    for (std::uint32_t mover = blockIdx.x * blockDim.x + threadIdx.x; mover < departed;
-         mover += gridDim.x * blockDim.x)
+    std::uint32_t const all = movers.meet->departed, noted = all < movers.most ? all : movers.most;
+    for (std::uint32_t mover = group * blockDim.x + threadIdx.x; mover < noted; mover += groups * blockDim.x)
         find_new_cell<d>(movers, to, mover, movers.cell[mover], movers.way[mover]);
 }
 
-/// An order of cells when its items have moved, and found their new cells if there was room.
+/// An order of cells when its items have moved.
+template <int dimension, class Number>
 struct MovedOrder
 {
+    static constexpr int d = dimension;
+
     Signal signal;
-    Rendezvous* meet;
-    std::uint32_t most; ///< items on their way for which there is room
-    std::uint32_t const* births;
-    Changes changes;
+    Movers<Number> movers;
+    Destinations to;
+    bool is_to_find;    ///< new cells of those that departed; the loop that moved them did not
     BlockBegins begins; ///< none: there are no items
     bool small;
 
@@ -345,37 +356,54 @@ struct MovedOrder
     __device__ Stop lacking() const
     {
         if (begins.blocks == 0) return {1, 0, 0, 0};
-        return {1, __ldcg(&meet->departed), __ldcg(births), 0};
+        return {1, __ldcg(&movers.meet->departed), __ldcg(to.set.born_count), 0};
     }
-    __device__ bool lacks_room(Stop const& what) const { return what.departed > most || what.births > 0; }
-    /// (Nobody is left where nothing lives: blocks are then kept for who comes.)
-    __device__ bool is_crowded() const
+    __device__ bool lacks_room(Stop const& what) const
     {
-        std::uint32_t const live = __ldcg(&meet->live);
+        return what.departed > movers.most || what.births > 0;
+    }
+    /// (Nobody is left where nothing lives: blocks are then kept for who comes.)
+    __device__ bool is_crowded(std::uint32_t live) const
+    {
         return live > 0 && begins.blocks > live + most_empty_blocks(live, small);
     }
 };
 
-/// Ends a step when the items of all orders have moved: one group of threads concludes, and one for each
-/// order finds where its blocks begin. Who is through last stops later loops where steps do not go on, or
-/// where there was no room for all that moved.
-template <int orders, class Conclude>
+/// Ends a step when the items of all orders have moved: one group of threads concludes, and as many for each
+/// order find new cells of those that departed, if that is to be done; who of these is through last finds
+/// where its blocks begin. Who is through last of all stops later loops where steps do not go on, or where
+/// there was no room for all that moved.
+template <class Order, int orders, class Conclude>
 __global__ void __launch_bounds__(scanning_threads)
-    end_step(Signal signal, std::array<MovedOrder, orders> of, Conclude conclude)
+    end_step(Signal signal, std::array<Order, orders> of, Conclude conclude)
 {
     if (signal.stops()) return;
     if (blockIdx.x == 0) {
-        bool const goes_on = conclude();
+        bool const goes_on = conclude(shared_memory());
         if (threadIdx.x == 0) signal.words[3] = goes_on;
     }
+    std::uint32_t const each = (gridDim.x - 1) / orders;
 #pragma unroll
-    for (int k = 0; k < orders; ++k)
-        if (blockIdx.x == static_cast<unsigned>(k) + 1 && of[k].begins.blocks > 0) {
-            // decided by all together: once one is through, others may change what this is told by
-            bool const lacks = __syncthreads_or(of[k].lacks_room(of[k].lacking()));
-            std::uint32_t const live = lacks ? 0 : find_block_begins(of[k].begins, of[k].changes);
-            if (threadIdx.x == 0) of[k].meet->live = live;
+    for (unsigned k = 0; k < orders; ++k) {
+        std::uint32_t const first = 1 + k * each;
+        if (blockIdx.x < first || blockIdx.x >= first + each) continue;
+        Order const& mine = of[k];
+        if (mine.begins.blocks == 0) {
+            if (blockIdx.x > first) return;
+            continue;
         }
+        if (mine.is_to_find) find_new_cells<Order::d>(mine.movers, mine.to, blockIdx.x - first, each);
+        __syncthreads();
+        if (each > 1) {
+            __shared__ bool last;
+            if (threadIdx.x == 0) last = comes_last(&mine.movers.meet->searched, each);
+            __syncthreads();
+            if (!last) return;
+        }
+        std::uint32_t const live =
+            mine.lacks_room(mine.lacking()) ? 0 : find_block_begins(mine.begins, mine.to.changes);
+        if (threadIdx.x == 0) mine.movers.meet->live = live;
+    }
     if (threadIdx.x != 0 || !comes_last(signal.words + 2, 1 + orders)) return;
 
     Stop why[orders];
@@ -388,14 +416,11 @@ __global__ void __launch_bounds__(scanning_threads)
 #pragma unroll
     for (int k = 0; k < orders; ++k) {
         if (of[k].begins.blocks == 0) continue;
-        // the next loop that moves items counts anew, unless these are to be found once more
-        if (!lack || why[k].departed > of[k].most) of[k].meet->departed = 0;
-        of[k].meet->followed = why[k].departed;
-        why[k].crowded = !lack && of[k].is_crowded();
+        of[k].movers.meet->followed = why[k].departed;
+        why[k].crowded = !lack && of[k].is_crowded(__ldcg(&of[k].movers.meet->live));
         crowded = crowded || why[k].crowded != 0;
-        if (conclude.leaves_a_choice()) of[k].meet->crowded = why[k].crowded; // who chooses stops for that
     }
-    if (__ldcg(signal.words + 3) != 0 && !lack && (!crowded || conclude.leaves_a_choice())) return;
+    if (__ldcg(signal.words + 3) != 0 && !lack && !crowded) return;
 #pragma unroll
     for (int k = 0; k < orders; ++k) of[k].signal.stop(why[k]);
 }
@@ -556,28 +581,28 @@ __device__ void append_arrivals(std::uint32_t first_arrival, ArrivedInCell came,
 /// Writes a block's new cells and its part of the new order: those who stay keep their order in the cell,
 /// those who come follow in the order in which they lie. A team of 64 threads does all of it; of several the
 /// second follows those who come while the first writes those who stay.
-template <int d, class Number>
-__device__ ArrivedInCell rearrange_block(std::uint32_t blocks, std::uint32_t const* begin,
-                                         Changes const& changes, std::uint64_t const* block_begin,
-                                         Movers<Number> const& movers, NewOrder const& to,
+template <int d, class Number, class FindBegin>
+__device__ ArrivedInCell rearrange_block(std::uint32_t block, std::uint32_t blocks,
+                                         std::uint32_t const* begin, Changes const& changes,
+                                         FindBegin const& find_begin, Movers<Number> const& movers,
+                                         NewOrder const& to,
                                          std::array<typename CellOffset<Number>::Stored*, d> const& offset,
                                          std::uint32_t teams = 1)
 {
     std::uint32_t const team = teams == 1 ? 0 : threadIdx.x / 64, place = threadIdx.x % 64;
-    std::uint32_t const c = blockIdx.x * 64 + place;
+    std::uint32_t const c = block * 64 + place;
     std::uint32_t const arrivals = changes.arrivals[c], stay = changes.stay[c],
                         first_arrival = changes.first_arrival[c];
     LayInCell const lay(begin, c, changes, to.left == nullptr); // asked for before threads wait
     std::uint64_t total;
-    std::uint64_t const mine =
-        block_begin[blockIdx.x] +
-        sum_before_in_block<64>((std::uint64_t(arrivals) << 32) | (stay + arrivals), total);
+    std::uint64_t mine = find_begin(block);
+    mine += sum_before_in_block<64>((std::uint64_t(arrivals) << 32) | (stay + arrivals), total);
     auto const first = static_cast<std::uint32_t>(mine);
     ArrivedInCell const came{static_cast<std::uint32_t>(mine >> 32), arrivals};
     if (team == 0) {
         to.begin[c] = first;
         to.arrived_begin[c] = came.begin;
-        if (blockIdx.x + 1 == blocks && place == 63) {
+        if (block + 1 == blocks && place == 63) {
             to.begin[c + 1] = first + stay + arrivals;
             to.arrived_begin[c + 1] = came.begin + arrivals;
         }
@@ -594,32 +619,78 @@ __global__ void __launch_bounds__(64)
               Movers<Number> movers, NewOrder to, std::array<typename CellOffset<Number>::Stored*, d> offset)
 {
     if (signal.stops()) return;
-    rearrange_block<d>(gridDim.x, begin, changes, block_begin, movers, to, offset);
+    rearrange_block<d>(
+        blockIdx.x, gridDim.x, begin, changes, [&](std::uint32_t block) { return block_begin[block]; },
+        movers, to, offset);
 }
 
-/// The same by teams, and `then(block, who came into the thread's cell, teams)` by all threads of a block; a
-/// group of threads beside those of blocks chooses how things go on. The loop's number is above 0 and that of
-/// no other one nearby.
+/// Where a block's items and arrivals begin, found by all threads of a group where there are few blocks.
+__device__ inline std::uint64_t find_block_begin(std::uint32_t block, Changes const& changes)
+{
+    __shared__ std::uint64_t of_warp[most_teams_that_follow * 2];
+    std::uint64_t sum = 0;
+#pragma unroll 4
+    for (std::uint32_t b = threadIdx.x; b < block; b += blockDim.x) {
+        std::uint32_t const arrived = __ldcg(changes.block_arrived + b);
+        sum += (std::uint64_t(arrived) << 32) | (changes.block_stay[b] + arrived);
+    }
+    sum_before(sum, sum);
+    if (threadIdx.x % 32 == 0) of_warp[threadIdx.x / 32] = sum;
+    __syncthreads();
+    sum = 0;
+    for (std::uint32_t w = 0; w < blockDim.x / 32; ++w) sum += of_warp[w];
+    return sum;
+}
+
+/// How many blocks hold items when all have come, counted by all threads of a group; known to the first.
+__device__ inline std::uint32_t count_live_blocks(std::uint32_t blocks, Changes const& changes)
+{
+    __shared__ std::uint32_t count;
+    if (threadIdx.x == 0) count = 0;
+    __syncthreads();
+    std::uint32_t live = 0;
+#pragma unroll 4
+    for (std::uint32_t b = threadIdx.x; b < blocks; b += blockDim.x)
+        live += changes.block_stay[b] + __ldcg(changes.block_arrived + b) > 0;
+    atomicAdd(&count, live);
+    __syncthreads();
+    return count;
+}
+
+/// What ends a step and follows its items at once, where there are few blocks: the first group of threads
+/// concludes; the others, one for each block, write the new order as if the step went well (see
+/// Cells::take_back), by teams, and call `then(block, who came into the thread's cell, teams)`. The loop's
+/// number is above 0 and that of no other one nearby.
 template <int d, class Number, class Conclude, class Then>
 __global__ void __launch_bounds__(most_teams_that_follow * 64, 1)
-    rearrange_and(Signal signal, std::uint32_t number, std::uint32_t const* begin, Changes changes,
-                  std::uint64_t const* block_begin, Movers<Number> movers, NewOrder to,
-                  std::array<typename CellOffset<Number>::Stored*, d> offset, Conclude conclude, Then then)
+    conclude_and_rearrange(MovedOrder<d, Number> order, std::uint32_t number, std::uint32_t const* begin,
+                           NewOrder to, std::array<typename CellOffset<Number>::Stored*, d> offset,
+                           Conclude conclude, Then then)
 {
+    Signal const& signal = order.signal;
     if (signal.stops(number)) return;
-    std::uint32_t const blocks = gridDim.x - 1;
-    if (blockIdx.x < blocks) {
-        std::uint32_t const teams = blockDim.x / 64;
-        ArrivedInCell const came =
-            rearrange_block<d>(blocks, begin, changes, block_begin, movers, to, offset, teams);
-        then(blockIdx.x, came, teams);
+    std::uint32_t const blocks = order.begins.blocks;
+    Stop why = order.lacking();
+    bool const lacks = order.lacks_room(why);
+    if (blockIdx.x > 0) {
+        if (lacks) return;
+        std::uint32_t const block = blockIdx.x - 1, teams = blockDim.x / 64;
+        auto const find_begin = [&](std::uint32_t b) { return find_block_begin(b, order.to.changes); };
+        ArrivedInCell const came = rearrange_block<d>(block, blocks, begin, order.to.changes, find_begin,
+                                                      order.movers, to, offset, teams);
+        then(block, came, teams);
+        return;
     }
-    else if (threadIdx.x == 0) {
-        bool const goes_on = conclude.choose();
-        std::uint32_t const crowded = __ldcg(&movers.meet->crowded); // behind the call, to be kept by none
-        if (!goes_on || crowded != 0) signal.stop_behind(number, {1, 0, 0, crowded});
-        signal.has_chosen(number);
-    }
+    std::uint32_t const live = count_live_blocks(blocks, order.to.changes);
+    bool const goes_on = conclude(shared_memory());
+    if (threadIdx.x != 0) return;
+    order.movers.meet->followed = why.departed;
+    why.crowded = !lacks && order.is_crowded(live);
+    if (lacks)
+        signal.stop(why);
+    else if (!goes_on || why.crowded != 0)
+        signal.stop_behind(number, {1, 0, 0, why.crowded});
+    signal.has_chosen(number);
 }
 
 /// Brings the offsets of arrivals back to what they were before that.

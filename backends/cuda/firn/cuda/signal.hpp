@@ -21,30 +21,41 @@ struct Stop
 struct Told
 {
     Stop stop;
-    std::uint32_t chosen; ///< the last loop that chose how things go on
+    std::uint32_t chosen; ///< the last loop that concluded while it was at work
 };
 
 /// Whether loops that are queued have something to do: each asks first. Where one finds that those after it
 /// have not, it stops them, and the host will look after it.
 struct Signal
 {
-    /// Whether a loop has stopped those behind it; which of those that choose while they are at work; and how
-    /// many groups of threads of the one that ends a step are through, and what it concluded.
+    /// Whether a loop has stopped those behind it; which of those that conclude while they are at work; and
+    /// how many groups of threads of the one that only ends a step are through, and what it concluded.
     std::uint32_t* words;
     static constexpr std::size_t count = 4;
     Told* told; ///< in memory of the host
 
-    /// The first thing that a loop asks: waits for the loop before (see launch_behind), and lets the next one
-    /// be made ready. One that chooses while it is at work is stopped by the others only: it has a number.
-    __device__ bool stops(std::uint32_t number = 0) const
+    /// What was said before a loop.
+    struct Heard
+    {
+        std::uint32_t stopped, by;
+        /// One that concludes while it is at work is stopped by the others only: it has a number.
+        __device__ bool stops(std::uint32_t number = 0) const
+        {
+            return stopped != 0 || (by != 0 && by != number);
+        }
+    };
+
+    /// The first thing that a loop does: waits for the loop before (see launch_behind), lets the next one be
+    /// made ready, and asks. What else it asks for before it looks at the answer comes as soon.
+    __device__ Heard hear() const
     {
 #if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
         cudaTriggerProgrammaticLaunchCompletion();
         cudaGridDependencySynchronize();
 #endif
-        std::uint32_t const by = words[1];
-        return words[0] != 0 || (by != 0 && by != number);
+        return {words[0], words[1]};
     }
+    __device__ bool stops(std::uint32_t number = 0) const { return hear().stops(number); }
     /// Stops the loops behind.
     __device__ void stop(Stop const& why) const
     {
@@ -57,7 +68,7 @@ struct Signal
         words[1] = number;
         told->stop = why;
     }
-    /// Says that the loop with this number chose.
+    /// Says that the loop with this number concluded.
     __device__ void has_chosen(std::uint32_t number) const
     {
         *static_cast<std::uint32_t volatile*>(&told->chosen) = number;
