@@ -3,6 +3,7 @@
 #include "support/policies.hpp"
 #include "support/test_lane.hpp"
 
+#include <limits>
 #include <tuple>
 
 using namespace firn;
@@ -27,6 +28,15 @@ auto vibrated(Solver& solver, int steps)
         for (int i = 0; i < steps; ++i) solver.step(2e-4);
         return solver.positions();
     };
+}
+
+/// The largest distance between two of the same particles [m].
+template <class Positions>
+double furthest(Positions const& some, Positions const& others)
+{
+    double most = 0;
+    for (std::size_t i = 0; i < some.size(); ++i) most = std::max(most, (some[i] - others[i]).norm());
+    return most;
 }
 } // namespace
 
@@ -61,7 +71,8 @@ TEMPLATE_LIST_TEST_CASE(
     auto const run_plain = vibrated(plain, 40);
     auto const run_same = vibrated(same, 40);
     CHECK(same.template download<Stiffness>() == std::vector<Number>(same.size(), 1));
-    CHECK((run_plain() == run_same())); // not to be printed
+    // to rounding: two programs, and no compiler fuses the same sums and products in both
+    CHECK(furthest(run_plain(), run_same()) <= 8 * double(std::numeric_limits<Number>::epsilon()));
 
     Number const factor = Number(2.5);
     typename TestType::Model stiff_model;
@@ -74,14 +85,9 @@ TEMPLATE_LIST_TEST_CASE(
     double const before = stiffened.bounds().wave_speed;
     stiffened.template upload<Stiffness>(std::vector<Number>(stiffened.size(), factor));
     CHECK(stiffened.bounds().wave_speed == Approx(std::sqrt(2.5) * before));
-    auto const x = run_stiff(), y = run_stiffened(), z = plain.positions();
-    double worst = 0, softer = 0;
-    for (std::size_t i = 0; i < x.size(); ++i) {
-        worst = std::max(worst, (x[i] - y[i]).norm());
-        softer = std::max(softer, (x[i] - z[i]).norm());
-    }
-    CHECK(worst <= (TestType::is_float ? 1e-6 : 1e-13));
-    CHECK(softer > 1e-4);
+    auto const x = run_stiff();
+    CHECK(furthest(x, run_stiffened()) <= (TestType::is_float ? 1e-6 : 1e-13));
+    CHECK(furthest(x, plain.positions()) > 1e-4);
 }
 
 TEST_CASE("in a bar of two stiffnesses that is pulled the soft half gives more, by the ratio of the moduli")
