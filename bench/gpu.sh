@@ -36,7 +36,7 @@ out=$(cd "$out" && pwd)
 cd "$root"
 command -v compute-sanitizer >/dev/null || stop "there is no compute-sanitizer: it comes with the CUDA toolkit."
 
-cmake --preset cuda ${prefix:+-DCMAKE_PREFIX_PATH="$prefix"} >"$out/configure.log" || { cat "$out/configure.log"; exit 1; }
+cmake --preset cuda -DFIRN_TESTS_IN_TURN=ON ${prefix:+-DCMAKE_PREFIX_PATH="$prefix"} >"$out/configure.log" || { cat "$out/configure.log"; exit 1; }
 tests=$root/build/cuda/tests
 rm -f "$tests/cuda_device" "$tests/hard_cases.csv"
 failed="" build=""
@@ -50,8 +50,9 @@ leave() { # nothing goes on behind who has called this
 trap leave EXIT
 not_built() { tail -n 40 "$out/build.log"; stop "the programs could not be built."; }
 # Ninja itself, which ends its compilers when it is ended.
-ninja -C build/cuda cuda_device cuda_agreement cuda_devices cuda_fault cuda_scenes cuda_hard_cases host_engine benchmarks_cuda \
-    $materials $errors >"$out/build.log" 2>&1 &
+programs="cuda_agreement cuda_devices cuda_fault cuda_hard_cases cuda_scenes cuda_more_scenes"
+ninja -C build/cuda cuda_device $programs host_engine benchmarks_cuda $materials $errors \
+    >"$out/build.log" 2>&1 &
 build=$!
 built() { # PROGRAM: waits for it; GNU's linker makes it executable when it is complete
     until [ -x "$tests/$1" ]; do
@@ -80,12 +81,13 @@ for tool in memcheck racecheck initcheck; do
     part $tool compute-sanitizer --tool $tool --error-exitcode 1 ./cuda_device '[sanitize]' & beside+=($!)
 done
 part cuda_device ./cuda_device '~[memory]' & beside+=($!)
-wait "$build" || { build=""; not_built; }
-build=""
 for program in "${beside[@]}"; do wait "$program" || failed=yes; done
-for program in cuda_devices cuda_fault cuda_agreement cuda_scenes cuda_hard_cases; do
+for program in $programs; do
+    built $program
     part $program ./$program || failed=yes
 done
+wait "$build" || { build=""; not_built; }
+build=""
 part memory ./cuda_device '[memory]' || failed=yes # by itself: it fills the device's
 part hard_cases bash "$root/tests/hard/table.sh" hard_cases.csv || failed=yes
 part host_engine ../examples/host_engine || failed=yes

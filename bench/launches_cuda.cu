@@ -40,7 +40,7 @@ struct Loops
     }
     ~Loops() { static_cast<void>(cudaStreamDestroy(own)); }
 
-    /// Queues them; `groups` above cuda::few_groups are not made ready early.
+    /// Queues them; more than cuda::few_groups of `groups` are not made ready early.
     void start(unsigned groups) const
     {
         for (int i = 0; i < loops_at_once; ++i)

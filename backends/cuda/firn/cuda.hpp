@@ -308,9 +308,10 @@ private:
         using Order = decltype(cells[0]->moved());
         std::array<Order, orders> moved;
         for (std::size_t k = 0; k < orders; ++k) moved[k] = cells[k]->moved();
+        // Made ready early however large the scene: they are soon through, and take nobody's place for long.
         cuda::launch_behind("end_step", queue(), cuda::detail::end_step<Order, count, Conclusion>,
-                            1 + count * groups, cuda::detail::scanning_threads, Conclusion::bytes,
-                            cells[0]->signal(), moved, conclude);
+                            cuda::Groups{1 + count * groups, true}, cuda::detail::scanning_threads,
+                            Conclusion::bytes, cells[0]->signal(), moved, conclude);
     }
 
     /// Queues the loop that moves items.

@@ -62,6 +62,16 @@ struct Queue
 /// ones those that wait would take the place of those that work.
 inline constexpr unsigned few_groups = 128;
 
+/// How many groups of threads a loop takes.
+struct Groups
+{
+    unsigned count;
+    bool early; ///< they may be made ready while the loop before is still at work
+
+    Groups(unsigned all) : Groups(all, all <= few_groups) {}
+    Groups(unsigned all, bool are_early) : count(all), early(are_early) {}
+};
+
 static __global__ void any_loop() {} ///< to ask what code of this program a device was given
 
 /// Whether a device that lets loops be made ready early (compute capability 9.0) is given code that waits by
@@ -91,18 +101,18 @@ void launch_after(char const* name, Queue const& queue, void (*loop)(Parameters.
     check(cudaLaunchKernelEx(&how, loop, static_cast<Parameters>(arguments)...), name);
 }
 
-/// Starts a loop; a small one may be made ready while the one before is still at work, and waits for that
-/// itself (see Signal), where the device can do so.
+/// Starts a loop; one that is made ready while the one before is still at work waits for that itself (see
+/// Signal), where the device can do so.
 template <class... Parameters, class... Arguments>
-void launch_behind(char const* name, Queue const& queue, void (*loop)(Parameters...), unsigned groups,
+void launch_behind(char const* name, Queue const& queue, void (*loop)(Parameters...), Groups groups,
                    unsigned threads, std::size_t shared, Arguments const&... arguments)
 {
     cudaLaunchAttribute attribute{};
     attribute.id = cudaLaunchAttributeProgrammaticStreamSerialization;
     attribute.val.programmaticStreamSerializationAllowed =
-        groups <= few_groups && loops_wait_by_themselves(queue.device);
+        groups.early && loops_wait_by_themselves(queue.device);
     cudaLaunchConfig_t how{};
-    how.gridDim = groups;
+    how.gridDim = groups.count;
     how.blockDim = threads;
     how.dynamicSmemBytes = shared;
     how.stream = queue.stream;
