@@ -49,9 +49,9 @@ leave() { # nothing goes on behind who has called this
 }
 trap leave EXIT
 not_built() { tail -n 40 "$out/build.log"; stop "the programs could not be built."; }
-# Ninja itself, which ends its compilers when it is ended.
-programs="cuda_agreement cuda_devices cuda_fault cuda_hard_cases cuda_scenes cuda_more_scenes"
-ninja -C build/cuda cuda_device $programs host_engine benchmarks_cuda $materials $errors \
+# Ninja itself, which ends its compilers when it is ended. What runs beside them, above all compute-sanitizer, goes first.
+programs="cuda_agreement cuda_devices cuda_fault cuda_hard_cases cuda_scenes cuda_physics cuda_models"
+nice ninja -C build/cuda cuda_device $programs host_engine benchmarks_cuda $materials $errors \
     >"$out/build.log" 2>&1 &
 build=$!
 built() { # PROGRAM: waits for it; GNU's linker makes it executable when it is complete
