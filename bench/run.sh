@@ -7,7 +7,7 @@
 #     bash bench/run.sh --short | --long [--threads N] [--out FILE]
 #     bash bench/run.sh --error short | --error long | --error gate [--threads N] [--out FILE]
 #
-#   --short         100 000 particles and the phases of one step, about 4 minutes
+#   --short         100 000 particles and the phases of one step, 3 minutes after building
 #   --long          up to 10 million particles, about an hour
 #   --error short   six problems by kernels, transfers and precisions, three to five minutes after building
 #   --error long    the same, finer, with more lengths of steps and numbers of particles, half an hour
@@ -32,7 +32,7 @@ while [ $# -gt 0 ]; do
     esac
     shift
 done
-[ -n "$size$error" ] || stop "choose --short (4 minutes), --long (an hour), --error short (5 minutes), --error long (half an hour) or --error gate (two minutes)."
+[ -n "$size$error" ] || stop "choose --short (3 minutes), --long (an hour), --error short (5 minutes), --error long (half an hour) or --error gate (two minutes)."
 [ -z "$size" ] || [ -z "$error" ] || stop "choose speeds (--$size) or errors (--error $error), not both."
 case $threads in '' | *[!0-9]* | 0) stop "--threads needs a number above 0, not '$threads'." ;; esac
 
