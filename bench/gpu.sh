@@ -38,7 +38,7 @@ command -v compute-sanitizer >/dev/null || stop "there is no compute-sanitizer: 
 
 cmake --preset cuda -DFIRN_TESTS_IN_TURN=ON ${prefix:+-DCMAKE_PREFIX_PATH="$prefix"} >"$out/configure.log" || { cat "$out/configure.log"; exit 1; }
 tests=$root/build/cuda/tests
-rm -f "$tests/cuda_device" "$tests/hard_cases.csv"
+rm -f "$tests/cuda_every_loop" "$tests/hard_cases.csv"
 failed="" build=""
 leave() { # nothing goes on behind who has called this
     local status=$?
@@ -50,8 +50,8 @@ leave() { # nothing goes on behind who has called this
 trap leave EXIT
 not_built() { tail -n 40 "$out/build.log"; stop "the programs could not be built."; }
 # Ninja itself, which ends its compilers when it is ended. What runs beside them, above all compute-sanitizer, goes first.
-programs="cuda_agreement cuda_devices cuda_fault cuda_hard_cases cuda_scenes cuda_physics cuda_models"
-nice ninja -C build/cuda cuda_device $programs host_engine benchmarks_cuda $materials $errors \
+programs="cuda_device cuda_agreement cuda_devices cuda_fault cuda_hard_cases cuda_scenes cuda_physics cuda_models"
+nice ninja -C build/cuda cuda_every_loop $programs host_engine benchmarks_cuda $materials $errors \
     >"$out/build.log" 2>&1 &
 build=$!
 built() { # PROGRAM: waits for it; GNU's linker makes it executable when it is complete
@@ -75,16 +75,16 @@ part() { # NAME COMMAND...: one line of what it found, or its last lines
 # watched soon is, while nvcc has the processor and nobody the device; but programs that share the device take turns,
 # and all of them are slow. In $tests, as ctest does, so that all find the same hard_cases.csv.
 cd "$tests"
-built cuda_device
+built cuda_every_loop
 beside=()
 for tool in memcheck racecheck initcheck; do
-    part $tool compute-sanitizer --tool $tool --error-exitcode 1 ./cuda_device '[sanitize]' & beside+=($!)
+    part $tool compute-sanitizer --tool $tool --error-exitcode 1 ./cuda_every_loop & beside+=($!)
 done
-part cuda_device ./cuda_device '~[memory]' & beside+=($!)
+part cuda_every_loop ./cuda_every_loop & beside+=($!)
 for program in "${beside[@]}"; do wait "$program" || failed=yes; done
 for program in $programs; do
     built $program
-    part $program ./$program || failed=yes
+    part $program ./$program '~[memory]' || failed=yes
 done
 wait "$build" || { build=""; not_built; }
 build=""

@@ -290,7 +290,7 @@ TEST_CASE("extended PIC damps what no node sees at once, FLIP never, and what no
     CHECK(pic_shear < 0.9 * before);
 }
 
-TEST_CASE("two materials that are the same move as one by extended PIC, too", "[sanitize]")
+TEST_CASE("two materials that are the same move as one by extended PIC, too")
 {
     double const h = 0.05;
     firn::Solver<TestedBackend, Materials<NeoHookean<Plane>, NeoHookean<Plane>>, QuadraticBSpline, Xpic> two(
