@@ -107,9 +107,7 @@ public:
         auto const first = static_cast<std::uint32_t>(size_);
         if (located.empty()) return 0;
         portions_.require_comparable(volume, density, scale);
-        half_changed_ = true;
         sort(); // inserting is for items whose cells are up to date
-        half_changed_ = false;
 
         resize_buffers(count);
         if (!taken_) taken_.emplace(backend_, count);
@@ -132,7 +130,7 @@ public:
         return located.size();
     }
 
-    /// Whether add() broke off where the particles that were there before had changed, too.
+    /// Whether add() or sort() broke off where the particles that were there before had changed, too.
     bool is_half_changed() const { return half_changed_; }
 
     /// Finds the particles of which `is_doomed` says so; see Solver::remove_if. Changes nothing.
@@ -358,7 +356,9 @@ public:
     void sort(Follow const& follow)
     {
         if (!moved_) return;
+        half_changed_ = true;
         follow(cells_, current().offset);
+        half_changed_ = false;
         moved_ = false;
         require(cells_.size() == size_, "particles were lost while they were sorted into cells",
                 "ParticleTable::sort", "This is a mistake in the library: please report the scene.");
@@ -387,12 +387,14 @@ public:
         cells_.take_back(sorted, moved_, current().offset);
     }
 
-    /// Calls `change(row, record)` for every particle, one after the other, and keeps what it made of the
-    /// record. Positions are to be left as they are.
+    /// The fields of all particles, one column per component, in memory of the host.
+    using Columns = std::array<std::vector<Number>, StoredSet::components(d)>;
+
+    /// What `change(row, record)` makes of the fields of every particle, one after the other.
     template <class Change>
-    void edit(Change const& change)
+    Columns changed(Change const& change) const
     {
-        auto component = columns();
+        Columns component = columns();
         auto const row = detail::downloaded(buffer_[0].id);
         for (std::size_t i = 0; i < size_; ++i) {
             Record<Number, d, StoredSet> record;
@@ -400,6 +402,11 @@ public:
             change(row[i], record);
             record.for_each([&](int c, Number const& value) { component[c][i] = value; });
         }
+        return component;
+    }
+    /// Keeps it.
+    void set(Columns const& component)
+    {
         for (std::size_t c = 0; c < component.size(); ++c) buffer_[0].component[c].upload(0, component[c]);
     }
 
@@ -538,10 +545,9 @@ private:
         taken_->fill(first, taken);
     }
 
-    /// The fields of all particles, one column per component, in memory of the host.
-    std::array<std::vector<Number>, StoredSet::components(d)> columns() const
+    Columns columns() const
     {
-        std::array<std::vector<Number>, StoredSet::components(d)> columns;
+        Columns columns;
         std::ranges::transform(buffer_[0].component, columns.begin(),
                                [](auto const& component) { return detail::downloaded(component); });
         return columns;
@@ -624,7 +630,7 @@ private:
     Backend backend_;
     std::size_t size_ = 0;
     bool moved_ = false;
-    bool half_changed_ = false;               ///< in the middle of add()
+    bool half_changed_ = false;               ///< in the middle of add() or sort()
     bool named_ = false;                      ///< whether rows are no ids
     std::vector<std::uint32_t> ids_;          ///< then those of all rows, in rising order
     std::array<Buffer, 2> buffer_;            ///< the current one, and the next

@@ -141,7 +141,7 @@ public:
                 return particles<k>().add(points, volume_per_point, double(model_of<k>().density), velocity,
                                           first, masses_);
             },
-            [&] { return particles<k>().is_half_changed(); });
+            [&] { return is_half_changed(); });
         if (added == 0) return first;
         next_id_ += static_cast<std::uint32_t>(added);
         exchange_.forget();
@@ -211,16 +211,23 @@ public:
                     "Pass finite values that the field may have.");
             });
         hold_taken();
-        if constexpr (Of<Which>::Stored::template contains<Tag>)
-            particles<k>().edit([&](std::uint32_t row, auto& particle) {
+        auto const change = [&](auto const& set) {
+            or_break_off([&] {
+                set();
+                exchange_.forget();
+                find_bounds();
+            });
+        };
+        if constexpr (Of<Which>::Stored::template contains<Tag>) {
+            auto const changed = particles<k>().changed([&](std::uint32_t row, auto& particle) {
                 particle[Tag{}] = by_id[row];
                 if constexpr (detail::may_object<k, Parts> && Of<Which>::Model::State::template contains<Tag>)
                     detail::require_bearable<k>(parts_, particles<k>(), row, particle, "Solver::upload");
             });
+            change([&] { particles<k>().set(changed); });
+        }
         else
-            particles<k>().held().template set<Tag>(by_id);
-        exchange_.forget();
-        find_bounds();
+            change([&] { particles<k>().held().template set<Tag>(by_id); });
     }
 
     /// From now on up to `most` particles in all, one after another, may be taken out of the scene where a
@@ -459,10 +466,14 @@ public:
                                .next_id = next_id_,
                                .materials = {},
                                .isolated = quarantine_.isolated};
-        for_each_material([&](auto k) {
-            to.materials.push_back(particles<k>().snapshot());
-            detail::name_material<k>(parts_, to.materials.back());
-        });
+        or_break_off(
+            [&] {
+                for_each_material([&](auto k) {
+                    to.materials.push_back(particles<k>().snapshot());
+                    detail::name_material<k>(parts_, to.materials.back());
+                });
+            },
+            [&] { return is_half_changed(); });
         or_break_off([&] {
             for_each_material([&](auto k) { particles<k>().restore(to.materials[k]); });
             go_on_from(to, Exchange(lattice_, transfer_, backend_), to.isolated);
@@ -787,6 +798,13 @@ private:
     auto or_break_off(Work const& work)
     {
         return or_break_off(work, [] { return true; });
+    }
+
+    bool is_half_changed() const
+    {
+        bool any = false;
+        for_each_material([&](auto k) { any = any || particles<k>().is_half_changed(); });
+        return any;
     }
 
     /// Takes a step that was made, or soon will be, for done.

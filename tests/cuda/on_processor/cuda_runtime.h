@@ -55,14 +55,28 @@ enum cudaError_t
     cudaSuccess = 0,
     cudaErrorInvalidValue = 1,
     cudaErrorMemoryAllocation = 2,
+    cudaErrorInitializationError = 3,
     cudaErrorInsufficientDriver = 35,
+    cudaErrorDevicesUnavailable = 46,
     cudaErrorInvalidDeviceFunction = 98,
     cudaErrorNoDevice = 100,
     cudaErrorInvalidDevice = 101,
     cudaErrorNoKernelImageForDevice = 209,
+    cudaErrorECCUncorrectable = 214,
     cudaErrorUnsupportedPtxVersion = 222,
     cudaErrorInvalidResourceHandle = 400,
-    cudaErrorSystemDriverMismatch = 803
+    cudaErrorIllegalAddress = 700,
+    cudaErrorLaunchTimeout = 702,
+    cudaErrorAssert = 710,
+    cudaErrorHardwareStackError = 714,
+    cudaErrorIllegalInstruction = 715,
+    cudaErrorMisalignedAddress = 716,
+    cudaErrorInvalidAddressSpace = 717,
+    cudaErrorInvalidPc = 718,
+    cudaErrorLaunchFailure = 719,
+    cudaErrorSystemNotReady = 802,
+    cudaErrorSystemDriverMismatch = 803,
+    cudaErrorCompatNotSupportedOnDevice = 804
 };
 enum cudaMemcpyKind
 {
@@ -373,6 +387,7 @@ struct Memory
     std::mutex mutex;
     std::map<void*, std::pair<int, std::size_t>> held;
     std::size_t used[devices]{};
+    int allocations_left = -1; ///< so many more may succeed, on devices and of the host; below 0: all
     std::map<void const*, std::size_t> allowed; ///< shared memory of loops
 
     static Memory& one()
@@ -380,6 +395,8 @@ struct Memory
         static Memory memory;
         return memory;
     }
+
+    bool may_allocate() { return allocations_left != 0 && (allocations_left < 0 || allocations_left-- > 0); }
 };
 
 inline thread_local int current_device = 0;
@@ -608,7 +625,7 @@ cudaError_t cudaMalloc(T** to, std::size_t bytes)
     int const device = on_processor::current_device;
     *to = nullptr;
     if (bytes == 0) return cudaSuccess;
-    if (bytes > on_processor::Memory::total - memory.used[device])
+    if (bytes > on_processor::Memory::total - memory.used[device] || !memory.may_allocate())
         return on_processor::tell(cudaErrorMemoryAllocation);
     void* const there = std::aligned_alloc(256, (bytes + 255) / 256 * 256);
     if (there == nullptr) return on_processor::tell(cudaErrorMemoryAllocation);
@@ -633,8 +650,10 @@ inline cudaError_t cudaFree(void* there)
 }
 inline cudaError_t cudaMallocHost(void** to, std::size_t bytes)
 {
-    *to = std::malloc(bytes);
-    return cudaSuccess;
+    auto& memory = on_processor::Memory::one();
+    std::lock_guard const lock(memory.mutex);
+    *to = memory.may_allocate() ? std::malloc(bytes) : nullptr;
+    return on_processor::tell(*to == nullptr ? cudaErrorMemoryAllocation : cudaSuccess);
 }
 inline cudaError_t cudaFreeHost(void* there)
 {
