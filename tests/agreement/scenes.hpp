@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "problems/manufactured.hpp"
 #include "support/policies.hpp"
 
 #include <firn/io/checkpoint.hpp>
@@ -71,6 +72,15 @@ Outcome rotating_disk()
     double const c = std::sqrt(material.elasticity.p_wave_modulus());
     for (int i = 0; i < 100; ++i) solver.step(0.4 * h / c);
     return outcome(solver, SceneType::is_float ? 1e-5 : 1e-12);
+}
+
+/// Waves that are forced on a square, or a cube, between walls, 100 steps (case 7.5 of the validation suite).
+template <class SceneType>
+Outcome standing_waves()
+{
+    ManufacturedSolution<SceneType> waves(16);
+    for (int piece = 0; piece < waves.pieces; ++piece) waves.advance(piece, 100 / waves.pieces);
+    return outcome(waves.solver, SceneType::is_float ? 1e-5 : 1e-12);
 }
 
 /// The model of a block that vibrates, with cells for it.
@@ -188,6 +198,8 @@ std::vector<AgreementCase> agreement_cases()
     std::vector<AgreementCase> cases{
         {"disk, 2D double, fixed corotated, quadratic, MLS",
          rotating_disk<Scene<FixedCorotated<Plane>, QuadraticBSpline, Mls, Backend>>},
+        {"standing waves, 2D double, neo-Hookean, quadratic, MLS",
+         standing_waves<Scene<NeoHookean<Plane>, QuadraticBSpline, Mls, Backend>>},
         {"splash, 3D float, snow, cubic, FLIP",
          splash<Scene<Snow<SolidFloat>, CubicBSpline, Flip, Backend>>}};
 #if !defined(FIRN_TESTS_FEW_COMBINATIONS)
@@ -199,6 +211,10 @@ std::vector<AgreementCase> agreement_cases()
                       rotating_disk<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls, Backend>>},
                      {"disk, 3D double, neo-Hookean, cubic, PIC",
                       rotating_disk<Scene<NeoHookean<Solid>, CubicBSpline, Pic, Backend>>},
+                     {"standing waves, 2D float, neo-Hookean, cubic, APIC",
+                      standing_waves<Scene<NeoHookean<PlaneFloat>, CubicBSpline, Apic, Backend>>},
+                     {"standing waves, 3D float, neo-Hookean, quadratic, MLS",
+                      standing_waves<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls, Backend>>},
                      {"block, 2D double, snow, cubic, FLIP",
                       vibrating_block<Scene<Snow<Plane>, CubicBSpline, Flip, Backend>>},
                      {"block, 2D float, neo-Hookean, quadratic, PIC",

@@ -12,6 +12,6 @@ for code in sm_75 sm_80 sm_86 sm_89 sm_90 sm_100 sm_120; do
     targets+=(-gencode "arch=compute_${code#sm_},code=$code")
 done
 "$nvcc" -std=c++20 -O3 --expt-relaxed-constexpr -diag-suppress=1675,20012 -Werror=all-warnings \
-    -Werror=cross-execution-space-call --threads 0 "${targets[@]}" -I"$source/include" -I"$source/backends/cuda" \
+    -Werror=cross-execution-space-call -Xcompiler -Wall,-Werror --threads 0 "${targets[@]}" -I"$source/include" -I"$source/backends/cuda" \
     -isystem "$eigen" -c "$source/tests/cuda/architectures.cu" -o "$work/scene.o" 2>&1
 echo "compiled for ${targets[*]}"

@@ -219,6 +219,32 @@ TEST_CASE("thousands of blocks that are born at once are numbered as those that 
     CHECK(worst <= 1e-5);
 }
 
+TEST_CASE("more shared memory than a device has is an error that says how much was needed")
+{
+    CHECK_THROWS_WITH(cuda::detail::allow_shared(cuda::any_loop, 1 << 20),
+                      Contains("1048576 bytes") && Contains("shared memory is short"));
+    CHECK(cudaGetLastError() == cudaSuccess);
+}
+
+TEST_CASE("an error of CUDA's has a remedy of its own")
+{
+    auto const remedy = [](cudaError_t status) { return std::string(cuda::remedy_for(status)); };
+    CHECK_THAT(remedy(cudaErrorIllegalAddress), Contains("new process"));
+    CHECK_THAT(remedy(cudaErrorDevicesUnavailable), Contains("has the device to itself"));
+    CHECK_THAT(remedy(cudaErrorInitializationError), Contains("nvidia-smi"));
+    CHECK_THAT(remedy(cudaErrorNoKernelImageForDevice), Contains("Compile for this device"));
+}
+
+TEST_CASE("a batch of no steps, or of more than can be told of, is refused")
+{
+    for (std::size_t const batch : {std::size_t(0), Cuda::most_batch + 1, std::size_t(1) << 31})
+        CHECK_THROWS_WITH(Jelly(lattice(0.05), {}, {}, {}, Cuda{.batch = batch}),
+                          Contains("Pass a batch of"));
+    Jelly largest(lattice(0.05), {}, {}, {}, Cuda{.batch = Cuda::most_batch});
+    add_block(largest);
+    CHECK(largest.steps(3, 1e-4).size() == 3);
+}
+
 TEST_CASE("two solvers in streams of their own do not disturb each other")
 {
     cudaStream_t streams[2];

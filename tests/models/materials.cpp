@@ -106,6 +106,7 @@ TEST_CASE("parameters that make no sense are refused, with what, where and a rem
     change(Model{}, &Model::cohesion, 1e30);
     change(HerschelBulkley<Solid>{}, &HerschelBulkley<Solid>::power, 1.5);
     CHECK_THROWS_AS(friction_cone(3, 35.0), Error); // degrees
+    CHECK_THROWS_AS(friction_cone(4, 0.6), Error);
     for (double bad : {0.0, -3.0, nan, inf}) {
         CHECK_THROWS_AS(materials::water<Solid>(bad), Error);
         CHECK_THROWS_AS(materials::honey<Solid>(bad), Error);

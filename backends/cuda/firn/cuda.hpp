@@ -25,7 +25,8 @@ struct Cuda
 {
     int device = 0;                ///< as cudaGetDeviceProperties counts them
     cudaStream_t stream = nullptr; ///< of that device; it must live as long as the solver
-    std::size_t batch = 64;        ///< steps that are queued before the host listens, at most
+    std::size_t batch = 64; ///< steps that are queued before the host listens, at most: 1 to most_batch
+    static constexpr std::size_t most_batch = 65536;
     static constexpr bool reaches_host_memory = false;
     static constexpr bool queues = true; ///< loops are not through when they return
 
@@ -77,6 +78,8 @@ struct Cuda
             throw Error{"there is no CUDA device", "Cuda", "Use another backend."};
         cuda::check(status, "cudaGetDeviceCount");
         require(batch > 0, "no step would be queued", "Cuda", "Pass a batch of 1 or more.");
+        require(batch <= most_batch, "there is no room to tell of so many steps", "Cuda",
+                "Pass a batch of 65 536 or less: tens are as fast.");
         if (device < 0 || device >= devices)
             throw Error{"there is no CUDA device " + std::to_string(device), "Cuda",
                         "Pass the number of a device: there are " + std::to_string(devices) + ", from 0 on."};
@@ -328,7 +331,9 @@ private:
         auto* const loop = cuda::detail::move<CellOrder, LayerType, Phase>;
         std::size_t const shared = Tiles::bytes(true, true, teams);
         constexpr std::size_t declared = cuda::detail::declared_by_move<Result>; // grows with the obstacles
-        if (shared + declared > cuda::detail::given_shared) cuda::detail::allow_shared(loop, shared);
+        // the most that this loop is ever started with: several threads of the host may do so at a time
+        constexpr std::size_t most = Tiles::bytes(true, true, Tiles::teams(0));
+        if constexpr (most + declared > cuda::detail::given_shared) cuda::detail::allow_shared(loop, most);
         cuda::detail::Moved<typename LayerType::Number, Result> const moved{movers, cells.destinations(),
                                                                             cells.left(), results};
         cuda::detail::launch("move", queue(), loop, layer.blocks(), teams, shared, signal, phase,

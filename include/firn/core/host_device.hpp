@@ -9,9 +9,11 @@
 #endif
 
 // Before a loop over the components of vectors and matrices: unrolled, so that they are registers. Compilers
-// stop short of it where the body is long.
-#if defined(__CUDACC__)
+// stop short of it where the body is long. (What nvcc hands on to the compiler of the host has none.)
+#if defined(__CUDA_ARCH__)
 #define FIRN_UNROLL _Pragma("unroll")
+#elif defined(__CUDACC__)
+#define FIRN_UNROLL
 #elif defined(__clang__)
 #define FIRN_UNROLL _Pragma("clang loop unroll(full)")
 #elif defined(__GNUC__)
@@ -22,7 +24,7 @@
 
 // Before a loop over the nodes of a stencil: a device has no memory near enough for arrays that are indexed
 // by what is not known to the compiler, and packs would run out of registers.
-#if defined(__CUDACC__)
+#if defined(__CUDA_ARCH__)
 #define FIRN_UNROLL_ON_DEVICE _Pragma("unroll")
 #else
 #define FIRN_UNROLL_ON_DEVICE

@@ -35,8 +35,11 @@ struct NoPose
 };
 } // namespace detail
 
-/// A solid of a shape that moves and rotates as told, and acts on the grid nodes inside it (and, if asked, on
-/// the particles inside it, which closes the visible gap of about one cell that node contact leaves).
+/// A solid of a shape that moves and rotates as told, and acts on the grid nodes inside it.
+///
+/// Its surface is as sharp as a cell: material comes to rest up to 1.6 cells above it (quadratic kernels), by
+/// where it lies between nodes, and where it is pressed on goes up to a cell below. With `on_particles` it
+/// acts on particles inside it, too, and none stays there.
 ///
 /// A Shell acts on particles in any case, and keeps each on its side. It acts on nodes within half a cell of
 /// its middle at least, so that there is a layer of them to stop what comes from either side: bound to it

@@ -3,6 +3,7 @@
 
 #include <firn/effects/effect.hpp>
 #include <firn/effects/motion.hpp>
+#include <firn/math/inverse.hpp>
 
 #include <Eigen/LU>
 
@@ -73,7 +74,8 @@ struct RigidBody
         after.motion = motion.at(motion.time + dt);
         after.motion.velocity += received.impulse / mass + gravity * dt;
         double const trace = inertia.trace(); // see validate()
-        after.motion.angular_velocity = (after.world_inertia() / trace).inverse() * (spin / trace);
+        Eigen::Matrix3d const inertia_by_trace = after.world_inertia() / trace;
+        after.motion.angular_velocity = inverse<double, 3>(inertia_by_trace) * (spin / trace);
         bool const finite = after.motion.position.allFinite() && after.motion.velocity.allFinite() &&
                             after.motion.angular_velocity.allFinite() &&
                             after.motion.orientation.coeffs().allFinite();

@@ -28,6 +28,13 @@ struct Materials
 
     Materials() = default;
     Materials(First first, Rest... rest) : of(std::move(first), std::move(rest)...) {}
+    template <class... Given>
+        requires(sizeof...(Given) > 1 && sizeof...(Given) != 1 + sizeof...(Rest))
+    Materials(Given...)
+    {
+        static_assert(sizeof...(Given) == 1 + sizeof...(Rest),
+                      "pass one set of parameters for each material");
+    }
 };
 
 /// The material in this place of Materials, counted from 0.

@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstring>
 #include <span>
+#include <string>
 #include <type_traits>
 #include <utility>
 
@@ -170,8 +171,17 @@ public:
         if (count * sizeof(T) > bytes_) {
             OnDevice const here(queue_);
             release();
-            check(cudaMallocHost(&memory_, count * sizeof(T)), "cudaMallocHost");
-            bytes_ = count * sizeof(T);
+            std::size_t const bytes = count * sizeof(T);
+            cudaError_t const status = cudaMallocHost(&memory_, bytes);
+            if (status == cudaErrorMemoryAllocation) {
+                static_cast<void>(cudaGetLastError());
+                memory_ = nullptr;
+                throw Error{"the host's memory is short: " + std::to_string(bytes) +
+                                " bytes more were needed that devices can write to",
+                            "CUDA", "Queue fewer steps at a time (Cuda::batch), or free memory of the host."};
+            }
+            check(status, "cudaMallocHost");
+            bytes_ = bytes;
             std::memset(memory_, 0, bytes_);
         }
         return static_cast<T*>(memory_);

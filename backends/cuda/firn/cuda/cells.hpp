@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <bit>
 #include <chrono>
+#include <limits>
 #include <span>
 #include <utility>
 #include <vector>
@@ -431,6 +432,9 @@ private:
     void bear_blocks(std::uint32_t births)
     {
         std::uint32_t const before = blocks();
+        require(births < (std::numeric_limits<std::uint32_t>::max() - 1) / Shape::cells - before,
+                "there would have been more than 67 million blocks of cells that hold items", "CUDA",
+                "Use larger cells, or several solvers.");
         if (set_.has_room_for(births))
             set_.number(births);
         else

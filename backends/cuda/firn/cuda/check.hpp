@@ -33,10 +33,28 @@ inline char const* remedy_for(cudaError_t status)
     case cudaErrorUnsupportedPtxVersion:
     case cudaErrorInsufficientDriver:
     case cudaErrorSystemDriverMismatch:
+    case cudaErrorCompatNotSupportedOnDevice:
         return "Install a newer driver.";
-    default:
+    case cudaErrorDevicesUnavailable:
+        return "Wait for the process that has the device to itself, or change the device's compute mode.";
+    case cudaErrorInitializationError:
+    case cudaErrorSystemNotReady:
+        return "Look whether the driver runs: nvidia-smi lists its devices. (A process that was forked from "
+               "one that used them cannot.)";
+    case cudaErrorIllegalAddress:
+    case cudaErrorMisalignedAddress:
+    case cudaErrorInvalidAddressSpace:
+    case cudaErrorInvalidPc:
+    case cudaErrorIllegalInstruction:
+    case cudaErrorHardwareStackError:
+    case cudaErrorAssert:
+    case cudaErrorLaunchTimeout:
+    case cudaErrorLaunchFailure:
+    case cudaErrorECCUncorrectable:
         return "After a fault in a kernel the device serves this process no more: what was computed is lost, "
                "and only a new process can use it.";
+    default:
+        return "Look the error up among those of the CUDA runtime; the scene may be lost.";
     }
 }
 

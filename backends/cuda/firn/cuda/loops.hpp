@@ -70,7 +70,7 @@ struct SharedTiles
     /// How many teams share a block where there are so many blocks: as many threads in all as a large device
     /// has at work at once, in no more shared memory than every device has. (The same on every device, since
     /// sums are added up team by team.)
-    static unsigned teams(std::uint32_t blocks)
+    static constexpr unsigned teams(std::uint32_t blocks)
     {
         unsigned teams = most_teams;
         while (teams > 1 && (teams * blocks > 1024 || bytes(true, true, teams) > unasked_shared)) teams /= 2;
@@ -546,8 +546,15 @@ inline constexpr std::size_t declared_by_move = 2 * most_teams * sizeof(Result) 
 template <class... Parameters>
 void allow_shared(void (*loop)(Parameters...), std::size_t bytes)
 {
-    check(cudaFuncSetAttribute(loop, cudaFuncAttributeMaxDynamicSharedMemorySize, static_cast<int>(bytes)),
-          "cudaFuncSetAttribute");
+    cudaError_t const status =
+        cudaFuncSetAttribute(loop, cudaFuncAttributeMaxDynamicSharedMemorySize, static_cast<int>(bytes));
+    if (status == cudaErrorInvalidValue) {
+        static_cast<void>(cudaGetLastError());
+        throw Error{"the device's shared memory is short: " + std::to_string(bytes) +
+                        " bytes were needed, beside what a loop declares",
+                    "CUDA", "Pass fewer obstacles to a call, or use a device with more shared memory."};
+    }
+    check(status, "cudaFuncSetAttribute");
 }
 
 /// Starts a loop over blocks with its shared memory.

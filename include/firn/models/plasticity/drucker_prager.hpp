@@ -15,6 +15,8 @@ inline double friction_cone(int d, double friction_angle)
 {
     require(friction_angle >= 0 && friction_angle < 1.5707, "the angle of friction is outside [0, pi/2)",
             "friction_cone", "Pass radians, e.g. 0.61 (35 degrees) for dry sand.");
+    require(d == 2 || d == 3, "there are scenes in 2 and in 3 dimensions", "friction_cone",
+            "Pass one of these.");
     double const s = std::sin(friction_angle);
     return d == 2 ? s / std::sqrt(2.0) : std::sqrt(2.0 / 3) * 2 * s / (3 - s);
 }

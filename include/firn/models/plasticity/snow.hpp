@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/math/inverse.hpp>
 #include <firn/models/elasticity/fixed_corotated.hpp>
 
 #include <cmath>
@@ -63,7 +64,7 @@ struct SnowFlow
         // what flows is taken away: of stretches too far apart nothing but a rounding would be left
         Matrix<double, d> const F =
             Matrix<double, d>::Identity() + state[DisplacementGradient{}].template cast<double>();
-        double const apart = F.norm() * F.inverse().norm();
+        double const apart = F.norm() * inverse<double, d>(F).norm();
         bool const borne = apart * 64 * double(std::numeric_limits<Number>::epsilon()) <= 1;
         return borne ? std::string() : "elastic stretches are further apart than the scene's numbers bear";
     }
