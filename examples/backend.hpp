@@ -41,10 +41,10 @@ inline void change_backend(std::string const& wanted, char** argv)
                               : here.ends_with(end) ? here.substr(0, here.size() - end.size())
                                                     : "";
     execvp(other.c_str(), argv);
-    throw Error{"this example was not built for the backend " + wanted, "--backend",
-                (wanted == "cuda" ? "Install the CUDA toolkit 12.8 or newer, configure again, and build "
-                                  : "Build ") +
-                    std::filesystem::path(other).filename().string() + "."};
+    throw Error{
+        "this example was not built for the backend " + wanted, "--backend",
+        "Build " + std::filesystem::path(other).filename().string() +
+            (wanted == "cuda" ? ": CMake has it where it found the CUDA toolkit, 12.8 or newer." : ".")};
 }
 
 } // namespace firn::examples

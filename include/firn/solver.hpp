@@ -134,6 +134,8 @@ public:
     {
         auto const visit = entrance_.to_change("Solver::add");
         constexpr std::size_t k = Of<Which>::place;
+        static_assert(std::remove_cvref_t<decltype(*std::begin(points))>::SizeAtCompileTime == d,
+                      "points have as many coordinates as the scene has dimensions");
         hold_taken();
         std::uint32_t const first = next_id_;
         auto const added = or_break_off(
@@ -187,8 +189,11 @@ public:
         });
         if (count == 0) return 0;
         hold_taken();
-        or_break_off([&] { for_each_material([&](auto k) { particles<k>().remove(doomed[k]); }); });
-        exchange_.forget();
+        or_break_off([&] {
+            for_each_material([&](auto k) { particles<k>().remove(doomed[k]); });
+            exchange_.forget();
+            if (is_held_up()) find_bounds(); // by somebody who is gone, perhaps
+        });
         return count;
     }
 
@@ -856,6 +861,19 @@ private:
         course_.bounds = detail::bounds_of(parts_, rule_of_materials(), course_.bounds, values());
     }
 
+    /// Whether steps are less than half as long as they would be for particles at rest.
+    bool is_held_up() const
+    {
+        Rule const rule = rule_of_materials();
+        StepBounds at_rest;
+        for_each_material([&](auto k) {
+            if (particles<k>().size() == 0) return;
+            double const modulus = parts_.template response_at_rest<k>().wave_modulus;
+            rule.admit(at_rest, static_cast<int>(k), parts_.template wave_speed<k>(modulus));
+        });
+        return rule.stable(course_.bounds).dt < 0.5 * rule.stable(at_rest).dt;
+    }
+
     /// What tells a field's values of a material, by row.
     auto values() const
     {
@@ -953,7 +971,7 @@ private:
     {
         regain_velocities();
         StepFailure const failure = detail::failure_of(parts_, log, course_.time, dt);
-        detail::throw_step_error(failure, Parts::name(failure.material), d);
+        detail::throw_step_error(failure, course_.stable, Parts::name(failure.material), d);
     }
 
     detail::Entrance<typename Backend::SharedCount> entrance_;

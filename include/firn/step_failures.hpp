@@ -130,19 +130,23 @@ std::optional<StepFailure> slowest_in(Parts const& parts, Rule rule, Values cons
     return found;
 }
 
-/// Stops with a step that went wrong; `material` is what SceneParts calls that of the particle, `d` how many
-/// of its coordinates there are.
-[[noreturn]] inline void throw_step_error(StepFailure const& failure, std::string const& material, int d)
+/// Stops with a step that went wrong where the stable one is `stable` [s]; `material` is what SceneParts
+/// calls that of the particle, `d` how many of its coordinates there are.
+[[noreturn]] inline void throw_step_error(StepFailure const& failure, double stable,
+                                          std::string const& material, int d)
 {
-    std::ostringstream what, where;
+    std::ostringstream what, where, remedy;
     what << "particle " << failure.particle << material << " " << describe(failure.cause);
     if (failure.count > 1) what << ", as did " << failure.count - 1 << " more";
     where << at_place(failure.position, d) << ", in a step of " << failure.dt << " s at t = " << failure.time
           << " s";
-    throw StepError{failure, what.str(), where.str(),
-                    "The state is that of the last good step. Take a smaller step, or look at what drives "
-                    "this particle: "
-                    "obstacles that close in on it, or a material far too stiff or too soft for its speed."};
+    remedy << "The state is that of the last good step. ";
+    if (failure.dt > stable)
+        remedy << "Take a smaller step: the stable one is " << stable << " s, and advance() takes such.";
+    else
+        remedy << "Take a smaller step, or look at what drives this particle: obstacles that close in on it, "
+                  "or a material far too stiff or too soft for its speed.";
+    throw StepError{failure, what.str(), where.str(), remedy.str()};
 }
 
 /// Stops where no step gets on any more, as one that was chosen shows; `since` is for whom, if that is known,

@@ -159,6 +159,27 @@ TEMPLATE_LIST_TEST_CASE("a body flies on as if one far away had never been there
     CHECK(faster <= (TestType::is_float ? 1e-3 : 1e-10));
 }
 
+TEMPLATE_LIST_TEST_CASE("who is removed bounds no step any more", "", Cases)
+{
+    constexpr int d = TestType::d;
+    double const h = 0.05;
+    auto const make = [&] {
+        typename TestType::Solver solver(lattice(h));
+        solver.add(ball_of_points<d>(Vector<double, d>::Constant(0.213), 0.2, h), std::pow(h / 2, d));
+        return solver;
+    };
+    auto solver = make(), untouched = make();
+    Vector<double, d> v = Vector<double, d>::Zero();
+    v[0] = -1e12;
+    solver.add(std::vector<Vector<double, d>>{Vector<double, d>::Constant(-5)}, std::pow(h / 2, d), v);
+    CHECK_THROWS_WITH(solver.advance(0.01, Gravity{}), Contains("bounded by advection"));
+    CHECK(solver.remove_if(OnTheLeft{-2}) == 1);
+    CHECK(solver.bounds().speed == 0);
+    auto const here = solver.advance(0.01, Gravity{}), there = untouched.advance(0.01, Gravity{});
+    CHECK(here.substeps == there.substeps);
+    CHECK(here.smallest_dt == there.smallest_dt);
+}
+
 TEST_CASE("particles are removed by what they are as well as by where they are")
 {
     using Solver =

@@ -155,6 +155,7 @@ TEST_CASE("steps, effects and uploads that make no sense are refused, and the st
     CHECK(refused([&] { solver.steps(static_cast<std::size_t>(-1), 1e-3); }).where() == "Solver::steps");
     CHECK(solver.steps(0, 1e-3).empty());
     refused([&] { solver.step(1e-3, Gravity{{0, not_a_number, 0}}); });
+    refused([&] { solver.step(1e-3, Gravity{{0, 0, -9.81}}); }); // in the plane
     refused([&] { solver.step(1e-3, Obstacle<Sphere>{.shape = {-1}}); });
     refused([&] { solver.step(1e-3, Obstacle<Sphere>{.shape = {1}, .contact = Contact::coulomb(-0.5)}); });
     refused([&] { solver.step(1e-3, Obstacle<HalfSpace>{.shape = {{0, 2, 0}}}); });
@@ -176,6 +177,7 @@ TEST_CASE("a step that goes wrong names particle, place, time and cause, and cha
     CHECK(error.what_is_wrong().find("particle ") == 0);
     CHECK(error.where().find(" m, in a step of ") != std::string::npos);
     CHECK(error.where().find("t = ") != std::string::npos);
+    CHECK(error.remedy().find("stable one is ") != std::string::npos);
     CHECK(same(solver, untouched));
     solver.step(1e-3, Gravity{});
     CHECK(solver.time() > untouched.time());

@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#if !defined(_OPENMP)
+#error "firn/openmp.hpp needs OpenMP: link the target firn::openmp, or compile and link with -fopenmp."
+#endif
+
 #include <firn/core/error.hpp>
 #include <firn/openmp/array.hpp>
 #include <firn/openmp/cells.hpp>

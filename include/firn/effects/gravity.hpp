@@ -17,6 +17,12 @@ struct Gravity
                 "Pass it in m/s^2.");
     }
 
+    void validate_in_plane() const
+    {
+        require(acceleration.z() == 0, "gravity in a scene in two dimensions leaves the plane", "Gravity",
+                "Keep z out of its acceleration: down is -y, unless told otherwise.");
+    }
+
     /// Adds m g dt to every momentum, dt being the time for which forces act. (Not g dt to every velocity:
     /// bodies of one velocity would all round the same way, step after step.)
     template <class Number, int d>
