@@ -170,7 +170,7 @@ TEMPLATE_LIST_TEST_CASE("who is removed bounds no step any more", "", Cases)
     };
     auto solver = make(), untouched = make();
     Vector<double, d> v = Vector<double, d>::Zero();
-    v[0] = -1e12;
+    v[0] = -1e15;
     solver.add(std::vector<Vector<double, d>>{Vector<double, d>::Constant(-5)}, std::pow(h / 2, d), v);
     CHECK_THROWS_WITH(solver.advance(0.01, Gravity{}), Contains("bounded by advection"));
     CHECK(solver.remove_if(OnTheLeft{-2}) == 1);
