@@ -26,8 +26,8 @@ for program in "$@"; do
     refuses --backend --backend
     refuses --backwards --backwards
     refuses "second folder" "first folder" "second folder"
-    refuses "Install the CUDA toolkit" --backend cuda
-    refuses "build ${name}_cuda" --backend=cuda
+    refuses "Build ${name}_cuda" --backend cuda
+    refuses "found the CUDA toolkit" --backend=cuda
     timeout 60 "./$name" --help >said 2>&1 || fail "$name --help fails."
     grep -q -- --backend said || fail "$name --help does not say that there is a choice of backends."
 
