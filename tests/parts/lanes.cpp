@@ -297,6 +297,67 @@ TEMPLATE_LIST_TEST_CASE("The first numbers alone are loaded and stored", "", Pac
     }
 }
 
+TEMPLATE_LIST_TEST_CASE("Lanes are put side by side and back by every pattern", "", Packs)
+{
+    using Number = typename TestType::Number;
+    constexpr int width = TestType::width;
+    Number numbers[width], found[width];
+    std::uint32_t counts[width];
+    for (int l = 0; l < width; ++l) numbers[l] = Number(l + 1);
+    auto const pack = TestType::load(numbers);
+    int wrong = 0;
+    for (std::uint64_t pattern = 0; pattern < std::uint64_t{1} << width; ++pattern) {
+        std::vector<std::uint32_t> places, together(width, 0);
+        for (int l = 0; l < width; ++l) {
+            counts[l] = (pattern >> l) & 1 ? 0xffffffffu : std::uint32_t(l);
+            if ((pattern >> l) & 1) places.push_back(std::uint32_t(l));
+        }
+        int const count = static_cast<int>(places.size());
+        wrong += bits(Mask<TestType>::from_bits(pattern)) != pattern;
+        wrong += openmp::lanes_above<width>(counts, width) != pattern;
+        pack.compressed(pattern).store(found);
+        for (int l = 0; l < width; ++l) wrong += found[l] != (l < count ? numbers[places[l]] : Number(0));
+        pack.expanded(pattern).store(found);
+        for (int n = 0; n < count; ++n) wrong += found[places[n]] != numbers[n];
+        for (int l = 0; l < width; ++l) wrong += ((pattern >> l) & 1) == 0 && found[l] != 0;
+
+        std::uint32_t lanes[width], back[width];
+        for (int l = 0; l < width; ++l) lanes[l] = std::uint32_t(l);
+        openmp::compress<width>(lanes, pattern, together.data());
+        for (int l = 0; l < width; ++l) wrong += together[l] != (l < count ? places[l] : 0);
+        openmp::expand<width>(together.data(), pattern, back);
+        for (int n = 0; n < count; ++n) wrong += back[places[n]] != places[n];
+        for (int n = 0; n < count; ++n) wrong += openmp::bit_place(pattern, n) != int(places[n]);
+    }
+    CHECK(wrong == 0);
+}
+
+TEMPLATE_LIST_TEST_CASE("Numbers are read from places in runs, with gaps and anywhere", "", Packs)
+{
+    using Number = typename TestType::Number;
+    constexpr int width = TestType::width;
+    std::vector<Number> array(1000 + 2 * width);
+    std::vector<std::conditional_t<sizeof(Number) == 4, std::int32_t, std::int64_t>> integers(array.size());
+    for (std::size_t i = 0; i < array.size(); ++i) array[i] = Number(i), integers[i] = -std::int64_t(i);
+    std::mt19937 random(7);
+    openmp::RunsOfPlaces<TestType> reader;
+    int wrong = 0;
+    for (int trial = 0; trial < 20000; ++trial) {
+        std::uint32_t places[width];
+        auto const gap = random() % 4;
+        std::uint32_t place = random() % (1000 - 5 * width);
+        for (auto& each : places) each = gap == 3 ? random() % 1000 : place += 1 + random() % (gap + 1);
+        reader.follow(places);
+        Number found[width];
+        std::decay_t<decltype(integers[0])> copied[width];
+        reader.load(array.data()).store(found);
+        reader.copy(integers.data(), copied);
+        for (int l = 0; l < width; ++l)
+            wrong += found[l] != Number(places[l]) || copied[l] != -std::int64_t(places[l]);
+    }
+    CHECK(wrong == 0);
+}
+
 TEMPLATE_LIST_TEST_CASE("A pack is a scalar of Eigen, and mixes with plain numbers", "", Packs)
 {
     using N = Scalar<TestType>;

@@ -4,6 +4,7 @@
 #include <firn/core/lane.hpp>
 #include <firn/core/space.hpp>
 
+#include <array>
 #include <bit>
 #include <concepts>
 #include <cstdint>
@@ -65,6 +66,104 @@ std::uint64_t number_of(Register mask)
 }
 #endif
 
+#if defined(__AVX2__) && !defined(__AVX512VL__)
+/// What AVX2 has instead of instructions that compress and expand: tables of where each word of 32 bits comes
+/// from, by the pattern of lanes; -1 for a zero. A lane is one word or two.
+template <int words>
+struct WordsByPattern
+{
+    static constexpr int lanes = 8 / words;
+    using Words = std::array<signed char, 8>;
+
+    std::array<Words, 1 << lanes> together; ///< the lanes of the pattern side by side
+    std::array<Words, 1 << lanes> apart;    ///< lanes that lie side by side, in the lanes of the pattern
+
+    constexpr WordsByPattern() : together{}, apart{}
+    {
+        for (unsigned pattern = 0; pattern < 1u << lanes; ++pattern) {
+            for (int word = 0; word < 8; ++word) together[pattern][word] = apart[pattern][word] = -1;
+            int count = 0;
+            for (int lane = 0; lane < lanes; ++lane) {
+                if (((pattern >> lane) & 1) == 0) continue;
+                for (int word = 0; word < words; ++word) {
+                    together[pattern][count * words + word] = static_cast<signed char>(lane * words + word);
+                    apart[pattern][lane * words + word] = static_cast<signed char>(count * words + word);
+                }
+                ++count;
+            }
+        }
+    }
+};
+template <int words>
+inline constexpr WordsByPattern<words> words_by_pattern;
+
+/// The words of a register from where a table says.
+inline __m256 moved(__m256 words, std::array<signed char, 8> const& from)
+{
+    __m256i const places =
+        _mm256_cvtepi8_epi32(_mm_loadl_epi64(reinterpret_cast<__m128i const*>(from.data())));
+    return _mm256_blendv_ps(_mm256_permutevar8x32_ps(words, places), _mm256_setzero_ps(),
+                            _mm256_castsi256_ps(places));
+}
+
+/// Eight words, whatever they are of.
+inline __m256 load_words(void const* from)
+{
+    return _mm256_castsi256_ps(_mm256_loadu_si256(static_cast<__m256i const*>(from)));
+}
+inline void store_words(__m256 words, void* to)
+{
+    _mm256_storeu_si256(static_cast<__m256i*>(to), _mm256_castps_si256(words));
+}
+
+/// The first `count` words at `from`, and zeros. In the parts in which they are stored:
+/// what was stored a moment ago in other ones would have to reach the cache before it is loaded.
+inline __m256 load_first_words(int count, void const* from)
+{
+    if (count == 8) return load_words(from);
+    auto const* next = static_cast<char const*>(from);
+    __m128i first = _mm_setzero_si128(), rest = first;
+    if ((count & 4) != 0) {
+        first = _mm_loadu_si128(reinterpret_cast<__m128i const*>(next));
+        next += 16;
+    }
+    if ((count & 2) != 0) {
+        rest = _mm_loadl_epi64(reinterpret_cast<__m128i const*>(next));
+        next += 8;
+    }
+    if ((count & 1) != 0) {
+        int word;
+        std::memcpy(&word, next, 4);
+        __m128i const last = _mm_cvtsi32_si128(word);
+        rest = (count & 2) != 0 ? _mm_unpacklo_epi64(rest, last) : last;
+    }
+    bool const is_long = (count & 4) != 0;
+    return _mm256_castsi256_ps(_mm256_set_m128i(is_long ? rest : first, is_long ? first : rest));
+}
+
+/// Writes the first `count` words and nothing behind.
+inline void store_first_words(__m256 words, int count, void* to)
+{
+    if (count == 8) return store_words(words, to);
+    auto* next = static_cast<char*>(to);
+    __m128i part = _mm_castps_si128(_mm256_castps256_ps128(words));
+    if ((count & 4) != 0) {
+        _mm_storeu_si128(reinterpret_cast<__m128i*>(next), part);
+        next += 16;
+        part = _mm_castps_si128(_mm256_extractf128_ps(words, 1));
+    }
+    if ((count & 2) != 0) {
+        _mm_storel_epi64(reinterpret_cast<__m128i*>(next), part);
+        next += 8;
+        part = _mm_unpackhi_epi64(part, part);
+    }
+    if ((count & 1) != 0) {
+        int const word = _mm_cvtsi128_si32(part);
+        std::memcpy(next, &word, 4);
+    }
+}
+#endif
+
 /// One truth value per number of a pack. It does not convert to bool, so that `if (mask)` does not compile:
 /// use select(), any(), all() or bits().
 template <class Number, class Arch>
@@ -111,6 +210,18 @@ struct PackMask
     {
         if constexpr (std::derived_from<Arch, xsimd::avx512f>)
             return {Batch(static_cast<typename Batch::register_type>(pattern))};
+#if defined(__AVX2__)
+        else if constexpr (width == 8) {
+            __m256i const bit = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+            __m256i const here = _mm256_and_si256(_mm256_set1_epi32(static_cast<int>(pattern)), bit);
+            return {Batch(_mm256_castsi256_ps(_mm256_cmpeq_epi32(here, bit)))};
+        }
+        else if constexpr (width * sizeof(Number) == 32) {
+            __m256i const bit = _mm256_setr_epi64x(1, 2, 4, 8);
+            __m256i const here = _mm256_and_si256(_mm256_set1_epi64x(static_cast<long long>(pattern)), bit);
+            return {Batch(_mm256_castsi256_pd(_mm256_cmpeq_epi64(here, bit)))};
+        }
+#endif
         else {
             // Powers of two up to 2^width are exact numbers, so this needs no integers, which some
             // instruction sets compare slowly.
@@ -156,6 +267,8 @@ struct Pack
             return Pack(Batch(_mm512_maskz_loadu_pd(static_cast<__mmask8>(first), from)));
         else if constexpr (sizeof(Number) == 8 && width == 4)
             return Pack(Batch(_mm256_maskz_loadu_pd(static_cast<__mmask8>(first), from)));
+#elif defined(__AVX2__)
+        if constexpr (is_eight_words) return of_words(load_first_words(count * words, from));
 #endif
         alignas(64) Number lanes[width]{};
         for (int i = 0; i < count; ++i) lanes[i] = from[i];
@@ -175,6 +288,8 @@ struct Pack
             return _mm512_mask_storeu_pd(to, static_cast<__mmask8>(first), value.data);
         else if constexpr (sizeof(Number) == 8 && width == 4)
             return _mm256_mask_storeu_pd(to, static_cast<__mmask8>(first), value.data);
+#elif defined(__AVX2__)
+        if constexpr (is_eight_words) return store_first_words(as_words(), count * words, to);
 #endif
         alignas(64) Number lanes[width];
         value.store_aligned(lanes);
@@ -205,6 +320,9 @@ struct Pack
             else if constexpr (width == 4)
                 return Pack(Batch(_mm256_maskz_compress_pd(static_cast<__mmask8>(pattern), value.data)));
         }
+#elif defined(__AVX2__)
+        if constexpr (is_eight_words)
+            return of_words(moved(as_words(), words_by_pattern<words>.together[pattern]));
 #endif
         alignas(64) Number from[width], to[width] = {};
         value.store_aligned(from);
@@ -228,6 +346,9 @@ struct Pack
             else if constexpr (width == 4)
                 return Pack(Batch(_mm256_maskz_expand_pd(static_cast<__mmask8>(pattern), value.data)));
         }
+#elif defined(__AVX2__)
+        if constexpr (is_eight_words)
+            return of_words(moved(as_words(), words_by_pattern<words>.apart[pattern]));
 #endif
         alignas(64) Number from[width], to[width] = {};
         value.store_aligned(from);
@@ -308,6 +429,26 @@ struct Pack
     }
 
 private:
+#if defined(__AVX2__) && !defined(__AVX512VL__)
+    static constexpr int words = sizeof(Number) / 4; ///< of 32 bits in a lane
+    static constexpr bool is_eight_words = width * words == 8;
+
+    __m256 as_words() const
+    {
+        if constexpr (words == 1)
+            return value.data;
+        else
+            return _mm256_castpd_ps(value.data);
+    }
+    static Pack of_words(__m256 all)
+    {
+        if constexpr (words == 1)
+            return Pack(Batch(all));
+        else
+            return Pack(Batch(_mm256_castps_pd(all)));
+    }
+#endif
+
     template <int... place, int first>
     static Pack window_of(Pack low, Pack high, std::integer_sequence<int, place...>,
                           std::integral_constant<int, first>)
@@ -386,15 +527,19 @@ class RunsOfPlaces
     using Number = typename Pack::Number;
     using Mask = typename Pack::Mask;
     static constexpr int width = Pack::width;
-    static constexpr bool has_permutation = width * sizeof(Number) >= 32; // with AVX-512 VL
+#if defined(__AVX512VL__)
+    static constexpr bool has_permutation = width * sizeof(Number) >= 32;
+#elif defined(__AVX2__)
+    static constexpr bool has_permutation = width * sizeof(Number) == 32;
+#else
+    static constexpr bool has_permutation = false;
+#endif
 
 public:
     void follow(std::uint32_t const (&places)[width])
     {
         places_ = places;
-#if defined(__AVX512VL__)
         if constexpr (has_permutation) return find_windows();
-#endif
         in_order_ = true;
         for (int l = 0; l < width; ++l) in_order_ &= places[l] == places[0] + std::uint32_t(l);
     }
@@ -402,17 +547,17 @@ public:
     Pack load(Number const* array) const
     {
         if (in_order_) return Pack::load(array + places_[0]);
-#if defined(__AVX512VL__)
         if constexpr (has_permutation) {
             Pack result = permuted(array + window_[0]);
             for (int w = 1; w < windows_; ++w)
                 result = select(mask_[w], permuted(array + window_[w]), result);
             return result;
         }
-#endif
-        Number values[width];
-        for (int l = 0; l < width; ++l) values[l] = array[places_[l]];
-        return Pack::load(values);
+        else {
+            Number values[width];
+            for (int l = 0; l < width; ++l) values[l] = array[places_[l]];
+            return Pack::load(values);
+        }
     }
 
     /// The same of an array of integers as wide as Number.
@@ -429,13 +574,28 @@ private:
     std::uint32_t const* places_ = nullptr;
     bool in_order_ = false;
 
-#if defined(__AVX512VL__)
-    using Integer = std::conditional_t<sizeof(Number) == 4, std::int32_t, std::int64_t>;
-    using Steps = typename xsimd::batch<Integer, typename Pack::Arch>::register_type;
-
     int windows_ = 0;
     std::uint32_t window_[width];
     Mask mask_[width];
+
+    /// Lays windows until they cover all lanes; `lay(where, which lanes are left)` says which one covers.
+    template <class Lay>
+    void cover(Lay const& lay)
+    {
+        windows_ = 0;
+        for (std::uint64_t rest = (std::uint64_t{1} << width) - 1; rest != 0; ++windows_) {
+            auto const place = places_[std::countr_zero(rest)];
+            std::uint32_t const window = place > width / 2 ? place - width / 2 : 0;
+            std::uint64_t const here = lay(window, rest);
+            window_[windows_] = window;
+            mask_[windows_] = Mask::from_bits(here);
+            rest &= ~here;
+        }
+    }
+
+#if defined(__AVX512VL__)
+    using Integer = std::conditional_t<sizeof(Number) == 4, std::int32_t, std::int64_t>;
+    using Steps = typename xsimd::batch<Integer, typename Pack::Arch>::register_type;
     Steps steps_; ///< from the lane's window to its place
 
     void find_windows()
@@ -481,29 +641,6 @@ private:
         }
     }
 
-    __m256i load_places() const
-    {
-        if constexpr (width == 8)
-            return _mm256_loadu_si256(reinterpret_cast<__m256i const*>(places_));
-        else
-            return _mm256_castsi128_si256(_mm_loadu_si128(reinterpret_cast<__m128i const*>(places_)));
-    }
-
-    /// Lays windows until they cover all lanes; `lay(where, which lanes are left)` says which one covers.
-    template <class Lay>
-    void cover(Lay const& lay)
-    {
-        windows_ = 0;
-        for (std::uint64_t rest = (std::uint64_t{1} << width) - 1; rest != 0; ++windows_) {
-            auto const place = places_[std::countr_zero(rest)];
-            std::uint32_t const window = place > width / 2 ? place - width / 2 : 0;
-            std::uint64_t const here = lay(window, rest);
-            window_[windows_] = window;
-            mask_[windows_] = Mask::from_bits(here);
-            rest &= ~here;
-        }
-    }
-
     Pack permuted(Number const* from) const
     {
         auto const low = Pack::load(from).value.data, high = Pack::load(from + width).value.data;
@@ -516,6 +653,66 @@ private:
             return Pack(Batch(_mm512_permutex2var_pd(low, steps_, high)));
         else
             return Pack(Batch(_mm256_permutex2var_pd(low, steps_, high)));
+    }
+#elif defined(__AVX2__)
+    __m256i steps_; ///< of words, from the lane's window to its place
+
+    void find_windows()
+    {
+        __m256i const places = load_places();
+        __m256i const counted = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
+        in_order_ = lanes_of(_mm256_cmpeq_epi32(from_window(places, places_[0]), counted)) == all;
+        if (in_order_) return;
+        __m256i steps = _mm256_setzero_si256();
+        cover([&](std::uint32_t window, std::uint64_t rest) {
+            __m256i const step = from_window(places, window);
+            __m256i const beyond = _mm256_and_si256(step, _mm256_set1_epi32(-2 * width));
+            auto const here = lanes_of(_mm256_cmpeq_epi32(beyond, _mm256_setzero_si256())) & rest;
+            __m256i const bit = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+            __m256i const lanes = _mm256_and_si256(_mm256_set1_epi32(static_cast<int>(here)), bit);
+            steps = _mm256_blendv_epi8(steps, step, _mm256_cmpeq_epi32(lanes, bit));
+            return here;
+        });
+        if constexpr (sizeof(Number) == 4)
+            steps_ = steps;
+        else { // two words each
+            __m256i const first = _mm256_slli_epi64(_mm256_cvtepu32_epi64(_mm256_castsi256_si128(steps)), 1);
+            __m256i const second = _mm256_add_epi64(first, _mm256_set1_epi64x(1));
+            steps_ = _mm256_or_si256(first, _mm256_slli_epi64(second, 32));
+        }
+    }
+
+    static constexpr std::uint64_t all = (1u << width) - 1;
+    static __m256i from_window(__m256i places, std::uint32_t window)
+    {
+        return _mm256_sub_epi32(places, _mm256_set1_epi32(static_cast<int>(window)));
+    }
+    static std::uint64_t lanes_of(__m256i words)
+    {
+        return static_cast<unsigned>(_mm256_movemask_ps(_mm256_castsi256_ps(words))) & all;
+    }
+
+    Pack permuted(Number const* from) const
+    {
+        __m256 const low = _mm256_permutevar8x32_ps(load_words(from), steps_);
+        __m256 const high = _mm256_permutevar8x32_ps(load_words(from + width), steps_);
+        // a step from 8 on is one into the second register: its bit 3 becomes the sign
+        __m256 const found = _mm256_blendv_ps(low, high, _mm256_castsi256_ps(_mm256_slli_epi32(steps_, 28)));
+        using Batch = typename Pack::Batch;
+        if constexpr (sizeof(Number) == 4)
+            return Pack(Batch(found));
+        else
+            return Pack(Batch(_mm256_castps_pd(found)));
+    }
+#endif
+
+#if defined(__AVX2__)
+    __m256i load_places() const
+    {
+        if constexpr (width == 8)
+            return _mm256_loadu_si256(reinterpret_cast<__m256i const*>(places_));
+        else
+            return _mm256_castsi128_si256(_mm_loadu_si128(reinterpret_cast<__m128i const*>(places_)));
     }
 #endif
 };
@@ -586,6 +783,18 @@ std::uint64_t lanes_above(std::uint32_t const* counts, std::uint32_t rank)
     if constexpr (lanes == 8)
         return number_of(_mm256_cmpgt_epu32_mask(_mm256_loadu_si256(reinterpret_cast<__m256i const*>(counts)),
                                                  _mm256_set1_epi32(static_cast<int>(rank))));
+#elif defined(__AVX2__) && defined(FIRN_HAS_XSIMD)
+    // above as a number without a sign: at least one more
+    if constexpr (lanes == 8) {
+        __m256i const all = _mm256_loadu_si256(reinterpret_cast<__m256i const*>(counts));
+        __m256i const more = _mm256_max_epu32(all, _mm256_set1_epi32(static_cast<int>(rank + 1)));
+        return static_cast<unsigned>(_mm256_movemask_ps(_mm256_castsi256_ps(_mm256_cmpeq_epi32(all, more))));
+    }
+    if constexpr (lanes == 4) {
+        __m128i const all = _mm_loadu_si128(reinterpret_cast<__m128i const*>(counts));
+        __m128i const more = _mm_max_epu32(all, _mm_set1_epi32(static_cast<int>(rank + 1)));
+        return static_cast<unsigned>(_mm_movemask_ps(_mm_castsi128_ps(_mm_cmpeq_epi32(all, more))));
+    }
 #endif
     std::uint64_t pattern = 0;
     for (int l = 0; l < lanes; ++l) pattern |= std::uint64_t(counts[l] > rank) << l;
@@ -617,6 +826,9 @@ void expand(std::uint32_t const* from, std::uint64_t pattern, std::uint32_t* to)
             reinterpret_cast<__m256i*>(to),
             _mm256_maskz_expand_epi32(static_cast<__mmask8>(pattern),
                                       _mm256_loadu_si256(reinterpret_cast<__m256i const*>(from))));
+#elif defined(__AVX2__) && defined(FIRN_HAS_XSIMD)
+    if constexpr (lanes == 8)
+        return store_words(moved(load_words(from), words_by_pattern<1>.apart[pattern]), to);
 #endif
     for (; pattern != 0; pattern &= pattern - 1) to[std::countr_zero(pattern)] = *from++;
 }
@@ -637,6 +849,11 @@ void compress(std::uint32_t const* from, std::uint64_t pattern, std::uint32_t* t
             to, static_cast<__mmask8>(together),
             _mm256_maskz_compress_epi32(static_cast<__mmask8>(pattern),
                                         _mm256_loadu_si256(reinterpret_cast<__m256i const*>(from))));
+#elif defined(__AVX2__) && defined(FIRN_HAS_XSIMD)
+    if constexpr (lanes == 8) {
+        __m256 const together = moved(load_words(from), words_by_pattern<1>.together[pattern]);
+        return store_first_words(together, std::popcount(pattern), to);
+    }
 #endif
     for (; pattern != 0; pattern &= pattern - 1) *to++ = from[std::countr_zero(pattern)];
 }
