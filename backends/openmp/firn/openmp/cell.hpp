@@ -276,30 +276,52 @@ class MovingItems : public Items<Lane, CellOrder, d>
     using Base = Items<Lane, CellOrder, d>;
 
 public:
-    MovingItems(CellOrder& cells, std::size_t block, Scratch<typename Base::Number, Base::lanes>& scratch)
-        : Base(cells, block, scratch), departures_(cells.departures(block))
+    using typename Base::Number, typename Base::Offset;
+
+    MovingItems(CellOrder& cells, std::size_t block, Scratch<Number, Base::lanes>& scratch,
+                typename CellOrder::Leavers& leavers)
+        : Base(cells, block, scratch), departures_(cells.departures(block)), leavers_(leavers)
     {}
 
+    /// As Items do it; called for one axis after the other.
+    Mask<Lane> move_offset(Offset const* from, Offset* to, Lane const& displacement, Lane& value) const
+    {
+        moved_[axis_] = to;
+        axis_ = (axis_ + 1) % d;
+        return Base::move_offset(from, to, displacement, value);
+    }
+
     /// Notes that some items have left their cells, and takes away what they keep to give: all but the first
-    /// `zero_from` of `kept` channels become zero.
+    /// `zero_from` of `kept` channels become zero. The first of these are the offset, which is that in the
+    /// new cell from now on.
     void depart(Mask<Lane> const& which, int zero_from, int kept)
     {
         std::uint64_t rest = bits(which);
-        auto at = departures_.given.size();
-        departures_.given.resize(at + static_cast<std::size_t>(std::popcount(rest) * kept));
-        for (; rest != 0; rest &= rest - 1) {
+        auto at = leavers_.given.size();
+        leavers_.given.resize(at + static_cast<std::size_t>(std::popcount(rest) * kept));
+        for (; rest != 0; rest &= rest - 1, at += static_cast<std::size_t>(kept)) {
             int const lane = std::countr_zero(rest);
-            departures_.slots.push_back(static_cast<std::uint32_t>(this->slot_ + lane));
+            std::size_t const slot = this->slot_ + static_cast<std::size_t>(lane);
+            departures_.slots.push_back(static_cast<std::uint32_t>(slot));
             for (int c = 0; c < kept; ++c) {
-                auto& value = *this->scratch_.at(c, this->item_ + lane);
-                departures_.given[at++] = value;
+                auto& value = *this->scratch_.at(c, this->item_ + static_cast<std::size_t>(lane));
+                leavers_.given[at + static_cast<std::size_t>(c)] = value;
                 if (c >= zero_from) value = 0;
+            }
+            auto& steps = leavers_.steps.emplace_back();
+            for (int a = 0; a < d; ++a) {
+                Offset offset = moved_[a][slot];
+                steps[a] = static_cast<signed char>(CellOffset<Number>::wrap(offset));
+                leavers_.given[at + static_cast<std::size_t>(a)] = CellOffset<Number>::value(offset);
             }
         }
     }
 
 private:
     typename CellOrder::Departures& departures_;
+    typename CellOrder::Leavers& leavers_;
+    mutable Offset* moved_[d]{}; ///< where offsets were written, along each axis
+    mutable int axis_ = 0;
 };
 
 /// A group of neighbouring cells as a phase sees it: lane l is cell l. It goes through the items of its cells

@@ -13,9 +13,9 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
-#include <numeric>
 #include <omp.h>
 #include <span>
+#include <utility>
 #include <vector>
 
 namespace firn::openmp
@@ -45,14 +45,16 @@ public:
         std::uint32_t begin = 0, end = 0; ///< its slots
     };
 
-    /// Items of a block that have left their cells since the last follow(): their slots in rising order, and
-    /// what each of them gives to the grid, its offset from the centre of its cell first; the loops that move
-    /// items write this.
+    /// Items of a block that have left their cells since the last follow(); the loops that move items write
+    /// this.
     struct Departures
     {
-        std::vector<std::uint32_t> slots;
-        std::vector<Number> given;
+        std::vector<std::uint32_t> slots;  ///< in rising order
+        std::vector<std::uint16_t> places; ///< of each: its cell now, or elsewhere
+        std::vector<Number> given;         ///< by those that went elsewhere, see Mover
     };
+    /// Instead of a cell of the block: listed as one that comes to a block, another one or the same.
+    static constexpr std::uint16_t elsewhere = 0xffff;
 
     /// An item that has changed its cell.
     struct Mover
@@ -60,6 +62,22 @@ public:
         std::uint32_t source; ///< where the item lies
         std::uint16_t place;  ///< its cell now
         Number const* given;  ///< what it gives, its offset in the new cell first
+    };
+
+    /// Those that have left their cells in one block, while it is being worked on.
+    struct Leavers
+    {
+        std::vector<std::array<signed char, d>> steps; ///< cells along the axes; as Departures::slots
+        std::vector<Number> given;                     ///< the same, see Mover
+        std::vector<Mover> inside;                     ///< who goes to another cell of the block
+        std::vector<Mover> in_order;                   ///< the same in the order of cells
+
+        void start()
+        {
+            steps.clear();
+            given.clear();
+            inside.clear();
+        }
     };
 
     /// `backend` says how many threads work.
@@ -88,8 +106,13 @@ public:
     {
         return group + 1 < Shape::groups ? group_begin(block, group + 1) : blocks_[block].end;
     }
-    /// The items of a block that were in another cell before the last follow(), in the order of their cells.
-    std::span<Mover const> movers(std::size_t block) const { return movers_[block]; }
+    /// The items of a block that have come to it in the last follow() and not yet given, in the order of
+    /// their cells.
+    std::span<Mover const> movers(std::size_t block) const
+    {
+        return std::span(arrivals_).subspan(arrival_begin_[block],
+                                            arrival_begin_[block + 1] - arrival_begin_[block]);
+    }
     Departures& departures(std::size_t block) { return departures_[block]; }
     /// The block's index before the last follow(), or absent.
     int old_block(std::size_t block) const { return old_block_[block]; }
@@ -110,12 +133,10 @@ public:
     std::size_t memory() const
     {
         auto const of = [](auto const& list) { return list.capacity() * sizeof(list[0]); };
-        std::size_t lists = of(blocks_) + of(arrivals_) + of(stay_) + of(old_block_) + of(arrival_begin_);
+        std::size_t lists =
+            of(blocks_) + of(arrivals_) + of(stay_) + of(old_block_) + of(block_now_) + of(arrival_begin_);
         for (auto const& list : leavers_) lists += of(list);
-        for (auto const& list : inside_) lists += of(list);
-        for (auto const& list : movers_) lists += of(list);
-        for (auto const& list : left_) lists += of(list);
-        for (auto const& [slots, given] : departures_) lists += of(slots) + of(given);
+        for (auto const& [slots, places, given] : departures_) lists += of(slots) + of(places) + of(given);
         return lists + source_.memory() + new_source_.memory() + counts_.memory() + new_counts_.memory() +
                group_begin_.memory() + new_group_begin_.memory() + map_.memory();
     }
@@ -134,38 +155,32 @@ public:
     /// Adds items that lie at first, first + 1, … in the given cells.
     void insert(std::span<Coordinates<d> const> cells, std::uint32_t first)
     {
-        prepare_lists();
+        expect_departures();
         for (std::size_t i = 0; i < cells.size(); ++i)
-            leavers_.back().push_back(item_in(cells[i], static_cast<std::uint32_t>(first + i), nullptr));
-        for (std::size_t b = 0; b < blocks_.size(); ++b) {
-            departures_[b].slots.clear();
-            stay_[b] = blocks_[b].end - blocks_[b].begin;
-        }
+            leavers_.back().push_back(item_in(cells[i], static_cast<std::uint32_t>(first + i)));
         rearrange(size() + cells.size());
         // Every new item was in these lists; they need not stay so large.
         leavers_.clear();
         leavers_.shrink_to_fit();
         arrivals_.clear();
         arrivals_.shrink_to_fit();
-        for (auto& list : movers_) std::vector<Mover>().swap(list);
+        arrival_begin_.assign(blocks_.size() + 1, 0);
     }
 
     /// Forgets the items for which `gone[where it lies]` is not 0, `kept` being the others, which will lie at
     /// `place[where it lies]`; they keep the order of ranks but for holes, which the last of a cell fill.
     void erase(unsigned char const* gone, std::uint32_t const* place, std::size_t kept)
     {
-        prepare_lists();
-        for (std::size_t b = 0; b < blocks_.size(); ++b) {
-            departures_[b].slots.clear();
+        expect_departures();
+        for (std::size_t b = 0; b < blocks_.size(); ++b)
             for (int group = 0; group < Shape::groups; ++group)
-                for_each_rank(b, group, [&](std::uint32_t slot, std::uint32_t rank, std::uint64_t pattern) {
+                for_each_rank(b, group, [&](std::uint32_t slot, std::uint32_t, std::uint64_t pattern) {
                     for (; pattern != 0; pattern &= pattern - 1, ++slot)
-                        if (gone[source(slot)])
-                            left_[b].push_back({rank, static_cast<std::uint16_t>(group * lanes +
-                                                                                 std::countr_zero(pattern))});
+                        if (gone[source(slot)]) {
+                            departures_[b].slots.push_back(slot);
+                            departures_[b].places.push_back(elsewhere);
+                        }
                 });
-            stay_[b] = static_cast<std::uint32_t>(blocks_[b].end - blocks_[b].begin - left_[b].size());
-        }
         rearrange(kept);
         for (std::size_t slot = 0; slot < kept; ++slot) source_[slot] = place[source_[slot]];
     }
@@ -174,20 +189,82 @@ public:
     /// (see settle).
     void follow(std::array<Offset*, d> const& offset)
     {
-        prepare_lists();
-        int const count = static_cast<int>(blocks_.size());
-        share(threads_, count, 16, [&] { return [&](int b) { find_new_cells(b, offset); }; });
+        share(threads_, static_cast<int>(blocks_.size()), 16, [&] {
+            return [&](int b) {
+                for (std::uint32_t const slot : departures_[b].slots)
+                    for (int a = 0; a < d; ++a) CellOffset<Number>::wrap(offset[a][slot]);
+                // the list of what they give does not grow any more
+                std::size_t const count = leavers_[b].size();
+                std::size_t const channels = count == 0 ? 0 : departures_[b].given.size() / count;
+                for (std::size_t i = 0; i < count; ++i)
+                    leavers_[b][i].given = departures_[b].given.data() + i * channels;
+            };
+        });
         rearrange(size());
+    }
+
+    /// Finds where those go that have left the cells of a group. Groups come one after the other.
+    void find_new_cells(std::size_t b, int group, Leavers& leavers)
+    {
+        Departures& departures = departures_[b];
+        std::size_t i = departures.places.size();
+        std::size_t const count = departures.slots.size();
+        if (i == count) return;
+        for_each_rank(b, group, [&](std::uint32_t first, std::uint32_t, std::uint64_t pattern) {
+            std::uint32_t const end = first + static_cast<std::uint32_t>(std::popcount(pattern));
+            for (; i < count && departures.slots[i] < end; ++i) {
+                std::uint32_t const slot = departures.slots[i];
+                int const place = group * lanes + bit_place(pattern, slot - first);
+                Coordinates<d> cell = cell_at(blocks_[b].coordinates, place);
+                for (int a = 0; a < d; ++a) cell[a] += leavers.steps[i][a];
+                Item const item = item_in(cell, slot);
+                bool const is_inside = item.block == blocks_[b].coordinates;
+                departures.places.push_back(is_inside ? item.place : elsewhere);
+                if (is_inside)
+                    leavers.inside.push_back(item);
+                else
+                    leave(b, item, i, leavers);
+            }
+        });
+    }
+
+    /// Those of a block that are to give at once, in the order of their cells, when it is known where all of
+    /// them go: who goes to another cell of the block, if they are many. Nothing need be kept of them but
+    /// where they went. A few give together with those who come from other blocks, which takes less time.
+    std::span<Mover const> give_at_once(std::size_t b, Leavers& leavers)
+    {
+        Departures& departures = departures_[b];
+        bool const are_many = leavers.inside.size() * share_to_keep > blocks_[b].end - blocks_[b].begin;
+        std::size_t const channels =
+            leavers.inside.empty() ? 0 : leavers.given.size() / departures.slots.size();
+        std::size_t i = 0;
+        for (Mover& mover : leavers.inside) {
+            while (departures.places[i] == elsewhere) ++i;
+            if (are_many)
+                mover.given = leavers.given.data() + i * channels;
+            else {
+                departures.places[i] = elsewhere;
+                leave(b, {mover, blocks_[b].coordinates}, i, leavers);
+            }
+            ++i;
+        }
+        if (!are_many) return {};
+        std::array<std::uint32_t, Shape::cells> counts{};
+        sort_by_cell(leavers.inside, leavers.in_order, counts);
+        return leavers.in_order;
     }
 
     /// Forgets departures: those that follow are written by a loop that moves items.
     void expect_departures()
     {
         departures_.resize(blocks_.size());
-        for (auto& [slots, given] : departures_) {
+        for (auto& [slots, places, given] : departures_) {
             slots.clear();
+            places.clear();
             given.clear();
         }
+        leavers_.resize(blocks_.size() + 1);
+        for (auto& list : leavers_) list.clear();
     }
 
     /// Says that all items now lie at their slots.
@@ -224,20 +301,15 @@ private:
     struct Item : Mover
     {
         Coordinates<d> block;
-    };
-
-    /// Where an item was that left: its cell in its block, and its rank there.
-    struct Left
-    {
-        std::uint32_t rank;
-        std::uint16_t place;
+        int to = BlockMap::absent; ///< the block's index in the new order
     };
 
     /// The sources of a group's items, a row of lanes for each rank, as one thread changes them.
     class Ranks
     {
     public:
-        /// Starts with no items, in cells that will have `counts` of them after having had `before`.
+        /// Starts with no items, in cells that have had `before` of them and will have `counts`, which are
+        /// now at most too large.
         void start(std::uint32_t const* before, std::uint32_t const* counts)
         {
             before_ = before;
@@ -283,14 +355,31 @@ private:
         std::vector<std::uint32_t> at_;
     };
 
+    /// What a thread sorts blocks with.
+    struct Sorter
+    {
+        Ranks ranks;
+        std::vector<Mover> inside, unsorted, sorted;
+    };
+
     std::uint32_t source(std::size_t slot) const
     {
         return settled_ ? static_cast<std::uint32_t>(slot) : source_[slot];
     }
 
-    static Item item_in(Coordinates<d> const& cell, std::uint32_t source, Number const* given)
+    /// Lists one of a block's departures, number i of them, as one to come to a block.
+    void leave(std::size_t b, Item const& item, std::size_t i, Leavers const& leavers)
     {
-        Item item{{source, 0, given}, Coordinates<d>::Zero()};
+        std::size_t const channels = leavers.given.size() / departures_[b].slots.size();
+        leavers_[b].push_back(item);
+        auto& given = departures_[b].given;
+        auto const from = leavers.given.begin() + static_cast<std::ptrdiff_t>(i * channels);
+        given.insert(given.end(), from, from + static_cast<std::ptrdiff_t>(channels));
+    }
+
+    static Item item_in(Coordinates<d> const& cell, std::uint32_t source)
+    {
+        Item item{{source, 0, nullptr}, Coordinates<d>::Zero()};
         int place = 0;
         for (int a = 0; a < d; ++a) {
             int const extent = Shape::extent(a), inside = ((cell[a] % extent) + extent) % extent;
@@ -301,62 +390,43 @@ private:
         return item;
     }
 
-    void prepare_lists()
+    /// Sorts items by cell, those of one cell in the order in which they are listed, and adds the number of
+    /// each cell's to `counts`.
+    static void sort_by_cell(std::vector<Mover> const& items, std::vector<Mover>& sorted,
+                             std::array<std::uint32_t, Shape::cells>& counts)
     {
-        leavers_.resize(blocks_.size() + 1);
-        for (auto& list : leavers_) list.clear();
-        inside_.resize(blocks_.size());
-        for (auto& list : inside_) list.clear();
-        left_.resize(blocks_.size());
-        for (auto& list : left_) list.clear();
-        departures_.resize(blocks_.size());
-        stay_.assign(blocks_.size(), 0);
-    }
-
-    /// Finds where the items go that departed from their cells: to another one of the block, or out of it.
-    void find_new_cells(int b, std::array<Offset*, d> const& offset)
-    {
-        Block const& block = blocks_[b];
-        // by name: clang captures no structured binding where OpenMP is
-        std::vector<std::uint32_t>& slots = departures_[b].slots;
-        std::vector<Number>& given = departures_[b].given;
-        std::size_t const channels = slots.empty() ? 0 : given.size() / slots.size();
-        std::size_t i = 0;
-        for (int group = 0; i < slots.size(); ++group) {
-            if (slots[i] >= group_end(b, group)) continue;
-            for_each_rank(b, group, [&](std::uint32_t first, std::uint32_t rank, std::uint64_t pattern) {
-                std::uint32_t const end = first + static_cast<std::uint32_t>(std::popcount(pattern));
-                for (; i < slots.size() && slots[i] < end; ++i) {
-                    std::uint32_t const slot = slots[i];
-                    int const place = group * lanes + bit_place(pattern, slot - first);
-                    left_[b].push_back({rank, static_cast<std::uint16_t>(place)});
-                    Number* const gives = given.data() + i * channels;
-                    Coordinates<d> cell = cell_at(block.coordinates, place);
-                    for (int a = 0; a < d; ++a) {
-                        cell[a] += CellOffset<Number>::wrap(offset[a][slot]);
-                        if (channels > 0) gives[a] = CellOffset<Number>::value(offset[a][slot]);
-                    }
-                    Item const item = item_in(cell, slot, gives);
-                    if (item.block == block.coordinates)
-                        inside_[b].push_back(item);
-                    else
-                        leavers_[b].push_back(item);
-                }
-            });
+        sorted.resize(items.size());
+        if (items.empty()) return;
+        std::array<std::uint32_t, Shape::cells> next;
+        next.fill(0);
+        for (Mover const& item : items) ++next[item.place];
+        std::uint32_t before = 0;
+        for (int cell = 0; cell < Shape::cells; ++cell) {
+            counts[cell] += next[cell];
+            before += std::exchange(next[cell], before);
         }
-        stay_[b] = static_cast<std::uint32_t>(block.end - block.begin - leavers_[b].size());
+        for (Mover const& item : items) sorted[next[item.place]++] = item;
     }
 
     /// Writes the new order: the items that stay in their block, and those that come from elsewhere.
     void rearrange(std::size_t count)
     {
+        stay_.resize(blocks_.size());
+        for (std::size_t b = 0; b < blocks_.size(); ++b) {
+            auto const& places = departures_[b].places;
+            auto const left = std::count(places.begin(), places.end(), elsewhere);
+            stay_[b] = blocks_[b].end - blocks_[b].begin - static_cast<std::uint32_t>(left);
+        }
         std::vector<Block> next = blocks_with_items();
         bool same = next.size() == blocks_.size();
         for (std::size_t b = 0; same && b < next.size(); ++b)
             same = next[b].coordinates == blocks_[b].coordinates;
         old_block_.assign(next.size(), BlockMap::absent);
-        for (std::size_t b = 0; b < next.size(); ++b)
+        block_now_.assign(blocks_.size(), BlockMap::absent);
+        for (std::size_t b = 0; b < next.size(); ++b) {
             old_block_[b] = same ? int(b) : map_.find(block_key<d>(next[b].coordinates));
+            if (old_block_[b] != BlockMap::absent) block_now_[old_block_[b]] = int(b);
+        }
         if (!same) {
             map_.clear(next.size());
             for (std::size_t b = 0; b < next.size(); ++b)
@@ -369,10 +439,9 @@ private:
         new_source_.resize(count);
         new_counts_.resize(next.size() * Shape::cells);
         new_group_begin_.resize(next.size() * Shape::groups);
-        movers_.resize(next.size());
         int const blocks = static_cast<int>(next.size());
         share(threads_, blocks, 4,
-              [&] { return [&, ranks = Ranks()](int b) mutable { sort_block(b, next[b], ranks); }; });
+              [&] { return [&, sorter = Sorter()](int b) mutable { sort_block(b, next[b], sorter); }; });
         std::swap(source_, new_source_);
         std::swap(counts_, new_counts_);
         std::swap(group_begin_, new_group_begin_);
@@ -384,9 +453,10 @@ private:
     std::vector<Block> blocks_with_items()
     {
         std::vector<Coordinates<d>> fresh;
-        for (auto const& list : leavers_)
-            for (Item const& item : list) {
-                int const existing = map_.find(block_key<d>(item.block));
+        for (std::size_t b = 0; b < leavers_.size(); ++b)
+            for (Item const& item : leavers_[b]) {
+                bool const is_same = b < blocks_.size() && item.block == blocks_[b].coordinates;
+                int const existing = is_same ? int(b) : map_.find(block_key<d>(item.block));
                 if (existing == BlockMap::absent)
                     fresh.push_back(item.block);
                 else
@@ -411,8 +481,12 @@ private:
     void deal_arrivals(std::vector<Block>& next)
     {
         arrival_begin_.assign(next.size() + 1, 0);
-        for (auto const& list : leavers_)
-            for (Item const& item : list) ++arrival_begin_[map_.find(block_key<d>(item.block)) + 1];
+        for (std::size_t b = 0; b < leavers_.size(); ++b)
+            for (Item& item : leavers_[b]) {
+                bool const is_same = b < blocks_.size() && item.block == blocks_[b].coordinates;
+                item.to = is_same ? block_now_[b] : map_.find(block_key<d>(item.block));
+                ++arrival_begin_[item.to + 1];
+            }
         std::uint32_t slot = 0;
         for (std::size_t b = 0; b < next.size(); ++b) {
             // stay_ counts arrivals to blocks that existed before, too: those are taken off again
@@ -425,50 +499,30 @@ private:
         arrivals_.resize(arrival_begin_.back());
         arrival_end_.assign(arrival_begin_.begin(), arrival_begin_.end() - 1);
         for (auto const& list : leavers_)
-            for (Item const& item : list)
-                arrivals_[arrival_end_[map_.find(block_key<d>(item.block))]++] = item;
-    }
-
-    /// Collects the items that come into the cells of a block, in the order of its cells; `came` becomes the
-    /// number for each.
-    void collect_movers(int b, std::array<std::uint32_t, Shape::cells>& came)
-    {
-        std::span<Mover const> const inside = old_block_[b] != BlockMap::absent
-                                                  ? std::span<Mover const>(inside_[old_block_[b]])
-                                                  : std::span<Mover const>();
-        auto const arrivals = std::span<Item const>(arrivals_).subspan(
-            arrival_begin_[b], arrival_begin_[b + 1] - arrival_begin_[b]);
-        came.fill(0);
-        for (Mover const& mover : inside) ++came[mover.place];
-        for (Mover const& mover : arrivals) ++came[mover.place];
-        std::array<std::uint32_t, Shape::cells> next;
-        std::exclusive_scan(came.begin(), came.end(), next.begin(), std::uint32_t(0));
-        auto& movers = movers_[b];
-        movers.resize(inside.size() + arrivals.size());
-        for (Mover const& mover : inside) movers[next[mover.place]++] = mover;
-        for (Mover const& mover : arrivals) movers[next[mover.place]++] = mover;
+            for (Item const& item : list) arrivals_[arrival_end_[item.to]++] = item;
     }
 
     /// Orders a block's items by cell and rank, interleaved by rank within groups.
     ///
     /// Who stays in a cell keeps its rank, so that sources nearly follow one another; who leaves makes room
     /// for who comes, and if none comes for the last of the cell.
-    void sort_block(int b, Block const& block, Ranks& ranks)
+    void sort_block(int b, Block const& block, Sorter& sorter)
     {
         int const old = old_block_[b];
         static constexpr std::array<std::uint32_t, Shape::cells> none{};
         std::uint32_t const* const before =
             old != BlockMap::absent ? &counts_[std::size_t(old) * Shape::cells] : none.data();
         std::uint32_t* const counts = &new_counts_[std::size_t(b) * Shape::cells];
-        std::array<std::uint32_t, Shape::cells> came;
-        collect_movers(b, came);
+        std::span<std::uint32_t const> gone;
+        if (old != BlockMap::absent) gone = departures_[old].slots;
+        std::array<std::uint32_t, Shape::cells> came = find_who_comes(b, sorter);
         for (int cell = 0; cell < Shape::cells; ++cell) counts[cell] = before[cell] + came[cell];
-        std::span<Left const> left;
-        if (old != BlockMap::absent) left = left_[old];
-        for (Left const& from : left) --counts[from.place];
 
-        auto mover = movers_[b].begin();
-        auto gone = left.begin();
+        Ranks& ranks = sorter.ranks;
+        auto left = gone.begin();
+        std::span<Mover const> const arrivals = movers(b);
+        auto mover = sorter.inside.cbegin();
+        auto arrival = arrivals.begin();
         std::uint32_t slot = block.begin;
         for (int group = 0; group < Shape::groups; ++group) {
             int const first = group * lanes;
@@ -479,11 +533,17 @@ private:
                     std::uint32_t sources[lanes];
                     for (int l = 0; l < lanes; ++l) sources[l] = from + static_cast<std::uint32_t>(l);
                     expand<lanes>(settled_ ? sources : &source_[from], pattern, ranks.row(rank));
+                    std::uint32_t const end = from + static_cast<std::uint32_t>(std::popcount(pattern));
+                    for (; left != gone.end() && *left < end; ++left) {
+                        int const lane = bit_place(pattern, *left - from);
+                        ranks.leave(rank, lane);
+                        --counts[first + lane];
+                    }
                 });
-            for (; gone != left.end() && gone->place < first + lanes; ++gone)
-                ranks.leave(gone->rank, gone->place - first);
-            for (; mover != movers_[b].end() && mover->place < first + lanes; ++mover)
+            for (; mover != sorter.inside.cend() && mover->place < first + lanes; ++mover)
                 ranks.fill(mover->place - first, mover->source);
+            for (; arrival != arrivals.end() && arrival->place < first + lanes; ++arrival)
+                ranks.fill(arrival->place - first, arrival->source);
             ranks.close_holes();
             for (std::uint32_t rank = 0;; ++rank) {
                 std::uint64_t const pattern = lanes_above<lanes>(counts + first, rank);
@@ -494,6 +554,29 @@ private:
         }
     }
 
+    /// Lists who comes to the cells of a block in the order of its cells: from other cells of the block in
+    /// `sorter.inside`, from other blocks in movers(b). Returns how many come to each cell.
+    std::array<std::uint32_t, Shape::cells> find_who_comes(int b, Sorter& sorter)
+    {
+        std::array<std::uint32_t, Shape::cells> came;
+        came.fill(0);
+        auto& unsorted = sorter.unsorted;
+        unsorted.clear();
+        if (int const old = old_block_[b]; old != BlockMap::absent) {
+            std::vector<std::uint32_t> const& slots = departures_[old].slots;
+            std::vector<std::uint16_t> const& places = departures_[old].places;
+            for (std::size_t i = 0; i < slots.size(); ++i)
+                if (places[i] != elsewhere) unsorted.push_back({slots[i], places[i], nullptr});
+        }
+        sort_by_cell(unsorted, sorter.inside, came);
+        auto const begin = arrivals_.begin() + arrival_begin_[b],
+                   end = arrivals_.begin() + arrival_begin_[b + 1];
+        unsorted.assign(begin, end);
+        sort_by_cell(unsorted, sorter.sorted, came);
+        std::copy(sorter.sorted.begin(), sorter.sorted.end(), begin);
+        return came;
+    }
+
     int threads_;
     bool settled_ = true;
     std::uint64_t version_ = 0, generation_ = 0;
@@ -502,12 +585,9 @@ private:
     Array<std::uint32_t> source_, new_source_, counts_, new_counts_, group_begin_, new_group_begin_;
     std::vector<std::vector<Item>> leavers_; ///< per block, and last those that are new
     std::vector<std::uint32_t> stay_;
-    std::vector<int> old_block_;
-    std::vector<std::vector<Mover>> inside_; ///< per block before: those that stay in it
-    std::vector<std::vector<Left>> left_;    ///< per block before, as departures
-    std::vector<std::vector<Mover>> movers_; ///< per block now, by cell
+    std::vector<int> old_block_, block_now_; ///< of each block now its index before, and the reverse
     std::vector<Departures> departures_;     ///< per block before
-    std::vector<Item> arrivals_;
+    std::vector<Mover> arrivals_;            ///< by block now
     std::vector<std::uint32_t> arrival_begin_, arrival_end_;
 };
 

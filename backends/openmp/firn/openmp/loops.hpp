@@ -172,39 +172,48 @@ void copy_given(Mover const* movers, std::uint32_t const* counts, Scratch<Number
         }
     }
 }
+
+/// What some items give to the tile of their block, listed in the order of their cells.
+template <class Lane, class Phase, class Layer, class Mover>
+void give_listed(std::span<Mover const> movers, Layer const&, typename Phase::Number* tile,
+                 std::uint64_t& touched, Scratch<typename Phase::Number, lane_width<Lane>>& scratch,
+                 Spreads<Lane, typename Phase::Gives>& spreads)
+{
+    using Shape = typename Layer::Shape;
+    constexpr int lanes = lane_width<Lane>;
+    if (movers.empty()) return;
+    std::array<std::uint32_t, Shape::cells> counts;
+    counts.fill(0);
+    for (auto const& mover : movers) ++counts[mover.place];
+    auto const* next = movers.data();
+    for (int g = 0; g < Shape::groups; ++g) {
+        std::uint32_t const* const count = &counts[g * lanes];
+        std::size_t const here = std::accumulate(count, count + lanes, std::size_t(0));
+        if (here == 0) continue;
+        std::uint64_t const fresh = Layer::rows_of_group(g) & ~touched;
+        clear_rows<Layer, Phase::channels>(tile, fresh);
+        touched |= fresh;
+        scratch.reserve(Phase::Gives::kept, here);
+        copy_given<Phase::Gives::kept>(next, count, scratch);
+        GroupOfCells<Lane, Layer> group(count, g, scratch, nullptr, tile);
+        give<typename Phase::Gives>(group, spreads);
+        next += here;
+    }
+}
 } // namespace detail
 
-/// Completes sums that were given by items in the cells where they were: those that departed give where they
-/// are now.
+/// Completes sums that were given by items in the blocks where they were: those that departed from them give
+/// where they are now.
 template <class Lane, class Phase, class CellOrder, class GridType>
 void scatter_movers(int threads, CellOrder const& cells, GridType& grid)
 {
-    using Shape = typename GridType::Shape;
-    constexpr int lanes = lane_width<Lane>;
     int const blocks = static_cast<int>(cells.blocks().size());
     share(threads, blocks, 4, [&] {
-        return [&, scratch = Scratch<typename Phase::Number, lanes>(),
+        return [&, scratch = Scratch<typename Phase::Number, lane_width<Lane>>(),
                 spreads = std::make_unique_for_overwrite<detail::Spreads<Lane, typename Phase::Gives>>()](
                    int b) mutable {
-            auto const movers = cells.movers(b);
-            if (movers.empty()) return;
-            std::array<std::uint32_t, Shape::cells> counts;
-            counts.fill(0);
-            for (auto const& mover : movers) ++counts[mover.place];
-            auto const* next = movers.data();
-            for (int g = 0; g < Shape::groups; ++g) {
-                std::uint32_t const* const count = &counts[g * lanes];
-                std::size_t const here = std::accumulate(count, count + lanes, std::size_t(0));
-                if (here == 0) continue;
-                std::uint64_t const fresh = GridType::rows_of_group(g) & ~grid.touched(b);
-                detail::clear_rows<GridType, Phase::channels>(grid.tile(b), fresh);
-                grid.touched(b) |= fresh;
-                scratch.reserve(Phase::kept, here);
-                detail::copy_given<Phase::kept>(next, count, scratch);
-                GroupOfCells<Lane, GridType> group(count, g, scratch, nullptr, grid.tile(b));
-                detail::give<typename Phase::Gives>(group, *spreads);
-                next += here;
-            }
+            detail::give_listed<Lane, Phase>(cells.movers(b), grid, grid.tile(b), grid.touched(b), scratch,
+                                             *spreads);
         };
     });
 }
@@ -302,37 +311,77 @@ namespace detail
 template <class Lane, class CellOrder, class GridType, class Phase>
 struct GiveToNext
 {
+    using ItemsType = Items<Lane, CellOrder, Phase::d>;
+    using Kept = Scratch<typename Phase::Number, lane_width<Lane>>;
+
     CellOrder const& cells;
     GridType& grid;
     std::unique_ptr<Spreads<Lane, typename Phase::Gives>> spreads =
         std::make_unique_for_overwrite<Spreads<Lane, typename Phase::Gives>>();
 
-    void begin(std::size_t block, std::uint64_t rows)
+    ItemsType begin(std::size_t block, std::uint64_t rows, Kept& scratch)
     {
         clear_rows<GridType, Phase::channels>(grid.next_tile(block), rows);
         grid.next_touched(block) = rows;
+        return {cells, block, scratch};
     }
-    template <class Kept>
     void give(std::size_t block, int group, Kept& scratch)
     {
         GroupOfCells<Lane, GridType> cells_of_group(cells.counts(block, group), group, scratch, nullptr,
                                                     grid.next_tile(block));
         detail::give<typename Phase::Gives>(cells_of_group, *spreads);
     }
+    void end(std::size_t, Kept&) {}
+};
+
+/// The same of items that move: of those who leave their cells some give when the others have (see
+/// Cells::give_at_once).
+template <class Lane, class CellOrder, class GridType, class Phase>
+struct MoveAndGive
+{
+    using ItemsType = MovingItems<Lane, CellOrder, Phase::d>;
+    using Stay = GiveToNext<Lane, CellOrder, GridType, Phase>;
+    using Kept = typename Stay::Kept;
+
+    CellOrder& cells;
+    Stay stay;
+    typename CellOrder::Leavers leavers{};
+
+    ItemsType begin(std::size_t block, std::uint64_t rows, Kept& scratch)
+    {
+        stay.begin(block, rows, scratch);
+        leavers.start();
+        return {cells, block, scratch, leavers};
+    }
+    void give(std::size_t block, int group, Kept& scratch)
+    {
+        stay.give(block, group, scratch);
+        cells.find_new_cells(block, group, leavers);
+    }
+    void end(std::size_t block, Kept& scratch)
+    {
+        give_listed<Lane, Phase>(cells.give_at_once(block, leavers), stay.grid, stay.grid.next_tile(block),
+                                 stay.grid.next_touched(block), scratch, *stay.spreads);
+    }
 };
 
 /// For who only takes.
+template <class Lane, class CellOrder, class Phase>
 struct GiveNothing
 {
-    void begin(std::size_t, std::uint64_t) {}
-    template <class Kept>
-    void give(std::size_t, int, Kept&)
-    {}
+    using ItemsType = Items<Lane, CellOrder, Phase::d>;
+    using Kept = Scratch<typename Phase::Number, lane_width<Lane>>;
+
+    CellOrder const& cells;
+
+    ItemsType begin(std::size_t block, std::uint64_t, Kept& scratch) { return {cells, block, scratch}; }
+    void give(std::size_t, int, Kept&) {}
+    void end(std::size_t, Kept&) {}
 };
 
 /// Each block of cells copies the nodes it needs side by side; its items take from them and answer, and what
 /// they keep then is given on, by what each thread makes for itself: `make_giver()`.
-template <class ItemsType, class Lane, class CellOrder, class GridType, class Phase, class MakeGiver>
+template <class Lane, class CellOrder, class GridType, class Phase, class MakeGiver>
 typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& grid, Phase const& phase,
                                        MakeGiver const& make_giver)
 {
@@ -349,8 +398,7 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
                 giver = make_giver()](int b) mutable {
             std::uint64_t const rows = own_rows<GridType>(cells, b);
             fill_tile<GridType, Phase::node_channels>(grid, b, rows, nodes.data());
-            giver.begin(b, rows);
-            ItemsType items(cells, b, scratch);
+            auto items = giver.begin(b, rows, scratch);
             for (int g = 0; g < GridType::Shape::groups; ++g) {
                 std::size_t const begin = cells.group_begin(b, g), end = cells.group_end(b, g);
                 if (begin == end) continue;
@@ -367,6 +415,7 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
                 for_each_pack([&] { answer(phase, items, results[b]); });
                 giver.give(b, g, scratch);
             }
+            giver.end(b, scratch);
         };
     });
     return merged(results);
@@ -378,17 +427,16 @@ template <class Lane, class CellOrder, class GridType, class Phase>
 typename Phase::Result move(int threads, CellOrder& cells, GridType& grid, Phase const& phase)
 {
     cells.expect_departures();
-    return detail::take_and_answer<MovingItems<Lane, CellOrder, Phase::d>, Lane>(
-        threads, cells, grid, phase, [&] {
-            return detail::GiveToNext<Lane, CellOrder, GridType, Phase>{cells, grid};
-        });
+    return detail::take_and_answer<Lane>(threads, cells, grid, phase, [&] {
+        return detail::MoveAndGive<Lane, CellOrder, GridType, Phase>{cells, {cells, grid}};
+    });
 }
 
 /// Items take from the nodes and give, where they are, to what will be the next sums.
 template <class Lane, class CellOrder, class GridType, class Phase>
 void give_back(int threads, CellOrder const& cells, GridType& grid, Phase const& phase)
 {
-    detail::take_and_answer<Items<Lane, CellOrder, Phase::d>, Lane>(threads, cells, grid, phase, [&] {
+    detail::take_and_answer<Lane>(threads, cells, grid, phase, [&] {
         return detail::GiveToNext<Lane, CellOrder, GridType, Phase>{cells, grid};
     });
 }
@@ -397,8 +445,8 @@ void give_back(int threads, CellOrder const& cells, GridType& grid, Phase const&
 template <class Lane, class CellOrder, class GridType, class Phase>
 void take(int threads, CellOrder const& cells, GridType const& grid, Phase const& phase)
 {
-    detail::take_and_answer<Items<Lane, CellOrder, Phase::d>, Lane>(threads, cells, grid, phase,
-                                                                    [] { return detail::GiveNothing{}; });
+    detail::take_and_answer<Lane>(threads, cells, grid, phase,
+                                  [&] { return detail::GiveNothing<Lane, CellOrder, Phase>{cells}; });
 }
 
 } // namespace firn::openmp
