@@ -12,6 +12,8 @@
 #include <cstring>
 #include <memory>
 #include <numeric>
+#include <span>
+#include <type_traits>
 #include <vector>
 
 namespace firn::openmp
@@ -61,6 +63,11 @@ std::uint64_t own_rows(CellOrder const& cells, std::size_t b)
         if (cells.group_end(b, group) > cells.group_begin(b, group)) rows |= GridType::rows_of_group(group);
     return rows;
 }
+
+/// A group of cells, of one type whether or not the grid may change: what is inlined into it is compiled
+/// once.
+template <class Lane, class GridType>
+using GroupOf = GroupOfCells<Lane, std::remove_const_t<GridType>>;
 
 /// What some items keep, given by the cells of their group: row by row of their stencils, so that the sums of
 /// a row stay in registers.
@@ -146,7 +153,7 @@ void scatter(int threads, CellOrder const& cells, GridType& grid, Phase const& p
                     items.enter(slot, end, slot - begin);
                     detail::prepare(phase, items);
                 }
-                GroupOfCells<Lane, GridType> group(cells.counts(b, g), g, scratch, nullptr, grid.tile(b));
+                detail::GroupOf<Lane, GridType> group(cells.counts(b, g), g, scratch, nullptr, grid.tile(b));
                 detail::give<typename Phase::Gives>(group, *spreads);
             }
         };
@@ -195,7 +202,7 @@ void give_listed(std::span<Mover const> movers, Layer const&, typename Phase::Nu
         touched |= fresh;
         scratch.reserve(Phase::Gives::kept, here);
         copy_given<Phase::Gives::kept>(next, count, scratch);
-        GroupOfCells<Lane, Layer> group(count, g, scratch, nullptr, tile);
+        GroupOf<Lane, Layer> group(count, g, scratch, nullptr, tile);
         give<typename Phase::Gives>(group, spreads);
         next += here;
     }
@@ -327,8 +334,8 @@ struct GiveToNext
     }
     void give(std::size_t block, int group, Kept& scratch)
     {
-        GroupOfCells<Lane, GridType> cells_of_group(cells.counts(block, group), group, scratch, nullptr,
-                                                    grid.next_tile(block));
+        GroupOf<Lane, GridType> cells_of_group(cells.counts(block, group), group, scratch, nullptr,
+                                               grid.next_tile(block));
         detail::give<typename Phase::Gives>(cells_of_group, *spreads);
     }
     void end(std::size_t, Kept&) {}
@@ -410,7 +417,7 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
                     }
                 };
                 for_each_pack([&] { locate(phase, items); });
-                GroupOfCells<Lane, GridType> group(cells.counts(b, g), g, scratch, nodes.data(), nullptr);
+                GroupOf<Lane, GridType> group(cells.counts(b, g), g, scratch, nodes.data(), nullptr);
                 take<typename Phase::Takes>(group, *nodes_of_cells);
                 for_each_pack([&] { answer(phase, items, results[b]); });
                 giver.give(b, g, scratch);
