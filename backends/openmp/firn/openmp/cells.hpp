@@ -462,18 +462,20 @@ private:
                 else
                     ++stay_[existing];
             }
-        std::vector<Block> next;
-        next.reserve(blocks_.size() + 64);
-        for (std::size_t b = 0; b < blocks_.size(); ++b)
-            if (stay_[b] > 0) next.push_back({blocks_[b].coordinates});
-        auto const before = [](auto const& a, auto const& b) { return block_key<d>(a) < block_key<d>(b); };
-        std::sort(fresh.begin(), fresh.end(), before);
+        std::sort(fresh.begin(), fresh.end(),
+                  [](auto const& a, auto const& b) { return block_key<d>(a) < block_key<d>(b); });
         fresh.erase(std::unique(fresh.begin(), fresh.end()), fresh.end());
-        std::size_t const old = next.size();
-        for (auto const& block : fresh) next.push_back({block});
-        std::inplace_merge(
-            next.begin(), next.begin() + static_cast<std::ptrdiff_t>(old), next.end(),
-            [&](Block const& a, Block const& b) { return before(a.coordinates, b.coordinates); });
+        std::vector<Block> next;
+        next.reserve(blocks_.size() + fresh.size());
+        // both lists are in order: a loop here, since compilers take long for std::inplace_merge
+        auto added = fresh.begin();
+        for (std::size_t b = 0; b < blocks_.size(); ++b) {
+            if (stay_[b] == 0) continue;
+            auto const key = block_key<d>(blocks_[b].coordinates);
+            for (; added != fresh.end() && block_key<d>(*added) < key; ++added) next.push_back({*added});
+            next.push_back({blocks_[b].coordinates});
+        }
+        for (; added != fresh.end(); ++added) next.push_back({*added});
         return next;
     }
 
