@@ -171,6 +171,7 @@ public:
             static_assert(Backend::reaches_host_memory || !IsDoomed::in_host_memory,
                           "the shape lies in memory of the host: pass `shape.on(backend)`");
         if constexpr (requires { is_doomed.validate(); }) is_doomed.validate();
+        if constexpr (d == 2 && requires { is_doomed.validate_in_plane(); }) is_doomed.validate_in_plane();
         if constexpr (!TellsByPosition<IsDoomed, d>) hold_taken();
         std::vector<Doomed<Backend>> doomed;
         std::size_t count = 0;
@@ -414,7 +415,8 @@ public:
     auto view() const
     {
         static_assert(Of<Which>::Stored::template contains<Tag>,
-                      "this field is taken from the grid when asked for: use download, or write_positions");
+                      "this field is not stored: ask for it with download(), and for positions with "
+                      "write_positions()");
         auto const visit = entrance_.to_look("Solver::view");
         return particles<Of<Which>::place>().template view<Tag>();
     }

@@ -75,7 +75,18 @@ TEST_CASE("cell sizes, moduli and densities that make no sense are refused")
     snow.critical_compression = -0.1f;
     refused([&] { SnowBall(lattice(0.1), snow); });
     refused([] { SnowBall(lattice(0.1), {}, Flip{.fraction = 1.5}); });
-    refused([] { SnowBall(lattice(0.1), {}, {}, StepControl{.advection = 2}); });
+    auto const names = [](StepControl const& control, char const* member) {
+        auto const error = refused([&] { SnowBall(lattice(0.1), {}, {}, control); });
+        CHECK(error.what_is_wrong().rfind(member, 0) == 0);
+    };
+    names({.wave = 0}, "wave");
+    names({.advection = 2}, "advection");
+    names({.deformation = -1}, "deformation");
+    names({.obstacle = not_a_number}, "obstacle");
+    names({.growth = 1}, "growth");
+    names({.rejection = 1}, "rejection");
+    names({.smallest = 1}, "smallest");
+    names({.retries = -1}, "retries");
 #if defined(__CUDACC__)
     for (int device : {-1, 1000})
         refused([=] { SnowBall(lattice(0.1), {}, {}, {}, Cuda{.device = device}); });
@@ -156,6 +167,9 @@ TEST_CASE("steps, effects and uploads that make no sense are refused, and the st
     CHECK(solver.steps(0, 1e-3).empty());
     refused([&] { solver.step(1e-3, Gravity{{0, not_a_number, 0}}); });
     refused([&] { solver.step(1e-3, Gravity{{0, 0, -9.81}}); }); // in the plane
+    Motion const turned{.orientation = Eigen::Quaterniond(Eigen::AngleAxisd(1.5, Eigen::Vector3d::UnitX()))};
+    refused([&] { solver.remove_if(Inside<Box>{.shape = {{0.2, 0.01, 1}}, .pose = turned}); });
+    refused([&] { solver.remove_if(Outside<HalfSpace>{.shape = {{0, 0, 1}}}); });
     refused([&] { solver.step(1e-3, Obstacle<Sphere>{.shape = {-1}}); });
     refused([&] { solver.step(1e-3, Obstacle<Sphere>{.shape = {1}, .contact = Contact::coulomb(-0.5)}); });
     refused([&] { solver.step(1e-3, Obstacle<HalfSpace>{.shape = {{0, 2, 0}}}); });

@@ -48,6 +48,16 @@ struct Motion
                 "no rotation",
                 where, "Pass finite positions [m], velocities [m/s, rad/s] and a unit quaternion.");
     }
+
+    /// In two dimensions there is nothing along z: motion stays in the plane and rotation is about z.
+    void validate_in_plane(char const* where) const
+    {
+        Eigen::Vector3d const turned_z = orientation.normalized() * Eigen::Vector3d::UnitZ();
+        bool const in_plane =
+            velocity.z() == 0 && angular_velocity.head<2>().isZero() && std::abs(turned_z.z()) > 1 - 1e-9;
+        require(in_plane, "a body leaves the plane of a scene in two dimensions", where,
+                "Keep z out of its velocity, and let it turn about z alone.");
+    }
 };
 
 } // namespace firn

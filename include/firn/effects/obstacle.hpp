@@ -59,14 +59,9 @@ struct Obstacle
         motion.validate("Obstacle");
     }
 
-    /// In two dimensions there is nothing along z: motion stays in the plane and rotation is about z.
     void validate_in_plane() const
     {
-        Eigen::Vector3d const turned_z = motion.orientation.normalized() * Eigen::Vector3d::UnitZ();
-        bool const in_plane = motion.velocity.z() == 0 && motion.angular_velocity.head<2>().isZero() &&
-                              std::abs(turned_z.z()) > 1 - 1e-9;
-        require(in_plane, "an obstacle of a scene in two dimensions leaves the plane", "Obstacle",
-                "Keep z out of its velocity, and let it turn about z alone.");
+        motion.validate_in_plane("Obstacle");
         if constexpr (requires { shape.validate_in_plane(); }) shape.validate_in_plane();
     }
 

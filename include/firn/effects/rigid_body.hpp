@@ -30,6 +30,7 @@ struct RigidBody
     /// A solid ball of even density (Landau & Lifshitz, *Mechanics*, section 32).
     static RigidBody ball(double radius, double mass, Motion const& motion = {})
     {
+        require(radius > 0, "the radius is not above 0", "RigidBody::ball", "Pass metres.");
         return {mass, Eigen::Matrix3d::Identity() * (0.4 * mass * radius * radius), motion};
     }
 

@@ -53,12 +53,20 @@ struct StepControl
 
     void validate() const
     {
-        bool const good = wave > 0 && advection > 0 && advection <= 0.5 && deformation > 0 && obstacle > 0 &&
-                          growth > 1 && rejection > deformation && (rejection < 1 || std::isinf(rejection)) &&
-                          smallest > 0 && retries >= 0;
-        require(good, "a factor of the step control is out of range", "StepControl",
-                "Keep 0 < wave, 0 < advection <= 0.5, 0 < deformation < rejection < 1 (or infinite), growth "
-                "> 1.");
+        auto const keep = [](bool good, char const* what, char const* remedy) {
+            require(good, what, "StepControl", remedy);
+        };
+        keep(wave > 0, "wave is not above 0", "Pass a share of the limit, e.g. 0.9.");
+        keep(advection > 0 && advection <= 0.5, "advection is outside (0, 0.5]", "Pass cells, e.g. 0.3.");
+        keep(deformation > 0, "deformation is not above 0", "Pass a change per step, e.g. 0.2.");
+        keep(obstacle > 0, "obstacle is not above 0", "Pass cells, e.g. 0.5.");
+        keep(growth > 1, "growth is not above 1", "Pass the ratio of two steps, e.g. 1.1.");
+        keep(rejection > deformation && (rejection < 1 || std::isinf(rejection)),
+             "rejection is neither between deformation and 1 nor infinite",
+             "Pass a change per step, e.g. 0.5, or infinity: then none is rejected for it.");
+        keep(smallest > 0 && smallest < 1, "smallest is outside (0, 1)",
+             "Pass a share of the duration asked for, e.g. 1e-12.");
+        keep(retries >= 0, "retries is below 0", "Pass how often a step may be halved, e.g. 12.");
     }
 };
 

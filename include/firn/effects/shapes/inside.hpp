@@ -25,6 +25,12 @@ struct Inside
         pose.validate("Inside");
     }
 
+    void validate_in_plane() const
+    {
+        pose.validate_in_plane("Inside");
+        if constexpr (requires { shape.validate_in_plane(); }) shape.validate_in_plane();
+    }
+
     template <int d>
     FIRN_HOST_DEVICE bool operator()(Eigen::Matrix<double, d, 1> const& x) const
     {
@@ -48,6 +54,7 @@ struct Outside
     static constexpr bool in_host_memory = Inside<ShapeType>::in_host_memory;
 
     void validate() const { Inside<ShapeType>{shape, pose}.validate(); }
+    void validate_in_plane() const { Inside<ShapeType>{shape, pose}.validate_in_plane(); }
 
     template <int d>
     FIRN_HOST_DEVICE bool operator()(Eigen::Matrix<double, d, 1> const& x) const

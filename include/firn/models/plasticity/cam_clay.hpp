@@ -19,6 +19,7 @@ inline double critical_slope(int d, double friction_angle)
 {
     require(friction_angle > 0 && friction_angle < 1.5707, "the angle of friction is outside (0, pi/2)",
             "critical_slope", "Pass radians, e.g. 0.52 (30 degrees).");
+    require(d == 2 || d == 3, "there are two or three dimensions", "critical_slope", "Pass 2 or 3.");
     double const s = std::sin(friction_angle);
     return d == 2 ? 2 * s : 6 * s / (3 - s);
 }
