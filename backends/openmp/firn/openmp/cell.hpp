@@ -299,6 +299,7 @@ public:
         std::uint64_t rest = bits(which);
         auto at = leavers_.given.size();
         leavers_.given.resize(at + static_cast<std::size_t>(std::popcount(rest) * kept));
+        CellOrder::make_room(departures_.slots, static_cast<std::size_t>(std::popcount(rest)));
         for (; rest != 0; rest &= rest - 1, at += static_cast<std::size_t>(kept)) {
             int const lane = std::countr_zero(rest);
             std::size_t const slot = this->slot_ + static_cast<std::size_t>(lane);

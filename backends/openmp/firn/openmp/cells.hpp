@@ -45,6 +45,15 @@ public:
         std::uint32_t begin = 0, end = 0; ///< its slots
     };
 
+    /// Makes room in a list for more: there is one for each block, and together they would waste much if each
+    /// grew to twice its size.
+    template <class T>
+    static void make_room(std::vector<T>& list, std::size_t more)
+    {
+        std::size_t const needed = list.size() + more;
+        if (needed > list.capacity()) list.reserve(std::max(needed, list.capacity() + list.capacity() / 8));
+    }
+
     /// Items of a block that have left their cells since the last follow(); the loops that move items write
     /// this.
     struct Departures
@@ -210,6 +219,7 @@ public:
         std::size_t i = departures.places.size();
         std::size_t const count = departures.slots.size();
         if (i == count) return;
+        make_room(departures.places, count - i);
         for_each_rank(b, group, [&](std::uint32_t first, std::uint32_t, std::uint64_t pattern) {
             std::uint32_t const end = first + static_cast<std::uint32_t>(std::popcount(pattern));
             for (; i < count && departures.slots[i] < end; ++i) {
@@ -371,8 +381,10 @@ private:
     void leave(std::size_t b, Item const& item, std::size_t i, Leavers const& leavers)
     {
         std::size_t const channels = leavers.given.size() / departures_[b].slots.size();
+        make_room(leavers_[b], 1);
         leavers_[b].push_back(item);
         auto& given = departures_[b].given;
+        make_room(given, channels);
         auto const from = leavers.given.begin() + static_cast<std::ptrdiff_t>(i * channels);
         given.insert(given.end(), from, from + static_cast<std::ptrdiff_t>(channels));
     }
@@ -498,6 +510,8 @@ private:
             next[b].end = slot += total;
             arrival_begin_[b + 1] += arrival_begin_[b];
         }
+        arrivals_.clear();
+        make_room(arrivals_, arrival_begin_.back());
         arrivals_.resize(arrival_begin_.back());
         arrival_end_.assign(arrival_begin_.begin(), arrival_begin_.end() - 1);
         for (auto const& list : leavers_)
