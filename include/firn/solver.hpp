@@ -428,11 +428,11 @@ public:
     void write_positions(Number* to, std::size_t stride = d) const
     {
         auto const visit = entrance_.to_look("Solver::write_positions");
-        require(to != nullptr && stride >= d, "there is no place for positions, or they would overlap",
-                "Solver::write_positions",
-                "Pass room for size() times stride numbers, stride at least the dimension.");
         auto const& table = particles<Of<Which>::place>();
-        backend_.for_each_place(table.cells(), table.position_writer(to, stride));
+        require((to != nullptr || table.size() == 0) && stride >= d,
+                "there is no place for positions, or they would overlap", "Solver::write_positions",
+                "Pass room for size() times stride numbers, stride at least the dimension.");
+        if (table.size() > 0) backend_.for_each_place(table.cells(), table.position_writer(to, stride));
     }
 
     /// Masses [kg], by rising id.

@@ -271,6 +271,7 @@ TEST_CASE("where particles were removed rows follow one another, and what is loo
     typename TestedBackend::Array<float> buffer{TestedBackend{}};
     buffer.resize(3 * solver.size());
     solver.write_positions(buffer.data());
+    decltype(solver)(lattice(0.1)).write_positions(nullptr); // nobody to write
     std::vector<float> written(buffer.size());
     buffer.download(0, written);
     auto const x = solver.positions();

@@ -105,6 +105,8 @@ TEST_CASE("states from which a material cannot go on are neither uploaded nor re
     CHECK(refusal_of<LogVolumeRatio>(-200, water) ==
           "a volume ratio of e^-200.000000 gives the fluid a pressure without bounds");
     CHECK_THAT((refusal_of<LogPlasticVolumeRatio, CamClay<Plane>>(-300)), StartsWith("an alpha of -300.01"));
+    CHECK_THAT((refusal_of<EquivalentPlasticStrain, HardeningVonMises<Plane>>(1e306)),
+               StartsWith("an equivalent plastic strain of 1"));
     CHECK(refusal_of<DisplacementGradient, Snow<Plane>>(-1.5) ==
           "an elastic volume ratio of -0.500000 is not above 0");
     for (double stretch : {1e6, 1e-7})

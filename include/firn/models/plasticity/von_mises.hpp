@@ -4,6 +4,9 @@
 #include <firn/models/elasticity/hencky.hpp>
 #include <firn/models/plasticity/deviator.hpp>
 
+#include <cmath>
+#include <string>
+
 namespace firn
 {
 
@@ -80,6 +83,16 @@ struct HardeningVonMisesFlow : VonMisesFlow<SpaceType>
         require(hardening_modulus >= 0 && std::isfinite(hardening_modulus),
                 "the hardening modulus is not a finite number, 0 or above", name,
                 "Pass Pa; what does not harden is VonMises.");
+    }
+
+    /// What is wrong with a state from outside: that it would never yield again.
+    template <class Particle>
+    std::string objection(Particle const& state) const
+    {
+        Number const strain = state[EquivalentPlasticStrain{}];
+        if (std::isfinite(this->yield_stress + hardening_modulus * strain)) return {};
+        return "an equivalent plastic strain of " + std::to_string(double(strain)) +
+               " gives a yield stress beyond all numbers";
     }
 
     template <Lane Real, int d, class Particle>
