@@ -212,30 +212,32 @@ public:
         rearrange(size());
     }
 
-    /// Finds where those go that have left the cells of a group. Groups come one after the other.
-    void find_new_cells(std::size_t b, int group, Leavers& leavers)
+    /// Finds where those go that have left their cells in a block.
+    void find_new_cells(std::size_t b, Leavers& leavers)
     {
         Departures& departures = departures_[b];
-        std::size_t i = departures.places.size();
+        std::size_t i = 0;
         std::size_t const count = departures.slots.size();
-        if (i == count) return;
-        make_room(departures.places, count - i);
-        for_each_rank(b, group, [&](std::uint32_t first, std::uint32_t, std::uint64_t pattern) {
-            std::uint32_t const end = first + static_cast<std::uint32_t>(std::popcount(pattern));
-            for (; i < count && departures.slots[i] < end; ++i) {
-                std::uint32_t const slot = departures.slots[i];
-                int const place = group * lanes + bit_place(pattern, slot - first);
-                Coordinates<d> cell = cell_at(blocks_[b].coordinates, place);
-                for (int a = 0; a < d; ++a) cell[a] += leavers.steps[i][a];
-                Item const item = item_in(cell, slot);
-                bool const is_inside = item.block == blocks_[b].coordinates;
-                departures.places.push_back(is_inside ? item.place : elsewhere);
-                if (is_inside)
-                    leavers.inside.push_back(item);
-                else
-                    leave(b, item, i, leavers);
-            }
-        });
+        make_room(departures.places, count);
+        for (int group = 0; i < count; ++group) {
+            if (departures.slots[i] >= group_end(b, group)) continue;
+            for_each_rank(b, group, [&](std::uint32_t first, std::uint32_t, std::uint64_t pattern) {
+                std::uint32_t const end = first + static_cast<std::uint32_t>(std::popcount(pattern));
+                for (; i < count && departures.slots[i] < end; ++i) {
+                    std::uint32_t const slot = departures.slots[i];
+                    int const place = group * lanes + bit_place(pattern, slot - first);
+                    Coordinates<d> cell = cell_at(blocks_[b].coordinates, place);
+                    for (int a = 0; a < d; ++a) cell[a] += leavers.steps[i][a];
+                    Item const item = item_in(cell, slot);
+                    bool const is_inside = item.block == blocks_[b].coordinates;
+                    departures.places.push_back(is_inside ? item.place : elsewhere);
+                    if (is_inside)
+                        leavers.inside.push_back(item);
+                    else
+                        leave(b, item, i, leavers);
+                }
+            });
+        }
     }
 
     /// Those of a block that are to give at once, in the order of their cells, when it is known where all of

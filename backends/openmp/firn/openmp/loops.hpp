@@ -360,13 +360,10 @@ struct MoveAndGive
         leavers.start();
         return {cells, block, scratch, leavers};
     }
-    void give(std::size_t block, int group, Kept& scratch)
-    {
-        stay.give(block, group, scratch);
-        cells.find_new_cells(block, group, leavers);
-    }
+    void give(std::size_t block, int group, Kept& scratch) { stay.give(block, group, scratch); }
     void end(std::size_t block, Kept& scratch)
     {
+        cells.find_new_cells(block, leavers);
         give_listed<Lane, Phase>(cells.give_at_once(block, leavers), stay.grid, stay.grid.next_tile(block),
                                  stay.grid.next_touched(block), scratch, *stay.spreads);
     }

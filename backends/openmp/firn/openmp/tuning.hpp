@@ -39,9 +39,9 @@ struct BlockShape
 inline constexpr int ranks_at_once = 12;
 
 /// Of the items of a block at most one in so many is kept with what it gives when it goes to another cell of
-/// the block; if there are more, they give before the next block's turn. (Measured: to give at once takes a
-/// step of random particles, a tenth of which leave their cells, 5 % longer, one of a splash 12 %; what is
-/// kept is some 110 bytes each, which counts where half of all leave in one step.)
-inline constexpr std::size_t share_to_keep = 8;
+/// the block; if there are more, they give before the next block's turn. (Measured: that whatever their
+/// number takes a step of random particles, a tenth of which leave their cells, 5 % longer, one of a splash
+/// 12 %; what is kept is some 110 bytes each, which counts where half of all leave in one step.)
+inline constexpr std::size_t share_to_keep = 4;
 
 } // namespace firn::openmp
