@@ -494,6 +494,20 @@ private:
             return xsimd::fnma(a, b, one);
     }
 
+    /// a b − what it was rounded to, where the processor can tell.
+    static Batch lost_by_rounding([[maybe_unused]] Batch a, [[maybe_unused]] Batch b,
+                                  [[maybe_unused]] Batch product)
+    {
+#if defined(__FMA__)
+        if constexpr (std::derived_from<Arch, xsimd::avx>)
+            return _mm256_fmsub_ps(a.data, b.data, product.data);
+        else
+            return _mm_fmsub_ps(a.data, b.data, product.data);
+#else
+        return Batch(Number(0));
+#endif
+    }
+
     /// 1/√x to 1.5 ulp: with y the estimate and e = 1 − x y², 1/√x = y (1 + e/2 + 3 e²/8 + …).
     static Pack inverse_sqrt_of(Pack x)
     {
@@ -510,7 +524,9 @@ private:
             Mask const small = x < Pack(std::numeric_limits<Number>::min());
             Pack const scaled = select(small, x * Number(0x1p24), x);
             Pack const y(estimate(scaled.value));
-            Pack const error = Pack(one_minus((scaled * y).value, y.value));
+            Pack const product = scaled * y;
+            Pack const rest(lost_by_rounding(scaled.value, y.value, product.value));
+            Pack const error = Pack(one_minus(product.value, y.value)) - rest * y;
             Pack const root =
                 select(error == error, y + y * (error * (Number(0.5) + error * Number(0.375))), y);
             return select(small, root * Number(0x1p12), root);
