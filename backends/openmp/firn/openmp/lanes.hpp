@@ -555,7 +555,7 @@ public:
     void follow(std::uint32_t const (&places)[width])
     {
         places_ = places;
-        if constexpr (has_permutation) return find_windows();
+        if constexpr (has_permutation) return this->find_windows();
         in_order_ = true;
         for (int l = 0; l < width; ++l) in_order_ &= places[l] == places[0] + std::uint32_t(l);
     }
