@@ -137,6 +137,25 @@ public:
         }
     }
 
+    /// Writes it where the backend's loops reach; see Solver::write.
+    template <class Tag, std::size_t k>
+    void write(Parts const& parts, Number* to, std::size_t stride) const
+    {
+        auto const& table = parts.template particles<k>();
+        auto const write_by = [&](auto const& fields) {
+            backend_.for_each(table.size(), fields.template writer<Tag>(to, stride));
+        };
+        if constexpr (Of<k>::Stored::template contains<Tag>)
+            write_by(table);
+        else if (table.holds_taken())
+            write_by(table.held());
+        else {
+            auto const taken = table.new_taken();
+            take_again<k>(parts, taken.view());
+            write_by(taken);
+        }
+    }
+
     /// After a step that went wrong: the grid no longer has the velocities that particles took, but still
     /// what they gave. They take from that, without the forces of the step. `now` is any step's.
     void regain_velocities(Parts& parts, Number smallest_node_mass, StepNow<Number, Chain<>> const* now)

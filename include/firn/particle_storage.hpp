@@ -164,6 +164,16 @@ public:
         return values;
     }
 
+    /// What writes a field by row; see Solver::write.
+    template <class Tag>
+    WriteField<Number, component_count<Tag>(d)> writer(Number* to, std::size_t stride) const
+    {
+        constexpr int first = Set::template first_component<Tag>(d);
+        WriteField<Number, component_count<Tag>(d)> write{{}, nullptr, to, stride};
+        for (int c = 0; c < component_count<Tag>(d); ++c) write.component[c] = component_[first + c].data();
+        return write;
+    }
+
     Array const& column(int c) const { return component_[static_cast<std::size_t>(c)]; }
     Array& column(int c) { return component_[static_cast<std::size_t>(c)]; }
 

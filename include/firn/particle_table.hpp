@@ -436,6 +436,14 @@ public:
         return {buffer_[0].view(), lattice_, order_, to, stride};
     }
 
+    /// What writes a stored field by row; see Solver::write.
+    template <class Tag>
+    WriteField<Number, component_count<Tag>(d)> writer(Number* to, std::size_t stride) const
+    {
+        auto const field = view<Tag>();
+        return {field.component, field.row, to, stride};
+    }
+
     /// A stored field where it lies.
     template <class Tag>
     FieldView<Number, component_count<Tag>(d)> view() const

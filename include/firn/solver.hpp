@@ -435,6 +435,22 @@ public:
         if (table.size() > 0) backend_.for_each_place(table.cells(), table.position_writer(to, stride));
     }
 
+    /// Writes a field of all particles, by rising id, where write_positions() writes: component c (of matrices
+    /// row by row) of the i-th particle goes to `to[i * stride + c]`. Velocities that are not stored are taken
+    /// from the grid for that, in the time of a part of a step.
+    template <class Tag, class Which = Every>
+    void write(Number* to, std::size_t stride = component_count<Tag>(d)) const
+    {
+        auto const visit = entrance_.to_look("Solver::write");
+        static_assert(Of<Which>::State::template contains<Tag>,
+                      "the scene's particles have no such field, or it follows from others");
+        constexpr std::size_t k = Of<Which>::place;
+        require((to != nullptr || particles<k>().size() == 0) && stride >= component_count<Tag>(d),
+                "there is no place for a field, or its values would overlap", "Solver::write",
+                "Pass room for size() times stride numbers, stride at least the field's components.");
+        if (particles<k>().size() > 0) exchange_.template write<Tag, k>(parts_, to, stride);
+    }
+
     /// Masses [kg], by rising id.
     template <class Which = Every>
     std::vector<double> masses() const

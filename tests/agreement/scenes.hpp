@@ -235,6 +235,8 @@ std::vector<AgreementCase> agreement_cases()
                       vibrating_block<Scene<HerschelBulkley<Plane>, QuadraticBSpline, Asflip, Backend>>},
                      {"block, 2D double, neo-Hookean, cubic, XPIC",
                       vibrating_block<Scene<NeoHookean<Plane>, CubicBSpline, Xpic, Backend>>},
+                     {"block, 2D double, neo-Hookean, linear, FLIP",
+                      vibrating_block<Scene<NeoHookean<Plane>, Linear, Flip, Backend>>},
                      {"block, 2D float, Hencky, cubic, MLS",
                       vibrating_block<Scene<Hencky<PlaneFloat>, CubicBSpline, Mls, Backend>>},
                      {"block, 3D double, Hencky, quadratic, TPIC",

@@ -6,24 +6,29 @@
 using namespace firn;
 using Solid = Space<3, float>;
 
-template <class Model, class Kernel, class Transfer>
-void step(std::vector<Eigen::Vector3d> const& points)
+template <class Model, class Kernel, class Transfer, class... Effects>
+void step(Effects const&... effects)
 {
     Solver<Cuda, Model, Kernel, Transfer> solver(lattice(0.1));
-    solver.add(points, 1e-4);
-    solver.advance(0.1, Gravity{}, Obstacle<HalfSpace>{});
-    solver.step(0.1);
+    solver.add(std::vector<Vector<double, Model::Space::dimension>>(), 1e-4);
+    solver.advance(0.1, effects...);
 }
 
-void all(std::vector<Eigen::Vector3d> const& points)
+void all()
 {
-    step<NeoHookean<Solid>, QuadraticBSpline, Mls>(points);
-    step<FixedCorotated<Solid>, QuadraticBSpline, Mls>(points);
-    step<Snow<Solid>, QuadraticBSpline, Mls>(points);
-    step<Sand<Solid>, QuadraticBSpline, Mls>(points);
-    step<CamClay<Solid>, QuadraticBSpline, Mls>(points);
-    step<HerschelBulkley<Solid>, QuadraticBSpline, Mls>(points);
-    step<Fluid<Solid>, QuadraticBSpline, Mls>(points);
-    step<Snow<Solid>, QuadraticBSpline, Flip>(points);
-    step<Snow<Solid>, CubicBSpline, Flip>(points);
+    Obstacle<HalfSpace> const floor;
+    step<NeoHookean<Solid>, QuadraticBSpline, Mls>();
+    step<NeoHookean<Solid>, QuadraticBSpline, Apic>(Gravity{}, floor);
+    step<NeoHookean<Space<3, double>>, QuadraticBSpline, Mls>(Gravity{}, floor);
+    step<FixedCorotated<Solid>, QuadraticBSpline, Mls>(Gravity{}, floor);
+    step<Hencky<Solid>, QuadraticBSpline, Asflip>(Gravity{}, floor);
+    step<HardeningVonMises<Solid>, QuadraticBSpline, Pic>(Gravity{}, floor);
+    step<Snow<Solid>, QuadraticBSpline, Flip>(Gravity{}, floor);
+    step<Sand<Solid>, QuadraticBSpline, Tpic>(Gravity{}, floor);
+    step<CamClay<Solid>, QuadraticBSpline, Asflip>(Gravity{}, floor);
+    step<HerschelBulkley<Solid>, QuadraticBSpline, Mls>(Gravity{}, floor);
+    step<Fluid<Solid>, QuadraticBSpline, Xpic>(Gravity{}, floor);
+    step<Snow<Solid>, CubicBSpline, Flip>(Gravity{}, floor);
+    step<Snow<Solid>, QuadraticBSpline, Mls>(Gravity{}, floor, Obstacle<Shell<Box>>{});
+    step<NeoHookean<Solid>, QuadraticBSpline, Asflip>(Obstacle<Shell<Box>>{}, Obstacle<Sphere>{});
 }

@@ -265,6 +265,25 @@ TEST_CASE("two solvers in streams of their own do not disturb each other")
     for (auto& stream : streams) cudaStreamDestroy(stream);
 }
 
+#if defined(FIRN_ON_PROCESSOR) // which can say what a machine with a device cannot
+TEST_CASE("without a driver, with one that is too old, or without a device no solver is made, and why is said")
+{
+    auto const says = [](cudaError_t status, char const* what, char const* remedy) {
+        on_processor::Memory::driver = status;
+        CHECK_THROWS_WITH(Jelly(lattice(0.05)), Contains(what) && Contains(remedy));
+        on_processor::Memory::driver = cudaSuccess;
+        CHECK(cudaGetLastError() == cudaSuccess); // nothing is left for others to find
+    };
+    says(cudaErrorInsufficientDriver, "there is no driver for CUDA devices, or it is too old",
+         "Install a driver for CUDA");
+    says(cudaErrorNoDevice, "there is no CUDA device", "Use another backend");
+    says(cudaErrorInitializationError, "cudaGetDeviceCount", "initialization");
+    Jelly solver(lattice(0.05)); // afterwards as ever
+    add_block(solver);
+    solver.step(1e-4);
+}
+#endif
+
 TEST_CASE("solvers on all devices give the same bits, and the caller's device stays the current one")
 {
     int devices = 0;

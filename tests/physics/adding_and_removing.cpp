@@ -277,6 +277,29 @@ TEST_CASE("where particles were removed rows follow one another, and what is loo
     auto const x = solver.positions();
     for (std::size_t row = 0; row < ids.size(); ++row)
         CHECK((Eigen::Map<Eigen::Vector3f>(&written[3 * row]) == x[row].cast<float>()));
+    std::size_t const stride = 5; // three for a velocity, and what is not theirs
+    buffer.resize(stride * solver.size());
+    auto const have = [&](auto const& values) {
+        written.resize(buffer.size());
+        buffer.download(0, written);
+        for (std::size_t row = 0; row < ids.size(); ++row) {
+            auto const* const value = reinterpret_cast<float const*>(&values[row]);
+            int const count = sizeof values[row] / sizeof(float);
+            for (int c = 0; c < count; ++c) CHECK(written[stride * row + c] == value[c]);
+            CHECK(written[stride * row + 4] == -1);
+        }
+    };
+    buffer.fill(0, buffer.size(), -1);
+    solver.write<PlasticVolumeRatio>(buffer.data(), stride); // is stored
+    have(values);
+    solver.step(1e-4, Gravity{});
+    solver.write<Velocity>(buffer.data(), stride); // is taken from the grid
+    have(solver.download<Velocity>());
+    solver.upload<Velocity>(std::vector<Eigen::Vector3f>(64, {1, 2, 3}));
+    solver.write<Velocity>(buffer.data(), stride); // is held
+    have(std::vector<Eigen::Vector3f>(64, {1, 2, 3}));
+    CHECK_THROWS_AS(solver.write<Velocity>(buffer.data(), 2), Error);
+    CHECK_THROWS_AS(solver.write<Velocity>(nullptr), Error);
 #if !defined(__CUDACC__)
     for (std::size_t i = 0; i < view.count; ++i) CHECK(view.component[0][i] == values[view.row[i]]);
 #endif

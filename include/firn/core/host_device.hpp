@@ -22,6 +22,14 @@
 #define FIRN_UNROLL
 #endif
 
+// For a function that few need, called in a loop that needs all of its registers: within it, it would have
+// them spilt for everybody.
+#if defined(__CUDA_ARCH__)
+#define FIRN_CALLED_ON_DEVICE __noinline__
+#else
+#define FIRN_CALLED_ON_DEVICE
+#endif
+
 // Before a loop over the nodes of a stencil: a device has no memory near enough for arrays that are indexed
 // by what is not known to the compiler, and packs would run out of registers.
 #if defined(__CUDA_ARCH__)

@@ -63,9 +63,10 @@ FIRN_HOST_DEVICE Vector<Real, d> apply_on_nodes(Chain<Actions...> const& chain, 
 
 /// Contact of lanes of particles, for the obstacles that ask for it, after they were moved by `moved` [m] to
 /// a place, where they are `here`: corrects v, and returns the displacement [m] that goes with it. See
-/// ParticleContact.
+/// ParticleContact. What is passed by reference a device keeps in memory: a copy, made where this is called,
+/// or something that nobody else needs.
 template <Lane Real, int d, class... Actions>
-FIRN_HOST_DEVICE Vector<Real, d>
+FIRN_HOST_DEVICE FIRN_CALLED_ON_DEVICE Vector<Real, d>
 apply_on_particles(Chain<Actions...> const& chain, Place<Real, d> const& place, Vector<Real, d> const& moved,
                    Mask<Real> const& here, Real mass, Real dt, Vector<Real, d>& velocity,
                    Reactions<Chain<Actions...>::obstacles>& reactions)

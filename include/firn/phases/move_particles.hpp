@@ -93,6 +93,14 @@ struct MoveParticles
     template <class Items>
     FIRN_HOST_DEVICE void answer(Items& items, Result& result) const
     {
+        answer(items, result, result);
+    }
+
+    /// The same with what few particles have a part in, mishaps and reactions of obstacles, in another result:
+    /// a device has that in memory, and its registers for the rest.
+    template <class Items>
+    FIRN_HOST_DEVICE void answer(Items& items, Result& result, Result& rare) const
+    {
         using Real = typename Items::Real;
         Vector<Real, d> x = Takes::template kept_position<Real>(items);
         Gathered<Real, d> const gathered = Takes::template taken<Real>(items);
@@ -102,7 +110,7 @@ struct MoveParticles
         Real const inverse_h(static_cast<Number>(1 / lattice.cell_size));
         Vector<Real, d> displacement = motion<Real>(particle, gathered) * Real(now->dt);
         Matrix<Real, d> const L = transfer.template take<Kernel, Real, d>(particle, gathered, inverse_h);
-        touch_obstacles<Real>(items, x, particle, displacement, result);
+        touch_obstacles<Real>(items, x, particle, displacement, rare.reactions);
         displacement = displacement * inverse_h;
 
         Response<Real, d> const response = model.template respond<Real>(particle, L, Real(now->dt));
@@ -119,7 +127,7 @@ struct MoveParticles
         most(result.wave_modulus, response.wave_modulus);
         most(result.speed2, speed2);
         most(result.deformation, rate2);
-        inspect<Real>(items, particle, displacement, rate2, response, result);
+        inspect<Real>(items, particle, displacement, rate2, response, rare);
         keep_given<Real>(items, particle, x, response.kirchhoff_stress);
         // Who has left its cell gives from the new one, and nothing here.
         Mask<Real> const left = items.here() & !stays;
@@ -178,7 +186,7 @@ private:
     template <class Real, class Items, class Particle>
     FIRN_HOST_DEVICE void touch_obstacles(Items const& items, Vector<Real, d> const& position,
                                           Particle& particle, Vector<Real, d>& displacement,
-                                          Result& result) const
+                                          Reactions<Effects::obstacles>& reactions) const
     {
         if constexpr (Effects::obstacles > 0) {
             if (!touches_particles(now->actions)) return;
@@ -188,9 +196,12 @@ private:
             FIRN_UNROLL
             for (int a = 0; a < d; ++a) where[a] += Real(to_node);
             Place<Real, d> const place{lattice, items.first(), where, kernel_reach(order)};
-            displacement += apply_on_particles<Real, d>(now->actions, place, displacement, items.here(),
+            Vector<Real, d> const moved = displacement; // copies: see there
+            Vector<Real, d> velocity = particle[Velocity{}];
+            displacement += apply_on_particles<Real, d>(now->actions, place, moved, items.here(),
                                                         portions.find(items, before.id).mass, Real(now->dt),
-                                                        particle[Velocity{}], result.reactions);
+                                                        velocity, reactions);
+            particle[Velocity{}] = velocity;
         }
     }
 

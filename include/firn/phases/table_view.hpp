@@ -121,6 +121,24 @@ struct FieldView
     std::size_t count;      ///< particles
 };
 
+/// Writes one field of a particle: called for every place where one lies, or for every row where fields lie by
+/// row.
+template <class Number, int components>
+struct WriteField
+{
+    std::array<Number const*, components> component;
+    std::uint32_t const* row; ///< of the particle at a place; none if the place is the row
+    Number* to;               ///< component c of the particle in a row at to[row * stride + c]
+    std::size_t stride;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t place) const
+    {
+        std::size_t const first = (row ? row[place] : place) * stride;
+        FIRN_UNROLL
+        for (int c = 0; c < components; ++c) to[first + static_cast<unsigned>(c)] = component[c][place];
+    }
+};
+
 /// Writes the world position of a particle: called for every particle with where it lies and its cell.
 template <class Number, int d, class Set>
 struct WritePositions

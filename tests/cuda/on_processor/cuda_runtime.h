@@ -382,6 +382,7 @@ private:
 struct Memory
 {
     static constexpr int devices = 2;
+    static inline cudaError_t driver = cudaSuccess; ///< what it says when it is asked for devices
     static constexpr std::size_t total = std::size_t(4) << 30;
 
     std::mutex mutex;
@@ -586,8 +587,8 @@ inline cudaError_t cudaGetLastError() { return std::exchange(on_processor::last_
 
 inline cudaError_t cudaGetDeviceCount(int* count)
 {
-    *count = on_processor::Memory::devices;
-    return cudaSuccess;
+    *count = on_processor::Memory::driver == cudaSuccess ? on_processor::Memory::devices : 0;
+    return on_processor::tell(on_processor::Memory::driver);
 }
 inline cudaError_t cudaGetDevice(int* device)
 {

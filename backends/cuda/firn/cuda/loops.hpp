@@ -14,8 +14,10 @@ namespace detail
 {
 inline constexpr unsigned block_threads = 64; ///< one per cell, and one per node
 /// Where there are few blocks, as many teams of that many threads share one: each takes every n-th item of a
-/// cell. With all threads of the largest group, up to 128 registers are left for each.
-inline constexpr unsigned most_teams = 8;
+/// cell. With all threads of the largest group, up to 128 registers are left for each; numbers of double
+/// precision need two each, and are faster with half as many threads.
+template <class Number>
+inline constexpr unsigned most_teams = sizeof(Number) > sizeof(float) ? 4 : 8;
 /// Shared memory that a device gives without being asked, the same but for the little that loops declare, and
 /// what it gives at all but for that (compute capability 7.5; later ones give more) [bytes].
 inline constexpr std::size_t given_shared = 48 * 1024, unasked_shared = 40 * 1024, most_shared = 60 * 1024;
@@ -72,7 +74,7 @@ struct SharedTiles
     /// sums are added up team by team.)
     static constexpr unsigned teams(std::uint32_t blocks)
     {
-        unsigned teams = most_teams;
+        unsigned teams = most_teams<typename GridType::Number>;
         while (teams > 1 && (teams * blocks > 1024 || bytes(true, true, teams) > unasked_shared)) teams /= 2;
         return teams;
     }
@@ -395,7 +397,7 @@ struct Moved
 /// All items take, answer, and give to the tile of the next step; those that depart are put on a list, and in
 /// that of their new cell.
 template <class CellOrder, class GridType, class Phase>
-__global__ void __launch_bounds__(most_teams* block_threads, 1)
+__global__ void __launch_bounds__(most_teams<typename GridType::Number>* block_threads, 1)
     move(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid,
          Moved<typename GridType::Number, typename Phase::Result> moved)
 {
@@ -421,7 +423,7 @@ __global__ void __launch_bounds__(most_teams* block_threads, 1)
     CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(
         cells.cell(c), tiles.values + Tile::at(GridType::Shape::cell(int(place))));
     SumsInTile<GridType> sums{tiles.own_sums(int(place))};
-    typename Phase::Result result{};
+    typename Phase::Result result{}, rare{};
     auto const use = [&](std::uint32_t rank, bool here, std::uint32_t slot) {
         cell.forget();
         if (here) {
@@ -429,7 +431,7 @@ __global__ void __launch_bounds__(most_teams* block_threads, 1)
             if (rank + teams < count) next_source = sources[rank + teams];
             phase.locate(cell);
             Phase::take(cell);
-            phase.answer(cell, result);
+            phase.answer(cell, result, rare);
             moved.left[slot] = cell.departed();
         }
         if (std::uint32_t const left = __ballot_sync(~0u, cell.departed())) {
@@ -462,7 +464,9 @@ __global__ void __launch_bounds__(most_teams* block_threads, 1)
         if (place % 32 == 0) changes.group_left[2 * blockIdx.x + place / 32] = left_group[place / 32];
     }
     tiles.write_sums(grid.next_tiles + std::size_t(blockIdx.x) * Tile::nodes);
-    __shared__ __align__(16) unsigned char parts[2 * most_teams * sizeof(typename Phase::Result)];
+    __shared__ __align__(
+        16) unsigned char parts[2 * most_teams<typename GridType::Number> * sizeof(typename Phase::Result)];
+    result.merge(rare);
     moved.results.take(result, reinterpret_cast<typename Phase::Result*>(parts));
 }
 
@@ -538,8 +542,8 @@ __global__ void for_each(Body body, std::size_t count)
 }
 
 /// Shared memory that move declares, for results of this kind, but for gaps between [bytes].
-template <class Result>
-inline constexpr std::size_t declared_by_move = 2 * most_teams * sizeof(Result) +
+template <class Number, class Result>
+inline constexpr std::size_t declared_by_move = 2 * most_teams<Number> * sizeof(Result) +
                                                 (block_threads + 2) * sizeof(std::uint32_t) + 64;
 
 /// Lets a loop have so much shared memory beside what it declares [bytes].
