@@ -277,7 +277,7 @@ TEST_CASE("without a driver, with one that is too old, or without a device no so
     says(cudaErrorInsufficientDriver, "there is no driver for CUDA devices, or it is too old",
          "Install a driver for CUDA");
     says(cudaErrorNoDevice, "there is no CUDA device", "Use another backend");
-    says(cudaErrorInitializationError, "cudaGetDeviceCount", "initialization");
+    says(cudaErrorInitializationError, "cudaGetDeviceCount failed", "Look whether the driver runs");
     Jelly solver(lattice(0.05)); // afterwards as ever
     add_block(solver);
     solver.step(1e-4);
