@@ -33,8 +33,9 @@ struct Decompose
         Matrix<Number, d> const F = Eigen::Map<Matrix<Number, d> const>(given + i * d * d);
         SingularValues<Number, d> const values = singular_values(F);
         auto const axes = principal_axes<Number, d>(Matrix<Number, d>(F - Matrix<Number, d>::Identity()));
-        Matrix<Number, d> const all[]{values.U, values.V, values.sigma.asDiagonal().toDenseMatrix(), axes.U,
-                                      axes.stretched};
+        Matrix<Number, d> sigma = Matrix<Number, d>::Zero();
+        for (int a = 0; a < d; ++a) sigma(a, a) = values.sigma[a];
+        Matrix<Number, d> const all[]{values.U, values.V, sigma, axes.U, axes.stretched};
         for (std::size_t k = 0; k < 5; ++k) Each<Number, d>{found + (5 * i + k)* d* d} = all[k];
     }
 };

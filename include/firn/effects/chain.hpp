@@ -63,10 +63,9 @@ FIRN_HOST_DEVICE Vector<Real, d> apply_on_nodes(Chain<Actions...> const& chain, 
 
 /// Contact of lanes of particles, for the obstacles that ask for it, after they were moved by `moved` [m] to
 /// a place, where they are `here`: corrects v, and returns the displacement [m] that goes with it. See
-/// ParticleContact. What is passed by reference a device keeps in memory: a copy, made where this is called,
-/// or something that nobody else needs.
+/// ParticleContact.
 template <Lane Real, int d, class... Actions>
-FIRN_HOST_DEVICE FIRN_CALLED_ON_DEVICE Vector<Real, d>
+FIRN_HOST_DEVICE Vector<Real, d>
 apply_on_particles(Chain<Actions...> const& chain, Place<Real, d> const& place, Vector<Real, d> const& moved,
                    Mask<Real> const& here, Real mass, Real dt, Vector<Real, d>& velocity,
                    Reactions<Chain<Actions...>::obstacles>& reactions)
@@ -74,6 +73,17 @@ apply_on_particles(Chain<Actions...> const& chain, Place<Real, d> const& place, 
     ParticleContact<Real, d, Chain<Actions...>> contact{chain, place, moved,    here,
                                                         mass,  dt,    velocity, reactions};
     return contact.solve();
+}
+
+/// The same where it is too much for a loop's registers beside the rest. What is passed by reference a device
+/// keeps in memory: a copy, made where this is called, or something that nobody else needs.
+template <Lane Real, int d, class... Actions>
+FIRN_HOST_DEVICE FIRN_CALLED_ON_DEVICE Vector<Real, d>
+call_on_particles(Chain<Actions...> const& chain, Place<Real, d> const& place, Vector<Real, d> const& moved,
+                  Mask<Real> const& here, Real mass, Real dt, Vector<Real, d>& velocity,
+                  Reactions<Chain<Actions...>::obstacles>& reactions)
+{
+    return apply_on_particles<Real, d>(chain, place, moved, here, mass, dt, velocity, reactions);
 }
 
 } // namespace firn

@@ -96,8 +96,8 @@ struct MoveParticles
         answer(items, result, result);
     }
 
-    /// The same with what few particles have a part in, mishaps and reactions of obstacles, in another result:
-    /// a device has that in memory, and its registers for the rest.
+    /// The same with what few particles have a part in, mishaps and reactions of obstacles, in another
+    /// result: a device has that in memory, and its registers for the rest.
     template <class Items>
     FIRN_HOST_DEVICE void answer(Items& items, Result& result, Result& rare) const
     {
@@ -196,12 +196,18 @@ private:
             FIRN_UNROLL
             for (int a = 0; a < d; ++a) where[a] += Real(to_node);
             Place<Real, d> const place{lattice, items.first(), where, kernel_reach(order)};
-            Vector<Real, d> const moved = displacement; // copies: see there
-            Vector<Real, d> velocity = particle[Velocity{}];
-            displacement += apply_on_particles<Real, d>(now->actions, place, moved, items.here(),
-                                                        portions.find(items, before.id).mass, Real(now->dt),
-                                                        velocity, reactions);
-            particle[Velocity{}] = velocity;
+            Real const mass = portions.find(items, before.id).mass, dt(now->dt);
+            // Beside a velocity of the particle's own, or where it is more than the distance from one solid:
+            if constexpr (Effects::obstacles > 1 || Effects::shells > 0 || !Transfer::moves_with_grid) {
+                Vector<Real, d> const moved = displacement; // copies: see there
+                Vector<Real, d> velocity = particle[Velocity{}];
+                displacement += call_on_particles<Real, d>(now->actions, place, moved, items.here(), mass, dt,
+                                                           velocity, reactions);
+                particle[Velocity{}] = velocity;
+            }
+            else
+                displacement += apply_on_particles<Real, d>(now->actions, place, displacement, items.here(),
+                                                            mass, dt, particle[Velocity{}], reactions);
         }
     }
 
