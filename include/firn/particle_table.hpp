@@ -588,7 +588,7 @@ private:
                                 " is not finite or too far from the lattice's origin",
                             "Solver::add",
                             "Pass finite positions in metres, within " +
-                                std::to_string(Cells::largest_coordinate) +
+                                std::to_string(static_cast<long>(Cells::largest_coordinate)) +
                                 " cells of the origin: use a larger cell or move the lattice's origin."};
             located.push_back(locate<d>(lattice_, order_, x));
         }

@@ -273,8 +273,9 @@ public:
         auto const visit = entrance_.to_change("Solver::step");
         require(std::isfinite(dt) && dt > 0, "the time step is not a finite number above 0", "Solver::step",
                 "Pass seconds.");
-        require(count <= std::vector<StepReport>().max_size(), "nobody can tell of so many steps",
-                "Solver::steps", "Pass how many there are to be, 0 or above: this looks like one below 0.");
+        require(count <= std::vector<StepReport>().max_size(),
+                "the number of steps is below 0, or beyond what memory has room to report", "Solver::steps",
+                "Pass how many there are to be, 0 or above.");
         require_to_last(dt, "Solver::step");
         (validate(effects), ...);
         require_walls_apart(effects...);
@@ -435,9 +436,9 @@ public:
         if (table.size() > 0) backend_.for_each_place(table.cells(), table.position_writer(to, stride));
     }
 
-    /// Writes a field of all particles, by rising id, where write_positions() writes: component c (of matrices
-    /// row by row) of the i-th particle goes to `to[i * stride + c]`. Velocities that are not stored are taken
-    /// from the grid for that, in the time of a part of a step.
+    /// Writes a field of all particles, by rising id, where write_positions() writes: component c (of
+    /// matrices row by row) of the i-th particle goes to `to[i * stride + c]`. Velocities that are not stored
+    /// are taken from the grid for that, in the time of a part of a step.
     template <class Tag, class Which = Every>
     void write(Number* to, std::size_t stride = component_count<Tag>(d)) const
     {
@@ -497,10 +498,18 @@ public:
                 });
             },
             [&] { return is_half_changed(); });
-        or_break_off([&] {
-            for_each_material([&](auto k) { particles<k>().restore(to.materials[k]); });
-            go_on_from(to, Exchange(lattice_, transfer_, backend_), to.isolated);
-        });
+        Exchange exchange(lattice_, transfer_, backend_);
+        auto isolated = to.isolated;
+        std::size_t restored = 0; // where that fails in the first material nothing has changed
+        or_break_off(
+            [&] {
+                for_each_material([&](auto k) {
+                    particles<k>().restore(to.materials[k]);
+                    ++restored;
+                });
+                go_on_from(to, std::move(exchange), std::move(isolated));
+            },
+            [&] { return restored > 0; });
         return to;
     }
 

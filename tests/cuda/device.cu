@@ -266,7 +266,8 @@ TEST_CASE("two solvers in streams of their own do not disturb each other")
 }
 
 #if defined(FIRN_ON_PROCESSOR) // which can say what a machine with a device cannot
-TEST_CASE("without a driver, with one that is too old, or without a device no solver is made, and why is said")
+TEST_CASE(
+    "without a driver, with one that is too old, or without a device no solver is made, and why is said")
 {
     auto const says = [](cudaError_t status, char const* what, char const* remedy) {
         on_processor::Memory::driver = status;

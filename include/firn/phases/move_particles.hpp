@@ -201,8 +201,8 @@ private:
             if constexpr (Effects::obstacles > 1 || Effects::shells > 0 || !Transfer::moves_with_grid) {
                 Vector<Real, d> const moved = displacement; // copies: see there
                 Vector<Real, d> velocity = particle[Velocity{}];
-                displacement += call_on_particles<Real, d>(now->actions, place, moved, items.here(), mass, dt,
-                                                           velocity, reactions);
+                displacement = moved + call_on_particles<Real, d>(now->actions, place, moved, items.here(),
+                                                                  mass, dt, velocity, reactions);
                 particle[Velocity{}] = velocity;
             }
             else

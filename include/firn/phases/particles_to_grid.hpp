@@ -215,15 +215,15 @@ struct ParticlesToGrid : Giving<Space, Kernel, TransferType>
         auto particle = Record<Real, d, Join<StoredSet, TakenSet>>::at_rest();
         particles.load(items, particle);
         if (!impulse_only) velocities.load(items, particles.id, particle);
-        auto const [mass, volume] = portions.find(items, particles.id);
+        auto const own = portions.find(items, particles.id);
         Matrix<Real, d> L = Matrix<Real, d>::Zero();
         // Viscous stress is that of the last step's motion, as far as particles carry it.
         if constexpr (Viscous<Model> && Join<StoredSet, TakenSet>::template contains<AffineVelocity>)
             L = particle[AffineVelocity{}];
         auto const response = model.template respond<Real>(particle, L, Real(0));
         // dt f_i = -dt V0 tau grad w_i, with the gradient taken per cell
-        Matrix<Real, d> const impulse = response.kirchhoff_stress * (volume * Real(-dt / cell_size));
-        Real const given_mass = impulse_only ? Real(0) : mass;
+        Matrix<Real, d> const impulse = response.kirchhoff_stress * (own.volume * Real(-dt / cell_size));
+        Real const given_mass = impulse_only ? Real(0) : own.mass;
         Gives::keep(items, particles.position(items), given_mass,
                     transfer.template give<Kernel, Real, d>(particle, given_mass, impulse, Real(cell_size)));
     }

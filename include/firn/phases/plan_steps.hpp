@@ -144,11 +144,11 @@ struct StepRule
 
 private:
     /// A step from `begin` that is as long as is stable, not much longer than the one before, and a whole
-    /// share of what remains before `end`; after `retries` failures, half as long each time.
-    FIRN_HOST_DEVICE PlannedStep plan(ChosenStep step, double begin, double end, double previous,
+    /// share of what remains before `until`; after `retries` failures, half as long each time.
+    FIRN_HOST_DEVICE PlannedStep plan(ChosenStep step, double begin, double until, double previous,
                                       int retries) const
     {
-        double const remaining = end - begin;
+        double const remaining = until - begin;
         if (previous > 0) step.bound(control.growth * previous, StepLimit::growth);
         double const longest = step.dt;
         bool const last = longest >= remaining && retries == 0;
@@ -158,7 +158,7 @@ private:
             step.dt = remaining / std::ceil(remaining / longest);
         // half of what was tried, also where that was all that remained
         for (int i = 0; i < retries; ++i) step.dt /= 2;
-        return {{begin, last ? end : begin + step.dt}, step.limit, longest};
+        return {{begin, last ? until : begin + step.dt}, step.limit, longest};
     }
 };
 

@@ -264,7 +264,7 @@ private:
             count = std::max(count, next[b] + 1);
         }
         tiles.tile_of = std::move(next);
-        for (auto& rows : tiles.touched) rows.resize(count);
+        for (auto& of_tiles : tiles.touched) of_tiles.resize(count);
         for (auto& of : tiles.of) of.resize(count * sums * tile_channel);
     }
 
