@@ -121,8 +121,8 @@ struct FieldView
     std::size_t count;      ///< particles
 };
 
-/// Writes one field of a particle: called for every place where one lies, or for every row where fields lie by
-/// row.
+/// Writes one field of a particle: called for every place where one lies, or for every row where fields lie
+/// by row.
 template <class Number, int components>
 struct WriteField
 {
