@@ -258,12 +258,22 @@ public:
     }
 
     /// Takes the particles of a snapshot that was made by a table of the same fields for its own, in the
-    /// order in which they are there. If that fails nothing has changed, unless there were fewer before.
-    void restore(MaterialSnapshot<Number, d> const& from)
+    /// order in which they are there.
+    void restore(MaterialSnapshot<Number, d> const& from) { restore(from, order_of(from)); }
+
+    /// The order of cells of a snapshot's particles: afresh, all else about it follows from what is there.
+    /// This is what takes memory where as many particles are there already.
+    Cells order_of(MaterialSnapshot<Number, d> const& from) const
+    {
+        Cells cells(backend_);
+        if (!from.ids.empty()) cells.insert(from.cells, 0);
+        return cells;
+    }
+
+    /// The same with that order.
+    void restore(MaterialSnapshot<Number, d> const& from, Cells cells)
     {
         std::size_t const count = from.ids.size();
-        Cells cells(backend_); // afresh: all else about the order of cells follows from what is there
-        if (count > 0) cells.insert(from.cells, 0);
         std::vector<std::uint32_t> at_row(count), rows(count);
         std::iota(at_row.begin(), at_row.end(), std::uint32_t(0));
         std::sort(at_row.begin(), at_row.end(),

@@ -498,18 +498,13 @@ public:
                 });
             },
             [&] { return is_half_changed(); });
+        std::vector<Cells> orders; // they take memory, before anything changes
+        for_each_material([&](auto k) { orders.push_back(particles<k>().order_of(to.materials[k])); });
         Exchange exchange(lattice_, transfer_, backend_);
-        auto isolated = to.isolated;
-        std::size_t restored = 0; // where that fails in the first material nothing has changed
-        or_break_off(
-            [&] {
-                for_each_material([&](auto k) {
-                    particles<k>().restore(to.materials[k]);
-                    ++restored;
-                });
-                go_on_from(to, std::move(exchange), std::move(isolated));
-            },
-            [&] { return restored > 0; });
+        or_break_off([&] {
+            for_each_material([&](auto k) { particles<k>().restore(to.materials[k], std::move(orders[k])); });
+            go_on_from(to, std::move(exchange), to.isolated);
+        });
         return to;
     }
 
