@@ -52,7 +52,7 @@ inline constexpr bool are_materials<Real, Materials<Models...>> = (Complete<Mode
 ///
 /// With Materials<...> for its model a scene has several materials, which share the grid and the time step.
 /// `Which` then says what a call is about, by the model's type or as Material<place>: add, upload, view,
-/// write_positions and model need it, others are about all materials without it.
+/// write, write_positions and model need it, others are about all materials without it.
 ///
 /// What is given and told of many particles comes in the order of their permanent ids, see ids().
 template <class Backend, class ModelType, InterpolationKernel Kernel = QuadraticBSpline,
@@ -430,9 +430,7 @@ public:
     {
         auto const visit = entrance_.to_look("Solver::write_positions");
         auto const& table = particles<Of<Which>::place>();
-        require((to != nullptr || table.size() == 0) && stride >= d,
-                "there is no place for positions, or they would overlap", "Solver::write_positions",
-                "Pass room for size() times stride numbers, stride at least the dimension.");
+        require_room(to, table.size(), stride, d, "Solver::write_positions");
         if (table.size() > 0) backend_.for_each_place(table.cells(), table.position_writer(to, stride));
     }
 
@@ -446,9 +444,7 @@ public:
         static_assert(Of<Which>::State::template contains<Tag>,
                       "the scene's particles have no such field, or it follows from others");
         constexpr std::size_t k = Of<Which>::place;
-        require((to != nullptr || particles<k>().size() == 0) && stride >= component_count<Tag>(d),
-                "there is no place for a field, or its values would overlap", "Solver::write",
-                "Pass room for size() times stride numbers, stride at least the field's components.");
+        require_room(to, particles<k>().size(), stride, component_count<Tag>(d), "Solver::write");
         if (particles<k>().size() > 0) exchange_.template write<Tag, k>(parts_, to, stride);
     }
 
@@ -548,6 +544,16 @@ private:
     using Cells = typename Parts::Cells;
     using Rule = StepRule<static_cast<int>(materials)>;
     using Failures = std::vector<StepFailure>;
+
+    /// Before something is written for `count` particles to memory of the caller's.
+    static void require_room(Number const* to, std::size_t count, std::size_t stride, std::size_t components,
+                             char const* where)
+    {
+        require(to != nullptr || count == 0, "there is no memory to write to", where,
+                "Pass room for size() times stride numbers.");
+        require(stride >= components, "what is written of one particle would overlap the next one's", where,
+                "Pass a stride, in numbers, of " + std::to_string(components) + " or more.");
+    }
 
     /// Goes on from a snapshot whose particles are there already: grid, and what was planned, begin afresh.
     void go_on_from(Snapshot<Number, d> const& from, Exchange exchange, Failures isolated)
