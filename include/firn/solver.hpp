@@ -551,8 +551,9 @@ private:
     {
         require(to != nullptr || count == 0, "there is no memory to write to", where,
                 "Pass room for size() times stride numbers.");
-        require(stride >= components, "what is written of one particle would overlap the next one's", where,
-                "Pass a stride, in numbers, of " + std::to_string(components) + " or more.");
+        if (stride < components)
+            throw Error{"what is written of one particle would overlap the next one's", where,
+                        "Pass a stride, in numbers, of " + std::to_string(components) + " or more."};
     }
 
     /// Goes on from a snapshot whose particles are there already: grid, and what was planned, begin afresh.
