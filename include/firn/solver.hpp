@@ -277,7 +277,7 @@ public:
                 "the number of steps is below 0, or beyond what memory has room to report", "Solver::steps",
                 "Pass how many there are to be, 0 or above.");
         require_to_last(dt, "Solver::step");
-        (validate(effects), ...);
+        validate_effects("Solver::step", effects...);
         require_walls_apart(effects...);
         require_before_walls(effects...);
         auto rule = rule_for(effects...);
@@ -319,7 +319,7 @@ public:
         require(std::isfinite(duration) && duration >= 0, "the duration is not a finite number, 0 or above",
                 "Solver::advance", "Pass seconds, e.g. 1.0 / 24.");
         if (duration > 0) require_to_last(duration, "Solver::advance");
-        (validate(effects), ...);
+        validate_effects("Solver::advance", effects...);
         require_walls_apart(effects...);
         require_before_walls(effects...);
         auto rule = rule_for(effects...);
@@ -924,14 +924,27 @@ private:
         return Number(masses_.largest) * (std::is_same_v<Number, float> ? Number(1e-20) : Number(1e-40));
     }
 
+    /// Refuses effects of a call that make no sense, and says which of them it is.
+    template <class... Effects>
+    static void validate_effects([[maybe_unused]] char const* call, Effects const&... effects)
+    {
+        [[maybe_unused]] int place = 0;
+        (validate_effect(call, ++place, effects), ...);
+    }
     template <class Effect>
-    static void validate(Effect const& effect)
+    static void validate_effect(char const* call, int place, Effect const& effect)
     {
         if constexpr (requires { Effect::in_host_memory; })
             static_assert(Backend::reaches_host_memory || !Effect::in_host_memory,
                           "the obstacle's shape lies in memory of the host: pass `shape.on(backend)`");
-        effect.validate();
-        if constexpr (d == 2 && requires { effect.validate_in_plane(); }) effect.validate_in_plane();
+        try {
+            effect.validate();
+            if constexpr (d == 2 && requires { effect.validate_in_plane(); }) effect.validate_in_plane();
+        }
+        catch (Error const& error) {
+            throw Error{error.what_is_wrong(),
+                        error.where() + ", effect " + std::to_string(place) + " of " + call, error.remedy()};
+        }
     }
 
     /// Refuses a time [s] that would be lost to rounding: a host that passes such ones again and again would

@@ -170,7 +170,8 @@ TEST_CASE("steps, effects and uploads that make no sense are refused, and the st
     Motion const turned{.orientation = Eigen::Quaterniond(Eigen::AngleAxisd(1.5, Eigen::Vector3d::UnitX()))};
     refused([&] { solver.remove_if(Inside<Box>{.shape = {{0.2, 0.01, 1}}, .pose = turned}); });
     refused([&] { solver.remove_if(Outside<HalfSpace>{.shape = {{0, 0, 1}}}); });
-    refused([&] { solver.step(1e-3, Obstacle<Sphere>{.shape = {-1}}); });
+    CHECK(refused([&] { solver.step(1e-3, Gravity{}, Obstacle<Sphere>{.shape = {-1}}); }).where() ==
+          "Sphere, effect 2 of Solver::step");
     refused([&] { solver.step(1e-3, Obstacle<Sphere>{.shape = {1}, .contact = Contact::coulomb(-0.5)}); });
     refused([&] { solver.step(1e-3, Obstacle<HalfSpace>{.shape = {{0, 2, 0}}}); });
     refused([&] { solver.advance(0.1, Obstacle<Box>{.shape = {{1, 0, 1}}}); });
