@@ -114,13 +114,15 @@ public:
         next_taken_.reset();
         taken_->resize(count);
         held_ = true;
-        half_changed_ = true;
-        portions_.add(first, volume, density, scale);
         place(located, first, velocity.template cast<Number>());
         std::vector<Coordinates<d>> cells(located.size());
         for (std::size_t i = 0; i < located.size(); ++i) cells[i] = located[i].cell;
-        cells_.insert(cells, first);
         if (first_id != first) name_rows();
+        if (named_) ids_.reserve(count);
+
+        half_changed_ = true; // until here nothing was
+        portions_.add(first, volume, density, scale);
+        cells_.insert(cells, first);
         if (named_) {
             ids_.resize(count);
             std::iota(ids_.begin() + first, ids_.end(), first_id);
@@ -130,7 +132,7 @@ public:
         return located.size();
     }
 
-    /// Whether add() or sort() broke off where the particles that were there before had changed, too.
+    /// Whether add(), remove() or sort() broke off where the particles that stay had changed, too.
     bool is_half_changed() const { return half_changed_; }
 
     /// Finds the particles of which `is_doomed` says so; see Solver::remove_if. Changes nothing.
@@ -204,17 +206,19 @@ public:
         };
         Array<std::uint32_t> const from_there = on_backend(from), rows_there = on_backend(rows),
                                    new_place_there = on_backend(new_place);
-        buffer_[1].gather(backend_, buffer_[0], from_there.data(), kept);
-        for (auto& place : from) place = new_row[row_at[place]];
-        buffer_[1].id.upload(0, from);
-        std::swap(buffer_[0], buffer_[1]);
-        resize_buffers(kept);
-        next_taken_.reset();
         std::optional<Taken> taken;
         if (held_) {
             taken.emplace(backend_, kept);
             taken->gather(backend_, *taken_, rows_there.data());
         }
+        buffer_[1].gather(backend_, buffer_[0], from_there.data(), kept);
+        for (auto& place : from) place = new_row[row_at[place]];
+        buffer_[1].id.upload(0, from);
+
+        half_changed_ = true; // until here nothing was
+        std::swap(buffer_[0], buffer_[1]);
+        resize_buffers(kept);
+        next_taken_.reset();
         std::swap(taken_, taken);
         cells_.erase(doomed.there.data(), new_place_there.data(), kept);
 
@@ -223,6 +227,7 @@ public:
         ids_.resize(kept);
         portions_.keep(new_row, kept);
         size_ = kept;
+        half_changed_ = false;
     }
 
     /// All particles as they are, in memory of the host: if holds_taken(). (What the model is called and how
@@ -648,7 +653,7 @@ private:
     Backend backend_;
     std::size_t size_ = 0;
     bool moved_ = false;
-    bool half_changed_ = false;               ///< in the middle of add() or sort()
+    bool half_changed_ = false;               ///< in the middle of add(), remove() or sort()
     bool named_ = false;                      ///< whether rows are no ids
     std::vector<std::uint32_t> ids_;          ///< then those of all rows, in rising order
     std::array<Buffer, 2> buffer_;            ///< the current one, and the next

@@ -190,11 +190,17 @@ public:
         });
         if (count == 0) return 0;
         hold_taken();
-        or_break_off([&] {
-            for_each_material([&](auto k) { particles<k>().remove(doomed[k]); });
-            exchange_.forget();
-            if (is_held_up()) find_bounds(); // by somebody who is gone, perhaps
-        });
+        bool has_begun = false;
+        or_break_off(
+            [&] {
+                for_each_material([&](auto k) {
+                    particles<k>().remove(doomed[k]);
+                    has_begun = has_begun || doomed[k].count > 0;
+                });
+                exchange_.forget();
+                if (is_held_up()) find_bounds(); // by somebody who is gone, perhaps
+            },
+            [&] { return has_begun || is_half_changed(); });
         return count;
     }
 

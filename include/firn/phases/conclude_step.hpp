@@ -150,9 +150,9 @@ private:
         int material = 0;
         auto const ask = [&](auto const& of) {
             rule.admit(bounds, material,
-                       sqrt(of.wave_modulus / run.density[static_cast<unsigned>(material)]));
-            bounds.speed = max(bounds.speed, sqrt(of.speed2));
-            bounds.deformation_rate = max(bounds.deformation_rate, sqrt(of.deformation));
+                       sqrt(double(of.wave_modulus) / run.density[static_cast<unsigned>(material)]));
+            bounds.speed = max(bounds.speed, sqrt(double(of.speed2)));
+            bounds.deformation_rate = max(bounds.deformation_rate, sqrt(double(of.deformation)));
             ++material;
         };
         (ask(found), ...);

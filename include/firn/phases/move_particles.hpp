@@ -12,12 +12,12 @@ namespace firn
 {
 
 /// What moving the particles found out: the bounds of the next step, and what went wrong in this one.
-template <int obstacles>
+template <class Number, int obstacles>
 struct MoveResult
 {
-    double wave_modulus = 0; ///< largest rho_0 c^2 [Pa]
-    double speed2 = 0;       ///< largest squared speed [m^2/s^2]
-    double deformation = 0;  ///< largest Frobenius norm of the velocity gradient, squared [1/s^2]
+    Number wave_modulus = 0; ///< largest rho_0 c^2 [Pa]
+    Number speed2 = 0;       ///< largest squared speed [m^2/s^2]
+    Number deformation = 0;  ///< largest Frobenius norm of the velocity gradient, squared [1/s^2]
     std::uint64_t capped = 0;
     std::uint64_t wrong = 0;      ///< particles with a mishap that rejects the step
     Mishap mishap = Mishap::none; ///< of the first of them
@@ -56,7 +56,7 @@ struct MoveParticles
     using Takes = Taking<Space, Kernel, Transfer>;
     static constexpr int d = Space::dimension;
     using Number = typename Space::Real;
-    using Result = MoveResult<Effects::obstacles>;
+    using Result = MoveResult<Number, Effects::obstacles>;
     static constexpr int order = Kernel::order;
     static constexpr int node_channels = Takes::node_channels, channels = Gives::channels;
     static constexpr int kept = Takes::kept > Gives::kept ? Takes::kept : Gives::kept;
@@ -120,9 +120,9 @@ struct MoveParticles
         auto const stays = after.move(items, before, within_a_cell<Real>(displacement), x);
 
         Real const speed2 = particle[Velocity{}].squaredNorm(), rate2 = L.squaredNorm();
-        auto const most = [&](double& bound, Real const& value) {
-            Mask<Real> const more = items.here() & !(value <= Real(Number(bound)));
-            if (any(more)) bound = max(bound, double(largest(select(more, value, Real(0)))));
+        auto const most = [&](Number& bound, Real const& value) {
+            Mask<Real> const more = items.here() & !(value <= Real(bound));
+            if (any(more)) bound = max(bound, Number(largest(select(more, value, Real(0)))));
         };
         most(result.wave_modulus, response.wave_modulus);
         most(result.speed2, speed2);
