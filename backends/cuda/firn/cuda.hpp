@@ -296,6 +296,8 @@ private:
         using Result = typename Phase::Result;
         cuda::detail::Conclusion<OfNodes, Result, static_cast<int>(orders), Conclude> all{
             of_nodes, {}, conclude};
+        static_assert(decltype(all)::bytes <= cuda::detail::given_shared,
+                      "a call has more obstacles than the end of a step can tell of: pass fewer");
         for (std::size_t k = 0; k < orders; ++k)
             if (layers[k].blocks() > 0) all.of_items[k] = layers[k].item_results().template partial<Result>();
         return all;

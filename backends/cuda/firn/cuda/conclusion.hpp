@@ -36,8 +36,6 @@ struct Conclusion
     }();
     /// Memory that threads share while they conclude.
     static constexpr std::size_t bytes = warps * all_of_one_warp;
-    static_assert(bytes <= 48 * 1024, "a call has more obstacles than a device's loops can tell of: pass "
-                                      "fewer, or say several of them as one shape");
 
     /// Called by a whole group of threads; true in its first one if the call was.
     __device__ bool operator()(unsigned char* memory) const
