@@ -137,6 +137,7 @@ public:
         static_assert(std::remove_cvref_t<decltype(*std::begin(points))>::SizeAtCompileTime == d,
                       "points have as many coordinates as the scene has dimensions");
         hold_taken();
+        if (size() == 0) masses_ = {}; // nobody is left to be compared with
         std::uint32_t const first = next_id_;
         auto const added = or_break_off(
             [&] {

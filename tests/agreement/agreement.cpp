@@ -14,9 +14,10 @@ void check_agreement(std::string const& name, Outcome const& a, Outcome const& b
 {
     REQUIRE(a.x.size() == b.x.size());
     REQUIRE(!a.x.empty());
+    REQUIRE(a.per_point == b.per_point);
     double sum = 0;
     for (std::size_t k = 0; k < a.x.size(); ++k) sum += (a.x[k] - b.x[k]) * (a.x[k] - b.x[k]);
-    double const difference = std::sqrt(sum / double(a.x.size()));
+    double const difference = std::sqrt(sum * a.per_point / double(a.x.size()));
     CAPTURE(name, difference);
     CHECK(difference <= a.tolerance);
 }

@@ -14,11 +14,12 @@
 namespace firn::test
 {
 
-/// What a scene came to: the coordinates of its points, by id, in cells.
+/// What a scene came to: the coordinates of its points, by id, in cells; or what is told of it as a whole.
 struct Outcome
 {
     std::vector<double> x;
-    double tolerance; ///< of the root mean square difference between two backends [cells]
+    double tolerance;  ///< of the root mean square distance between two backends' points [cells]
+    int per_point = 1; ///< numbers that belong together: the dimension
 };
 
 /// A scene by its name, run on one backend.
@@ -41,7 +42,7 @@ namespace detail
 template <class Solver>
 Outcome outcome(Solver const& solver, double tolerance)
 {
-    Outcome result{{}, tolerance};
+    Outcome result{{}, tolerance, Solver::d};
     for (auto const& x : solver.positions())
         for (int a = 0; a < Solver::d; ++a) result.x.push_back(x[a] / solver.lattice().cell_size);
     return result;

@@ -73,8 +73,30 @@ TEST_CASE("a drain that makes no sense is refused, and removes nobody")
     auto const untouched = running_scene();
     refused([&] { solver.remove_if(Inside<Sphere>{.shape = {-1}}); });
     refused([&] { solver.remove_if<Jelly>(Outside<Box>{.shape = {{1, 0, 1}}}); });
-    refused([&] { solver.remove_if(Inside<Sphere>{.pose = {.position = {not_a_number, 0, 0}}}); });
+    for (int axis = 0; axis < 3; ++axis) {
+        Motion nowhere, hurled;
+        nowhere.position[axis] = not_a_number;
+        hurled.angular_velocity[axis] = 1e160; // its square is no number
+        refused([&] { solver.remove_if(Inside<Sphere>{.pose = nowhere}); });
+        refused([&] { solver.remove_if(Outside<Sphere>{.shape = {5}, .pose = nowhere}); });
+        refused([&] { solver.step(1e-4, Obstacle<Sphere>{.motion = nowhere}); });
+        refused([&] { solver.step(1e-4, Obstacle<HalfSpace>{.motion = hurled}); });
+    }
     CHECK(same(solver, untouched));
+}
+
+TEST_CASE("where nobody is left, particles of any mass may come")
+{
+    auto solver = running_scene();
+    refused([&] {
+        solver.add<Jelly>(std::vector<Eigen::Vector2d>{{0, 3}}, 1e-27);
+    }); // beside the others it would be lost
+    solver.remove_if(Inside<Sphere>{.shape = {1e6}});
+    REQUIRE(solver.size() == 0);
+    solver.add<Jelly>(std::vector<Eigen::Vector2d>{{0, 3}}, 1e-27);
+    solver.step(1e-6, Gravity{});
+    CHECK(solver.masses()[0] > 0);
+    CHECK(solver.masses()[0] < 1e-20);
 }
 
 TEST_CASE("a step of two materials that goes wrong names the material and its particle, and changes nothing")

@@ -38,14 +38,22 @@ struct Motion
         return later;
     }
 
-    void validate(char const* where) const
+    /// Whether all of it is finite, and of a size whose squares are, too, in single precision's scenes.
+    bool is_in_range() const
     {
         constexpr double furthest = 1e15; // what is beyond is none of single precision's
-        require(position.cwiseAbs().maxCoeff() <= furthest && velocity.allFinite() &&
-                    angular_velocity.allFinite() && std::abs(time) <= furthest && orientation.norm() > 1e-6 &&
-                    orientation.norm() < 1e6,
-                "the motion of an obstacle is not finite or from beyond 1e15 m or s, or its orientation is "
-                "no rotation",
+        auto const within = [furthest](Eigen::Vector3d const& v) {
+            return (v.array().abs() <= furthest).all();
+        }; // no NaN
+        return within(position) && within(velocity) && within(angular_velocity) &&
+               std::abs(time) <= furthest && orientation.norm() > 1e-6 && orientation.norm() < 1e6;
+    }
+
+    void validate(char const* where) const
+    {
+        require(is_in_range(),
+                "the motion of an obstacle is not finite or from beyond 1e15 m, s, m/s or rad/s, or its "
+                "orientation is no rotation",
                 where, "Pass finite positions [m], velocities [m/s, rad/s] and a unit quaternion.");
     }
 

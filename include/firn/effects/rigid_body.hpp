@@ -31,7 +31,9 @@ struct RigidBody
     static RigidBody ball(double radius, double mass, Motion const& motion = {})
     {
         require(radius > 0, "the radius is not above 0", "RigidBody::ball", "Pass metres.");
-        return {mass, Eigen::Matrix3d::Identity() * (0.4 * mass * radius * radius), motion};
+        RigidBody const ball{mass, Eigen::Matrix3d::Identity() * (0.4 * mass * radius * radius), motion};
+        ball.validate();
+        return ball;
     }
 
     void validate() const
@@ -77,10 +79,8 @@ struct RigidBody
         double const trace = inertia.trace(); // see validate()
         Eigen::Matrix3d const inertia_by_trace = after.world_inertia() / trace;
         after.motion.angular_velocity = inverse<double, 3>(inertia_by_trace) * (spin / trace);
-        bool const finite = after.motion.position.allFinite() && after.motion.velocity.allFinite() &&
-                            after.motion.angular_velocity.allFinite() &&
-                            after.motion.orientation.coeffs().allFinite();
-        require(finite, "what a body received sets it off beyond all numbers", "RigidBody::advance",
+        require(after.motion.is_in_range(), "what a body received sets it off beyond all numbers",
+                "RigidBody::advance",
                 "Check its mass [kg] and inertia [kg m^2] against impulses [N s] and the time [s].");
         motion = after.motion;
     }
