@@ -6,6 +6,7 @@
 
 #include <Eigen/QR>
 
+#include <algorithm>
 #include <cmath>
 #include <functional>
 #include <random>
@@ -49,6 +50,32 @@ Matrix<Real, d> pack(std::vector<Exact<d>> const& matrices)
             out(i) = Real::load(numbers);
     }
     return out;
+}
+
+/// What lanes of a type find of any number of matrices, a lane's worth at a time: `read(found, lane)` of
+/// each, where found = find(matrices of one lane's worth). So what tests compare is compiled once, not for
+/// every type.
+template <class Real, int d, class Find, class Read>
+auto found_by(std::vector<Exact<d>> const& all, Find find, Read read)
+{
+    std::vector<decltype(read(find(Matrix<Real, d>()), 0))> found;
+    found.reserve(all.size());
+    for (std::size_t i = 0; i < all.size(); i += lane_width<Real>) {
+        std::vector<Exact<d>> matrices(lane_width<Real>, Exact<d>::Zero());
+        std::size_t const count = std::min(matrices.size(), all.size() - i);
+        for (std::size_t lane = 0; lane < count; ++lane) matrices[lane] = all[i + lane];
+        auto const result = find(pack<Real, d>(matrices));
+        for (std::size_t lane = 0; lane < count; ++lane)
+            found.push_back(read(result, static_cast<int>(lane)));
+    }
+    return found;
+}
+
+/// A matrix as rounded to a precision.
+template <int d>
+Exact<d> rounded_to(bool single, Exact<d> const& matrix)
+{
+    return single ? Exact<d>(matrix.template cast<float>().template cast<double>()) : matrix;
 }
 
 template <int d>
