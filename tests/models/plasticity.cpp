@@ -1,8 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
+#include "support/long_double.hpp"
 #include "support/one_element.hpp"
-
-#include <Eigen/Eigenvalues>
 
 using namespace firn;
 using namespace firn::test;
@@ -436,8 +435,7 @@ Vector<double, d> logarithms(Matrix<double, d> const& F)
 template <int d>
 Vector<double, d> principal_values(Matrix<double, d> const& symmetric)
 {
-    Eigen::SelfAdjointEigenSolver<Matrix<double, d>> const axes(symmetric, Eigen::EigenvaluesOnly);
-    return axes.eigenvalues().reverse();
+    return spectrum_of<d>(symmetric).eigenvalues().reverse().template cast<double>();
 }
 
 } // namespace

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
 #include "support/lane_types.hpp"
+#include "support/long_double.hpp"
 #include "support/matrices.hpp"
 
 #include <firn/math/largest_eigenvalue.hpp>
 #include <firn/math/left_stretch.hpp>
 #include <firn/math/principal_axes.hpp>
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/SVD>
 
 #include <algorithm>
@@ -21,6 +21,7 @@ using test::diagonal;
 using test::Exact;
 using test::ExactVector;
 using test::kinds;
+using test::Long;
 using test::matrix_of;
 using test::rounded_to;
 using test::Source;
@@ -78,13 +79,12 @@ std::vector<double> largest_eigenvalues_by(std::vector<Exact<d>> const& all)
 template <int d>
 Exact<d> strain_of(Exact<d> const& exact)
 {
-    using Long = Eigen::Matrix<long double, d, d>;
-    Long const H = exact.template cast<long double>();
-    Eigen::SelfAdjointEigenSolver<Long> const found(Long(H + H.transpose() + H * H.transpose()));
+    Long<d> const H = exact.template cast<long double>();
+    auto const found = test::spectrum_of<d>(Long<d>(H + H.transpose() + H * H.transpose()));
     Eigen::Matrix<long double, d, 1> extension;
     for (int i = 0; i < d; ++i)
         extension[i] = found.eigenvalues()[i] / (1 + std::sqrt(std::max(0.0L, 1 + found.eigenvalues()[i])));
-    return Long(found.eigenvectors() * extension.asDiagonal() * found.eigenvectors().transpose())
+    return Long<d>(found.eigenvectors() * extension.asDiagonal() * found.eigenvectors().transpose())
         .template cast<double>();
 }
 
@@ -133,8 +133,7 @@ void check_singular_values_of_axes(decltype(&axes_by<double, d>) find, bool sing
         for (std::size_t i = 0; i < matrices.size(); ++i) {
             Exact<d> const F = Exact<d>::Identity() + matrices[i];
             ExactVector<d> sigma = found[i].extension + ExactVector<d>::Ones();
-            using Long = Eigen::Matrix<long double, d, d>; // a reference in double is no better than what is tested
-            ExactVector<d> const exact = Eigen::JacobiSVD<Long>(F.template cast<long double>())
+            ExactVector<d> const exact = Eigen::JacobiSVD<Long<d>>(F.template cast<long double>())
                                              .singularValues()
                                              .template cast<double>();
             if (std::abs(F.determinant()) > 1e-5)
@@ -219,10 +218,11 @@ void check_rest_and_nan(decltype(&axes_by<double, 3>) find, bool single, std::si
 template <int d>
 std::pair<Exact<d>, double> left_stretch_of(Exact<d> const& F)
 {
-    Eigen::JacobiSVD<Exact<d>> const found(F, Eigen::ComputeFullU);
-    ExactVector<d> sigma = found.singularValues();
+    Eigen::JacobiSVD<Long<d>> const found(F.template cast<long double>(), Eigen::ComputeFullU);
+    Exact<d> const U = found.matrixU().template cast<double>();
+    ExactVector<d> sigma = found.singularValues().template cast<double>();
     if (F.determinant() < 0) sigma[d - 1] = -sigma[d - 1];
-    Exact<d> const V = found.matrixU() * sigma.asDiagonal() * found.matrixU().transpose();
+    Exact<d> const V = U * sigma.asDiagonal() * U.transpose();
     sigma /= std::max(sigma[0], 1e-300);
     double settled = 1;
     for (int i = 0; i < d; ++i)
@@ -300,7 +300,7 @@ void check_largest_eigenvalues(decltype(&largest_eigenvalues_by<double, d>) larg
         double least = 1, most = 0;
         for (std::size_t i = 0; i < matrices.size(); ++i) {
             Exact<d> const& S = matrices[i];
-            double const exact = Eigen::SelfAdjointEigenSolver<Exact<d>>(S).eigenvalues()[d - 1];
+            double const exact = static_cast<double>(test::spectrum_of<d>(S).eigenvalues()[d - 1]);
             double const above = (found[i] - exact) / std::max(exact - S.trace() / d, S.norm() * 1e-3);
             least = std::min(least, above), most = std::max(most, above);
         }

@@ -4,7 +4,7 @@
 #include <firn/core/lane.hpp>
 #include <firn/core/space.hpp>
 
-#include <Eigen/QR>
+#include <Eigen/Geometry>
 
 #include <algorithm>
 #include <cmath>
@@ -90,9 +90,12 @@ public:
     }
     Exact<d> rotation()
     {
-        Exact<d> Q = any().householderQr().householderQ();
-        if (Q.determinant() < 0) Q.col(0) *= -1;
-        return Q;
+        if constexpr (d == 2)
+            return Eigen::Rotation2Dd(std::atan2(normal(), normal())).toRotationMatrix();
+        else
+            return Eigen::Quaterniond(Eigen::Vector4d::NullaryExpr([&] { return normal(); }))
+                .normalized()
+                .matrix();
     }
     Exact<d> turned(Exact<d> const& D)
     {
