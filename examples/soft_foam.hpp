@@ -14,7 +14,9 @@ struct SoftFoam // a neo-Hookean solid without a volume term, for example
 
     void validate() const
     {
-        firn::require(stiffness > 0, "the stiffness is not above 0", "SoftFoam", "Pass Pa.");
+        firn::require_density(density, "SoftFoam");
+        firn::require(stiffness > 0 && stiffness < 1e15, "the stiffness is outside (0, 1e15)", "SoftFoam",
+                      "Pass Pa.");
     }
 
     template <firn::Lane Real, class Particle>

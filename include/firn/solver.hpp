@@ -635,7 +635,7 @@ private:
         course_.ready = false; // it was for other effects, and another end
         course_.retries = 0;
         Rule rule = rule_of_materials();
-        (detail::admit_effect<d>(rule, effects), ...);
+        if (size() > 0) (detail::admit_effect<d>(rule, effects), ...); // which act on nobody else
         return rule;
     }
 

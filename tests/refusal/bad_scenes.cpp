@@ -66,7 +66,7 @@ TEST_CASE("cell sizes, moduli and densities that make no sense are refused")
     refused([] { lattice(0.1, {not_a_number, 0, 0}); });
     for (double E : {0.0, -1e5, not_a_number, infinite}) refused([&] { lame(E, 0.3); });
     for (double nu : {0.5, 0.7, -1.0, not_a_number}) refused([&] { lame(1e5, nu); });
-    for (double density : {0.0, -400.0, not_a_number, infinite}) {
+    for (double density : {0.0, 1e-42, -400.0, not_a_number, infinite}) {
         Snow<SolidFloat> snow;
         snow.density = static_cast<float>(density);
         CHECK(refused([&] { SnowBall(lattice(0.1), snow); }).remedy().find("kg/m^3") != std::string::npos);
@@ -74,6 +74,18 @@ TEST_CASE("cell sizes, moduli and densities that make no sense are refused")
     Snow<SolidFloat> snow;
     snow.critical_compression = -0.1f;
     refused([&] { SnowBall(lattice(0.1), snow); });
+    Snow<SolidFloat> softer;
+    softer.largest_plastic_ratio = static_cast<float>(infinite);
+    CHECK_THAT(refused([&] { SnowBall(lattice(0.1), softer); }).what_is_wrong(),
+               StartsWith("the caps of J_P"));
+    CamClay<SolidFloat> soil;
+    soil.start = 3e38f;
+    CHECK_THAT(refused([&] { soil.validate(); }).what_is_wrong(), StartsWith("alpha at the start"));
+    Fluid<SolidFloat> water;
+    for (double exponent : {0.5, 1e30, not_a_number}) {
+        water.exponent = static_cast<float>(exponent);
+        CHECK_THAT(refused([&] { water.validate(); }).what_is_wrong(), StartsWith("the exponent"));
+    }
     refused([] { SnowBall(lattice(0.1), {}, Flip{.fraction = 1.5}); });
     auto const names = [](StepControl const& control, char const* member) {
         auto const error = refused([&] { SnowBall(lattice(0.1), {}, {}, control); });
@@ -91,7 +103,8 @@ TEST_CASE("cell sizes, moduli and densities that make no sense are refused")
     for (int device : {-1, 1000})
         refused([=] { SnowBall(lattice(0.1), {}, {}, {}, Cuda{.device = device}); });
 #else
-    refused([] { SnowBall(lattice(0.1), {}, {}, {}, OpenMP{.threads = -1}); });
+    for (int threads : {-1, 100000}) // the system may refuse as many: OpenMP would end the process
+        refused([=] { SnowBall(lattice(0.1), {}, {}, {}, OpenMP{.threads = threads}); });
 #endif
 }
 

@@ -107,6 +107,10 @@ TEST_CASE("states from which a material cannot go on are neither uploaded nor re
     CHECK_THAT((refusal_of<LogPlasticVolumeRatio, CamClay<Plane>>(-300)), StartsWith("an alpha of -300.01"));
     CHECK_THAT((refusal_of<EquivalentPlasticStrain, HardeningVonMises<Plane>>(1e306)),
                StartsWith("an equivalent plastic strain of 1"));
+    CHECK_THAT((refusal_of<LooseVolume, Sand<PlaneFloat>>(1e30)), StartsWith("a loose volume of 1"));
+    CHECK_THAT((refusal_of<Stiffness, Heterogeneous<Sand<PlaneFloat>>>(1e35)), StartsWith("a stiffness of"));
+    CHECK(refusal_of<DisplacementGradient, Heterogeneous<Snow<Plane>>>(-1.5) == // as the model itself
+          "an elastic volume ratio of -0.500000 is not above 0");
     CHECK(refusal_of<DisplacementGradient, Snow<Plane>>(-1.5) ==
           "an elastic volume ratio of -0.500000 is not above 0");
     for (double stretch : {1e6, 1e-7})
@@ -190,6 +194,17 @@ TEST_CASE("particles behind a reflecting wall, or across it, are refused, whenev
     refused([&] { falling.step(1e-5, floor); });
     falling.restore(snapshot);
     CHECK_NOTHROW(falling.step(1e-5, floor));
+}
+
+TEST_CASE("nothing bounds the steps of a scene where nobody is")
+{
+    Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>::Solver solver(lattice(0.05));
+    auto const report =
+        solver.advance(1e6, Gravity{}, Obstacle<Sphere>{.shape = {0.1}, .motion = {.velocity = {1e3, 0, 0}}});
+    CHECK(report.substeps < 1000);
+    CHECK(solver.time() == Approx(1e6));
+    solver.add(std::vector<Eigen::Vector2d>{{0, 1}}, 1e-3); // for whom steps are as short as ever
+    CHECK(solver.advance(1e-2, Gravity{}).substeps > 1);
 }
 
 TEST_CASE("a time that would be lost to rounding is refused: nobody waits for it in vain")

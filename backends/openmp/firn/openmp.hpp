@@ -12,6 +12,7 @@
 #include <firn/openmp/lanes.hpp>
 #include <firn/openmp/loops.hpp>
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <string>
@@ -46,8 +47,11 @@ struct BasicOpenMP
 
     void validate() const
     {
-        require(threads >= 0, "the number of threads is below 0", "OpenMP",
-                "Pass the number of threads, or 0 for all cores.");
+        // OpenMP ends the process where the system gives it fewer threads than it asks for
+        int const most = std::max(64, 4 * omp_get_num_procs());
+        if (threads >= 0 && threads <= most) return;
+        throw Error{"the number of threads is below 0 or above " + std::to_string(most), "OpenMP",
+                    "Pass the number of threads, or 0 for all cores."};
     }
 
     /// How many steps are worth while to queue before the host listens: it need not wait.

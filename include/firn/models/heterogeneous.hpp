@@ -4,6 +4,10 @@
 #include <firn/core/fields.hpp>
 #include <firn/models/response.hpp>
 
+#include <cmath>
+#include <limits>
+#include <string>
+
 namespace firn
 {
 
@@ -20,6 +24,23 @@ struct Heterogeneous : ModelType
     using Space = typename Model::Space;
     using State = Join<typename Model::State, Fields<Stiffness>>;
     static_assert(!Viscous<Model>, "viscous stress is not proportional to the moduli");
+
+    /// What is wrong with a state from outside: what the model says, or that it is too stiff for numbers.
+    template <class Particle>
+    std::string objection(Particle const& state) const
+    {
+        if constexpr (ObjectsToStates<Model, Particle>)
+            if (std::string const said = Model::objection(state); !said.empty()) return said;
+        if constexpr (requires { this->elasticity.p_wave_modulus(); }) {
+            using Number = typename Space::Real;
+            double const modulus = double(this->elasticity.p_wave_modulus()) * double(state[Stiffness{}]);
+            // half of the range of numbers is left to strains, hardening and squares
+            if (!(modulus <= std::sqrt(double(std::numeric_limits<Number>::max()))))
+                return "a stiffness of " + std::to_string(double(state[Stiffness{}])) +
+                       " gives a modulus beyond what numbers bear";
+        }
+        return {};
+    }
 
     template <Lane Real, class Particle>
     FIRN_HOST_DEVICE Response<Real, Space::dimension>

@@ -51,10 +51,11 @@ Lame<Number> lame(double young_modulus, double poisson_ratio)
     return {static_cast<Number>(mu), static_cast<Number>(lambda)};
 }
 
-/// Throws an Error unless the density [kg/m^3] is a finite number above 0.
+/// Throws an Error unless the density [kg/m^3] is a number above 0 of which the numbers of a scene can hold
+/// masses, and speeds of waves: 1e-20 to 1e20.
 inline void require_density(double density, char const* where)
 {
-    require(std::isfinite(density) && density > 0, "the density is not a finite number above 0", where,
+    require(density >= 1e-20 && density <= 1e20, "the density is not a number from 1e-20 to 1e20", where,
             "Pass the density in kg/m^3, e.g. 400 for snow.");
 }
 

@@ -49,8 +49,9 @@ struct Fluid
         require(bulk_modulus > 0 && std::isfinite(bulk_modulus),
                 "the bulk modulus is not a finite number above 0", name,
                 "Pass Pa: density times the square of ten times the fastest flow.");
-        require(exponent >= 1 && std::isfinite(exponent), "the exponent is not a finite number, 1 or above",
-                name, "Pass gamma, e.g. 7 for water.");
+        // at 1000 what is compressed by a hundredth is 20 000 times as stiff
+        require(exponent >= 1 && exponent <= 1000, "the exponent is outside [1, 1000]", name,
+                "Pass gamma, e.g. 7 for water.");
         require(viscosity >= 0 && std::isfinite(viscosity),
                 "the viscosity is not a finite number, 0 or above", name, "Pass Pa s, e.g. 1e-3 for water.");
     }

@@ -61,7 +61,9 @@ struct CamClayFlow
                 "Pass beta, e.g. 0.5; 0 for what bears no tension.");
         require(hardening >= 0 && std::isfinite(hardening),
                 "the hardening is not a finite number, 0 or above", name, "Pass xi, e.g. 3.");
-        require(std::isfinite(start), "alpha at the start is not finite", name, "Pass alpha, e.g. -0.01.");
+        // e^100 times as loose as at the last touch: what is kept is added to it
+        require(start <= 100 && std::isfinite(start),
+                "alpha at the start is not a finite number, 100 or below", name, "Pass alpha, e.g. -0.01.");
         require(lowest_opening() <= 0,
                 "alpha at the start gives a p0 above kappa / 2, which no pressure reaches", name,
                 "Pass alpha from -0.481 / xi on, e.g. -0.01.");

@@ -43,8 +43,9 @@ struct SnowFlow
                 "Pass theta_s, e.g. 7.5e-3.");
         require(hardening >= 0 && std::isfinite(hardening),
                 "the hardening coefficient is not a finite number, 0 or above", name, "Pass xi, e.g. 10.");
-        require(smallest_plastic_ratio > 0 && smallest_plastic_ratio <= 1 && largest_plastic_ratio >= 1,
-                "the caps of J_P do not enclose 1", name,
+        require(smallest_plastic_ratio > 0 && smallest_plastic_ratio <= 1 && largest_plastic_ratio >= 1 &&
+                    std::isfinite(largest_plastic_ratio),
+                "the caps of J_P are not finite numbers that enclose 1", name,
                 "Pass 0 < smallest <= 1 <= largest, e.g. 0.6 and 20.");
         // half of the range of numbers is left to the moduli
         require(double(hardening) * (1 - double(smallest_plastic_ratio)) <=
