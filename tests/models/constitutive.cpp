@@ -196,7 +196,7 @@ TEMPLATE_TEST_CASE(
     double worst = 0, slow = 0;
     for (std::size_t i = 0; i < deformations.size(); ++i) {
         Tensor const F = Tensor::Identity() + states[i][DisplacementGradient{}].template cast<double>();
-        Eigen::JacobiSVD<Long<d>> const found(F.template cast<long double>(), Eigen::ComputeFullU);
+        Eigen::JacobiSVD<Long<d>> const found(F.template cast<LongDouble>(), Eigen::ComputeFullU);
         Tensor const U = found.matrixU().template cast<double>();
         Vector<double, d> sigma = found.singularValues().template cast<double>(), tau;
         double const J = F.determinant();

@@ -4,6 +4,7 @@
 #include <firn/core/error.hpp>
 
 #include <cmath>
+#include <limits>
 
 namespace firn
 {
@@ -51,11 +52,12 @@ Lame<Number> lame(double young_modulus, double poisson_ratio)
     return {static_cast<Number>(mu), static_cast<Number>(lambda)};
 }
 
-/// Throws an Error unless the density [kg/m^3] is a number above 0 of which the numbers of a scene can hold
-/// masses, and speeds of waves: 1e-20 to 1e20.
+/// Throws an Error unless the density [kg/m^3] is a finite number above 0 that single precision has all
+/// digits of.
 inline void require_density(double density, char const* where)
 {
-    require(density >= 1e-20 && density <= 1e20, "the density is not a number from 1e-20 to 1e20", where,
+    require(std::isfinite(density) && density >= double(std::numeric_limits<float>::min()),
+            "the density is not a finite number above 0, or nearly 0", where,
             "Pass the density in kg/m^3, e.g. 400 for snow.");
 }
 
