@@ -309,6 +309,26 @@ public:
         return reports;
     }
 
+    // What is no effect gets a sentence.
+    template <class... Others>
+    StepReport step(double, Others const&...)
+    {
+        detail::require_effects<Number, d, Others...>();
+        return {};
+    }
+    template <class... Others>
+    std::vector<StepReport> steps(std::size_t, double, Others const&...)
+    {
+        detail::require_effects<Number, d, Others...>();
+        return {};
+    }
+    template <class... Others>
+    AdvanceReport advance(double, Others const&...)
+    {
+        detail::require_effects<Number, d, Others...>();
+        return {};
+    }
+
     /// Advances the simulation by `duration` [s] in as many stable steps as needed: 1e12 at most, or what
     /// StepControl::smallest says. Who must not wait so long for a material far too stiff, or an obstacle far
     /// too fast, passes a larger one.

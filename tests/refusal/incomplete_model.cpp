@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Read by incomplete_model.sh: a complete model, and with INCOMPLETE defined one for each member that is
-// missing; for devices with UNMARKED defined a step with one that they cannot call.
+// missing; for devices with UNMARKED defined a step with one that they cannot call; with NO_EFFECT steps with
+// what is none.
 #include <firn/firn.hpp>
 
 #if defined(__CUDACC__)
@@ -62,6 +63,13 @@ struct ForHosts
     }
 };
 void step(SolverOf<ItsSpace, ItsState, ItsDensity, ItsValidate, ForHosts>& solver) { solver.step(1e-4); }
+#elif defined(NO_EFFECT)
+void step(SolverOf<ItsSpace, ItsState, ItsDensity, ItsValidate, ItsRespond>& solver)
+{
+    solver.step(1e-4, firn::Gravity{}, firn::Sphere{});
+    solver.steps(2, 1e-4, std::vector<firn::Obstacle<firn::Sphere>>(2));
+    solver.advance(1e-4, firn::RigidBody{});
+}
 #elif !defined(INCOMPLETE)
 std::size_t complete = sizeof(SolverOf<ItsSpace, ItsState, ItsDensity, ItsValidate, ItsRespond>);
 #else

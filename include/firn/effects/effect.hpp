@@ -87,4 +87,17 @@ concept NodeEffect = requires(T const effect, Interval interval)
     effect.template during<Number, d>(interval);
 };
 
+namespace detail
+{
+/// Says in a sentence that some of them are none.
+template <class Number, int d, class... Others>
+constexpr void require_effects()
+{
+    static_assert(
+        (NodeEffect<Others, Number, d> && ...),
+        "what was passed is no effect of this scene: pass Gravity, Obstacle<Shape>, ReflectingWall or one "
+        "of your own, each as an argument; a RigidBody goes in as an Obstacle with its motion");
+}
+} // namespace detail
+
 } // namespace firn
