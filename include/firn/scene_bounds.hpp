@@ -46,13 +46,16 @@ void admit_effect(Rule& rule, Effect const& effect)
 }
 
 /// The bounds of the next step, for states set from outside. How fast particles deform, and what they touch,
-/// is for a step to find: it stays what the last one found, an affine velocity aside. `values(tag, k)` are
-/// those of a field and a material.
+/// is for a step to find: it stays what the last one found, where somebody is left, an affine velocity aside.
+/// `values(tag, k)` are those of a field and a material.
 template <class Parts, class Rule, class Values>
 StepBounds bounds_of(Parts const& parts, Rule const& rule, StepBounds const& found, Values const& values)
 {
-    StepBounds bounds{.deformation_rate = found.deformation_rate, .obstacle_speed = found.obstacle_speed};
+    StepBounds bounds;
     Parts::for_each([&](auto k) {
+        if (parts.template particles<k>().size() == 0) return;
+        bounds.deformation_rate = std::max(bounds.deformation_rate, found.deformation_rate);
+        bounds.obstacle_speed = found.obstacle_speed;
         double modulus = 0;
         parts.template particles<k>().for_each([&](std::uint32_t, auto& particle) {
             double const own = parts.template response<k>(particle).wave_modulus;

@@ -137,7 +137,8 @@ public:
         static_assert(std::remove_cvref_t<decltype(*std::begin(points))>::SizeAtCompileTime == d,
                       "points have as many coordinates as the scene has dimensions");
         hold_taken();
-        if (size() == 0) masses_ = {}; // nobody is left to be compared with
+        bool const is_first = size() == 0; // there is nobody to be compared with
+        if (is_first) masses_ = {};
         std::uint32_t const first = next_id_;
         auto const added = or_break_off(
             [&] {
@@ -146,6 +147,7 @@ public:
             },
             [&] { return is_half_changed(); });
         if (added == 0) return first;
+        if (is_first) course_.previous = course_.last = 0; // steps before were nobody's
         next_id_ += static_cast<std::uint32_t>(added);
         exchange_.forget();
         walls_.forget();
@@ -363,8 +365,10 @@ public:
                 bool const repeated = course_.retries > 0;
                 auto const who =
                     repeated ? detail::failure_of(parts_, wrong, course_.time, tried) : slowest(rule, tried);
+                if (!repeated && !who && forgets_bounds()) continue;
                 if (!isolates(repeated ? wrong : StepLog{}, tried, who.has_value(), report.isolated, who))
                     fail_to_get_on(who);
+                release(rule);
                 continue;
             }
             // as many as there would be if all were as long as this one, and no more than can be counted
@@ -381,7 +385,10 @@ public:
                 ++course_.retries > control_.retries ||
                 course_.now.longest < std::ldexp(std::min(course_.stable, duration), -control_.retries);
             double const dt = course_.now.interval.length();
-            if (!isolates(log, dt, last, report.isolated) && last) fail(log, dt);
+            if (isolates(log, dt, last, report.isolated))
+                release(rule);
+            else if (last)
+                fail(log, dt);
         }
         course_.ready = false;
         return report;
@@ -591,6 +598,7 @@ private:
         next_id_ = from.next_id;
         quarantine_.isolated = std::move(isolated);
         course_ = {.time = from.time, .bounds = from.bounds, .previous = from.previous, .last = from.last};
+        bounds_are_old_ = true;
         spoiled_ = false;
         walls_.forget();
     }
@@ -645,7 +653,20 @@ private:
 
     Rule rule_of_materials() const
     {
-        return detail::rule_of_materials<Kernel, Transfer>(parts_, control_, lattice_.cell_size);
+        Rule rule = detail::rule_of_materials<Kernel, Transfer>(parts_, control_, lattice_.cell_size);
+        for_each_material(
+            [&](auto k) { // viscosity alone would bound the steps of a scene that has none of it
+                if (particles<k>().size() == 0)
+                    rule.limits[k].shear = std::numeric_limits<double>::infinity();
+            });
+        return rule;
+    }
+
+    /// The same after some were taken out: who is gone bounds no step.
+    void release(Rule& rule) const
+    {
+        rule.limits = rule_of_materials().limits;
+        if (size() == 0) rule.acceleration = rule.obstacle_speed = 0;
     }
 
     /// How the steps of a call with these effects are chosen.
@@ -674,7 +695,9 @@ private:
     template <class Effects, class Visit>
     StepLog const& run(Rule const& rule, std::size_t most, Effects const& effects, Visit const& visit)
     {
-        return *or_break_off([&] { return &run_to_end(rule, most, effects, visit); });
+        StepLog const& log = *or_break_off([&] { return &run_to_end(rule, most, effects, visit); });
+        if (log.wrong == 0) bounds_are_old_ = false;
+        return log;
     }
 
     /// What run() does unless it breaks off.
@@ -915,6 +938,18 @@ private:
     void find_bounds()
     {
         course_.bounds = detail::bounds_of(parts_, rule_of_materials(), course_.bounds, values());
+        bounds_are_old_ = true;
+    }
+
+    /// Lets go of bounds that a step found before particles were changed or taken out, if there are such: a
+    /// step finds them anew, and is repeated if it was too long. False where all are of the state as it is.
+    bool forgets_bounds()
+    {
+        if (!bounds_are_old_) return false;
+        course_.bounds.deformation_rate = course_.bounds.obstacle_speed = 0;
+        find_bounds();
+        bounds_are_old_ = course_.ready = false;
+        return true;
     }
 
     /// Whether steps are less than half as long as they would be for particles at rest.
@@ -1039,7 +1074,12 @@ private:
     [[noreturn]] void fail(StepLog const log, double dt) // a copy: what follows is logged, too
     {
         regain_velocities();
-        StepFailure const failure = detail::failure_of(parts_, log, course_.time, dt);
+        StepFailure failure = detail::failure_of(parts_, log, course_.time, dt);
+        auto const spoilers = detail::without_stress(parts_, 0, course_.time, dt);
+        if (!spoilers.empty()) { // whom others go wrong by
+            failure = spoilers.front();
+            failure.count = log.wrong;
+        }
         detail::throw_step_error(failure, course_.stable, Parts::name(failure.material), d);
     }
 
@@ -1053,6 +1093,7 @@ private:
     MassScale masses_;
     std::uint32_t next_id_ = 0;
     Course course_;
+    bool bounds_are_old_ = false; ///< some of them a step found, for particles that were changed since
     detail::Quarantine quarantine_;
     bool (Solver::*isolate_)(StepLog, double, bool, Failures&, std::optional<StepFailure> const&) = nullptr;
     detail::KnownWalls walls_; ///< that nobody is behind: see require_before_walls

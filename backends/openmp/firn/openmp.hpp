@@ -12,7 +12,6 @@
 #include <firn/openmp/lanes.hpp>
 #include <firn/openmp/loops.hpp>
 
-#include <algorithm>
 #include <array>
 #include <atomic>
 #include <string>
@@ -48,10 +47,11 @@ struct BasicOpenMP
     void validate() const
     {
         // OpenMP ends the process where the system gives it fewer threads than it asks for
-        int const most = std::max(64, 4 * omp_get_num_procs());
-        if (threads >= 0 && threads <= most) return;
-        throw Error{"the number of threads is below 0 or above " + std::to_string(most), "OpenMP",
-                    "Pass the number of threads, or 0 for all cores."};
+        constexpr int always = 64;
+        if (threads >= 0 && (threads <= always || threads <= 4 * omp_get_num_procs())) return;
+        throw Error{"the number of threads is below 0, or above " + std::to_string(always) +
+                        " and four for each processor",
+                    "OpenMP", "Pass the number of threads, or 0 for all cores."};
     }
 
     /// How many steps are worth while to queue before the host listens: it need not wait.
@@ -61,7 +61,11 @@ struct BasicOpenMP
         return 1;
     }
 
-    int thread_count() const { return threads > 0 ? threads : omp_get_max_threads(); }
+    int thread_count() const
+    {
+        validate(); // who has no solver, too
+        return threads > 0 ? threads : omp_get_max_threads();
+    }
 
     /// Calls `body(i)` once for every i in [0, count), in any order and at the same time.
     template <class Body>

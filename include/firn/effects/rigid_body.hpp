@@ -41,11 +41,10 @@ struct RigidBody
         auto const is_definite = [](Eigen::Matrix3d const& m) { // by its leading minors
             return m(0, 0) > 0 && m.topLeftCorner<2, 2>().determinant() > 0 && m.determinant() > 0;
         };
-        bool const symmetric =
-            inertia.allFinite() && (inertia - inertia.transpose()).isZero(1e-12 * inertia.norm());
-        // shares of the trace: determinants of a heavy body's, or a light one's, would be beyond all numbers
+        // shares of the trace: squares of a heavy body's, or a light one's, would be beyond all numbers
         double const trace = inertia.trace();
         Eigen::Matrix3d const shares = inertia / trace;
+        bool const symmetric = shares.allFinite() && (shares - shares.transpose()).isZero(1e-12);
         require(std::isfinite(mass) && mass > 0 && symmetric && trace > 0 && is_definite(shares),
                 "the mass is not a finite number above 0, or the inertia is not that of a body", "RigidBody",
                 "Pass kg, and a symmetric positive definite matrix in kg m^2.");
@@ -60,7 +59,11 @@ struct RigidBody
     Eigen::Vector3d momentum() const { return mass * motion.velocity; } ///< [kg m/s]
 
     /// About its centre of mass [kg m^2/s].
-    Eigen::Vector3d angular_momentum() const { return world_inertia() * motion.angular_velocity; }
+    Eigen::Vector3d angular_momentum() const
+    {
+        Eigen::Matrix3d const R = motion.orientation.normalized().toRotationMatrix();
+        return R * (inertia * (R.transpose() * motion.angular_velocity));
+    }
 
     /// Moves it by `dt` [s] as the obstacle was moved, and then gives it what it received meanwhile and what
     /// gravity [m/s^2] did. Throws an Error, and does not move it, unless all are finite, and what becomes of
@@ -76,20 +79,15 @@ struct RigidBody
         RigidBody after = *this;
         after.motion = motion.at(motion.time + dt);
         after.motion.velocity += received.impulse / mass + gravity * dt;
+        // in the body's frame: of one turned, rounding would hide a moment that is far below the others
         double const trace = inertia.trace(); // see validate()
-        Eigen::Matrix3d const inertia_by_trace = after.world_inertia() / trace;
-        after.motion.angular_velocity = inverse<double, 3>(inertia_by_trace) * (spin / trace);
+        Eigen::Matrix3d const R = after.motion.orientation.normalized().toRotationMatrix();
+        Eigen::Vector3d const own_spin = R.transpose() * (spin / trace);
+        after.motion.angular_velocity = R * (inverse<double, 3>(inertia / trace) * own_spin);
         require(after.motion.is_in_range(), "what a body received sets it off beyond all numbers",
                 "RigidBody::advance",
                 "Check its mass [kg] and inertia [kg m^2] against impulses [N s] and the time [s].");
         motion = after.motion;
-    }
-
-private:
-    Eigen::Matrix3d world_inertia() const
-    {
-        Eigen::Matrix3d const R = motion.orientation.normalized().toRotationMatrix();
-        return R * inertia * R.transpose();
     }
 };
 

@@ -4,7 +4,6 @@
 #include <firn/core/fields.hpp>
 #include <firn/models/response.hpp>
 
-#include <cmath>
 #include <limits>
 #include <string>
 
@@ -32,12 +31,10 @@ struct Heterogeneous : ModelType
         if constexpr (ObjectsToStates<Model, Particle>)
             if (std::string const said = Model::objection(state); !said.empty()) return said;
         if constexpr (requires { this->elasticity.p_wave_modulus(); }) {
-            using Number = typename Space::Real;
             double const modulus = double(this->elasticity.p_wave_modulus()) * double(state[Stiffness{}]);
-            // half of the range of numbers is left to strains, hardening and squares
-            if (!(modulus <= std::sqrt(double(std::numeric_limits<Number>::max()))))
+            if (!(modulus <= double(std::numeric_limits<typename Space::Real>::max())))
                 return "a stiffness of " + std::to_string(double(state[Stiffness{}])) +
-                       " gives a modulus beyond what numbers bear";
+                       " gives a modulus beyond all numbers";
         }
         return {};
     }

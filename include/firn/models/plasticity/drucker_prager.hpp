@@ -4,10 +4,6 @@
 #include <firn/models/elasticity/hencky.hpp>
 #include <firn/models/plasticity/deviator.hpp>
 
-#include <cmath>
-#include <limits>
-#include <string>
-
 namespace firn
 {
 
@@ -52,17 +48,6 @@ struct DruckerPragerFlow
         // beyond a stretch of e Hencky's law has lost its stability, and strains are rounded as this one is
         require(cohesion >= 0 && cohesion <= 10, "the cohesion is outside [0, 10]", name,
                 "Pass a logarithmic strain, e.g. 0 for dry sand; what never parts is VonMises or Hencky.");
-    }
-
-    /// What is wrong with a state from outside: that its grains would never touch again.
-    template <class Particle>
-    std::string objection(Particle const& state) const
-    {
-        Number const loose = state[LooseVolume{}];
-        // half of the range of numbers is left to other volumes
-        if (double(loose) <= 0.5 * std::log(double(std::numeric_limits<Number>::max()))) return {};
-        return "a loose volume of " + std::to_string(double(loose)) +
-               " is a volume ratio beyond all that sand could be pressed together again by";
     }
 
     template <Lane Real, int d, class Particle>

@@ -43,10 +43,11 @@ struct SnowFlow
                 "Pass theta_s, e.g. 7.5e-3.");
         require(hardening >= 0 && std::isfinite(hardening),
                 "the hardening coefficient is not a finite number, 0 or above", name, "Pass xi, e.g. 10.");
-        require(smallest_plastic_ratio > 0 && smallest_plastic_ratio <= 1 && largest_plastic_ratio >= 1 &&
-                    std::isfinite(largest_plastic_ratio),
-                "the caps of J_P are not finite numbers that enclose 1", name,
-                "Pass 0 < smallest <= 1 <= largest, e.g. 0.6 and 20.");
+        // a hundredth of the one and a hundred times the other are still numbers
+        require(smallest_plastic_ratio >= Number(1e-6) && smallest_plastic_ratio <= 1 &&
+                    largest_plastic_ratio >= 1 && largest_plastic_ratio <= Number(1e6),
+                "the caps of J_P do not enclose 1, or are outside [1e-6, 1e6]", name,
+                "Pass 1e-6 <= smallest <= 1 <= largest <= 1e6, e.g. 0.6 and 20.");
         // half of the range of numbers is left to the moduli
         require(double(hardening) * (1 - double(smallest_plastic_ratio)) <=
                     0.5 * std::log(double(std::numeric_limits<Number>::max())),
