@@ -73,6 +73,14 @@ TEST_CASE("bodies of any mass and size turn on")
         body.advance({}, 0.01, {0, -10, 0});
         CHECK((body.motion.angular_velocity - Eigen::Vector3d(1, -2, 3)).norm() <= 1e-14);
     }
+    for (double thin : {1e-5, 1e-12}) { // a needle turns about itself
+        Eigen::Quaterniond const turned(Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, 3).normalized()));
+        Eigen::Vector3d const axis = turned * Eigen::Vector3d::UnitZ();
+        RigidBody needle{.inertia = Eigen::Vector3d(1, 1, thin).asDiagonal(),
+                         .motion = {.orientation = turned, .angular_velocity = axis}};
+        for (int i = 0; i < 100; ++i) needle.advance({}, 0.01, {0, -10, 0});
+        CHECK((needle.motion.angular_velocity - axis).norm() <= 1e-12);
+    }
 }
 
 TEST_CASE("a body without mass or with an impossible inertia is refused, as is an impossible push")
@@ -96,6 +104,9 @@ TEST_CASE("a body without mass or with an impossible inertia is refused, as is a
         RigidBody{.inertia = turn * Eigen::Vector3d(3, 1, 2).asDiagonal() * turn.transpose()}.validate());
     CHECK_NOTHROW(
         RigidBody{.inertia = turn * Eigen::Vector3d(1, 1, 1e-5).asDiagonal() * turn.transpose()}.validate());
+    Eigen::Matrix3d lopsided = 1e200 * Eigen::Matrix3d::Identity();
+    lopsided(0, 1) = 1e199;
+    CHECK_THROWS_AS((RigidBody{.inertia = lopsided}.validate()), Error);
     CHECK_THROWS_AS((RigidBody{.motion = {.velocity = {std::nan(""), 0, 0}}}.validate()), Error);
     CHECK_THROWS_AS((RigidBody{.motion = {.position = {0, 1e16, 0}}}.validate()), Error);
     CHECK_THROWS_AS((RigidBody{.motion = {.time = -1e300}}.validate()), Error);

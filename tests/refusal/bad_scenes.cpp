@@ -75,9 +75,11 @@ TEST_CASE("cell sizes, moduli and densities that make no sense are refused")
     snow.critical_compression = -0.1f;
     refused([&] { SnowBall(lattice(0.1), snow); });
     Snow<SolidFloat> softer;
-    softer.largest_plastic_ratio = static_cast<float>(infinite);
-    CHECK_THAT(refused([&] { SnowBall(lattice(0.1), softer); }).what_is_wrong(),
-               StartsWith("the caps of J_P"));
+    for (double cap : {1e7, infinite, not_a_number}) {
+        softer.largest_plastic_ratio = static_cast<float>(cap);
+        CHECK_THAT(refused([&] { SnowBall(lattice(0.1), softer); }).what_is_wrong(),
+                   StartsWith("the caps of J_P"));
+    }
     CamClay<SolidFloat> soil;
     soil.start = 3e38f;
     CHECK_THAT(refused([&] { soil.validate(); }).what_is_wrong(), StartsWith("alpha at the start"));
@@ -104,7 +106,10 @@ TEST_CASE("cell sizes, moduli and densities that make no sense are refused")
         refused([=] { SnowBall(lattice(0.1), {}, {}, {}, Cuda{.device = device}); });
 #else
     for (int threads : {-1, 100000}) // the system may refuse as many: OpenMP would end the process
+    {
         refused([=] { SnowBall(lattice(0.1), {}, {}, {}, OpenMP{.threads = threads}); });
+        refused([=] { OpenMP{.threads = threads}.for_each(8, [](std::size_t) {}); }); // as samplers do
+    }
 #endif
 }
 

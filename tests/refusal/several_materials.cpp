@@ -99,6 +99,23 @@ TEST_CASE("where nobody is left, particles of any mass may come")
     CHECK(solver.masses()[0] < 1e-20);
 }
 
+TEST_CASE("a material of which nothing is there bounds no step")
+{
+    Fluid<Plane> honey;
+    honey.viscosity = 1e4;
+    using Both = Scene<Materials<Jelly, Fluid<Plane>>, QuadraticBSpline, Mls>::Solver;
+    Both scene(lattice(0.1), {Jelly{}, honey});
+    scene.add<Jelly>(box_of_points<2>({0, 0}, {0.4, 0.4}, 0.1), 0.0025);
+    Scene<Jelly, QuadraticBSpline, Mls>::Solver jelly(lattice(0.1));
+    jelly.add(box_of_points<2>({0, 0}, {0.4, 0.4}, 0.1), 0.0025);
+    CHECK(scene.advance(0.1, Gravity{}).substeps == jelly.advance(0.1, Gravity{}).substeps);
+    scene.add<Fluid<Plane>>(box_of_points<2>({2, 0}, {2.4, 0.4}, 0.1), 0.0025);
+    auto const report = scene.advance(1e-2, Gravity{});
+    CHECK(report.limited_by[int(StepLimit::viscosity)] > 5);
+    scene.remove_if<Fluid<Plane>>(Outside<Sphere>{.shape = {1e-6}});
+    CHECK(scene.advance(1e-2, Gravity{}).limited_by[int(StepLimit::viscosity)] == 0);
+}
+
 TEST_CASE("a step of two materials that goes wrong names the material and its particle, and changes nothing")
 {
     auto solver = running_scene();
