@@ -201,7 +201,7 @@ public:
                     has_begun = has_begun || doomed[k].count > 0;
                 });
                 exchange_.forget();
-                if (is_held_up()) find_bounds(); // by somebody who is gone, perhaps
+                if (is_held_up() || !has_particles(course_.bounds.material)) find_bounds(); // of who is left
             },
             [&] { return has_begun || is_half_changed(); });
         return count;
@@ -305,7 +305,9 @@ public:
                 reports.back().beyond_stable = dt > record.stable;
                 std::swap(reports.back().isolated, isolated); // before that step
             });
-            if (log.wrong > 0 && !isolates(log, dt, true, isolated)) fail(log, dt);
+            if (log.wrong == 0) continue;
+            if (!isolates(log, dt, true, isolated)) fail(log, dt);
+            release(rule);
         }
         course_.ready = false;
         return reports;
@@ -365,7 +367,7 @@ public:
                 bool const repeated = course_.retries > 0;
                 auto const who =
                     repeated ? detail::failure_of(parts_, wrong, course_.time, tried) : slowest(rule, tried);
-                if (!repeated && !who && forgets_bounds()) continue;
+                if (!repeated && !who && forgets_bounds(rule)) continue;
                 if (!isolates(repeated ? wrong : StepLog{}, tried, who.has_value(), report.isolated, who))
                     fail_to_get_on(who);
                 release(rule);
@@ -941,15 +943,32 @@ private:
         bounds_are_old_ = true;
     }
 
-    /// Lets go of bounds that a step found before particles were changed or taken out, if there are such: a
-    /// step finds them anew, and is repeated if it was too long. False where all are of the state as it is.
-    bool forgets_bounds()
+    /// Lets go of those bounds that a step found before particles were changed or taken out, if no step gets
+    /// on by them and one does without: it finds them anew.
+    bool forgets_bounds(Rule const& rule)
     {
         if (!bounds_are_old_) return false;
-        course_.bounds.deformation_rate = course_.bounds.obstacle_speed = 0;
-        find_bounds();
-        bounds_are_old_ = course_.ready = false;
-        return true;
+        Course const kept = course_;
+        for (int k = 0; k < 2 && !rule.gets_on(course_); ++k) {
+            if (course_.now.limit == StepLimit::deformation)
+                course_.bounds.deformation_rate = 0;
+            else if (course_.now.limit == StepLimit::obstacle)
+                course_.bounds.obstacle_speed = 0;
+            find_bounds();
+            choose(rule);
+        }
+        bool const gets_on = rule.gets_on(course_);
+        if (!gets_on) course_ = kept;
+        return gets_on;
+    }
+
+    /// Whether there are some of a material.
+    bool has_particles(int material) const
+    {
+        bool has = false;
+        for_each_material(
+            [&](auto k) { has = has || (k == std::size_t(material) && particles<k>().size() > 0); });
+        return has;
     }
 
     /// Whether steps are less than half as long as they would be for particles at rest.

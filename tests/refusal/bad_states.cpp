@@ -237,6 +237,14 @@ TEST_CASE("bounds that steps found for who is gone, or was changed, hold nobody 
     restored.restore(corrected.snapshot());
     CHECK(corrected.advance(1e-2).substeps < 100);
     CHECK(restored.advance(1e-2).substeps < 100);
+    // but who is stopped by an effect keeps them
+    auto stopped = hasty();
+    stopped.upload<AffineVelocity>(std::vector<Eigen::Matrix2d>(stopped.size(), Eigen::Matrix2d::Zero()));
+    auto const before = stopped.bounds();
+    refused([&] {
+        stopped.advance(1, Obstacle<Sphere>{.motion = {.position = {9, 9, 0}, .velocity = {1e14, 0, 0}}});
+    });
+    CHECK(stopped.bounds().deformation_rate == before.deformation_rate);
     auto isolated = hasty();
     isolated.quarantine(1);
     auto const report = isolated.advance(1e-2);

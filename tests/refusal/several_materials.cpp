@@ -113,7 +113,21 @@ TEST_CASE("a material of which nothing is there bounds no step")
     auto const report = scene.advance(1e-2, Gravity{});
     CHECK(report.limited_by[int(StepLimit::viscosity)] > 5);
     scene.remove_if<Fluid<Plane>>(Outside<Sphere>{.shape = {1e-6}});
+    CHECK(scene.bounds().material == 0); // that of who is left
+    CHECK(scene.step(1e-6).stable_dt < 1.05 * jelly.step(1e-6).stable_dt);
     CHECK(scene.advance(1e-2, Gravity{}).limited_by[int(StepLimit::viscosity)] == 0);
+
+    // and those that are taken out in the middle of several steps
+    using Reversed = Scene<Materials<Fluid<Plane>, Jelly>, QuadraticBSpline, Mls>::Solver;
+    Reversed steps(lattice(0.1), {honey, Jelly{}});
+    steps.add<Fluid<Plane>>(std::vector<Eigen::Vector2d>{{5, 0}}, 0.0025);
+    steps.add<Jelly>(box_of_points<2>({0, 0}, {0.4, 0.4}, 0.1), 0.0025);
+    steps.upload<Velocity, Fluid<Plane>>({{1e7, 0}});
+    steps.quarantine(1);
+    auto const reports = steps.steps(3, 1e-5);
+    REQUIRE(reports[0].isolated.size() == 1);
+    CHECK(steps.bounds().material == 1);
+    CHECK(reports[2].stable_dt < 1.05 * jelly.step(1e-6).stable_dt);
 }
 
 TEST_CASE("a step of two materials that goes wrong names the material and its particle, and changes nothing")

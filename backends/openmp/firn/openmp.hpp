@@ -47,11 +47,8 @@ struct BasicOpenMP
     void validate() const
     {
         // OpenMP ends the process where the system gives it fewer threads than it asks for
-        constexpr int always = 64;
-        if (threads >= 0 && (threads <= always || threads <= 4 * omp_get_num_procs())) return;
-        throw Error{"the number of threads is below 0, or above " + std::to_string(always) +
-                        " and four for each processor",
-                    "OpenMP", "Pass the number of threads, or 0 for all cores."};
+        require(threads >= 0 && threads <= 1024, "the number of threads is outside [0, 1024]", "OpenMP",
+                "Pass the number of threads, or 0 for all cores.");
     }
 
     /// How many steps are worth while to queue before the host listens: it need not wait.
