@@ -14,7 +14,8 @@
 namespace firn::detail
 {
 
-/// How steps are chosen, as far as the materials alone say.
+/// How steps are chosen, as far as the materials alone say. The viscosity of one of which nothing is there
+/// bounds none.
 template <class Kernel, class Transfer, class Parts>
 StepRule<static_cast<int>(Parts::count)> rule_of_materials(Parts const& parts, StepControl const& control,
                                                            double cell_size)
@@ -28,7 +29,9 @@ StepRule<static_cast<int>(Parts::count)> rule_of_materials(Parts const& parts, S
         MaterialLimits& limits = rule.limits[k];
         limits.wave = isolated_limit<Kernel, Transfer>(expansion_ratio);
         if constexpr (Viscous<typename Parts::template Of<k>::Model>)
-            limits.shear = shear_limit(limits.wave, model.kinematic_viscosity(), cell_size, expansion_ratio);
+            if (parts.template particles<k>().size() > 0)
+                limits.shear =
+                    shear_limit(limits.wave, model.kinematic_viscosity(), cell_size, expansion_ratio);
     });
     return rule;
 }

@@ -655,13 +655,7 @@ private:
 
     Rule rule_of_materials() const
     {
-        Rule rule = detail::rule_of_materials<Kernel, Transfer>(parts_, control_, lattice_.cell_size);
-        for_each_material(
-            [&](auto k) { // viscosity alone would bound the steps of a scene that has none of it
-                if (particles<k>().size() == 0)
-                    rule.limits[k].shear = std::numeric_limits<double>::infinity();
-            });
-        return rule;
+        return detail::rule_of_materials<Kernel, Transfer>(parts_, control_, lattice_.cell_size);
     }
 
     /// The same after some were taken out: who is gone bounds no step.

@@ -20,6 +20,7 @@ using namespace firn;
 using test::diagonal;
 using test::Exact;
 using test::ExactVector;
+using test::is_single;
 using test::kinds;
 using test::Long;
 using test::matrix_of;
@@ -31,9 +32,6 @@ double rounding(bool single) { return single ? 6e-8 : 1.2e-16; }
 
 /// That of singular values: see singular_values.cpp.
 double exactness(bool single) { return single ? 1e-6 : 2e-15; }
-
-template <class Real>
-constexpr bool is_single = sizeof(Scalar<Real>) == 4;
 
 /// See PrincipalAxes.
 template <int d>

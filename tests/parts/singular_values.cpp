@@ -19,6 +19,7 @@ namespace
 using namespace firn;
 using test::Exact;
 using test::ExactVector;
+using test::is_single;
 using test::kinds;
 using test::LaneTypes;
 using test::Long;
@@ -32,9 +33,6 @@ struct Bounds
 };
 
 constexpr Bounds bounds(bool single) { return single ? Bounds{1e-6, 3e-6} : Bounds{2e-15, 1e-14}; }
-
-template <class Real>
-constexpr bool is_single = sizeof(Scalar<Real>) == 4;
 
 /// F = U diag(sigma) V^T.
 template <int d>

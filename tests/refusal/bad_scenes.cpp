@@ -105,8 +105,7 @@ TEST_CASE("cell sizes, moduli and densities that make no sense are refused")
     for (int device : {-1, 1000})
         refused([=] { SnowBall(lattice(0.1), {}, {}, {}, Cuda{.device = device}); });
 #else
-    for (int threads : {-1, 100000}) // the system may refuse as many: OpenMP would end the process
-    {
+    for (int threads : {-1, 100000}) { // the system may refuse as many: OpenMP would end the process
         refused([=] { SnowBall(lattice(0.1), {}, {}, {}, OpenMP{.threads = threads}); });
         refused([=] { OpenMP{.threads = threads}.for_each(8, [](std::size_t) {}); }); // as samplers do
     }

@@ -71,6 +71,10 @@ auto found_by(std::vector<Exact<d>> const& all, Find find, Read read)
     return found;
 }
 
+/// Whether lanes hold floats.
+template <class Real>
+constexpr bool is_single = sizeof(Scalar<Real>) == 4;
+
 /// A matrix as rounded to a precision.
 template <int d>
 Exact<d> rounded_to(bool single, Exact<d> const& matrix)
