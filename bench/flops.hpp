@@ -111,12 +111,12 @@ struct OneParticle
     Real load(Number const* array) const { return *array; }
     void store(Number* array, Real value) const { *array = value.value; }
     template <class Offset>
-    Real load_offset(Offset const* array) const
+    Real load_offset(Offset const* array, int) const
     {
         return CellOffset<Number>::value(*array);
     }
     template <class Offset>
-    bool move_offset(Offset const* from, Offset* to, Real displacement, Real& value) const
+    bool move_offset(Offset const* from, Offset* to, int, Real displacement, Real& value) const
     {
         *to = CellOffset<Number>::moved(*from, displacement.value);
         value = CellOffset<Number>::value(*to);
@@ -148,6 +148,7 @@ struct OneParticle
     Coordinates<d> first() const { return Coordinates<d>::Zero(); }
     Vector<Real, d> along() const { return Vector<Real, d>::Zero(); }
     void depart(bool, int, int) const {}
+    Real const& of_cells(Real const& value) const { return value; }
     Real node(int c, int row, int k) const { return Number(0.01) * Number(1 + c + row - 2 * k); }
 };
 

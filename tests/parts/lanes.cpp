@@ -344,9 +344,11 @@ TEMPLATE_LIST_TEST_CASE("Numbers are read from places in runs, with gaps and any
     int wrong = 0;
     for (int trial = 0; trial < 20000; ++trial) {
         std::uint32_t places[width];
-        auto const gap = random() % 4;
+        auto const gap = random() % 4, apart = random() % 8;
         std::uint32_t place = random() % (1000 - 5 * width);
         for (auto& each : places) each = gap == 3 ? random() % 1000 : place += 1 + random() % (gap + 1);
+        for (unsigned i = 0; i < apart; ++i)
+            places[random() % width] = random() % 1000; // of a run, not in it
         reader.follow(places);
         Number found[width];
         std::decay_t<decltype(integers[0])> copied[width];
@@ -354,6 +356,25 @@ TEMPLATE_LIST_TEST_CASE("Numbers are read from places in runs, with gaps and any
         reader.copy(integers.data(), copied);
         for (int l = 0; l < width; ++l)
             wrong += found[l] != Number(places[l]) || copied[l] != -std::int64_t(places[l]);
+    }
+    CHECK(wrong == 0);
+}
+
+TEMPLATE_LIST_TEST_CASE("Lanes go wherever they are wanted", "", Packs)
+{
+    using Number = typename TestType::Number;
+    constexpr int width = TestType::width;
+    Number numbers[width], found[width];
+    for (int l = 0; l < width; ++l) numbers[l] = Number(l + 1);
+    std::mt19937 random(7);
+    openmp::LanesInOrder<TestType> order;
+    int wrong = 0;
+    for (int trial = 0; trial < 2000; ++trial) {
+        std::uint32_t from[width];
+        for (auto& lane : from) lane = random() % width;
+        order.follow(from);
+        order(TestType::load(numbers)).store(found);
+        for (int l = 0; l < width; ++l) wrong += found[l] != numbers[from[l]];
     }
     CHECK(wrong == 0);
 }

@@ -78,8 +78,15 @@ public:
     template <bool has_affine, bool has_gradient>
     FIRN_HOST_DEVICE Found at(Powers<Kernel, Real, d> const& powers) const
     {
+        return at<has_affine, has_gradient>(powers, [](Real const& term) { return term; });
+    }
+    /// The same of particles whose cells lie in other lanes: `pick(term)` has each particle's term in its
+    /// own.
+    template <bool has_affine, bool has_gradient, class Pick>
+    FIRN_HOST_DEVICE Found at(Powers<Kernel, Real, d> const& powers, Pick const& pick) const
+    {
         Found found;
-        sum<0, has_affine, has_gradient>(powers, 0, found);
+        sum<0, has_affine, has_gradient>(powers, 0, pick, found);
         return found;
     }
 
@@ -108,19 +115,20 @@ private:
     }
 
     /// The sum over the axes from `axis` on of the terms from `first` on.
-    template <int axis, bool has_affine, bool has_gradient>
-    FIRN_HOST_DEVICE void sum(Powers<Kernel, Real, d> const& powers, int first, Found& found) const
+    template <int axis, bool has_affine, bool has_gradient, class Pick>
+    FIRN_HOST_DEVICE void sum(Powers<Kernel, Real, d> const& powers, int first, Pick const& pick,
+                              Found& found) const
     {
         if constexpr (axis == d) {
             FIRN_UNROLL
-            for (int c = 0; c < channels; ++c) found.value[c] = term_[c][first];
+            for (int c = 0; c < channels; ++c) found.value[c] = pick(term_[c][first]);
         }
         else {
-            sum<axis + 1, has_affine, has_gradient>(powers, first * width, found);
+            sum<axis + 1, has_affine, has_gradient>(powers, first * width, pick, found);
             FIRN_UNROLL
             for (int m = 1; m <= order; ++m) {
                 Found part;
-                sum<axis + 1, has_affine, has_gradient>(powers, first * width + m, part);
+                sum<axis + 1, has_affine, has_gradient>(powers, first * width + m, pick, part);
                 Real const power = powers.power[axis][m - 1];
                 FIRN_UNROLL
                 for (int c = 0; c < channels; ++c) {

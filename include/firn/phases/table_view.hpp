@@ -32,12 +32,13 @@ struct TableView
     {
         Vector<typename Items::Real, d> position;
         FIRN_UNROLL
-        for (int a = 0; a < d; ++a) position[a] = items.load_offset(offset[a]);
+        for (int a = 0; a < d; ++a) position[a] = items.load_offset(offset[a], a);
         return position;
     }
 
-    /// Writes the offsets in `before` plus a displacement [cells], each component within [-1, 1]; `position`
-    /// becomes what was written. Returns which items are still in their cells.
+    /// Writes the offsets in `before`, whose position() of the same items was asked for, plus a displacement
+    /// [cells], each component within [-1, 1]; `position` becomes what was written. Returns which items are
+    /// still in their cells.
     template <class Items>
     FIRN_HOST_DEVICE auto move(Items const& items, TableView const& before,
                                Vector<typename Items::Real, d> const& displacement,
@@ -46,7 +47,7 @@ struct TableView
         auto stays = items.here();
         FIRN_UNROLL
         for (int a = 0; a < d; ++a)
-            stays = stays & items.move_offset(before.offset[a], offset[a], displacement[a], position[a]);
+            stays = stays & items.move_offset(before.offset[a], offset[a], a, displacement[a], position[a]);
         return stays;
     }
 

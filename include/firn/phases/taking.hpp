@@ -48,19 +48,22 @@ struct Taking
     template <class Real>
     using CellNodes = Expansion<Kernel, Real, d, Kernel::order <= 2 ? d : 1>;
 
-    /// Keeps what a row of particles, one per cell, takes from some channels of the nodes of its cells.
+    /// Keeps what a row of particles takes from some channels of the nodes of its cells; in which lane its
+    /// cell is, each particle knows: `row.of_cells(value)` has what is of the cells in the lanes of the
+    /// particles.
     template <class Row, class Real = typename Row::Real>
     FIRN_HOST_DEVICE static void take(Row& row_of_cells, CellNodes<Real> const& nodes, int first)
     {
         Powers<Kernel, Real, d> const powers(kept_position<Real>(row_of_cells));
+        auto const of_cells = [&](Real const& term) { return row_of_cells.of_cells(term); };
         if (Transfer::keeps_old_velocity && first >= Velocities::old_velocity) {
-            auto const found = nodes.template at<false, false>(powers);
+            auto const found = nodes.template at<false, false>(powers, of_cells);
             FIRN_UNROLL
             for (int c = 0; c < nodes.channels; ++c)
                 row_of_cells.keep(old_velocity + first - Velocities::old_velocity + c, found.value[c]);
             return;
         }
-        auto const found = nodes.template at<terms.affine, terms.gradient>(powers);
+        auto const found = nodes.template at<terms.affine, terms.gradient>(powers, of_cells);
         FIRN_UNROLL
         for (int c = 0; c < nodes.channels; ++c) {
             row_of_cells.keep(velocity + first + c, found.value[c]);

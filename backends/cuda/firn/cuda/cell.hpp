@@ -63,13 +63,13 @@ public:
     __device__ void expect_store(T const*) const
     {}
 
-    __device__ Number load_offset(Offset const* array) const
+    __device__ Number load_offset(Offset const* array, int) const
     {
         return CellOffset<Number>::value(array[source_]);
     }
 
     /// Moves the offset along the next axis; notes to which neighbour it leads.
-    __device__ bool move_offset(Offset const* from, Offset* to, Number displacement, Number& value) const
+    __device__ bool move_offset(Offset const* from, Offset* to, int, Number displacement, Number& value) const
     {
         Offset stored = CellOffset<Number>::moved(from[source_], displacement);
         to[slot_] = stored;

@@ -4,12 +4,14 @@
 #include <firn/core/lane.hpp>
 #include <firn/openmp/grid.hpp>
 #include <firn/openmp/lanes.hpp>
+#include <firn/openmp/tuning.hpp>
 
 #include <algorithm>
 #include <bit>
 #include <cassert>
 #include <cstring>
 #include <span>
+#include <vector>
 
 namespace firn::openmp
 {
@@ -38,24 +40,100 @@ Lane counting()
     return LaneTraits<Lane>::load(number);
 }
 
-/// Values that a phase keeps of each item of a group from one of its functions to the next: one array per
-/// channel, in the order of slots.
-template <class Number, int lanes>
+/// Where some items that are loaded side by side lie.
+template <class Lane>
+class Places
+{
+    using Number = Scalar<Lane>;
+    static constexpr int lanes = lane_width<Lane>;
+
+public:
+    /// The first `count` of the sources; lanes beyond repeat the last.
+    void follow(std::uint32_t const* sources, int count)
+    {
+        count_ = count;
+        // written at once and whole: what is loaded next is found in one store before it
+        std::uint32_t const last = sources[count - 1];
+        for (int l = 0; l < lanes; ++l) of_[l] = l < count ? sources[l] : last;
+        if constexpr (lanes > 1) reader_.follow(of_);
+    }
+
+    int count() const { return count_; }
+    std::uint32_t operator[](int lane) const { return of_[lane]; }
+
+    Lane load(Number const* array) const
+    {
+        if constexpr (lanes == 1)
+            return array[of_[0]];
+        else
+            return reader_.load(array);
+    }
+
+    /// The same of anything as wide as a number.
+    template <class T>
+    void copy(T const* array, T (&values)[lanes]) const
+    {
+        if constexpr (lanes == 1)
+            values[0] = array[of_[0]];
+        else
+            reader_.copy(array, values);
+    }
+
+private:
+    struct NoReader
+    {};
+    template <class L>
+    static auto reader_for()
+    {
+        if constexpr (lane_width < L >> 1)
+            return RunsOfPlaces<L>{};
+        else
+            return NoReader{};
+    }
+
+    int count_ = 0;
+    std::uint32_t of_[lanes];
+    decltype(reader_for<Lane>()) reader_;
+};
+
+/// What a thread keeps of the items of a group from one function of a phase to the next: values, one array
+/// per channel in the order of slots, and for each pack where its items lie and the offsets that it loaded.
+template <class Lane, int d>
 class Scratch
 {
+    using Number = Scalar<Lane>;
+    static constexpr int lanes = lane_width<Lane>;
+
 public:
+    using Offset = typename CellOffset<Number>::Stored;
+    struct Pack
+    {
+        Places<Lane> places;
+        Offset offset[d][lanes];
+    };
+
     void reserve(int channels, std::size_t items)
     {
         stride_ = (items + 2 * lanes - 1) / lanes * lanes; // whole packs may be written behind the last item
         values_.resize(static_cast<std::size_t>(channels) * stride_);
+        if (packs_.size() < stride_ / lanes) packs_.resize(stride_ / lanes);
+        if (cells_.size() < stride_) cells_.resize(stride_);
     }
 
     Number* at(int channel, std::size_t item) { return &values_[channel * stride_ + item]; }
     Number const* at(int channel, std::size_t item) const { return &values_[channel * stride_ + item]; }
 
+    /// Of the items of a pack, of which this is the first.
+    Pack& pack(std::size_t item) { return packs_[item / lanes]; }
+
+    /// The number of an item's cell in the group, for who needs it.
+    std::uint32_t* cell(std::size_t item) { return &cells_[item]; }
+
 private:
     std::size_t stride_ = 0;
     Array<Number> values_;
+    std::vector<Pack> packs_;
+    std::vector<std::uint32_t> cells_;
 };
 
 /// Some items side by side, whatever their cells, as a phase sees them. What it loads comes from where they
@@ -71,7 +149,7 @@ public:
     using Offset = typename CellOrder::Offset;
     static constexpr int lanes = lane_width<Lane>;
 
-    Items(CellOrder const& cells, std::size_t block, Scratch<Number, lanes>& scratch)
+    Items(CellOrder const& cells, std::size_t block, Scratch<Lane, d>& scratch)
         : scratch_(scratch), cells_(cells), block_(block)
     {}
 
@@ -79,8 +157,22 @@ public:
     /// scratch.
     void enter(std::size_t slot, std::size_t end, std::size_t item)
     {
-        enter_sources(cells_.sources(slot), static_cast<int>(std::min<std::size_t>(lanes, end - slot)), item);
+        auto const* const sources = cells_.sources(slot);
+        int const count = static_cast<int>(std::min<std::size_t>(lanes, end - slot));
+        assert(std::all_of(sources, sources + count, [&](auto from) { return from < cells_.size(); }) &&
+               "a lane's item is one that is there");
+        scratch_.pack(item).places.follow(sources, count);
+        enter_again(slot, item);
+    }
+    /// Goes to them once more.
+    void enter_again(std::size_t slot, std::size_t item)
+    {
         slot_ = slot;
+        item_ = item;
+        pack_ = &scratch_.pack(item);
+        int const count = pack_->places.count();
+        if (count != entered_) here_ = mask_of<Lane>((std::uint64_t{1} << count) - 1);
+        entered_ = count;
     }
 
     Mask<Lane> here() const { return here_; }
@@ -88,22 +180,16 @@ public:
     void keep(int channel, Lane const& value) { LaneTraits<Lane>::store(value, scratch_.at(channel, item_)); }
     Lane kept(int channel) const { return LaneTraits<Lane>::load(scratch_.at(channel, item_)); }
 
-    Lane load(Number const* array) const
-    {
-        if constexpr (lanes == 1)
-            return array[from_[0]];
-        else
-            return reader_.load(array);
-    }
+    Lane load(Number const* array) const { return places().load(array); }
 
     void store(Number* array, Lane const& value) const
     {
         if constexpr (lanes == 1)
             array[slot_] = value;
-        else if (active_ == lanes)
+        else if (entered_ == lanes)
             value.store(array + slot_);
         else
-            value.store_first(active_, array + slot_);
+            value.store_first(entered_, array + slot_);
     }
 
     /// Stores to the element of an array that the item's own number in `index` says.
@@ -111,15 +197,15 @@ public:
     {
         Number values[lanes];
         LaneTraits<Lane>::store(value, values);
-        for (int l = 0; l < active_; ++l) array[index[from_[l]]] = values[l];
+        for (int l = 0; l < entered_; ++l) array[index[places()[l]]] = values[l];
     }
 
     /// Fetches what will be read or written from memory while there is other work to do.
     template <class T>
     void expect_load(T const* array) const
     {
-        __builtin_prefetch(array + from_[0], 0, 2);
-        __builtin_prefetch(array + from_[lanes - 1], 0, 2);
+        __builtin_prefetch(array + places()[0], 0, 2);
+        __builtin_prefetch(array + places()[lanes - 1], 0, 2);
     }
     template <class T>
     void expect_store(T const* array) const
@@ -127,26 +213,27 @@ public:
         __builtin_prefetch(array + slot_, 1, 2);
     }
 
-    /// The offsets, in cells.
-    Lane load_offset(Offset const* array) const
+    /// The offsets along an axis, in cells.
+    Lane load_offset(Offset const* array, int axis) const
     {
-        Offset stored[lanes];
+        auto& stored = pack_->offset[axis];
+        places().copy(array, stored);
         Number values[lanes];
-        gather(array, stored);
         for (int l = 0; l < lanes; ++l) values[l] = CellOffset<Number>::value(stored[l]);
         return LaneTraits<Lane>::load(values);
     }
 
-    /// Moves the offsets in `from` by a displacement [cells] into `to`; `value` becomes what was written.
-    /// Returns which are still within their cells.
-    Mask<Lane> move_offset(Offset const* from, Offset* to, Lane const& displacement, Lane& value) const
+    /// Moves the offsets along an axis that were loaded when these items were entered first, from `from`, by
+    /// a displacement [cells] into `to`; `value` becomes what was written. Returns which are still within
+    /// their cells.
+    Mask<Lane> move_offset([[maybe_unused]] Offset const* from, Offset* to, int axis,
+                           Lane const& displacement, Lane& value) const
     {
         Offset stored[lanes];
         Number by[lanes], values[lanes], inside[lanes];
-        gather(from, stored);
         LaneTraits<Lane>::store(displacement, by);
         for (int l = 0; l < lanes; ++l) {
-            stored[l] = CellOffset<Number>::moved(stored[l], by[l]);
+            stored[l] = CellOffset<Number>::moved(pack_->offset[axis][l], by[l]);
             values[l] = CellOffset<Number>::value(stored[l]);
             inside[l] = CellOffset<Number>::inside(stored[l]) ? Number(1) : Number(0);
         }
@@ -161,11 +248,11 @@ public:
     {
         if constexpr (lanes > 1 && sizeof(T) == sizeof(Number)) {
             T values[lanes];
-            reader_.copy(from, values);
+            places().copy(from, values);
             store_bits(values, to);
         }
         else
-            for (int l = 0; l < active_; ++l) to[slot_ + l] = from[from_[l]];
+            for (int l = 0; l < entered_; ++l) to[slot_ + l] = from[places()[l]];
     }
 
     /// The lanes of `ask(where the item lies)`.
@@ -173,7 +260,7 @@ public:
     Lane map(Ask const& ask) const
     {
         Number values[lanes];
-        for (int l = 0; l < lanes; ++l) values[l] = ask(from_[l]);
+        for (int l = 0; l < lanes; ++l) values[l] = ask(places()[l]);
         return LaneTraits<Lane>::load(values);
     }
 
@@ -181,7 +268,7 @@ public:
     template <class T>
     T value(T const* array, int lane) const
     {
-        return array[from_[lane]];
+        return array[places()[lane]];
     }
 
     /// The coordinates of a cell, and how far the lanes' own cells are from it along the axes.
@@ -189,10 +276,10 @@ public:
     Vector<Lane, d> along() const
     {
         int place[lanes];
-        cells_.find_places(block_, slot_, active_, place);
+        cells_.find_places(block_, slot_, entered_, place);
         Number steps[d][lanes];
         for (int l = 0; l < lanes; ++l) {
-            auto const cell = CellOrder::cell_at(Coordinates<d>::Zero(), place[std::min(l, active_ - 1)]);
+            auto const cell = CellOrder::cell_at(Coordinates<d>::Zero(), place[std::min(l, entered_ - 1)]);
             for (int a = 0; a < d; ++a) steps[a][l] = Number(cell[a]);
         }
         Vector<Lane, d> along;
@@ -210,21 +297,7 @@ public:
     }
 
 protected:
-    void enter_sources(std::uint32_t const* source, int count, std::size_t item)
-    {
-        item_ = item;
-        active_ = count;
-        // written at once and whole: what is loaded next is found in one store before it
-        std::uint32_t const last = source[count - 1];
-        for (int l = 0; l < lanes; ++l) from_[l] = l < count ? source[l] : last;
-        assert(std::all_of(from_, from_ + lanes, [&](auto from) { return from < cells_.size(); }) &&
-               "a lane's item is one that is there");
-        if constexpr (lanes > 1) reader_.follow(from_);
-        if (count != entered_) here_ = mask_of<Lane>((std::uint64_t{1} << count) - 1);
-        entered_ = count;
-    }
-
-    Scratch<Number, lanes>& scratch_;
+    Scratch<Lane, d>& scratch_;
     std::size_t slot_ = 0, item_ = 0;
 
 private:
@@ -242,30 +315,12 @@ private:
         }
     }
 
-    void gather(Offset const* array, Offset (&values)[lanes]) const
-    {
-        if constexpr (lanes > 1)
-            reader_.copy(array, values);
-        else
-            values[0] = array[from_[0]];
-    }
-
-    struct NoReader
-    {};
-    template <class L>
-    static auto reader_for()
-    {
-        if constexpr (lane_width < L >> 1)
-            return RunsOfPlaces<L>{};
-        else
-            return NoReader{};
-    }
+    Places<Lane> const& places() const { return pack_->places; }
 
     CellOrder const& cells_;
     std::size_t block_;
-    int active_ = 0, entered_ = 0;
-    std::uint32_t from_[lanes];
-    decltype(reader_for<Lane>()) reader_;
+    typename Scratch<Lane, d>::Pack* pack_ = nullptr;
+    int entered_ = 0;
     Mask<Lane> here_{};
 };
 
@@ -278,17 +333,17 @@ class MovingItems : public Items<Lane, CellOrder, d>
 public:
     using typename Base::Number, typename Base::Offset;
 
-    MovingItems(CellOrder& cells, std::size_t block, Scratch<Number, Base::lanes>& scratch,
+    MovingItems(CellOrder& cells, std::size_t block, Scratch<Lane, d>& scratch,
                 typename CellOrder::Leavers& leavers)
         : Base(cells, block, scratch), departures_(cells.departures(block)), leavers_(leavers)
     {}
 
-    /// As Items do it; called for one axis after the other.
-    Mask<Lane> move_offset(Offset const* from, Offset* to, Lane const& displacement, Lane& value) const
+    /// As Items do it.
+    Mask<Lane> move_offset(Offset const* from, Offset* to, int axis, Lane const& displacement,
+                           Lane& value) const
     {
-        moved_[axis_] = to;
-        axis_ = (axis_ + 1) % d;
-        return Base::move_offset(from, to, displacement, value);
+        moved_[axis] = to;
+        return Base::move_offset(from, to, axis, displacement, value);
     }
 
     /// Notes that some items have left their cells, and takes away what they keep to give: all but the first
@@ -322,7 +377,36 @@ private:
     typename CellOrder::Departures& departures_;
     typename CellOrder::Leavers& leavers_;
     mutable Offset* moved_[d]{}; ///< where offsets were written, along each axis
-    mutable int axis_ = 0;
+};
+
+/// Items of a group of cells side by side, whatever their cells, as what takes from nodes sees them.
+template <class Lane, int d>
+class ItemsOfCells
+{
+public:
+    using Real = Lane;
+    static constexpr int lanes = lane_width<Lane>;
+
+    /// Goes to the items from number `item` on, up to `end`; the scratch tells their cells.
+    ItemsOfCells(Scratch<Lane, d>& scratch, std::size_t item, std::size_t end)
+        : scratch_(scratch), item_(item), count_(static_cast<int>(std::min<std::size_t>(lanes, end - item)))
+    {
+        from_.follow(scratch.cell(item));
+    }
+
+    /// Behind the last item, too.
+    void keep(int channel, Lane const& value) { value.store(scratch_.at(channel, item_)); }
+    /// Lanes without an item are zero.
+    Lane kept(int channel) const { return Lane::load_first(count_, scratch_.at(channel, item_)); }
+
+    /// What is of the cells, in the lanes of their items.
+    Lane of_cells(Lane const& value) const { return from_(value); }
+
+private:
+    Scratch<Lane, d>& scratch_;
+    std::size_t item_;
+    int count_;
+    LanesInOrder<Lane> from_;
 };
 
 /// A group of neighbouring cells as a phase sees it: lane l is cell l. It goes through the items of its cells
@@ -338,8 +422,8 @@ public:
 
     /// `counts` has the number of items of each cell, `scratch` what they keep; `read` is a tile of node
     /// values, `write` one of sums: a phase that does not need one is given none.
-    GroupOfCells(std::uint32_t const* counts, int group, Scratch<Number, lanes>& scratch, Number const* read,
-                 Number* write)
+    GroupOfCells(std::uint32_t const* counts, int group, Scratch<Lane, GridType::dimension>& scratch,
+                 Number const* read, Number* write)
         : count_(counts), scratch_(scratch), group_(group), place_(group % Shape::groups_per_row * lanes),
           read_(read), write_(write)
     {}
@@ -365,6 +449,41 @@ public:
             *to = value;
         else
             value.compressed(pattern_).store(to);
+    }
+
+    /// What is of the cells, in the lanes of their items.
+    Lane const& of_cells(Lane const& value) const { return value; }
+
+    /// Whether it takes less time to go through the items from the rank entered on, one of `ranks`, side by
+    /// side, of `items` in all.
+    bool is_sparse(int ranks_left, std::size_t items) const
+    {
+        if constexpr (can_go_side_by_side) {
+            if (active_ * price_of_any_cells > lanes * price_of_own_cells) return false;
+            std::size_t const packs = (items - item_ + lanes - 1) / lanes;
+            return packs * price_of_any_cells < std::size_t(ranks_left) * price_of_own_cells;
+        }
+        else
+            return false;
+    }
+    /// Calls `use(items)` for the items from the rank entered on.
+    template <class Use>
+    void side_by_side(int rank, std::size_t items, Use const& use)
+    {
+        if constexpr (can_go_side_by_side) {
+            std::uint32_t cell[lanes];
+            for (int l = 0; l < lanes; ++l) cell[l] = static_cast<std::uint32_t>(l);
+            std::size_t item = item_;
+            for (std::uint64_t pattern = pattern_; pattern != 0;
+                 pattern = lanes_above<lanes>(count_, static_cast<std::uint32_t>(++rank))) {
+                compress<lanes>(cell, pattern, scratch_.cell(item));
+                item += static_cast<std::size_t>(std::popcount(pattern));
+            }
+            for (item = item_; item < items; item += lanes) {
+                ItemsOfCells<Lane, GridType::dimension> some(scratch_, item, items);
+                use(some);
+            }
+        }
     }
 
     /// Lanes without an item are zero.
@@ -412,6 +531,13 @@ private:
         ((beyond += Lane::template window<lanes - 1 - before>(sums[before + 1][c], zero)), ...);
     }
 
+    static constexpr bool can_go_side_by_side = [] {
+        if constexpr (lanes > 1)
+            return LanesInOrder<Lane>::is_fast;
+        else
+            return false;
+    }();
+
     int at(int c, int row, int k) const
     {
         assert(c >= 0 && row >= 0 && row < GridType::stencil_rows && k >= 0 &&
@@ -421,7 +547,7 @@ private:
     }
 
     std::uint32_t const* count_;
-    Scratch<Number, lanes>& scratch_;
+    Scratch<Lane, GridType::dimension>& scratch_;
     int group_, place_;
     Number const* read_;
     Number* write_;

@@ -21,6 +21,7 @@ template <int d, int order, int lanes>
 struct GridShape
 {
     using Shape = BlockShape<d, lanes>;
+    static constexpr int dimension = d;
     static constexpr int corners = 1 << d;
     static constexpr int reach = stencil_reach(order);
     static constexpr int row_length = Shape::along + order;   ///< nodes in a row of a tile

@@ -564,9 +564,11 @@ public:
     {
         if (in_order_) return Pack::load(array + places_[0]);
         if constexpr (has_permutation) {
-            Pack result = permuted(array + window_[0]);
+            Pack result = windows_ > 0 ? permuted(array + window_[0]) : Pack(Number(0));
             for (int w = 1; w < windows_; ++w)
                 result = select(mask_[w], permuted(array + window_[w]), result);
+            for (int w = width - 1; w >= width - singles_; --w)
+                result = select(mask_[w], Pack(array[window_[w]]), result);
             return result;
         }
         else {
@@ -590,7 +592,7 @@ private:
     std::uint32_t const* places_ = nullptr;
     bool in_order_ = false;
 
-    int windows_ = 0;
+    int windows_ = 0, singles_ = 0;
     std::uint32_t window_[width];
     Mask mask_[width];
 
@@ -598,13 +600,15 @@ private:
     template <class Lay>
     void cover(Lay const& lay)
     {
-        windows_ = 0;
-        for (std::uint64_t rest = (std::uint64_t{1} << width) - 1; rest != 0; ++windows_) {
+        windows_ = singles_ = 0;
+        for (std::uint64_t rest = (std::uint64_t{1} << width) - 1; rest != 0;) {
             auto const place = places_[std::countr_zero(rest)];
             std::uint32_t const window = place > width / 2 ? place - width / 2 : 0;
             std::uint64_t const here = lay(window, rest);
-            window_[windows_] = window;
-            mask_[windows_] = Mask::from_bits(here);
+            bool const is_single = (here & (here - 1)) == 0;
+            int const w = is_single ? width - ++singles_ : windows_++;
+            window_[w] = is_single ? place : window;
+            mask_[w] = Mask::from_bits(here);
             rest &= ~here;
         }
     }
@@ -733,6 +737,99 @@ private:
 #endif
 };
 
+/// Puts the lanes of packs where they are wanted, the same lane in several places too.
+template <class Pack>
+class LanesInOrder
+{
+    using Number = typename Pack::Number;
+    using Batch = typename Pack::Batch;
+    static constexpr int width = Pack::width;
+
+public:
+    /// Whether the processor can do it in one instruction.
+#if defined(__AVX512VL__)
+    static constexpr bool is_fast = width * sizeof(Number) >= 32;
+#elif defined(__AVX2__)
+    static constexpr bool is_fast = width * sizeof(Number) == 32;
+#else
+    static constexpr bool is_fast = false;
+#endif
+
+    /// Lane l will be that of number from[l].
+    void follow(std::uint32_t const* from)
+    {
+#if defined(__AVX512VL__)
+        if constexpr (width == 16) {
+            from_ = _mm512_loadu_si512(from);
+            return;
+        }
+        else if constexpr (is_fast && width == 8) {
+            auto const lanes = _mm256_loadu_si256(reinterpret_cast<__m256i const*>(from));
+            if constexpr (sizeof(Number) == 4)
+                from_ = lanes;
+            else
+                from_ = _mm512_cvtepu32_epi64(lanes);
+            return;
+        }
+        else if constexpr (is_fast) {
+            from_ = _mm256_cvtepu32_epi64(_mm_loadu_si128(reinterpret_cast<__m128i const*>(from)));
+            return;
+        }
+#elif defined(__AVX2__)
+        if constexpr (is_fast && width == 8) {
+            from_ = _mm256_loadu_si256(reinterpret_cast<__m256i const*>(from));
+            return;
+        }
+        else if constexpr (is_fast) { // two words each
+            __m256i const first = _mm256_slli_epi64(
+                _mm256_cvtepu32_epi64(_mm_loadu_si128(reinterpret_cast<__m128i const*>(from))), 1);
+            from_ =
+                _mm256_or_si256(first, _mm256_slli_epi64(_mm256_add_epi64(first, _mm256_set1_epi64x(1)), 32));
+            return;
+        }
+#endif
+        std::memcpy(&from_, from, sizeof from_);
+    }
+
+    Pack operator()(Pack const& lanes) const
+    {
+#if defined(__AVX512VL__)
+        if constexpr (width == 16)
+            return Pack(Batch(_mm512_permutexvar_ps(from_, lanes.value.data)));
+        else if constexpr (is_fast && sizeof(Number) == 4)
+            return Pack(Batch(_mm256_permutexvar_ps(from_, lanes.value.data)));
+        else if constexpr (is_fast && width == 8)
+            return Pack(Batch(_mm512_permutexvar_pd(from_, lanes.value.data)));
+        else if constexpr (is_fast)
+            return Pack(Batch(_mm256_permutexvar_pd(from_, lanes.value.data)));
+#elif defined(__AVX2__)
+        if constexpr (is_fast && sizeof(Number) == 4)
+            return Pack(Batch(_mm256_permutevar8x32_ps(lanes.value.data, from_)));
+        else if constexpr (is_fast)
+            return Pack(
+                Batch(_mm256_castps_pd(_mm256_permutevar8x32_ps(_mm256_castpd_ps(lanes.value.data), from_))));
+#endif
+        Number values[width], moved[width];
+        std::uint32_t from[width];
+        std::memcpy(from, &from_, sizeof from);
+        lanes.store(values);
+        for (int l = 0; l < width; ++l) moved[l] = values[from[l]];
+        return Pack::load(moved);
+    }
+
+private:
+    static auto places()
+    {
+        if constexpr (is_fast) {
+            using Integer = std::conditional_t<sizeof(Number) == 4, std::int32_t, std::int64_t>;
+            return typename xsimd::batch<Integer, typename Pack::Arch>::register_type{};
+        }
+        else
+            return std::array<std::uint32_t, width>{};
+    }
+    decltype(places()) from_;
+};
+
 #pragma GCC diagnostic pop
 
 namespace detail
@@ -783,8 +880,11 @@ using NativeLane = NativePack<Number>;
 template <class Number>
 using NativeLane = Number;
 
+// Packs need them.
 template <class Pack>
-class RunsOfPlaces; // packs need it
+class RunsOfPlaces;
+template <class Pack>
+class LanesInOrder;
 
 #endif
 

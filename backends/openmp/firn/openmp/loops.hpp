@@ -109,15 +109,20 @@ FIRN_INLINE_WHOLE void locate(Phase const& phase, Items& items)
 }
 
 /// What a group's items take from its nodes. (Like give(), named after what is taken, not after the phase
-/// that takes: phases share the code.)
+/// that takes: phases share the code.) Where few cells are left that have so many items, these go side by
+/// side, whatever their cells.
 template <class Takes, class Group, class Nodes>
-FIRN_INLINE_WHOLE void take(Group& group, Nodes& nodes)
+FIRN_INLINE_WHOLE void take(Group& group, std::size_t items, Nodes& nodes)
 {
     for (int channel = 0; channel < Takes::node_channels; channel += Nodes::channels) {
         nodes.read(group, channel);
         group.restart();
         for (int rank = 0, ranks = group.ranks(); rank < ranks; ++rank) {
             group.enter(rank);
+            if (group.is_sparse(ranks - rank, items)) {
+                group.side_by_side(rank, items, [&](auto& some) { Takes::take(some, nodes, channel); });
+                break;
+            }
             Takes::take(group, nodes, channel);
         }
     }
@@ -137,7 +142,7 @@ void scatter(int threads, CellOrder const& cells, GridType& grid, Phase const& p
     constexpr int d = Phase::d, lanes = lane_width<Lane>;
     int const blocks = static_cast<int>(cells.blocks().size());
     share(threads, blocks, 1, [&] {
-        return [&, scratch = Scratch<typename Phase::Number, lanes>(),
+        return [&, scratch = Scratch<Lane, d>(),
                 spreads = std::make_unique_for_overwrite<detail::Spreads<Lane, typename Phase::Gives>>()](
                    int b) mutable {
             if (afresh) grid.touched(b) = 0;
@@ -164,9 +169,11 @@ namespace detail
 {
 /// Copies what some items of a group give, listed cell by cell, to where a group of cells looks for it: rank
 /// by rank.
-template <int channels, int lanes, class Mover, class Number>
-void copy_given(Mover const* movers, std::uint32_t const* counts, Scratch<Number, lanes>& scratch)
+template <int channels, class Lane, int d, class Mover>
+void copy_given(Mover const* movers, std::uint32_t const* counts, Scratch<Lane, d>& scratch)
 {
+    using Number = Scalar<Lane>;
+    constexpr int lanes = lane_width<Lane>;
     std::uint32_t first[lanes];
     std::exclusive_scan(counts, counts + lanes, first, std::uint32_t(0));
     std::size_t item = 0;
@@ -183,7 +190,7 @@ void copy_given(Mover const* movers, std::uint32_t const* counts, Scratch<Number
 /// What some items give to the tile of their block, listed in the order of their cells.
 template <class Lane, class Phase, class Layer, class Mover>
 void give_listed(std::span<Mover const> movers, Layer const&, typename Phase::Number* tile,
-                 std::uint64_t& touched, Scratch<typename Phase::Number, lane_width<Lane>>& scratch,
+                 std::uint64_t& touched, Scratch<Lane, Phase::d>& scratch,
                  Spreads<Lane, typename Phase::Gives>& spreads)
 {
     using Shape = typename Layer::Shape;
@@ -216,7 +223,7 @@ void scatter_movers(int threads, CellOrder const& cells, GridType& grid)
 {
     int const blocks = static_cast<int>(cells.blocks().size());
     share(threads, blocks, 4, [&] {
-        return [&, scratch = Scratch<typename Phase::Number, lane_width<Lane>>(),
+        return [&, scratch = Scratch<Lane, Phase::d>(),
                 spreads = std::make_unique_for_overwrite<detail::Spreads<Lane, typename Phase::Gives>>()](
                    int b) mutable {
             detail::give_listed<Lane, Phase>(cells.movers(b), grid, grid.tile(b), grid.touched(b), scratch,
@@ -319,7 +326,7 @@ template <class Lane, class CellOrder, class GridType, class Phase>
 struct GiveToNext
 {
     using ItemsType = Items<Lane, CellOrder, Phase::d>;
-    using Kept = Scratch<typename Phase::Number, lane_width<Lane>>;
+    using Kept = Scratch<Lane, Phase::d>;
 
     CellOrder const& cells;
     GridType& grid;
@@ -374,7 +381,7 @@ template <class Lane, class CellOrder, class Phase>
 struct GiveNothing
 {
     using ItemsType = Items<Lane, CellOrder, Phase::d>;
-    using Kept = Scratch<typename Phase::Number, lane_width<Lane>>;
+    using Kept = Scratch<Lane, Phase::d>;
 
     CellOrder const& cells;
 
@@ -397,7 +404,7 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
         Array<Number> nodes;
         nodes.resize(Phase::node_channels * GridType::tile_channel);
         // Not on the stack: compilers would take it apart and copy it for every group.
-        return [&, nodes = std::move(nodes), scratch = Scratch<Number, lanes>(),
+        return [&, nodes = std::move(nodes), scratch = Scratch<Lane, Phase::d>(),
                 nodes_of_cells = std::make_unique_for_overwrite<typename Phase::template CellNodes<Lane>>(),
                 giver = make_giver()](int b) mutable {
             std::uint64_t const rows = own_rows<GridType>(cells, b);
@@ -407,16 +414,16 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
                 std::size_t const begin = cells.group_begin(b, g), end = cells.group_end(b, g);
                 if (begin == end) continue;
                 scratch.reserve(Phase::kept, end - begin);
-                auto const for_each_pack = [&](auto const& use) {
-                    for (std::size_t slot = begin; slot < end; slot += lanes) {
-                        items.enter(slot, end, slot - begin);
-                        use();
-                    }
-                };
-                for_each_pack([&] { locate(phase, items); });
+                for (std::size_t slot = begin; slot < end; slot += lanes) {
+                    items.enter(slot, end, slot - begin);
+                    locate(phase, items);
+                }
                 GroupOf<Lane, GridType> group(cells.counts(b, g), g, scratch, nodes.data(), nullptr);
-                take<typename Phase::Takes>(group, *nodes_of_cells);
-                for_each_pack([&] { answer(phase, items, results[b]); });
+                take<typename Phase::Takes>(group, end - begin, *nodes_of_cells);
+                for (std::size_t slot = begin; slot < end; slot += lanes) {
+                    items.enter_again(slot, slot - begin);
+                    answer(phase, items, results[b]);
+                }
                 giver.give(b, g, scratch);
             }
             giver.end(b, scratch);

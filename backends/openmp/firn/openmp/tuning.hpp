@@ -38,6 +38,10 @@ struct BlockShape
 /// of nodes in registers. (Measured on quadratic kernels: 8 and 16 are one or two per cent slower.)
 inline constexpr int ranks_at_once = 12;
 
+/// What it costs to let a pack of items take from nodes, in any cells against one of each cell: what is of
+/// the cells goes to the lanes of their items, one permutation per coefficient.
+inline constexpr std::size_t price_of_any_cells = 3, price_of_own_cells = 2;
+
 /// Of the items of a block at most one in so many is kept with what it gives when it goes to another cell of
 /// the block; if there are more, they give before the next block's turn. (Measured: that whatever their
 /// number takes a step of random particles, a tenth of which leave their cells, 5 % longer, one of a splash
