@@ -3,6 +3,7 @@
 
 #include <firn/core/lane.hpp>
 #include <firn/core/space.hpp>
+#include <firn/openmp/tuning.hpp>
 
 #include <array>
 #include <bit>
@@ -565,8 +566,10 @@ public:
         if (in_order_) return Pack::load(array + places_[0]);
         if constexpr (has_permutation) {
             Pack result = windows_ > 0 ? permuted(array + window_[0]) : Pack(Number(0));
+            FIRN_KEEP_LOOP
             for (int w = 1; w < windows_; ++w)
                 result = select(mask_[w], permuted(array + window_[w]), result);
+            FIRN_KEEP_LOOP
             for (int w = width - 1; w >= width - singles_; --w)
                 result = select(mask_[w], Pack(array[window_[w]]), result);
             return result;

@@ -13,6 +13,16 @@
 #define FIRN_INLINE_WHOLE
 #endif
 
+// Before a loop of few turns that stands in code many times: unrolled, it would take the compiler's time and
+// the cache of instructions.
+#if defined(__clang__)
+#define FIRN_KEEP_LOOP _Pragma("clang loop unroll(disable)")
+#elif defined(__GNUC__)
+#define FIRN_KEEP_LOOP _Pragma("GCC unroll 1")
+#else
+#define FIRN_KEEP_LOOP
+#endif
+
 namespace firn::openmp
 {
 
