@@ -1,0 +1,376 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/cell_offset.hpp>
+#include <firn/core/lane.hpp>
+#include <firn/core/space.hpp>
+#include <firn/grid/lattice.hpp>
+#include <firn/openmp/array.hpp>
+#include <firn/openmp/lanes.hpp>
+
+#include <algorithm>
+#include <bit>
+#include <cassert>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <vector>
+
+namespace firn::openmp
+{
+
+/// The lanes' mask from one bit per lane.
+template <class Lane>
+Mask<Lane> mask_of(std::uint64_t pattern)
+{
+    if constexpr (requires { Mask<Lane>::from_bits(pattern); })
+        return Mask<Lane>::from_bits(pattern);
+    else if constexpr (lane_width<Lane> == 1)
+        return pattern != 0;
+    else {
+        Scalar<Lane> one_or_zero[lane_width<Lane>];
+        for (int l = 0; l < lane_width<Lane>; ++l) one_or_zero[l] = Scalar<Lane>((pattern >> l) & 1);
+        return LaneTraits<Lane>::load(one_or_zero) > Lane(Scalar<Lane>(0));
+    }
+}
+
+/// Where some items that are loaded side by side lie.
+template <class Lane>
+class Places
+{
+    using Number = Scalar<Lane>;
+    static constexpr int lanes = lane_width<Lane>;
+
+public:
+    /// The first `count` of the sources; lanes beyond repeat the last.
+    void follow(std::uint32_t const* sources, int count)
+    {
+        count_ = count;
+        // written at once and whole: what is loaded next is found in one store before it
+        std::uint32_t const last = sources[count - 1];
+        for (int l = 0; l < lanes; ++l) of_[l] = l < count ? sources[l] : last;
+        if constexpr (lanes > 1) reader_.follow(of_);
+    }
+
+    int count() const { return count_; }
+    std::uint32_t operator[](int lane) const { return of_[lane]; }
+
+    Lane load(Number const* array) const
+    {
+        if constexpr (lanes == 1)
+            return array[of_[0]];
+        else
+            return reader_.load(array);
+    }
+
+    /// The same of anything as wide as a number.
+    template <class T>
+    void copy(T const* array, T (&values)[lanes]) const
+    {
+        if constexpr (lanes == 1)
+            values[0] = array[of_[0]];
+        else
+            reader_.copy(array, values);
+    }
+
+private:
+    struct NoReader
+    {};
+    template <class L>
+    static auto reader_for()
+    {
+        if constexpr (lane_width < L >> 1)
+            return RunsOfPlaces<L>{};
+        else
+            return NoReader{};
+    }
+
+    int count_ = 0;
+    std::uint32_t of_[lanes];
+    decltype(reader_for<Lane>()) reader_;
+};
+
+/// What a thread keeps of the items of a group from one function of a phase to the next: values, one array
+/// per channel in the order of slots, and for each pack where its items lie and the offsets that it loaded.
+template <class Lane, int d>
+class Scratch
+{
+    using Number = Scalar<Lane>;
+    static constexpr int lanes = lane_width<Lane>;
+
+public:
+    using Offset = typename CellOffset<Number>::Stored;
+    struct Pack
+    {
+        Places<Lane> places;
+        Offset offset[d][lanes];
+    };
+
+    void reserve(int channels, std::size_t items)
+    {
+        stride_ = (items + 2 * lanes - 1) / lanes * lanes; // whole packs may be written behind the last item
+        values_.resize(static_cast<std::size_t>(channels) * stride_);
+        if (packs_.size() < stride_ / lanes) packs_.resize(stride_ / lanes);
+        if (cells_.size() < stride_) cells_.resize(stride_);
+    }
+
+    Number* at(int channel, std::size_t item) { return &values_[channel * stride_ + item]; }
+    Number const* at(int channel, std::size_t item) const { return &values_[channel * stride_ + item]; }
+
+    /// Of the items of a pack, of which this is the first.
+    Pack& pack(std::size_t item) { return packs_[item / lanes]; }
+
+    /// The number of an item's cell in the group, for who needs it.
+    std::uint32_t* cell(std::size_t item) { return &cells_[item]; }
+
+private:
+    std::size_t stride_ = 0;
+    Array<Number> values_;
+    std::vector<Pack> packs_;
+    std::vector<std::uint32_t> cells_;
+};
+
+/// Some items side by side, whatever their cells, as a phase sees them. What it loads comes from where they
+/// lie
+/// (`source`), what it stores goes to their slots. Lanes beyond the last item repeat it, so that they are
+/// harmless; their place in here() is false.
+template <class Lane, class CellOrder, int d>
+class Items
+{
+public:
+    using Real = Lane;
+    using Number = Scalar<Lane>;
+    using Offset = typename CellOrder::Offset;
+    static constexpr int lanes = lane_width<Lane>;
+
+    Items(CellOrder const& cells, std::size_t block, Scratch<Lane, d>& scratch)
+        : scratch_(scratch), cells_(cells), block_(block)
+    {}
+
+    /// Goes to the items of the slots from `slot` on, up to `end`; the first of them is number `item` in the
+    /// scratch.
+    void enter(std::size_t slot, std::size_t end, std::size_t item)
+    {
+        auto const* const sources = cells_.sources(slot);
+        int const count = static_cast<int>(std::min<std::size_t>(lanes, end - slot));
+        assert(std::all_of(sources, sources + count, [&](auto from) { return from < cells_.size(); }) &&
+               "a lane's item is one that is there");
+        scratch_.pack(item).places.follow(sources, count);
+        enter_again(slot, item);
+    }
+    /// Goes to them once more.
+    void enter_again(std::size_t slot, std::size_t item)
+    {
+        slot_ = slot;
+        item_ = item;
+        pack_ = &scratch_.pack(item);
+        int const count = pack_->places.count();
+        if (count != entered_) here_ = mask_of<Lane>((std::uint64_t{1} << count) - 1);
+        entered_ = count;
+    }
+
+    Mask<Lane> here() const { return here_; }
+
+    void keep(int channel, Lane const& value) { LaneTraits<Lane>::store(value, scratch_.at(channel, item_)); }
+    Lane kept(int channel) const { return LaneTraits<Lane>::load(scratch_.at(channel, item_)); }
+
+    Lane load(Number const* array) const { return places().load(array); }
+
+    void store(Number* array, Lane const& value) const
+    {
+        if constexpr (lanes == 1)
+            array[slot_] = value;
+        else if (entered_ == lanes)
+            value.store(array + slot_);
+        else
+            value.store_first(entered_, array + slot_);
+    }
+
+    /// Stores to the element of an array that the item's own number in `index` says.
+    void store_at(Number* array, std::uint32_t const* index, Lane const& value) const
+    {
+        Number values[lanes];
+        LaneTraits<Lane>::store(value, values);
+        for (int l = 0; l < entered_; ++l) array[index[places()[l]]] = values[l];
+    }
+
+    /// Fetches what will be read or written from memory while there is other work to do.
+    template <class T>
+    void expect_load(T const* array) const
+    {
+        __builtin_prefetch(array + places()[0], 0, 2);
+        __builtin_prefetch(array + places()[lanes - 1], 0, 2);
+    }
+    template <class T>
+    void expect_store(T const* array) const
+    {
+        __builtin_prefetch(array + slot_, 1, 2);
+    }
+
+    /// The offsets along an axis, in cells.
+    Lane load_offset(Offset const* array, int axis) const
+    {
+        auto& stored = pack_->offset[axis];
+        places().copy(array, stored);
+        Number values[lanes];
+        for (int l = 0; l < lanes; ++l) values[l] = CellOffset<Number>::value(stored[l]);
+        return LaneTraits<Lane>::load(values);
+    }
+
+    /// Moves the offsets along an axis that were loaded when these items were entered first, from `from`, by
+    /// a displacement [cells] into `to`; `value` becomes what was written. Returns which are still within
+    /// their cells.
+    Mask<Lane> move_offset([[maybe_unused]] Offset const* from, Offset* to, int axis,
+                           Lane const& displacement, Lane& value) const
+    {
+        Offset stored[lanes];
+        Number by[lanes], values[lanes], inside[lanes];
+        LaneTraits<Lane>::store(displacement, by);
+        for (int l = 0; l < lanes; ++l) {
+            stored[l] = CellOffset<Number>::moved(pack_->offset[axis][l], by[l]);
+            values[l] = CellOffset<Number>::value(stored[l]);
+            inside[l] = CellOffset<Number>::inside(stored[l]) ? Number(1) : Number(0);
+        }
+        store_bits(stored, to);
+        value = LaneTraits<Lane>::load(values);
+        return LaneTraits<Lane>::load(inside) > Lane(Number(0));
+    }
+
+    /// Copies what no phase computes with.
+    template <class T>
+    void copy(T const* from, T* to) const
+    {
+        if constexpr (lanes > 1 && sizeof(T) == sizeof(Number)) {
+            T values[lanes];
+            places().copy(from, values);
+            store_bits(values, to);
+        }
+        else
+            for (int l = 0; l < entered_; ++l) to[slot_ + l] = from[places()[l]];
+    }
+
+    /// The lanes of `ask(where the item lies)`.
+    template <class Ask>
+    Lane map(Ask const& ask) const
+    {
+        Number values[lanes];
+        for (int l = 0; l < lanes; ++l) values[l] = ask(places()[l]);
+        return LaneTraits<Lane>::load(values);
+    }
+
+    /// One lane's element of an array.
+    template <class T>
+    T value(T const* array, int lane) const
+    {
+        return array[places()[lane]];
+    }
+
+    /// The coordinates of a cell, and how far the lanes' own cells are from it along the axes.
+    Coordinates<d> first() const { return CellOrder::cell_at(cells_.blocks()[block_].coordinates, 0); }
+    Vector<Lane, d> along() const
+    {
+        int place[lanes];
+        cells_.find_places(block_, slot_, entered_, place);
+        Number steps[d][lanes];
+        for (int l = 0; l < lanes; ++l) {
+            auto const cell = CellOrder::cell_at(Coordinates<d>::Zero(), place[std::min(l, entered_ - 1)]);
+            for (int a = 0; a < d; ++a) steps[a][l] = Number(cell[a]);
+        }
+        Vector<Lane, d> along;
+        for (int a = 0; a < d; ++a) along[a] = LaneTraits<Lane>::load(steps[a]);
+        return along;
+    }
+
+    /// Whether the cells are so far out that an item may be about to leave the range of coordinates.
+    bool at_the_edge() const
+    {
+        auto const cell = first();
+        for (int a = 0; a < d; ++a)
+            if (std::abs(double(cell[a])) > CellOrder::largest_coordinate) return true;
+        return false;
+    }
+
+protected:
+    Scratch<Lane, d>& scratch_;
+    std::size_t slot_ = 0, item_ = 0;
+
+private:
+    /// Stores integers as wide as a number.
+    template <class T>
+    void store_bits(T const (&values)[lanes], T* to) const
+    {
+        static_assert(sizeof(T) == sizeof(Number));
+        if constexpr (lanes == 1)
+            to[slot_] = values[0];
+        else {
+            Number bits[lanes];
+            std::memcpy(bits, values, sizeof bits);
+            store(reinterpret_cast<Number*>(to), Lane::load(bits));
+        }
+    }
+
+    Places<Lane> const& places() const { return pack_->places; }
+
+    CellOrder const& cells_;
+    std::size_t block_;
+    typename Scratch<Lane, d>::Pack* pack_ = nullptr;
+    int entered_ = 0;
+    Mask<Lane> here_{};
+};
+
+/// Items that move and may depart from their cells.
+template <class Lane, class CellOrder, int d>
+class MovingItems : public Items<Lane, CellOrder, d>
+{
+    using Base = Items<Lane, CellOrder, d>;
+
+public:
+    using typename Base::Number, typename Base::Offset;
+
+    MovingItems(CellOrder& cells, std::size_t block, Scratch<Lane, d>& scratch,
+                typename CellOrder::Leavers& leavers)
+        : Base(cells, block, scratch), departures_(cells.departures(block)), leavers_(leavers)
+    {}
+
+    /// As Items do it.
+    Mask<Lane> move_offset(Offset const* from, Offset* to, int axis, Lane const& displacement,
+                           Lane& value) const
+    {
+        moved_[axis] = to;
+        return Base::move_offset(from, to, axis, displacement, value);
+    }
+
+    /// Notes that some items have left their cells, and takes away what they keep to give: all but the first
+    /// `zero_from` of `kept` channels become zero. The first of these are the offset, which is that in the
+    /// new cell from now on.
+    void depart(Mask<Lane> const& which, int zero_from, int kept)
+    {
+        std::uint64_t rest = bits(which);
+        auto at = leavers_.given.size();
+        leavers_.given.resize(at + static_cast<std::size_t>(std::popcount(rest) * kept));
+        CellOrder::make_room(departures_.slots, static_cast<std::size_t>(std::popcount(rest)));
+        for (; rest != 0; rest &= rest - 1, at += static_cast<std::size_t>(kept)) {
+            int const lane = std::countr_zero(rest);
+            std::size_t const slot = this->slot_ + static_cast<std::size_t>(lane);
+            departures_.slots.push_back(static_cast<std::uint32_t>(slot));
+            for (int c = 0; c < kept; ++c) {
+                auto& value = *this->scratch_.at(c, this->item_ + static_cast<std::size_t>(lane));
+                leavers_.given[at + static_cast<std::size_t>(c)] = value;
+                if (c >= zero_from) value = 0;
+            }
+            auto& steps = leavers_.steps.emplace_back();
+            for (int a = 0; a < d; ++a) {
+                Offset offset = moved_[a][slot];
+                steps[a] = static_cast<signed char>(CellOffset<Number>::wrap(offset));
+                leavers_.given[at + static_cast<std::size_t>(a)] = CellOffset<Number>::value(offset);
+            }
+        }
+    }
+
+private:
+    typename CellOrder::Departures& departures_;
+    typename CellOrder::Leavers& leavers_;
+    mutable Offset* moved_[d]{}; ///< where offsets were written, along each axis
+};
+
+} // namespace firn::openmp
