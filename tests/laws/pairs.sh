@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# pairs.sh FOLDER [FILE]: whether every pair of policies (models, spaces, splines, transfers) meets in a scene of the tests
+# pairs.sh FOLDER [FILE]: whether every pair of policies (models, spaces, kernels, transfers) meets in a scene of the tests
 # that are built by default, FILE of tests/ left out. Prints those that do not, and exits with 1.
 set -euo pipefail
 cd "$1/tests"
@@ -9,7 +9,7 @@ perl -e '
         [qw(NeoHookean FixedCorotated Hencky SplitNeoHookean Snow VonMises HardeningVonMises Sand CamClay
             HerschelBulkley Fluid)],
         [qw(Plane PlaneFloat Solid SolidFloat)],
-        [qw(QuadraticBSpline CubicBSpline)],
+        [qw(Linear QuadraticBSpline CubicBSpline)],
         [qw(Pic Flip Apic Mls Tpic Asflip Xpic)]);
     my $left_out = shift;
     my %meet;

@@ -19,13 +19,13 @@ using EverySpace = std::tuple<
     Scene<Model<SolidFloat>, QuadraticBSpline, Transfer>, Scene<Model<SolidFloat>, CubicBSpline, Transfer>>;
 
 /// A block that is compressed from all sides as it falls on a ball: whatever it is made of, its momentum
-/// changes by what gravity and the ball give it.
+/// changes by what gravity and the ball give it. With the tent, for which no step is safe, steps are shorter.
 template <class SceneType>
 void check_momentum()
 {
     constexpr int d = SceneType::d;
     using Number = typename SceneType::Number;
-    double const h = 0.05, dt = 1e-4;
+    double const h = 0.05, dt = HasConstantInertia<typename SceneType::Kernel> ? 1e-4 : 2e-5;
     typename SceneType::Solver solver(lattice(h));
     Vector<double, d> const low = Vector<double, d>::Constant(0.013),
                             high = low + Vector<double, d>::Constant(0.4), middle = 0.5 * (low + high);

@@ -17,7 +17,8 @@ using Scenes = std::tuple<
     Scene<Fluid<Plane>, QuadraticBSpline, Tpic>, Scene<SplitNeoHookean<Plane>, QuadraticBSpline, Mls>,
     Scene<HerschelBulkley<Plane>, QuadraticBSpline, Mls>, Scene<Hencky<PlaneFloat>, CubicBSpline, Tpic>,
     Scene<Sand<Solid>, QuadraticBSpline, Tpic>, Scene<SplitNeoHookean<Plane>, QuadraticBSpline, Apic>,
-    Scene<VonMises<Plane>, QuadraticBSpline, Mls>>;
+    Scene<VonMises<Plane>, QuadraticBSpline, Mls>, Scene<CamClay<Plane>, Linear, Tpic>,
+    Scene<SplitNeoHookean<PlaneFloat>, Linear, Tpic>, Scene<Snow<Plane>, Linear, Mls>>;
 
 TEMPLATE_LIST_TEST_CASE("pairs of policies: affine transfers keep momentum", "", Scenes)
 {

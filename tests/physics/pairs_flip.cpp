@@ -19,7 +19,9 @@ using Scenes =
                Scene<CamClay<Plane>, QuadraticBSpline, Asflip>,
                Scene<SplitNeoHookean<SolidFloat>, QuadraticBSpline, Asflip>,
                Scene<HerschelBulkley<Plane>, QuadraticBSpline, Asflip>,
-               Scene<HardeningVonMises<Plane>, CubicBSpline, Flip>>;
+               Scene<HardeningVonMises<Plane>, CubicBSpline, Flip>,
+               Scene<HardeningVonMises<Plane>, Linear, Flip>, Scene<FixedCorotated<PlaneFloat>, Linear, Flip>,
+               Scene<Hencky<Solid>, Linear, Flip>, Scene<HerschelBulkley<Plane>, Linear, Asflip>>;
 
 TEMPLATE_LIST_TEST_CASE("pairs of policies: FLIP and its kin keep momentum", "", Scenes)
 {

@@ -19,7 +19,8 @@ using Scenes = std::tuple<
     Scene<Snow<Plane>, QuadraticBSpline, Xpic>, Scene<VonMises<Plane>, QuadraticBSpline, Xpic>,
     Scene<HardeningVonMises<Plane>, QuadraticBSpline, Xpic>, Scene<Sand<Plane>, QuadraticBSpline, Xpic>,
     Scene<CamClay<Plane>, QuadraticBSpline, Xpic>, Scene<HerschelBulkley<Plane>, QuadraticBSpline, Xpic>,
-    Scene<Fluid<Plane>, QuadraticBSpline, Xpic>, Scene<Fluid<SolidFloat>, QuadraticBSpline, Pic>>;
+    Scene<Fluid<Plane>, QuadraticBSpline, Xpic>, Scene<Fluid<SolidFloat>, Linear, Pic>,
+    Scene<Sand<PlaneFloat>, Linear, Xpic>, Scene<VonMises<Plane>, Linear, Xpic>>;
 
 TEMPLATE_LIST_TEST_CASE("pairs of policies: PIC and its kin keep momentum", "", Scenes)
 {
