@@ -143,6 +143,32 @@ TEST_CASE("so are equal steps, of which half of the particles leave their cells 
     CHECK((run(true) == run(false)));
 }
 
+TEST_CASE("so are those on whose way more blocks than eight teams take are born and forgotten")
+{
+    using Solver = Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver;
+    auto const run = [](std::size_t batch) {
+        Solver solver(lattice(0.05), {}, {}, {}, Cuda{.batch = batch});
+        // 120 crumbs, each in a cell and a block of its own; eight teams take 128 blocks or less, four take
+        // more
+        std::vector<Vector<double, 3>> resting, flying;
+        for (int k = 0; k < 120; ++k) {
+            Vector<double, 3> const low(0.4 * (k % 12) + 0.05 * (k / 2 % 4) + 0.027, 0.4 * (k / 12) + 0.077,
+                                        0.077);
+            auto const crumb =
+                scattered<3>(box_of_points<3>(low, low + Vector<double, 3>::Constant(0.05), 0.05, 3), 0.002);
+            auto& points = k % 2 == 0 ? resting : flying;
+            points.insert(points.end(), crumb.begin(), crumb.end());
+        }
+        solver.add(resting, 1e-6);
+        solver.add(flying, 1e-6, {35, 0.3, 0.1}); // every seven steps a fourth of them comes to a new block
+        std::vector<decltype(told(StepReport{}))> all;
+        for (auto const& report : solver.steps(25, 2e-4, Gravity{})) all.push_back(told(report));
+        return std::tuple{all, state(solver)};
+    };
+    auto const one_by_one = run(1);
+    for (std::size_t batch : {5, 64}) CHECK((run(batch) == one_by_one));
+}
+
 TEST_CASE(
     "so are steps of three materials, one of them without particles: blocks are born, and some wait for "
     "others that lack room")
