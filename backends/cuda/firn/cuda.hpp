@@ -328,18 +328,18 @@ private:
         using Tiles = cuda::detail::SharedTiles<LayerType>;
         auto const signal = cells.signal();
         auto const movers = cells.expect_departures(Phase::kept - Phase::d); // an offset lies with its item
-        unsigned const teams = Tiles::teams(layer.blocks());
+        constexpr unsigned most_teams = cuda::detail::most_teams_that_move<Phase>;
+        unsigned const teams = Tiles::teams(layer.blocks(), most_teams);
         auto const results = layer.item_results().template expect<Result>(layer.blocks());
         auto* const loop = cuda::detail::move<CellOrder, LayerType, Phase>;
         std::size_t const shared = Tiles::bytes(true, true, teams);
-        constexpr std::size_t declared =
-            cuda::detail::declared_by_move<typename LayerType::Number, Result>; // grows with the obstacles
+        constexpr std::size_t declared = cuda::detail::declared_by_move<Phase>; // grows with the obstacles
         static_assert(
             declared <= cuda::detail::given_shared,
             "a call has more obstacles than a device's loops can tell of: pass fewer than 60, or say "
             "several of them as one shape");
         // the most that this loop is ever started with: several threads of the host may do so at a time
-        constexpr std::size_t most = Tiles::bytes(true, true, Tiles::teams(0));
+        constexpr std::size_t most = Tiles::bytes(true, true, Tiles::teams(0, most_teams));
         if constexpr (most + declared > cuda::detail::given_shared) cuda::detail::allow_shared(loop, most);
         cuda::detail::Moved<typename LayerType::Number, Result> const moved{movers, cells.destinations(),
                                                                             cells.left(), results};

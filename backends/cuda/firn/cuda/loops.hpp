@@ -18,6 +18,11 @@ inline constexpr unsigned block_threads = 64; ///< one per cell, and one per nod
 /// precision need two each, and are faster with half as many threads.
 template <class Number>
 inline constexpr unsigned most_teams = sizeof(Number) > sizeof(float) ? 4 : 8;
+/// The same for those who move items: where a phase holds much while it calls, six leave 168 registers.
+template <class Phase>
+inline constexpr unsigned most_teams_that_move = Phase::calls_amid_much
+                                                     ? std::min(most_teams<typename Phase::Number>, 6u)
+                                                     : most_teams<typename Phase::Number>;
 /// Shared memory that a device gives without being asked, the same but for the little that loops declare, and
 /// what it gives at all but for that (compute capability 7.5; later ones give more) [bytes].
 inline constexpr std::size_t given_shared = 48 * 1024, unasked_shared = 40 * 1024, most_shared = 60 * 1024;
@@ -72,10 +77,13 @@ struct SharedTiles
     /// How many teams share a block where there are so many blocks: as many threads in all as a large device
     /// has at work at once, in no more shared memory than every device has. (The same on every device, since
     /// sums are added up team by team.)
-    static constexpr unsigned teams(std::uint32_t blocks)
+    static constexpr unsigned teams(std::uint32_t blocks,
+                                    unsigned most = most_teams<typename GridType::Number>)
     {
         unsigned teams = most_teams<typename GridType::Number>;
-        while (teams > 1 && (teams * blocks > 1024 || bytes(true, true, teams) > unasked_shared)) teams /= 2;
+        while (teams > 1 &&
+               (teams > most || teams * blocks > 1024 || bytes(true, true, teams) > unasked_shared))
+            teams /= 2;
         return teams;
     }
 
@@ -397,7 +405,7 @@ struct Moved
 /// All items take, answer, and give to the tile of the next step; those that depart are put on a list, and in
 /// that of their new cell.
 template <class CellOrder, class GridType, class Phase>
-__global__ void __launch_bounds__(most_teams<typename GridType::Number>* block_threads, 1)
+__global__ void __launch_bounds__(most_teams_that_move<Phase>* block_threads, 1)
     move(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid,
          Moved<typename GridType::Number, typename Phase::Result> moved)
 {
@@ -465,7 +473,7 @@ __global__ void __launch_bounds__(most_teams<typename GridType::Number>* block_t
     }
     tiles.write_sums(grid.next_tiles + std::size_t(blockIdx.x) * Tile::nodes);
     __shared__ __align__(
-        16) unsigned char parts[2 * most_teams<typename GridType::Number> * sizeof(typename Phase::Result)];
+        16) unsigned char parts[2 * most_teams_that_move<Phase> * sizeof(typename Phase::Result)];
     result.merge(rare);
     moved.results.take(result, reinterpret_cast<typename Phase::Result*>(parts));
 }
@@ -541,9 +549,10 @@ __global__ void for_each(Body body, std::size_t count)
     if (i < count) body(i);
 }
 
-/// Shared memory that move declares, for results of this kind, but for gaps between [bytes].
-template <class Number, class Result>
-inline constexpr std::size_t declared_by_move = 2 * most_teams<Number> * sizeof(Result) +
+/// Shared memory that move declares for a phase, but for gaps between [bytes].
+template <class Phase>
+inline constexpr std::size_t declared_by_move = 2 * most_teams_that_move<Phase> *
+                                                    sizeof(typename Phase::Result) +
                                                 (block_threads + 2) * sizeof(std::uint32_t) + 64;
 
 /// Lets a loop have so much shared memory beside what it declares [bytes].
