@@ -267,7 +267,8 @@ public:
     /// nothing and throws a StepError that names particle, place, time and cause; with quarantine()
     /// it is repeated without that particle. (If it was within the stable one,
     /// velocities that are not stored, see Taken, are then taken anew from what particles gave to the grid:
-    /// momentum and uniform or affine motion are exact, the rest is smoothed by one transfer.)
+    /// momentum and uniform or affine motion are exact, the rest is smoothed by one transfer. The error says
+    /// so.)
     template <NodeEffect<Number, d>... Effects>
     StepReport step(double dt, Effects const&... effects)
     {
@@ -294,7 +295,7 @@ public:
         auto const plain = plain_effects(effects...);
         std::vector<StepReport> reports;
         std::vector<StepFailure> isolated;
-        while (reports.size() < count) {
+        auto const take = [&] {
             require_to_last(dt, "Solver::step"); // time has gone on
             if (!course_.ready) choose(rule);
             bool const beyond_stable = dt > course_.stable;
@@ -305,9 +306,17 @@ public:
                 reports.back().beyond_stable = dt > record.stable;
                 std::swap(reports.back().isolated, isolated); // before that step
             });
-            if (log.wrong == 0) continue;
+            if (log.wrong == 0) return;
             if (!isolates(log, dt, true, isolated)) fail(log, dt);
             release(rule);
+        };
+        try {
+            while (reports.size() < count) take();
+        }
+        catch (...) {
+            until_error_ = {};
+            for (auto const& report : reports) until_error_.add(report, StepLimit::duration);
+            throw;
         }
         course_.ready = false;
         return reports;
@@ -339,7 +348,8 @@ public:
     ///
     /// A step that goes wrong is repeated with half its length; after StepControl::retries halvings that is
     /// a StepError that names particle, place, time and cause, and the state is that of the last good step
-    /// (but see step() for velocities). So it is where somebody's speed or waves allow no step that gets on.
+    /// (but see step() for velocities, and until_error() for what was done until then). So it is where
+    /// somebody's speed or waves allow no step that gets on.
     /// (A step that went well between them does not count where those before left it that short.)
     /// With quarantine() the particle is taken out of the scene instead, and the run goes on; so it does at
     /// once for one whose own state has no stress.
@@ -359,7 +369,7 @@ public:
         auto const plain = plain_effects(effects...);
         AdvanceReport report;
         StepLog wrong; // the step that is repeated, if one is: course_.retries
-        while (rule.goes_on(course_)) {
+        auto const get_on = [&] {
             if (!course_.ready) choose(rule);
             double const tried = course_.now.interval.length();
             if (!rule.gets_on(course_)) {
@@ -367,18 +377,18 @@ public:
                 bool const repeated = course_.retries > 0;
                 auto const who =
                     repeated ? detail::failure_of(parts_, wrong, course_.time, tried) : slowest(rule, tried);
-                if (!repeated && !who && forgets_bounds(rule)) continue;
+                if (!repeated && !who && forgets_bounds(rule)) return;
                 if (!isolates(repeated ? wrong : StepLog{}, tried, who.has_value(), report.isolated, who))
                     fail_to_get_on(who);
                 release(rule);
-                continue;
+                return;
             }
             // as many as there would be if all were as long as this one, and no more than can be counted
             auto const most =
                 static_cast<std::size_t>(std::min(std::ceil((rule.end - course_.time) / tried), 0x1p62));
             StepLog const& log = run(
                 rule, most, plain, [&](auto const& record) { report.add(report_of(record), record.limit); });
-            if (log.wrong == 0) continue;
+            if (log.wrong == 0) return;
             wrong = log;
             ++report.rejected;
             // So often in a row, or as short by what went wrong before: a step now and then that goes well,
@@ -391,10 +401,21 @@ public:
                 release(rule);
             else if (last)
                 fail(log, dt);
+        };
+        try {
+            while (rule.goes_on(course_)) get_on();
+        }
+        catch (...) {
+            until_error_ = std::move(report);
+            throw;
         }
         course_.ready = false;
         return report;
     }
+
+    /// What the last call of step(), steps() or advance() that began and ended in an exception had done until
+    /// then: its steps were taken, and obstacles are owed the reactions.
+    AdvanceReport const& until_error() const { return until_error_; }
 
     double time() const { return course_.time; } ///< [s]
     Lattice const& lattice() const { return lattice_; }
@@ -922,11 +943,15 @@ private:
     /// After a step that went wrong: see GridExchange::regain_velocities.
     void regain_velocities()
     {
-        if (!spoiled_ || parts_.holds_taken()) return;
-        or_break_off([&] {
-            exchange_.regain_velocities(parts_, smallest_node_mass(),
-                                        reinterpret_cast<StepNow<Number, Chain<>> const*>(now_.data()));
-        });
+        if (!spoiled_) return;
+        if (parts_.holds_taken())
+            // the sums have the forces of the step that went wrong, which may be larger than rounding bears
+            exchange_.forget();
+        else
+            or_break_off([&] {
+                exchange_.regain_velocities(parts_, smallest_node_mass(),
+                                            reinterpret_cast<StepNow<Number, Chain<>> const*>(now_.data()));
+            });
         spoiled_ = false;
     }
 
@@ -1086,6 +1111,12 @@ private:
 
     [[noreturn]] void fail(StepLog const log, double dt) // a copy: what follows is logged, too
     {
+        std::string kept = "The state is that of the last good step";
+        if (!parts_.holds_taken()) kept += ", but for velocities, which were taken anew (see Solver::step)";
+        if (isolate_ != nullptr)
+            kept += "; of " + std::to_string(quarantine_.most) +
+                    " particles that may be in quarantine there are " +
+                    std::to_string(quarantine_.isolated.size());
         regain_velocities();
         StepFailure failure = detail::failure_of(parts_, log, course_.time, dt);
         auto const spoilers = detail::without_stress(parts_, 0, course_.time, dt);
@@ -1093,7 +1124,7 @@ private:
             failure = spoilers.front();
             failure.count = log.wrong;
         }
-        detail::throw_step_error(failure, course_.stable, Parts::name(failure.material), d);
+        detail::throw_step_error(failure, course_.stable, Parts::name(failure.material), kept, d);
     }
 
     detail::Entrance<typename Backend::SharedCount> entrance_;
@@ -1117,6 +1148,7 @@ private:
     std::size_t queue_ = 1;     ///< as many steps may be queued blindly: it went well with half as many
     std::size_t unstopped_ = 0; ///< steps since queued ones were stopped
     bool spoiled_ = false;      ///< a step went wrong: nodes do not hold the velocities of the last good one
+    AdvanceReport until_error_; ///< see there
 };
 
 } // namespace firn

@@ -131,17 +131,17 @@ std::optional<StepFailure> slowest_in(Parts const& parts, Rule rule, Values cons
 }
 
 /// Stops with a step that went wrong where the stable one is `stable` [s]; `material` is what SceneParts
-/// calls that of the particle, `d` how many of its coordinates there are.
+/// calls that of the particle, `kept` says what state there is, `d` how many of its coordinates there are.
 [[noreturn]] inline void throw_step_error(StepFailure const& failure, double stable,
-                                          std::string const& material, int d)
+                                          std::string const& material, std::string const& kept, int d)
 {
     std::ostringstream what, where, remedy;
     what << "particle " << failure.particle << material << " " << describe(failure.cause);
     if (failure.count > 1) what << ", as did " << failure.count - 1 << " more";
     where << at_place(failure.position, d) << ", in a step of " << failure.dt << " s at t = " << failure.time
           << " s";
-    remedy << "The state is that of the last good step. ";
-    if (failure.dt > stable)
+    remedy << kept << ". ";
+    if (failure.dt > stable && std::isnormal(stable))
         remedy << "Take a smaller step: the stable one is " << stable << " s, and advance() takes such.";
     else
         remedy << "Take a smaller step, or look at what drives this particle: obstacles that close in on it, "

@@ -215,6 +215,22 @@ TEST_CASE("a step that goes wrong names particle, place, time and cause, and cha
     CHECK(solver.time() > untouched.time());
 }
 
+TEST_CASE("steps behind one that was far too long are what they would have been without it")
+{
+    for (double dt : {1.0, 1e6, 1e12, 1e30}) {
+        CAPTURE(dt);
+        auto solver = running_scene(), untouched = running_scene();
+        failed([&] { solver.step(dt, Gravity{}); });
+        for (int i = 0; i < 3; ++i) {
+            solver.step(1e-3, Gravity{});
+            untouched.step(1e-3, Gravity{});
+        }
+        solver.advance(0.01, Gravity{});
+        untouched.advance(0.01, Gravity{});
+        CHECK(same(solver, untouched));
+    }
+}
+
 TEST_CASE("a step beyond the stable one is taken, with a warning")
 {
     auto solver = running_scene();
@@ -243,8 +259,19 @@ TEST_CASE(
     Scene<FixedCorotated<Plane>, QuadraticBSpline, Mls>::Solver solver(
         lattice(0.05), {}, {}, {.deformation = 0.09, .rejection = 0.1, .retries = 0});
     solver.add(box_of_points<2>({0, 0.1}, {0.3, 0.4}, 0.05), 0.025 * 0.025, {0, -speed});
-    refused([&] { solver.advance(0.02, Obstacle<HalfSpace>{}); });
+    auto const thrown = Totals(solver);
+    CHECK_THAT(refused([&] { solver.advance(0.02, Obstacle<HalfSpace>{}); }).remedy(),
+               Contains("last good step, but for velocities"));
     CHECK(solver.time() > 0);
+    // what the floor is owed for the steps that were taken
+    auto const& done = solver.until_error();
+    REQUIRE(done.reactions.size() == 1);
+    CHECK(done.rejected == 1);
+    CHECK(done.smallest_dt * double(done.substeps) <= solver.time());
+    CHECK(done.largest_dt * double(done.substeps) >= solver.time());
+    Eigen::Vector2d const lost = thrown.momentum - Totals(solver).momentum;
+    CHECK(lost.norm() > 1e-4 * thrown.momentum.norm());
+    CHECK((done.reactions[0].impulse.head<2>() - lost).norm() < 1e-12 * thrown.momentum.norm());
     auto const x = solver.positions();
     auto const v = solver.download<Velocity>();
     for (std::size_t i = 0; i < x.size(); ++i) {
@@ -366,10 +393,13 @@ TEST_CASE("more than may be in quarantine are an error: a scene does not evapora
     auto const before = solver.size();
     StepFailure const last = failed([&] { solver.step(100, Gravity{}); }); // all of them are wrong
     CHECK(last.cause == Mishap::rejected);
+    CHECK(solver.until_error().substeps == 0);
     CHECK(solver.size() == before - 3);
     REQUIRE(solver.isolated().size() == 3);
     for (auto const& failure : solver.isolated()) CHECK(failure.cause == Mishap::rejected);
     CHECK_NOTHROW(solver.step(1e-3, Gravity{}));
+    CHECK_THAT(refused([&] { solver.step(100, Gravity{}); }).remedy(),
+               Contains("of 3 particles that may be in quarantine there are 3"));
 
     Sheet lone(lattice(0.1));
     lone.quarantine(1); // before there is anybody

@@ -317,6 +317,16 @@ TEST_CASE("a checkpoint that does not fit is refused by the name of what differs
     CHECK_THAT(refused([&] { read_checkpoint(path, solver, other); }), Contains("'u32'"));
     CHECK_THAT(refused([&] { read_checkpoint(path, solver, same_frame, other); }), Contains("companions"));
     CHECK(solver.size() == 0);
+
+    std::uint8_t two = 2;
+    bool truth = false;
+    auto const of_two = folder / "two.firn";
+    write_checkpoint(of_two, solver, two);
+    CHECK_THAT(refused([&] { read_checkpoint(of_two, solver, truth); }), Contains("a bool is asked for"));
+    CHECK(!truth);
+    write_checkpoint(of_two, solver, true);
+    read_checkpoint(of_two, solver, truth);
+    CHECK(truth);
 }
 
 TEST_CASE("a heterogeneous solver's field that a plain one lacks is named, and a value that it cannot have")
@@ -422,6 +432,16 @@ TEST_CASE("a checkpoint that cannot be written leaves the one of before, and the
     std::filesystem::create_symlink(aim, part);
     leaves_it();
     CHECK(content(aim) == whole);
+    // a link is written through, and a name with an end in its midst is none
+    auto const link = folder / "latest";
+    std::filesystem::create_symlink("aim", link);
+    write_checkpoint(link, solver);
+    CHECK(std::filesystem::is_symlink(link));
+    CHECK(content(aim) != whole);
+    std::filesystem::create_symlink("round", folder / "round");
+    CHECK_THAT(refused([&] { write_checkpoint(folder / "round", solver); }), Contains("leads to itself"));
+    CHECK_THAT(refused([&] { write_checkpoint(folder / std::string("a\0b", 3), solver); }),
+               Contains("an end in its midst"));
     struct rlimit before, small;
     ::getrlimit(RLIMIT_FSIZE, &before);
     small = {256, before.rlim_max};

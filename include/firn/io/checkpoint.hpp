@@ -260,7 +260,19 @@ T get_companion(CheckpointReader& in)
         throw Error{"the file has a companion of kind '" + kind + "' where '" + kind_of_companion<T>() +
                         "' is asked for",
                     "read_checkpoint", "Pass the same companions as to write_checkpoint, in the same order."};
-    for_each_number(companion, [&](auto& number) { in.values(number); });
+    for_each_number(companion, [&]<class Number>(Number& number) {
+        if constexpr (std::is_same_v<Number, bool>) {
+            std::uint8_t truth = 0;
+            in.values(truth);
+            if (truth > 1)
+                throw Error{
+                    "the file has a companion of " + std::to_string(truth) + " where a bool is asked for",
+                    "read_checkpoint", "Pass the same companions as to write_checkpoint, in the same order."};
+            number = truth == 1;
+        }
+        else
+            in.values(number);
+    });
     return companion;
 }
 

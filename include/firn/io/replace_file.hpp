@@ -90,15 +90,33 @@ private:
     bool is_alone_ = true;
 };
 
+/// Where a path leads if it is a link, whether or not there is something.
+inline std::filesystem::path followed(std::filesystem::path path)
+{
+    namespace fs = std::filesystem;
+    std::error_code failed;
+    for (int links = 0; fs::is_symlink(fs::symlink_status(path, failed)); ++links) {
+        require(links < 40, "a link leads to itself", path.string().c_str(), "Pass the name of a file.");
+        auto const to = fs::read_symlink(path, failed);
+        if (failed) break;
+        path = to.is_absolute() ? to : path.parent_path() / to;
+    }
+    return path;
+}
+
 /// Writes a file under a temporary name in the same folder and gives it its own only when all of it is
 /// written, so that a reader never meets half a file and a failure leaves the file of before, and nothing
 /// beside it; what `write` throws included. Of two that write it at once the second is refused: they have the
-/// temporary name in common, so that what a killed program leaves is used by the next one.
+/// temporary name in common, so that what a killed program leaves is used by the next one. A link stays: what
+/// it leads to is replaced.
 template <class Write>
-void replace_file(std::filesystem::path const& path, Write const& write,
+void replace_file(std::filesystem::path const& named, Write const& write,
                   Survives survives = Survives::program)
 {
-    require(!path.empty(), "a file has no name", "writing a file", "Pass the path of one.");
+    require(!named.empty(), "a file has no name", "writing a file", "Pass the path of one.");
+    require(named.native().find('\0') == std::filesystem::path::string_type::npos,
+            "the name of a file has an end in its midst", named.string().c_str(), "Pass the path of one.");
+    std::filesystem::path const path = followed(named);
     auto temporary = path;
     temporary += ".part";
     std::error_code ignored;
