@@ -229,6 +229,8 @@ std::vector<AgreementCase> encounter_cases()
                       on_hills<Scene<FixedCorotated<Solid>, QuadraticBSpline, Mls, Backend>>},
                      {"ball that is pushed, 3D float, neo-Hookean, quadratic, MLS",
                       under_a_ball<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls, Backend>>},
+                     {"ball that is pushed, 3D float, neo-Hookean, quadratic, ASFLIP",
+                      under_a_ball<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Asflip, Backend>>},
                      {"ball that is pushed, 3D double, snow, quadratic, APIC",
                       under_a_ball<Scene<Snow<Solid>, QuadraticBSpline, Apic, Backend>>},
                      {"two materials, 2D double, fixed corotated and sand, cubic, APIC",

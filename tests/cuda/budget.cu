@@ -30,6 +30,7 @@ void all()
     step<Snow<Solid>, CubicBSpline, Flip>(Gravity{}, floor);
     // several obstacles: contact is called
     step<Snow<Solid>, QuadraticBSpline, Mls>(Gravity{}, floor, Obstacle<Sphere>{});
+    step<Snow<Solid>, QuadraticBSpline, Flip>(Gravity{}, floor, Obstacle<Sphere>{});
     step<Hencky<Solid>, QuadraticBSpline, Asflip>(Gravity{}, floor, Obstacle<Box>{});
     step<NeoHookean<Solid>, QuadraticBSpline, Asflip>(Obstacle<Shell<Box>>{}, Obstacle<Sphere>{});
 }

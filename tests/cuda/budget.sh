@@ -26,4 +26,4 @@ hot() { grep -E 'QuadraticBSpline|call_on_particles' "$work/loops"; }
 spilling=$(hot | awk '$1 > 0')
 [ -z "$spilling" ] || { echo "spilt bytes, registers and functions:"; echo "$spilling"; exit 1; }
 most=$(awk '$2 > most { most = $2 } END { print most }' "$work/loops")
-echo "$(awk '$2 > 0' "$work/loops" | wc -l) loops, at most $most registers; none with quadratic kernels spills; no traps"
+echo "$(awk '$2 > 0' "$work/loops" | wc -l) loops, at most $most registers; none of these scenes' with quadratic kernels spills; no traps"

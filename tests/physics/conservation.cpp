@@ -4,6 +4,7 @@
 
 #include <firn/effects/shapes/signed_distance_grid.hpp>
 
+#include <cfenv>
 #include <thread>
 #include <tuple>
 
@@ -111,6 +112,31 @@ TEST_CASE("one lane at a time and packs of lanes take a scene to the same place"
     double worst = 0;
     for (std::size_t i = 0; i < a.size(); ++i) worst = std::max(worst, (a[i] - b[i]).norm());
     CHECK(worst <= 1e-12);
+}
+
+TEST_CASE(
+    "lanes behind the last particle of a row of cells compute nothing that a host with traps would mind")
+{
+    using Solver = Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver;
+    for (int crowd : {40, 41, 45}) { // in one cell, with one particle in each of twelve others
+        CAPTURE(crowd);
+        std::vector<Eigen::Vector3d> points;
+        for (int cell = 0; cell < 13; ++cell)
+            for (int i = 0; i < (cell == 3 ? crowd : 1); ++i)
+                points.emplace_back(0.03, 0.03, 0.1 * cell + 0.01 + 1e-4 * i);
+        Solver solver(lattice(0.1), {}, {}, {}, OpenMP{1});
+        solver.add(points, 1e-5);
+        solver.upload<AffineVelocity>(std::vector<Eigen::Matrix3f>(
+            points.size(), Eigen::Matrix3f::Identity())); // or L / 0 bounds steps
+        for (int i = 0; i < 3; ++i) {
+            // what scratch may be made of next: no numbers, and such as overflow when they are multiplied
+            for (auto& used : std::vector<std::vector<float>>(64, std::vector<float>(4096, -3e38f)))
+                used.back() = 1e38f;
+            std::feclearexcept(FE_ALL_EXCEPT);
+            solver.step(1e-4, Gravity{});
+            CHECK(std::fetestexcept(FE_INVALID | FE_OVERFLOW) == 0);
+        }
+    }
 }
 
 #else

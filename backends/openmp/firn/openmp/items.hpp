@@ -132,8 +132,8 @@ private:
 
 /// Some items side by side, whatever their cells, as a phase sees them. What it loads comes from where they
 /// lie
-/// (`source`), what it stores goes to their slots. Lanes beyond the last item repeat it, so that they are
-/// harmless; their place in here() is false.
+/// (`source`), what it stores goes to their slots. Lanes beyond the last item repeat what is loaded for it,
+/// and have zeros of what was kept, so that they are harmless; their place in here() is false.
 template <class Lane, class CellOrder, int d>
 class Items
 {
@@ -172,7 +172,15 @@ public:
     Mask<Lane> here() const { return here_; }
 
     void keep(int channel, Lane const& value) { LaneTraits<Lane>::store(value, scratch_.at(channel, item_)); }
-    Lane kept(int channel) const { return LaneTraits<Lane>::load(scratch_.at(channel, item_)); }
+    /// Lanes beyond the last item are zero: nobody may have written there.
+    Lane kept(int channel) const
+    {
+        Number const* const from = scratch_.at(channel, item_);
+        if constexpr (lanes == 1)
+            return *from;
+        else
+            return entered_ == lanes ? Lane::load(from) : Lane::load_first(entered_, from);
+    }
 
     Lane load(Number const* array) const { return places().load(array); }
 
