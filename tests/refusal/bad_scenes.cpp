@@ -227,7 +227,16 @@ TEST_CASE("steps behind one that was far too long are what they would have been 
         }
         solver.advance(0.01, Gravity{});
         untouched.advance(0.01, Gravity{});
-        CHECK(same(solver, untouched));
+        // but for rounding: what was given once more may be summed in another order
+        auto const x = solver.positions(), there = untouched.positions();
+        auto const v = solver.download<Velocity>(), moves = untouched.download<Velocity>();
+        double way = 0, speed = 0;
+        for (std::size_t i = 0; i < x.size(); ++i) {
+            way = std::max(way, (x[i] - there[i]).norm());
+            speed = std::max(speed, (v[i] - moves[i]).norm());
+        }
+        CHECK(way < 1e-13);
+        CHECK(speed < 1e-11);
     }
 }
 
