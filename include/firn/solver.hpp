@@ -1111,13 +1111,14 @@ private:
 
     [[noreturn]] void fail(StepLog const log, double dt) // a copy: what follows is logged, too
     {
+        bool const held = parts_.holds_taken();
+        regain_velocities(); // before anything that may lack memory
         std::string kept = "The state is that of the last good step";
-        if (!parts_.holds_taken()) kept += ", but for velocities, which were taken anew (see Solver::step)";
+        if (!held) kept += ", but for velocities, which were taken anew (see Solver::step)";
         if (isolate_ != nullptr)
             kept += "; of " + std::to_string(quarantine_.most) +
                     " particles that may be in quarantine there are " +
                     std::to_string(quarantine_.isolated.size());
-        regain_velocities();
         StepFailure failure = detail::failure_of(parts_, log, course_.time, dt);
         auto const spoilers = detail::without_stress(parts_, 0, course_.time, dt);
         if (!spoilers.empty()) { // whom others go wrong by
