@@ -90,8 +90,8 @@ public:
     /// What is of the cells, in the lanes of their items.
     Lane const& of_cells(Lane const& value) const { return value; }
 
-    /// Whether it takes less time to go through the items from the rank entered on, one of `ranks`, side by
-    /// side, of `items` in all.
+    /// Whether it takes less time to go through the items from the rank entered on side by side: there are
+    /// `ranks_left` ranks of them, and `items` items of all ranks.
     bool is_sparse(int ranks_left, std::size_t items) const
     {
         if constexpr (can_go_side_by_side) {

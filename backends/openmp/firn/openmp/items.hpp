@@ -131,9 +131,8 @@ private:
 };
 
 /// Some items side by side, whatever their cells, as a phase sees them. What it loads comes from where they
-/// lie
-/// (`source`), what it stores goes to their slots. Lanes beyond the last item repeat what is loaded for it,
-/// and have zeros of what was kept, so that they are harmless; their place in here() is false.
+/// lie (`source`), what it stores goes to their slots. Lanes beyond the last item repeat what is loaded for
+/// it, and have zeros of what was kept, so that they are harmless; their place in here() is false.
 template <class Lane, class CellOrder, int d>
 class Items
 {

@@ -535,6 +535,28 @@ private:
     }
 };
 
+/// Whether the processor moves the numbers of a pack to other lanes by one instruction.
+template <class Pack>
+inline constexpr bool has_permutation = [] {
+    [[maybe_unused]] constexpr std::size_t bytes = Pack::width * sizeof(typename Pack::Number);
+#if defined(__AVX512VL__)
+    return bytes >= 32;
+#elif defined(__AVX2__)
+    return bytes == 32;
+#else
+    return false;
+#endif
+}();
+
+#if defined(__AVX2__) && !defined(__AVX512VL__)
+/// Which words of 32 bits are lanes of 64.
+inline __m256i words_of_lanes(__m128i lanes)
+{
+    __m256i const first = _mm256_slli_epi64(_mm256_cvtepu32_epi64(lanes), 1);
+    return _mm256_or_si256(first, _mm256_slli_epi64(_mm256_add_epi64(first, _mm256_set1_epi64x(1)), 32));
+}
+#endif
+
 /// Reads one number for each lane from places of an array that mostly lie in runs, if with gaps: a few
 /// windows of two packs, each permuted. Up to two packs beyond the places are read as well (see
 /// Array::padding).
@@ -544,19 +566,12 @@ class RunsOfPlaces
     using Number = typename Pack::Number;
     using Mask = typename Pack::Mask;
     static constexpr int width = Pack::width;
-#if defined(__AVX512VL__)
-    static constexpr bool has_permutation = width * sizeof(Number) >= 32;
-#elif defined(__AVX2__)
-    static constexpr bool has_permutation = width * sizeof(Number) == 32;
-#else
-    static constexpr bool has_permutation = false;
-#endif
 
 public:
     void follow(std::uint32_t const (&places)[width])
     {
         places_ = places;
-        if constexpr (has_permutation) return this->find_windows();
+        if constexpr (has_permutation<Pack>) return this->find_windows();
         in_order_ = true;
         for (int l = 0; l < width; ++l) in_order_ &= places[l] == places[0] + std::uint32_t(l);
     }
@@ -564,7 +579,7 @@ public:
     Pack load(Number const* array) const
     {
         if (in_order_) return Pack::load(array + places_[0]);
-        if constexpr (has_permutation) {
+        if constexpr (has_permutation<Pack>) {
             Pack result = windows_ > 0 ? permuted(array + window_[0]) : Pack(Number(0));
             FIRN_KEEP_LOOP
             for (int w = 1; w < windows_; ++w)
@@ -698,11 +713,8 @@ private:
         });
         if constexpr (sizeof(Number) == 4)
             steps_ = steps;
-        else { // two words each
-            __m256i const first = _mm256_slli_epi64(_mm256_cvtepu32_epi64(_mm256_castsi256_si128(steps)), 1);
-            __m256i const second = _mm256_add_epi64(first, _mm256_set1_epi64x(1));
-            steps_ = _mm256_or_si256(first, _mm256_slli_epi64(second, 32));
-        }
+        else
+            steps_ = words_of_lanes(_mm256_castsi256_si128(steps));
     }
 
     static constexpr std::uint64_t all = (1u << width) - 1;
@@ -750,13 +762,7 @@ class LanesInOrder
 
 public:
     /// Whether the processor can do it in one instruction.
-#if defined(__AVX512VL__)
-    static constexpr bool is_fast = width * sizeof(Number) >= 32;
-#elif defined(__AVX2__)
-    static constexpr bool is_fast = width * sizeof(Number) == 32;
-#else
-    static constexpr bool is_fast = false;
-#endif
+    static constexpr bool is_fast = has_permutation<Pack>;
 
     /// Lane l will be that of number from[l].
     void follow(std::uint32_t const* from)
@@ -783,11 +789,8 @@ public:
             from_ = _mm256_loadu_si256(reinterpret_cast<__m256i const*>(from));
             return;
         }
-        else if constexpr (is_fast) { // two words each
-            __m256i const first = _mm256_slli_epi64(
-                _mm256_cvtepu32_epi64(_mm_loadu_si128(reinterpret_cast<__m128i const*>(from))), 1);
-            from_ =
-                _mm256_or_si256(first, _mm256_slli_epi64(_mm256_add_epi64(first, _mm256_set1_epi64x(1)), 32));
+        else if constexpr (is_fast) {
+            from_ = words_of_lanes(_mm_loadu_si128(reinterpret_cast<__m128i const*>(from)));
             return;
         }
 #endif
