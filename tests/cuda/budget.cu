@@ -20,6 +20,8 @@ void all()
     step<NeoHookean<Solid>, QuadraticBSpline, Mls>();
     step<NeoHookean<Solid>, QuadraticBSpline, Apic>(Gravity{}, floor);
     step<NeoHookean<Space<3, double>>, QuadraticBSpline, Mls>(Gravity{}, floor);
+    step<NeoHookean<Space<3, double>>, QuadraticBSpline, Asflip>(Gravity{}, floor);
+    step<CamClay<Space<3, double>>, QuadraticBSpline, Flip>(Gravity{}, floor);
     step<FixedCorotated<Solid>, QuadraticBSpline, Mls>(Gravity{}, floor);
     step<HardeningVonMises<Solid>, QuadraticBSpline, Pic>(Gravity{}, floor);
     step<Snow<Solid>, QuadraticBSpline, Flip>(Gravity{}, floor);

@@ -182,9 +182,10 @@ private:
     }
 };
 
-/// All items give, cell by cell, to the tile of their block.
+/// All items give, cell by cell, to the tile of their block. (Eight groups of threads on a multiprocessor
+/// leave 128 registers for each; left to itself the compiler may stop at 96, and spill.)
 template <class CellOrder, class GridType, class Phase>
-__global__ void __launch_bounds__(block_threads)
+__global__ void __launch_bounds__(block_threads, 8)
     scatter(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid,
             bool afresh)
 {
@@ -250,9 +251,11 @@ struct GiveArrivals
 };
 
 /// The same for all blocks, once their order is written, by so many teams at most: a thread that is one of
-/// few takes more registers, and where there are many blocks that costs more than it gains.
+/// few takes more registers, and where there are many blocks that costs more than it gains. (With no more
+/// threads than may have all of the registers that a thread can have, the compiler would take them all, and
+/// spill, were it told that nothing else runs beside them.)
 template <unsigned most, class CellOrder, class GridType, class Phase>
-__global__ void __launch_bounds__(most* block_threads, most > 1 ? 1 : 0)
+__global__ void __launch_bounds__(most* block_threads, most* block_threads > 256 ? 1 : 0)
     scatter_movers(Signal signal, std::uint32_t blocks, GiveArrivals<CellOrder, GridType, Phase> give)
 {
     if (signal.stops()) return;
