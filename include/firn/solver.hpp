@@ -4,19 +4,17 @@
 #include <firn/concepts.hpp>
 #include <firn/core/entrance.hpp>
 #include <firn/effects/reflecting_wall.hpp>
-#include <firn/grid_exchange.hpp>
 #include <firn/interpolation/quadratic_b_spline.hpp>
 #include <firn/known_walls.hpp>
 #include <firn/models/several_materials.hpp>
 #include <firn/occupancy.hpp>
-#include <firn/phases/conclude_step.hpp>
-#include <firn/phases/move_particles.hpp>
 #include <firn/report.hpp>
 #include <firn/restoring.hpp>
 #include <firn/scene_bounds.hpp>
 #include <firn/scene_parts.hpp>
 #include <firn/snapshot.hpp>
 #include <firn/step_failures.hpp>
+#include <firn/step_runs.hpp>
 #include <firn/transfer/mls.hpp>
 
 #include <algorithm>
@@ -114,7 +112,7 @@ public:
                     Backend backend = {})
         : lattice_(firn::lattice(lattice.cell_size, lattice.origin)), transfer_(transfer), control_(control),
           backend_(std::move(backend)), parts_(List(std::move(model)), lattice_, Kernel::order, backend_),
-          exchange_(lattice_, transfer_, backend_), now_(backend_), log_(backend_)
+          exchange_(lattice_, transfer_, backend_), runs_(lattice_, transfer_, backend_)
     {
         for_each_material([&](auto k) { model_of<k>().validate(); });
         control_.validate();
@@ -598,8 +596,9 @@ public:
 
 private:
     using Exchange = GridExchange<Backend, Parts, Kernel, Transfer>;
+    using Runs = StepRuns<Backend, Parts, Kernel, Transfer>;
     using Cells = typename Parts::Cells;
-    using Rule = StepRule<static_cast<int>(materials)>;
+    using Rule = typename Runs::Rule;
     using Failures = std::vector<StepFailure>;
 
     /// Before something is written for `count` particles to memory of the caller's.
@@ -622,7 +621,7 @@ private:
         quarantine_.isolated = std::move(isolated);
         course_ = {.time = from.time, .bounds = from.bounds, .previous = from.previous, .last = from.last};
         bounds_are_old_ = true;
-        spoiled_ = false;
+        runs_.forget_spoiled_nodes();
         walls_.forget();
     }
 
@@ -704,178 +703,15 @@ private:
         rule.choose(course_);
     }
 
-    /// Takes the step that was chosen and those after it, `most` in all: as many as the backend queues, and
-    /// as long as they go as planned. `visit` is called with the record of each. A step that goes wrong
-    /// leaves the particles, and what they gave, as it was.
-    ///
-    /// Where memory runs short or a device fails in the middle, there is no state to go on from.
+    /// Takes the step that was chosen and some of those after it: see StepRuns::take.
     template <class Effects, class Visit>
     StepLog const& run(Rule const& rule, std::size_t most, Effects const& effects, Visit const& visit)
     {
-        StepLog const& log = *or_break_off([&] { return &run_to_end(rule, most, effects, visit); });
+        typename Runs::Scene const scene{parts_, exchange_, course_, smallest_node_mass(),
+                                         quarantine_.most > 0};
+        StepLog const& log = *or_break_off([&] { return &runs_.take(scene, rule, most, effects, visit); });
         if (log.wrong == 0) bounds_are_old_ = false;
         return log;
-    }
-
-    /// What run() does unless it breaks off.
-    template <class Effects, class Visit>
-    StepLog const& run_to_end(Rule const& rule, std::size_t most, Effects const& effects, Visit const& visit)
-    {
-        constexpr int count = static_cast<int>(materials);
-        using Actions = decltype(effects.template during<Number, d>(Interval{}));
-        using Now = StepNow<Number, Actions>;
-        using Log = RunLog<Actions::obstacles, count>;
-        static_assert(std::is_trivially_destructible_v<Now>, "an effect's action is a plain value");
-        auto const orders = parts_.orders();
-        int const expected = static_cast<int>(std::min(most, backend_.steps_to_queue(orders, queue_)));
-        using KeptRule = RunRule<Effects, count>;
-        static_assert(std::is_trivially_destructible_v<KeptRule>, "an effect, as steps know it, too");
-        // an obstacle's quaternion is aligned more strictly than the two before it are long
-        constexpr std::size_t rule_at =
-            (2 * sizeof(Now) + alignof(KeptRule) - 1) / alignof(KeptRule) * alignof(KeptRule);
-        now_.resize(rule_at + sizeof(KeptRule));
-        log_.resize(Log::bytes(expected));
-        auto* const now = reinterpret_cast<Now*>(now_.data()); // of steps in turn
-        Log const log = Log::over(log_.data(), expected);
-        auto* const kept_rule = reinterpret_cast<KeptRule*>(now_.data() + rule_at);
-        int const turn = now_turn_;
-
-        for_each_material([&](auto k) { particles<k>().sort(); }); // into the order of cells
-        auto& grid = exchange_.grid();
-        grid.follow(orders); // blocks of nodes under them
-        exchange_.give_for(course_.now.interval.forces, parts_);
-        backend_.for_each(Log::places(expected),
-                          BeginSteps<Number, d, count, Effects, Actions>{
-                              course_, {rule, parts_.densities(), effects}, kept_rule, log, now + turn});
-        Sides const sides = sides_of(effects);
-        using Update = UpdateGrid<Space, Kernel, Transfer, Actions>;
-        auto const update = [&](int step) {
-            exchange_.extend_velocities(parts_, smallest_node_mass());
-            return backend_.for_each_node(
-                orders, grid,
-                Update{now + (turn + step) % 2, lattice_, smallest_node_mass(), exchange_.kept_share()});
-        };
-        auto const move_one = [&]<std::size_t k>(std::integral_constant<std::size_t, k>, int step) {
-            using Here = Of<Material<k>>;
-            auto& table = particles<k>();
-            return MoveParticles<Space, typename Here::Model, Kernel, Transfer, Actions,
-                                 typename Here::Stored, typename Here::Taken>{
-                model_of<k>(),
-                transfer_,
-                now + (turn + step) % 2,
-                table.current(),
-                table.next(),
-                sides.pushed[k] ? table.next_taken() : typename Here::Table::TakenView{},
-                table.portions(),
-                lattice_,
-                Number(control_.rejection)};
-        };
-        auto const each = [&](auto const& make, auto const& gather) { // of all materials
-            return [&]<std::size_t... k>(std::index_sequence<k...>)
-            {
-                return gather(make(std::integral_constant<std::size_t, k>{})...);
-            }
-            (Places{});
-        };
-        auto const layers =
-            each([&](auto k) { return grid.layer(k); }, [](auto... layer) { return std::array{layer...}; });
-        auto const move = [&](int step) {
-            return each([&](auto k) { return move_one(k, step); },
-                        [](auto... phase) { return std::tuple{phase...}; });
-        };
-        auto const conclude = [&](int step) {
-            return ConcludeStep<Number, d, count, Effects, Actions>{kept_rule, log, step,
-                                                                    now + (turn + step + 1) % 2};
-        };
-
-        auto reacted = update(0);
-        int queued = 1;
-        bool lacked = false, gave_early = false;
-        Log heard{};
-        if constexpr (Backend::queues)
-            for (; queued < expected && backend_.keeps_up(orders); reacted = update(queued++)) {
-                auto const choice =
-                    backend_.move_on(orders, layers, move(queued - 1), reacted, conclude(queued - 1));
-                accept(sides); // as is to be expected
-                for_each_material([&](auto k) {
-                    particles<k>().sort([&](auto& cells, auto const& offsets) {
-                        auto layer = grid.layer(k);
-                        backend_.template follow<typename Exchange::template Scatter<k>>(cells, layer,
-                                                                                         offsets, choice);
-                    });
-                });
-            }
-        backend_.move(orders, layers, move(queued - 1), reacted, conclude(queued - 1));
-        heard = Log::over(const_cast<unsigned char*>(log_.fetch()), expected);
-        if constexpr (Backend::queues) {
-            lacked = backend_.listen(orders);
-            gave_early = !lacked && backend_.follows_early(orders) && static_cast<int>(*heard.taken) < queued;
-            if (lacked) { // a step lacked room, and those after it did nothing
-                int const lacking = static_cast<int>(*heard.taken) - (wrong_after(heard) ? 0 : 1);
-                take_back(queued - 1 - lacking, queued - 1 - lacking, sides);
-                queued = lacking + 1;
-                do {
-                    adopt(heard.at[lacking].course, lacking, true, sides);
-                    backend_.complete(orders, layers, move(lacking), reacted, conclude(lacking));
-                    heard = Log::over(const_cast<unsigned char*>(log_.fetch()), expected);
-                } while (backend_.listen(orders));
-            }
-        }
-        int const taken = static_cast<int>(*heard.taken);
-        spoiled_ = taken < queued && wrong_after(heard);
-        if (taken == queued)
-            accept(sides);
-        else if constexpr (Backend::queues)
-            take_back(queued - 1 - taken, queued - 1 - taken + (spoiled_ ? 0 : 1), sides);
-        StepLog const& last = heard.at[taken + (spoiled_ ? 1 : 0)];
-        adopt(last.course, taken, spoiled_ || gave_early, sides);
-        now_turn_ = (turn + taken) % 2;
-        unstopped_ += static_cast<std::size_t>(taken);
-        if (taken == expected && !lacked)
-            queue_ = std::max<std::size_t>(queue_, 2 * taken);
-        else {
-            queue_ = std::max<std::size_t>(unstopped_ / 2, 1);
-            unstopped_ = 0;
-        }
-        for (int i = 0; i < taken; ++i) visit(heard.records[i]);
-        return last;
-    }
-
-    /// Of each material: whether what particles take from the grid was held beside them before a run, and
-    /// whether its steps write it. Obstacles that push particles set what cannot be taken again, and where
-    /// particles may be taken out after a step that went wrong, the grid is no longer there to take from.
-    struct Sides
-    {
-        std::array<bool, materials> held{}, pushed{};
-    };
-    template <class Effects>
-    Sides sides_of(Effects const& effects) const
-    {
-        Sides sides;
-        for_each_material([&](auto k) {
-            sides.held[k] = particles<k>().holds_taken();
-            sides.pushed[k] = Of<Material<k>>::Taken::components(d) > 0 &&
-                              (effects.touch_particles() || quarantine_.most > 0);
-        });
-        return sides;
-    }
-
-    /// Whether the step after those that were taken went wrong.
-    template <class Log>
-    static bool wrong_after(Log const& log)
-    {
-        return log.at[*log.taken + 1].wrong > 0;
-    }
-
-    /// Takes over what is known of the steps of a run; `movers_gave` says whether who came to another cell in
-    /// the last one has given there.
-    void adopt(Course const& course, int taken, bool movers_gave, Sides const& sides)
-    {
-        course_ = course;
-        for_each_material([&](auto k) {
-            particles<k>().set_held(taken > 0 ? sides.pushed[k] : sides.held[k], sides.held[k]);
-        });
-        if (taken > 0) exchange_.gave(course_.given.interval.forces, movers_gave);
     }
 
     /// Does what leaves no state to go on from if it throws, or if then `is_half_done()`: all later calls say
@@ -908,20 +744,6 @@ private:
         return any;
     }
 
-    /// Takes a step that was made, or soon will be, for done.
-    void accept(Sides const& sides)
-    {
-        for_each_material([&](auto k) { particles<k>().accept(sides.pushed[k]); });
-        exchange_.grid().accept();
-    }
-
-    /// Undoes that, and sort(), for steps that were queued and then not made.
-    void take_back(int accepted, int sorted, Sides const& sides) requires Backend::queues
-    {
-        for_each_material([&](auto k) { particles<k>().take_back(accepted, sorted, sides.pushed[k]); });
-        if (accepted % 2 != 0) exchange_.grid().accept(); // what was swapped is swapped back
-    }
-
     template <class Record>
     StepReport report_of(Record const& record) const
     {
@@ -943,16 +765,14 @@ private:
     /// After a step that went wrong: see GridExchange::regain_velocities.
     void regain_velocities()
     {
-        if (!spoiled_) return;
+        if (!runs_.has_spoiled_nodes()) return;
         if (parts_.holds_taken())
             // the sums have the forces of the step that went wrong, which may be larger than rounding bears
             exchange_.forget();
         else
-            or_break_off([&] {
-                exchange_.regain_velocities(parts_, smallest_node_mass(),
-                                            reinterpret_cast<StepNow<Number, Chain<>> const*>(now_.data()));
-            });
-        spoiled_ = false;
+            or_break_off(
+                [&] { exchange_.regain_velocities(parts_, smallest_node_mass(), runs_.any_step()); });
+        runs_.forget_spoiled_nodes();
     }
 
     /// Finds the bounds of the next step, for states set from outside.
@@ -1135,20 +955,14 @@ private:
     Backend backend_;
     Parts parts_;
     Exchange exchange_;
+    Runs runs_;
     MassScale masses_;
     std::uint32_t next_id_ = 0;
     Course course_;
     bool bounds_are_old_ = false; ///< some of them a step found, for particles that were changed since
     detail::Quarantine quarantine_;
     bool (Solver::*isolate_)(StepLog, double, bool, Failures&, std::optional<StepFailure> const&) = nullptr;
-    detail::KnownWalls walls_; ///< that nobody is behind: see require_before_walls
-    /// Two StepNow and a RunRule, of whatever effects. (As zeros at first: it is copied when it grows.)
-    typename Backend::template Outbox<unsigned char> now_;
-    typename Backend::template Outbox<unsigned char> log_; ///< a RunLog
-    int now_turn_ = 0;          ///< which of the two it is that the next step finds
-    std::size_t queue_ = 1;     ///< as many steps may be queued blindly: it went well with half as many
-    std::size_t unstopped_ = 0; ///< steps since queued ones were stopped
-    bool spoiled_ = false;      ///< a step went wrong: nodes do not hold the velocities of the last good one
+    detail::KnownWalls walls_;  ///< that nobody is behind: see require_before_walls
     AdvanceReport until_error_; ///< see there
 };
 

@@ -1,0 +1,302 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/grid_exchange.hpp>
+#include <firn/phases/conclude_step.hpp>
+#include <firn/phases/move_particles.hpp>
+#include <firn/scene_parts.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <tuple>
+#include <type_traits>
+#include <utility>
+
+namespace firn
+{
+
+/// Takes the steps of a scene, in runs: as many as the backend queues one behind the other before the host
+/// looks what became of them, and with a backend that does not, one by one.
+///
+/// A step is: particles in the order of cells, blocks of nodes under them, what particles give (which those
+/// that moved in the step before have given already); then nodes are updated, particles take from them, move
+/// and give to the next step; and that is chosen by what they found out. See StepRun, and the phases.
+template <class Backend, class Parts, class Kernel, class Transfer>
+class StepRuns
+{
+public:
+    using Space = typename Parts::Space;
+    using Number = typename Space::Real;
+    static constexpr int d = Space::dimension, materials = static_cast<int>(Parts::count);
+    using Rule = StepRule<materials>;
+    using Exchange = GridExchange<Backend, Parts, Kernel, Transfer>;
+
+    /// What steps change, and what they need to know of it.
+    struct Scene
+    {
+        Parts& parts;
+        Exchange& exchange;
+        Course& course;
+        Number smallest_node_mass; ///< below it a node's momentum is rounding alone [mass units]
+        bool may_lose_particles;   ///< after a step that went wrong for them
+    };
+
+    StepRuns(Lattice lattice, Transfer const& transfer, Backend const& backend)
+        : lattice_(lattice), transfer_(transfer), backend_(backend), now_(backend_), log_(backend_)
+    {}
+
+    /// Takes the step that was chosen and those after it, `most` in all: as many as the backend queues, and
+    /// as long as they go as planned. `visit` is called with the record of each. A step that goes wrong
+    /// leaves the particles, and what they gave, as it was.
+    ///
+    /// Where memory runs short or a device fails in the middle, there is no state to go on from.
+    template <class Effects, class Visit>
+    StepLog const& take(Scene const& scene, Rule const& rule, std::size_t most, Effects const& effects,
+                        Visit const& visit)
+    {
+        auto const orders = scene.parts.orders();
+        int const expected = static_cast<int>(std::min(most, backend_.steps_to_queue(orders, queue_)));
+        StepRun<Effects> run(*this, scene, rule, effects, expected);
+        auto& grid = scene.exchange.grid();
+        Parts::for_each([&](auto k) { scene.parts.template particles<k>().sort(); }); // in the order of cells
+        grid.follow(orders);                                                          // blocks under them
+        scene.exchange.give_for(scene.course.now.interval.forces, scene.parts);
+        run.begin(rule, effects);
+        auto const layers = run.layers();
+        auto reacted = run.update_nodes(0);
+        int queued = 1;
+        if constexpr (Backend::queues)
+            for (; queued < expected && backend_.keeps_up(orders); reacted = run.update_nodes(queued++)) {
+                auto const choice =
+                    backend_.move_on(orders, layers, run.move(queued - 1), reacted, run.conclude(queued - 1));
+                run.accept(); // as is to be expected
+                run.follow(choice);
+            }
+        backend_.move(orders, layers, run.move(queued - 1), reacted, run.conclude(queued - 1));
+        run.look();
+        bool lacked = false, gave_early = false;
+        if constexpr (Backend::queues) {
+            lacked = backend_.listen(orders);
+            gave_early = !lacked && backend_.follows_early(orders) && run.taken() < queued;
+            if (lacked) { // a step lacked room, and those after it did nothing
+                int const lacking = run.taken() - (run.went_wrong() ? 0 : 1);
+                run.take_back(queued - 1 - lacking, queued - 1 - lacking);
+                queued = lacking + 1;
+                do {
+                    run.adopt(lacking, lacking, true);
+                    backend_.complete(orders, layers, run.move(lacking), reacted, run.conclude(lacking));
+                    run.look();
+                } while (backend_.listen(orders));
+            }
+        }
+        int const taken = run.taken();
+        spoiled_ = taken < queued && run.went_wrong();
+        if (taken == queued)
+            run.accept();
+        else if constexpr (Backend::queues)
+            run.take_back(queued - 1 - taken, queued - 1 - taken + (spoiled_ ? 0 : 1));
+        int const last = taken + (spoiled_ ? 1 : 0);
+        run.adopt(last, taken, spoiled_ || gave_early);
+        turn_ = (turn_ + taken) % 2;
+        learn(taken, taken == expected && !lacked);
+        for (int i = 0; i < taken; ++i) visit(run.heard().records[i]);
+        return run.heard().at[last];
+    }
+
+    /// Whether the last step went wrong, so that nodes do not hold the velocities of the last good one.
+    bool has_spoiled_nodes() const { return spoiled_; }
+    void forget_spoiled_nodes() { spoiled_ = false; }
+
+    /// What some step found about itself, whatever its effects.
+    StepNow<Number, Chain<>> const* any_step() const
+    {
+        return reinterpret_cast<StepNow<Number, Chain<>> const*>(now_.data());
+    }
+
+private:
+    template <std::size_t k>
+    using Of = typename Parts::template Of<k>;
+
+    /// The steps of one run: what their phases are made of, and what the host does about them.
+    template <class Effects>
+    class StepRun
+    {
+        using Actions = decltype(std::declval<Effects const&>().template during<Number, d>(Interval{}));
+        using Now = StepNow<Number, Actions>;
+        using KeptRule = RunRule<Effects, materials>;
+        using Log = RunLog<Actions::obstacles, materials>;
+        static_assert(std::is_trivially_destructible_v<Now>, "an effect's action is a plain value");
+        static_assert(std::is_trivially_destructible_v<KeptRule>, "an effect, as steps know it, too");
+        // an obstacle's quaternion is aligned more strictly than the two before it are long
+        static constexpr std::size_t rule_at =
+            (2 * sizeof(Now) + alignof(KeptRule) - 1) / alignof(KeptRule) * alignof(KeptRule);
+
+    public:
+        StepRun(StepRuns& runs, Scene const& scene, Rule const& rule, Effects const& effects, int expected)
+            : runs_(runs), scene_(scene), largest_deformation_(static_cast<Number>(rule.control.rejection)),
+              expected_(expected)
+        {
+            runs_.now_.resize(rule_at + sizeof(KeptRule));
+            runs_.log_.resize(Log::bytes(expected));
+            now_ = reinterpret_cast<Now*>(runs_.now_.data());
+            kept_rule_ = reinterpret_cast<KeptRule*>(runs_.now_.data() + rule_at);
+            log_ = Log::over(runs_.log_.data(), expected);
+            Parts::for_each([&](auto k) {
+                held_[k] = particles<k>().holds_taken();
+                pushed_[k] = Of<k>::Taken::components(d) > 0 &&
+                             (effects.touch_particles() || scene.may_lose_particles);
+            });
+        }
+
+        /// Makes ready for the first step.
+        void begin(Rule const& rule, Effects const& effects)
+        {
+            runs_.backend_.for_each(
+                Log::places(expected_),
+                BeginSteps<Number, d, materials, Effects, Actions>{
+                    scene_.course, {rule, scene_.parts.densities(), effects}, kept_rule_, log_, now(0)});
+        }
+
+        /// Nodes find their velocities. Returns the reactions of obstacles.
+        auto update_nodes(int step)
+        {
+            scene_.exchange.extend_velocities(scene_.parts, scene_.smallest_node_mass);
+            return runs_.backend_.for_each_node(
+                scene_.parts.orders(), scene_.exchange.grid(),
+                UpdateGrid<Space, Kernel, Transfer, Actions>{
+                    now(step), runs_.lattice_, scene_.smallest_node_mass, scene_.exchange.kept_share()});
+        }
+
+        /// The phase in which particles of all materials move.
+        auto move(int step) const { return move(step, typename Parts::Places{}); }
+
+        /// The phase that chooses the step behind this one.
+        auto conclude(int step) const
+        {
+            return ConcludeStep<Number, d, materials, Effects, Actions>{kept_rule_, log_, step,
+                                                                        now(step + 1)};
+        }
+
+        /// The grid's layers of all materials.
+        auto layers() const { return layers(typename Parts::Places{}); }
+
+        /// Particles go into the order of cells that they have moved to, and who changed its cell gives
+        /// there.
+        template <class Choice>
+        void follow(Choice const& choice)
+        {
+            Parts::for_each([&](auto k) {
+                particles<k>().sort([&](auto& cells, auto const& offsets) {
+                    auto layer = scene_.exchange.grid().layer(k);
+                    runs_.backend_.template follow<typename Exchange::template Scatter<k>>(cells, layer,
+                                                                                           offsets, choice);
+                });
+            });
+        }
+
+        /// Waits for the steps, and reads what became of them.
+        void look() { heard_ = Log::over(const_cast<unsigned char*>(runs_.log_.fetch()), expected_); }
+        Log const& heard() const { return heard_; }
+        int taken() const { return static_cast<int>(*heard_.taken); }
+        /// Whether the step after those that were taken went wrong.
+        bool went_wrong() const { return heard_.at[taken() + 1].wrong > 0; }
+
+        /// Takes a step that was made, or soon will be, for done.
+        void accept()
+        {
+            Parts::for_each([&](auto k) { particles<k>().accept(pushed_[k]); });
+            scene_.exchange.grid().accept();
+        }
+
+        /// Undoes that, and follow(), for steps that were queued and then not made.
+        void take_back(int accepted, int followed) requires Backend::queues
+        {
+            Parts::for_each([&](auto k) { particles<k>().take_back(accepted, followed, pushed_[k]); });
+            if (accepted % 2 != 0) scene_.exchange.grid().accept(); // what was swapped is swapped back
+        }
+
+        /// Takes over what is known behind some steps; `movers_gave` says whether who came to another cell in
+        /// the last one has given there.
+        void adopt(int place, int taken, bool movers_gave)
+        {
+            scene_.course = heard_.at[place].course;
+            Parts::for_each(
+                [&](auto k) { particles<k>().set_held(taken > 0 ? pushed_[k] : held_[k], held_[k]); });
+            if (taken > 0) scene_.exchange.gave(scene_.course.given.interval.forces, movers_gave);
+        }
+
+    private:
+        template <std::size_t k>
+        auto& particles() const
+        {
+            return scene_.parts.template particles<k>();
+        }
+        Now* now(int step) const { return now_ + (runs_.turn_ + step) % 2; }
+
+        template <std::size_t... k>
+        auto move(int step, std::index_sequence<k...>) const
+        {
+            return std::tuple{move_material<k>(step)...};
+        }
+        template <std::size_t k>
+        auto move_material(int step) const
+        {
+            auto& table = particles<k>();
+            return MoveParticles<Space, typename Of<k>::Model, Kernel, Transfer, Actions,
+                                 typename Of<k>::Stored, typename Of<k>::Taken>{
+                scene_.parts.template model<k>(),
+                runs_.transfer_,
+                now(step),
+                table.current(),
+                table.next(),
+                pushed_[k] ? table.next_taken() : typename Of<k>::Table::TakenView{},
+                table.portions(),
+                runs_.lattice_,
+                largest_deformation_};
+        }
+        template <std::size_t... k>
+        auto layers(std::index_sequence<k...>) const
+        {
+            return std::array{scene_.exchange.grid().layer(k)...};
+        }
+
+        StepRuns& runs_;
+        Scene const& scene_;
+        Number largest_deformation_;
+        int expected_; ///< steps at most
+        Now* now_;     ///< of steps in turn: two
+        KeptRule* kept_rule_;
+        Log log_{}, heard_{}; ///< where steps are taken, and where the host reads it
+        /// Of each material: whether what particles take from the grid was held beside them before the run,
+        /// and whether its steps write it. Obstacles that push particles set what cannot be taken again, and
+        /// where particles may be taken out after a step that went wrong, the grid is no longer there to take
+        /// from.
+        std::array<bool, Parts::count> held_{}, pushed_{};
+    };
+
+    /// Learns from a run of so many steps how many to queue next time.
+    void learn(int taken, bool as_planned)
+    {
+        unstopped_ += static_cast<std::size_t>(taken);
+        if (as_planned)
+            queue_ = std::max<std::size_t>(queue_, 2 * taken);
+        else {
+            queue_ = std::max<std::size_t>(unstopped_ / 2, 1);
+            unstopped_ = 0;
+        }
+    }
+
+    Lattice lattice_;
+    Transfer transfer_;
+    Backend backend_;
+    /// Two StepNow and a RunRule, of whatever effects. (As zeros at first: it is copied when it grows.)
+    typename Backend::template Outbox<unsigned char> now_;
+    typename Backend::template Outbox<unsigned char> log_; ///< a RunLog
+    int turn_ = 0;                                         ///< which StepNow it is that the next step finds
+    std::size_t queue_ = 1;     ///< as many steps may be queued blindly: it went well with half as many
+    std::size_t unstopped_ = 0; ///< steps since queued ones were stopped
+    bool spoiled_ = false;      ///< see has_spoiled_nodes()
+};
+
+} // namespace firn
