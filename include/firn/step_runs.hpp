@@ -108,8 +108,8 @@ public:
     bool has_spoiled_nodes() const { return spoiled_; }
     void forget_spoiled_nodes() { spoiled_ = false; }
 
-    /// What some step found about itself, whatever its effects.
-    StepNow<Number, Chain<>> const* any_step() const
+    /// What is known of some step, whatever its effects.
+    StepNow<Number, Chain<>> const* any_step()
     {
         return reinterpret_cast<StepNow<Number, Chain<>> const*>(now_.data());
     }
