@@ -22,6 +22,8 @@ void all()
     step<NeoHookean<Space<3, double>>, QuadraticBSpline, Mls>(Gravity{}, floor);
     step<NeoHookean<Space<3, double>>, QuadraticBSpline, Asflip>(Gravity{}, floor);
     step<CamClay<Space<3, double>>, QuadraticBSpline, Flip>(Gravity{}, floor);
+    step<FixedCorotated<Space<3, double>>, QuadraticBSpline, Tpic>(Gravity{}, floor);
+    step<Sand<Space<2, double>>, QuadraticBSpline, Tpic>(Gravity{}, floor);
     step<FixedCorotated<Solid>, QuadraticBSpline, Mls>(Gravity{}, floor);
     step<HardeningVonMises<Solid>, QuadraticBSpline, Pic>(Gravity{}, floor);
     step<Snow<Solid>, QuadraticBSpline, Flip>(Gravity{}, floor);
@@ -33,6 +35,7 @@ void all()
     // several obstacles: contact is called
     step<Snow<Solid>, QuadraticBSpline, Mls>(Gravity{}, floor, Obstacle<Sphere>{});
     step<Snow<Solid>, QuadraticBSpline, Flip>(Gravity{}, floor, Obstacle<Sphere>{});
+    step<Snow<Solid>, QuadraticBSpline, Apic>(Gravity{}, floor, Obstacle<Box>{});
     step<Hencky<Solid>, QuadraticBSpline, Asflip>(Gravity{}, floor, Obstacle<Box>{});
     step<NeoHookean<Solid>, QuadraticBSpline, Asflip>(Obstacle<Shell<Box>>{}, Obstacle<Sphere>{});
 }

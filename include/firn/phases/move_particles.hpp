@@ -60,9 +60,9 @@ struct MoveParticles
     static constexpr int order = Kernel::order;
     static constexpr int node_channels = Takes::node_channels, channels = Gives::channels;
     static constexpr int kept = Takes::kept > Gives::kept ? Takes::kept : Gives::kept;
-    /// Contact is called while much is held, a particle's old velocity beside the grid's: a device needs more
+    /// Contact is called while much is held, all that a particle took from the grid: a device needs more
     /// registers there.
-    static constexpr bool calls_amid_much = d == 3 && Effects::obstacles > 1 && Transfer::keeps_old_velocity;
+    static constexpr bool calls_amid_much = d == 3 && Effects::obstacles > 1;
     template <class Real>
     using CellNodes = typename Takes::template CellNodes<Real>;
 

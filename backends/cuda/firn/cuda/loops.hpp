@@ -23,6 +23,9 @@ template <class Phase>
 inline constexpr unsigned most_teams_that_move = Phase::calls_amid_much
                                                      ? std::min(most_teams<typename Phase::Number>, 6u)
                                                      : most_teams<typename Phase::Number>;
+/// Groups of threads that are to fit on a multiprocessor in loops of one team: they leave 168 registers for
+/// each thread. (Left to itself the compiler may stop at 48 or 96, and spill.)
+inline constexpr unsigned enough_groups = 6;
 /// Shared memory that a device gives without being asked, the same but for the little that loops declare, and
 /// what it gives at all but for that (compute capability 7.5; later ones give more) [bytes].
 inline constexpr std::size_t given_shared = 48 * 1024, unasked_shared = 40 * 1024, most_shared = 60 * 1024;
@@ -182,10 +185,9 @@ private:
     }
 };
 
-/// All items give, cell by cell, to the tile of their block. (Eight groups of threads on a multiprocessor
-/// leave 128 registers for each; left to itself the compiler may stop at 96, and spill.)
+/// All items give, cell by cell, to the tile of their block.
 template <class CellOrder, class GridType, class Phase>
-__global__ void __launch_bounds__(block_threads, 8)
+__global__ void __launch_bounds__(block_threads, enough_groups)
     scatter(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid,
             bool afresh)
 {
@@ -251,11 +253,11 @@ struct GiveArrivals
 };
 
 /// The same for all blocks, once their order is written, by so many teams at most: a thread that is one of
-/// few takes more registers, and where there are many blocks that costs more than it gains. (With no more
-/// threads than may have all of the registers that a thread can have, the compiler would take them all, and
-/// spill, were it told that nothing else runs beside them.)
+/// few takes more registers, and where there are many blocks that costs more than it gains. (Of numbers in
+/// double precision the compiler would take more than there are, were it told that a group has them all.)
 template <unsigned most, class CellOrder, class GridType, class Phase>
-__global__ void __launch_bounds__(most* block_threads, most* block_threads > 256 ? 1 : 0)
+__global__ void __launch_bounds__(most* block_threads,
+                                  most > 1 && sizeof(typename GridType::Number) == sizeof(float) ? 1 : 0)
     scatter_movers(Signal signal, std::uint32_t blocks, GiveArrivals<CellOrder, GridType, Phase> give)
 {
     if (signal.stops()) return;
@@ -512,7 +514,7 @@ __global__ void __launch_bounds__(block_threads)
 
 /// All items take, and the phase keeps what it wants of that.
 template <class CellOrder, class GridType, class Phase>
-__global__ void __launch_bounds__(block_threads)
+__global__ void __launch_bounds__(block_threads, enough_groups)
     take(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid)
 {
     if (signal.stops()) return;
