@@ -3,6 +3,7 @@
 
 #include <firn/effects/effect.hpp>
 #include <firn/models/response.hpp>
+#include <firn/parameters.hpp>
 #include <firn/transfer/transfer.hpp>
 
 #include <array>
@@ -41,7 +42,7 @@ concept InterpolationKernel = Lane<Real> && requires(Real t, std::array<Real, T:
 };
 
 /// A transfer scheme: the fields it gives a particle, those of them that are stored from step to step, the
-/// terms it needs, what a particle gives and takes.
+/// terms it needs, what a particle gives and takes. It may say its parameters, too: see SaysParameters.
 template <class T, class Kernel, class Real, int d>
 concept TransferScheme = Lane<Real> &&
     requires(T const transfer, Record<Real, d, typename T::State> particle, Gathered<Real, d> gathered,
@@ -115,8 +116,8 @@ concept Responds = requires(T const model, Record<Real, T::Space::dimension, typ
 
 /// A material: its fields, its density, a check of its parameters, and ONE call that evolves the state and
 /// answers with stress and wave modulus: `Response<Real, d> respond(state&, velocity_gradient, dt) const`,
-/// which is FIRN_HOST_DEVICE if it is to run on devices. It
-/// may say `objection(state)`, too: see ObjectsToStates.
+/// which is FIRN_HOST_DEVICE if it is to run on devices. It may say its parameters and `objection(state)`,
+/// too: see SaysParameters and ObjectsToStates.
 template <class T, class Real>
 concept ConstitutiveModel = Lane<Real> && detail::HasSpace<T> && detail::HasState<T> &&
     detail::HasDensity<T> && detail::HasValidate<T> && detail::Responds<T, Real>;

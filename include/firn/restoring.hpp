@@ -3,13 +3,17 @@
 
 #include <firn/core/error.hpp>
 #include <firn/models/response.hpp>
+#include <firn/parameters.hpp>
 #include <firn/snapshot.hpp>
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <sstream>
 #include <string>
+#include <vector>
 
 // Whether a state from outside is one that a scene can go on from. `parts` are its SceneParts.
 namespace firn::detail
@@ -22,29 +26,76 @@ void name_material(Parts const& parts, MaterialSnapshot<typename Parts::Number, 
     material.name = name_of_policy<typename Parts::template Of<k>::Model>();
     material.density = double(parts.template model<k>().density);
     material.wave_modulus = double(parts.template response_at_rest<k>().wave_modulus);
+    material.parameters = parameters_of(parts.template model<k>());
 }
 
-/// Refuses the snapshot of another kind of solver.
-template <class Kernel, class Transfer, class Parts, class Number, int d>
-void require_fits(Snapshot<Number, d> const& from, Parts const& parts, Lattice const& lattice)
+/// Refuses a snapshot for what it has and this solver has otherwise.
+template <class Value>
+[[noreturn]] void refuse_snapshot(std::string const& what, Value const& theirs, Value const& ours,
+                                  char const* remedy)
 {
-    auto const same = [](bool condition, std::string const& what, auto const& theirs, auto const& ours) {
-        if (condition) return;
+    int digits = 6; // or as many as tell them apart
+    auto const text = [&](Value const& value) {
         std::ostringstream text;
-        text.precision(17);
-        text << "the snapshot has " << what << " " << theirs << ", this solver has " << ours;
-        throw Error{text.str(), "Solver::restore",
-                    "Restore into a solver that was made with the same lattice, policies and parameters."};
+        text.precision(digits);
+        text << value;
+        return text.str();
     };
-    auto const compare = [&](std::string const& what, auto const& theirs, auto const& ours) {
-        same(theirs == ours, what, theirs, ours);
+    while (digits < 17 && text(theirs) == text(ours)) ++digits;
+    throw Error{"the snapshot has " + what + " " + text(theirs) + ", this solver has " + text(ours),
+                "Solver::restore", remedy};
+}
+
+inline constexpr auto remedy_of_parameters =
+    "Make the solver with the snapshot's parameters; or, if it is to go on with its own, restore a snapshot "
+    "whose forget_parameters() was called (read_snapshot has that of a file).";
+
+/// Refuses other values of parameters than a policy has, where a snapshot names them; `owner` has them.
+/// Returns whether it names all. They may differ by a few roundings of the scene's `Number`s: not every
+/// compiler computes them to the last bit alike.
+template <class Number>
+bool compare_parameters(std::string const& owner, std::vector<Parameter> const& theirs,
+                        std::vector<Parameter> const& ours)
+{
+    auto const alike = [](double a, double b) {
+        double const rounding = 8 * double(std::numeric_limits<Number>::epsilon());
+        return a == b || (std::isnan(a) && std::isnan(b)) ||
+               (std::isfinite(a - b) && std::abs(a - b) <= rounding * std::abs(b));
+    };
+    auto const find = [](std::vector<Parameter> const& list, std::string const& name) {
+        return std::ranges::find(list, name, &Parameter::name);
+    };
+    for (auto const& [name, value] : theirs) {
+        auto const own = find(ours, name);
+        if (own == ours.end())
+            refuse_snapshot<std::string>(owner + " a parameter", name, "none of this name",
+                                         remedy_of_parameters);
+        if (!alike(value, own->value))
+            refuse_snapshot(owner + ' ' + name + " =", value, own->value, remedy_of_parameters);
+    }
+    return std::ranges::all_of(ours,
+                               [&](Parameter const& own) { return find(theirs, own.name) != theirs.end(); });
+}
+
+/// Refuses the snapshot of another kind of solver. Returns whether it was made with all of the parameters of
+/// this one, so that what bounds its next step bounds it here.
+template <class Kernel, class Transfer, class Parts, class Number, int d>
+bool require_fits(Snapshot<Number, d> const& from, Parts const& parts, Lattice const& lattice,
+                  Transfer const& transfer)
+{
+    auto const compare = [&]<class Value>(std::string const& what, Value const& theirs, Value const& ours) {
+        if (!(theirs == ours))
+            refuse_snapshot(
+                what, theirs, ours,
+                "Restore into a solver that was made with the same lattice, policies and parameters.");
     };
     compare("the kernel", from.kernel, name_of_policy<Kernel>());
     compare("a kernel of order", from.kernel_order, Kernel::order + 0);
     compare("the transfer", from.transfer, name_of_policy<Transfer>());
+    bool all_known = compare_parameters<Number>("for the transfer (" + from.transfer + ")",
+                                                from.transfer_parameters, parameters_of(transfer));
     compare("a cell size [m] of", from.lattice.cell_size, lattice.cell_size);
-    same(from.lattice.origin == lattice.origin, "the origin [m]", from.lattice.origin.transpose(),
-         lattice.origin.transpose());
+    compare("the origin [m]", from.lattice.origin.transpose().eval(), lattice.origin.transpose().eval());
     compare("this many materials:", from.materials.size(), Parts::count + 0);
     Parts::for_each([&](auto k) {
         MaterialSnapshot<Number, d> ours;
@@ -52,12 +103,18 @@ void require_fits(Snapshot<Number, d> const& from, Parts const& parts, Lattice c
         auto const& theirs = from.materials[k];
         std::string const place = "material " + std::to_string(k);
         compare("for " + place, theirs.name, ours.name);
-        compare("for " + place + " the density [kg/m^3]", theirs.density, ours.density);
+        std::string const named = place + " (" + ours.name + ")", owner = "for " + named;
+        compare(owner + " the density [kg/m^3]", theirs.density, ours.density);
+        bool const names_all = compare_parameters<Number>(owner, theirs.parameters, ours.parameters);
+        bool const any_modulus = theirs.wave_modulus == 0 && ours.wave_modulus != 0;
         // some processors' exponentials differ in the last bit
-        same(std::abs(theirs.wave_modulus - ours.wave_modulus) <= 1e-5 * ours.wave_modulus,
-             "for " + place + " the wave modulus at rest [Pa]", theirs.wave_modulus, ours.wave_modulus);
-        Parts::template Of<k>::Table::require_same_fields(theirs, place + " (" + ours.name + ")");
+        if (!any_modulus && !(std::abs(theirs.wave_modulus - ours.wave_modulus) <= 1e-5 * ours.wave_modulus))
+            refuse_snapshot(owner + " the wave modulus at rest [Pa]", theirs.wave_modulus, ours.wave_modulus,
+                            remedy_of_parameters);
+        Parts::template Of<k>::Table::require_same_fields(theirs, named);
+        all_known = all_known && names_all && !any_modulus;
     });
+    return all_known;
 }
 
 /// Whether the model of a material may object to a state from outside.

@@ -3,6 +3,7 @@
 
 #include <firn/core/error.hpp>
 #include <firn/grid/lattice.hpp>
+#include <firn/parameters.hpp>
 #include <firn/phases/stable_time_step.hpp>
 #include <firn/phases/table_view.hpp>
 #include <firn/step_error.hpp>
@@ -53,7 +54,8 @@ struct MaterialSnapshot
 
     std::string name;                             ///< of the model
     double density = 0;                           ///< of the model [kg/m^3]
-    double wave_modulus = 0;                      ///< rho c^2 of the model at rest [Pa]
+    double wave_modulus = 0;                      ///< rho c^2 of the model at rest [Pa]; 0: any
+    std::vector<Parameter> parameters{};          ///< what else the model says of itself
     std::vector<std::uint32_t> ids{};             ///< permanent
     std::vector<Coordinates<d>> cells{};          ///< in which they are
     std::array<std::vector<Offset>, d> offsets{}; ///< from the centres of these, as CellOffset stores them
@@ -61,8 +63,11 @@ struct MaterialSnapshot
     std::vector<Portion<Number>> portions{};      ///< mass and volume, by row: the rank of the id
 };
 
-/// All that the next steps of a solver depend on, but for what its constructor and its calls are given:
-/// parameters of material, transfer and step control, effects. In memory of the host, whatever the backend.
+/// All that the next steps of a solver depend on, but for what its constructor and its calls are given: step
+/// control and effects. In memory of the host, whatever the backend.
+///
+/// It has the parameters of materials and transfer, too, so that Solver::restore refuses a solver that was
+/// made with others; those that it does not name may be any.
 ///
 /// See Solver::snapshot and Solver::restore, and io/checkpoint.hpp for one in a file.
 template <class Number, int d>
@@ -70,6 +75,7 @@ struct Snapshot
 {
     std::string kernel, transfer; ///< their names
     int kernel_order = 0;
+    std::vector<Parameter> transfer_parameters{};
     Lattice lattice{};
     double time = 0;     ///< [s]
     double previous = 0; ///< what the last step might have been that filled no duration alone [s]; 0: none
@@ -79,6 +85,18 @@ struct Snapshot
     std::uint32_t next_id = 0; ///< of the next particle that is added
     std::vector<MaterialSnapshot<Number, d>> materials{};
     std::vector<StepFailure> isolated{}; ///< who was taken out of the scene: see Solver::quarantine
+
+    /// Lets a solver of other parameters go on from here with its own, a steeper angle of friction or a
+    /// stiffer snow: restore() then finds anew what bounds the next step. Densities are to stay: particles
+    /// keep their masses.
+    void forget_parameters()
+    {
+        transfer_parameters.clear();
+        for (auto& material : materials) {
+            material.parameters.clear();
+            material.wave_modulus = 0;
+        }
+    }
 };
 
 namespace detail

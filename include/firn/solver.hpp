@@ -532,6 +532,7 @@ public:
         Snapshot<Number, d> to{.kernel = detail::name_of_policy<Kernel>(),
                                .transfer = detail::name_of_policy<Transfer>(),
                                .kernel_order = Kernel::order,
+                               .transfer_parameters = detail::parameters_of(transfer_),
                                .lattice = lattice_,
                                .time = course_.time,
                                .previous = course_.previous,
@@ -554,14 +555,15 @@ public:
         Exchange exchange(lattice_, transfer_, backend_);
         or_break_off([&] {
             for_each_material([&](auto k) { particles<k>().restore(to.materials[k], std::move(orders[k])); });
-            go_on_from(to, std::move(exchange), to.isolated);
+            go_on_from(to, to.bounds, std::move(exchange), to.isolated);
         });
         return to;
     }
 
     /// Takes the state of a snapshot, whatever was there before: of a solver of the same lattice, kernel,
-    /// transfer and materials, whose backend and step control may differ. With the same backend, lanes and
-    /// parameters the steps that follow are those of the solver that made it, bit by bit.
+    /// transfer and materials, with the same parameters, whose backend and step control may differ. With the
+    /// same backend, lanes and step control the steps that follow are those of the solver that made it, bit
+    /// by bit. To go on with other parameters see Snapshot::forget_parameters.
     ///
     /// Throws an Error, and changes nothing, if it does not fit, or is none that snapshot() can have
     /// returned; or if a call of this solver has broken off: memory that ended or a device that failed in the
@@ -569,7 +571,7 @@ public:
     void restore(Snapshot<Number, d> const& from)
     {
         auto const visit = entrance_.to_change("Solver::restore");
-        detail::require_fits<Kernel, Transfer>(from, parts_, lattice_);
+        bool const same_bounds = detail::require_fits<Kernel>(from, parts_, lattice_, transfer_);
         detail::require_whole(from, Cells::largest_coordinate);
         Parts parts = parts_.emptied(lattice_, Kernel::order, backend_);
         for_each_material([&](auto k) {
@@ -580,10 +582,11 @@ public:
                     detail::require_bearable<k>(parts, table, row, particle, "Solver::restore");
                 });
         });
+        StepBounds const bounds = same_bounds ? from.bounds : bounds_of(parts, from.bounds);
         auto isolated = from.isolated;
         Exchange exchange(lattice_, transfer_, backend_);
         parts_ = std::move(parts); // from here on nothing can fail
-        go_on_from(from, std::move(exchange), std::move(isolated));
+        go_on_from(from, bounds, std::move(exchange), std::move(isolated));
     }
 
     /// Bytes held by particles and grid, spare capacity included.
@@ -613,13 +616,14 @@ private:
     }
 
     /// Goes on from a snapshot whose particles are there already: grid, and what was planned, begin afresh.
-    void go_on_from(Snapshot<Number, d> const& from, Exchange exchange, Failures isolated)
+    void go_on_from(Snapshot<Number, d> const& from, StepBounds const& bounds, Exchange exchange,
+                    Failures isolated)
     {
         exchange_ = std::move(exchange);
         masses_ = from.masses;
         next_id_ = from.next_id;
         quarantine_.isolated = std::move(isolated);
-        course_ = {.time = from.time, .bounds = from.bounds, .previous = from.previous, .last = from.last};
+        course_ = {.time = from.time, .bounds = bounds, .previous = from.previous, .last = from.last};
         bounds_are_old_ = true;
         runs_.forget_spoiled_nodes();
         walls_.forget();
@@ -673,9 +677,10 @@ private:
         }
     }
 
-    Rule rule_of_materials() const
+    Rule rule_of_materials() const { return rule_of(parts_); }
+    Rule rule_of(Parts const& parts) const
     {
-        return detail::rule_of_materials<Kernel, Transfer>(parts_, control_, lattice_.cell_size);
+        return detail::rule_of_materials<Kernel, Transfer>(parts, control_, lattice_.cell_size);
     }
 
     /// The same after some were taken out: who is gone bounds no step.
@@ -778,8 +783,13 @@ private:
     /// Finds the bounds of the next step, for states set from outside.
     void find_bounds()
     {
-        course_.bounds = detail::bounds_of(parts_, rule_of_materials(), course_.bounds, values());
+        course_.bounds = bounds_of(parts_, course_.bounds);
         bounds_are_old_ = true;
+    }
+    /// Those of particles, this scene's or to be, of what was found before.
+    StepBounds bounds_of(Parts const& parts, StepBounds const& found) const
+    {
+        return detail::bounds_of(parts, rule_of(parts), found, values(parts));
     }
 
     /// Lets go of those bounds that a step found before particles were changed or taken out, if no step gets
@@ -824,10 +834,11 @@ private:
     }
 
     /// What tells a field's values of a material, by row.
-    auto values() const
+    auto values() const { return values(parts_); }
+    auto values(Parts const& parts) const
     {
-        return [this]<class Tag, std::size_t k>(Tag, std::integral_constant<std::size_t, k>) {
-            return exchange_.template download<Tag, k>(parts_);
+        return [this, &parts]<class Tag, std::size_t k>(Tag, std::integral_constant<std::size_t, k>) {
+            return exchange_.template download<Tag, k>(parts);
         };
     }
 

@@ -24,17 +24,22 @@
 
 // Checkpoints: a scene in a file, from which another program goes on bit by bit.
 //
-//     write_checkpoint("run.firn", solver, ball, frame);   // as often as you like: the newest whole one
-//     stays read_checkpoint("run.firn", solver, ball, frame);    // into a solver that was made with the same
-//     policies
+//     write_checkpoint("run.firn", solver, ball, frame); // as often as you like: the newest whole one stays
+//     read_checkpoint("run.firn", solver, ball, frame);  // into a solver of the same policies
 //
-// A file of schema 3: little-endian, SI units, floats as in IEEE 754, nothing between one thing and the next.
+// or, to go on with other parameters of material or transfer,
+//
+//     auto snapshot = read_snapshot<float, 3>("run.firn", ball, frame);
+//     snapshot.forget_parameters();
+//     solver.restore(snapshot);
+//
+// A file of schema 4: little-endian, SI units, floats as in IEEE 754, nothing between one thing and the next.
 // A text is its length as u32 and so many bytes; `real` is f32 or f64.
 //
 //     preamble, the same in all schemas to come:
 //       8 bytes 89 'F' 'I' 'R' 'N' 0d 0a 1a | u32 schema | u32 01020304 hex | u64 bytes of the whole file
 //       u32 CRC-32 of all that follows the preamble | u32 CRC-32 of the preamble up to here
-//     u32 dimensions | u32 bytes of a real | text kernel | u32 its order | text transfer
+//     u32 dimensions | u32 bytes of a real | text kernel | u32 its order | text transfer | its parameters
 //     f64 cell size [m] | 3 f64 origin [m] | f64 time [s]
 //     f64 what the last step might have been that filled no duration alone [s] | f64 length of the last [s]
 //     bounds of the next step: f64 wave speed | u32 its material | f64 speed [m/s] | f64 deformation rate
@@ -43,7 +48,7 @@
 //     f64 unit of mass [kg] | f64 largest | f64 smallest mass in units | u32 next id
 //     u32 number of companions, and of each: text kind | u32 bytes | that many bytes
 //     u32 number of materials, and of each:
-//       text name | f64 density [kg/m^3] | f64 wave modulus at rest [Pa]
+//       text name | its parameters | f64 density [kg/m^3] | f64 wave modulus at rest [Pa]
 //       u64 particles | u32 fields | u64 portions
 //       of each field: text name | u32 components
 //       of each portion: u32 first row (rank of the id) | f64 mass in units | f64 volume per unit [m^3/kg]
@@ -55,6 +60,8 @@
 //     u32 number of particles that were taken out of the scene (see Solver::quarantine), and of each:
 //       u8 cause (a Mishap) | u32 id | u32 its material | 3 f64 position [m] | f64 time [s] | f64 step [s]
 //       u64 how many went wrong with it
+//
+// Parameters are u32 their number, and of each: text name | f64 value, in its SI unit.
 namespace firn
 {
 
@@ -66,7 +73,7 @@ static_assert(
     "checkpoints copy memory into little-endian files; a big-endian machine needs a byte swap here");
 
 inline constexpr std::array<char, 8> checkpoint_magic{'\x89', 'F', 'I', 'R', 'N', '\r', '\n', '\x1a'};
-inline constexpr std::uint32_t checkpoint_schema = 3;
+inline constexpr std::uint32_t checkpoint_schema = 4;
 
 /// The first bytes of a checkpoint of whatever schema.
 struct CheckpointPreamble
@@ -276,10 +283,33 @@ T get_companion(CheckpointReader& in)
     return companion;
 }
 
+inline void put_parameters(CheckpointWriter& out, std::vector<Parameter> const& parameters)
+{
+    out.values(static_cast<std::uint32_t>(parameters.size()));
+    for (auto const& [name, value] : parameters) {
+        out.text(name);
+        out.values(value);
+    }
+}
+
+inline std::vector<Parameter> get_parameters(CheckpointReader& in)
+{
+    std::uint32_t count = 0;
+    in.values(count);
+    in.expect(count, sizeof(std::uint32_t) + sizeof(double));
+    std::vector<Parameter> parameters(count);
+    for (auto& [name, value] : parameters) {
+        name = in.text();
+        in.values(value);
+    }
+    return parameters;
+}
+
 template <class Number, int d>
 void put_material(CheckpointWriter& out, MaterialSnapshot<Number, d> const& material)
 {
     out.text(material.name);
+    put_parameters(out, material.parameters);
     out.values(material.density, material.wave_modulus, std::uint64_t(material.ids.size()),
                static_cast<std::uint32_t>(material.fields.size()), std::uint64_t(material.portions.size()));
     for (auto const& field : material.fields) {
@@ -308,6 +338,7 @@ MaterialSnapshot<Number, d> get_material(CheckpointReader& in)
     std::uint64_t particles = 0, portions = 0;
     std::uint32_t fields = 0;
     material.name = in.text();
+    material.parameters = get_parameters(in);
     in.values(material.density, material.wave_modulus, particles, fields, portions);
     in.expect(fields, 8);
     for (std::uint32_t i = 0; i < fields; ++i) {
@@ -373,6 +404,7 @@ void put_checkpoint(CheckpointWriter& out, Snapshot<Number, d> const& from, Comp
     out.text(from.kernel);
     out.values(std::uint32_t(from.kernel_order));
     out.text(from.transfer);
+    put_parameters(out, from.transfer_parameters);
     auto const& origin = from.lattice.origin;
     auto const& bounds = from.bounds;
     out.values(from.lattice.cell_size, origin.x(), origin.y(), origin.z(), from.time, from.previous,
@@ -404,6 +436,7 @@ std::tuple<Companions...> get_checkpoint(CheckpointReader& in, Snapshot<Number, 
     to.kernel = in.text();
     in.values(order);
     to.transfer = in.text();
+    to.transfer_parameters = get_parameters(in);
     auto& origin = to.lattice.origin;
     auto& bounds = to.bounds;
     in.values(to.lattice.cell_size, origin.x(), origin.y(), origin.z(), to.time, to.previous, to.last,
@@ -418,7 +451,7 @@ std::tuple<Companions...> get_checkpoint(CheckpointReader& in, Snapshot<Number, 
                     "read_checkpoint", "Pass the same companions as to write_checkpoint, in the same order."};
     std::tuple<Companions...> read{get_companion<Companions>(in)...}; // braces: one after the other
     in.values(materials);
-    in.expect(materials, 40); // of a text, two reals and three counts
+    in.expect(materials, 44); // of a text, two reals and four counts
     for (std::uint32_t i = 0; i < materials; ++i) to.materials.push_back(get_material<Number, d>(in));
     to.isolated = get_isolated(in);
     in.expect_end();
@@ -472,6 +505,27 @@ inline CheckpointReader open_checkpoint(std::filesystem::path const& path, std::
     return {in, bytes - sizeof(preamble), preamble.checksum};
 }
 
+/// Lets `take` have the snapshot in a file, and then `companions` be what they were.
+template <class Number, int d, class Take, class... Companions>
+void take_checkpoint(std::filesystem::path const& path, Take const& take, Companions&... companions)
+{
+    std::ifstream in;
+    auto reader = open_checkpoint(path, in);
+    try {
+        Snapshot<Number, d> snapshot;
+        auto read = get_checkpoint<Companions...>(reader, snapshot);
+        take(snapshot);
+        std::tie(companions...) = std::move(read);
+    }
+    catch (Error const& error) {
+        throw Error{error.what_is_wrong(), path.string() + ", " + error.where(), error.remedy()};
+    }
+    catch (std::bad_alloc const&) {
+        throw Error{"there is not enough memory for what the file holds", path.string(),
+                    "Read it where there is more."};
+    }
+}
+
 } // namespace detail
 
 /// Writes all that the next steps of a solver depend on into a file: particles with their ids and all of
@@ -483,9 +537,10 @@ inline CheckpointReader open_checkpoint(std::filesystem::path const& path, std::
 /// renamed, when the disk has it: at any time the last one that was finished is there and whole. (One program
 /// at a time writes to a path: another one that tries meanwhile gets an Error.)
 ///
-/// What the constructor and calls are given is yours to give once more: parameters of material, transfer and
-/// step control; effects with their shapes; how many may be in quarantine. Throws an Error if the file cannot
-/// be created or not be written to its end; the one of before is then as it was.
+/// What the constructor and calls are given is yours to give once more: material and transfer, whose
+/// parameters go into the file so that others are noticed; step control; effects with their shapes; how many
+/// may be in quarantine. Throws an Error if the file cannot be created or not be written to its end; the one
+/// of before is then as it was.
 template <class Solver, detail::Companion... Companions>
 void write_checkpoint(std::filesystem::path const& path, Solver& solver, Companions const&... companions)
 {
@@ -515,25 +570,28 @@ void write_checkpoint(std::filesystem::path const& path, Solver& solver, Compani
 /// wrote it.
 ///
 /// Throws an Error, and changes nothing, if the file is no checkpoint, was cut off or damaged, was written by
-/// a newer version, or does not fit: the kernel, transfer, material or field that differs is named.
+/// another version, or does not fit: the kernel, transfer, material, parameter or field that differs is
+/// named. (To go on with other parameters see read_snapshot.)
 template <class Solver, detail::Companion... Companions>
 void read_checkpoint(std::filesystem::path const& path, Solver& solver, Companions&... companions)
 {
-    std::ifstream in;
-    auto reader = detail::open_checkpoint(path, in);
-    try {
-        Snapshot<typename Solver::Number, Solver::d> snapshot;
-        auto read = detail::get_checkpoint<Companions...>(reader, snapshot);
-        solver.restore(snapshot);
-        std::tie(companions...) = std::move(read);
-    }
-    catch (Error const& error) {
-        throw Error{error.what_is_wrong(), path.string() + ", " + error.where(), error.remedy()};
-    }
-    catch (std::bad_alloc const&) {
-        throw Error{"there is not enough memory for what the file holds", path.string(),
-                    "Read it where there is more."};
-    }
+    detail::take_checkpoint<typename Solver::Number, Solver::d>(
+        path, [&](auto const& snapshot) { solver.restore(snapshot); }, companions...);
+}
+
+/// The snapshot in a file, of a solver of these numbers and dimensions, and with it `companions`: for who
+/// wants to know, or to change, what a solver is to take. One that is to go on with its own parameters of
+/// material and transfer takes it after `snapshot.forget_parameters()`.
+///
+/// Throws an Error, and changes nothing, if the file is no whole checkpoint of such a solver and such
+/// companions.
+template <class Number, int d, detail::Companion... Companions>
+Snapshot<Number, d> read_snapshot(std::filesystem::path const& path, Companions&... companions)
+{
+    Snapshot<Number, d> taken;
+    detail::take_checkpoint<Number, d>(
+        path, [&](auto& snapshot) { taken = std::move(snapshot); }, companions...);
+    return taken;
 }
 
 } // namespace firn

@@ -5,6 +5,7 @@
 #include <firn/math/principal_axes.hpp>
 #include <firn/models/lame.hpp>
 #include <firn/models/response.hpp>
+#include <firn/parameters.hpp>
 
 #include <type_traits>
 
@@ -34,6 +35,8 @@
 // - suits<Law>: whether it is stated in the measure of this law
 //
 // - flow(trial, Lame<Real>, state, dt): PlasticFlow; evolves what is kept
+//
+// - for_each_parameter(use), if it is to be told from one with other parameters: see parameters.hpp
 namespace firn
 {
 
@@ -135,6 +138,12 @@ struct Elastoplastic : FlowType
 
     Number density = Flow::usual_density;               ///< [kg/m^3]
     Lame<Number> elasticity = Flow::usual_elasticity(); ///< of the state that has not hardened [Pa]
+
+    void for_each_parameter(auto const& use) const
+    {
+        use("elasticity", elasticity);
+        if constexpr (SaysParameters<Flow>) Flow::for_each_parameter(use);
+    }
 
     void validate() const
     {

@@ -28,6 +28,12 @@ struct Lame
         return double(2 * mu + spread) / double(p_wave_modulus());
     }
 
+    void for_each_parameter(auto const& use) const
+    {
+        use("mu", mu);
+        use("lambda", lambda);
+    }
+
     void validate(char const* where) const
     {
         // 3 lambda + 2 mu is three times the bulk modulus

@@ -30,6 +30,12 @@ struct Asflip
     static constexpr bool keeps_old_velocity = true;
     static constexpr bool moves_with_grid = false;
 
+    void for_each_parameter(auto const& use) const
+    {
+        use("fraction", fraction);
+        use("separation", separation);
+    }
+
     void validate() const
     {
         require(fraction >= 0 && fraction <= 1, "the FLIP fraction is outside [0, 1]", "Asflip",

@@ -25,6 +25,8 @@ struct Flip
     static constexpr bool keeps_old_velocity = true;
     static constexpr bool moves_with_grid = true;
 
+    void for_each_parameter(auto const& use) const { use("fraction", fraction); }
+
     void validate() const
     {
         require(fraction >= 0 && fraction <= 1, "the FLIP fraction is outside [0, 1]", "Flip",

@@ -33,6 +33,8 @@ struct Xpic
 
     int passes() const { return order - 1; } ///< to particles and back, in every step
 
+    void for_each_parameter(auto const& use) const { use("order", order); }
+
     void validate() const
     {
         require(order >= 1 && order <= 100, "the order is outside [1, 100]", "Xpic",

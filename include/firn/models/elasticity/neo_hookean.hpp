@@ -22,6 +22,8 @@ struct NeoHookean
     Number density = 1000;                            ///< [kg/m^3]
     Lame<Number> elasticity = lame<Number>(1e5, 0.3); ///< [Pa]
 
+    void for_each_parameter(auto const& use) const { use("elasticity", elasticity); }
+
     void validate() const
     {
         require_density(density, name);

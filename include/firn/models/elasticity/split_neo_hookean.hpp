@@ -81,6 +81,8 @@ struct SplitNeoHookean
     Number density = 1000;                            ///< [kg/m^3]
     Lame<Number> elasticity = lame<Number>(1e5, 0.3); ///< [Pa]
 
+    void for_each_parameter(auto const& use) const { use("elasticity", elasticity); }
+
     void validate() const
     {
         require_density(density, name);

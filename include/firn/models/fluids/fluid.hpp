@@ -43,6 +43,14 @@ struct Fluid
     /// the time step.
     static constexpr double largest_volume_ratio = 2;
 
+    void for_each_parameter(auto const& use) const
+    {
+        use("bulk_modulus", bulk_modulus);
+        use("exponent", exponent);
+        use("viscosity", viscosity);
+        use("parts", parts);
+    }
+
     void validate() const
     {
         require_density(double(density), name);

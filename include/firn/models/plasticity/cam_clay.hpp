@@ -51,6 +51,14 @@ struct CamClayFlow
     Number hardening = 3;          ///< xi
     Number start = Number(-0.01);  ///< alpha at the start, from -0.481 / xi on; the lower, the more compacted
 
+    void for_each_parameter(auto const& use) const
+    {
+        use("slope", slope);
+        use("cohesion", cohesion);
+        use("hardening", hardening);
+        use("start", start);
+    }
+
     void validate() const
     {
         // M of any angle is at most 3; beyond some thousands rounding leaves nothing of the ellipse

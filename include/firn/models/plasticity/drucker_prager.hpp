@@ -41,6 +41,12 @@ struct DruckerPragerFlow
     Number cone = Number(friction_cone(Space::dimension, 0.6108652381980153)); ///< alpha; here of 35 degrees
     Number cohesion = 0; ///< logarithmic strain in all directions up to which grains stick together
 
+    void for_each_parameter(auto const& use) const
+    {
+        use("cone", cone);
+        use("cohesion", cohesion);
+    }
+
     void validate() const
     {
         require(cone >= 0 && std::isfinite(cone), "the slope of the cone is not a finite number, 0 or above",

@@ -29,6 +29,13 @@ struct HerschelBulkleyFlow
     Number consistency = 30;  ///< eta [Pa s^power]
     Number power = 1;         ///< h: below 1 the faster, the thinner
 
+    void for_each_parameter(auto const& use) const
+    {
+        use("yield_stress", yield_stress);
+        use("consistency", consistency);
+        use("power", power);
+    }
+
     void validate() const
     {
         require(yield_stress >= 0 && std::isfinite(yield_stress),

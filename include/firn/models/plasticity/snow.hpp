@@ -34,6 +34,15 @@ struct SnowFlow
     Number smallest_plastic_ratio = Number(0.6);
     Number largest_plastic_ratio = 20;
 
+    void for_each_parameter(auto const& use) const
+    {
+        use("critical_compression", critical_compression);
+        use("critical_stretch", critical_stretch);
+        use("hardening", hardening);
+        use("smallest_plastic_ratio", smallest_plastic_ratio);
+        use("largest_plastic_ratio", largest_plastic_ratio);
+    }
+
     void validate() const
     {
         require(critical_compression >= 0 && critical_compression < 1,

@@ -30,6 +30,8 @@ struct VonMisesFlow
 
     Number yield_stress = 1e4; ///< Kirchhoff stress in uniaxial tension at which it yields [Pa]
 
+    void for_each_parameter(auto const& use) const { use("yield_stress", yield_stress); }
+
     void validate() const
     {
         require(yield_stress > 0 && std::isfinite(yield_stress),
@@ -76,6 +78,12 @@ struct HardeningVonMisesFlow : VonMisesFlow<SpaceType>
     static constexpr auto name = "hardening_von_mises";
 
     Number hardening_modulus = 1e5; ///< H [Pa]
+
+    void for_each_parameter(auto const& use) const
+    {
+        VonMisesFlow<SpaceType>::for_each_parameter(use);
+        use("hardening_modulus", hardening_modulus);
+    }
 
     void validate() const
     {

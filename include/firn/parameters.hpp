@@ -1,0 +1,64 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <string>
+#include <type_traits>
+#include <vector>
+
+// The parameters of a policy by name, so that no scene goes on with others unnoticed: see Snapshot.
+//
+// A material says those beside its density, a plastic flow and a transfer scheme all of theirs, by one
+// member:
+//
+//     void for_each_parameter(auto const& use) const { use("yield_stress", yield_stress); }
+//
+// A parameter is a number, or something that says its own (Lame). Who has no such member says none: then they
+// are not compared, but for a material's density and its wave modulus at rest.
+namespace firn
+{
+
+/// One of them.
+struct Parameter
+{
+    std::string name; ///< of the member, behind that in which it is: "elasticity.mu"
+    double value = 0; ///< in its SI unit
+};
+
+/// Whether a policy says its parameters. (Asked of one that may change: to have forgotten `const` is an error
+/// where they are said, not a policy without parameters.)
+template <class Policy>
+concept SaysParameters = requires(Policy policy, void (*use)(char const*, double))
+{
+    policy.for_each_parameter(use);
+};
+
+namespace detail
+{
+
+/// Adds those of a policy, if it says some.
+template <class Policy>
+void add_parameters(std::vector<Parameter>& to, Policy const& policy, std::string const& within = {})
+{
+    if constexpr (SaysParameters<Policy>)
+        policy.for_each_parameter([&]<class Value>(char const* name, Value const& value) {
+            if constexpr (std::is_arithmetic_v<Value> || std::is_enum_v<Value>)
+                to.push_back({within + name, static_cast<double>(value)});
+            else {
+                static_assert(SaysParameters<Value>,
+                              "a parameter is a number, or has a member for_each_parameter itself");
+                add_parameters(to, value, within + name + '.');
+            }
+        });
+}
+
+template <class Policy>
+std::vector<Parameter> parameters_of(Policy const& policy)
+{
+    std::vector<Parameter> all;
+    add_parameters(all, policy);
+    return all;
+}
+
+} // namespace detail
+
+} // namespace firn
