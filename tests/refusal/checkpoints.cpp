@@ -258,8 +258,8 @@ TEST_CASE("a checkpoint of another version is refused as one, and what is no che
         write(path, signed_anew(bytes));
         return refused([&] { read_checkpoint(path, solver); });
     };
-    CHECK_THAT(refusal(4), Contains("schema 4") && Contains("newer version"));
-    CHECK_THAT(refusal(2), Contains("schema 2") && Contains("older version"));
+    CHECK_THAT(refusal(5), Contains("schema 5") && Contains("newer version"));
+    CHECK_THAT(refusal(3), Contains("schema 3") && Contains("older version"));
     write(path, "ply\nformat ascii 1.0, and so on for more than thirty-two bytes\n");
     CHECK_THAT(refused([&] { read_checkpoint(path, solver); }), Contains("no checkpoint"));
     write(path, "");
@@ -300,12 +300,23 @@ TEST_CASE("a checkpoint that does not fit is refused by the name of what differs
     CHECK_THAT(refusal_of(Scene<Both, Quadratic, Mls>::Solver(lattice(0.05), Both{snow, snow})),
                Contains("materials"));
     CHECK_THAT(refusal_of(Sheet(lattice(0.06), snow)), Contains("cell size"));
+    CHECK_THAT(refusal_of(Sheet(lattice(0.05 + 1e-12), snow)),
+               Contains("of 0.05, this solver has 0.050000000001 ["));
     CHECK_THAT(refusal_of(Sheet(lattice(0.05, {0, 1, 0}), snow)), Contains("origin"));
-    auto denser = snow, stiffer = snow;
+    auto denser = snow, stiffer = snow, harder = snow, squeezed = snow;
     denser.density *= 2;
     stiffer.elasticity.mu *= 2;
+    harder.hardening = 5;
+    // another Poisson's ratio with the same wave modulus
+    squeezed.elasticity.mu *= 0.5f;
+    squeezed.elasticity.lambda += 2 * squeezed.elasticity.mu;
+    REQUIRE(squeezed.elasticity.p_wave_modulus() == Approx(snow.elasticity.p_wave_modulus()));
     CHECK_THAT(refusal_of(Sheet(lattice(0.05), denser)), Contains("density"));
-    CHECK_THAT(refusal_of(Sheet(lattice(0.05), stiffer)), Contains("wave modulus"));
+    CHECK_THAT(refusal_of(Sheet(lattice(0.05), stiffer)), Contains("elasticity.mu"));
+    CHECK_THAT(refusal_of(Sheet(lattice(0.05), squeezed)), Contains("elasticity.mu"));
+    CHECK_THAT(refusal_of(Sheet(lattice(0.05), harder)),
+               Contains("for material 0 (snow) hardening = 10, this solver has 5") &&
+                   Contains("forget_parameters") && Contains("read_snapshot"));
     CHECK(same_frame == 0);
 
     Sheet solver(lattice(0.05), snow);
@@ -327,6 +338,130 @@ TEST_CASE("a checkpoint that does not fit is refused by the name of what differs
     write_checkpoint(of_two, solver, true);
     read_checkpoint(of_two, solver, truth);
     CHECK(truth);
+}
+
+TEST_CASE("other parameters of a transfer or of any of several materials are refused by their names")
+{
+    using Sands = Materials<Sand<PlaneFloat>, Sand<PlaneFloat>>;
+    using Solver = Scene<Sands, QuadraticBSpline, Flip>::Solver;
+    meshes::Folder const folder;
+    auto const path = folder / "a.firn";
+    Sand<PlaneFloat> const sand;
+    auto smooth = sand, wet = sand, other_compiler = sand;
+    smooth.cone = 0.2f;
+    wet.cohesion = 1e-30f;
+    other_compiler.cone = std::nextafter(sand.cone, 1.0f);
+    Solver written(lattice(0.05), {sand, smooth}, {0.95});
+    written.add<Material<0>>(std::vector<Eigen::Vector2d>{{1, 1}}, 1e-3);
+    int const frame = 3;
+    write_checkpoint(path, written, frame);
+    auto const refusal_of = [&](Sands const& sands, Flip const& flip) {
+        Solver solver(lattice(0.05), sands, flip);
+        int read = 0;
+        auto const text = refused([&] { read_checkpoint(path, solver, read); });
+        bool const taken = text == "nothing was refused";
+        CHECK(read == (taken ? frame : 0));
+        CHECK(solver.size() == (taken ? 1 : 0));
+        return text;
+    };
+    CHECK_THAT(refusal_of({sand, smooth}, {0.5}),
+               Contains("for the transfer (flip) fraction = 0.95, this solver has 0.5"));
+    CHECK_THAT(refusal_of({sand, smooth}, {0.950002}), Contains("fraction = 0.95, this solver has 0.950002"));
+    CHECK(refusal_of({sand, smooth}, {0.9500001}) == "nothing was refused"); // a rounding of the scene's
+    CHECK_THAT(refusal_of({sand, sand}, {0.95}), Contains("for material 1 (sand) cone = 0.2, this solver"));
+    CHECK_THAT(refusal_of({wet, smooth}, {0.95}),
+               Contains("for material 0 (sand) cohesion = 0, this solver has 1e-30"));
+    CHECK(refusal_of({other_compiler, smooth}, {0.95}) == "nothing was refused");
+    CHECK(refusal_of({sand, smooth}, {0.95}) == "nothing was refused");
+
+    // of a snapshot those that it names, each by itself
+    Solver solver(lattice(0.05), {sand, sand}, {0.5});
+    auto snapshot = written.snapshot();
+    std::erase_if(snapshot.materials[1].parameters, [](auto const& one) { return one.name == "cone"; });
+    CHECK_THAT(refused([&] { solver.restore(snapshot); }), Contains("fraction"));
+    snapshot.transfer_parameters[0].value = 0.5;
+    solver.restore(snapshot);
+    CHECK(solver.size() == 1);
+    for (double const odd : {std::nan(""), std::numeric_limits<double>::infinity(), 1e300}) {
+        snapshot.transfer_parameters[0].value = odd;
+        CHECK_THAT(refused([&] { solver.restore(snapshot); }), Contains("this solver has 0.5"));
+    }
+    snapshot.transfer_parameters = {{"viscosity", 1}};
+    CHECK_THAT(refused([&] { solver.restore(snapshot); }),
+               Contains("(flip) a parameter viscosity, this solver has none of this name"));
+}
+
+TEST_CASE("who lets a snapshot forget its parameters goes on with others, by steps that suit these")
+{
+    meshes::Folder const folder;
+    auto const path = folder / "a.firn";
+    auto written = small_scene();
+    RigidBody const ball = RigidBody::ball(0.1, 3);
+    write_checkpoint(path, written, ball, 7);
+    auto snow = materials::fresh_snow<PlaneFloat>();
+    snow.elasticity = {4 * snow.elasticity.mu, 4 * snow.elasticity.lambda};
+    snow.critical_stretch = 1e-3f;
+    Sheet solver(lattice(0.05), snow);
+
+    RigidBody same_ball;
+    int frame = 0;
+    CHECK_THAT(refused([&] { read_snapshot<float, 3>(path, same_ball, frame); }), Contains("2 dimensions"));
+    CHECK_THAT(refused([&] { read_snapshot<double, 2>(path, same_ball, frame); }), Contains("4 bytes"));
+    CHECK_THAT(refused([&] { read_snapshot<float, 2>(path, frame); }), Contains("2 companions"));
+    CHECK(frame == 0);
+    auto snapshot = read_snapshot<float, 2>(path, same_ball, frame);
+    CHECK(frame == 7);
+    CHECK(same_ball.mass == ball.mass);
+    CHECK(snapshot.materials.at(0).parameters.size() == 7);
+    CHECK_THAT(refused([&] { solver.restore(snapshot); }), Contains("elasticity.mu"));
+    CHECK(solver.size() == 0);
+
+    snapshot.forget_parameters();
+    solver.restore(snapshot);
+    CHECK(same(solver, written));
+    CHECK(solver.bounds().wave_speed == Approx(2 * written.bounds().wave_speed)); // by the root of the moduli
+    CHECK(solver.bounds().deformation_rate == Approx(written.bounds().deformation_rate));
+    solver.advance(1e-3, Gravity{});
+    // and with the same ones as if they had not been forgotten
+    auto twin = small_scene();
+    twin.restore(snapshot);
+    twin.step(1e-4, Gravity{});
+    written.step(1e-4, Gravity{});
+    CHECK(same(twin, written));
+
+    for (auto& material : snapshot.materials) material.density *= 2;
+    CHECK_THAT(refused([&] { solver.restore(snapshot); }), Contains("density"));
+}
+
+namespace
+{
+/// One that says nothing of its parameters.
+struct Silent : Snow<PlaneFloat>
+{
+    void for_each_parameter() const;
+};
+} // namespace
+
+TEST_CASE("a material that does not say its parameters is known by its density and its wave modulus at rest")
+{
+    using Solver = Scene<Silent, QuadraticBSpline, Mls>::Solver;
+    auto const solver_of = [](float stiffer, float hardening) {
+        Silent snow;
+        snow.elasticity = {stiffer * snow.elasticity.mu, stiffer * snow.elasticity.lambda};
+        snow.hardening = hardening;
+        return Solver(lattice(0.05), snow);
+    };
+    auto written = solver_of(1, 10), harder = solver_of(1, 20), stiffer = solver_of(2, 10);
+    written.add(std::vector<Eigen::Vector2d>{{1, 1}}, 1e-3, {1, 2});
+    auto snapshot = written.snapshot();
+    CHECK(snapshot.materials[0].parameters.empty());
+    harder.restore(snapshot);
+    CHECK(same(harder, written));
+    CHECK_THAT(refused([&] { stiffer.restore(snapshot); }),
+               Contains("the wave modulus at rest [Pa]") && Contains("forget_parameters"));
+    snapshot.forget_parameters();
+    stiffer.restore(snapshot);
+    CHECK(stiffer.bounds().wave_speed == Approx(std::sqrt(2) * written.bounds().wave_speed));
 }
 
 TEST_CASE("a heterogeneous solver's field that a plain one lacks is named, and a value that it cannot have")

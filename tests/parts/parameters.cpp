@@ -1,0 +1,123 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+
+#include <firn/firn.hpp>
+
+#include <array>
+#include <bit>
+#include <set>
+#include <string>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+// What a policy says of its parameters: no member is left out, so that none differs from that of a checkpoint
+// and nobody notices.
+using namespace firn;
+
+namespace
+{
+
+using Solid = Space<3, double>;
+using PlaneFloat = Space<2, float>;
+
+/// Of a policy whose members take `size` bytes each: that to change any of them, and no other thing, changes
+/// one of the parameters it says, but for `silent` members that changed none.
+template <class Policy>
+void require_told(std::size_t size, int silent)
+{
+    using Bytes = std::array<unsigned char, sizeof(Policy)>;
+    auto const all = detail::parameters_of(Policy{});
+    REQUIRE(sizeof(Policy) % size == 0);
+    CHECK(all.size() + silent == sizeof(Policy) / size);
+    std::set<std::string> changed;
+    int without = 0;
+    for (std::size_t at = 0; at < sizeof(Policy); at += size) {
+        auto bytes = std::bit_cast<Bytes>(Policy{});
+        bytes[at] ^= 1; // a last bit, or whether
+        auto const other = detail::parameters_of(std::bit_cast<Policy>(bytes));
+        REQUIRE(other.size() == all.size());
+        std::size_t differ = 0;
+        for (std::size_t i = 0; i < all.size(); ++i) {
+            CHECK(other[i].name == all[i].name);
+            if (other[i].value == all[i].value) continue;
+            changed.insert(all[i].name);
+            ++differ;
+        }
+        CHECK(differ <= 1);
+        without += differ == 0;
+    }
+    CHECK(without == silent);
+    CHECK(changed.size() == all.size());
+}
+
+template <class Space>
+using Models = std::tuple<NeoHookean<Space>, FixedCorotated<Space>, SplitNeoHookean<Space>, Hencky<Space>,
+                          Snow<Space>, Sand<Space>, VonMises<Space>, HardeningVonMises<Space>, CamClay<Space>,
+                          HerschelBulkley<Space>, Fluid<Space>, Heterogeneous<Snow<Space>>>;
+
+/// A policy of somebody's own with parameters of all kinds.
+struct Own
+{
+    enum class Kind
+    {
+        smooth,
+        rough
+    };
+    struct Side
+    {
+        Lame<float> moduli{1, 2};
+        Kind kind = Kind::rough;
+        void for_each_parameter(auto const& use) const
+        {
+            use("moduli", moduli);
+            use("kind", kind);
+        }
+    };
+    Side left{}, right{{3, 4}, Kind::smooth};
+    int layers = 5;
+    bool is_open = true;
+    void for_each_parameter(auto const& use) const
+    {
+        use("left", left);
+        use("right", right);
+        use("layers", layers);
+        use("is_open", is_open);
+    }
+};
+
+} // namespace
+
+TEMPLATE_LIST_TEST_CASE("a material says every parameter but its density", "", Models<Solid>)
+{
+    require_told<TestType>(sizeof(double), 1);
+}
+TEMPLATE_LIST_TEST_CASE("a material in single precision says them, too", "", Models<PlaneFloat>)
+{
+    require_told<TestType>(sizeof(float), 1);
+}
+
+TEST_CASE("a transfer scheme says every parameter")
+{
+    require_told<Flip>(sizeof(double), 0);
+    require_told<Asflip>(sizeof(double), 0);
+    require_told<Xpic>(sizeof(int), 0);
+    CHECK(detail::parameters_of(Pic{}).empty());
+    CHECK(detail::parameters_of(Apic{}).empty());
+    CHECK(detail::parameters_of(Mls{}).empty());
+    CHECK(detail::parameters_of(Tpic{}).empty());
+}
+
+TEST_CASE("parameters within parameters are named by where they are")
+{
+    std::vector<std::pair<std::string, double>> said;
+    for (auto const& [name, value] : detail::parameters_of(Own{})) said.emplace_back(name, value);
+    CHECK(said == std::vector<std::pair<std::string, double>>{{"left.moduli.mu", 1},
+                                                              {"left.moduli.lambda", 2},
+                                                              {"left.kind", 1},
+                                                              {"right.moduli.mu", 3},
+                                                              {"right.moduli.lambda", 4},
+                                                              {"right.kind", 0},
+                                                              {"layers", 5},
+                                                              {"is_open", 1}});
+}
