@@ -50,6 +50,12 @@ void read_into(TemporaryFile const& file)
         taken = !refused_whole(solver, [&] { read_checkpoint(file.path(), solver, body, frame); });
         if (!taken) expect(untouched(), "a companion was changed by a file that was refused");
     }
+    if (!taken) // with this solver's own parameters, and bounds that are found anew
+        taken = !refused_whole(solver, [&] {
+            auto snapshot = read_snapshot<typename Solver::Number, Solver::d>(file.path());
+            snapshot.forget_parameters();
+            solver.restore(snapshot);
+        });
     auto const told = expect_whole(solver);
     if (!taken) return;
     // it goes on: steps are made or refused, and what is written is what is read
