@@ -36,10 +36,10 @@ template <class Value>
 {
     int digits = 6; // or as many as tell them apart
     auto const text = [&](Value const& value) {
-        std::ostringstream text;
-        text.precision(digits);
-        text << value;
-        return text.str();
+        std::ostringstream out;
+        out.precision(digits);
+        out << value;
+        return out.str();
     };
     while (digits < 17 && text(theirs) == text(ours)) ++digits;
     throw Error{"the snapshot has " + what + " " + text(theirs) + ", this solver has " + text(ours),
@@ -62,7 +62,7 @@ bool compare_parameters(std::string const& owner, std::vector<Parameter> const& 
         return a == b || (std::isnan(a) && std::isnan(b)) ||
                (std::isfinite(a - b) && std::abs(a - b) <= rounding * std::abs(b));
     };
-    auto const find = [](std::vector<Parameter> const& list, std::string const& name) {
+    auto const find = [](auto const& list, std::string const& name) {
         return std::ranges::find(list, name, &Parameter::name);
     };
     for (auto const& [name, value] : theirs) {
