@@ -98,7 +98,8 @@ public:
                 "Solver::add",
                 "Pass the volume in m^3 that one particle stands for: the body's volume over the number of "
                 "points.");
-        require(velocity.template cast<Number>().allFinite(), "the velocity is not finite", "Solver::add",
+        Vector<Number, d> const same_velocity = vector_of<Number, d>(velocity);
+        require(all_finite(same_velocity), "the velocity is not finite", "Solver::add",
                 "Pass metres per second, within the range of the scene's numbers.");
         std::size_t const count = size_ + located.size();
         require(first_id + located.size() < std::numeric_limits<std::uint32_t>::max(),
@@ -114,7 +115,7 @@ public:
         next_taken_.reset();
         taken_->resize(count);
         held_ = true;
-        place(located, first, velocity.template cast<Number>());
+        place(located, first, same_velocity);
         std::vector<Coordinates<d>> cells(located.size());
         for (std::size_t i = 0; i < located.size(); ++i) cells[i] = located[i].cell;
         if (first_id != first) name_rows();
@@ -596,9 +597,12 @@ private:
         std::vector<CellPosition<d>> located;
         located.reserve(std::size(points));
         for (auto const& point : points) {
-            Vector<double, d> const x = point.template cast<double>();
-            Vector<double, d> const in_cells = (x - lattice_.origin.template head<d>()) / lattice_.cell_size;
-            if (!(in_cells.cwiseAbs().maxCoeff() < Cells::largest_coordinate) || !x.allFinite())
+            Vector<double, d> const x = vector_of<double, d>(point);
+            bool is_near = true; // no NaN is
+            for (int a = 0; a < d; ++a)
+                is_near = is_near && std::abs(x[a] - lattice_.origin[a]) / lattice_.cell_size <
+                                         Cells::largest_coordinate;
+            if (!is_near)
                 throw Error{"point " + std::to_string(located.size()) +
                                 " is not finite or too far from the lattice's origin",
                             "Solver::add",

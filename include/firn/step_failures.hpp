@@ -60,7 +60,7 @@ std::vector<StepFailure> without_stress(Parts const& parts, std::size_t most, do
         parts.template particles<k>().for_each([&](std::uint32_t row, auto& particle) {
             auto const response = parts.template response<k>(particle);
             bool const finite =
-                response.kirchhoff_stress.allFinite() && std::isfinite(double(response.wave_modulus));
+                all_finite(response.kirchhoff_stress) && std::isfinite(double(response.wave_modulus));
             if ((response.inverted || !finite) && found.size() <= most)
                 found.push_back(
                     failure_of<k>(parts, row, finite ? Mishap::inverted : Mishap::not_finite, time, dt, 1));

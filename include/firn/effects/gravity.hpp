@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/components.hpp>
 #include <firn/effects/effect.hpp>
 
 namespace firn
@@ -13,7 +14,7 @@ struct Gravity
 
     void validate() const
     {
-        require(acceleration.allFinite(), "the acceleration of gravity is not finite", "Gravity",
+        require(all_finite(acceleration), "the acceleration of gravity is not finite", "Gravity",
                 "Pass it in m/s^2.");
     }
 
@@ -41,7 +42,7 @@ struct Gravity
     template <class Number, int d>
     FIRN_HOST_DEVICE Action<Number, d> during(Interval const& interval) const
     {
-        return {(acceleration.head<d>() * interval.forces).template cast<Number>()};
+        return {vector_of<Number, d>(Eigen::Vector3d(acceleration * interval.forces))};
     }
 
     /// The bound that gravity sets to the time step, see stable_time_step.

@@ -43,7 +43,7 @@ struct Motion
     {
         constexpr double furthest = 1e15; // what is beyond is none of single precision's
         auto const within = [furthest](Eigen::Vector3d const& v) {
-            return (v.array().abs() <= furthest).all();
+            return std::abs(v.x()) <= furthest && std::abs(v.y()) <= furthest && std::abs(v.z()) <= furthest;
         }; // no NaN
         return within(position) && within(velocity) && within(angular_velocity) &&
                std::abs(time) <= furthest && orientation.norm() > 1e-6 && orientation.norm() < 1e6;
@@ -60,9 +60,9 @@ struct Motion
     /// In two dimensions there is nothing along z: motion stays in the plane and rotation is about z.
     void validate_in_plane(char const* where) const
     {
-        Eigen::Vector3d const turned_z = orientation.normalized() * Eigen::Vector3d::UnitZ();
-        bool const in_plane =
-            velocity.z() == 0 && angular_velocity.head<2>().isZero() && std::abs(turned_z.z()) > 1 - 1e-9;
+        Eigen::Matrix3d const turned = orientation.normalized().toRotationMatrix();
+        bool const in_plane = velocity.z() == 0 && std::abs(angular_velocity.x()) <= 1e-12 &&
+                              std::abs(angular_velocity.y()) <= 1e-12 && std::abs(turned(2, 2)) > 1 - 1e-9;
         require(in_plane, "a body leaves the plane of a scene in two dimensions", where,
                 "Keep z out of its velocity, and let it turn about z alone.");
     }

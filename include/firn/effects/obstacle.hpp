@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/components.hpp>
 #include <firn/effects/contact.hpp>
 #include <firn/effects/effect.hpp>
 #include <firn/effects/motion.hpp>
@@ -22,10 +23,8 @@ struct Pose
     Matrix<Number, d> rotation; ///< body to world
 
     FIRN_HOST_DEVICE explicit Pose(Motion const& now)
-        : position(now.position), rotation(now.orientation.normalized()
-                                               .toRotationMatrix()
-                                               .template topLeftCorner<d, d>()
-                                               .template cast<Number>())
+        : position(now.position),
+          rotation(matrix_of<Number, d>(now.orientation.normalized().toRotationMatrix()))
     {}
 };
 
@@ -94,13 +93,12 @@ struct Obstacle
     FIRN_HOST_DEVICE Action<Number, d> during(Interval const& interval) const
     {
         Motion const now = motion.at(interval.end);
-        Eigen::Matrix3d const rotation = now.orientation.normalized().toRotationMatrix();
         return {shape,
                 contact,
                 now.position,
-                rotation.topLeftCorner<d, d>().template cast<Number>(),
-                now.velocity.head<d>().template cast<Number>(),
-                now.angular_velocity.template cast<Number>(),
+                matrix_of<Number, d>(now.orientation.normalized().toRotationMatrix()),
+                vector_of<Number, d>(now.velocity),
+                vector_of<Number, 3>(now.angular_velocity),
                 on_particles,
                 Earlier<Number, d>(motion.at(interval.begin))};
     }
@@ -129,7 +127,7 @@ struct Obstacle<ShapeType>::Action
     {
         Touched<Real, d> touched;
         touched.arm = place.relative_to(position);
-        Matrix<Real, d> const R = rotation.template cast<Real>();
+        Matrix<Real, d> const R = matrix_of<Real, d>(rotation);
         Vector<Real, d> const local = R.transpose() * touched.arm;
         auto const sample = surface_of<Real, d>(shape, local);
         Number reach(0);
@@ -200,7 +198,7 @@ struct Obstacle<ShapeType>::Action
             return -from_side<Real>(arm, start<Real>(place, travelled)).distance;
         else
             return -surface_of<Real, d>(shape,
-                                        Vector<Real, d>(rotation.template cast<Real>().transpose() * arm))
+                                        Vector<Real, d>(matrix_of<Real, d>(rotation).transpose() * arm))
                         .distance;
     }
 
@@ -222,9 +220,9 @@ struct Obstacle<ShapeType>::Action
     {
         Vector<Real, d> const from = place.relative_to(position) - travelled;
         if constexpr (keeps_sides)
-            return rotation.template cast<Real>() * start<Real>(place, travelled) - from;
+            return matrix_of<Real, d>(rotation) * start<Real>(place, travelled) - from;
         else {
-            Vector<Real, d> const arm = from + velocity.template cast<Real>() * dt;
+            Vector<Real, d> const arm = from + vector_of<Real, d>(velocity) * dt;
             return surface_velocity<Real>(arm) * dt;
         }
     }
@@ -238,7 +236,7 @@ private:
                                            Vector<Real, d> const& travelled) const requires keeps_sides
     {
         Vector<Real, d> const from = place.relative_to(earlier.position) - travelled;
-        return earlier.rotation.template cast<Real>().transpose() * from;
+        return matrix_of<Real, d>(earlier.rotation).transpose() * from;
     }
 
     /// Distance from the surface that a shell has on the side of `start`, and the normal towards that side.
@@ -246,7 +244,7 @@ private:
     FIRN_HOST_DEVICE SurfaceSample<Real, d> from_side(Vector<Real, d> const& arm,
                                                       Vector<Real, d> const& start) const requires keeps_sides
     {
-        Matrix<Real, d> const R = rotation.template cast<Real>();
+        Matrix<Real, d> const R = matrix_of<Real, d>(rotation);
         Real const side =
             select(surface_of<Real, d>(shape.shape, start).distance < Real(0), Real(-1), Real(1));
         auto const here = surface_of<Real, d>(shape.shape, Vector<Real, d>(R.transpose() * arm));
@@ -257,7 +255,7 @@ private:
     template <Lane Real>
     FIRN_HOST_DEVICE Vector<Real, d> surface_velocity(Vector<Real, d> const& arm) const
     {
-        Vector<Real, d> u = velocity.template cast<Real>();
+        Vector<Real, d> u = vector_of<Real, d>(velocity);
         Real const omega_z(angular_velocity[2]);
         u[0] -= omega_z * arm[1];
         u[1] += omega_z * arm[0];

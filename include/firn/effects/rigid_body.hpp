@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/components.hpp>
 #include <firn/effects/effect.hpp>
 #include <firn/effects/motion.hpp>
 #include <firn/math/inverse.hpp>
@@ -31,7 +32,8 @@ struct RigidBody
     static RigidBody ball(double radius, double mass, Motion const& motion = {})
     {
         require(radius > 0, "the radius is not above 0", "RigidBody::ball", "Pass metres.");
-        RigidBody const ball{mass, Eigen::Matrix3d::Identity() * (0.4 * mass * radius * radius), motion};
+        RigidBody ball{.mass = mass, .motion = motion};
+        ball.inertia *= 0.4 * mass * radius * radius;
         ball.validate();
         return ball;
     }
@@ -39,30 +41,34 @@ struct RigidBody
     void validate() const
     {
         auto const is_definite = [](Eigen::Matrix3d const& m) { // by its leading minors
-            return m(0, 0) > 0 && m.topLeftCorner<2, 2>().determinant() > 0 && m.determinant() > 0;
+            return m(0, 0) > 0 && m(0, 0) * m(1, 1) - m(1, 0) * m(0, 1) > 0 && m.determinant() > 0;
         };
         // shares of the trace: squares of a heavy body's, or a light one's, would be beyond all numbers
         double const trace = inertia.trace();
         Eigen::Matrix3d const shares = inertia / trace;
-        bool const symmetric = shares.allFinite() && (shares - shares.transpose()).isZero(1e-12);
+        auto const agree = [&](int a, int b) { return std::abs(shares(a, b) - shares(b, a)) <= 1e-12; };
+        bool const symmetric = all_finite(shares) && agree(0, 1) && agree(0, 2) && agree(1, 2);
         require(std::isfinite(mass) && mass > 0 && symmetric && trace > 0 && is_definite(shares),
                 "the mass is not a finite number above 0, or the inertia is not that of a body", "RigidBody",
                 "Pass kg, and a symmetric positive definite matrix in kg m^2.");
         // The sum of m x x^T, whose trace is half the inertia's, is not negative along any axis; a flat
         // body's is 0, but for a rounding.
-        require(is_definite(Eigen::Matrix3d::Identity() * (0.5 + 1e-6) - shares),
-                "a principal moment of inertia is more than the other two together", "RigidBody",
-                "Pass the inertia of a body: a flat one in the plane has Ixx + Iyy = Izz.");
+        Eigen::Matrix3d spread = Eigen::Matrix3d::Identity();
+        spread *= 0.5 + 1e-6;
+        spread -= shares;
+        require(is_definite(spread), "a principal moment of inertia is more than the other two together",
+                "RigidBody", "Pass the inertia of a body: a flat one in the plane has Ixx + Iyy = Izz.");
         motion.validate("RigidBody");
     }
 
-    Eigen::Vector3d momentum() const { return mass * motion.velocity; } ///< [kg m/s]
+    Eigen::Vector3d momentum() const { return motion.velocity * mass; } ///< [kg m/s]
 
     /// About its centre of mass [kg m^2/s].
     Eigen::Vector3d angular_momentum() const
     {
         Eigen::Matrix3d const R = motion.orientation.normalized().toRotationMatrix();
-        return R * (inertia * (R.transpose() * motion.angular_velocity));
+        Eigen::Vector3d const turning = R.transpose() * motion.angular_velocity, spin = inertia * turning;
+        return R * spin;
     }
 
     /// Moves it by `dt` [s] as the obstacle was moved, and then gives it what it received meanwhile and what
@@ -71,19 +77,24 @@ struct RigidBody
     void advance(Reaction const& received, double dt, Eigen::Vector3d const& gravity)
     {
         validate();
-        require(std::isfinite(dt) && dt >= 0 && gravity.allFinite() && received.impulse.allFinite() &&
-                    received.angular_impulse.allFinite(),
+        require(std::isfinite(dt) && dt >= 0 && all_finite(gravity) && all_finite(received.impulse) &&
+                    all_finite(received.angular_impulse),
                 "what a body received is not finite, or the time it took is below 0", "RigidBody::advance",
                 "Pass a reaction, seconds and m/s^2.");
-        Eigen::Vector3d const spin = angular_momentum() + received.angular_impulse;
+        Eigen::Vector3d spin = angular_momentum();
+        spin += received.angular_impulse;
         RigidBody after = *this;
         after.motion = motion.at(motion.time + dt);
-        after.motion.velocity += received.impulse / mass + gravity * dt;
+        Eigen::Vector3d gained = received.impulse / mass;
+        gained += gravity * dt;
+        after.motion.velocity += gained;
         // in the body's frame: of one turned, rounding would hide a moment that is far below the others
         double const trace = inertia.trace(); // see validate()
         Eigen::Matrix3d const R = after.motion.orientation.normalized().toRotationMatrix();
-        Eigen::Vector3d const own_spin = R.transpose() * (spin / trace);
-        after.motion.angular_velocity = R * (inverse<double, 3>(inertia / trace) * own_spin);
+        spin /= trace;
+        Eigen::Vector3d const own_spin = R.transpose() * spin;
+        Eigen::Vector3d const turning = inverse<double, 3>(inertia / trace) * own_spin;
+        after.motion.angular_velocity = R * turning;
         require(after.motion.is_in_range(), "what a body received sets it off beyond all numbers",
                 "RigidBody::advance",
                 "Check its mass [kg] and inertia [kg m^2] against impulses [N s] and the time [s].");

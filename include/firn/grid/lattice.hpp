@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/core/space.hpp>
@@ -23,7 +24,7 @@ inline Lattice lattice(double cell_size, Eigen::Vector3d const& origin = Eigen::
 {
     require(std::isfinite(cell_size) && cell_size > 0, "the cell size is not a finite number above 0",
             "lattice", "Pass the grid spacing in metres, e.g. twice the distance between particles.");
-    require(origin.allFinite(), "the origin is not finite", "lattice",
+    require(all_finite(origin), "the origin is not finite", "lattice",
             "Pass the position of node (0, 0, 0) in metres.");
     return {cell_size, origin};
 }
@@ -71,9 +72,12 @@ template <int d>
 FIRN_HOST_DEVICE Vector<double, d> world_position(Lattice const& lattice, int kernel_order,
                                                   Coordinates<d> const& cell, Vector<double, d> const& offset)
 {
-    Vector<double, d> const in_cells =
-        cell.template cast<double>() + offset + Vector<double, d>::Constant(0.5 - cell_shift(kernel_order));
-    return lattice.origin.head<d>() + lattice.cell_size * in_cells;
+    Vector<double, d> position;
+    for (int a = 0; a < d; ++a) {
+        double const in_cells = cell[a] + offset[a] + (0.5 - cell_shift(kernel_order));
+        position[a] = lattice.origin[a] + lattice.cell_size * in_cells;
+    }
+    return position;
 }
 
 } // namespace firn

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/effects/shapes/shape.hpp>
@@ -11,11 +12,11 @@ namespace firn
 /// All points below the plane through the reference point: a floor, a wall or a slope.
 struct HalfSpace
 {
-    Eigen::Vector3d normal = Eigen::Vector3d::UnitY(); ///< outward unit vector in the body's frame
+    Eigen::Vector3d normal{0, 1, 0}; ///< outward unit vector in the body's frame
 
     void validate() const
     {
-        require(normal.allFinite() && std::abs(normal.norm() - 1) < 1e-6,
+        require(all_finite(normal) && std::abs(normal.norm() - 1) < 1e-6,
                 "the normal of a half-space is not a unit vector", "HalfSpace",
                 "Pass e.g. normal.normalized().");
     }

@@ -85,7 +85,12 @@ struct Box
         for (int a = 0; a < 3; ++a) detail::require_length(half_extents[a], "Box");
     }
     /// Of its farthest point from the reference point [m]; in the plane it has no z.
-    double reach(int dimension = 3) const { return half_extents.head(dimension).norm(); }
+    double reach(int dimension = 3) const
+    {
+        double square = 0;
+        for (int a = 0; a < dimension; ++a) square += half_extents[a] * half_extents[a];
+        return std::sqrt(square);
+    }
 
     /// Outside, the distance to the closest point of the box; inside, the negative distance to the closest
     /// face.

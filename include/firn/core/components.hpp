@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/host_device.hpp>
+#include <firn/core/lane.hpp>
+#include <firn/core/space.hpp>
+
+#include <cmath>
+
+// Vectors and matrices by their components, where Eigen has expressions: each of those is a type of its own,
+// which takes a compiler some 20 ms, the more of them the more types of numbers meet.
+namespace firn
+{
+
+/// The sum of `term(0)` to `term(d - 1)`, of those behind the first one first, as Eigen sums.
+template <Lane Real, int d, class Term>
+FIRN_HOST_DEVICE inline Real sum_of(Term const& term)
+{
+    if constexpr (d == 2)
+        return term(0) + term(1);
+    else
+        return term(0) + (term(1) + term(2));
+}
+
+/// The vector of `component(i)`. (Without a loop, so that compilers keep it in registers from the start.)
+template <Lane Real, int d, class Component>
+FIRN_HOST_DEVICE inline Vector<Real, d> make_vector(Component const& component)
+{
+    if constexpr (d == 2)
+        return {component(0), component(1)};
+    else
+        return {component(0), component(1), component(2)};
+}
+
+/// The matrix of `component(i, j)`. (Without loops, too.)
+template <Lane Real, int d, class Component>
+FIRN_HOST_DEVICE inline Matrix<Real, d> make_matrix(Component const& component)
+{
+    Matrix<Real, d> made;
+    auto const set_row = [&](int i) {
+        made(i, 0) = component(i, 0);
+        made(i, 1) = component(i, 1);
+        if constexpr (d == 3) made(i, 2) = component(i, 2);
+    };
+    set_row(0);
+    set_row(1);
+    if constexpr (d == 3) set_row(2);
+    return made;
+}
+
+/// The first `d` coordinates of a vector, in other numbers or the same in all lanes.
+template <Lane Real, int d, class From, int n>
+FIRN_HOST_DEVICE inline Vector<Real, d> vector_of(Eigen::Matrix<From, n, 1> const& from)
+{
+    static_assert(d <= n);
+    return make_vector<Real, d>([&](int i) { return Real(static_cast<Scalar<Real>>(from[i])); });
+}
+
+/// The first `d` rows and columns of a matrix, in other numbers or the same in all lanes.
+template <Lane Real, int d, class From, int n>
+FIRN_HOST_DEVICE inline Matrix<Real, d> matrix_of(Eigen::Matrix<From, n, n> const& from)
+{
+    static_assert(d <= n);
+    return make_matrix<Real, d>([&](int i, int j) { return Real(static_cast<Scalar<Real>>(from(i, j))); });
+}
+
+/// Whether all numbers of a vector or a matrix are finite.
+template <class Number, int rows, int columns>
+bool all_finite(Eigen::Matrix<Number, rows, columns> const& numbers)
+{
+    for (int i = 0; i < rows * columns; ++i)
+        if (!std::isfinite(numbers.data()[i])) return false;
+    return true;
+}
+
+} // namespace firn
