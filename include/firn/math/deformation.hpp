@@ -4,6 +4,7 @@
 #include <firn/core/host_device.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/core/space.hpp>
+#include <firn/math/product.hpp>
 
 // What a deformation F does, from H = F - I: near rest, differences of F from I would be rounding errors.
 namespace firn
@@ -34,7 +35,7 @@ FIRN_HOST_DEVICE inline Real volume_change(Matrix<Real, d> const& H)
 template <Lane Real, int d>
 FIRN_HOST_DEVICE inline Matrix<Real, d> squared_stretch_less_one(Matrix<Real, d> const& H)
 {
-    Matrix<Real, d> B = H * H.transpose();
+    Matrix<Real, d> B = square_of<Real, d>(H);
     FIRN_UNROLL
     for (int i = 0; i < d; ++i) FIRN_UNROLL
     for (int j = 0; j < d; ++j) B(i, j) += H(i, j) + H(j, i);

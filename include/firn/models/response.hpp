@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/math/deformation.hpp>
+#include <firn/math/product.hpp>
 
 #include <concepts>
 #include <string>
@@ -43,7 +44,9 @@ template <Lane Real, int d>
 FIRN_HOST_DEVICE inline Matrix<Real, d> deformed(Matrix<Real, d> const& H,
                                                  Matrix<Real, d> const& velocity_gradient, Real dt)
 {
-    return H + (velocity_gradient + velocity_gradient * H) * dt;
+    Matrix<Real, d> change = product<Real, d>(velocity_gradient, H);
+    change += velocity_gradient;
+    return H + change * dt;
 }
 
 /// J - 1 from the principal extensions sigma_i - 1, without the cancellation near rest.

@@ -1,0 +1,46 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/components.hpp>
+#include <firn/core/host_device.hpp>
+#include <firn/core/lane.hpp>
+#include <firn/core/space.hpp>
+
+// Products as functions: of Eigen's own each brings some six types of expressions for every type of numbers
+// (see core/components.hpp).
+namespace firn
+{
+
+/// A x.
+template <Lane Real, int d>
+FIRN_HOST_DEVICE inline Vector<Real, d> product(Matrix<Real, d> const& A, Vector<Real, d> const& x)
+{
+    return make_vector<Real, d>(
+        [&](int i) { return sum_of<Real, d>([&](int k) { return A(i, k) * x[k]; }); });
+}
+
+/// A^T x.
+template <Lane Real, int d>
+FIRN_HOST_DEVICE inline Vector<Real, d> transpose_product(Matrix<Real, d> const& A, Vector<Real, d> const& x)
+{
+    return make_vector<Real, d>(
+        [&](int i) { return sum_of<Real, d>([&](int k) { return A(k, i) * x[k]; }); });
+}
+
+/// A B.
+template <Lane Real, int d>
+FIRN_HOST_DEVICE inline Matrix<Real, d> product(Matrix<Real, d> const& A, Matrix<Real, d> const& B)
+{
+    return make_matrix<Real, d>(
+        [&](int i, int j) { return sum_of<Real, d>([&](int k) { return A(i, k) * B(k, j); }); });
+}
+
+/// A A^T.
+template <Lane Real, int d>
+FIRN_HOST_DEVICE inline Matrix<Real, d> square_of(Matrix<Real, d> const& A)
+{
+    return make_matrix<Real, d>(
+        [&](int i, int j) { return sum_of<Real, d>([&](int k) { return A(i, k) * A(j, k); }); });
+}
+
+} // namespace firn
