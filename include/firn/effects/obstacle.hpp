@@ -6,6 +6,7 @@
 #include <firn/effects/effect.hpp>
 #include <firn/effects/motion.hpp>
 #include <firn/effects/shapes/shape.hpp>
+#include <firn/math/product.hpp>
 
 #include <limits>
 #include <type_traits>
@@ -128,7 +129,7 @@ struct Obstacle<ShapeType>::Action
         Touched<Real, d> touched;
         touched.arm = place.relative_to(position);
         Matrix<Real, d> const R = matrix_of<Real, d>(rotation);
-        Vector<Real, d> const local = R.transpose() * touched.arm;
+        Vector<Real, d> const local = transpose_product<Real, d>(R, touched.arm);
         auto const sample = surface_of<Real, d>(shape, local);
         Number reach(0);
         if constexpr (is_two_sided<ShapeType>)
@@ -139,7 +140,7 @@ struct Obstacle<ShapeType>::Action
         touched.surface_speed2 = Real(0);
         if (!any(touched.inside)) return touched;
 
-        touched.normal = R * sample.normal;
+        touched.normal = product<Real, d>(R, sample.normal);
         Vector<Real, d> const surface = surface_velocity<Real>(touched.arm);
         if constexpr (is_two_sided<ShapeType>) // whatever moves relative to it approaches
             touched.normal =
@@ -197,8 +198,7 @@ struct Obstacle<ShapeType>::Action
         if constexpr (keeps_sides)
             return -from_side<Real>(arm, start<Real>(place, travelled)).distance;
         else
-            return -surface_of<Real, d>(shape,
-                                        Vector<Real, d>(matrix_of<Real, d>(rotation).transpose() * arm))
+            return -surface_of<Real, d>(shape, transpose_product<Real, d>(matrix_of<Real, d>(rotation), arm))
                         .distance;
     }
 
@@ -236,7 +236,7 @@ private:
                                            Vector<Real, d> const& travelled) const requires keeps_sides
     {
         Vector<Real, d> const from = place.relative_to(earlier.position) - travelled;
-        return matrix_of<Real, d>(earlier.rotation).transpose() * from;
+        return transpose_product<Real, d>(matrix_of<Real, d>(earlier.rotation), from);
     }
 
     /// Distance from the surface that a shell has on the side of `start`, and the normal towards that side.
@@ -247,7 +247,7 @@ private:
         Matrix<Real, d> const R = matrix_of<Real, d>(rotation);
         Real const side =
             select(surface_of<Real, d>(shape.shape, start).distance < Real(0), Real(-1), Real(1));
-        auto const here = surface_of<Real, d>(shape.shape, Vector<Real, d>(R.transpose() * arm));
+        auto const here = surface_of<Real, d>(shape.shape, transpose_product<Real, d>(R, arm));
         return {here.distance * side - Real(Number(0.5 * shape.thickness)), R * (here.normal * side)};
     }
 

@@ -5,6 +5,7 @@
 #include <firn/effects/effect.hpp>
 #include <firn/effects/motion.hpp>
 #include <firn/math/inverse.hpp>
+#include <firn/math/product.hpp>
 
 #include <Eigen/LU>
 
@@ -67,8 +68,9 @@ struct RigidBody
     Eigen::Vector3d angular_momentum() const
     {
         Eigen::Matrix3d const R = motion.orientation.normalized().toRotationMatrix();
-        Eigen::Vector3d const turning = R.transpose() * motion.angular_velocity, spin = inertia * turning;
-        return R * spin;
+        Eigen::Vector3d const own_spin =
+            product<double, 3>(inertia, transpose_product<double, 3>(R, motion.angular_velocity));
+        return product<double, 3>(R, own_spin);
     }
 
     /// Moves it by `dt` [s] as the obstacle was moved, and then gives it what it received meanwhile and what
@@ -92,9 +94,9 @@ struct RigidBody
         double const trace = inertia.trace(); // see validate()
         Eigen::Matrix3d const R = after.motion.orientation.normalized().toRotationMatrix();
         spin /= trace;
-        Eigen::Vector3d const own_spin = R.transpose() * spin;
-        Eigen::Vector3d const turning = inverse<double, 3>(inertia / trace) * own_spin;
-        after.motion.angular_velocity = R * turning;
+        Eigen::Vector3d const own_spin = transpose_product<double, 3>(R, spin);
+        Eigen::Vector3d const turning = product<double, 3>(inverse<double, 3>(inertia / trace), own_spin);
+        after.motion.angular_velocity = product<double, 3>(R, turning);
         require(after.motion.is_in_range(), "what a body received sets it off beyond all numbers",
                 "RigidBody::advance",
                 "Check its mass [kg] and inertia [kg m^2] against impulses [N s] and the time [s].");
