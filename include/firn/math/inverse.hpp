@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/components.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/core/space.hpp>
@@ -22,12 +23,10 @@ FIRN_HOST_DEVICE inline Matrix<Real, 2> cofactors(Matrix<Real, 2> const& F)
 template <Lane Real>
 FIRN_HOST_DEVICE inline Matrix<Real, 3> cofactors(Matrix<Real, 3> const& F)
 {
-    Vector<Real, 3> const x = F.col(0), y = F.col(1), z = F.col(2);
-    Matrix<Real, 3> C;
-    C.col(0) = y.cross(z);
-    C.col(1) = z.cross(x);
-    C.col(2) = x.cross(y);
-    return C;
+    return make_matrix<Real, 3>([&](int i, int j) { // of rows and columns that follow in turn, without a sign
+        int const i1 = (i + 1) % 3, i2 = (i + 2) % 3, j1 = (j + 1) % 3, j2 = (j + 2) % 3;
+        return F(i1, j1) * F(i2, j2) - F(i2, j1) * F(i1, j2);
+    });
 }
 
 /// F⁻ᵀ; not finite where det F = 0.
@@ -35,14 +34,16 @@ template <Lane Real, int d>
 FIRN_HOST_DEVICE inline Matrix<Real, d> inverse_transpose(Matrix<Real, d> const& F)
 {
     Matrix<Real, d> const C = cofactors(F);
-    return C * (Real(1) / F.col(0).dot(C.col(0)));
+    Real const determinant = sum_of<Real, d>([&](int k) { return F(k, 0) * C(k, 0); });
+    return C * (Real(1) / determinant);
 }
 
 /// F⁻¹; not finite where det F = 0.
 template <Lane Real, int d>
 FIRN_HOST_DEVICE inline Matrix<Real, d> inverse(Matrix<Real, d> const& F)
 {
-    return inverse_transpose(F).transpose();
+    Matrix<Real, d> const T = inverse_transpose(F);
+    return make_matrix<Real, d>([&](int i, int j) { return T(j, i); });
 }
 
 } // namespace firn

@@ -173,8 +173,9 @@ private:
             sum += impulse[lane];
             for (int i = 0; i < d; ++i) moment[i] += double(at[i][lane]) * impulse[lane];
         }
-        Eigen::Vector3d const along = Eigen::Vector3d::Unit(axis);
-        reaction += {sum * along, moment.cross(along)};
+        Eigen::Vector3d along = Eigen::Vector3d::Zero();
+        along[axis] = 1;
+        reaction += {along * sum, moment.cross(along)};
     }
 };
 
