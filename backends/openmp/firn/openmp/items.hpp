@@ -7,6 +7,7 @@
 #include <firn/grid/lattice.hpp>
 #include <firn/openmp/array.hpp>
 #include <firn/openmp/lanes.hpp>
+#include <firn/openmp/tuning.hpp>
 
 #include <algorithm>
 #include <bit>
@@ -198,6 +199,7 @@ public:
     {
         Number values[lanes];
         LaneTraits<Lane>::store(value, values);
+        FIRN_KEEP_LOOP
         for (int l = 0; l < entered_; ++l) array[index[places()[l]]] = values[l];
     }
 
@@ -261,6 +263,7 @@ public:
     Lane map(Ask const& ask) const
     {
         Number values[lanes];
+        FIRN_KEEP_LOOP
         for (int l = 0; l < lanes; ++l) values[l] = ask(places()[l]);
         return LaneTraits<Lane>::load(values);
     }
