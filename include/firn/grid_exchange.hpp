@@ -121,9 +121,10 @@ public:
         });
     }
 
-    /// A field of a material's particles, by row: stored, held, or taken again.
+    /// A field of a material's particles, by row: stored, held, or taken again. (Out of line: it is much code
+    /// for what several seldom ask for.)
     template <class Tag, std::size_t k>
-    std::vector<FieldValue<Tag, Number, d>> download(Parts const& parts) const
+    [[gnu::noinline]] std::vector<FieldValue<Tag, Number, d>> download(Parts const& parts) const
     {
         auto const& table = parts.template particles<k>();
         if constexpr (Of<k>::Stored::template contains<Tag>)

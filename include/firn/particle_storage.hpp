@@ -142,9 +142,7 @@ public:
         std::vector<Number> column(by_row.size());
         for (int c = 0; c < component_count<Tag>(d); ++c) {
             for (std::size_t row = 0; row < by_row.size(); ++row)
-                for_each_component<Tag, d>(by_row[row], [&](int component, Number const& number) {
-                    if (component == c) column[row] = number;
-                });
+                column[row] = component_of<Tag, d>(by_row[row], c);
             component_[first + c].upload(0, column);
         }
     }
@@ -156,10 +154,7 @@ public:
         std::vector<FieldValue<Tag, Number, d>> values(count, value_at_rest<Tag, Number, d>());
         for (int c = 0; c < component_count<Tag>(d); ++c) {
             auto const column = detail::downloaded(component_[first + c]);
-            for (std::size_t row = 0; row < count; ++row)
-                for_each_component<Tag, d>(values[row], [&](int component, Number& number) {
-                    if (component == c) number = column[row];
-                });
+            for (std::size_t row = 0; row < count; ++row) component_of<Tag, d>(values[row], c) = column[row];
         }
         return values;
     }

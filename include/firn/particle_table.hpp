@@ -480,10 +480,7 @@ public:
         auto const row = detail::downloaded(buffer_[0].id);
         for (int c = 0; c < component_count<Tag>(d); ++c) {
             auto const column = detail::downloaded(buffer_[0].component[first + c]);
-            for (std::size_t i = 0; i < size_; ++i)
-                for_each_component<Tag, d>(by_row[row[i]], [&](int component, Number& number) {
-                    if (component == c) number = column[i];
-                });
+            for (std::size_t i = 0; i < size_; ++i) component_of<Tag, d>(by_row[row[i]], c) = column[i];
         }
         return by_row;
     }
@@ -572,8 +569,8 @@ private:
     Columns columns() const
     {
         Columns columns;
-        std::ranges::transform(buffer_[0].component, columns.begin(),
-                               [](auto const& component) { return detail::downloaded(component); });
+        for (std::size_t c = 0; c < columns.size(); ++c)
+            columns[c] = detail::downloaded(buffer_[0].component[c]);
         return columns;
     }
 

@@ -166,9 +166,10 @@ private:
     template <std::size_t k>
     using StateOf = Record<Number, d, typename Of<k>::Model::State>;
 
-    /// In one place, whatever else particles have: a material's answer takes long to compile.
+    /// In one place, whatever else particles have and whoever asks: a material's answer takes long to
+    /// compile.
     template <std::size_t k>
-    Response<Number, d> response_of(StateOf<k> state) const
+    [[gnu::noinline]] Response<Number, d> response_of(StateOf<k> state) const
     {
         return model<k>().template respond<Number>(state, Matrix<Number, d>::Zero(), Number(0));
     }

@@ -148,6 +148,18 @@ FIRN_HOST_DEVICE inline void for_each_component(Value& value, Use const& use)
     }
 }
 
+/// One component of a field's value, by its number there.
+template <class Tag, int d, class Value>
+auto& component_of(Value& value, int c)
+{
+    if constexpr (Tag::shape == FieldShape::scalar)
+        return value;
+    else if constexpr (Tag::shape == FieldShape::vector)
+        return value[c];
+    else
+        return value(c / d, c % d);
+}
+
 /// The value of a field of a body at rest: what it says itself, or zero.
 template <class Tag, class Real, int d>
 FIRN_HOST_DEVICE inline FieldValue<Tag, Real, d> value_at_rest()

@@ -72,7 +72,8 @@ public:
     {
         std::copy(values.begin(), values.end(), data_ + first);
     }
-    void fill(std::size_t first, std::size_t count, T const& value)
+    /// Out of line: particles that are added have a dozen components, each of them a loop over packs else.
+    [[gnu::noinline]] void fill(std::size_t first, std::size_t count, T const& value)
     {
         std::fill_n(data_ + first, count, value);
     }
