@@ -569,7 +569,7 @@ private:
     Columns columns() const
     {
         Columns columns;
-        for (std::size_t c = 0; c < columns.size(); ++c)
+        for (int c = 0; c < int(columns.size()); ++c)
             columns[c] = detail::downloaded(buffer_[0].component[c]);
         return columns;
     }

@@ -3,13 +3,12 @@
 #include "support/policies.hpp"
 
 #include <exception>
-#include <fstream>
 #include <thread>
 
 #if defined(__CUDACC__)
 #include <cuda_runtime_api.h>
 #else
-#include <unistd.h>
+#include <malloc.h>
 #endif
 
 using namespace firn;
@@ -49,7 +48,9 @@ constexpr bool sanitized = false;
 constexpr bool sanitized = false;
 #endif
 
-/// What this process holds where solvers lie [bytes].
+/// What is taken where solvers lie [bytes]. Of a processor's memory: what was asked for and not given back.
+/// What is resident would also count what the allocator has free, more or less than a solver's worth, as
+/// chance has it.
 double held()
 {
 #if defined(__CUDACC__)
@@ -57,31 +58,39 @@ double held()
     cuda::check(cudaMemGetInfo(&free, &total), "cudaMemGetInfo");
     return double(total - free);
 #else
-    std::size_t all = 0, resident = 0;
-    std::ifstream("/proc/self/statm") >> all >> resident;
-    return double(resident) * double(sysconf(_SC_PAGESIZE));
+    struct mallinfo2 const heap = mallinfo2();
+    return double(heap.uordblks + heap.hblkhd);
 #endif
 }
+
+/// What 24 solvers may leave behind, in solvers: a device's memory is counted by its large pages.
+#if defined(__CUDACC__)
+constexpr double may_stay = 0.5;
+#else
+constexpr double may_stay = 0.02;
+#endif
 
 } // namespace
 
 TEST_CASE("24 solvers that come and go leave no memory behind")
 {
-    auto const once = [](int seed) {
+    double one = 0, most = 0;
+    auto const once = [&](int seed) {
         Jelly solver = block(seed % 3);
         run(solver, 1e-3);
         auto const saved = solver.snapshot();
         solver.remove_if(OnTheLeft{0.2});
         solver.restore(saved);
-        return double(solver.memory());
+        one = std::max(one, double(solver.memory()));
+        most = std::max(most, held());
     };
-    double one = 0;
-    for (int seed = 0; seed < 4; ++seed) one = std::max(one, once(seed)); // what allocators keep
+    for (int seed = 0; seed < 4; ++seed) once(seed); // what allocators, threads and devices keep
     double const before = held();
-    REQUIRE(before > one);
     for (int seed = 0; seed < 24; ++seed) once(seed);
-    CAPTURE(one, before);
-    if (!sanitized) CHECK(held() - before < 0.5 * one);
+    CAPTURE(one, most, before);
+    if (sanitized) return;
+    CHECK(most > 0.9 * one); // it is seen
+    CHECK(held() - before < may_stay * one);
 }
 
 TEST_CASE("two solvers on two threads at once come to the same bits as each alone")
