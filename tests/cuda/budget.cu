@@ -22,6 +22,7 @@ void all()
     step<NeoHookean<Space<3, double>>, QuadraticBSpline, Mls>(Gravity{}, floor);
     step<NeoHookean<Space<3, double>>, QuadraticBSpline, Asflip>(Gravity{}, floor);
     step<CamClay<Space<3, double>>, QuadraticBSpline, Flip>(Gravity{}, floor);
+    step<Fluid<Space<3, double>>, QuadraticBSpline, Xpic>(Gravity{}, floor);
     step<FixedCorotated<Space<3, double>>, QuadraticBSpline, Tpic>(Gravity{}, floor);
     step<Sand<Space<2, double>>, QuadraticBSpline, Tpic>(Gravity{}, floor);
     step<FixedCorotated<Solid>, QuadraticBSpline, Mls>(Gravity{}, floor);
