@@ -173,8 +173,8 @@ private:
             sum += impulse[lane];
             for (int i = 0; i < d; ++i) moment[i] += double(at[i][lane]) * impulse[lane];
         }
-        Eigen::Vector3d along = Eigen::Vector3d::Zero();
-        along[axis] = 1;
+        // (nvcc 13 makes a wrong program of a vector of zeros whose component `axis` is set to 1.)
+        Eigen::Vector3d const along(axis == 0, axis == 1, axis == 2);
         reaction += {along * sum, moment.cross(along)};
     }
 };
