@@ -57,21 +57,21 @@ template <class Number>
 bool compare_parameters(std::string const& owner, std::vector<Parameter> const& theirs,
                         std::vector<Parameter> const& ours)
 {
-    auto const alike = [](double a, double b) {
-        double const rounding = 8 * double(std::numeric_limits<Number>::epsilon());
+    auto const alike = [](double a, double b, bool whole) {
+        double const rounding = whole ? 0 : 8 * double(std::numeric_limits<Number>::epsilon());
         return a == b || (std::isnan(a) && std::isnan(b)) ||
                (std::isfinite(a - b) && std::abs(a - b) <= rounding * std::abs(b));
     };
     auto const find = [](auto const& list, std::string const& name) {
         return std::ranges::find(list, name, &Parameter::name);
     };
-    for (auto const& [name, value] : theirs) {
-        auto const own = find(ours, name);
+    for (Parameter const& their : theirs) {
+        auto const own = find(ours, their.name);
         if (own == ours.end())
-            refuse_snapshot<std::string>(owner + " a parameter", name, "none of this name",
+            refuse_snapshot<std::string>(owner + " a parameter", their.name, "none of this name",
                                          remedy_of_parameters);
-        if (!alike(value, own->value))
-            refuse_snapshot(owner + ' ' + name + " =", value, own->value, remedy_of_parameters);
+        if (!alike(their.value, own->value, own->is_whole))
+            refuse_snapshot(owner + ' ' + their.name + " =", their.value, own->value, remedy_of_parameters);
     }
     return std::ranges::all_of(ours,
                                [&](Parameter const& own) { return find(theirs, own.name) != theirs.end(); });

@@ -14,6 +14,7 @@
 #include <cstdint>
 #include <limits>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 namespace firn
@@ -25,8 +26,11 @@ struct MassScale
     double unit = 0;                  ///< [kg]: masses on the grid are multiples of it; 0: there are none
     double largest = 0, smallest = 0; ///< of a particle, in units
 
-    /// On a node, a particle far lighter than another is lost to rounding and taken for an empty node:
-    /// `range` is what rounding bears.
+    /// On a node, a particle far lighter than another is lost to rounding and taken for an empty node: the
+    /// factor between masses that rounding bears.
+    template <class Number>
+    static constexpr double range = std::is_same_v<Number, float> ? 1e10 : 1e20;
+
     bool bears(double mass, double range) const
     {
         return std::isfinite(mass) && (unit == 0 || (mass / smallest < range && largest / mass < range));
@@ -61,6 +65,13 @@ struct MaterialSnapshot
     std::array<std::vector<Offset>, d> offsets{}; ///< from the centres of these, as CellOffset stores them
     std::vector<FieldSnapshot<Number>> fields{};  ///< what else they have
     std::vector<Portion<Number>> portions{};      ///< mass and volume, by row: the rank of the id
+
+    /// See that of Snapshot.
+    void forget_parameters()
+    {
+        parameters.clear();
+        wave_modulus = 0;
+    }
 };
 
 /// All that the next steps of a solver depend on, but for what its constructor and its calls are given: step
@@ -92,10 +103,7 @@ struct Snapshot
     void forget_parameters()
     {
         transfer_parameters.clear();
-        for (auto& material : materials) {
-            material.parameters.clear();
-            material.wave_modulus = 0;
-        }
+        for (auto& material : materials) material.forget_parameters();
     }
 };
 
@@ -165,7 +173,8 @@ void require_whole(Snapshot<Number, d> const& snapshot, double largest_coordinat
     auto const& masses = snapshot.masses;
     whole(not_negative(masses.unit) && not_negative(masses.smallest) && not_negative(masses.largest) &&
               masses.smallest <= masses.largest && masses.largest <= std::numeric_limits<Number>::max() &&
-              (masses.unit > 0) == (masses.smallest > 0),
+              (masses.largest == 0 || masses.largest / masses.smallest < MassScale::range<Number>)&&(
+                  masses.unit > 0) == (masses.smallest > 0),
           "the masses are out of range");
     std::vector<std::uint32_t> ids;
     for (auto const& of : snapshot.materials) {

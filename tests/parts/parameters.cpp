@@ -111,7 +111,7 @@ TEST_CASE("a transfer scheme says every parameter")
 TEST_CASE("parameters within parameters are named by where they are")
 {
     std::vector<std::pair<std::string, double>> said;
-    for (auto const& [name, value] : detail::parameters_of(Own{})) said.emplace_back(name, value);
+    for (auto const& one : detail::parameters_of(Own{})) said.emplace_back(one.name, one.value);
     CHECK(said == std::vector<std::pair<std::string, double>>{{"left.moduli.mu", 1},
                                                               {"left.moduli.lambda", 2},
                                                               {"left.kind", 1},
@@ -120,4 +120,50 @@ TEST_CASE("parameters within parameters are named by where they are")
                                                               {"right.kind", 0},
                                                               {"layers", 5},
                                                               {"is_open", 1}});
+}
+
+namespace
+{
+
+/// Says two of its numbers by one name, as who copies a line may.
+struct Twice
+{
+    double first = 1, second = 2;
+    void for_each_parameter(auto const& use) const
+    {
+        use("first", first);
+        use("first", second);
+    }
+};
+
+/// A number that may be rounded and one that may not.
+struct Seeded
+{
+    int seed = 20'000'000;
+    void for_each_parameter(auto const& use) const
+    {
+        use("flip", Flip{});
+        use("seed", seed);
+    }
+};
+
+} // namespace
+
+TEST_CASE("two parameters of one name are refused by it")
+{
+    CHECK_THROWS_WITH(detail::parameters_of(Twice{}), Contains("two parameters are called first"));
+    CHECK(detail::parameters_of(Seeded{}).size() == 2);
+}
+
+TEST_CASE("of whole numbers nothing is rounded away when they are compared")
+{
+    auto const all = detail::parameters_of(Seeded{});
+    CHECK(!all[0].is_whole);
+    CHECK(all[1].is_whole);
+    auto other = all;
+    other[0].value *= 1 + 1e-7;
+    CHECK(detail::compare_parameters<float>("for it", other, all));
+    ++other[1].value;
+    CHECK_THROWS_WITH(detail::compare_parameters<float>("for it", other, all),
+                      Contains("seed = 20000001, this solver has 20000000"));
 }

@@ -103,6 +103,23 @@ TEMPLATE_LIST_TEST_CASE("who stays when others are removed keeps its id and, bit
     CHECK(worst <= (TestType::is_float ? 1e-7 : 1e-13));
 }
 
+TEST_CASE("particles are added at points in any of Eigen's vectors")
+{
+    Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>::Solver solver(lattice(0.1));
+    std::vector<double> numbers{0.1, 0.2, 0.3, 0.4};
+    solver.add(
+        std::vector{Eigen::Map<Eigen::Vector2d>(&numbers[0]), Eigen::Map<Eigen::Vector2d>(&numbers[2])},
+        1e-3);
+    solver.add(std::vector<Eigen::RowVector2d>{{0.5, 0.6}}, 1e-3);
+    solver.add(std::vector<Eigen::Array2f>{{0.25f, 0.75f}}, 1e-3);
+    solver.add(std::vector<Eigen::Matrix<double, 2, 1, Eigen::DontAlign>>{{0.7, 0.8}}, 1e-3);
+    std::vector<Vector<double, 2>> const expected{
+        {0.1, 0.2}, {0.3, 0.4}, {0.5, 0.6}, {0.25, 0.75}, {0.7, 0.8}};
+    auto const x = solver.positions();
+    REQUIRE(x.size() == expected.size());
+    for (std::size_t i = 0; i < x.size(); ++i) CHECK((x[i] - expected[i]).norm() <= 1e-14);
+}
+
 TEST_CASE("to remove nobody changes not a bit of what follows")
 {
     using Solver = Scene<Snow<Plane>, QuadraticBSpline, Mls>::Solver;

@@ -12,7 +12,8 @@
 namespace firn
 {
 
-/// The sum of `term(0)` to `term(d - 1)`, of those behind the first one first, as Eigen sums.
+/// The sum of `term(0)` to `term(d - 1)`, of those behind the first one first, as Eigen sums numbers one by
+/// one.
 template <Lane Real, int d, class Term>
 FIRN_HOST_DEVICE inline Real sum_of(Term const& term)
 {
@@ -48,11 +49,11 @@ FIRN_HOST_DEVICE inline Matrix<Real, d> make_matrix(Component const& component)
     return made;
 }
 
-/// The first `d` coordinates of a vector, in other numbers or the same in all lanes.
-template <Lane Real, int d, class From, int n>
-FIRN_HOST_DEVICE inline Vector<Real, d> vector_of(Eigen::Matrix<From, n, 1> const& from)
+/// The first `d` coordinates of any of Eigen's vectors, in other numbers or the same in all lanes.
+template <Lane Real, int d, class From>
+FIRN_HOST_DEVICE inline Vector<Real, d> vector_of(From const& from)
 {
-    static_assert(d <= n);
+    static_assert(From::IsVectorAtCompileTime && d <= int(From::SizeAtCompileTime));
     return make_vector<Real, d>([&](int i) { return Real(static_cast<Scalar<Real>>(from[i])); });
 }
 
@@ -68,6 +69,7 @@ FIRN_HOST_DEVICE inline Matrix<Real, d> matrix_of(Eigen::Matrix<From, n, n> cons
 template <class Number, int rows, int columns>
 bool all_finite(Eigen::Matrix<Number, rows, columns> const& numbers)
 {
+    static_assert(rows > 0 && columns > 0);
     for (int i = 0; i < rows * columns; ++i)
         if (!std::isfinite(numbers.data()[i])) return false;
     return true;

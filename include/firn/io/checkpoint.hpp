@@ -286,9 +286,9 @@ T get_companion(CheckpointReader& in)
 inline void put_parameters(CheckpointWriter& out, std::vector<Parameter> const& parameters)
 {
     out.values(static_cast<std::uint32_t>(parameters.size()));
-    for (auto const& [name, value] : parameters) {
-        out.text(name);
-        out.values(value);
+    for (Parameter const& one : parameters) {
+        out.text(one.name);
+        out.values(one.value);
     }
 }
 
@@ -298,9 +298,9 @@ inline std::vector<Parameter> get_parameters(CheckpointReader& in)
     in.values(count);
     in.expect(count, sizeof(std::uint32_t) + sizeof(double));
     std::vector<Parameter> parameters(count);
-    for (auto& [name, value] : parameters) {
-        name = in.text();
-        in.values(value);
+    for (Parameter& one : parameters) {
+        one.name = in.text();
+        in.values(one.value);
     }
     return parameters;
 }
@@ -421,9 +421,9 @@ void put_checkpoint(CheckpointWriter& out, Snapshot<Number, d> const& from, Comp
 inline void require_compiled_for(char const* what, std::uint32_t theirs, std::uint32_t ours)
 {
     if (theirs == ours) return;
-    throw Error{"the file has " + std::to_string(theirs) + " " + what + ", this solver has " +
-                    std::to_string(ours),
-                "read_checkpoint", "Read it into a solver of the same Space."};
+    throw Error{"the file has " + std::to_string(theirs) + " " + what + ", not " + std::to_string(ours),
+                "read_checkpoint",
+                "Read it into a solver of the Space that wrote it, or as the snapshot of one."};
 }
 
 template <class... Companions, class Number, int d>

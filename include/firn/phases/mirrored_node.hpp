@@ -149,7 +149,7 @@ private:
         std::array<bool, d> reverse{};
         for (std::size_t w = 0; w < count; ++w) {
             if (!behind[w]) continue;
-            reverse[walls[w].axis] = true;
+            for (int a = 0; a < d; ++a) reverse[a] = reverse[a] || a == walls[w].axis;
             mass_behind[w] += found[Sums::mass];
             momentum_behind[w] += found[Sums::momentum + walls[w].axis];
             impulse_behind[w] += found[Sums::impulse + walls[w].axis];
