@@ -948,7 +948,7 @@ private:
         if (isolate_ != nullptr)
             kept += "; of " + std::to_string(quarantine_.most) +
                     " particles that may be in quarantine there are " +
-                    std::to_string(quarantine_.isolated.size());
+                    std::to_string(quarantine_.isolated.size()) + ", who stay out (Solver::isolated)";
         StepFailure failure = detail::failure_of(parts_, log, course_.time, dt);
         auto const spoilers = detail::without_stress(parts_, 0, course_.time, dt);
         if (!spoilers.empty()) { // whom others go wrong by

@@ -75,7 +75,7 @@ inline std::string number_of(std::size_t count, std::string const& thing, char c
 inline Error mesh_error(std::string what, std::string const& where, std::string const& remedy)
 {
     return Error{std::move(what), "MeshInterior, " + where,
-                 remedy + " in the modelling program, or pass Repair::fill (--repair)."};
+                 remedy + " in the modelling program, or pass Repair::fill."};
 }
 
 inline void check_triangles(TriangleMesh const& mesh)
