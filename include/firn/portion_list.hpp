@@ -35,7 +35,7 @@ public:
         double const unit = scale.unit == 0 ? volume * density : scale.unit;
         bool const in_range = std::isfinite(Number(volume / unit)) && Number(volume / unit) > 0;
         require(
-            in_range && scale.bears(volume * density / unit, MassScale::range<Number>),
+            in_range && scale.bears<Number>(volume * density / unit),
             "the new particles are lighter or heavier than others by a factor that rounding does not bear",
             "Solver::add", "Keep the masses of one scene within a factor of 1e10 (float) or 1e20 (double).");
     }

@@ -31,9 +31,11 @@ struct MassScale
     template <class Number>
     static constexpr double range = std::is_same_v<Number, float> ? 1e10 : 1e20;
 
-    bool bears(double mass, double range) const
+    template <class Number>
+    bool bears(double mass) const
     {
-        return std::isfinite(mass) && (unit == 0 || (mass / smallest < range && largest / mass < range));
+        return std::isfinite(mass) &&
+               (unit == 0 || (mass / smallest < range<Number> && largest / mass < range<Number>));
     }
     void admit(double mass)
     {
@@ -173,8 +175,8 @@ void require_whole(Snapshot<Number, d> const& snapshot, double largest_coordinat
     auto const& masses = snapshot.masses;
     whole(not_negative(masses.unit) && not_negative(masses.smallest) && not_negative(masses.largest) &&
               masses.smallest <= masses.largest && masses.largest <= std::numeric_limits<Number>::max() &&
-              (masses.largest == 0 || masses.largest / masses.smallest < MassScale::range<Number>)&&(
-                  masses.unit > 0) == (masses.smallest > 0),
+              (masses.unit > 0) == (masses.smallest > 0) &&
+              masses.largest <= masses.smallest * MassScale::range<Number>,
           "the masses are out of range");
     std::vector<std::uint32_t> ids;
     for (auto const& of : snapshot.materials) {

@@ -528,6 +528,7 @@ TEST_CASE("a snapshot that was changed by hand to what cannot be is refused")
     refuses([](auto&, auto& snow) { snow.portions[0].mass = 0; });
     refuses([](auto&, auto& snow) { snow.portions[0].volume = -1; });
     refuses([](auto& all, auto&) { all.masses.unit = 0; });
+    refuses([](auto& all, auto&) { all.masses.largest = 1e25; }); // nodes would take all others for none
     refuses([](auto& all, auto&) { all.bounds.material = 1; });
     refuses([](auto& all, auto&) { all.bounds.speed = std::nan(""); });
     refuses([](auto& all, auto&) { all.time = std::nan(""); });
