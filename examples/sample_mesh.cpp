@@ -10,12 +10,30 @@
 namespace firn::examples
 {
 
+namespace
+{
+
+/// What is inside the mesh. Who is told to pass Repair::fill is told the option that does.
+MeshInterior interior(TriangleMesh const& mesh, bool repair, OpenMP const& loop)
+{
+    if (repair) return MeshInterior(mesh, Repair::fill, loop);
+    try {
+        return MeshInterior(mesh, Repair::none, loop);
+    }
+    catch (Error const& error) {
+        throw Error{error.what_is_wrong(), error.where(),
+                    error.remedy() + " (--repair passes Repair::fill.)"};
+    }
+}
+
+} // namespace
+
 TriangleMesh read(std::string const& path, double scale) { return read_mesh(path, {.scale = scale}); }
 
 Sampled sample(TriangleMesh const& mesh, Sampling const& how)
 {
     OpenMP const loop;
-    MeshInterior const solid(mesh, how.repair ? Repair::fill : Repair::none, loop);
+    MeshInterior const solid = interior(mesh, how.repair, loop);
     Count const count{how.particles};
     auto points = how.pattern == "uniform"   ? uniform_points(solid, count, how.seed, loop)
                   : how.pattern == "poisson" ? poisson_disk_points(solid, count, how.seed, loop)

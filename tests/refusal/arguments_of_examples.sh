@@ -19,6 +19,9 @@ refuses() {
     [ "$(find . ! -name said)" = "$files" ] || fail "$name $*: it left files."
 }
 
+# Three sides of a tetrahedron.
+printf '%s\n' 'v 0 0 0' 'v 1 0 0' 'v 0 1 0' 'v 0 0 1' 'f 1 3 2' 'f 1 2 4' 'f 1 4 3' >open.obj
+
 for program in "$@"; do
     name=$(basename "$program")
     ln -s "$program" "$name"
@@ -28,6 +31,9 @@ for program in "$@"; do
     refuses "second folder" "first folder" "second folder"
     refuses "Build ${name}_cuda" --backend cuda
     refuses "found the CUDA toolkit" --backend=cuda
+    if "./$name" --help | grep -q -- --repair; then
+        refuses "--repair passes Repair::fill" --mesh open.obj
+    fi
     timeout 60 "./$name" --help >said 2>&1 || fail "$name --help fails."
     grep -q -- --backend said || fail "$name --help does not say that there is a choice of backends."
 
