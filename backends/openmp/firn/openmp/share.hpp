@@ -1,66 +1,85 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <algorithm>
+#include <atomic>
+#include <cstdint>
 #include <exception>
-#include <optional>
 
 namespace firn::openmp
 {
 
 namespace detail
 {
-/// Keeps what a thread threw, for the one that may let it out of the team.
-class Failure
+/// Indices that threads share, some at a time.
+class SharedIndices
 {
 public:
-    template <class Work>
-    void keep(Work const& work) noexcept
+    SharedIndices(std::int64_t count, std::int64_t chunk) : count_(count), chunk_(chunk) {}
+
+    /// Calls `work(i)` for every index that the calling thread gets.
+    template <class Index, class Work>
+    void for_each(Work& work)
     {
-        try {
-            work();
+        for (;;) {
+            std::int64_t const begin = next_.fetch_add(chunk_, std::memory_order_relaxed);
+            if (begin >= count_) return;
+            std::int64_t const end = std::min(begin + chunk_, count_);
+            for (std::int64_t i = begin; i < end; ++i) work(static_cast<Index>(i));
         }
-        catch (...) {
-            keep_current();
-        }
-    }
-    void rethrow() const
-    {
-        if (first_) std::rethrow_exception(first_);
     }
 
 private:
-    void keep_current() noexcept
-    {
-#pragma omp critical(firn_failure)
-        if (!first_) first_ = std::current_exception();
-    }
-
-    std::exception_ptr first_;
+    std::atomic<std::int64_t> next_ = 0;
+    std::int64_t count_, chunk_;
 };
+
+/// What a thread of a team does.
+struct ThreadWork
+{
+    void (*run)(void const* context, SharedIndices& indices);
+    void const* context;
+};
+
+/// Each thread of a team does the same work; what one of them throws leaves when all are through.
+inline void run_team(int threads, ThreadWork const& work, SharedIndices& indices)
+{
+    std::exception_ptr first;
+#pragma omp parallel num_threads(threads)
+    {
+        try {
+            work.run(work.context, indices);
+        }
+        catch (...) {
+#pragma omp critical(firn_failure)
+            if (!first) first = std::current_exception();
+        }
+    }
+    if (first) std::rethrow_exception(first);
+}
 } // namespace detail
 
 /// Threads share the indices from 0 to `count`, `chunk` at a time: each calls `make()` once and what that
 /// returns for every index it gets. If one of these calls throws, so does this, and work is undone.
 ///
-/// One thread alone forms no team: even one of one ends each of its loops by a system call.
+/// One thread alone forms no team: even one of one ends each of its loops by a system call. (The team is of
+/// no type of work: a compiler would make each one's loops twice.)
 template <class Index, class Make>
 void share(int threads, Index count, int chunk, Make const& make)
 {
+    detail::ThreadWork const work{[](void const* context, detail::SharedIndices& indices) {
+                                      auto work_on = (*static_cast<Make const*>(context))();
+                                      indices.for_each<Index>(work_on);
+                                  },
+                                  &make};
     if (threads == 1) {
-        auto work = make();
-        for (Index i = 0; i < count; ++i) work(i);
-        return;
+        detail::SharedIndices all(count, count);
+        work.run(work.context, all);
     }
-    detail::Failure failure;
-#pragma omp parallel num_threads(threads)
-    {
-        std::optional<decltype(make())> work;
-        failure.keep([&] { work.emplace(make()); });
-#pragma omp for schedule(dynamic, chunk) nowait
-        for (Index i = 0; i < count; ++i)
-            if (work) failure.keep([&] { (*work)(i); });
+    else {
+        detail::SharedIndices indices(count, chunk);
+        detail::run_team(threads, work, indices);
     }
-    failure.rethrow();
 }
 
 } // namespace firn::openmp
