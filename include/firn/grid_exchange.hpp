@@ -9,6 +9,7 @@
 #include <firn/phases/update_grid.hpp>
 
 #include <cstddef>
+#include <optional>
 #include <type_traits>
 
 namespace firn
@@ -129,12 +130,9 @@ public:
         auto const& table = parts.template particles<k>();
         if constexpr (Of<k>::Stored::template contains<Tag>)
             return table.template download<Tag>();
-        else if (table.holds_taken())
-            return table.held().template by_row<Tag>(table.size());
         else {
-            auto const taken = table.new_taken();
-            take_again<k>(parts, taken.view());
-            return taken.template by_row<Tag>(table.size());
+            std::optional<TakenOf<k>> again;
+            return taken<k>(parts, again).template by_row<Tag>(table.size());
         }
     }
 
@@ -148,12 +146,9 @@ public:
         };
         if constexpr (Of<k>::Stored::template contains<Tag>)
             write_by(table);
-        else if (table.holds_taken())
-            write_by(table.held());
         else {
-            auto const taken = table.new_taken();
-            take_again<k>(parts, taken.view());
-            write_by(taken);
+            std::optional<TakenOf<k>> again;
+            write_by(taken<k>(parts, again));
         }
     }
 
@@ -180,6 +175,21 @@ public:
     }
 
 private:
+    template <std::size_t k>
+    using TakenOf = typename Of<k>::Table::Taken;
+
+    /// What a material's particles took from the grid: what they hold or, for `again` to hold, taken once
+    /// more.
+    template <std::size_t k>
+    [[gnu::noinline]] TakenOf<k> const& taken(Parts const& parts, std::optional<TakenOf<k>>& again) const
+    {
+        auto const& table = parts.template particles<k>();
+        if (table.holds_taken()) return table.held();
+        again.emplace(table.new_taken());
+        take_again<k>(parts, again->view());
+        return *again;
+    }
+
     /// All particles of a material give to the grid: all they have, or the impulse of a step alone.
     template <std::size_t k>
     void scatter(double dt, bool impulse_only, Parts& parts)

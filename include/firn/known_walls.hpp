@@ -69,9 +69,8 @@ private:
         auto const found = particles.find(BehindWall(wall, lattice, spared));
         if (found.count == 0) return;
         auto const row = particles.first_row(found);
-        Eigen::Vector3d position = Eigen::Vector3d::Zero();
-        position.template head<Parts::d>() = particles.position(row);
-        throw_behind_wall(particles.id(row), Parts::name(k), found.count, position, Parts::d, wall);
+        throw_behind_wall(particles.id(row), Parts::name(k), found.count,
+                          in_space<Parts::d>(particles.position(row)), Parts::d, wall);
     }
 
     std::vector<ReflectingWall> walls_;

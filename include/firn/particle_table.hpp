@@ -509,7 +509,8 @@ public:
     /// The position of one particle, for error messages.
     Vector<double, d> position(std::uint32_t row) const
     {
-        Vector<double, d> found = Vector<double, d>::Constant(std::numeric_limits<double>::quiet_NaN());
+        Vector<double, d> found =
+            make_vector<double, d>([](int) { return std::numeric_limits<double>::quiet_NaN(); });
         for_each_position([&](std::uint32_t other, Vector<double, d> const& x) {
             if (other == row) found = x;
         });

@@ -91,7 +91,7 @@ private:
     }
     void add_isolated(std::vector<StepFailure> const& more)
     {
-        isolated.insert(isolated.end(), more.begin(), more.end());
+        for (StepFailure const& one : more) isolated.push_back(one);
     }
 };
 

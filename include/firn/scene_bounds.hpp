@@ -66,10 +66,10 @@ StepBounds bounds_of(Parts const& parts, Rule const& rule, StepBounds const& fou
         });
         rule.admit(bounds, static_cast<int>(k), parts.template wave_speed<k>(modulus));
         for (auto const& velocity : values(Velocity{}, k))
-            bounds.speed = std::max(bounds.speed, double(velocity.norm()));
+            bounds.speed = std::max(bounds.speed, double(norm(velocity)));
         if constexpr (Parts::template Of<k>::State::template contains<AffineVelocity>)
             for (auto const& rate : values(AffineVelocity{}, k))
-                bounds.deformation_rate = std::max(bounds.deformation_rate, double(rate.norm()));
+                bounds.deformation_rate = std::max(bounds.deformation_rate, double(norm(rate)));
     });
     return bounds.finite();
 }

@@ -171,7 +171,7 @@ private:
     template <std::size_t k>
     [[gnu::noinline]] Response<Number, d> response_of(StateOf<k> state) const
     {
-        return model<k>().template respond<Number>(state, Matrix<Number, d>::Zero(), Number(0));
+        return model<k>().template respond<Number>(state, zeros<Matrix<Number, d>>(), Number(0));
     }
 
     template <std::size_t k>

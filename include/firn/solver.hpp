@@ -127,7 +127,7 @@ public:
     /// a point is not finite or out of the range of cell coordinates, or the volume is not above 0.
     template <class Which = Every, class Points>
     std::uint32_t add(Points const& points, double volume_per_point,
-                      Vector<double, d> const& velocity = Vector<double, d>::Zero())
+                      Vector<double, d> const& velocity = zeros<Vector<double, d>>())
     {
         auto const visit = entrance_.to_change("Solver::add");
         constexpr std::size_t k = Of<Which>::place;
@@ -151,7 +151,7 @@ public:
         double const modulus = parts_.template response_at_rest<k>().wave_modulus;
         rule_of_materials().admit(course_.bounds, static_cast<int>(k),
                                   parts_.template wave_speed<k>(modulus));
-        course_.bounds.speed = std::max(course_.bounds.speed, velocity.norm());
+        course_.bounds.speed = std::max(course_.bounds.speed, norm(velocity));
         course_.bounds = course_.bounds.finite();
         return first;
     }
@@ -758,8 +758,7 @@ private:
         report.capped_of.assign(record.capped.begin(), record.capped.end());
         for (auto const capped : record.capped) report.capped += capped;
         for (Reaction const& received : record.reactions.of)
-            report.reactions.push_back(
-                {received.impulse * masses_.unit, received.angular_impulse * masses_.unit});
+            report.reactions.push_back(received * masses_.unit);
         return report;
     }
 

@@ -18,11 +18,11 @@ namespace firn
 struct StepFailure
 {
     Mishap cause = Mishap::none;
-    std::uint32_t particle = 0;                         ///< its permanent id
-    std::size_t material = 0;                           ///< its material's place in the scene
-    Eigen::Vector3d position = Eigen::Vector3d::Zero(); ///< before the step [m]; in the plane z is 0
-    double time = 0;                                    ///< at which the step began [s]
-    double dt = 0;                                      ///< length of the step [s]
+    std::uint32_t particle = 0;        ///< its permanent id
+    std::size_t material = 0;          ///< its material's place in the scene
+    Eigen::Vector3d position{0, 0, 0}; ///< before the step [m]; in the plane z is 0
+    double time = 0;                   ///< at which the step began [s]
+    double dt = 0;                     ///< length of the step [s]
     std::uint64_t count = 1; ///< particles of which something is wrong in this step; this is the first
 };
 

@@ -34,7 +34,7 @@ StepFailure failure_of(Parts const& parts, std::uint32_t row, Mishap cause, doub
     auto const& particles = parts.template particles<k>();
     StepFailure failure{
         .cause = cause, .particle = particles.id(row), .material = k, .time = time, .dt = dt, .count = count};
-    failure.position.template head<Parts::d>() = particles.position(row);
+    failure.position = in_space<Parts::d>(particles.position(row));
     return failure;
 }
 
@@ -84,7 +84,7 @@ StepFailure furthest_in(Parts const& parts, StepLog const& log, Values const& va
         std::optional<std::uint32_t> worst;
         parts.template particles<k>().for_each([&](std::uint32_t row, auto& particle) {
             auto const response = parts.template response<k>(particle);
-            double const way = dt * std::max(double(velocities[row].norm()),
+            double const way = dt * std::max(double(norm(velocities[row])),
                                              parts.template wave_speed<k>(double(response.wave_modulus)));
             if (!(way > furthest)) return;
             furthest = way;
@@ -106,11 +106,11 @@ std::optional<StepFailure> slowest_in(Parts const& parts, Rule rule, Values cons
     Parts::for_each([&](auto k) {
         std::vector<StepBounds> bounds;
         for (auto const& velocity : values(Velocity{}, k))
-            bounds.push_back({.material = static_cast<int>(k), .speed = double(velocity.norm())});
+            bounds.push_back({.material = static_cast<int>(k), .speed = double(norm(velocity))});
         if constexpr (Parts::template Of<k>::State::template contains<AffineVelocity>) {
             auto const rates = values(AffineVelocity{}, k);
             for (std::size_t row = 0; row < rates.size(); ++row)
-                bounds[row].deformation_rate = double(rates[row].norm());
+                bounds[row].deformation_rate = double(norm(rates[row]));
         }
         std::optional<std::uint32_t> slowest;
         Mishap cause{};

@@ -6,11 +6,41 @@
 #include <firn/core/space.hpp>
 
 #include <cmath>
+#include <utility>
 
 // Vectors and matrices by their components, where Eigen has expressions: each of those is a type of its own,
 // which takes a compiler some 20 ms, the more of them the more types of numbers meet.
 namespace firn
 {
+
+namespace detail
+{
+template <class Values, class Component, int... i>
+FIRN_HOST_DEVICE inline Values made_of(Component const& component, std::integer_sequence<int, i...>)
+{
+    Values made;
+    auto* const to = made.data();
+    ((to[i] = component(i)), ...);
+    return made;
+}
+} // namespace detail
+
+/// The vector or matrix `Values` of `component(i)`, column by column. (Without a loop, so that compilers keep
+/// it in registers from the start.)
+template <class Values, class Component>
+FIRN_HOST_DEVICE inline Values made_of(Component const& component)
+{
+    return detail::made_of<Values>(component,
+                                   std::make_integer_sequence<int, int{Values::SizeAtCompileTime}>{});
+}
+
+/// The vector or matrix `Values` of zeros.
+template <class Values>
+FIRN_HOST_DEVICE inline Values zeros()
+{
+    using Number = typename Values::Scalar;
+    return made_of<Values>([](int) { return Number(0); });
+}
 
 /// The sum of `term(0)` to `term(d - 1)`, of those behind the first one first, as Eigen sums numbers one by
 /// one.
@@ -23,7 +53,7 @@ FIRN_HOST_DEVICE inline Real sum_of(Term const& term)
         return term(0) + (term(1) + term(2));
 }
 
-/// The vector of `component(i)`. (Without a loop, so that compilers keep it in registers from the start.)
+/// The vector of `component(i)`. (Without a loop, too.)
 template <Lane Real, int d, class Component>
 FIRN_HOST_DEVICE inline Vector<Real, d> make_vector(Component const& component)
 {
@@ -33,7 +63,21 @@ FIRN_HOST_DEVICE inline Vector<Real, d> make_vector(Component const& component)
         return {component(0), component(1), component(2)};
 }
 
-/// The matrix of `component(i, j)`. (Without loops, too.)
+/// A point or a vector of a scene in space: in two dimensions z is 0.
+template <int d>
+FIRN_HOST_DEVICE inline Eigen::Vector3d in_space(Vector<double, d> const& x)
+{
+    return make_vector<double, 3>([&](int i) { return i < d ? x[i] : 0.0; });
+}
+
+/// Column j of a matrix.
+template <Lane Real, int d>
+FIRN_HOST_DEVICE inline Vector<Real, d> column(Matrix<Real, d> const& A, int j)
+{
+    return make_vector<Real, d>([&](int i) { return A(i, j); });
+}
+
+/// The matrix of `component(i, j)`.
 template <Lane Real, int d, class Component>
 FIRN_HOST_DEVICE inline Matrix<Real, d> make_matrix(Component const& component)
 {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/core/lane.hpp>
@@ -165,7 +166,7 @@ template <class Tag, class Real, int d>
 FIRN_HOST_DEVICE inline FieldValue<Tag, Real, d> value_at_rest()
 {
     if constexpr (Tag::shape != FieldShape::scalar)
-        return FieldValue<Tag, Real, d>::Zero();
+        return zeros<FieldValue<Tag, Real, d>>();
     else if constexpr (requires { Tag::at_rest; })
         return Real(static_cast<Scalar<Real>>(Tag::at_rest));
     else

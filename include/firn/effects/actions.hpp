@@ -158,10 +158,9 @@ FIRN_HOST_DEVICE void book(Reaction& reaction, Touched<Real, d> const& touched, 
         LaneTraits<Real>::store(touched.arm[a], arm[a]);
     }
     for (int lane = 0; lane < width; ++lane) {
-        Eigen::Vector3d p = Eigen::Vector3d::Zero(), r = Eigen::Vector3d::Zero();
+        Eigen::Vector3d p(0, 0, 0), r(0, 0, 0);
         for (int a = 0; a < d; ++a) p[a] = impulse[a][lane], r[a] = arm[a][lane];
-        reaction.impulse += p;
-        reaction.angular_impulse += r.cross(p);
+        reaction += {p, r.cross(p)};
     }
 }
 } // namespace detail

@@ -4,6 +4,7 @@
 #include <firn/core/error.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/core/space.hpp>
+#include <firn/math/product.hpp>
 
 #include <cmath>
 #include <limits>
@@ -39,9 +40,9 @@ struct Contact
     template <Lane Real, int d>
     FIRN_HOST_DEVICE Vector<Real, d> after(Vector<Real, d> const& v, Vector<Real, d> const& n) const
     {
-        if (sticks) return Vector<Real, d>::Zero();
+        if (sticks) return zeros<Vector<Real, d>>();
         Real const zero(0);
-        Real const v_n = v.dot(n);
+        Real const v_n = dot<Real, d>(v, n);
         Vector<Real, d> const v_t = v - n * v_n;
         Real keeps = Real(1); // the share of v_t that friction leaves
         if (friction > 0) {
@@ -49,7 +50,7 @@ struct Contact
             // that sticks too.
             Real const mu(
                 static_cast<Scalar<Real>>(min(friction, double(std::numeric_limits<Scalar<Real>>::max()))));
-            Real const tangential = sqrt(v_t.dot(v_t)), limit = mu * max(-v_n, zero);
+            Real const tangential = sqrt(dot<Real, d>(v_t, v_t)), limit = mu * max(-v_n, zero);
             Mask<Real> const slides = tangential > limit;
             keeps = select(slides, Real(1) - limit / select(slides, tangential, Real(1)),
                            select(v_n < zero, zero, Real(1)));

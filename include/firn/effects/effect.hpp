@@ -67,15 +67,24 @@ struct Touched
 /// What an obstacle received during a step or a call.
 struct Reaction
 {
-    Eigen::Vector3d impulse = Eigen::Vector3d::Zero(); ///< [N s]; divided by the duration: the mean force
-    Eigen::Vector3d angular_impulse =
-        Eigen::Vector3d::Zero(); ///< about the obstacle's reference point [N m s]
+    Eigen::Vector3d impulse{0, 0, 0};         ///< [N s]; divided by the duration: the mean force
+    Eigen::Vector3d angular_impulse{0, 0, 0}; ///< about the obstacle's reference point [N m s]
 
     FIRN_HOST_DEVICE Reaction& operator+=(Reaction const& other)
     {
-        impulse += other.impulse;
-        angular_impulse += other.angular_impulse;
+        for (int i = 0; i < 3; ++i) {
+            impulse[i] += other.impulse[i];
+            angular_impulse[i] += other.angular_impulse[i];
+        }
         return *this;
+    }
+
+    friend Reaction operator*(Reaction const& received, double factor)
+    {
+        auto const times = [&](Eigen::Vector3d const& v) {
+            return Eigen::Vector3d(v[0] * factor, v[1] * factor, v[2] * factor);
+        };
+        return {times(received.impulse), times(received.angular_impulse)};
     }
 };
 

@@ -3,6 +3,7 @@
 
 #include <firn/core/components.hpp>
 #include <firn/effects/effect.hpp>
+#include <firn/math/product.hpp>
 
 namespace firn
 {
@@ -42,11 +43,12 @@ struct Gravity
     template <class Number, int d>
     FIRN_HOST_DEVICE Action<Number, d> during(Interval const& interval) const
     {
-        return {vector_of<Number, d>(Eigen::Vector3d(acceleration * interval.forces))};
+        return {make_vector<Number, d>(
+            [&](int i) { return static_cast<Number>(acceleration[i] * interval.forces); })};
     }
 
     /// The bound that gravity sets to the time step, see stable_time_step.
-    double largest_acceleration() const { return acceleration.norm(); }
+    double largest_acceleration() const { return norm(acceleration); }
 };
 
 } // namespace firn

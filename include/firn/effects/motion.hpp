@@ -3,6 +3,7 @@
 
 #include <firn/core/error.hpp>
 #include <firn/core/host_device.hpp>
+#include <firn/math/product.hpp>
 
 #include <Eigen/Geometry>
 
@@ -17,23 +18,29 @@ namespace firn
 /// step. In two dimensions positions and velocities have z = 0 and rotations are about z.
 struct Motion
 {
-    Eigen::Vector3d position = Eigen::Vector3d::Zero();              ///< of the reference point [m]
-    Eigen::Quaterniond orientation = Eigen::Quaterniond::Identity(); ///< from the body's frame to the world's
-    Eigen::Vector3d velocity = Eigen::Vector3d::Zero();              ///< of the reference point [m/s]
-    Eigen::Vector3d angular_velocity = Eigen::Vector3d::Zero(); ///< omega, about the reference point [rad/s]
-    double time = 0;                                            ///< when all this holds [s]
+    Eigen::Vector3d position{0, 0, 0};          ///< of the reference point [m]
+    Eigen::Quaterniond orientation{1, 0, 0, 0}; ///< w, x, y, z: from the body's frame to the world's
+    Eigen::Vector3d velocity{0, 0, 0};          ///< of the reference point [m/s]
+    Eigen::Vector3d angular_velocity{0, 0, 0};  ///< omega, about the reference point [rad/s]
+    double time = 0;                            ///< when all this holds [s]
+
+    /// The rotation from the body's frame to the world's.
+    FIRN_HOST_DEVICE Eigen::Matrix3d rotation() const { return unit_orientation().toRotationMatrix(); }
 
     /// The same motion, seen at another time [s].
     FIRN_HOST_DEVICE Motion at(double when) const
     {
         Motion later = *this;
         double const elapsed = when - time;
-        later.position += velocity * elapsed;
-        double const speed = angular_velocity.norm();
-        if (speed > 0)
-            later.orientation =
-                Eigen::Quaterniond(Eigen::AngleAxisd(speed * elapsed, angular_velocity / speed)) *
-                orientation.normalized();
+        for (int i = 0; i < 3; ++i) later.position[i] += velocity[i] * elapsed;
+        double const speed = norm(angular_velocity);
+        if (speed > 0) {
+            double const half_angle = 0.5 * speed * elapsed, sine = std::sin(half_angle);
+            auto const axis = [&](int i) { return angular_velocity[i] / speed; };
+            Eigen::Quaterniond const turn(std::cos(half_angle), sine * axis(0), sine * axis(1),
+                                          sine * axis(2));
+            later.orientation = turn * unit_orientation();
+        }
         later.time = when;
         return later;
     }
@@ -45,8 +52,9 @@ struct Motion
         auto const within = [furthest](Eigen::Vector3d const& v) {
             return std::abs(v.x()) <= furthest && std::abs(v.y()) <= furthest && std::abs(v.z()) <= furthest;
         }; // no NaN
+        double const length = length_of_orientation();
         return within(position) && within(velocity) && within(angular_velocity) &&
-               std::abs(time) <= furthest && orientation.norm() > 1e-6 && orientation.norm() < 1e6;
+               std::abs(time) <= furthest && length > 1e-6 && length < 1e6;
     }
 
     void validate(char const* where) const
@@ -60,11 +68,25 @@ struct Motion
     /// In two dimensions there is nothing along z: motion stays in the plane and rotation is about z.
     void validate_in_plane(char const* where) const
     {
-        Eigen::Matrix3d const turned = orientation.normalized().toRotationMatrix();
         bool const in_plane = velocity.z() == 0 && std::abs(angular_velocity.x()) <= 1e-12 &&
-                              std::abs(angular_velocity.y()) <= 1e-12 && std::abs(turned(2, 2)) > 1 - 1e-9;
+                              std::abs(angular_velocity.y()) <= 1e-12 &&
+                              std::abs(rotation()(2, 2)) > 1 - 1e-9;
         require(in_plane, "a body leaves the plane of a scene in two dimensions", where,
                 "Keep z out of its velocity, and let it turn about z alone.");
+    }
+
+private:
+    // By components: see core/components.hpp.
+    FIRN_HOST_DEVICE double length_of_orientation() const
+    {
+        Eigen::Quaterniond const& q = orientation;
+        return std::sqrt(q.w() * q.w() + q.x() * q.x() + q.y() * q.y() + q.z() * q.z());
+    }
+    FIRN_HOST_DEVICE Eigen::Quaterniond unit_orientation() const
+    {
+        Eigen::Quaterniond const& q = orientation;
+        double const length = length_of_orientation();
+        return {q.w() / length, q.x() / length, q.y() / length, q.z() / length};
     }
 };
 

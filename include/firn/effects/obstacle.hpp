@@ -16,22 +16,24 @@ namespace firn
 
 namespace detail
 {
-/// Where a body is.
+/// Where a body is at a time [s].
 template <class Number, int d>
 struct Pose
 {
     Eigen::Vector3d position;
     Matrix<Number, d> rotation; ///< body to world
 
-    FIRN_HOST_DEVICE explicit Pose(Motion const& now)
-        : position(now.position),
-          rotation(matrix_of<Number, d>(now.orientation.normalized().toRotationMatrix()))
-    {}
+    FIRN_HOST_DEVICE Pose(Motion const& motion, double when)
+    {
+        Motion const now = motion.at(when);
+        position = now.position;
+        rotation = matrix_of<Number, d>(now.rotation());
+    }
 };
 
 struct NoPose
 {
-    FIRN_HOST_DEVICE explicit NoPose(Motion const&) {}
+    FIRN_HOST_DEVICE NoPose(Motion const&, double) {}
 };
 } // namespace detail
 
@@ -70,7 +72,7 @@ struct Obstacle
     /// where it touches something.
     double largest_speed(int dimension) const
     {
-        return motion.velocity.norm() + motion.angular_velocity.norm() * detail::reach_of(shape, dimension);
+        return norm(motion.velocity) + norm(motion.angular_velocity) * detail::reach_of(shape, dimension);
     }
 
     /// Where its values lie: see SignedDistanceGrid::on.
@@ -97,11 +99,11 @@ struct Obstacle
         return {shape,
                 contact,
                 now.position,
-                matrix_of<Number, d>(now.orientation.normalized().toRotationMatrix()),
+                matrix_of<Number, d>(now.rotation()),
                 vector_of<Number, d>(now.velocity),
                 vector_of<Number, 3>(now.angular_velocity),
                 on_particles,
-                Earlier<Number, d>(motion.at(interval.begin))};
+                Earlier<Number, d>(motion, interval.begin)};
     }
 };
 
@@ -143,21 +145,21 @@ struct Obstacle<ShapeType>::Action
         touched.normal = product<Real, d>(R, sample.normal);
         Vector<Real, d> const surface = surface_velocity<Real>(touched.arm);
         if constexpr (is_two_sided<ShapeType>) // whatever moves relative to it approaches
-            touched.normal =
-                touched.normal * select((v - surface).dot(touched.normal) > Real(0), Real(-1), Real(1));
+            touched.normal = touched.normal *
+                             select(dot<Real, d>(v - surface, touched.normal) > Real(0), Real(-1), Real(1));
         Vector<Real, d> after = rule.after<Real, d>(v - surface, touched.normal);
         // Only what has got in reaches nodes deeper than the kernel: nothing slides there. Behind an edge
         // they belong to one face or the other, and would let what is driven at one slide by along the other:
         // all the way in, in zigzags.
         Mask<Real> const deep = -sample.distance > Real(Number(place.kernel_reach * place.lattice.cell_size));
         if (any(deep)) {
-            Vector<Real, d> const leaving = touched.normal * after.dot(touched.normal);
+            Vector<Real, d> const leaving = touched.normal * dot<Real, d>(after, touched.normal);
             for (int a = 0; a < d; ++a) after[a] = select(deep, leaving[a], after[a]);
         }
         for (int a = 0; a < d; ++a) touched.velocity[a] = select(touched.inside, surface[a] + after[a], v[a]);
         touched.depth = select(touched.inside, -sample.distance, Real(0));
         touched.surface = surface;
-        touched.surface_speed2 = select(touched.inside, surface.dot(surface), Real(0));
+        touched.surface_speed2 = select(touched.inside, dot<Real, d>(surface, surface), Real(0));
         return touched;
     }
 

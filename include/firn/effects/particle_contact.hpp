@@ -34,7 +34,7 @@ struct ParticleContact
     Vector<Real, d>& velocity;
     Reactions<obstacles>& reactions;
 
-    Vector<Real, d> displacement = Vector<Real, d>::Zero(); ///< from the place [m]
+    Vector<Real, d> displacement = zeros<Vector<Real, d>>(); ///< from the place [m]
     /// By which they move in this step [m/s]: the grid's, unless the transfer has one of its own.
     Vector<Real, d> motion = moved * (Real(1) / dt);
     bool may_fail = false; ///< whether to go through the obstacles once may not be enough
@@ -124,7 +124,7 @@ private:
         Real& spare = spared[static_cast<std::size_t>(i)];
         Number const lost_beyond = action.template lost_beyond<Number>(place.lattice);
         if (first) spare = max(min(touched.depth, Real(lost_beyond)) - Real(in_metres(0.25)), Real(0));
-        Vector<Real, d> shift = Vector<Real, d>::Zero();
+        Vector<Real, d> shift = zeros<Vector<Real, d>>();
         if (first) {
             Vector<Real, d> const left =
                 touched.surface +
@@ -135,13 +135,13 @@ private:
         Real out = touched.depth - spare;
         // What the motion no longer does needs no push, unless no other acts on particles: where a distance
         // is an estimate, too far out is better.
-        if (may_fail) out = max(out - shift.dot(touched.normal), Real(0));
+        if (may_fail) out = max(out - dot<Real, d>(shift, touched.normal), Real(0));
         for (int a = 0; a < d; ++a)
             shift[a] = select(touched.inside, shift[a] + touched.normal[a] * out, Real(0));
         displacement += shift;
         velocity = touched.velocity;
         last = select(touched.inside, Real(Number(i)), last);
-        return shift.squaredNorm() > tolerance() * tolerance();
+        return dot<Real, d>(shift, shift) > tolerance() * tolerance();
     }
 
     /// How bad it would be to have gone a way [m] from the place: the depths inside all of them [m], and far

@@ -64,7 +64,7 @@ struct ReflectingWall
             touched.arm = place.relative_to(reference());
             touched.depth = max(overlap<Real, d>(place, v), Real(0));
             touched.inside = touched.depth > Real(0);
-            touched.surface = Vector<Real, d>::Zero();
+            touched.surface = zeros<Vector<Real, d>>();
             for (int a = 0; a < d; ++a) touched.normal[a] = Real(Scalar<Real>(a == axis ? side : 0));
             Vector<Real, d> const after = rule.after<Real, d>(v, touched.normal);
             for (int a = 0; a < d; ++a) touched.velocity[a] = select(touched.inside, after[a], v[a]);
@@ -92,7 +92,7 @@ struct ReflectingWall
         template <Lane Real, int d>
         FIRN_HOST_DEVICE Vector<Real, d> carried(Place<Real, d> const&, Vector<Real, d> const&, Real) const
         {
-            return Vector<Real, d>::Zero();
+            return zeros<Vector<Real, d>>();
         }
 
         FIRN_HOST_DEVICE static Eigen::Vector3d reference() { return Eigen::Vector3d::Zero(); }

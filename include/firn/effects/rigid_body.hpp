@@ -67,7 +67,7 @@ struct RigidBody
     /// About its centre of mass [kg m^2/s].
     Eigen::Vector3d angular_momentum() const
     {
-        Eigen::Matrix3d const R = motion.orientation.normalized().toRotationMatrix();
+        Eigen::Matrix3d const R = motion.rotation();
         Eigen::Vector3d const own_spin =
             product<double, 3>(inertia, transpose_product<double, 3>(R, motion.angular_velocity));
         return product<double, 3>(R, own_spin);
@@ -92,7 +92,7 @@ struct RigidBody
         after.motion.velocity += gained;
         // in the body's frame: of one turned, rounding would hide a moment that is far below the others
         double const trace = inertia.trace(); // see validate()
-        Eigen::Matrix3d const R = after.motion.orientation.normalized().toRotationMatrix();
+        Eigen::Matrix3d const R = after.motion.rotation();
         spin /= trace;
         Eigen::Vector3d const own_spin = transpose_product<double, 3>(R, spin);
         Eigen::Vector3d const turning = product<double, 3>(inverse<double, 3>(inertia / trace), own_spin);

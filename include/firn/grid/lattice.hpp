@@ -20,7 +20,7 @@ struct Lattice
 };
 
 /// The lattice of cell size h [m]; throws an Error unless h > 0 and all numbers are finite.
-inline Lattice lattice(double cell_size, Eigen::Vector3d const& origin = Eigen::Vector3d::Zero())
+inline Lattice lattice(double cell_size, Eigen::Vector3d const& origin = {0, 0, 0})
 {
     require(std::isfinite(cell_size) && cell_size > 0, "the cell size is not a finite number above 0",
             "lattice", "Pass the grid spacing in metres, e.g. twice the distance between particles.");

@@ -6,10 +6,41 @@
 #include <firn/core/lane.hpp>
 #include <firn/core/space.hpp>
 
+#include <cmath>
+#include <concepts>
+
 // Products as functions: of Eigen's own each brings some six types of expressions for every type of numbers
 // (see core/components.hpp).
 namespace firn
 {
+
+/// a . b.
+template <Lane Real, int d>
+FIRN_HOST_DEVICE inline Real dot(Vector<Real, d> const& a, Vector<Real, d> const& b)
+{
+    return sum_of<Real, d>([&](int i) { return a[i] * b[i]; });
+}
+
+/// |A|^2, the sum of the squares of all components.
+template <Lane Real, int d>
+FIRN_HOST_DEVICE inline Real squared_norm(Matrix<Real, d> const& A)
+{
+    return sum_of<Real, d>([&](int i) { return sum_of<Real, d>([&](int j) { return A(i, j) * A(i, j); }); });
+}
+
+/// The length of a vector.
+template <std::floating_point Number, int d>
+FIRN_HOST_DEVICE inline Number norm(Eigen::Matrix<Number, d, 1> const& v)
+{
+    return std::sqrt(dot<Number, d>(v, v));
+}
+
+/// The Frobenius norm of a matrix.
+template <std::floating_point Number, int d>
+FIRN_HOST_DEVICE inline Number norm(Eigen::Matrix<Number, d, d> const& A)
+{
+    return std::sqrt(squared_norm<Number, d>(A));
+}
 
 /// A x.
 template <Lane Real, int d>

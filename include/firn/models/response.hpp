@@ -44,9 +44,9 @@ template <Lane Real, int d>
 FIRN_HOST_DEVICE inline Matrix<Real, d> deformed(Matrix<Real, d> const& H,
                                                  Matrix<Real, d> const& velocity_gradient, Real dt)
 {
-    Matrix<Real, d> change = product<Real, d>(velocity_gradient, H);
-    change += velocity_gradient;
-    return H + change * dt;
+    Matrix<Real, d> const turned = product<Real, d>(velocity_gradient, H);
+    return make_matrix<Real, d>(
+        [&](int i, int j) { return H(i, j) + (turned(i, j) + velocity_gradient(i, j)) * dt; });
 }
 
 /// J - 1 from the principal extensions sigma_i - 1, without the cancellation near rest.

@@ -122,7 +122,8 @@ struct MoveParticles
         items.copy(before.id, after.id);
         auto const stays = after.move(items, before, within_a_cell<Real>(displacement), x);
 
-        Real const speed2 = particle[Velocity{}].squaredNorm(), rate2 = L.squaredNorm();
+        Vector<Real, d> const& velocity = particle[Velocity{}];
+        Real const speed2 = dot<Real, d>(velocity, velocity), rate2 = squared_norm<Real, d>(L);
         auto const most = [&](Number& bound, Real const& value) {
             Mask<Real> const more = items.here() & !(value <= Real(bound));
             if (any(more)) bound = max(bound, Number(largest(select(more, value, Real(0)))));

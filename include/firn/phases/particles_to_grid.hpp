@@ -91,18 +91,18 @@ struct Giving
             Matrix<Real, d> const A = kept_matrix<Real>(row_of_cells, affine);
             FIRN_UNROLL
             for (int i = 0; i < width; ++i) {
-                spread.affine[i] = A.col(0) * nodes.distance[0][i];
+                spread.affine[i] = column<Real, d>(A, 0) * nodes.distance[0][i];
                 FIRN_UNROLL
-                for (int a = 1; a < d; ++a) spread.affine[i] += A.col(a) * nodes.distance[a][0];
+                for (int a = 1; a < d; ++a) spread.affine[i] += column<Real, d>(A, a) * nodes.distance[a][0];
             }
             FIRN_UNROLL
-            for (int a = 1; a < d; ++a) spread.change[a] = A.col(a);
+            for (int a = 1; a < d; ++a) spread.change[a] = column<Real, d>(A, a);
         }
         if constexpr (terms.gradient) {
             Matrix<Real, d> const G = kept_matrix<Real>(row_of_cells, gradient);
             FIRN_UNROLL
             for (int a = 0; a < d; ++a) {
-                spread.gradient[a] = G.col(a);
+                spread.gradient[a] = column<Real, d>(G, a);
                 spread.derivative[a] = nodes.derivative[a];
             }
         }
@@ -216,7 +216,7 @@ struct ParticlesToGrid : Giving<Space, Kernel, TransferType>
         particles.load(items, particle);
         if (!impulse_only) velocities.load(items, particles.id, particle);
         auto const own = portions.find(items, particles.id);
-        Matrix<Real, d> L = Matrix<Real, d>::Zero();
+        Matrix<Real, d> L = zeros<Matrix<Real, d>>();
         // Viscous stress is that of the last step's motion, as far as particles carry it.
         if constexpr (Viscous<Model> && Join<StoredSet, TakenSet>::template contains<AffineVelocity>)
             L = particle[AffineVelocity{}];

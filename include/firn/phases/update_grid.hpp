@@ -76,7 +76,7 @@ struct UpdateGrid
     {
         using Real = typename Node::Real;
         MirroredNode<Sums, Real, d, Effects::walls> const mirrored(walls_of(now->actions), node);
-        Place<Real, d> place{lattice, mirrored.first, Vector<Real, d>::Zero(), kernel_reach(Kernel::order)};
+        Place<Real, d> place{lattice, mirrored.first, zeros<Vector<Real, d>>(), kernel_reach(Kernel::order)};
         place.offset[d - 1] = mirrored.along;
         Mask<Real> const received = !mirrored.is_image(); // what a node receives its images do not once more
         Real velocity[channels];
@@ -168,7 +168,7 @@ private:
         LaneTraits<Real>::store(given, impulse);
         for (int i = 0; i < d; ++i) LaneTraits<Real>::store(arm[i], at[i]);
         double sum = 0;
-        Eigen::Vector3d moment = Eigen::Vector3d::Zero();
+        Eigen::Vector3d moment(0, 0, 0);
         for (int lane = 0; lane < width; ++lane) {
             sum += impulse[lane];
             for (int i = 0; i < d; ++i) moment[i] += double(at[i][lane]) * impulse[lane];

@@ -224,7 +224,7 @@ public:
     Coordinates<d> first() const { return first_; }
     Vector<Lane, d> offset() const
     {
-        Vector<Lane, d> steps = Vector<Lane, d>::Zero();
+        Vector<Lane, d> steps = zeros<Vector<Lane, d>>();
         steps[d - 1] = counting<Lane>();
         return steps;
     }

@@ -169,10 +169,8 @@ public:
             leavers_.back().push_back(item_in(cells[i], static_cast<std::uint32_t>(first + i)));
         rearrange(size() + cells.size());
         // Every new item was in these lists; they need not stay so large.
-        leavers_.clear();
-        leavers_.shrink_to_fit();
-        arrivals_.clear();
-        arrivals_.shrink_to_fit();
+        decltype(leavers_)().swap(leavers_);
+        decltype(arrivals_)().swap(arrivals_);
         arrival_begin_.assign(blocks_.size() + 1, 0);
     }
 
@@ -229,7 +227,7 @@ public:
                     Coordinates<d> cell = cell_at(blocks_[b].coordinates, place);
                     for (int a = 0; a < d; ++a) cell[a] += leavers.steps[i][a];
                     Item const item = item_in(cell, slot);
-                    bool const is_inside = item.block == blocks_[b].coordinates;
+                    bool const is_inside = is_same_block<d>(item.block, blocks_[b].coordinates);
                     departures.places.push_back(is_inside ? item.place : elsewhere);
                     if (is_inside)
                         leavers.inside.push_back(item);
@@ -387,13 +385,13 @@ private:
         leavers_[b].push_back(item);
         auto& given = departures_[b].given;
         make_room(given, channels);
-        auto const from = leavers.given.begin() + static_cast<std::ptrdiff_t>(i * channels);
-        given.insert(given.end(), from, from + static_cast<std::ptrdiff_t>(channels));
+        given.resize(given.size() + channels);
+        std::copy_n(leavers.given.data() + i * channels, channels, given.data() + given.size() - channels);
     }
 
     static Item item_in(Coordinates<d> const& cell, std::uint32_t source)
     {
-        Item item{{source, 0, nullptr}, Coordinates<d>::Zero()};
+        Item item{{source, 0, nullptr}, zeros<Coordinates<d>>()};
         int place = 0;
         for (int a = 0; a < d; ++a) {
             int const extent = Shape::extent(a), inside = ((cell[a] % extent) + extent) % extent;
@@ -434,7 +432,7 @@ private:
         std::vector<Block> next = blocks_with_items();
         bool same = next.size() == blocks_.size();
         for (std::size_t b = 0; same && b < next.size(); ++b)
-            same = next[b].coordinates == blocks_[b].coordinates;
+            same = is_same_block<d>(next[b].coordinates, blocks_[b].coordinates);
         old_block_.assign(next.size(), BlockMap::absent);
         block_now_.assign(blocks_.size(), BlockMap::absent);
         for (std::size_t b = 0; b < next.size(); ++b) {
@@ -466,18 +464,19 @@ private:
     /// All blocks that will hold items, in the order of their keys.
     std::vector<Block> blocks_with_items()
     {
-        std::vector<Coordinates<d>> fresh;
+        std::vector<std::uint64_t> fresh;
         for (std::size_t b = 0; b < leavers_.size(); ++b)
             for (Item const& item : leavers_[b]) {
-                bool const is_same = b < blocks_.size() && item.block == blocks_[b].coordinates;
-                int const existing = is_same ? int(b) : map_.find(block_key<d>(item.block));
+                bool const is_same =
+                    b < blocks_.size() && is_same_block<d>(item.block, blocks_[b].coordinates);
+                auto const key = block_key<d>(item.block);
+                int const existing = is_same ? int(b) : map_.find(key);
                 if (existing == BlockMap::absent)
-                    fresh.push_back(item.block);
+                    fresh.push_back(key);
                 else
                     ++stay_[existing];
             }
-        std::sort(fresh.begin(), fresh.end(),
-                  [](auto const& a, auto const& b) { return block_key<d>(a) < block_key<d>(b); });
+        std::sort(fresh.begin(), fresh.end());
         fresh.erase(std::unique(fresh.begin(), fresh.end()), fresh.end());
         std::vector<Block> next;
         next.reserve(blocks_.size() + fresh.size());
@@ -486,10 +485,10 @@ private:
         for (std::size_t b = 0; b < blocks_.size(); ++b) {
             if (stay_[b] == 0) continue;
             auto const key = block_key<d>(blocks_[b].coordinates);
-            for (; added != fresh.end() && block_key<d>(*added) < key; ++added) next.push_back({*added});
+            for (; added != fresh.end() && *added < key; ++added) next.push_back({block_of<d>(*added)});
             next.push_back({blocks_[b].coordinates});
         }
-        for (; added != fresh.end(); ++added) next.push_back({*added});
+        for (; added != fresh.end(); ++added) next.push_back({block_of<d>(*added)});
         return next;
     }
 
@@ -499,7 +498,8 @@ private:
         arrival_begin_.assign(next.size() + 1, 0);
         for (std::size_t b = 0; b < leavers_.size(); ++b)
             for (Item& item : leavers_[b]) {
-                bool const is_same = b < blocks_.size() && item.block == blocks_[b].coordinates;
+                bool const is_same =
+                    b < blocks_.size() && is_same_block<d>(item.block, blocks_[b].coordinates);
                 item.to = is_same ? block_now_[b] : map_.find(block_key<d>(item.block));
                 ++arrival_begin_[item.to + 1];
             }
@@ -515,7 +515,8 @@ private:
         arrivals_.clear();
         make_room(arrivals_, arrival_begin_.back());
         arrivals_.resize(arrival_begin_.back());
-        arrival_end_.assign(arrival_begin_.begin(), arrival_begin_.end() - 1);
+        arrival_end_.resize(next.size());
+        std::copy_n(arrival_begin_.data(), next.size(), arrival_end_.data());
         for (auto const& list : leavers_)
             for (Item const& item : list) arrivals_[arrival_end_[item.to]++] = item;
     }
@@ -587,11 +588,11 @@ private:
                 if (places[i] != elsewhere) unsorted.push_back({slots[i], places[i], nullptr});
         }
         sort_by_cell(unsorted, sorter.inside, came);
-        auto const begin = arrivals_.begin() + arrival_begin_[b],
-                   end = arrivals_.begin() + arrival_begin_[b + 1];
-        unsorted.assign(begin, end);
+        Mover* const arrivals = arrivals_.data() + arrival_begin_[b];
+        unsorted.resize(arrival_begin_[b + 1] - arrival_begin_[b]);
+        std::copy_n(arrivals, unsorted.size(), unsorted.data());
         sort_by_cell(unsorted, sorter.sorted, came);
-        std::copy(sorter.sorted.begin(), sorter.sorted.end(), begin);
+        std::copy_n(sorter.sorted.data(), unsorted.size(), arrivals);
         return came;
     }
 

@@ -254,7 +254,7 @@ private:
             if (int const old = cells.old_block(b); have_history && old != absent)
                 taken[next[b] = tiles.tile_of[static_cast<std::size_t>(old)]] = 1;
         std::size_t free = 0, count = 0;
-        touched.resize(taken.size(), 0);
+        touched.resize(taken.size());
         for (std::size_t b = 0; b < blocks; ++b) {
             bool const is_new = !have_history || cells.old_block(b) == absent;
             if (is_new) {
@@ -275,8 +275,11 @@ private:
     {
         tiles.nodes_of.resize(cells.blocks().size());
         for (std::size_t b = 0; b < cells.blocks().size(); ++b)
-            for (int corner = 0; corner < corners; ++corner)
-                tiles.nodes_of[b][corner] = node_block(cells.blocks()[b].coordinates + offset(corner));
+            for (int corner = 0; corner < corners; ++corner) {
+                Coordinates<d> at = cells.blocks()[b].coordinates;
+                for (int a = 0; a < d; ++a) at[a] += offset(corner)[a];
+                tiles.nodes_of[b][corner] = node_block(at);
+            }
     }
 
     int node_block(Coordinates<d> const& coordinates)

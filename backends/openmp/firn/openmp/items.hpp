@@ -283,7 +283,7 @@ public:
         cells_.find_places(block_, slot_, entered_, place);
         Number steps[d][lanes];
         for (int l = 0; l < lanes; ++l) {
-            auto const cell = CellOrder::cell_at(Coordinates<d>::Zero(), place[std::min(l, entered_ - 1)]);
+            auto const cell = CellOrder::cell_at(zeros<Coordinates<d>>(), place[std::min(l, entered_ - 1)]);
             for (int a = 0; a < d; ++a) steps[a][l] = Number(cell[a]);
         }
         Vector<Lane, d> along;

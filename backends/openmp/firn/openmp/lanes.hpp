@@ -1027,3 +1027,5 @@ struct Eigen::NumTraits<firn::openmp::Pack<Number, Arch>>
 static_assert(firn::Lane<firn::openmp::NativePack<float>> && firn::Lane<firn::openmp::NativePack<double>>);
 
 #endif
+
+#include <firn/openmp/pack_vectors.hpp> // wherever packs are

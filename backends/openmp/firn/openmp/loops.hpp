@@ -188,10 +188,9 @@ void copy_given(Mover const* movers, std::uint32_t const* counts, Scratch<Lane, 
 }
 
 /// What some items give to the tile of their block, listed in the order of their cells.
-template <class Lane, class Phase, class Layer, class Mover>
-void give_listed(std::span<Mover const> movers, Layer const&, typename Phase::Number* tile,
-                 std::uint64_t& touched, Scratch<Lane, Phase::d>& scratch,
-                 Spreads<Lane, typename Phase::Gives>& spreads)
+template <class Lane, class Gives, class Layer, class Mover>
+void give_listed(std::span<Mover const> movers, Layer const&, typename Gives::Number* tile,
+                 std::uint64_t& touched, Scratch<Lane, Gives::d>& scratch, Spreads<Lane, Gives>& spreads)
 {
     using Shape = typename Layer::Shape;
     constexpr int lanes = lane_width<Lane>;
@@ -205,12 +204,12 @@ void give_listed(std::span<Mover const> movers, Layer const&, typename Phase::Nu
         std::size_t const here = std::accumulate(count, count + lanes, std::size_t(0));
         if (here == 0) continue;
         std::uint64_t const fresh = Layer::rows_of_group(g) & ~touched;
-        clear_rows<Layer, Phase::channels>(tile, fresh);
+        clear_rows<Layer, Gives::channels>(tile, fresh);
         touched |= fresh;
-        scratch.reserve(Phase::Gives::kept, here);
-        copy_given<Phase::Gives::kept>(next, count, scratch);
+        scratch.reserve(Gives::kept, here);
+        copy_given<Gives::kept>(next, count, scratch);
         GroupOf<Lane, Layer> group(count, g, scratch, nullptr, tile);
-        give<typename Phase::Gives>(group, spreads);
+        give<Gives>(group, spreads);
         next += here;
     }
 }
@@ -226,8 +225,8 @@ void scatter_movers(int threads, CellOrder const& cells, GridType& grid)
         return [&, scratch = Scratch<Lane, Phase::d>(),
                 spreads = std::make_unique_for_overwrite<detail::Spreads<Lane, typename Phase::Gives>>()](
                    int b) mutable {
-            detail::give_listed<Lane, Phase>(cells.movers(b), grid, grid.tile(b), grid.touched(b), scratch,
-                                             *spreads);
+            detail::give_listed<Lane, typename Phase::Gives>(cells.movers(b), grid, grid.tile(b),
+                                                             grid.touched(b), scratch, *spreads);
         };
     });
 }
@@ -371,8 +370,9 @@ struct MoveAndGive
     void end(std::size_t block, Kept& scratch)
     {
         cells.find_new_cells(block, leavers);
-        give_listed<Lane, Phase>(cells.give_at_once(block, leavers), stay.grid, stay.grid.next_tile(block),
-                                 stay.grid.next_touched(block), scratch, *stay.spreads);
+        give_listed<Lane, typename Phase::Gives>(cells.give_at_once(block, leavers), stay.grid,
+                                                 stay.grid.next_tile(block), stay.grid.next_touched(block),
+                                                 scratch, *stay.spreads);
     }
 };
 

@@ -5,6 +5,7 @@
 #include <firn/core/error.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/effects/shapes/shape.hpp>
+#include <firn/math/product.hpp>
 
 namespace firn
 {
@@ -16,7 +17,7 @@ struct HalfSpace
 
     void validate() const
     {
-        require(all_finite(normal) && std::abs(normal.norm() - 1) < 1e-6,
+        require(all_finite(normal) && std::abs(norm(normal) - 1) < 1e-6,
                 "the normal of a half-space is not a unit vector", "HalfSpace",
                 "Pass e.g. normal.normalized().");
     }
@@ -33,7 +34,7 @@ struct HalfSpace
     {
         SurfaceSample<Real, d> sample;
         for (int a = 0; a < d; ++a) sample.normal[a] = Real(static_cast<Scalar<Real>>(normal[a]));
-        sample.distance = x.dot(sample.normal);
+        sample.distance = dot<Real, d>(x, sample.normal);
         return sample;
     }
 };

@@ -34,7 +34,7 @@ struct Inside
     template <int d>
     FIRN_HOST_DEVICE bool operator()(Eigen::Matrix<double, d, 1> const& x) const
     {
-        Eigen::Matrix3d const rotation = pose.orientation.normalized().toRotationMatrix();
+        Eigen::Matrix3d const rotation = pose.rotation();
         Vector<double, d> const away = x - pose.position.template head<d>();
         Vector<double, d> const local = rotation.template topLeftCorner<d, d>().transpose() * away;
         if constexpr (Shape<ShapeType, double, d>)

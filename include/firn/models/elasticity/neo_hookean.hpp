@@ -46,7 +46,7 @@ struct NeoHookean
 
         Response<Real, d> response;
         Matrix<Real, d> const strain = squared_stretch_less_one<Real, d>(H); // F F^T - I
-        response.kirchhoff_stress = strain * mu;
+        response.kirchhoff_stress = make_matrix<Real, d>([&](int i, int j) { return strain(i, j) * mu; });
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) response.kirchhoff_stress(i, i) += lambda * log_J;
         response.wave_modulus = wave_modulus(strain, log_J);
