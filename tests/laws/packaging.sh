@@ -52,6 +52,8 @@ case $case in
     subdirectory | fetched)
         quietly host "$case" "${own[@]}" "$@"
         build_and_run
+        quietly "$cmake" --install "$work/host" --prefix "$work/installed"
+        [ -z "$(find "$work/installed" -name '*firn*' 2>/dev/null)" ] || fail "what the host installs has Firn in it"
         ;;
     untouched)
         install_firn "$work/prefix" "$@"
