@@ -755,8 +755,10 @@ private:
         report.dt = record.dt;
         report.time_of_forces = record.forces;
         report.stable_dt = record.stable;
-        report.capped_of.assign(record.capped.begin(), record.capped.end());
-        for (auto const capped : record.capped) report.capped += capped;
+        for (auto const capped : record.capped) {
+            report.capped_of.push_back(capped);
+            report.capped += capped;
+        }
         for (Reaction const& received : record.reactions.of)
             report.reactions.push_back(received * masses_.unit);
         return report;
@@ -766,7 +768,7 @@ private:
     void hold_taken() { exchange_.hold_taken(parts_); }
 
     /// After a step that went wrong: see GridExchange::regain_velocities.
-    void regain_velocities()
+    [[gnu::cold]] void regain_velocities()
     {
         if (!runs_.has_spoiled_nodes()) return;
         if (parts_.holds_taken())
@@ -932,13 +934,13 @@ private:
         return isolate_ != nullptr && (this->*isolate_)(log, dt, last, isolated, who);
     }
 
-    [[noreturn]] void fail_to_get_on(std::optional<StepFailure> const& since)
+    [[noreturn, gnu::cold]] void fail_to_get_on(std::optional<StepFailure> const& since)
     {
         regain_velocities();
         detail::throw_no_step(course_, since, since ? Parts::name(since->material) : "", d);
     }
 
-    [[noreturn]] void fail(StepLog const log, double dt) // a copy: what follows is logged, too
+    [[noreturn, gnu::cold]] void fail(StepLog const log, double dt) // a copy: what follows is logged, too
     {
         bool const held = parts_.holds_taken();
         regain_velocities(); // before anything that may lack memory

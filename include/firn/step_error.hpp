@@ -45,7 +45,7 @@ namespace detail
 {
 /// Where something went wrong, in words: "at (1 2) m"; the first `d` coordinates. (Without Eigen's own
 /// printing: it takes long to compile, and g++ 12 warns of what it makes of it for AVX-512.)
-inline std::string at_place(Eigen::Vector3d const& position, int d)
+[[gnu::cold]] inline std::string at_place(Eigen::Vector3d const& position, int d)
 {
     std::ostringstream text;
     for (int a = 0; a < d; ++a) text << (a == 0 ? "at (" : " ") << position[a];

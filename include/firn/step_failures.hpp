@@ -74,8 +74,8 @@ std::vector<StepFailure> without_stress(Parts const& parts, std::size_t most, do
 /// more than a cell: by way of the grid others go wrong with it. Else the one that the log names.
 /// `values(tag, k)` are those of a field and a material, by row.
 template <class Parts, class Values>
-StepFailure furthest_in(Parts const& parts, StepLog const& log, Values const& values, double cell_size,
-                        double time, double dt)
+[[gnu::cold]] StepFailure furthest_in(Parts const& parts, StepLog const& log, Values const& values,
+                                      double cell_size, double time, double dt)
 {
     StepFailure found = failure_of(parts, log, time, dt);
     double furthest = cell_size;
@@ -97,8 +97,8 @@ StepFailure furthest_in(Parts const& parts, StepLog const& log, Values const& va
 
 /// The particle whose own state bounds the step to `stable` [s], but for roundings; if one is so.
 template <class Parts, class Rule, class Values>
-std::optional<StepFailure> slowest_in(Parts const& parts, Rule rule, Values const& values, double stable,
-                                      double time, double dt)
+[[gnu::cold]] std::optional<StepFailure> slowest_in(Parts const& parts, Rule rule, Values const& values,
+                                                    double stable, double time, double dt)
 {
     rule.acceleration = rule.obstacle_speed = 0;
     double shortest = 1.001 * stable;
@@ -132,8 +132,9 @@ std::optional<StepFailure> slowest_in(Parts const& parts, Rule rule, Values cons
 
 /// Stops with a step that went wrong where the stable one is `stable` [s]; `material` is what SceneParts
 /// calls that of the particle, `kept` says what state there is, `d` how many of its coordinates there are.
-[[noreturn]] inline void throw_step_error(StepFailure const& failure, double stable,
-                                          std::string const& material, std::string const& kept, int d)
+[[noreturn, gnu::cold]] inline void throw_step_error(StepFailure const& failure, double stable,
+                                                     std::string const& material, std::string const& kept,
+                                                     int d)
 {
     std::ostringstream what, where, remedy;
     what << "particle " << failure.particle << material << " " << describe(failure.cause);
@@ -151,8 +152,9 @@ std::optional<StepFailure> slowest_in(Parts const& parts, Rule rule, Values cons
 
 /// Stops where no step gets on any more, as one that was chosen shows; `since` is for whom, if that is known,
 /// and the rest as for throw_step_error.
-[[noreturn]] inline void throw_no_step(Course const& course, std::optional<StepFailure> const& since,
-                                       std::string const& material, int d)
+[[noreturn, gnu::cold]] inline void throw_no_step(Course const& course,
+                                                  std::optional<StepFailure> const& since,
+                                                  std::string const& material, int d)
 {
     std::ostringstream what, where, remedy;
     what << "the stable time step fell to " << course.now.interval.length()

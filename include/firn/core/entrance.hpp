@@ -47,7 +47,7 @@ public:
     }
 
     /// Refuses all calls from now on, since this one leaves the object as nobody knows; `why` may be null.
-    void break_off(Error const* why) noexcept
+    [[gnu::cold]] void break_off(Error const* why) noexcept
     {
         broke_off_ = true;
         try {
@@ -86,13 +86,13 @@ public:
 private:
     static constexpr int changing = -1;
 
-    [[noreturn]] static void refuse(char const* where)
+    [[noreturn, gnu::cold]] static void refuse(char const* where)
     {
         throw Error{"another call of the same object is under way", where,
                     "One thread at a time calls a solver: let the others wait, or give each its own."};
     }
 
-    [[noreturn]] void refuse_for_good(char const* where) const
+    [[noreturn, gnu::cold]] void refuse_for_good(char const* where) const
     {
         throw Error{"a call before broke off in the middle: " +
                         (why_ ? why_->what_is_wrong() : std::string("there was no memory left")),

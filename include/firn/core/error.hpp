@@ -15,7 +15,8 @@ namespace firn
 class Error : public std::runtime_error
 {
 public:
-    Error(std::string what_is_wrong, std::string where, std::string remedy)
+    // What only errors reach is `cold` here and elsewhere: compiled for its size, which is sooner done.
+    [[gnu::cold]] Error(std::string what_is_wrong, std::string where, std::string remedy)
         : std::runtime_error(what_is_wrong + " [" + where + "]. " + remedy), wrong_(std::move(what_is_wrong)),
           where_(std::move(where)), remedy_(std::move(remedy))
     {}
