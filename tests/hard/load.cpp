@@ -181,6 +181,10 @@ TEST_CASE("a call that comes from another thread while one is under way is refus
     Jelly moved = std::move(solver);
     run(moved);
     CHECK(moved.positions().size() == count);
+    CHECK_THROWS_WITH(run(solver), Contains("moved to another") && Contains("Solver::advance"));
+    CHECK_THROWS_WITH(solver.snapshot(), Contains("moved to another"));
+    std::swap(solver, moved);
+    CHECK(solver.positions().size() == count);
 }
 
 #endif

@@ -26,6 +26,9 @@ TEST_CASE("after a call that broke off in the middle all others are refused, and
     CHECK_THROWS_WITH(entrance.to_look("Solver::positions"), Contains("Solver::positions"));
     auto const moved = std::move(entrance);
     CHECK_THROWS_WITH(moved.to_look("Solver::positions"), Contains("memory is short"));
+    CHECK_THROWS_WITH(entrance.to_look("Solver::positions"), Contains("moved to another"));
+    entrance = {};
+    CHECK_NOTHROW(entrance.to_look("Solver::positions"));
     firn::detail::Entrance<std::atomic<int>> unexplained;
     unexplained.break_off(nullptr);
     CHECK_THROWS_WITH(unexplained.to_look("Solver::positions"), Contains("no memory left"));

@@ -11,8 +11,8 @@ namespace firn::detail
 {
 
 /// Counts who is inside an object: nobody, one call that changes it, or some that only look. Whoever comes
-/// between gets an Error; with NDEBUG defined nobody looks. Whoever comes when a call broke off in the middle
-/// gets one too, always.
+/// between gets an Error; with NDEBUG defined nobody looks. Whoever comes when a call broke off in the
+/// middle, or the object was moved from, gets one too, always.
 ///
 /// `Count` is the backend's: an integer that may be changed from several sides at the same time.
 template <class Count>
@@ -38,10 +38,12 @@ public:
 
     Entrance() = default;
     // who is inside one is not inside the other
-    Entrance(Entrance&& other) noexcept : broke_off_(other.broke_off_), why_(std::move(other.why_)) {}
+    Entrance(Entrance&& other) noexcept
+        : state_(std::exchange(other.state_, State::moved_away)), why_(std::move(other.why_))
+    {}
     Entrance& operator=(Entrance&& other) noexcept
     {
-        broke_off_ = other.broke_off_;
+        state_ = std::exchange(other.state_, State::moved_away);
         why_ = std::move(other.why_);
         return *this;
     }
@@ -49,7 +51,7 @@ public:
     /// Refuses all calls from now on, since this one leaves the object as nobody knows; `why` may be null.
     [[gnu::cold]] void break_off(Error const* why) noexcept
     {
-        broke_off_ = true;
+        state_ = State::broken_off;
         try {
             if (why) why_ = *why;
         }
@@ -59,7 +61,7 @@ public:
 
     [[nodiscard]] Visit to_change(char const* where) const
     {
-        if (broke_off_) refuse_for_good(where);
+        if (state_ != State::sound) refuse_for_good(where);
 #ifdef NDEBUG
         return {nullptr, 0};
 #else
@@ -71,7 +73,7 @@ public:
 
     [[nodiscard]] Visit to_look(char const* where) const
     {
-        if (broke_off_) refuse_for_good(where);
+        if (state_ != State::sound) refuse_for_good(where);
 #ifdef NDEBUG
         return {nullptr, 0};
 #else
@@ -86,6 +88,13 @@ public:
 private:
     static constexpr int changing = -1;
 
+    enum class State
+    {
+        sound,
+        broken_off,
+        moved_away
+    };
+
     [[noreturn, gnu::cold]] static void refuse(char const* where)
     {
         throw Error{"another call of the same object is under way", where,
@@ -94,6 +103,9 @@ private:
 
     [[noreturn, gnu::cold]] void refuse_for_good(char const* where) const
     {
+        if (state_ == State::moved_away)
+            throw Error{"this object was moved to another", where,
+                        "Call that one, or assign another to this one first."};
         throw Error{"a call before broke off in the middle: " +
                         (why_ ? why_->what_is_wrong() : std::string("there was no memory left")),
                     where,
@@ -103,7 +115,7 @@ private:
     }
 
     mutable Count inside_{0};
-    bool broke_off_ = false;
+    State state_ = State::sound;
     std::optional<Error> why_;
 };
 
