@@ -70,6 +70,13 @@ void step(SolverOf<ItsSpace, ItsState, ItsDensity, ItsValidate, ItsRespond>& sol
     solver.steps(2, 1e-4, std::vector<firn::Obstacle<firn::Sphere>>(2));
     solver.advance(1e-4, firn::RigidBody{});
 }
+#elif defined(NO_SURFACE)
+struct Nothing
+{};
+void step(SolverOf<ItsSpace, ItsState, ItsDensity, ItsValidate, ItsRespond>& solver)
+{
+    solver.step(1e-4, firn::Obstacle<Nothing>{});
+}
 #elif !defined(INCOMPLETE)
 std::size_t complete = sizeof(SolverOf<ItsSpace, ItsState, ItsDensity, ItsValidate, ItsRespond>);
 #else

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # A model that forgets a member is refused by the compiler, a host's or nvcc, with a sentence that names it, and by nvcc
-# one that a device cannot call; what is no effect of a scene, too: incomplete_model.sh COMPILER SOURCE EIGEN.
+# one that a device cannot call; so is what is no effect of a scene, and an obstacle of a shape without a surface:
+# incomplete_model.sh COMPILER SOURCE EIGEN.
 set -euo pipefail
 compiler=$1 source=$2 eigen=$3
 said=$(mktemp)
@@ -35,9 +36,12 @@ names 1 "using Space"
 if compiles -DNO_EFFECT; then echo "steps with what is no effect compile."; exit 1; fi
 refused=$(grep -c 'error.*this scene: pass Gravity, Obstacle<Shape>' "$said" || true)
 [ "$refused" = 3 ] || { cat "$said"; echo "it is said $refused times that something is no effect, not three times."; exit 1; }
+if compiles -DNO_SURFACE; then echo "an obstacle of a shape without a surface compiles."; exit 1; fi
+grep -q "a shape lacks 'template <firn::Lane Real, int d> firn::SurfaceSample<Real, d> surface(" "$said" ||
+    { cat "$said"; echo "it is not said what a shape lacks."; exit 1; }
 if [[ $(basename "$compiler") == nvcc* ]]; then # or it would compile into nothing
     if compiles -DUNMARKED; then echo "a model that a device cannot call compiles."; exit 1; fi
     grep -q 'calling a __host__ function' "$said" && grep -q 'respond' "$said" ||
         { cat "$said"; echo "it is not said that a device cannot call the model."; exit 1; }
 fi
-echo "a model without its Space, State, density, validate() or respond() is refused with a sentence that names it, and so is what is no effect"
+echo "a model without its Space, State, density, validate() or respond() is refused with a sentence that names it, and so is what is no effect, and an obstacle of no shape"

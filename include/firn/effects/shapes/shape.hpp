@@ -73,6 +73,10 @@ FIRN_HOST_DEVICE SurfaceSample<Real, d> surface_of(ShapeType const& shape, Vecto
     if constexpr (Shape<ShapeType, Real, d>)
         return shape.surface(x);
     else {
+        static_assert(
+            requires(Vector<Scalar<Real>, d> const point) { shape.surface(point).distance; },
+            "a shape lacks 'template <firn::Lane Real, int d> firn::SurfaceSample<Real, d> "
+            "surface(firn::Vector<Real, d> const&) const'");
         constexpr int width = lane_width<Real>;
         Scalar<Real> at[d][width], distance[width], normal[d][width];
         for (int a = 0; a < d; ++a) LaneTraits<Real>::store(x[a], at[a]);
