@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/components.hpp>
 #include <firn/effects/reflecting_wall.hpp>
 #include <firn/grid/lattice.hpp>
 #include <firn/step_error.hpp>

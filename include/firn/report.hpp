@@ -91,6 +91,7 @@ private:
     }
     void add_isolated(std::vector<StepFailure> const& more)
     {
+        isolated.reserve(isolated.size() + more.size());
         for (StepFailure const& one : more) isolated.push_back(one);
     }
 };

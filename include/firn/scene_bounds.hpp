@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/concepts.hpp>
+#include <firn/math/product.hpp>
 #include <firn/phases/plan_steps.hpp>
 
 #include <algorithm>

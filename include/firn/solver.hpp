@@ -755,6 +755,7 @@ private:
         report.dt = record.dt;
         report.time_of_forces = record.forces;
         report.stable_dt = record.stable;
+        report.capped_of.reserve(materials);
         for (auto const capped : record.capped) {
             report.capped_of.push_back(capped);
             report.capped += capped;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/components.hpp>
+#include <firn/math/product.hpp>
 #include <firn/phases/conclude_step.hpp>
 #include <firn/step_error.hpp>
 

@@ -390,4 +390,51 @@ TEMPLATE_LIST_TEST_CASE("A pack is a scalar of Eigen, and mixes with plain numbe
     CHECK(all(N(1) + TestType(2) * N(3) - 1 == TestType(6)));
 }
 
+TEMPLATE_LIST_TEST_CASE("Vectors and matrices of packs compute what their packs do, into themselves, too", "",
+                        Packs)
+{
+    using N = Scalar<TestType>;
+    N lanes[lane_width<TestType>];
+    for (int l = 0; l < lane_width<TestType>; ++l) lanes[l] = N(l);
+    TestType const lane = LaneTraits<TestType>::load(lanes);
+    auto const check = [lane](auto a) {
+        using M = decltype(a);
+        M b;
+        for (int i = 0; i < a.size(); ++i) {
+            a.data()[i] = lane * TestType(N(0.3)) + TestType(N(i + 1));
+            b.data()[i] = lane * TestType(N(-0.7)) + TestType(N(2 * i - 3));
+        }
+        TestType const s = lane + TestType(N(1.1));
+        auto const is = [&](M const& found, auto const& component) {
+            for (int i = 0; i < a.size(); ++i)
+                CHECK(all(found.data()[i] == component(a.data()[i], b.data()[i])));
+        };
+        using P = TestType const&;
+        is(a + b, [](P x, P y) { return x + y; });
+        is(a - b, [](P x, P y) { return x - y; });
+        is(-a, [](P x, P) { return -x; });
+        is(a * s, [&](P x, P) { return x * s; });
+        is(s * a, [&](P x, P) { return s * x; });
+        is(a / s, [&](P x, P) { return x / s; });
+        M c = a;
+        is(c += c, [](P x, P) { return x + x; });
+        c = a;
+        is(c -= b, [](P x, P y) { return x - y; });
+        c = a;
+        c *= c(0); // by one of its own, as it was
+        is(c, [&](P x, P) { return x * a(0); });
+        auto const kept = (a - b) / s; // not an expression: whose parts would be gone
+        is(kept, [&](P x, P y) { return (x - y) / s; });
+        // beside expressions of Eigen's
+        is(a + b.cwiseProduct(a) * N(2), [](P x, P y) { return x + y * x * TestType(N(2)); });
+    };
+    check(Vector<TestType, 2>());
+    check(Vector<TestType, 3>());
+    check(Matrix<TestType, 3>());
+    Eigen::Matrix<TestType, Eigen::Dynamic, 1> any(2); // that is left to Eigen
+    any << TestType(N(1)), TestType(N(2));
+    any += any * TestType(N(3));
+    CHECK(all(any[1] == TestType(N(8))));
+}
+
 #endif

@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/core/space.hpp>
 #include <firn/math/product.hpp>
 
-#include <cmath>
 #include <limits>
 
 namespace firn

@@ -27,7 +27,8 @@ struct Motion
     /// The rotation from the body's frame to the world's.
     FIRN_HOST_DEVICE Eigen::Matrix3d rotation() const { return unit_orientation().toRotationMatrix(); }
 
-    /// The same motion, seen at another time [s].
+    /// The same motion, seen at another time [s]. (By components, like what is private: see
+    /// core/components.hpp.)
     FIRN_HOST_DEVICE Motion at(double when) const
     {
         Motion later = *this;
@@ -76,7 +77,6 @@ struct Motion
     }
 
 private:
-    // By components: see core/components.hpp.
     FIRN_HOST_DEVICE double length_of_orientation() const
     {
         Eigen::Quaterniond const& q = orientation;

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/components.hpp>
 #include <firn/effects/actions.hpp>
+#include <firn/math/product.hpp>
 
 #include <array>
 

@@ -95,7 +95,7 @@ struct ReflectingWall
             return zeros<Vector<Real, d>>();
         }
 
-        FIRN_HOST_DEVICE static Eigen::Vector3d reference() { return Eigen::Vector3d::Zero(); }
+        FIRN_HOST_DEVICE static Eigen::Vector3d reference() { return {0, 0, 0}; }
     };
 
     template <class Number, int d>

@@ -21,11 +21,16 @@ FIRN_HOST_DEVICE inline Real dot(Vector<Real, d> const& a, Vector<Real, d> const
     return sum_of<Real, d>([&](int i) { return a[i] * b[i]; });
 }
 
-/// |A|^2, the sum of the squares of all components.
+/// |A|^2, the sum of the squares of all components, by halves as Eigen sums them.
 template <Lane Real, int d>
 FIRN_HOST_DEVICE inline Real squared_norm(Matrix<Real, d> const& A)
 {
-    return sum_of<Real, d>([&](int i) { return sum_of<Real, d>([&](int j) { return A(i, j) * A(i, j); }); });
+    auto const square = [a = A.data()](int i) { return a[i] * a[i]; };
+    Real const first = (square(0) + square(1)) + (square(2) + square(3));
+    if constexpr (d == 2)
+        return first;
+    else
+        return first + ((square(4) + square(5)) + (square(6) + (square(7) + square(8))));
 }
 
 /// The length of a vector.

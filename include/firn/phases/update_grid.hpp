@@ -83,7 +83,7 @@ struct UpdateGrid
         update<Real>(
             place, [&](int c) { return mirrored.sums[c]; }, [](int) { return Real(0); },
             [&](int c, Real const& value) { velocity[c] = value; }, received, reactions);
-        book_walls(mirrored, velocity, place.relative_to(Eigen::Vector3d::Zero()), received, reactions);
+        book_walls(mirrored, velocity, place.relative_to({0, 0, 0}), received, reactions);
         for (int a = 0; a < d; ++a) {
             Mask<Real> const on_wall = mirrored.on_wall(a);
             for (int c = a; c < channels; c += d) {

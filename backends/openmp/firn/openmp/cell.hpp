@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/components.hpp>
 #include <firn/openmp/grid.hpp>
 #include <firn/openmp/items.hpp>
 #include <firn/openmp/tuning.hpp>

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/cell_offset.hpp>
+#include <firn/core/components.hpp>
 #include <firn/openmp/array.hpp>
 #include <firn/openmp/block_map.hpp>
 #include <firn/openmp/lanes.hpp>

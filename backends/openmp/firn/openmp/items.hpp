@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/cell_offset.hpp>
+#include <firn/core/components.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/core/space.hpp>
 #include <firn/grid/lattice.hpp>

@@ -4,58 +4,80 @@
 #include <firn/core/components.hpp>
 #include <firn/openmp/lanes.hpp>
 
+#include <concepts>
+
 #if defined(FIRN_HAS_XSIMD)
 
 // Sums and multiples of vectors and matrices of packs, which formulas find before Eigen's own: those are
 // expressions, each a type of its own that a compiler makes some fifty functions of, where packs are
-// registers already and there is nothing to put off.
+// registers already and there is nothing to put off. What these return is a value: an expression of Eigen's
+// made of it (`(a + b).transpose()`) must not outlive the line, so it is not kept by `auto`.
 namespace firn::openmp
 {
 
-template <class Number, class Arch, int rows, int columns>
-using PackMatrix = Eigen::Matrix<Pack<Number, Arch>, rows, columns>;
-
-template <class Number, class Arch, int rows, int columns>
-PackMatrix<Number, Arch, rows, columns> operator+(PackMatrix<Number, Arch, rows, columns> const& a,
-                                                  PackMatrix<Number, Arch, rows, columns> const& b)
+namespace detail
 {
-    return made_of<PackMatrix<Number, Arch, rows, columns>>(
-        [x = a.data(), y = b.data()](int i) { return x[i] + y[i]; });
+template <class T>
+inline constexpr bool is_matrix_of_packs = false;
+template <class Number, class Arch, int rows, int columns>
+inline constexpr bool is_matrix_of_packs<Eigen::Matrix<Pack<Number, Arch>, rows, columns>> =
+    rows > 0 && columns > 0;
+} // namespace detail
+
+/// A vector or a matrix of packs, of a size known to the compiler.
+template <class T>
+concept MatrixOfPacks = detail::is_matrix_of_packs<T>;
+
+template <MatrixOfPacks M>
+M operator+(M const& a, M const& b)
+{
+    return made_of<M>([x = a.data(), y = b.data()](int i) { return x[i] + y[i]; });
 }
 
-template <class Number, class Arch, int rows, int columns>
-PackMatrix<Number, Arch, rows, columns> operator-(PackMatrix<Number, Arch, rows, columns> const& a,
-                                                  PackMatrix<Number, Arch, rows, columns> const& b)
+template <MatrixOfPacks M>
+M operator-(M const& a, M const& b)
 {
-    return made_of<PackMatrix<Number, Arch, rows, columns>>(
-        [x = a.data(), y = b.data()](int i) { return x[i] - y[i]; });
+    return made_of<M>([x = a.data(), y = b.data()](int i) { return x[i] - y[i]; });
 }
 
-template <class Number, class Arch, int rows, int columns>
-PackMatrix<Number, Arch, rows, columns> operator*(PackMatrix<Number, Arch, rows, columns> const& a,
-                                                  Pack<Number, Arch> const& factor)
+template <MatrixOfPacks M>
+M operator-(M const& a)
 {
-    return made_of<PackMatrix<Number, Arch, rows, columns>>(
-        [x = a.data(), factor](int i) { return x[i] * factor; });
+    return made_of<M>([x = a.data()](int i) { return -x[i]; });
 }
 
-template <class Number, class Arch, int rows, int columns>
-PackMatrix<Number, Arch, rows, columns>& operator+=(PackMatrix<Number, Arch, rows, columns>& a,
-                                                    PackMatrix<Number, Arch, rows, columns> const& b)
+template <MatrixOfPacks M, std::same_as<typename M::Scalar> Real>
+M operator*(M const& a, Real const& factor)
+{
+    return made_of<M>([x = a.data(), factor](int i) { return x[i] * factor; });
+}
+
+template <MatrixOfPacks M, std::same_as<typename M::Scalar> Real>
+M operator*(Real const& factor, M const& a)
+{
+    return made_of<M>([x = a.data(), factor](int i) { return factor * x[i]; });
+}
+
+template <MatrixOfPacks M, std::same_as<typename M::Scalar> Real>
+M operator/(M const& a, Real const& divisor)
+{
+    return made_of<M>([x = a.data(), divisor](int i) { return x[i] / divisor; });
+}
+
+template <MatrixOfPacks M>
+M& operator+=(M& a, M const& b)
 {
     return a = a + b;
 }
 
-template <class Number, class Arch, int rows, int columns>
-PackMatrix<Number, Arch, rows, columns>& operator-=(PackMatrix<Number, Arch, rows, columns>& a,
-                                                    PackMatrix<Number, Arch, rows, columns> const& b)
+template <MatrixOfPacks M>
+M& operator-=(M& a, M const& b)
 {
     return a = a - b;
 }
 
-template <class Number, class Arch, int rows, int columns>
-PackMatrix<Number, Arch, rows, columns>& operator*=(PackMatrix<Number, Arch, rows, columns>& a,
-                                                    Pack<Number, Arch> const& factor)
+template <MatrixOfPacks M, std::same_as<typename M::Scalar> Real>
+M& operator*=(M& a, Real const& factor)
 {
     return a = a * factor;
 }

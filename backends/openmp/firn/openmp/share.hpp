@@ -11,7 +11,8 @@ namespace firn::openmp
 
 namespace detail
 {
-/// Indices that threads share, some at a time.
+/// Indices that threads share, some at a time. (What one thread wrote others read behind the end of the team:
+/// that orders all, the counter nothing.)
 class SharedIndices
 {
 public:
@@ -62,8 +63,9 @@ inline void run_team(int threads, ThreadWork const& work, SharedIndices& indices
 /// Threads share the indices from 0 to `count`, `chunk` at a time: each calls `make()` once and what that
 /// returns for every index it gets. If one of these calls throws, so does this, and work is undone.
 ///
-/// One thread alone forms no team: even one of one ends each of its loops by a system call. (The team is of
-/// no type of work: a compiler would make each one's loops twice.)
+/// One thread alone forms no team: even one of one ends each of its loops by a system call. (The team does
+/// not know the type of the work: or compilers make the body of each loop twice, for one thread and for
+/// several.)
 template <class Index, class Make>
 void share(int threads, Index count, int chunk, Make const& make)
 {

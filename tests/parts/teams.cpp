@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+
+#include <firn/openmp.hpp>
+
+#include <atomic>
+#include <memory>
+#include <new>
+#include <stdexcept>
+#include <vector>
+
+using namespace firn;
+
+TEST_CASE("a team works on each index once, whatever its size and that of the chunks")
+{
+    int const threads = GENERATE(1, 2, 3, 16), chunk = GENERATE(1, 4, 1000);
+    for (int const count : {0, 1, 2, 5, 1000}) {
+        std::vector<std::atomic<int>> visits(std::size_t(count) + 1);
+        std::atomic<int> made = 0;
+        openmp::share(threads, count, chunk, [&] {
+            ++made;
+            return [&](int i) { ++visits[std::size_t(i)]; };
+        });
+        for (int i = 0; i < count; ++i) CHECK(visits[std::size_t(i)] == 1);
+        CHECK(visits[std::size_t(count)] == 0);
+        CHECK((made >= 1 && made <= threads));
+    }
+}
+
+TEST_CASE("what a thread of a team throws is thrown by the team, and what others made is gone")
+{
+    int const threads = GENERATE(1, 2, 5);
+    auto const no_memory = [&]() -> std::vector<int> { throw std::bad_alloc(); };
+    CHECK_THROWS_AS(openmp::share(threads, 100, 1, [&] { return [list = no_memory()](int) { (void)list; }; }),
+                    std::bad_alloc);
+    std::atomic<int> alive = 0;
+    struct Counted
+    {
+        std::atomic<int>* of;
+        explicit Counted(std::atomic<int>& count) : of(&count) { ++count; }
+        ~Counted() { --*of; }
+    };
+    auto const make = [&] {
+        return [own = std::make_unique<Counted>(alive)](int i) {
+            if (i == 57) throw std::runtime_error("index 57");
+        };
+    };
+    CHECK_THROWS_WITH(openmp::share(threads, 100, 3, make), "index 57");
+    CHECK(alive == 0);
+}
+
+TEMPLATE_TEST_CASE_SIG("the key of a block is that of no other, in the order of coordinates, and leads back",
+                       "", ((int d), d), 2, 3)
+{
+    long const end = d == 3 ? 1L << 20 : 1L << 31;
+    std::vector<int> places;
+    for (long const place : {-end, -end + 1, -2L, -1L, 0L, 1L, 2L, 77L, end - 1})
+        places.push_back(int(place));
+    std::vector<Coordinates<d>> blocks; // in the order of coordinates
+    for (int const x : places)
+        for (int const y : places)
+            if constexpr (d == 2)
+                blocks.push_back({x, y});
+            else
+                for (int const z : places) blocks.push_back({x, y, z});
+    for (std::size_t b = 0; b < blocks.size(); ++b) {
+        std::uint64_t const key = openmp::block_key<d>(blocks[b]);
+        CHECK(openmp::block_of<d>(key) == blocks[b]);
+        CHECK(openmp::is_same_block<d>(openmp::block_of<d>(key), blocks[b]));
+        if (b == 0) continue;
+        CHECK(openmp::block_key<d>(blocks[b - 1]) < key);
+        CHECK_FALSE(openmp::is_same_block<d>(blocks[b - 1], blocks[b]));
+    }
+}
