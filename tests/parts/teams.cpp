@@ -64,11 +64,11 @@ TEMPLATE_TEST_CASE_SIG("the key of a block is that of no other, in the order of 
             else
                 for (int const z : places) blocks.push_back({x, y, z});
     for (std::size_t b = 0; b < blocks.size(); ++b) {
-        std::uint64_t const key = openmp::block_key<d>(blocks[b]);
-        CHECK(openmp::block_of<d>(key) == blocks[b]);
-        CHECK(openmp::is_same_block<d>(openmp::block_of<d>(key), blocks[b]));
+        std::uint64_t const key = block_key<d>(blocks[b]);
+        CHECK(block_of_key<d>(key) == blocks[b]);
+        CHECK(openmp::is_same_block<d>(block_of_key<d>(key), blocks[b]));
         if (b == 0) continue;
-        CHECK(openmp::block_key<d>(blocks[b - 1]) < key);
+        CHECK(block_key<d>(blocks[b - 1]) < key);
         CHECK_FALSE(openmp::is_same_block<d>(blocks[b - 1], blocks[b]));
     }
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/grid/block_key.hpp>
 #include <firn/grid/lattice.hpp>
 
 #include <cstdint>
@@ -87,31 +88,6 @@ struct Tile
         return node[1] < width;
     }
 };
-
-/// The coordinates of a block as one number.
-template <int d>
-FIRN_HOST_DEVICE std::uint64_t block_key(Coordinates<d> const& block)
-{
-    constexpr int bits = d == 3 ? 21 : 32;
-    std::uint64_t key = 0;
-    for (int a = 0; a < d; ++a)
-        key = (key << bits) |
-              static_cast<std::uint64_t>(std::int64_t{block[a]} + (std::int64_t{1} << (bits - 1)));
-    return key;
-}
-
-template <int d>
-FIRN_HOST_DEVICE Coordinates<d> block_of_key(std::uint64_t key)
-{
-    constexpr int bits = d == 3 ? 21 : 32;
-    Coordinates<d> block;
-    for (int a = d - 1; a >= 0; --a) {
-        block[a] = static_cast<int>(static_cast<std::int64_t>(key & ((std::uint64_t{1} << bits) - 1)) -
-                                    (std::int64_t{1} << (bits - 1)));
-        key >>= bits;
-    }
-    return block;
-}
 
 /// Some numbers of one node, loaded and stored at once.
 template <class Number, int count>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/grid/lattice.hpp>
+#include <firn/grid/block_key.hpp>
 
 #include <cstdint>
 #include <vector>
@@ -9,38 +9,11 @@
 namespace firn::openmp
 {
 
-/// The coordinates of a block as one number, ordered as the coordinates are (first axis first).
-template <int d>
-std::uint64_t block_key(Coordinates<d> const& block)
-{
-    constexpr int bits = d == 3 ? 21 : 32;
-    std::uint64_t key = 0;
-    for (int a = 0; a < d; ++a) {
-        auto const shifted =
-            static_cast<std::uint64_t>(std::int64_t{block[a]} + (std::int64_t{1} << (bits - 1)));
-        key = (key << bits) | shifted;
-    }
-    return key;
-}
-
 /// Whether two blocks are the same one.
 template <int d>
 bool is_same_block(Coordinates<d> const& a, Coordinates<d> const& b)
 {
     return block_key<d>(a) == block_key<d>(b);
-}
-
-/// The coordinates of a block from its key.
-template <int d>
-Coordinates<d> block_of(std::uint64_t key)
-{
-    constexpr int bits = d == 3 ? 21 : 32;
-    Coordinates<d> block;
-    for (int a = d - 1; a >= 0; --a, key >>= bits) {
-        auto const shifted = static_cast<std::int64_t>(key & ((std::uint64_t{1} << bits) - 1));
-        block[a] = static_cast<int>(shifted - (std::int64_t{1} << (bits - 1)));
-    }
-    return block;
 }
 
 /// From a block's key to its index: open addressing, at most half full.

@@ -462,16 +462,20 @@ private:
         settled_ = false;
     }
 
+    /// Whether an item of a block's list goes to that block; the last list is of none.
+    bool comes_back(std::size_t b, Item const& item) const
+    {
+        return b < blocks_.size() && is_same_block<d>(item.block, blocks_[b].coordinates);
+    }
+
     /// All blocks that will hold items, in the order of their keys.
     std::vector<Block> blocks_with_items()
     {
         std::vector<std::uint64_t> fresh;
         for (std::size_t b = 0; b < leavers_.size(); ++b)
             for (Item const& item : leavers_[b]) {
-                bool const is_same =
-                    b < blocks_.size() && is_same_block<d>(item.block, blocks_[b].coordinates);
                 auto const key = block_key<d>(item.block);
-                int const existing = is_same ? int(b) : map_.find(key);
+                int const existing = comes_back(b, item) ? int(b) : map_.find(key);
                 if (existing == BlockMap::absent)
                     fresh.push_back(key);
                 else
@@ -486,10 +490,10 @@ private:
         for (std::size_t b = 0; b < blocks_.size(); ++b) {
             if (stay_[b] == 0) continue;
             auto const key = block_key<d>(blocks_[b].coordinates);
-            for (; added != fresh.end() && *added < key; ++added) next.push_back({block_of<d>(*added)});
+            for (; added != fresh.end() && *added < key; ++added) next.push_back({block_of_key<d>(*added)});
             next.push_back({blocks_[b].coordinates});
         }
-        for (; added != fresh.end(); ++added) next.push_back({block_of<d>(*added)});
+        for (; added != fresh.end(); ++added) next.push_back({block_of_key<d>(*added)});
         return next;
     }
 
@@ -499,9 +503,7 @@ private:
         arrival_begin_.assign(next.size() + 1, 0);
         for (std::size_t b = 0; b < leavers_.size(); ++b)
             for (Item& item : leavers_[b]) {
-                bool const is_same =
-                    b < blocks_.size() && is_same_block<d>(item.block, blocks_[b].coordinates);
-                item.to = is_same ? block_now_[b] : map_.find(block_key<d>(item.block));
+                item.to = comes_back(b, item) ? block_now_[b] : map_.find(block_key<d>(item.block));
                 ++arrival_begin_[item.to + 1];
             }
         std::uint32_t slot = 0;
