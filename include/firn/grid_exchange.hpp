@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/host_device.hpp>
 #include <firn/effects/chain.hpp>
 #include <firn/phases/extend_velocities.hpp>
 #include <firn/phases/particles_to_grid.hpp>
@@ -99,7 +100,7 @@ public:
 
     /// The fields that particles take from the grid, as they took them in the last step.
     template <std::size_t k>
-    void take_again(Parts const& parts, typename Of<k>::Table::TakenView const& taken) const
+    FIRN_SELDOM void take_again(Parts const& parts, typename Of<k>::Table::TakenView const& taken) const
     {
         if constexpr (Of<k>::Taken::components(d) > 0) {
             auto const& table = parts.template particles<k>();
@@ -181,7 +182,8 @@ private:
     /// What a material's particles took from the grid: what they hold or, for `again` to hold, taken once
     /// more.
     template <std::size_t k>
-    [[gnu::noinline]] TakenOf<k> const& taken(Parts const& parts, std::optional<TakenOf<k>>& again) const
+    FIRN_SELDOM [[gnu::noinline]] TakenOf<k> const& taken(Parts const& parts,
+                                                          std::optional<TakenOf<k>>& again) const
     {
         auto const& table = parts.template particles<k>();
         if (table.holds_taken()) return table.held();
@@ -192,7 +194,7 @@ private:
 
     /// All particles of a material give to the grid: all they have, or the impulse of a step alone.
     template <std::size_t k>
-    void scatter(double dt, bool impulse_only, Parts& parts)
+    FIRN_SELDOM void scatter(double dt, bool impulse_only, Parts& parts)
     {
         auto& table = parts.template particles<k>();
         auto layer = grid_.layer(k);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/error.hpp>
+#include <firn/core/host_device.hpp>
 #include <firn/grid/lattice.hpp>
 #include <firn/particle_storage.hpp>
 #include <firn/portion_list.hpp>
@@ -90,8 +91,8 @@ public:
     /// Adds particles at rest but for a velocity, whose ids begin with `first_id`; see Solver::add. Returns
     /// how many.
     template <class Points>
-    std::size_t add(Points const& points, double volume, double density, Vector<double, d> const& velocity,
-                    std::uint32_t first_id, MassScale& scale)
+    FIRN_SELDOM std::size_t add(Points const& points, double volume, double density,
+                                Vector<double, d> const& velocity, std::uint32_t first_id, MassScale& scale)
     {
         std::vector<CellPosition<d>> const located = locate_all(points);
         require(std::isfinite(volume) && volume > 0, "the volume per point is not a finite number above 0",

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/concepts.hpp>
+#include <firn/core/host_device.hpp>
 #include <firn/math/product.hpp>
 #include <firn/phases/plan_steps.hpp>
 
@@ -53,7 +54,8 @@ void admit_effect(Rule& rule, Effect const& effect)
 /// is for a step to find: it stays what the last one found, where somebody is left, an affine velocity aside.
 /// `values(tag, k)` are those of a field and a material.
 template <class Parts, class Rule, class Values>
-StepBounds bounds_of(Parts const& parts, Rule const& rule, StepBounds const& found, Values const& values)
+FIRN_SELDOM StepBounds bounds_of(Parts const& parts, Rule const& rule, StepBounds const& found,
+                                 Values const& values)
 {
     StepBounds bounds;
     Parts::for_each([&](auto k) {

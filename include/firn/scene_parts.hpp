@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/host_device.hpp>
 #include <firn/models/response.hpp>
 #include <firn/models/several_materials.hpp>
 #include <firn/particle_table.hpp>
@@ -184,8 +185,8 @@ private:
     static std::tuple<Part<k>...> tuple_of_parts(std::index_sequence<k...>);
 
     template <std::size_t... k>
-    SceneParts(List list, Lattice lattice, int kernel_order, Backend const& backend,
-               std::index_sequence<k...>)
+    FIRN_SELDOM SceneParts(List list, Lattice lattice, int kernel_order, Backend const& backend,
+                           std::index_sequence<k...>)
         : parts_{Part<k>{std::move(std::get<k>(list.of)),
                          typename Of<k>::Table(lattice, kernel_order, backend)}...}
     {}

@@ -874,9 +874,13 @@ private:
             if constexpr (d == 2 && requires { effect.validate_in_plane(); }) effect.validate_in_plane();
         }
         catch (Error const& error) {
-            throw Error{error.what_is_wrong(),
-                        error.where() + ", effect " + std::to_string(place) + " of " + call, error.remedy()};
+            refuse_effect(error, place, call);
         }
+    }
+    [[noreturn, gnu::cold]] static void refuse_effect(Error const& error, int place, char const* call)
+    {
+        throw Error{error.what_is_wrong(),
+                    error.where() + ", effect " + std::to_string(place) + " of " + call, error.remedy()};
     }
 
     /// Refuses a time [s] that would be lost to rounding: a host that passes such ones again and again would

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/components.hpp>
+#include <firn/core/host_device.hpp>
 #include <firn/math/product.hpp>
 #include <firn/phases/conclude_step.hpp>
 #include <firn/step_error.hpp>
@@ -55,7 +56,8 @@ StepFailure failure_of(Parts const& parts, StepLog const& log, double time, doub
 /// Particles whose own state has no stress, at rest, `most` of them and one more: they spoil what others take
 /// from the grid, so that the first one for which a step goes wrong may be another.
 template <class Parts>
-std::vector<StepFailure> without_stress(Parts const& parts, std::size_t most, double time, double dt)
+FIRN_SELDOM std::vector<StepFailure> without_stress(Parts const& parts, std::size_t most, double time,
+                                                    double dt)
 {
     std::vector<StepFailure> found;
     Parts::for_each([&](auto k) {

@@ -24,7 +24,7 @@ struct Lame
     /// time step at which a particle with no neighbours is stable.
     constexpr double expansion_ratio(int d) const
     {
-        Number const spread = lambda > 0 ? d * lambda : Number(0);
+        Number const spread = lambda > 0 ? Number(d) * lambda : Number(0);
         return double(2 * mu + spread) / double(p_wave_modulus());
     }
 
