@@ -2,9 +2,9 @@
 #pragma once
 
 #include <firn/grid/block_key.hpp>
+#include <firn/openmp/array.hpp>
 
 #include <cstdint>
-#include <vector>
 
 namespace firn::openmp
 {
@@ -26,7 +26,8 @@ public:
     {
         std::size_t size = 16;
         while (size < 2 * expected) size *= 2;
-        slots_.assign(size, {0, absent});
+        slots_.resize(size, 0);
+        slots_.fill(0, size, {0, absent});
         mask_ = size - 1;
     }
 
@@ -40,12 +41,12 @@ public:
 
     int find(std::uint64_t key) const
     {
-        if (slots_.empty()) return absent;
+        if (slots_.size() == 0) return absent;
         for (std::size_t at = hash(key);; at = (at + 1) & mask_)
             if (slots_[at].index == absent || slots_[at].key == key) return slots_[at].index;
     }
 
-    std::size_t memory() const { return slots_.capacity() * sizeof(Slot); }
+    std::size_t memory() const { return slots_.memory(); }
 
 private:
     struct Slot
@@ -60,7 +61,7 @@ private:
         return (key ^ (key >> 32)) & mask_;
     }
 
-    std::vector<Slot> slots_;
+    Array<Slot> slots_;
     std::size_t mask_ = 0;
 };
 

@@ -96,8 +96,8 @@ class Grid : public GridShape<d, order, lanes>
     struct Tiles
     {
         std::uint64_t version = 0, generation = 0;
-        std::vector<std::array<int, Base::corners>> nodes_of; ///< per cell block: the node blocks at + corner
-        std::vector<std::size_t> tile_of;                     ///< per cell block
+        Array<std::array<int, Base::corners>> nodes_of; ///< per cell block: the node blocks at + corner
+        std::vector<std::size_t> tile_of;               ///< per cell block
         std::array<Array<Number>, 2> of; ///< [channel][row][place] of each: of this step and of the next
         std::array<std::vector<std::uint64_t>, 2> touched; ///< per tile
 
@@ -105,7 +105,7 @@ class Grid : public GridShape<d, order, lanes>
         {
             return of[0].memory() + of[1].memory() +
                    (touched[0].capacity() + touched[1].capacity()) * sizeof(std::uint64_t) +
-                   tile_of.capacity() * sizeof(std::size_t) + nodes_of.capacity() * sizeof(nodes_of[0]);
+                   tile_of.capacity() * sizeof(std::size_t) + nodes_of.memory();
         }
     };
 

@@ -16,7 +16,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
-#include <vector>
 
 namespace firn::openmp
 {
@@ -128,8 +127,8 @@ public:
 private:
     std::size_t stride_ = 0;
     Array<Number> values_;
-    std::vector<Pack> packs_;
-    std::vector<std::uint32_t> cells_;
+    Array<Pack> packs_;
+    Array<std::uint32_t> cells_;
 };
 
 /// Some items side by side, whatever their cells, as a phase sees them. What it loads comes from where they
