@@ -191,7 +191,8 @@ Outcome splash()
 }
 } // namespace detail
 
-/// The scenes, on one backend. They cover models, kernels, transfers, dimensions and precisions pairwise.
+/// The scenes, on one backend: every model but heterogeneous ones, every kernel and every transfer at least
+/// once, in both dimensions and precisions, but not in all pairs.
 template <class Backend>
 std::vector<AgreementCase> agreement_cases()
 {

@@ -112,7 +112,10 @@ public:
         stride_ = (items + 2 * lanes - 1) / lanes * lanes; // whole packs may be written behind the last item
         values_.resize(static_cast<std::size_t>(channels) * stride_);
         if (packs_.size() < stride_ / lanes) packs_.resize(stride_ / lanes);
-        if (cells_.size() < stride_) cells_.resize(stride_);
+        if (cells_.size() < stride_) { // zeros: packs of them are read whole, too
+            cells_.resize(stride_, 0);
+            cells_.fill(0, stride_, 0);
+        }
     }
 
     Number* at(int channel, std::size_t item) { return &values_[channel * stride_ + item]; }
