@@ -38,8 +38,8 @@
 #define FIRN_UNROLL_ON_DEVICE
 #endif
 
-// For a function of the host that is called once per step at most, and whose long loops are elsewhere: to
-// compile it for its size takes a compiler less time. (With nvcc that time is the device's functions'.)
+// For a function of the host outside the loops of a step, called once in it at most: to compile it for its
+// size takes a compiler less time. (With nvcc that time is the device's functions'.)
 #if defined(__GNUC__) && !defined(__CUDACC__)
 #define FIRN_SELDOM [[gnu::cold]]
 #else
