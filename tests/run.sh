@@ -40,7 +40,7 @@ done
 if [ $preset = cuda ]; then
     PATH=$PATH:/usr/local/cuda/bin
     command -v nvcc >/dev/null || stop "the CUDA toolkit is not installed: there is no nvcc."
-    nvidia-smi -L 2>/dev/null | grep -q GPU || stop "this machine has no NVIDIA GPU, or no driver for it."
+    [[ $(nvidia-smi -L 2>/dev/null) == *GPU* ]] || stop "this machine has no NVIDIA GPU, or no driver for it."
     need_packages g++ cmake ninja-build libeigen3-dev libxsimd-dev catch2 libbenchmark-dev
 else
     need_packages g++ cmake ninja-build libeigen3-dev libxsimd-dev catch2 libcgal-dev libassimp-dev libcli11-dev \

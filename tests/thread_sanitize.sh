@@ -10,7 +10,7 @@ source examples/set_up.sh
 
 version=${CLANG_VERSION:-16}
 need_packages "clang-$version" "libclang-rt-$version-dev" "libomp-$version-dev" "llvm-$version" libeigen3-dev libxsimd-dev catch2
-archer=$(find "/usr/lib/llvm-$version/lib" -name libarcher.so | head -n 1)
+archer=$(find "/usr/lib/llvm-$version/lib" -name libarcher.so -print -quit)
 [ -n "$archer" ] || stop "libarcher.so of LLVM $version was not found."
 
 [ $# -gt 0 ] || set -- hard/load.cpp hard/races.cpp

@@ -23,9 +23,9 @@ awk '/Function properties for/ { name = $NF }
     sort -u >"$work/loops"
 [ -s "$work/loops" ] || { echo "the compiler said nothing about registers."; exit 1; }
 # All but loops of wider stencils, and what one thread concludes at the end of a step.
-hot() { grep -vE 'CubicBSpline|ConcludeStep' "$work/loops"; }
-hot | grep -q rearrange || { echo "the order of cells is not among what was compiled."; exit 1; }
-spilling=$(hot | awk '$1 > 0')
+grep -vE 'CubicBSpline|ConcludeStep' "$work/loops" >"$work/hot"
+grep -q rearrange "$work/hot" || { echo "the order of cells is not among what was compiled."; exit 1; }
+spilling=$(awk '$1 > 0' "$work/hot")
 [ -z "$spilling" ] || { echo "spilt bytes, registers and functions:"; echo "$spilling"; exit 1; }
 most=$(awk '$2 > most { most = $2 } END { print most }' "$work/loops")
 echo "$(awk '$2 > 0' "$work/loops" | wc -l) loops, at most $most registers; none but cubic ones' and the end of a step spills; no traps"
