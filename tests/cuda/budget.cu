@@ -10,7 +10,7 @@ template <class Model, class Kernel, class Transfer, class... Effects>
 void step(Effects const&... effects)
 {
     Solver<Cuda, Model, Kernel, Transfer> solver(lattice(0.1));
-    solver.add(std::vector<Vector<double, Model::Space::dimension>>(), 1e-4);
+    solver.template add<Material<0>>(std::vector<Vector<double, Model::Space::dimension>>(), 1e-4);
     solver.advance(0.1, effects...);
 }
 
@@ -39,4 +39,12 @@ void all()
     step<Snow<Solid>, QuadraticBSpline, Apic>(Gravity{}, floor, Obstacle<Box>{});
     step<Hencky<Solid>, QuadraticBSpline, Asflip>(Gravity{}, floor, Obstacle<Box>{});
     step<NeoHookean<Solid>, QuadraticBSpline, Asflip>(Obstacle<Shell<Box>>{}, Obstacle<Sphere>{});
+    step<VonMises<Space<2, float>>, QuadraticBSpline, Mls>(ReflectingWall{}, floor);
+    step<Materials<NeoHookean<Solid>, Fluid<Solid>>, QuadraticBSpline, Mls>(ReflectingWall{}, floor);
+    HeightField<float, 3> const hills({0, 0}, 1, {2, 2}, {0, 0, 0, 0});
+    auto const hills_there = hills.on(Cuda{});
+    step<NeoHookean<Solid>, QuadraticBSpline, Mls>(Obstacle{.shape = hills_there});
+    SignedDistanceGrid<float, 3> const solid({0, 0, 0}, 1, {2, 2, 2}, std::vector<float>(8, 1.f));
+    auto const solid_there = solid.on(Cuda{});
+    step<Snow<Solid>, QuadraticBSpline, Mls>(Obstacle{.shape = solid_there});
 }

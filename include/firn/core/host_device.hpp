@@ -38,6 +38,13 @@
 #define FIRN_UNROLL_ON_DEVICE
 #endif
 
+// Before a loop that is not to be unrolled on a device: all turns at once would need too many registers.
+#if defined(__CUDA_ARCH__)
+#define FIRN_ROLLED_ON_DEVICE _Pragma("unroll 1")
+#else
+#define FIRN_ROLLED_ON_DEVICE
+#endif
+
 // For a function of the host outside the loops of a step, called once in it at most: to compile it for its
 // size takes a compiler less time. (With nvcc that time is the device's functions'.)
 #if defined(__GNUC__) && !defined(__CUDACC__)

@@ -29,6 +29,13 @@ inline constexpr bool keeps_sides = requires
     requires Action::keeps_sides;
 };
 
+/// Whether an action is that of a shape that looks its surface up.
+template <class Action>
+inline constexpr bool looks_up = requires
+{
+    requires Action::looks_up;
+};
+
 /// Whether an action is that of a reflecting wall, which UpdateGrid takes care of.
 template <class Action>
 inline constexpr bool is_wall = requires
@@ -43,7 +50,7 @@ struct Chain;
 template <>
 struct Chain<>
 {
-    static constexpr int obstacles = 0, walls = 0, shells = 0;
+    static constexpr int obstacles = 0, walls = 0, shells = 0, lookups = 0;
     template <class Visit>
     FIRN_HOST_DEVICE void for_each(Visit const&) const
     {}
@@ -57,6 +64,7 @@ struct Chain<First, Rest...>
     static constexpr int obstacles = int(First::is_obstacle) + Chain<Rest...>::obstacles;
     static constexpr int walls = int(is_wall<First>) + Chain<Rest...>::walls;
     static constexpr int shells = int(keeps_sides<First>) + Chain<Rest...>::shells;
+    static constexpr int lookups = int(looks_up<First>) + Chain<Rest...>::lookups;
 
     template <class Visit>
     FIRN_HOST_DEVICE void for_each(Visit const& visit) const

@@ -201,8 +201,10 @@ private:
             for (int a = 0; a < d; ++a) where[a] += Real(to_node);
             Place<Real, d> const place{lattice, items.first(), where, kernel_reach(order)};
             Real const mass = portions.find(items, before.id).mass, dt(now->dt);
-            // Beside a velocity of the particle's own, or where it is more than the distance from one solid:
-            if constexpr (Effects::obstacles > 1 || Effects::shells > 0 || !Transfer::moves_with_grid) {
+            // Beside a velocity of the particle's own, or where it is more than the distance from one solid
+            // by a formula:
+            if constexpr (Effects::obstacles > 1 || Effects::shells > 0 || Effects::lookups > 0 ||
+                          !Transfer::moves_with_grid) {
                 Vector<Real, d> const moved = displacement; // copies: see there
                 Vector<Real, d> velocity = particle[Velocity{}];
                 displacement = moved + call_on_particles<Real, d>(now->actions, place, moved, items.here(),

@@ -55,7 +55,7 @@ struct HeightFieldView
     FIRN_HOST_DEVICE Real height(Vector<Real, d> const& x, Vector<Real, across>& slope) const
     {
         Real weight[across][4], change[across][4];
-        std::ptrdiff_t first[across];
+        int first[across];
         for (int i = 0; i < across; ++i) {
             Real const last = Real(count[i] - 1), u = (x[axis(i)] - origin[i]) / spacing;
             bool const within = u >= 0 && u <= last; // not so for what is not a number
@@ -70,12 +70,15 @@ struct HeightFieldView
         }
         Real sum = 0;
         slope.setZero();
+        FIRN_ROLLED_ON_DEVICE
         for (int k = 0; k < (across == 2 ? 4 : 1); ++k) {
             Real row = 0, row_change = 0;
-            std::ptrdiff_t const start =
-                across == 2 ? kept_within(first[across - 1] + k, across - 1) * count[0] : 0;
+            Real const* const samples =
+                across == 2
+                    ? values + std::ptrdiff_t(kept_within(first[across - 1] + k, across - 1)) * count[0]
+                    : values;
             for (int j = 0; j < 4; ++j) {
-                Real const value = values[start + kept_within(first[0] + j, 0)];
+                Real const value = samples[kept_within(first[0] + j, 0)];
                 row += weight[0][j] * value;
                 row_change += change[0][j] * value;
             }
@@ -91,7 +94,7 @@ private:
     FIRN_HOST_DEVICE static constexpr int axis(int i) { return 2 * i; } ///< of the world: x, then z
 
     /// A sample that exists: the weight of one that does not is 0.
-    FIRN_HOST_DEVICE std::ptrdiff_t kept_within(std::ptrdiff_t at, int i) const
+    FIRN_HOST_DEVICE int kept_within(int at, int i) const
     {
         return at < 0 ? 0 : (at < count[i] ? at : count[i] - 1);
     }

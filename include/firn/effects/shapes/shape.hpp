@@ -66,6 +66,13 @@ inline constexpr bool is_two_sided = requires
     requires ShapeType::is_two_sided;
 };
 
+/// Whether a shape looks its surface up among samples in memory: see SamplesOn.
+template <class ShapeType>
+inline constexpr bool is_sampled = requires(ShapeType const shape)
+{
+    shape.values;
+};
+
 /// What a shape answers to lanes of points; one that answers numbers only is asked lane by lane.
 template <Lane Real, int d, class ShapeType>
 FIRN_HOST_DEVICE SurfaceSample<Real, d> surface_of(ShapeType const& shape, Vector<Real, d> const& x)
