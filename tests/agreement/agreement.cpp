@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "blocks.hpp"
 #include "catch.hpp"
 #include "encounters.hpp"
 #include "support/meshes.hpp"
@@ -34,6 +35,11 @@ void check_agreement(std::vector<AgreementCase> const& here, std::vector<Agreeme
 TEST_CASE("a device takes a scene to where the processor takes it")
 {
     check_agreement(openmp_cases(), cuda_cases());
+}
+
+TEST_CASE("so it does with a block of each material that vibrates")
+{
+    check_agreement(openmp_blocks(), cuda_blocks());
 }
 
 TEST_CASE("so it does where bodies meet walls, shells, terrain, a body that they push, and one another")
