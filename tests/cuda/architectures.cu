@@ -5,9 +5,16 @@
 
 using namespace firn;
 
-void scene(std::vector<Eigen::Vector2d> const& points)
+void in_the_plane(std::vector<Eigen::Vector2d> const& points)
 {
     Solver<Cuda, NeoHookean<Space<2, float>>> solver(lattice(0.1));
     solver.add(points, 1e-4);
     solver.advance(0.1, Gravity{}, Obstacle<HalfSpace>{});
+}
+
+void in_space(std::vector<Eigen::Vector3d> const& points)
+{
+    Solver<Cuda, FixedCorotated<Space<3, double>>, CubicBSpline, Flip> solver(lattice(0.1));
+    solver.add(points, 1e-4);
+    solver.advance(0.1, Gravity{});
 }

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Whether one scene compiles, warnings being errors, for every kind of device since 7.5: architectures.sh NVCC SOURCE EIGEN.
+# Whether a scene in the plane and one in space compile, warnings being errors, for every kind of device since 7.5: architectures.sh NVCC SOURCE EIGEN.
 set -euo pipefail
 nvcc=$1 source=$2 eigen=$3
 work=$(mktemp -d)

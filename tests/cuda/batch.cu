@@ -143,30 +143,47 @@ TEST_CASE("so are equal steps, of which half of the particles leave their cells 
     CHECK((run(true) == run(false)));
 }
 
+namespace
+{
+
+/// What 25 steps of crumbs come to, taken that many at a time. Each lies in a cell and a block of its own; of
+/// every second one that flies a fourth comes to a new block every seven steps.
+auto crumbs(int count, std::size_t batch)
+{
+    Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver solver(lattice(0.05), {}, {}, {},
+                                                                        Cuda{.batch = batch});
+    int const row = 12 * int(std::ceil(std::sqrt(count / 120.0)));
+    std::vector<Vector<double, 3>> resting, flying;
+    for (int k = 0; k < count; ++k) {
+        Vector<double, 3> const low(0.4 * (k % row) + 0.05 * (k / 2 % 4) + 0.027, 0.4 * (k / row) + 0.077,
+                                    0.077);
+        auto const crumb =
+            scattered<3>(box_of_points<3>(low, low + Vector<double, 3>::Constant(0.05), 0.05, 3), 0.002);
+        auto& points = k % 2 == 0 ? resting : flying;
+        points.insert(points.end(), crumb.begin(), crumb.end());
+    }
+    solver.add(resting, 1e-6);
+    solver.add(flying, 1e-6, {35, 0.3, 0.1});
+    std::vector<decltype(told(StepReport{}))> all;
+    for (auto const& report : solver.steps(25, 2e-4, Gravity{})) all.push_back(told(report));
+    return std::tuple{all, state(solver)};
+}
+
+} // namespace
+
 TEST_CASE("so are those on whose way more blocks than eight teams take are born and forgotten")
 {
-    using Solver = Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver;
-    auto const run = [](std::size_t batch) {
-        Solver solver(lattice(0.05), {}, {}, {}, Cuda{.batch = batch});
-        // 120 crumbs, each in a cell and a block of its own; eight teams take 128 blocks or less, four take
-        // more
-        std::vector<Vector<double, 3>> resting, flying;
-        for (int k = 0; k < 120; ++k) {
-            Vector<double, 3> const low(0.4 * (k % 12) + 0.05 * (k / 2 % 4) + 0.027, 0.4 * (k / 12) + 0.077,
-                                        0.077);
-            auto const crumb =
-                scattered<3>(box_of_points<3>(low, low + Vector<double, 3>::Constant(0.05), 0.05, 3), 0.002);
-            auto& points = k % 2 == 0 ? resting : flying;
-            points.insert(points.end(), crumb.begin(), crumb.end());
-        }
-        solver.add(resting, 1e-6);
-        solver.add(flying, 1e-6, {35, 0.3, 0.1}); // every seven steps a fourth of them comes to a new block
-        std::vector<decltype(told(StepReport{}))> all;
-        for (auto const& report : solver.steps(25, 2e-4, Gravity{})) all.push_back(told(report));
-        return std::tuple{all, state(solver)};
-    };
-    auto const one_by_one = run(1);
-    for (std::size_t batch : {5, 64}) CHECK((run(batch) == one_by_one));
+    int const count = 120; // eight teams take 128 blocks or less, four take more
+    auto const one_by_one = crumbs(count, 1);
+    for (std::size_t batch : {5, 64}) CHECK((crumbs(count, batch) == one_by_one));
+}
+
+TEST_CASE("so are those of so many blocks that no group follows a step before it ends, and some take several",
+          "[many_blocks]")
+{
+    int const count = 4500;
+    auto const one_by_one = crumbs(count, 1);
+    for (std::size_t batch : {5, 64}) CHECK((crumbs(count, batch) == one_by_one));
 }
 
 TEST_CASE(
