@@ -39,7 +39,8 @@ TEST_CASE("a device takes a scene to where the processor takes it")
 
 TEST_CASE("so it does with a block of each material that vibrates")
 {
-    check_agreement(openmp_blocks(), cuda_blocks());
+    check_agreement(openmp_blocks_in_space(), cuda_blocks_in_space());
+    check_agreement(openmp_blocks_in_the_plane(), cuda_blocks_in_the_plane());
 }
 
 TEST_CASE("so it does where bodies meet walls, shells, terrain, a body that they push, and one another")

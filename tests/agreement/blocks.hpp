@@ -91,9 +91,10 @@ Outcome go_on(std::string const& path)
 } // namespace detail
 
 /// The scenes, on one backend: every model, every kernel and every transfer at least once in three dimensions
-/// in float (snow in splash()), and in double in two or three; not in all pairs.
+/// in float, and in double in two or three; not in all pairs. (In space in float snow is in splash(), and the
+/// tent, which goes wrong at free surfaces, in standing_waves().)
 template <class Backend>
-std::vector<AgreementCase> block_cases()
+std::vector<AgreementCase> block_cases_in_space()
 {
     using namespace detail;
     std::vector<AgreementCase> cases{
@@ -102,10 +103,6 @@ std::vector<AgreementCase> block_cases()
 #if !defined(FIRN_TESTS_FEW_COMBINATIONS)
     cases.insert(cases.end(),
                  {
-                     {"block, 2D double, snow, cubic, FLIP",
-                      vibrating_block<Scene<Snow<Plane>, CubicBSpline, Flip, Backend>>},
-                     {"block, 2D float, neo-Hookean, quadratic, PIC",
-                      vibrating_block<Scene<NeoHookean<PlaneFloat>, QuadraticBSpline, Pic, Backend>>},
                      {"block, 3D double, snow, quadratic, APIC",
                       vibrating_block<Scene<Snow<Solid>, QuadraticBSpline, Apic, Backend>>},
                      {"block, 3D float, fixed corotated, cubic, MLS",
@@ -114,26 +111,10 @@ std::vector<AgreementCase> block_cases()
                       vibrating_block<Scene<FixedCorotated<SolidFloat>, QuadraticBSpline, Flip, Backend>>},
                      {"block, 3D double, von Mises, quadratic, MLS",
                       vibrating_block<Scene<VonMises<Solid>, QuadraticBSpline, Mls, Backend>>},
-                     {"block, 2D double, sand, quadratic, TPIC",
-                      vibrating_block<Scene<Sand<Plane>, QuadraticBSpline, Tpic, Backend>>},
-                     {"block, 2D double, Cam-Clay, quadratic, MLS",
-                      vibrating_block<Scene<CamClay<Plane>, QuadraticBSpline, Mls, Backend>>},
-                     {"block, 2D double, Herschel-Bulkley, quadratic, ASFLIP",
-                      vibrating_block<Scene<HerschelBulkley<Plane>, QuadraticBSpline, Asflip, Backend>>},
-                     {"block, 2D double, neo-Hookean, cubic, XPIC",
-                      vibrating_block<Scene<NeoHookean<Plane>, CubicBSpline, Xpic, Backend>>},
-                     {"block, 2D double, neo-Hookean, linear, FLIP",
-                      vibrating_block<Scene<NeoHookean<Plane>, Linear, Flip, Backend>>},
-                     {"block, 2D float, Hencky, cubic, MLS",
-                      vibrating_block<Scene<Hencky<PlaneFloat>, CubicBSpline, Mls, Backend>>},
                      {"block, 3D double, Hencky, quadratic, TPIC",
                       vibrating_block<Scene<Hencky<Solid>, QuadraticBSpline, Tpic, Backend>>},
-                     {"block, 2D double, split neo-Hookean, quadratic, APIC",
-                      vibrating_block<Scene<SplitNeoHookean<Plane>, QuadraticBSpline, Apic, Backend>>},
                      {"block, 3D float, split neo-Hookean, quadratic, ASFLIP",
                       vibrating_block<Scene<SplitNeoHookean<SolidFloat>, QuadraticBSpline, Asflip, Backend>>},
-                     {"block, 2D double, hardening von Mises, cubic, MLS",
-                      vibrating_block<Scene<HardeningVonMises<Plane>, CubicBSpline, Mls, Backend>>},
                      {"block, 3D float, hardening von Mises, quadratic, FLIP",
                       vibrating_block<Scene<HardeningVonMises<SolidFloat>, QuadraticBSpline, Flip, Backend>>},
                      {"block, 3D float, fluid, quadratic, MLS",
@@ -150,11 +131,41 @@ std::vector<AgreementCase> block_cases()
                       vibrating_block<Scene<Hencky<SolidFloat>, QuadraticBSpline, Tpic, Backend>>},
                      {"block, 3D float, von Mises, quadratic, APIC",
                       vibrating_block<Scene<VonMises<SolidFloat>, QuadraticBSpline, Apic, Backend>>},
-                     {"block, 3D float, neo-Hookean, linear, FLIP",
-                      vibrating_block<Scene<NeoHookean<SolidFloat>, Linear, Flip, Backend>>},
                  });
 #endif
     return cases;
+}
+
+template <class Backend>
+std::vector<AgreementCase> block_cases_in_the_plane()
+{
+    using namespace detail;
+#if defined(FIRN_TESTS_FEW_COMBINATIONS)
+    return {};
+#else
+    return {
+        {"block, 2D double, snow, cubic, FLIP",
+         vibrating_block<Scene<Snow<Plane>, CubicBSpline, Flip, Backend>>},
+        {"block, 2D float, neo-Hookean, quadratic, PIC",
+         vibrating_block<Scene<NeoHookean<PlaneFloat>, QuadraticBSpline, Pic, Backend>>},
+        {"block, 2D double, sand, quadratic, TPIC",
+         vibrating_block<Scene<Sand<Plane>, QuadraticBSpline, Tpic, Backend>>},
+        {"block, 2D double, Cam-Clay, quadratic, MLS",
+         vibrating_block<Scene<CamClay<Plane>, QuadraticBSpline, Mls, Backend>>},
+        {"block, 2D double, Herschel-Bulkley, quadratic, ASFLIP",
+         vibrating_block<Scene<HerschelBulkley<Plane>, QuadraticBSpline, Asflip, Backend>>},
+        {"block, 2D double, neo-Hookean, cubic, XPIC",
+         vibrating_block<Scene<NeoHookean<Plane>, CubicBSpline, Xpic, Backend>>},
+        {"block, 2D double, neo-Hookean, linear, FLIP",
+         vibrating_block<Scene<NeoHookean<Plane>, Linear, Flip, Backend>>},
+        {"block, 2D float, Hencky, cubic, MLS",
+         vibrating_block<Scene<Hencky<PlaneFloat>, CubicBSpline, Mls, Backend>>},
+        {"block, 2D double, split neo-Hookean, quadratic, APIC",
+         vibrating_block<Scene<SplitNeoHookean<Plane>, QuadraticBSpline, Apic, Backend>>},
+        {"block, 2D double, hardening von Mises, cubic, MLS",
+         vibrating_block<Scene<HardeningVonMises<Plane>, CubicBSpline, Mls, Backend>>},
+    };
+#endif
 }
 
 /// Scenes of which a file is written half way, on one backend.
@@ -175,8 +186,10 @@ std::vector<RestartCase> restart_cases()
     return cases;
 }
 
-std::vector<AgreementCase> openmp_blocks(); ///< openmp_blocks.cpp
-std::vector<AgreementCase> cuda_blocks();   ///< cuda_blocks.cu
+std::vector<AgreementCase> openmp_blocks_in_space(); ///< openmp_blocks.cpp
+std::vector<AgreementCase> openmp_blocks_in_the_plane();
+std::vector<AgreementCase> cuda_blocks_in_space();     ///< cuda_blocks_in_space.cu
+std::vector<AgreementCase> cuda_blocks_in_the_plane(); ///< cuda_blocks.cu
 std::vector<RestartCase> openmp_restarts();
 std::vector<RestartCase> cuda_restarts();
 

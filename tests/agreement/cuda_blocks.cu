@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "blocks.hpp"
 
-std::vector<firn::test::AgreementCase> firn::test::cuda_blocks() { return block_cases<Cuda>(); }
-std::vector<firn::test::RestartCase> firn::test::cuda_restarts() { return restart_cases<Cuda>(); }
+using namespace firn::test;
+
+std::vector<AgreementCase> firn::test::cuda_blocks_in_the_plane() { return block_cases_in_the_plane<Cuda>(); }
+std::vector<RestartCase> firn::test::cuda_restarts() { return restart_cases<Cuda>(); }

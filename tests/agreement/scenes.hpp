@@ -145,6 +145,8 @@ std::vector<AgreementCase> agreement_cases()
                       standing_waves<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls, Backend>>},
                      {"standing waves, 3D double, neo-Hookean, cubic, APIC",
                       standing_waves<Scene<NeoHookean<Solid>, CubicBSpline, Apic, Backend>>},
+                     {"standing waves, 3D float, neo-Hookean, linear, FLIP",
+                      standing_waves<Scene<NeoHookean<SolidFloat>, Linear, Flip, Backend>>},
                      {"splash, 3D float, snow, quadratic, MLS",
                       splash<Scene<Snow<SolidFloat>, QuadraticBSpline, Mls, Backend>>},
                  });

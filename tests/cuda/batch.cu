@@ -181,7 +181,7 @@ TEST_CASE("so are those on whose way more blocks than eight teams take are born 
 TEST_CASE("so are those of so many blocks that no group follows a step before it ends, and some take several",
           "[many_blocks]")
 {
-    int const count = 4500;
+    int const count = 1500;
     auto const one_by_one = crumbs(count, 1);
     for (std::size_t batch : {5, 64}) CHECK((crumbs(count, batch) == one_by_one));
 }
