@@ -90,9 +90,11 @@ Outcome go_on(std::string const& path)
 }
 } // namespace detail
 
-/// The scenes, on one backend: every model, every kernel and every transfer at least once in three dimensions
-/// in float, and in double in two or three; not in all pairs. (In space in float snow is in splash(), and the
-/// tent, which goes wrong at free surfaces, in standing_waves().)
+// The two lists: every model, every kernel and every transfer at least once in space in float, and in double
+// in the plane or in space; not in all pairs. (In space in float snow is in splash(), and the tent, which
+// goes wrong at free surfaces, in standing_waves().)
+
+/// The scenes in space, on one backend.
 template <class Backend>
 std::vector<AgreementCase> block_cases_in_space()
 {
@@ -136,6 +138,7 @@ std::vector<AgreementCase> block_cases_in_space()
     return cases;
 }
 
+/// The scenes in the plane, on one backend.
 template <class Backend>
 std::vector<AgreementCase> block_cases_in_the_plane()
 {
@@ -164,6 +167,10 @@ std::vector<AgreementCase> block_cases_in_the_plane()
          vibrating_block<Scene<SplitNeoHookean<Plane>, QuadraticBSpline, Apic, Backend>>},
         {"block, 2D double, hardening von Mises, cubic, MLS",
          vibrating_block<Scene<HardeningVonMises<Plane>, CubicBSpline, Mls, Backend>>},
+        {"block, 2D double, fluid, quadratic, APIC",
+         vibrating_block<Scene<Fluid<Plane>, QuadraticBSpline, Apic, Backend>>},
+        {"block, 2D double, heterogeneous neo-Hookean, cubic, FLIP",
+         vibrating_block<Scene<Heterogeneous<NeoHookean<Plane>>, CubicBSpline, Flip, Backend>>},
     };
 #endif
 }
@@ -189,7 +196,7 @@ std::vector<RestartCase> restart_cases()
 std::vector<AgreementCase> openmp_blocks_in_space(); ///< openmp_blocks.cpp
 std::vector<AgreementCase> openmp_blocks_in_the_plane();
 std::vector<AgreementCase> cuda_blocks_in_space();     ///< cuda_blocks_in_space.cu
-std::vector<AgreementCase> cuda_blocks_in_the_plane(); ///< cuda_blocks.cu
+std::vector<AgreementCase> cuda_blocks_in_the_plane(); ///< cuda_blocks_in_the_plane.cu
 std::vector<RestartCase> openmp_restarts();
 std::vector<RestartCase> cuda_restarts();
 

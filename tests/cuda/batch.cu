@@ -146,8 +146,8 @@ TEST_CASE("so are equal steps, of which half of the particles leave their cells 
 namespace
 {
 
-/// What 25 steps of crumbs come to, taken that many at a time. Each lies in a cell and a block of its own; of
-/// every second one that flies a fourth comes to a new block every seven steps.
+/// What 25 steps of crumbs come to, taken that many at a time. Each lies in a cell and a block of its own;
+/// every second one flies, and every seven steps a fourth of those comes to a new block.
 auto crumbs(int count, std::size_t batch)
 {
     Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver solver(lattice(0.05), {}, {}, {},
@@ -181,7 +181,7 @@ TEST_CASE("so are those on whose way more blocks than eight teams take are born 
 TEST_CASE("so are those of so many blocks that no group follows a step before it ends, and some take several",
           "[many_blocks]")
 {
-    int const count = 1500;
+    int const count = 4500;
     auto const one_by_one = crumbs(count, 1);
     for (std::size_t batch : {5, 64}) CHECK((crumbs(count, batch) == one_by_one));
 }

@@ -39,6 +39,7 @@ void all()
     step<Snow<Solid>, QuadraticBSpline, Apic>(Gravity{}, floor, Obstacle<Box>{});
     step<Hencky<Solid>, QuadraticBSpline, Asflip>(Gravity{}, floor, Obstacle<Box>{});
     step<NeoHookean<Solid>, QuadraticBSpline, Asflip>(Obstacle<Shell<Box>>{}, Obstacle<Sphere>{});
+    // walls, two materials, and shapes that look their surface up
     step<VonMises<Space<2, float>>, QuadraticBSpline, Mls>(ReflectingWall{}, floor);
     step<Materials<NeoHookean<Solid>, Fluid<Solid>>, QuadraticBSpline, Mls>(ReflectingWall{}, floor);
     HeightField<float, 3> const hills({0, 0}, 1, {2, 2}, {0, 0, 0, 0});
@@ -47,4 +48,6 @@ void all()
     SignedDistanceGrid<float, 3> const solid({0, 0, 0}, 1, {2, 2, 2}, std::vector<float>(8, 1.f));
     auto const solid_there = solid.on(Cuda{});
     step<Snow<Solid>, QuadraticBSpline, Mls>(Obstacle{.shape = solid_there});
+    step<Snow<Solid>, QuadraticBSpline, Flip>(Obstacle{.shape = solid_there});
+    step<Hencky<Solid>, QuadraticBSpline, Asflip>(Gravity{}, Obstacle{.shape = hills_there});
 }

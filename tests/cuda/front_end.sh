@@ -11,7 +11,7 @@ unit=$scratch/$(basename "${file%.*}").cu
 echo "#include \"$file\"" >"$unit"
 # what nvcc would do, as far as its front end: of the commands that it prints the first one and the next
 commands=$(cd "$scratch" && "$nvcc" "$@" -std=c++20 --keep --dryrun -gencode arch=compute_90,code=compute_90 -c "$unit" 2>&1 |
-    sed -n 's/^#\$ \(\(gcc\|g++\|cudafe++\) .*\)/\1/p' | head -2)
+    sed -n 's/^#\$ \(\(gcc\|g++\|cudafe++\) .*\)/\1/p' | sed -n 1,2p)
 [[ $commands == *cudafe++* ]] || { echo "nvcc --dryrun did not say how it calls its front end:" >&2; echo "$commands" >&2; exit 1; }
 cd "$scratch"
 PATH=$(dirname "$(readlink -f "$(command -v "$nvcc")")"):$PATH

@@ -308,10 +308,6 @@ void check_largest_eigenvalues(decltype(&largest_eigenvalues_by<double, d>) larg
     }
 }
 
-/// One type of lanes of each precision: more take the compiler long.
-using WidestLanes =
-    std::tuple<std::tuple_element_t<0, test::LaneTypes>, std::tuple_element_t<1, test::LaneTypes>>;
-
 } // namespace
 
 TEMPLATE_LIST_TEST_CASE("Strains are exact to the rounding of the displacement gradient, however small", "",
@@ -339,13 +335,13 @@ TEMPLATE_LIST_TEST_CASE("No lane's axes depend on what is in the others, be it n
 
 TEMPLATE_LIST_TEST_CASE(
     "No lane's stretch depends on what is in the others, near rest or far, be it finite or not", "",
-    WidestLanes)
+    test::LaneTypes)
 {
     check_stretches_alone(stretches_by<TestType, 3>, lane_width<TestType>);
 }
 
 TEMPLATE_LIST_TEST_CASE("The largest eigenvalue is found, or half a percent more of the deviator", "",
-                        WidestLanes)
+                        test::LaneTypes)
 {
     check_largest_eigenvalues<2>(largest_eigenvalues_by<TestType, 2>, is_single<TestType>);
     check_largest_eigenvalues<3>(largest_eigenvalues_by<TestType, 3>, is_single<TestType>);
@@ -358,7 +354,8 @@ TEMPLATE_LIST_TEST_CASE("Nothing is stretched at rest, and nothing finite comes 
 }
 
 TEMPLATE_LIST_TEST_CASE(
-    "The left stretch is that of the singular values, at any size, and squared it is F F^T", "", WidestLanes)
+    "The left stretch is that of the singular values, at any size, and squared it is F F^T", "",
+    test::LaneTypes)
 {
     check_stretches<2>(stretches_by<TestType, 2>, is_single<TestType>);
     check_stretches<3>(stretches_by<TestType, 3>, is_single<TestType>);

@@ -109,6 +109,10 @@ TEST_CASE("cell sizes, moduli and densities that make no sense are refused")
         refused([=] { SnowBall(lattice(0.1), {}, {}, {}, OpenMP{.threads = threads}); });
         refused([=] { OpenMP{.threads = threads}.for_each(8, [](std::size_t) {}); }); // as samplers do
     }
+    int const usual = omp_get_max_threads();
+    omp_set_num_threads(100000); // as OMP_NUM_THREADS does
+    CHECK(OpenMP{}.thread_count() == OpenMP::most_threads);
+    omp_set_num_threads(usual);
 #endif
 }
 

@@ -12,6 +12,7 @@
 #include <firn/openmp/lanes.hpp>
 #include <firn/openmp/loops.hpp>
 
+#include <algorithm>
 #include <array>
 #include <atomic>
 #include <string>
@@ -28,7 +29,8 @@ namespace firn
 template <class Lanes = openmp::NativeLanes>
 struct BasicOpenMP
 {
-    int threads = 0; ///< 0: as many as OpenMP would use
+    int threads = 0; ///< 0: as many as OpenMP would use, 1024 at most
+    static constexpr int most_threads = 1024;
     static constexpr bool reaches_host_memory = true;
     static constexpr bool queues = false; ///< loops are through when they return
 
@@ -47,8 +49,8 @@ struct BasicOpenMP
     void validate() const
     {
         // OpenMP ends the process where the system gives it fewer threads than it asks for
-        require(threads >= 0 && threads <= 1024, "the number of threads is outside [0, 1024]", "OpenMP",
-                "Pass the number of threads, or 0 for all cores.");
+        require(threads >= 0 && threads <= most_threads, "the number of threads is outside [0, 1024]",
+                "OpenMP", "Pass the number of threads, or 0 for all cores.");
     }
 
     /// How many steps are worth while to queue before the host listens: it need not wait.
@@ -61,7 +63,7 @@ struct BasicOpenMP
     int thread_count() const
     {
         validate(); // who has no solver, too
-        return threads > 0 ? threads : omp_get_max_threads();
+        return threads > 0 ? threads : std::min(omp_get_max_threads(), most_threads);
     }
 
     /// Calls `body(i)` once for every i in [0, count), in any order and at the same time.

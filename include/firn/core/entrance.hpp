@@ -106,12 +106,15 @@ private:
         if (state_ == State::moved_away)
             throw Error{"this object was moved to another", where,
                         "Call that one, or assign another to this one first."};
-        throw Error{"a call before broke off in the middle: " +
-                        (why_ ? why_->what_is_wrong() : std::string("there was no memory left")),
-                    where,
-                    (why_ ? why_->remedy() : std::string("Free memory, or take fewer particles.")) +
-                        " This object has no state to go on from: make a new one, from a snapshot or a "
-                        "checkpoint if there is one."};
+        throw Error{
+            "a call before broke off in the middle: " +
+                (why_ ? why_->what_is_wrong()
+                      : std::string("there was no memory left, or what it was given threw an exception")),
+            where,
+            (why_ ? why_->remedy()
+                  : std::string("Free memory, or look into shapes, effects and models of your own.")) +
+                " This object has no state to go on from: make a new one, from a snapshot or a "
+                "checkpoint if there is one."};
     }
 
     mutable Count inside_{0};

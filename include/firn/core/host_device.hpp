@@ -38,7 +38,8 @@
 #define FIRN_UNROLL_ON_DEVICE
 #endif
 
-// Before a loop that is not to be unrolled on a device: all turns at once would need too many registers.
+// Before a loop that is not to be unrolled on a device, where all turns at once would need too many
+// registers: few need it, and arrays that its turns index may lie in memory.
 #if defined(__CUDA_ARCH__)
 #define FIRN_ROLLED_ON_DEVICE _Pragma("unroll 1")
 #else

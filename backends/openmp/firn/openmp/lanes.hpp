@@ -373,7 +373,13 @@ struct Pack
     friend Pack operator+(Pack a, Pack b) { return Pack(a.value + b.value); }
     friend Pack operator-(Pack a, Pack b) { return Pack(a.value - b.value); }
     friend Pack operator*(Pack a, Pack b) { return Pack(a.value * b.value); }
-    friend Pack operator/(Pack a, Pack b) { return Pack(a.value / b.value); }
+    friend Pack operator/(Pack a, Pack b)
+    {
+#if defined(__aarch64__) // xsimd 8.1 multiplies by an estimate of the reciprocal
+        if constexpr (sizeof(Number) == 4) return Pack(Batch(vdivq_f32(a.value.data, b.value.data)));
+#endif
+        return Pack(a.value / b.value);
+    }
     friend Pack operator+(Pack a) { return a; }
 
     // Flips the sign bit: xsimd 8.1 has 0 - a for AVX-512, which loses the sign of zero.
@@ -391,12 +397,24 @@ struct Pack
         return Pack(xsimd::select(condition.value, if_true.value, if_false.value));
     }
 
-    // The order of the arguments makes NaN and signed zeros come out as in the scalar lane.
+    // NaN and signed zeros come out as in the scalar lane: with x86 by the order of the arguments, while NEON
+    // has a rule of its own.
+#if defined(__ARM_NEON)
+    friend Pack min(Pack a, Pack b) { return select(b < a, b, a); }
+    friend Pack max(Pack a, Pack b) { return select(a < b, b, a); }
+#else
     friend Pack min(Pack a, Pack b) { return Pack(xsimd::min(b.value, a.value)); }
     friend Pack max(Pack a, Pack b) { return Pack(xsimd::max(b.value, a.value)); }
+#endif
 
     friend Pack abs(Pack a) { return Pack(xsimd::abs(a.value)); }
-    friend Pack sqrt(Pack a) { return Pack(xsimd::sqrt(a.value)); }
+    friend Pack sqrt(Pack a)
+    {
+#if defined(__aarch64__) // nor is its root more than an estimate, refined
+        if constexpr (sizeof(Number) == 4) return Pack(Batch(vsqrtq_f32(a.value.data)));
+#endif
+        return Pack(xsimd::sqrt(a.value));
+    }
     friend Pack floor(Pack a) { return Pack(xsimd::floor(a.value)); }
 
     /// To 2 ulp; results below the smallest normal number are 0, those within a factor 1.5 of the largest, ∞.

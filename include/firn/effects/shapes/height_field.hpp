@@ -24,6 +24,7 @@ template <std::floating_point Real, int d>
 struct HeightFieldView
 {
     static constexpr int across = d - 1; ///< axes of the ground: x, or x and z
+    static constexpr bool is_sampled = true;
 
     std::array<Real, across> origin; ///< the first sample's place on the ground [m]
     Real spacing;                    ///< of the samples [m]

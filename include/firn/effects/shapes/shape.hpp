@@ -66,11 +66,12 @@ inline constexpr bool is_two_sided = requires
     requires ShapeType::is_two_sided;
 };
 
-/// Whether a shape looks its surface up among samples in memory: see SamplesOn.
+/// Whether a shape says that it looks its surface up among samples in memory, which takes a device many
+/// registers.
 template <class ShapeType>
-inline constexpr bool is_sampled = requires(ShapeType const shape)
+inline constexpr bool is_sampled = requires
 {
-    shape.values;
+    requires ShapeType::is_sampled;
 };
 
 /// What a shape answers to lanes of points; one that answers numbers only is asked lane by lane.

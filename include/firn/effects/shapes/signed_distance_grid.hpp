@@ -23,6 +23,8 @@ namespace firn
 template <std::floating_point Real, int d>
 struct SignedDistanceGridView
 {
+    static constexpr bool is_sampled = true;
+
     Vector<Real, d> origin;        ///< the first node [m]
     Real cell_size;                ///< [m]
     Eigen::Array<int, d, 1> nodes; ///< along each axis
