@@ -101,17 +101,6 @@ TEST_CASE("a splash of 100 000 particles gives the same bits with any number of 
         CHECK((run(threads) == one)); // not to be printed
 }
 
-#if defined(FIRN_HAS_XSIMD)
-/// Packs of 16 bytes, which every processor that has packs has.
-struct NarrowLanes
-{
-    template <class Number>
-    using Lane = openmp::PackOf<Number, 16 / sizeof(Number)>;
-};
-#else
-using NarrowLanes = openmp::ScalarLanes;
-#endif
-
 TEST_CASE("packs of lanes, of another width, too, take a scene to the same place as one lane at a time")
 {
     auto const end = [](auto lanes) {
@@ -129,7 +118,9 @@ TEST_CASE("packs of lanes, of another width, too, take a scene to the same place
         CHECK(worst <= 1e-12);
     };
     check(openmp::NativeLanes{});
-    check(NarrowLanes{});
+#if defined(FIRN_HAS_XSIMD)
+    check(PacksOf<16>{});
+#endif
 }
 
 TEST_CASE(

@@ -133,10 +133,9 @@ struct DriveElements
 template <class Number, int d, class Kept>
 std::vector<Response<Number, d>>
 drive_elements(void const* model, void (*launch)(void const*, std::size_t, Drives<Number> const&),
-               std::vector<Record<Number, d, Kept>>& states,
+               std::size_t width, std::vector<Record<Number, d, Kept>>& states,
                std::vector<std::vector<Matrix<double, d>>> const& path, double dt, int times)
 {
-    constexpr std::size_t width = lane_width<TestedLane<Number>>;
     std::size_t const groups = (states.size() + width - 1) / width, stride = groups * width;
     std::vector<Number> kept(stride * Kept::components(d)), rates(stride * d * d * path.size()),
         told(stride * (d * d + 3));
@@ -179,8 +178,8 @@ drive_elements(void const* model, void (*launch)(void const*, std::size_t, Drive
 } // namespace detail
 
 /// Particles of a model that are driven by their deformation and asked in double, whatever the precision of
-/// the model: on the tested backend, as many at a time as its lanes hold.
-template <class Model>
+/// the model: on the tested backend, as many at a time as its lanes hold, or lanes of another type.
+template <class Model, class LaneType = TestedLane<typename Model::Space::Real>>
 struct OneElement
 {
     using Space = typename Model::Space;
@@ -197,10 +196,11 @@ struct OneElement
                               double dt, int times = 1) const
     {
         auto const launch = [](void const* of, std::size_t groups, detail::Drives<Number> const& drives) {
-            using Drive = detail::DriveElements<Model, TestedLane<Number>>;
+            using Drive = detail::DriveElements<Model, LaneType>;
             TestedBackend{}.for_each(groups, Drive{*static_cast<Model const*>(of), drives});
         };
-        return detail::drive_elements<Number, d>(&model, +launch, states, path, dt, times);
+        return detail::drive_elements<Number, d>(&model, +launch, lane_width<LaneType>, states, path, dt,
+                                                 times);
     }
 
     /// The answers of particles to deformation gradients reached in one step from where they are.
@@ -310,5 +310,6 @@ template <class Space>
 using SolidsIn = Concatenated<ElasticSolids<Space>, YieldingSolids<Space>>;
 template <class Space>
 using MaterialsIn = Concatenated<SolidsIn<Space>, std::tuple<Fluid<Space>>>;
+using AllMaterials = Tested<MaterialsIn<Plane>, MaterialsIn<Solid>>;
 
 } // namespace firn::test

@@ -31,6 +31,17 @@ using TestedBackend = OpenMP;
 template <class Number, class Backend = TestedBackend>
 using TestedLane = typename Backend::template Lane<Number>;
 
+#if defined(FIRN_HAS_XSIMD)
+/// Lanes that are packs of so many bytes: 16, which every processor that has packs has, or more where the
+/// compile flags allow.
+template <int bytes>
+struct PacksOf
+{
+    template <class Number>
+    using Lane = openmp::PackOf<Number, bytes / int(sizeof(Number))>;
+};
+#endif
+
 /// A combination of policies, to be listed in TEMPLATE_TEST_CASE.
 template <class ModelType, class KernelType, class TransferType, class BackendType = TestedBackend>
 struct Scene
