@@ -50,7 +50,7 @@ struct BasicOpenMP
     {
         // OpenMP ends the process where the system gives it fewer threads than it asks for
         require(threads >= 0 && threads <= most_threads, "the number of threads is outside [0, 1024]",
-                "OpenMP", "Pass the number of threads, or 0 for all cores.");
+                "OpenMP", "Pass the number of cores or less, or 0 for as many as OpenMP would use.");
     }
 
     /// How many steps are worth while to queue before the host listens: it need not wait.
@@ -142,7 +142,7 @@ inline std::string openmp_info()
 {
     std::string const lanes = std::to_string(lane_width<openmp::NativeLane<float>>) + " float or " +
                               std::to_string(lane_width<openmp::NativeLane<double>>) + " double lanes";
-    return "OpenMP, " + std::to_string(omp_get_max_threads()) + " threads, " + lanes +
+    return "OpenMP, " + std::to_string(OpenMP{}.thread_count()) + " threads, " + lanes +
            (lane_width<openmp::NativeLane<float>> == 1
                 ? " (install xsimd and compile for your processor for more)"
                 : "");

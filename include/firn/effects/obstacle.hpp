@@ -181,6 +181,8 @@ struct Obstacle<ShapeType>::Action
             auto const here = from_side<Real>(touched.arm, start<Real>(place, travelled));
             touched.inside = !(here.distance > Real(0));
             touched.velocity = v;
+            touched.depth = touched.surface_speed2 = Real(0);
+            touched.normal = touched.surface = Vector<Real, d>::Zero(); // or compilers warn
             if (!any(touched.inside)) return touched;
 
             Vector<Real, d> const surface = surface_velocity<Real>(touched.arm);

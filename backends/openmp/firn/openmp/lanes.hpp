@@ -867,7 +867,8 @@ using WithoutShortIntegers =
 template <class Number, int width, class Architectures>
 struct ArchOfWidth
 {
-    static_assert(width < 0, "these compile flags give no pack of this width");
+    static_assert(width < 0, "these compile flags give no pack of this width: 8 floats or 4 doubles need "
+                             "AVX, twice as many AVX-512");
 };
 
 template <class Number, int width, class First, class... Others>
