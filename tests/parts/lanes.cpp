@@ -3,10 +3,14 @@
 #include "support/test_lane.hpp"
 
 #include <firn/openmp/lanes.hpp>
+#include <firn/openmp/offset_lane.hpp>
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
+#include <cstring>
 #include <limits>
+#include <numeric>
 #include <random>
 #include <tuple>
 #include <type_traits>
@@ -297,6 +301,54 @@ TEMPLATE_LIST_TEST_CASE("The first numbers alone are loaded and stored", "", Pac
     }
 }
 
+TEMPLATE_LIST_TEST_CASE("Of the first integers the last is there once more in each lane beyond", "", Packs)
+{
+    constexpr int width = TestType::width;
+    for (int count = 1; count <= width; ++count) {
+        std::vector<std::uint32_t> from(static_cast<std::size_t>(count)); // no more: see above
+        std::iota(from.begin(), from.end(), 7u);
+        std::uint32_t to[width];
+        openmp::copy_first(from.data(), count, to);
+        for (int l = 0; l < width; ++l) CHECK(to[l] == 7u + std::uint32_t(std::min(l, count - 1)));
+    }
+}
+
+TEMPLATE_LIST_TEST_CASE("Offsets in cells move lane by lane as they do one by one, to the bit", "", Packs)
+{
+    using Number = typename TestType::Number;
+    using One = CellOffset<Number>;
+    using Several = openmp::OffsetLane<TestType>;
+    constexpr int width = TestType::width;
+    std::vector<double> offsets{-0.5, std::nextafter(0.5, 0.0), 0, -0x1p-30, 0x1p-30, 0.25},
+        displacements{-1, 1, 0, -0.0, 0x1p-31, -0x1p-31, 1.5 * 0x1p-30, -1.5 * 0x1p-30, 0x1p-40, 0.5, -0.5};
+    std::mt19937 random(8);
+    std::uniform_real_distribution<double> inside(-0.5, 0.5);
+    for (int i = 0; i < 1000; ++i) {
+        offsets.push_back(inside(random));
+        displacements.push_back(i % 3 == 0 ? 2 * inside(random) : inside(random) * 1e-7);
+    }
+    int wrong = 0;
+    for (std::size_t first = 0; first + width <= offsets.size(); first += width)
+        for (std::size_t turn = 0; turn < width; ++turn) {
+            typename One::Stored stored[width], now[width];
+            Number by[width], value[width];
+            for (std::size_t l = 0; l < width; ++l) {
+                stored[l] = One::from(offsets[first + l]);
+                by[l] = Number(displacements[first + (l + turn) % width]);
+            }
+            auto const moved = One::moved(Several::load(stored), TestType::load(by));
+            Several::store(moved, now);
+            One::value(moved).store(value);
+            auto const stays = bits(One::inside(moved));
+            for (std::size_t l = 0; l < width; ++l) {
+                auto const alone = One::moved(stored[l], by[l]);
+                wrong += now[l] != alone || value[l] != One::value(alone);
+                wrong += ((stays >> l) & 1) != std::uint64_t(One::inside(alone));
+            }
+        }
+    CHECK(wrong == 0);
+}
+
 TEMPLATE_LIST_TEST_CASE("Lanes are put side by side and back by every pattern", "", Packs)
 {
     using Number = typename TestType::Number;
@@ -350,10 +402,11 @@ TEMPLATE_LIST_TEST_CASE("Numbers are read from places in runs, with gaps and any
         for (unsigned i = 0; i < apart; ++i)
             places[random() % width] = random() % 1000; // of a run, not in it
         reader.follow(places);
-        Number found[width];
+        Number found[width], bits[width];
         std::decay_t<decltype(integers[0])> copied[width];
         reader.load(array.data()).store(found);
-        reader.copy(integers.data(), copied);
+        reader.load(reinterpret_cast<Number const*>(integers.data())).store(bits);
+        std::memcpy(copied, bits, sizeof bits);
         for (int l = 0; l < width; ++l)
             wrong += found[l] != Number(places[l]) || copied[l] != -std::int64_t(places[l]);
     }

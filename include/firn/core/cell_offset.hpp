@@ -6,9 +6,17 @@
 
 #include <concepts>
 #include <cstdint>
+#include <type_traits>
 
 namespace firn
 {
+
+// What CellOffset asks of whole numbers, here of one; a pack of them brings its own.
+
+FIRN_HOST_DEVICE inline float as_number(std::int32_t whole) { return static_cast<float>(whole); }
+/// Towards zero.
+FIRN_HOST_DEVICE inline std::int32_t as_whole(float number) { return static_cast<std::int32_t>(number); }
+FIRN_HOST_DEVICE inline std::int32_t one_where(bool mask) { return mask; }
 
 /// How an offset from the centre of a cell, in cells, is stored.
 ///
@@ -16,22 +24,36 @@ namespace firn
 /// size: the resolution is that of a float 2^-6 cells from the centre, but it is so everywhere in the cell;
 /// slow and steady motion, which in floats rounds the same way step after step, does not drift; and moving to
 /// the next cell is exact.
+///
+/// value(), moved() and inside() take lanes of offsets, too.
 template <std::floating_point Number>
 struct CellOffset
 {
     using Stored = Number;
 
-    FIRN_HOST_DEVICE static Number value(Stored stored) { return stored; }
+    template <class Real>
+    FIRN_HOST_DEVICE static Real value(Real const& stored)
+    {
+        return stored;
+    }
     FIRN_HOST_DEVICE static Stored from(double offset) { return offset; }
     FIRN_HOST_DEVICE static double exact(Stored stored) { return stored; }
     /// Whether an item may have it: also what unwrap() leaves.
     static bool possible(Stored stored) { return stored >= -0.5 && stored <= 0.5; }
 
     /// The offset after a displacement of at most a cell.
-    FIRN_HOST_DEVICE static Stored moved(Stored stored, Number displacement) { return stored + displacement; }
+    template <class Real>
+    FIRN_HOST_DEVICE static Real moved(Real const& stored, std::type_identity_t<Real> const& displacement)
+    {
+        return stored + displacement;
+    }
 
     /// Whether the offset is in [-1/2, 1/2), in the very words of wrap().
-    FIRN_HOST_DEVICE static bool inside(Stored stored) { return floor(stored + Number(0.5)) == 0; }
+    template <class Real>
+    FIRN_HOST_DEVICE static Mask<Real> inside(Real const& stored)
+    {
+        return floor(stored + Real(Number(0.5))) == Real(0);
+    }
 
     /// Brings the offset back to [-1/2, 1/2); returns by how many cells it was out.
     FIRN_HOST_DEVICE static int wrap(Stored& stored)
@@ -55,7 +77,11 @@ struct CellOffset<float>
     using Stored = std::int32_t;
     static constexpr int bits = 30;
 
-    FIRN_HOST_DEVICE static float value(Stored stored) { return static_cast<float>(stored) * 0x1p-30f; }
+    template <class Whole>
+    FIRN_HOST_DEVICE static auto value(Whole const& stored)
+    {
+        return as_number(stored) * 0x1p-30f;
+    }
     /// What rounding would take to 1/2 is the last one below: a cell further, there is no room for more.
     FIRN_HOST_DEVICE static Stored from(double offset)
     {
@@ -65,18 +91,22 @@ struct CellOffset<float>
     FIRN_HOST_DEVICE static double exact(Stored stored) { return static_cast<double>(stored) * 0x1p-30; }
     static bool possible(Stored stored) { return stored >= -(1 << (bits - 1)) && stored < 1 << (bits - 1); }
 
-    FIRN_HOST_DEVICE static Stored moved(Stored stored, float displacement)
+    template <class Whole, class Real = decltype(as_number(Whole()))>
+    FIRN_HOST_DEVICE static Whole moved(Whole const& stored, std::type_identity_t<Real> const& displacement)
     {
-        // To the nearest, halves away from zero, in operations that packs of integers have.
-        float const exact = displacement * 0x1p30f;
-        auto whole = static_cast<Stored>(exact);
-        float const rest = exact - static_cast<float>(whole);
-        whole += rest >= 0.5f;
-        whole -= rest <= -0.5f;
-        return stored + whole;
+        // To the nearest, halves away from zero, in operations that packs have.
+        Real const exact = displacement * Real(0x1p30f);
+        Whole const whole = as_whole(exact);
+        Real const rest = exact - as_number(whole);
+        return stored + whole + one_where(rest >= Real(0.5f)) - one_where(rest <= Real(-0.5f));
     }
 
-    FIRN_HOST_DEVICE static bool inside(Stored stored) { return ((stored + (1 << (bits - 1))) >> bits) == 0; }
+    template <class Whole>
+    FIRN_HOST_DEVICE static auto inside(Whole const& stored)
+    {
+        // no more than a cell outside: numbers that a float has
+        return as_number((stored + Whole(1 << (bits - 1))) >> bits) == decltype(as_number(stored))(0);
+    }
 
     FIRN_HOST_DEVICE static int wrap(Stored& stored)
     {

@@ -34,6 +34,15 @@ FIRN_HOST_DEVICE inline Values made_of(Component const& component)
                                    std::make_integer_sequence<int, int{Values::SizeAtCompileTime}>{});
 }
 
+/// A copy of a vector or a matrix, component by component. (Eigen's is one of memory, which a compiler may do
+/// in parts narrower than packs; a pack that was stored in two parts cannot be loaded before they have
+/// reached the cache.)
+template <class Values>
+FIRN_HOST_DEVICE inline Values copy_of(Values const& values)
+{
+    return made_of<Values>([from = values.data()](int i) { return from[i]; });
+}
+
 /// The vector or matrix `Values` of zeros.
 template <class Values>
 FIRN_HOST_DEVICE inline Values zeros()

@@ -33,12 +33,14 @@ struct Stencil
     {
         FIRN_UNROLL
         for (int a = 0; a < d; ++a) {
-            weight[a] = Kernel::weights(offset[a]);
-            assert(add_up_to_one(weight[a]) && "the weights of a stencil add up to one");
-            derivative[a] = Kernel::derivatives(offset[a]);
+            auto const weights = Kernel::weights(offset[a]), derivatives = Kernel::derivatives(offset[a]);
+            assert(add_up_to_one(weights) && "the weights of a stencil add up to one");
             FIRN_UNROLL
-            for (int i = 0; i < width; ++i)
+            for (int i = 0; i < width; ++i) { // one by one: see copy_of()
+                weight[a][i] = weights[i];
+                derivative[a][i] = derivatives[i];
                 distance[a][i] = Real(Scalar<Real>(i) - Scalar<Real>(0.5) * Kernel::order) - offset[a];
+            }
         }
     }
 

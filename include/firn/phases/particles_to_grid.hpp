@@ -86,7 +86,8 @@ struct Giving
         spread.mass = row_of_cells.kept(mass);
         spread.momentum = kept_vector<Real>(row_of_cells, momentum);
         FIRN_UNROLL
-        for (int a = 0; a < d; ++a) spread.weight[a] = nodes.weight[a];
+        for (int a = 0; a < d; ++a) FIRN_UNROLL
+        for (int i = 0; i < width; ++i) spread.weight[a][i] = nodes.weight[a][i]; // one by one: see copy_of()
         if constexpr (terms.affine) {
             Matrix<Real, d> const A = kept_matrix<Real>(row_of_cells, affine);
             FIRN_UNROLL
@@ -103,7 +104,8 @@ struct Giving
             FIRN_UNROLL
             for (int a = 0; a < d; ++a) {
                 spread.gradient[a] = column<Real, d>(G, a);
-                spread.derivative[a] = nodes.derivative[a];
+                FIRN_UNROLL
+                for (int i = 0; i < width; ++i) spread.derivative[a][i] = nodes.derivative[a][i];
             }
         }
     }

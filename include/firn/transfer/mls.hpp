@@ -49,7 +49,7 @@ struct Mls
         else {
             particle[Velocity{}] = gathered.velocity;
             particle[AffineVelocity{}] = gathered.affine * inverse_cell_size;
-            return particle[AffineVelocity{}];
+            return copy_of(particle[AffineVelocity{}]);
         }
     }
 };

@@ -8,6 +8,7 @@
 #include <firn/grid/lattice.hpp>
 #include <firn/openmp/array.hpp>
 #include <firn/openmp/lanes.hpp>
+#include <firn/openmp/offset_lane.hpp>
 #include <firn/openmp/tuning.hpp>
 
 #include <algorithm>
@@ -15,7 +16,6 @@
 #include <cassert>
 #include <cstddef>
 #include <cstdint>
-#include <cstring>
 
 namespace firn::openmp
 {
@@ -47,9 +47,7 @@ public:
     void follow(std::uint32_t const* sources, int count)
     {
         count_ = count;
-        // written at once and whole: what is loaded next is found in one store before it
-        std::uint32_t const last = sources[count - 1];
-        for (int l = 0; l < lanes; ++l) of_[l] = l < count ? sources[l] : last;
+        copy_first(sources, count, of_);
         if constexpr (lanes > 1) reader_.follow(of_);
     }
 
@@ -62,16 +60,6 @@ public:
             return array[of_[0]];
         else
             return reader_.load(array);
-    }
-
-    /// The same of anything as wide as a number.
-    template <class T>
-    void copy(T const* array, T (&values)[lanes]) const
-    {
-        if constexpr (lanes == 1)
-            values[0] = array[of_[0]];
-        else
-            reader_.copy(array, values);
     }
 
 private:
@@ -222,11 +210,9 @@ public:
     /// The offsets along an axis, in cells.
     Lane load_offset(Offset const* array, int axis) const
     {
-        auto& stored = pack_->offset[axis];
-        places().copy(array, stored);
-        Number values[lanes];
-        for (int l = 0; l < lanes; ++l) values[l] = CellOffset<Number>::value(stored[l]);
-        return LaneTraits<Lane>::load(values);
+        auto const stored = load_stored(array);
+        OffsetLane<Lane>::store(stored, pack_->offset[axis]);
+        return CellOffset<Number>::value(stored);
     }
 
     /// Moves the offsets along an axis that were loaded when these items were entered first, from `from`, by
@@ -235,28 +221,22 @@ public:
     Mask<Lane> move_offset([[maybe_unused]] Offset const* from, Offset* to, int axis,
                            Lane const& displacement, Lane& value) const
     {
-        Offset stored[lanes];
-        Number by[lanes], values[lanes], inside[lanes];
-        LaneTraits<Lane>::store(displacement, by);
-        for (int l = 0; l < lanes; ++l) {
-            stored[l] = CellOffset<Number>::moved(pack_->offset[axis][l], by[l]);
-            values[l] = CellOffset<Number>::value(stored[l]);
-            inside[l] = CellOffset<Number>::inside(stored[l]) ? Number(1) : Number(0);
-        }
-        store_bits(stored, to);
-        value = LaneTraits<Lane>::load(values);
-        return LaneTraits<Lane>::load(inside) > Lane(Number(0));
+        auto const stored =
+            CellOffset<Number>::moved(OffsetLane<Lane>::load(pack_->offset[axis]), displacement);
+        if constexpr (lanes == 1)
+            to[slot_] = stored;
+        else
+            store(reinterpret_cast<Number*>(to), OffsetLane<Lane>::bits(stored));
+        value = CellOffset<Number>::value(stored);
+        return CellOffset<Number>::inside(stored);
     }
 
     /// Copies what no phase computes with.
     template <class T>
     void copy(T const* from, T* to) const
     {
-        if constexpr (lanes > 1 && sizeof(T) == sizeof(Number)) {
-            T values[lanes];
-            places().copy(from, values);
-            store_bits(values, to);
-        }
+        if constexpr (lanes > 1 && sizeof(T) == sizeof(Number))
+            store(reinterpret_cast<Number*>(to), load(reinterpret_cast<Number const*>(from)));
         else
             for (int l = 0; l < entered_; ++l) to[slot_ + l] = from[places()[l]];
     }
@@ -308,18 +288,12 @@ protected:
     std::size_t slot_ = 0, item_ = 0;
 
 private:
-    /// Stores integers as wide as a number.
-    template <class T>
-    void store_bits(T const (&values)[lanes], T* to) const
+    auto load_stored(Offset const* array) const
     {
-        static_assert(sizeof(T) == sizeof(Number));
         if constexpr (lanes == 1)
-            to[slot_] = values[0];
-        else {
-            Number bits[lanes];
-            std::memcpy(bits, values, sizeof bits);
-            store(reinterpret_cast<Number*>(to), Lane::load(bits));
-        }
+            return array[places()[0]];
+        else
+            return OffsetLane<Lane>::of_bits(load(reinterpret_cast<Number const*>(array)));
     }
 
     Places<Lane> const& places() const { return pack_->places; }

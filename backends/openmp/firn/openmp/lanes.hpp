@@ -294,7 +294,7 @@ struct Pack
 #endif
         alignas(64) Number lanes[width];
         value.store_aligned(lanes);
-        for (int i = 0; i < count; ++i) to[i] = lanes[i];
+        for (int i = 0; i < count; ++i) std::memcpy(to + i, lanes + i, sizeof(Number)); // or integers' bits
     }
 
     /// The numbers at `base[index[0]]`, `base[index[1]]`, …
@@ -586,6 +586,7 @@ class RunsOfPlaces
     static constexpr int width = Pack::width;
 
 public:
+    /// The places are to stay where they are.
     void follow(std::uint32_t const (&places)[width])
     {
         places_ = places;
@@ -604,27 +605,24 @@ public:
                 result = select(mask_[w], permuted(array + window_[w]), result);
             FIRN_KEEP_LOOP
             for (int w = width - 1; w >= width - singles_; --w)
-                result = select(mask_[w], Pack(array[window_[w]]), result);
+                result = select(mask_[w], Pack(one_of(array, window_[w])), result);
             return result;
         }
         else {
             Number values[width];
-            for (int l = 0; l < width; ++l) values[l] = array[places_[l]];
+            for (int l = 0; l < width; ++l) values[l] = one_of(array, places_[l]);
             return Pack::load(values);
         }
     }
 
-    /// The same of an array of integers as wide as Number.
-    template <class Integer>
-    void copy(Integer const* array, Integer* to) const
+private:
+    static Number one_of(Number const* array, std::uint32_t place)
     {
-        static_assert(sizeof(Integer) == sizeof(Number));
-        Number bits[width];
-        load(reinterpret_cast<Number const*>(array)).store(bits);
-        std::memcpy(to, bits, sizeof bits);
+        Number bits; // of a number, or of an integer
+        std::memcpy(&bits, array + place, sizeof bits);
+        return bits;
     }
 
-private:
     std::uint32_t const* places_ = nullptr;
     bool in_order_ = false;
 
@@ -912,6 +910,26 @@ template <class Pack>
 class LanesInOrder;
 
 #endif
+
+/// The first `count` of some integers, of which nothing behind is read, and the last once more for each lane
+/// beyond. Written whole, as it is read next: what is in two stores must reach the cache before it is in one
+/// register.
+template <int lanes>
+void copy_first(std::uint32_t const* from, int count, std::uint32_t (&to)[lanes])
+{
+    std::uint32_t const last = from[count - 1];
+#if defined(__AVX512VL__) && defined(FIRN_HAS_XSIMD)
+    auto const first = (1u << count) - 1;
+    if constexpr (lanes == 16)
+        return _mm512_storeu_si512(to, _mm512_mask_loadu_epi32(_mm512_set1_epi32(static_cast<int>(last)),
+                                                               static_cast<__mmask16>(first), from));
+    if constexpr (lanes == 8)
+        return _mm256_storeu_si256(reinterpret_cast<__m256i*>(to),
+                                   _mm256_mask_loadu_epi32(_mm256_set1_epi32(static_cast<int>(last)),
+                                                           static_cast<__mmask8>(first), from));
+#endif
+    for (int l = 0; l < lanes; ++l) to[l] = l < count ? from[l] : last;
+}
 
 /// One bit for each of `lanes` counts that is above `rank`.
 template <int lanes>

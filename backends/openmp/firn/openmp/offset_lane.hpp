@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/cell_offset.hpp>
+#include <firn/openmp/lanes.hpp>
+
+#include <cstdint>
+
+namespace firn::openmp
+{
+
+/// The offsets of a lane's items, as CellOffset stores them: one, or several side by side.
+template <class Lane>
+struct OffsetLane
+{
+    using Stored = Lane;
+
+    static Stored load(Scalar<Lane> const* from) { return LaneTraits<Lane>::load(from); }
+    static void store(Stored const& stored, Scalar<Lane>* to) { LaneTraits<Lane>::store(stored, to); }
+
+    /// Packs of them as those of numbers with the same bits, which are loaded and stored as such.
+    static Stored of_bits(Lane const& bits) { return bits; }
+    static Lane bits(Stored const& stored) { return stored; }
+};
+
+template <>
+struct OffsetLane<float>
+{
+    using Stored = CellOffset<float>::Stored;
+
+    static Stored load(Stored const* from) { return *from; }
+    static void store(Stored stored, Stored* to) { *to = stored; }
+};
+
+#if defined(FIRN_HAS_XSIMD)
+
+/// Whole numbers of 32 bits, one for each lane of a pack of floats, with what CellOffset asks of them. They
+/// stay in registers: a loop over numbers one by one goes through memory in other widths than packs, and what
+/// was stored in two parts cannot be loaded as one before it has reached the cache.
+template <class Arch>
+struct WholePack
+{
+    using Batch = xsimd::batch<std::int32_t, Arch>;
+
+    Batch value;
+
+    WholePack() = default;
+    explicit WholePack(std::int32_t number) : value(number) {}
+    explicit WholePack(Batch batch) : value(batch) {}
+
+    friend WholePack operator+(WholePack a, WholePack b) { return WholePack(a.value + b.value); }
+    friend WholePack operator-(WholePack a, WholePack b) { return WholePack(a.value - b.value); }
+    /// Rounds down, also below zero.
+    friend WholePack operator>>(WholePack a, int bits) { return WholePack(a.value >> bits); }
+};
+
+template <class Arch>
+Pack<float, Arch> as_number(WholePack<Arch> whole)
+{
+    return Pack<float, Arch>(xsimd::to_float(whole.value));
+}
+template <class Arch>
+WholePack<Arch> as_whole(Pack<float, Arch> numbers)
+{
+    return WholePack<Arch>(xsimd::to_int(numbers.value));
+}
+template <class Arch>
+WholePack<Arch> one_where(PackMask<float, Arch> mask)
+{
+    return as_whole(select(mask, Pack<float, Arch>(1), Pack<float, Arch>(0)));
+}
+
+template <class Arch>
+struct OffsetLane<Pack<float, Arch>>
+{
+    using Stored = WholePack<Arch>;
+
+    static Stored load(std::int32_t const* from) { return Stored(Stored::Batch::load_unaligned(from)); }
+    static void store(Stored const& stored, std::int32_t* to) { stored.value.store_unaligned(to); }
+
+    static Stored of_bits(Pack<float, Arch> const& bits)
+    {
+        return Stored(xsimd::bitwise_cast<typename Stored::Batch>(bits.value));
+    }
+    static Pack<float, Arch> bits(Stored const& stored)
+    {
+        return Pack<float, Arch>(xsimd::bitwise_cast<typename Pack<float, Arch>::Batch>(stored.value));
+    }
+};
+
+#endif
+
+} // namespace firn::openmp
