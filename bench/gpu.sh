@@ -61,7 +61,7 @@ built() { # PROGRAM: waits for it; GNU's linker makes it executable when it is c
     done
 }
 part() { # NAME COMMAND...: one line of what it found, or its last lines
-    local name=$1 summary
+    local name=$1 summary since=$SECONDS
     shift
     if ! "$@" >"$out/$name.log" 2>&1; then
         tail -n 60 "$out/$name.log"
@@ -69,11 +69,11 @@ part() { # NAME COMMAND...: one line of what it found, or its last lines
         return 1
     fi
     summary=$(grep -E '^All tests passed|(ERROR|RACECHECK) SUMMARY' "$out/$name.log" | tail -n 1) || summary="passed"
-    echo "$name: ${summary#=*= } (at $SECONDS s)"
+    echo "$name: ${summary#=*= } ($((SECONDS - since)) s, at $SECONDS s)"
 }
 # Programs themselves, not ctest: that starts one anew for each of 500 tests, 0.3 s of the device's each. What can be
-# watched soon is, while nvcc has the processor and nobody the device; but programs that share the device take turns,
-# and all of them are slow. In $tests, as ctest does, so that all find the same hard_cases.csv.
+# watched soon is, while nvcc has the processor: racecheck is through before the longest program, physics, is built. (Programs
+# that share the device take turns.) In $tests, as ctest does, so that all find the same hard_cases.csv.
 cd "$tests"
 built cuda_every_loop
 beside=()
@@ -81,11 +81,11 @@ for tool in memcheck racecheck initcheck; do
     part $tool compute-sanitizer --tool $tool --error-exitcode 1 ./cuda_every_loop & beside+=($!)
 done
 part cuda_every_loop ./cuda_every_loop & beside+=($!)
-for program in "${beside[@]}"; do wait "$program" || failed=yes; done
 for program in $programs; do
     built $program
     part $program ./$program '~[memory]' || failed=yes
 done
+for program in "${beside[@]}"; do wait "$program" || failed=yes; done
 wait "$build" || { build=""; not_built; }
 build=""
 part memory ./cuda_device '[memory]' || failed=yes # by itself: it fills the device's
