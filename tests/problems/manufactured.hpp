@@ -44,14 +44,17 @@ struct WaveTime
     static constexpr auto shape = FieldShape::scalar;
 };
 
-/// sin(pi t) for lanes of t from 0 to 1: its Taylor polynomial about 1/2, of order 18, 1e-15 off at most.
+/// sin(pi t) for lanes of t from 0 to 1: its Taylor polynomial about 1/2, of order 12 in single precision,
+/// 6e-9 off at most, of order 18 in double, 1e-15 off.
 template <Lane Real>
 FIRN_HOST_DEVICE Real sine_of_half_periods(Real t)
 {
     using Number = Scalar<Real>;
+    constexpr int order = sizeof(Number) == 4 ? 12 : 18;
     Real const z = (t - Real(Number(0.5))) * Real(Number(M_PI)), z2 = z * z;
     Real sum(Number(1));
-    for (int n = 17; n >= 1; n -= 2) sum = Real(Number(1)) - sum * z2 * Real(Number(1.0 / (n * (n + 1))));
+    for (int n = order - 1; n >= 1; n -= 2)
+        sum = Real(Number(1)) - sum * z2 * Real(Number(1.0 / (n * (n + 1))));
     return sum;
 }
 
@@ -80,9 +83,12 @@ struct Driven : ModelType
         Vector<Real, d> const strain = state[WaveStrain{}] * sine_of_half_periods(time);
         Real J = one;
         for (int a = 0; a < d; ++a) J = J * (one + strain[a]);
-        Real const pressure = lambda * log(J);
+        Real const pressure = lambda * log(J), inverse_J = one / J;
         for (int a = 0; a < d; ++a) {
-            Real const F = one + strain[a], inverse = one / F;
+            Real const F = one + strain[a];
+            Real inverse = inverse_J;
+            for (int b = 0; b < d; ++b)
+                if (b != a) inverse = inverse * (one + strain[b]);
             Real const wanted = strain[a] * Real(Number(StandingWaves::young / 4));
             Real const driving = wanted - (mu * (F - inverse) + pressure * inverse); // P_aa
             response.kirchhoff_stress(a, a) += driving * (one + state[DisplacementGradient{}](a, a));

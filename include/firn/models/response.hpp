@@ -69,13 +69,14 @@ FIRN_HOST_DEVICE inline Vector<Real, d> squares_less_one(Vector<Real, d> const& 
     return squares;
 }
 
-/// ln(1 + x), accurate for small x too: the rounding of 1 + x is divided out (Kahan).
+/// ln(1 + x) to 2 ulp, for small x too: with u what 1 + x is rounded to, ln u and what the rounding took away
+/// over u. That is below half a unit of u, so 1/u need only be near where ln u is small, and 1 - x for it
+/// costs no quotient.
 template <Lane Real>
 FIRN_HOST_DEVICE inline Real log_one_plus(Real x)
 {
-    Real const one(1), u = one + x;
-    Mask<Real> const tiny = u == one;
-    return select(tiny, x, log(u) * x / select(tiny, one, u - one));
+    Real const one(1), u = one + x, rounded_off = x - (u - one);
+    return log(u) + rounded_off * max(one - x, Real(0));
 }
 
 /// e^x - 1, accurate for small x too: below 1/4, where the difference would cancel, the series of x^n / n!.
