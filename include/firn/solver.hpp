@@ -109,7 +109,7 @@ public:
 
     explicit Solver(Lattice lattice, Model model = {}, Transfer transfer = {}, StepControl control = {},
                     Backend backend = {})
-        : lattice_(firn::lattice(lattice.cell_size, lattice.origin)), transfer_(transfer), control_(control),
+        : lattice_(lattice_for<Number>(lattice)), transfer_(transfer), control_(control),
           backend_(std::move(backend)), parts_(List(std::move(model)), lattice_, Kernel::order, backend_),
           exchange_(lattice_, transfer_, backend_), runs_(lattice_, transfer_, backend_)
     {

@@ -64,6 +64,8 @@ TEST_CASE("cell sizes, moduli and densities that make no sense are refused")
 {
     for (double h : {0.0, -1.0, not_a_number, infinite}) refused([&] { lattice(h); });
     refused([] { lattice(0.1, {not_a_number, 0, 0}); });
+    for (double h : {1e-30, 1e30}) refused([&] { SnowBall(lattice(h)); });
+    for (double h : {1e-15, 1e15}) SnowBall(lattice(h));
     for (double E : {0.0, -1e5, not_a_number, infinite}) refused([&] { lame(E, 0.3); });
     for (double nu : {0.5, 0.7, -1.0, not_a_number}) refused([&] { lame(1e5, nu); });
     for (double density : {0.0, 1e-42, -400.0, not_a_number, infinite}) {

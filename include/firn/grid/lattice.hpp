@@ -7,6 +7,7 @@
 #include <firn/core/space.hpp>
 
 #include <cmath>
+#include <limits>
 
 namespace firn
 {
@@ -27,6 +28,20 @@ inline Lattice lattice(double cell_size, Eigen::Vector3d const& origin = {0, 0, 
     require(all_finite(origin), "the origin is not finite", "lattice",
             "Pass the position of node (0, 0, 0) in metres.");
     return {cell_size, origin};
+}
+
+/// A lattice for a scene in this precision, whose steps square rates of deformation, which are speeds over
+/// the cell size: throws an Error unless the precision has those of some kilometres per second. In single
+/// precision the cell size is from 4e-16 to 2e15 m.
+template <class Number>
+Lattice lattice_for(Lattice const& lattice)
+{
+    double const largest = std::pow(double(std::numeric_limits<Number>::max()), 0.4);
+    double const h = firn::lattice(lattice.cell_size, lattice.origin).cell_size;
+    require(h <= largest && h >= 1 / largest,
+            "speeds over the cell size have squares beyond the precision of the scene", "lattice",
+            "Pass the grid spacing in metres, or compute in double precision.");
+    return lattice;
 }
 
 /// The integer coordinates of a cell or a node.
