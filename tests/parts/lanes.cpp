@@ -310,6 +310,8 @@ TEMPLATE_LIST_TEST_CASE("Of the first integers the last is there once more in ea
         std::uint32_t to[width];
         openmp::copy_first(from.data(), count, to);
         for (int l = 0; l < width; ++l) CHECK(to[l] == 7u + std::uint32_t(std::min(l, count - 1)));
+        openmp::count_up(7u, to);
+        for (int l = 0; l < width; ++l) CHECK(to[l] == 7u + std::uint32_t(l));
     }
 }
 

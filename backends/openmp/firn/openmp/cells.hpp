@@ -553,7 +553,7 @@ private:
             if (old != BlockMap::absent)
                 for_each_rank(old, group, [&](std::uint32_t from, std::uint32_t rank, std::uint64_t pattern) {
                     std::uint32_t sources[lanes];
-                    for (int l = 0; l < lanes; ++l) sources[l] = from + static_cast<std::uint32_t>(l);
+                    count_up(from, sources);
                     expand<lanes>(settled_ ? sources : &source_[from], pattern, ranks.row(rank));
                     std::uint32_t const end = from + static_cast<std::uint32_t>(std::popcount(pattern));
                     for (; left != gone.end() && *left < end; ++left) {

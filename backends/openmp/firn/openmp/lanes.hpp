@@ -931,6 +931,19 @@ void copy_first(std::uint32_t const* from, int count, std::uint32_t (&to)[lanes]
     for (int l = 0; l < lanes; ++l) to[l] = l < count ? from[l] : last;
 }
 
+/// The integers from `first` on, written whole, too.
+template <int lanes>
+void count_up(std::uint32_t first, std::uint32_t (&to)[lanes])
+{
+#if defined(__AVX512VL__) && defined(FIRN_HAS_XSIMD)
+    if constexpr (lanes == 16)
+        return _mm512_storeu_si512(
+            to, _mm512_add_epi32(_mm512_set1_epi32(static_cast<int>(first)),
+                                 _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15)));
+#endif
+    for (int l = 0; l < lanes; ++l) to[l] = first + static_cast<std::uint32_t>(l);
+}
+
 /// One bit for each of `lanes` counts that is above `rank`.
 template <int lanes>
 std::uint64_t lanes_above(std::uint32_t const* counts, std::uint32_t rank)
