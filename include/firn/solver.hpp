@@ -169,7 +169,7 @@ public:
         auto const visit = entrance_.to_change("Solver::remove_if");
         if constexpr (requires { IsDoomed::in_host_memory; })
             static_assert(Backend::reaches_host_memory || !IsDoomed::in_host_memory,
-                          "the shape lies in memory of the host: pass `shape.on(backend)`");
+                          "the shape lies in memory of the host: pass shape.on(backend)");
         if constexpr (requires { is_doomed.validate(); }) is_doomed.validate();
         if constexpr (d == 2 && requires { is_doomed.validate_in_plane(); }) is_doomed.validate_in_plane();
         if constexpr (!TellsByPosition<IsDoomed, d>) hold_taken();
@@ -604,14 +604,18 @@ private:
     using Failures = std::vector<StepFailure>;
 
     /// Before something is written for `count` particles to memory of the caller's.
-    static void require_room(Number const* to, std::size_t count, std::size_t stride, std::size_t components,
-                             char const* where)
+    void require_room(Number const* to, std::size_t count, std::size_t stride, std::size_t components,
+                      char const* where) const
     {
         require(to != nullptr || count == 0, "there is no memory to write to", where,
                 "Pass room for size() times stride numbers.");
         if (stride < components)
             throw Error{"what is written of one particle would overlap the next one's", where,
                         "Pass a stride, in numbers, of " + std::to_string(components) + " or more."};
+        if constexpr (requires { backend_.reaches(to); })
+            require(count == 0 || backend_.reaches(to),
+                    "the memory to write to is the host's, which the backend does not reach", where,
+                    "Pass memory of the device, or take positions() or download() for the host.");
     }
 
     /// Goes on from a snapshot whose particles are there already: grid, and what was planned, begin afresh.
@@ -868,7 +872,7 @@ private:
     {
         if constexpr (requires { Effect::in_host_memory; })
             static_assert(Backend::reaches_host_memory || !Effect::in_host_memory,
-                          "the obstacle's shape lies in memory of the host: pass `shape.on(backend)`");
+                          "the obstacle's shape lies in memory of the host: pass shape.on(backend)");
         try {
             effect.validate();
             if constexpr (d == 2 && requires { effect.validate_in_plane(); }) effect.validate_in_plane();

@@ -2,6 +2,7 @@
 #include "catch.hpp"
 #include "support/policies.hpp"
 
+#include <algorithm>
 #include <tuple>
 
 using namespace firn;
@@ -283,3 +284,30 @@ TEST_CASE("a scene without particles takes its time")
     CHECK(solver.time() == Approx(2));
     CHECK(solver.advance(1).substeps >= 1);
 }
+
+#if defined(FIRN_ON_PROCESSOR) // which counts
+
+TEST_CASE("the host waits for the device once a batch, not once a step")
+{
+    Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver solver(lattice(0.1));
+    solver.add(box_of_points<3>({0, 0.2, 0}, {0.4, 0.6, 0.4}, 0.1), std::pow(0.05, 3));
+    solver.advance(1e-3); // makes room
+    double const dt = 0.5 * solver.step(1e-5).stable_dt;
+    solver.steps(2, dt);
+    auto const waits_of = [](auto const& call) {
+        std::size_t const before = on_processor::waits;
+        call();
+        return on_processor::waits - before;
+    };
+    // the least of some calls: in the others the host may have to make room
+    std::size_t of_steps = 64, of_advance = 64, steps = 0;
+    for (int i = 0; i < 4; ++i) {
+        of_steps = std::min(of_steps, waits_of([&] { solver.steps(60, dt); }));
+        of_advance = std::min(of_advance, waits_of([&] { steps = solver.advance(50 * dt).substeps; }));
+        CHECK(steps > 20);
+    }
+    CHECK(of_steps <= 2);
+    CHECK(of_advance <= 2);
+}
+
+#endif

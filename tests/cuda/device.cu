@@ -172,6 +172,18 @@ TEST_CASE("what is looked at on the device is what is downloaded, before steps a
     }
     CHECK_THROWS_AS(solver.write_positions(nullptr), Error);
     CHECK_THROWS_AS(solver.write_positions(there.data(), 2), Error);
+    int reaches_all = 0;
+    REQUIRE(cudaDeviceGetAttribute(&reaches_all, cudaDevAttrPageableMemoryAccess, 0) == cudaSuccess);
+    if (reaches_all == 0) {
+        std::vector<float> of_the_host(3 * solver.size());
+        CHECK_THROWS_WITH(solver.write_positions(of_the_host.data()), Contains("is the host's"));
+        CHECK_THROWS_WITH(solver.write<Velocity>(of_the_host.data()), Contains("is the host's"));
+    }
+    void* mapped = nullptr; // of the host, but for devices
+    REQUIRE(cudaMallocHost(&mapped, 12 * solver.size()) == cudaSuccess);
+    if (Cuda{}.reaches(mapped)) solver.write_positions(static_cast<float*>(mapped));
+    REQUIRE(cudaStreamSynchronize(nullptr) == cudaSuccess);
+    REQUIRE(cudaFreeHost(mapped) == cudaSuccess);
 }
 
 TEST_CASE("an error that a call of somebody else's left behind stays theirs")

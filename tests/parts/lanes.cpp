@@ -346,6 +346,10 @@ TEMPLATE_LIST_TEST_CASE("Offsets in cells move lane by lane as they do one by on
                 auto const alone = One::moved(stored[l], by[l]);
                 wrong += now[l] != alone || value[l] != One::value(alone);
                 wrong += ((stays >> l) & 1) != std::uint64_t(One::inside(alone));
+                if constexpr (sizeof(Number) == 4) { // what they should be, found in another way
+                    wrong += alone != stored[l] + std::llround(double(by[l]) * 0x1p30);
+                    wrong += One::inside(alone) != (alone >= -(1 << 29) && alone < 1 << 29);
+                }
             }
         }
     CHECK(wrong == 0);

@@ -64,9 +64,26 @@ struct Cuda
         return !follows_early(cells) || cells[0]->keeps_up();
     }
 
+    /// Whether loops reach what lies there: memory of a device, of the host where it is mapped for devices,
+    /// or any where the system lets devices reach the host's.
+    bool reaches(void const* there) const
+    {
+        cuda::OnDevice const here(device);
+        cudaPointerAttributes about{};
+        cuda::check(cudaPointerGetAttributes(&about, there), "cudaPointerGetAttributes");
+        if (about.type != cudaMemoryTypeUnregistered) return about.devicePointer != nullptr;
+        int all = 0;
+        cuda::check(cudaDeviceGetAttribute(&all, cudaDevAttrPageableMemoryAccess, device),
+                    "cudaDeviceGetAttribute");
+        return all != 0;
+    }
+
     /// Throws an Error unless there is such a device and a driver for it.
     void validate() const
     {
+        require(batch > 0, "no step would be queued", "Cuda", "Pass a batch of 1 or more.");
+        require(batch <= most_batch, "there is no room to tell of so many steps", "Cuda",
+                "Pass a batch of 65 536 or less: tens are as fast.");
         int devices = 0;
         cudaError_t const status = cudaGetDeviceCount(&devices);
         if (status != cudaSuccess) static_cast<void>(cudaGetLastError());
@@ -77,9 +94,6 @@ struct Cuda
         if (status == cudaErrorNoDevice || (status == cudaSuccess && devices == 0))
             throw Error{"there is no CUDA device", "Cuda", "Use another backend."};
         cuda::check(status, "cudaGetDeviceCount");
-        require(batch > 0, "no step would be queued", "Cuda", "Pass a batch of 1 or more.");
-        require(batch <= most_batch, "there is no room to tell of so many steps", "Cuda",
-                "Pass a batch of 65 536 or less: tens are as fast.");
         if (device < 0 || device >= devices)
             throw Error{"there is no CUDA device " + std::to_string(device), "Cuda",
                         "Pass the number of a device: there are " + std::to_string(devices) + ", from 0 on."};

@@ -57,6 +57,8 @@ enum cudaError_t
     cudaErrorMemoryAllocation = 2,
     cudaErrorInitializationError = 3,
     cudaErrorInsufficientDriver = 35,
+    cudaErrorStubLibrary = 34,
+    cudaErrorCallRequiresNewerDriver = 36,
     cudaErrorDevicesUnavailable = 46,
     cudaErrorInvalidDeviceFunction = 98,
     cudaErrorNoDevice = 100,
@@ -649,6 +651,39 @@ inline cudaError_t cudaFree(void* there)
     std::free(there);
     return cudaSuccess;
 }
+enum cudaMemoryType
+{
+    cudaMemoryTypeUnregistered = 0,
+    cudaMemoryTypeHost = 1,
+    cudaMemoryTypeDevice = 2
+};
+struct cudaPointerAttributes
+{
+    cudaMemoryType type;
+    int device;
+    void* devicePointer;
+};
+inline cudaError_t cudaPointerGetAttributes(cudaPointerAttributes* about, void const* there)
+{
+    auto& memory = on_processor::Memory::one();
+    std::lock_guard const lock(memory.mutex);
+    *about = {cudaMemoryTypeUnregistered, 0, nullptr};
+    for (auto const& [begin, held] : memory.held) {
+        auto* const first = static_cast<char const*>(begin);
+        if (there >= first && there < first + held.second)
+            *about = {cudaMemoryTypeDevice, held.first, const_cast<void*>(there)};
+    }
+    return cudaSuccess;
+}
+enum cudaDeviceAttr
+{
+    cudaDevAttrPageableMemoryAccess = 88
+};
+inline cudaError_t cudaDeviceGetAttribute(int* value, cudaDeviceAttr, int)
+{
+    *value = 0;
+    return cudaSuccess;
+}
 inline cudaError_t cudaMallocHost(void** to, std::size_t bytes)
 {
     auto& memory = on_processor::Memory::one();
@@ -678,8 +713,14 @@ inline bool is_elsewhere(cudaStream_t stream)
 {
     return stream != nullptr && stream->device != on_processor::current_device;
 }
+namespace on_processor
+{
+/// How often somebody has waited for a stream.
+inline std::size_t waits = 0;
+} // namespace on_processor
 inline cudaError_t cudaStreamSynchronize(cudaStream_t)
 {
+    ++on_processor::waits;
     on_processor::Worker::one().wait();
     return cudaSuccess;
 }

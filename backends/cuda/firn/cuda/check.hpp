@@ -34,7 +34,9 @@ inline char const* remedy_for(cudaError_t status)
     case cudaErrorInsufficientDriver:
     case cudaErrorSystemDriverMismatch:
     case cudaErrorCompatNotSupportedOnDevice:
-        return "Install a newer driver.";
+    case cudaErrorCallRequiresNewerDriver:
+    case cudaErrorStubLibrary:
+        return "Install a driver, or a newer one.";
     case cudaErrorDevicesUnavailable:
         return "Wait for the process that has the device to itself, or change the device's compute mode.";
     case cudaErrorInitializationError:

@@ -16,6 +16,9 @@
 
 // Packs are there where xsimd is, unless FIRN_NO_XSIMD is defined.
 #if !defined(FIRN_NO_XSIMD) && __has_include(<xsimd/xsimd.hpp>)
+#if defined(__NVCC__)
+#error "nvcc does not compile firn/openmp.hpp with xsimd: include it in a .cpp file."
+#endif
 #define FIRN_HAS_XSIMD
 #include <xsimd/xsimd.hpp>
 #endif

@@ -4,6 +4,7 @@
 #include <firn/core/cell_offset.hpp>
 #include <firn/openmp/lanes.hpp>
 
+#include <bit>
 #include <cstdint>
 
 namespace firn::openmp
@@ -37,10 +38,11 @@ struct OffsetLane<float>
 /// Whole numbers of 32 bits, one for each lane of a pack of floats, with what CellOffset asks of them. They
 /// stay in registers: a loop over numbers one by one goes through memory in other widths than packs, and what
 /// was stored in two parts cannot be loaded as one before it has reached the cache.
-template <class Arch>
+template <class NumbersType>
 struct WholePack
 {
-    using Batch = xsimd::batch<std::int32_t, Arch>;
+    using Numbers = NumbersType;
+    using Batch = xsimd::batch<std::int32_t, typename Numbers::Arch>;
 
     Batch value;
 
@@ -54,18 +56,18 @@ struct WholePack
     friend WholePack operator>>(WholePack a, int bits) { return WholePack(a.value >> bits); }
 };
 
-template <class Arch>
-Pack<float, Arch> as_number(WholePack<Arch> whole)
+template <class Numbers>
+Numbers as_number(WholePack<Numbers> whole)
 {
-    return Pack<float, Arch>(xsimd::to_float(whole.value));
+    return Numbers(xsimd::to_float(whole.value));
 }
 template <class Arch>
-WholePack<Arch> as_whole(Pack<float, Arch> numbers)
+WholePack<Pack<float, Arch>> as_whole(Pack<float, Arch> numbers)
 {
-    return WholePack<Arch>(xsimd::to_int(numbers.value));
+    return WholePack<Pack<float, Arch>>(xsimd::to_int(numbers.value));
 }
 template <class Arch>
-WholePack<Arch> one_where(PackMask<float, Arch> mask)
+WholePack<Pack<float, Arch>> one_where(PackMask<float, Arch> mask)
 {
     return as_whole(select(mask, Pack<float, Arch>(1), Pack<float, Arch>(0)));
 }
@@ -73,18 +75,20 @@ WholePack<Arch> one_where(PackMask<float, Arch> mask)
 template <class Arch>
 struct OffsetLane<Pack<float, Arch>>
 {
-    using Stored = WholePack<Arch>;
+    using Stored = WholePack<Pack<float, Arch>>;
 
     static Stored load(std::int32_t const* from) { return Stored(Stored::Batch::load_unaligned(from)); }
     static void store(Stored const& stored, std::int32_t* to) { stored.value.store_unaligned(to); }
 
     static Stored of_bits(Pack<float, Arch> const& bits)
     {
-        return Stored(xsimd::bitwise_cast<typename Stored::Batch>(bits.value));
+        using Batch = typename Stored::Batch;
+        return Stored(Batch(std::bit_cast<typename Batch::register_type>(bits.value.data)));
     }
     static Pack<float, Arch> bits(Stored const& stored)
     {
-        return Pack<float, Arch>(xsimd::bitwise_cast<typename Pack<float, Arch>::Batch>(stored.value));
+        using Batch = typename Pack<float, Arch>::Batch;
+        return Pack<float, Arch>(Batch(std::bit_cast<typename Batch::register_type>(stored.value.data)));
     }
 };
 
