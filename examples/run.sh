@@ -34,6 +34,10 @@ case $scene in
     snow_on_moving_ball | torus_against_wall) ;;
     *) stop "there is no scene '$scene': choose snow_on_moving_ball or torus_against_wall." ;;
 esac
+on_gpu=""
+[[ " ${arguments[*]-} " != *" --backend"[\ =]"cuda "* ]] || on_gpu=yes
+[ -z "$on_gpu" ] || [ -n "$help" ] || [[ $(nvidia-smi -L 2>/dev/null) == *GPU* ]] ||
+    stop "this machine has no NVIDIA GPU, or no driver for it: leave out --backend cuda."
 render=yes
 [ -z "$help" ] && [ "${FIRN_NO_RENDER:-0}" != 1 ] || render=""
 
@@ -46,7 +50,7 @@ echo "building: $root/build/examples"
 build_example() {
     local targets=(generate_meshes "$scene")
     cd "$root" && cmake --preset examples || return
-    if [[ " ${arguments[*]-} " == *" --backend"[\ =]"cuda "* ]] && cmake --build --preset examples --target help | grep "^${scene}_cuda:" >/dev/null; then
+    if [ -n "$on_gpu" ] && cmake --build --preset examples --target help | grep "^${scene}_cuda:" >/dev/null; then
         targets+=("${scene}_cuda")
     fi
     cmake --build --preset examples --target "${targets[@]}"
