@@ -73,8 +73,8 @@ part() { # NAME COMMAND...: one line of what it found, or its last lines
     echo "$name: ${summary#=*= } ($((SECONDS - since)) s, at $SECONDS s)"
 }
 # Programs themselves, not ctest: that starts one anew for each of 500 tests, 0.3 s of the device's each. What can be
-# watched soon is, while nvcc has the processor: racecheck is through before the longest program, physics, is built. (Programs
-# that share the device take turns.) In $tests, as ctest does, so that all find the same hard_cases.csv.
+# watched soon is, while nvcc has the processor; the first programs share the device with racecheck and take turns.
+# In $tests, as ctest does, so that all find the same hard_cases.csv.
 cd "$tests"
 built cuda_every_loop
 beside=()

@@ -612,7 +612,7 @@ private:
         if (stride < components)
             throw Error{"what is written of one particle would overlap the next one's", where,
                         "Pass a stride, in numbers, of " + std::to_string(components) + " or more."};
-        if constexpr (requires { backend_.reaches(to); })
+        if constexpr (!Backend::reaches_host_memory)
             require(count == 0 || backend_.reaches(to),
                     "the memory to write to is the host's, which the backend does not reach", where,
                     "Pass memory of the device, or take positions() or download() for the host.");

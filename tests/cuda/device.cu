@@ -181,8 +181,12 @@ TEST_CASE("what is looked at on the device is what is downloaded, before steps a
     }
     void* mapped = nullptr; // of the host, but for devices
     REQUIRE(cudaMallocHost(&mapped, 12 * solver.size()) == cudaSuccess);
-    if (Cuda{}.reaches(mapped)) solver.write_positions(static_cast<float*>(mapped));
+    auto* const x = static_cast<float*>(mapped);
+    solver.write_positions(x);
     REQUIRE(cudaStreamSynchronize(nullptr) == cudaSuccess);
+    auto const expected = solver.positions();
+    for (std::size_t i = 0; i < expected.size(); ++i)
+        REQUIRE((Eigen::Map<Eigen::Vector3f>(x + 3 * i) == expected[i].cast<float>()));
     REQUIRE(cudaFreeHost(mapped) == cudaSuccess);
 }
 

@@ -12,9 +12,8 @@ namespace
 {
 
 constexpr double cell = 0.05, speed = 3; // [m], [m/s]
-#if defined(__CUDACC__) // a device works on the particles of a cell one after another, and all end up in a
-                        // few cells
-constexpr int dust = 400;
+#if defined(__CUDACC__)
+constexpr int dust = 400; // all end up in a few cells, whose particles a device works on one after another
 #else
 constexpr int dust = 1000;
 #endif

@@ -389,6 +389,7 @@ struct Memory
 
     std::mutex mutex;
     std::map<void*, std::pair<int, std::size_t>> held;
+    std::map<void*, std::size_t> mapped; ///< of the host, for devices to reach
     std::size_t used[devices]{};
     int allocations_left = -1; ///< so many more may succeed, on devices and of the host; below 0: all
     std::map<void const*, std::size_t> allowed; ///< shared memory of loops
@@ -673,6 +674,11 @@ inline cudaError_t cudaPointerGetAttributes(cudaPointerAttributes* about, void c
         if (there >= first && there < first + held.second)
             *about = {cudaMemoryTypeDevice, held.first, const_cast<void*>(there)};
     }
+    for (auto const& [begin, bytes] : memory.mapped) {
+        auto* const first = static_cast<char const*>(begin);
+        if (there >= first && there < first + bytes)
+            *about = {cudaMemoryTypeHost, on_processor::current_device, const_cast<void*>(there)};
+    }
     return cudaSuccess;
 }
 enum cudaDeviceAttr
@@ -689,11 +695,15 @@ inline cudaError_t cudaMallocHost(void** to, std::size_t bytes)
     auto& memory = on_processor::Memory::one();
     std::lock_guard const lock(memory.mutex);
     *to = memory.may_allocate() ? std::malloc(bytes) : nullptr;
+    if (*to != nullptr) memory.mapped[*to] = bytes;
     return on_processor::tell(*to == nullptr ? cudaErrorMemoryAllocation : cudaSuccess);
 }
 inline cudaError_t cudaFreeHost(void* there)
 {
     on_processor::Worker::one().wait();
+    auto& memory = on_processor::Memory::one();
+    std::lock_guard const lock(memory.mutex);
+    memory.mapped.erase(there);
     std::free(there);
     return cudaSuccess;
 }
