@@ -35,6 +35,13 @@ struct OffsetLane<float>
 
 #if defined(FIRN_HAS_XSIMD)
 
+// As in lanes.hpp: g++ 12's own intrinsics.
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wuninitialized"
+#if !defined(__clang__)
+#pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
+#endif
+
 /// Whole numbers of 32 bits, one for each lane of a pack of floats, with what CellOffset asks of them. They
 /// stay in registers: a loop over numbers one by one goes through memory in other widths than packs, and what
 /// was stored in two parts cannot be loaded as one before it has reached the cache.
@@ -91,6 +98,8 @@ struct OffsetLane<Pack<float, Arch>>
         return Pack<float, Arch>(Batch(std::bit_cast<typename Batch::register_type>(stored.value.data)));
     }
 };
+
+#pragma GCC diagnostic pop
 
 #endif
 
