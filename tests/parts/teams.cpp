@@ -13,7 +13,7 @@ using namespace firn;
 
 TEST_CASE("a team works on each index once, whatever its size and that of the chunks")
 {
-    int const threads = GENERATE(1, 2, 3, 16), chunk = GENERATE(1, 4, 1000);
+    int const threads = GENERATE(1, 2, 3, 16, 100), chunk = GENERATE(1, 4, 1000);
     for (int const count : {0, 1, 2, 5, 1000}) {
         std::vector<std::atomic<int>> visits(std::size_t(count) + 1);
         std::atomic<int> made = 0;
@@ -25,6 +25,19 @@ TEST_CASE("a team works on each index once, whatever its size and that of the ch
         CHECK(visits[std::size_t(count)] == 0);
         CHECK((made >= 1 && made <= threads));
     }
+}
+
+TEST_CASE("a thread begins with the part that was its own before, and then helps others from behind")
+{
+    std::vector<int> order;
+    auto const note = [&](int i) { order.push_back(i); };
+    openmp::detail::SharedIndices indices(9, 2,
+                                          3); // chunks 0 1, 2 3, 4 5, 6 7 and 8: one, two and two of them
+    indices.for_each<int>(1, 3, note);
+    CHECK(order == std::vector<int>{2, 3, 4, 5, 8, 6, 7, 0, 1});
+    order.clear();
+    indices.for_each<int>(0, 3, note);
+    CHECK(order.empty());
 }
 
 TEST_CASE("what a thread of a team throws is thrown by the team, and what others made is gone")

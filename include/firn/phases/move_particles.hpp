@@ -101,7 +101,8 @@ struct MoveParticles
     }
 
     /// The same with what few particles have a part in, mishaps and reactions of obstacles, in another
-    /// result: a device has that in memory, and its registers for the rest.
+    /// result: a device has that in memory, and its registers for the rest, which are bounds; a processor's
+    /// thread has one result of bounds for all that it does.
     template <class Items>
     FIRN_HOST_DEVICE void answer(Items& items, Result& result, Result& rare) const
     {
@@ -225,16 +226,17 @@ private:
     {
         // The sum of all magnitudes is finite if each of them is, and small if nothing is about to overflow.
         // Stress counts: who gave one that is no number would spoil what others take in the next step.
-        Real size = abs(response.wave_modulus), moved(0);
+        // (In two sums: of one, each addition waits for the one before.)
+        Real size(0), answered = abs(response.wave_modulus), moved(0);
         particle.for_each([&](int, auto& value) { size += abs(value); });
         FIRN_UNROLL
         for (int a = 0; a < d; ++a) {
             moved = max(moved, abs(displacement[a]));
-            size += abs(displacement[a]);
+            answered += abs(displacement[a]);
             FIRN_UNROLL
-            for (int b = 0; b < d; ++b) size += abs(response.kirchhoff_stress(a, b));
+            for (int b = 0; b < d; ++b) answered += abs(response.kirchhoff_stress(a, b));
         }
-        Mask<Real> const finite = size < Real(std::numeric_limits<Number>::max());
+        Mask<Real> const finite = size + answered < Real(std::numeric_limits<Number>::max());
         Real const bound(largest_deformation * largest_deformation);
         Mask<Real> const calm = (moved < Real(1)) & (rate2 * Real(now->dt * now->dt) < bound);
         Mask<Real> wrong = items.here() & ((!finite) | response.inverted | (!calm));

@@ -128,10 +128,16 @@ FIRN_INLINE_WHOLE void take(Group& group, std::size_t items, Nodes& nodes)
     }
 }
 
+/// A phase that finds out bounds has them in a result of the thread's: who starts each block at zero finds a
+/// new largest value many times over.
 template <class Phase, class Items>
-FIRN_INLINE_WHOLE void answer(Phase const& phase, Items& items, typename Phase::Result& result)
+FIRN_INLINE_WHOLE void answer(Phase const& phase, Items& items, typename Phase::Result& of_thread,
+                              typename Phase::Result& of_block)
 {
-    phase.answer(items, result);
+    if constexpr (requires { phase.answer(items, of_thread, of_block); })
+        phase.answer(items, of_thread, of_block);
+    else
+        phase.answer(items, of_block);
 }
 } // namespace detail
 
@@ -406,7 +412,7 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
         // Not on the stack: compilers would take it apart and copy it for every group.
         return [&, nodes = std::move(nodes), scratch = Scratch<Lane, Phase::d>(),
                 nodes_of_cells = std::make_unique_for_overwrite<typename Phase::template CellNodes<Lane>>(),
-                giver = make_giver()](int b) mutable {
+                found = typename Phase::Result{}, giver = make_giver()](int b) mutable {
             std::uint64_t const rows = own_rows<GridType>(cells, b);
             fill_tile<GridType, Phase::node_channels>(grid, b, rows, nodes.data());
             auto items = giver.begin(b, rows, scratch);
@@ -422,10 +428,11 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
                 take<typename Phase::Takes>(group, end - begin, *nodes_of_cells);
                 for (std::size_t slot = begin; slot < end; slot += lanes) {
                     items.enter_again(slot, slot - begin);
-                    answer(phase, items, results[b]);
+                    answer(phase, items, found, results[b]);
                 }
                 giver.give(b, g, scratch);
             }
+            results[b].merge(found);
             giver.end(b, scratch);
         };
     });

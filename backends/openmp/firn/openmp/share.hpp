@@ -5,40 +5,78 @@
 #include <atomic>
 #include <cstdint>
 #include <exception>
+#include <omp.h>
 
 namespace firn::openmp
 {
 
 namespace detail
 {
-/// Indices that threads share, some at a time. (What one thread wrote others read behind the end of the team:
-/// that orders all, the counter nothing.)
+/// Indices that threads share, some at a time. Each thread has a part of its own and goes through it from the
+/// front; when that is done it takes from the backs of the others' parts. So a thread meets much the same
+/// indices in one loop after another, and finds what they stand for in its own cache. (What one thread wrote
+/// others read behind the end of the team: that orders all, the parts nothing.)
 class SharedIndices
 {
 public:
-    SharedIndices(std::int64_t count, std::int64_t chunk) : count_(count), chunk_(chunk) {}
-
-    /// Calls `work(i)` for every index that the calling thread gets.
-    template <class Index, class Work>
-    void for_each(Work& work)
+    /// `chunk` at a time, for so many threads.
+    SharedIndices(std::int64_t count, std::int64_t chunk, int threads)
+        : count_(count), chunk_(chunk), parts_(std::clamp(threads, 1, most_parts))
     {
-        for (;;) {
-            std::int64_t const begin = next_.fetch_add(chunk_, std::memory_order_relaxed);
-            if (begin >= count_) return;
-            std::int64_t const end = std::min(begin + chunk_, count_);
-            for (std::int64_t i = begin; i < end; ++i) work(static_cast<Index>(i));
+        std::int64_t const chunks = (count + chunk - 1) / chunk;
+        for (int part = 0; part < parts_; ++part)
+            part_[part].left =
+                Range{std::uint32_t(chunks * part / parts_), std::uint32_t(chunks * (part + 1) / parts_)};
+    }
+
+    /// Calls `work(i)` for every index that the calling thread gets, number `thread` of so many.
+    template <class Index, class Work>
+    void for_each(int thread, int threads, Work& work)
+    {
+        int const own = static_cast<int>(std::int64_t(thread) * parts_ / threads);
+        for (int i = 0; i < parts_; ++i) {
+            int const part = (own + i) % parts_;
+            for (std::int64_t taken = take(part, i == 0); taken >= 0; taken = take(part, i == 0)) {
+                std::int64_t const begin = taken * chunk_, end = std::min(begin + chunk_, count_);
+                for (std::int64_t at = begin; at < end; ++at) work(static_cast<Index>(at));
+            }
         }
     }
 
 private:
-    std::atomic<std::int64_t> next_ = 0;
+    static constexpr int most_parts = 64; ///< more threads than that share parts
+
+    struct Range
+    {
+        std::uint32_t begin, end; ///< of chunks
+    };
+    struct alignas(64) Part
+    {
+        std::atomic<Range> left{};
+    };
+
+    /// The next chunk of a part, from its front or its back, or -1 if there is none left.
+    std::int64_t take(int part, bool from_front)
+    {
+        auto& shared = part_[part].left;
+        Range left = shared.load(std::memory_order_relaxed);
+        while (left.begin < left.end) {
+            Range rest = left;
+            std::uint32_t const taken = from_front ? rest.begin++ : --rest.end;
+            if (shared.compare_exchange_weak(left, rest, std::memory_order_relaxed)) return taken;
+        }
+        return -1;
+    }
+
     std::int64_t count_, chunk_;
+    int parts_;
+    Part part_[most_parts];
 };
 
 /// What a thread of a team does.
 struct ThreadWork
 {
-    void (*run)(void const* context, SharedIndices& indices);
+    void (*run)(void const* context, SharedIndices& indices, int thread, int threads);
     void const* context;
 };
 
@@ -49,7 +87,7 @@ inline void run_team(int threads, ThreadWork const& work, SharedIndices& indices
 #pragma omp parallel num_threads(threads)
     {
         try {
-            work.run(work.context, indices);
+            work.run(work.context, indices, omp_get_thread_num(), omp_get_num_threads());
         }
         catch (...) {
 #pragma omp critical(firn_failure)
@@ -69,17 +107,18 @@ inline void run_team(int threads, ThreadWork const& work, SharedIndices& indices
 template <class Index, class Make>
 void share(int threads, Index count, int chunk, Make const& make)
 {
-    detail::ThreadWork const work{[](void const* context, detail::SharedIndices& indices) {
-                                      auto work_on = (*static_cast<Make const*>(context))();
-                                      indices.for_each<Index>(work_on);
-                                  },
-                                  &make};
+    detail::ThreadWork const work{
+        [](void const* context, detail::SharedIndices& indices, int thread, int of) {
+            auto work_on = (*static_cast<Make const*>(context))();
+            indices.for_each<Index>(thread, of, work_on);
+        },
+        &make};
     if (threads == 1) {
-        detail::SharedIndices all(count, count);
-        work.run(work.context, all);
+        detail::SharedIndices all(count, std::max(count, Index(1)), 1);
+        work.run(work.context, all, 0, 1);
     }
     else {
-        detail::SharedIndices indices(count, chunk);
+        detail::SharedIndices indices(count, chunk, threads);
         detail::run_team(threads, work, indices);
     }
 }
