@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Problem P1 of speed_against_error with quadratic MLS in float, in steps of one length as its peers take
-// them and in those of advance: firn_waves [--runs N] [--out TABLE]. See waves.py, which runs it.
+// them and in those of advance: firn_waves [--runs N] [--threads N] [--out TABLE]. See waves.py, which runs
+// it.
 #include "problems/manufactured.hpp"
 
 #include <algorithm>
@@ -35,14 +36,14 @@ double median(std::vector<double> of)
 }
 
 /// Solves it several times, the first of which only warms up, and writes a row.
-void measure(int cells, bool equal, int runs, std::ostream& out)
+void measure(int cells, bool equal, int runs, int threads, std::ostream& out)
 {
     using Clock = std::chrono::steady_clock;
     std::vector<double> wall, processor;
     double error = 0;
     std::size_t steps = 0;
     for (int run = 0; run <= runs; ++run) {
-        Waves waves(cells, 2, {}, {}, {1});
+        Waves waves(cells, 2, {}, {}, {threads});
         double spent = 0, spent_processor = 0;
         steps = 0;
         for (int piece = 0; piece < Waves::pieces; ++piece) {
@@ -67,19 +68,21 @@ void measure(int cells, bool equal, int runs, std::ostream& out)
     out << "P1," << (equal ? "firn" : "firn_advance") << ",neo_hookean,quadratic,mls,float,0.9," << cells
         << ",4,yes," << error << ',' << median(wall) << ',' << double(steps) * 4 * cells * cells << ','
         << Waves::Solver::bytes_per_particle << ",ok,0," << median(processor) << ',' << runs << ',' << steps
-        << ",0,1,this machine,g++ " << __VERSION__ << ",,\n";
+        << ",0," << threads << ",this machine,g++ " << __VERSION__ << ",,\n";
 }
 
 } // namespace
 
 int main(int argc, char** argv)
 {
-    int runs = 1;
+    int runs = 1, threads = 1;
     std::string path;
     for (int i = 1; i + 1 < argc; i += 2) {
         std::string const name = argv[i];
         if (name == "--runs")
             runs = std::stoi(argv[i + 1]);
+        else if (name == "--threads")
+            threads = std::stoi(argv[i + 1]);
         else if (name == "--out")
             path = argv[i + 1];
         else {
@@ -93,5 +96,5 @@ int main(int argc, char** argv)
            "seconds,particle_steps,bytes_per_particle,status,spread,cpu_seconds,runs,steps,rejected,threads,"
            "hardware,compiler,commit,date\n";
     for (auto const& [cells, steps] : steps_of)
-        for (bool equal : {true, false}) measure(cells, equal, runs, out);
+        for (bool equal : {true, false}) measure(cells, equal, runs, threads, out);
 }

@@ -188,6 +188,27 @@ TEMPLATE_LIST_TEST_CASE("A pack compares as its numbers would, NaN included", ""
     CHECK(check([](auto a, auto b) { return (a < b) | (a == a); }));
 }
 
+TEST_CASE("The logarithm of every positive float is off by one unit of the last place at most", "[.full]")
+{
+    using Pack = NativePack<float>;
+    double most = 0;
+    std::uint32_t const infinity = std::bit_cast<std::uint32_t>(Limits<float>::infinity());
+    for (std::uint32_t first = 1; first < infinity; first += lane_width<Pack>) {
+        float x[lane_width<Pack>], found[lane_width<Pack>];
+        for (int l = 0; l < lane_width<Pack>; ++l)
+            x[l] = std::bit_cast<float>(std::min(first + std::uint32_t(l), infinity - 1));
+        log(Pack::load(x)).store(found);
+        for (int l = 0; l < lane_width<Pack>; ++l) {
+            double const exact = std::log(double(x[l]));
+            int exponent = 0;
+            std::frexp(float(exact), &exponent);
+            most = std::max(most, std::abs(double(found[l]) - exact) / std::ldexp(1.0, exponent - 24));
+        }
+    }
+    CHECK(most <= 1);
+    WARN("units of the last place: " << most);
+}
+
 TEMPLATE_LIST_TEST_CASE("Functions of a pack are exact to two units of the last place", "", Packs)
 {
     using N = Scalar<TestType>;

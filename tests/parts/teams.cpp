@@ -31,8 +31,8 @@ TEST_CASE("a thread begins with the part that was its own before, and then helps
 {
     std::vector<int> order;
     auto const note = [&](int i) { order.push_back(i); };
-    openmp::detail::SharedIndices indices(9, 2,
-                                          3); // chunks 0 1, 2 3, 4 5, 6 7 and 8: one, two and two of them
+    // Three threads have the chunks 0 1, then 2 3 and 4 5, then 6 7 and 8.
+    openmp::detail::SharedIndices indices(9, 2, 3);
     indices.for_each<int>(1, 3, note);
     CHECK(order == std::vector<int>{2, 3, 4, 5, 8, 6, 7, 0, 1});
     order.clear();

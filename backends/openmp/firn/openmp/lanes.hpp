@@ -482,7 +482,7 @@ private:
 
     /// The logarithm where the processor takes numbers apart, denormal ones too: with x = 2ⁿ (1 + r), r from
     /// -1/4 to 1/2, n ln 2 + r − r²/2 + r³ p(r) where p has the least largest error of its degree, 5e-9 of
-    /// the whole. A third of the instructions of xsimd's, no branch and no quotient.
+    /// the whole. It needs no branch and no quotient, of which xsimd's has one each.
     static Pack log_by_mantissa([[maybe_unused]] Pack x)
     {
 #if defined(__AVX512F__)

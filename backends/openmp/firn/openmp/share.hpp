@@ -36,7 +36,7 @@ public:
         int const own = static_cast<int>(std::int64_t(thread) * parts_ / threads);
         for (int i = 0; i < parts_; ++i) {
             int const part = (own + i) % parts_;
-            for (std::int64_t taken = take(part, i == 0); taken >= 0; taken = take(part, i == 0)) {
+            for (std::int64_t taken; (taken = take(part, i == 0)) >= 0;) {
                 std::int64_t const begin = taken * chunk_, end = std::min(begin + chunk_, count_);
                 for (std::int64_t at = begin; at < end; ++at) work(static_cast<Index>(at));
             }
