@@ -66,7 +66,7 @@ public:
     {}
 
     /// The largest number of items in one of the cells.
-    int ranks() const { return static_cast<int>(*std::max_element(count_, count_ + lanes)); }
+    int ranks() const { return static_cast<int>(most_of<lanes>(count_)); }
 
     /// Goes back before the first items.
     void restart() { item_ = 0, active_ = 0; }

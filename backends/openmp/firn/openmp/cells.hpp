@@ -14,6 +14,7 @@
 #include <bit>
 #include <cmath>
 #include <cstdint>
+#include <numeric>
 #include <omp.h>
 #include <span>
 #include <utility>
@@ -21,6 +22,11 @@
 
 namespace firn::openmp
 {
+
+namespace detail
+{
+constexpr int power(int base, int exponent) { return exponent == 0 ? 1 : base * power(base, exponent - 1); }
+} // namespace detail
 
 /// The order of cells: items by block, in a block by group of `lanes` cells, in a group interleaved by rank.
 ///
@@ -46,6 +52,14 @@ public:
         std::uint32_t begin = 0, end = 0; ///< its slots
     };
 
+    /// Adds some at the end of a list.
+    template <class T>
+    static void append(T const* from, std::size_t count, std::vector<T>& list)
+    {
+        make_room(list, count);
+        list.insert(list.end(), from, from + count);
+    }
+
     /// Makes room in a list for more: there is one for each block, and together they would waste much if each
     /// grew to twice its size.
     template <class T>
@@ -55,38 +69,56 @@ public:
         if (needed > list.capacity()) list.reserve(std::max(needed, list.capacity() + list.capacity() / 8));
     }
 
+    /// An item that has changed its cell.
+    struct Mover
+    {
+        std::uint32_t source;    ///< where the item lies
+        std::uint16_t place;     ///< its cell now, in the block where that is
+        std::uint16_t direction; ///< in which that block lies, see direction_of()
+        Number const* given;     ///< what it gives, its offset in the new cell first
+    };
+
+    /// Where an item was that has left its cell.
+    struct Departure
+    {
+        std::uint32_t slot;
+        std::uint32_t at; ///< in its group: its rank times `lanes`, and its lane
+    };
+
     /// Items of a block that have left their cells since the last follow(); the loops that move items write
     /// this.
     struct Departures
     {
-        std::vector<std::uint32_t> slots;  ///< in rising order
-        std::vector<std::uint16_t> places; ///< of each: its cell now, or elsewhere
-        std::vector<Number> given;         ///< by those that went elsewhere, see Mover
-    };
-    /// Instead of a cell of the block: listed as one that comes to a block, another one or the same.
-    static constexpr std::uint16_t elsewhere = 0xffff;
-
-    /// An item that has changed its cell.
-    struct Mover
-    {
-        std::uint32_t source; ///< where the item lies
-        std::uint16_t place;  ///< its cell now
-        Number const* given;  ///< what it gives, its offset in the new cell first
+        std::vector<Departure> from;     ///< of all, in the order of slots
+        std::vector<Mover> given_inside; ///< who is in another cell of the block and gave there, by cell
+        std::vector<Mover> movers;       ///< the others, by direction
+        std::array<std::uint32_t, detail::power(3, d)> to{}; ///< how many of them go in each direction
+        std::vector<Number> given;                           ///< by them
     };
 
-    /// Those that have left their cells in one block, while it is being worked on.
+    /// Those that have left their cells in one block, while it is being worked on: as they left, `count` of
+    /// them. (Lists of a thread, that stay as long as they once were: who leaves is noted without a
+    /// question.)
     struct Leavers
     {
-        std::vector<std::array<signed char, d>> steps; ///< cells along the axes; as Departures::slots
-        std::vector<Number> given;                     ///< the same, see Mover
-        std::vector<Mover> inside;                     ///< who goes to another cell of the block
-        std::vector<Mover> in_order;                   ///< the same in the order of cells
+        std::size_t count = 0, channels = 0;
+        std::vector<Departure> from;
+        std::vector<Mover> movers;
+        std::vector<Number> given;           ///< so many channels of each, see Mover
+        std::vector<std::uint32_t> at;       ///< of all items of a group, see Departure
+        std::vector<Mover> inside, in_order; ///< who gives at once, as they left and by cell
 
-        void start()
+        /// Begins with a block of so many items.
+        void start(std::size_t items)
         {
-            steps.clear();
-            given.clear();
-            inside.clear();
+            count = 0;
+            if (from.size() < items) from.resize(items), movers.resize(items);
+        }
+        /// Makes room for some more that give so many channels.
+        void expect(std::size_t more, std::size_t of)
+        {
+            channels = of;
+            if (given.size() < (count + more) * channels) given.resize(2 * (count + more) * channels);
         }
     };
 
@@ -143,10 +175,10 @@ public:
     std::size_t memory() const
     {
         auto const of = [](auto const& list) { return list.capacity() * sizeof(list[0]); };
-        std::size_t lists =
-            of(blocks_) + of(arrivals_) + of(stay_) + of(old_block_) + of(block_now_) + of(arrival_begin_);
-        for (auto const& list : leavers_) lists += of(list);
-        for (auto const& [slots, places, given] : departures_) lists += of(slots) + of(places) + of(given);
+        std::size_t lists = of(blocks_) + of(arrivals_) + of(stay_) + of(old_block_) + of(arrival_begin_) +
+                            of(departures_) + of(flows_) + of(flow_begin_) + of(flow_order_);
+        for (auto const& of_block : departures_)
+            lists += of(of_block.from) + of(of_block.given_inside) + of(of_block.movers) + of(of_block.given);
         return lists + source_.memory() + new_source_.memory() + counts_.memory() + new_counts_.memory() +
                group_begin_.memory() + new_group_begin_.memory() + map_.memory();
     }
@@ -166,11 +198,20 @@ public:
     void insert(std::span<Coordinates<d> const> cells, std::uint32_t first)
     {
         expect_departures();
-        for (std::size_t i = 0; i < cells.size(); ++i)
-            leavers_.back().push_back(item_in(cells[i], static_cast<std::uint32_t>(first + i)));
+        std::vector<Mover> movers;
+        movers.reserve(cells.size());
+        for (std::size_t i = 0; i < cells.size(); ++i) {
+            auto const [block, place] = block_and_place(cells[i]);
+            auto const key = block_key<d>(block);
+            if (flows_.empty() || flows_.back().key != key)
+                flows_.push_back({key, movers.data() + i, 0, BlockMap::absent});
+            ++flows_.back().count;
+            movers.push_back({static_cast<std::uint32_t>(first + i), place, here, nullptr});
+        }
         rearrange(size() + cells.size());
         // Every new item was in these lists; they need not stay so large.
-        decltype(leavers_)().swap(leavers_);
+        decltype(flows_)().swap(flows_);
+        decltype(flow_order_)().swap(flow_order_);
         decltype(arrivals_)().swap(arrivals_);
         arrival_begin_.assign(blocks_.size() + 1, 0);
     }
@@ -182,12 +223,10 @@ public:
         expect_departures();
         for (std::size_t b = 0; b < blocks_.size(); ++b)
             for (int group = 0; group < Shape::groups; ++group)
-                for_each_rank(b, group, [&](std::uint32_t slot, std::uint32_t, std::uint64_t pattern) {
+                for_each_rank(b, group, [&](std::uint32_t slot, std::uint32_t rank, std::uint64_t pattern) {
                     for (; pattern != 0; pattern &= pattern - 1, ++slot)
-                        if (gone[source(slot)]) {
-                            departures_[b].slots.push_back(slot);
-                            departures_[b].places.push_back(elsewhere);
-                        }
+                        if (gone[source(slot)])
+                            departures_[b].from.push_back({slot, rank * lanes + std::countr_zero(pattern)});
                 });
         rearrange(kept);
         for (std::size_t slot = 0; slot < kept; ++slot) source_[slot] = place[source_[slot]];
@@ -197,71 +236,86 @@ public:
     /// (see settle).
     void follow(std::array<Offset*, d> const& offset)
     {
-        share(threads_, static_cast<int>(blocks_.size()), 16, [&] {
-            return [&](int b) {
-                for (std::uint32_t const slot : departures_[b].slots)
-                    for (int a = 0; a < d; ++a) CellOffset<Number>::wrap(offset[a][slot]);
-                // the list of what they give does not grow any more
-                std::size_t const count = leavers_[b].size();
-                std::size_t const channels = count == 0 ? 0 : departures_[b].given.size() / count;
-                for (std::size_t i = 0; i < count; ++i)
-                    leavers_[b][i].given = departures_[b].given.data() + i * channels;
-            };
+        list_flows();
+        rearrange(size(), [&](Departures const& departures) {
+            for (auto const& from : departures.from)
+                for (int a = 0; a < d; ++a) CellOffset<Number>::wrap(offset[a][from.slot]);
         });
-        rearrange(size());
     }
 
-    /// Finds where those go that have left their cells in a block.
-    void find_new_cells(std::size_t b, Leavers& leavers)
+    /// Where each item of a group is in it, see Departure; whole packs may be written behind the last.
+    void find_places(std::size_t block, int group, std::vector<std::uint32_t>& at) const
     {
-        Departures& departures = departures_[b];
-        std::size_t i = 0;
-        std::size_t const count = departures.slots.size();
-        make_room(departures.places, count);
-        for (int group = 0; i < count; ++group) {
-            if (departures.slots[i] >= group_end(b, group)) continue;
-            for_each_rank(b, group, [&](std::uint32_t first, std::uint32_t, std::uint64_t pattern) {
-                std::uint32_t const end = first + static_cast<std::uint32_t>(std::popcount(pattern));
-                for (; i < count && departures.slots[i] < end; ++i) {
-                    std::uint32_t const slot = departures.slots[i];
-                    int const place = group * lanes + bit_place(pattern, slot - first);
-                    Coordinates<d> cell = cell_at(blocks_[b].coordinates, place);
-                    for (int a = 0; a < d; ++a) cell[a] += leavers.steps[i][a];
-                    Item const item = item_in(cell, slot);
-                    bool const is_inside = is_same_block<d>(item.block, blocks_[b].coordinates);
-                    departures.places.push_back(is_inside ? item.place : elsewhere);
-                    if (is_inside)
-                        leavers.inside.push_back(item);
-                    else
-                        leave(b, item, i, leavers);
-                }
-            });
+        std::uint32_t const begin = group_begin(block, group);
+        at.resize(std::max<std::size_t>(at.size(), group_end(block, group) - begin + lanes));
+        for_each_rank(block, group, [&](std::uint32_t slot, std::uint32_t rank, std::uint64_t pattern) {
+            std::uint32_t of_lanes[lanes];
+            count_up(rank * lanes, of_lanes);
+            compress<lanes>(of_lanes, pattern, &at[slot - begin]);
+        });
+    }
+
+    /// An item of a block that goes from a cell so many cells along the axes: less than a block.
+    static Mover moved(std::uint32_t source, int place, std::array<int, d> const& steps)
+    {
+        int to = 0, direction = 0, stride = 1, turn = 1;
+        for (int a = d - 1; a >= 0; --a) {
+            int const extent = Shape::extent(a), at = place % extent + steps[a];
+            int const beyond = int(at >= extent) - int(at < 0);
+            to += (at - beyond * extent) * stride;
+            direction += (beyond + 1) * turn;
+            place /= extent;
+            stride *= extent;
+            turn *= 3;
         }
+        return {source, static_cast<std::uint16_t>(to), static_cast<std::uint16_t>(direction), nullptr};
     }
 
-    /// Those of a block that are to give at once, in the order of their cells, when it is known where all of
-    /// them go: who goes to another cell of the block, if they are many. Nothing need be kept of them but
-    /// where they went. A few give together with those who come from other blocks, which takes less time.
-    std::span<Mover const> give_at_once(std::size_t b, Leavers& leavers)
+    /// Takes over who has left its cell in a block, and returns those that are to give at once, in the order
+    /// of their cells: who goes to another cell of the block, if they are many. Nothing need be kept of them
+    /// but where they went. A few give together with those who come from other blocks, which takes less time.
+    std::span<Mover const> note_departures(std::size_t b, Leavers& leavers)
     {
+        if (leavers.count == 0) return {};
         Departures& departures = departures_[b];
-        bool const are_many = leavers.inside.size() * share_to_keep > blocks_[b].end - blocks_[b].begin;
-        std::size_t const channels =
-            leavers.inside.empty() ? 0 : leavers.given.size() / departures.slots.size();
-        std::size_t i = 0;
-        for (Mover& mover : leavers.inside) {
-            while (departures.places[i] == elsewhere) ++i;
-            if (are_many)
-                mover.given = leavers.given.data() + i * channels;
-            else {
-                departures.places[i] = elsewhere;
-                leave(b, {mover, blocks_[b].coordinates}, i, leavers);
-            }
-            ++i;
+        std::size_t const channels = leavers.channels;
+        std::span<Mover> const all(leavers.movers.data(), leavers.count);
+        append(leavers.from.data(), leavers.count, departures.from);
+        for (Mover const& mover : all) ++departures.to[mover.direction];
+        bool const are_many = departures.to[here] * share_to_keep > blocks_[b].end - blocks_[b].begin;
+        Number const* given = leavers.given.data();
+        if (are_many) {
+            departures.to[here] = 0;
+            leavers.inside.clear();
+        }
+        else {
+            append(given, leavers.count * channels, departures.given);
+            given = departures.given.data();
+        }
+        std::array<std::uint32_t, directions> next;
+        std::exclusive_scan(departures.to.begin(), departures.to.end(), next.begin(), std::uint32_t(0));
+        std::size_t const listed = next.back() + departures.to.back();
+        append(all.data(), listed, departures.movers); // and now in their order
+        for (Mover const& mover : all) {
+            // made of its parts: read as a whole, what was just written in parts would be waited for
+            Mover const gives{mover.source, mover.place, mover.direction, given};
+            given += channels;
+            if (are_many && mover.direction == here)
+                leavers.inside.push_back(gives);
+            else
+                departures.movers[next[mover.direction]++] = gives;
         }
         if (!are_many) return {};
+
+        make_room(departures.given, listed * channels);
+        for (Mover& mover : departures.movers) {
+            append(mover.given, channels, departures.given);
+            mover.given = departures.given.data() + departures.given.size() - channels;
+        }
         std::array<std::uint32_t, Shape::cells> counts{};
-        sort_by_cell(leavers.inside, leavers.in_order, counts);
+        leavers.in_order.resize(leavers.inside.size());
+        sort_by_cell(std::array{std::span<Mover const>(leavers.inside)}, leavers.in_order.data(), counts);
+        append(leavers.in_order.data(), leavers.in_order.size(), departures.given_inside);
         return leavers.in_order;
     }
 
@@ -269,13 +323,14 @@ public:
     void expect_departures()
     {
         departures_.resize(blocks_.size());
-        for (auto& [slots, places, given] : departures_) {
-            slots.clear();
-            places.clear();
-            given.clear();
+        for (auto& of_block : departures_) {
+            of_block.from.clear();
+            of_block.given_inside.clear();
+            of_block.movers.clear();
+            of_block.to.fill(0);
+            of_block.given.clear();
         }
-        leavers_.resize(blocks_.size() + 1);
-        for (auto& list : leavers_) list.clear();
+        flows_.clear();
     }
 
     /// Says that all items now lie at their slots.
@@ -309,10 +364,15 @@ public:
     }
 
 private:
-    struct Item : Mover
+    static constexpr int directions = detail::power(3, d), here = directions / 2;
+
+    /// Items that lie side by side in a list and come to one block.
+    struct Flow
     {
-        Coordinates<d> block;
-        int to = BlockMap::absent; ///< the block's index in the new order
+        std::uint64_t key; ///< of the block
+        Mover const* first;
+        std::uint32_t count;
+        int to; ///< the block's index
     };
 
     /// The sources of a group's items, a row of lanes for each rank, as one thread changes them.
@@ -325,52 +385,56 @@ private:
         {
             before_ = before;
             counts_ = counts;
-            next_.fill(0);
-            auto const most = std::max(*std::max_element(before, before + lanes), //
-                                       *std::max_element(counts, counts + lanes));
-            if (at_.size() < std::size_t(most) * lanes) at_.resize(std::size_t(most) * lanes);
+            std::copy_n(before, lanes, end_.begin());
+            first_hole_.fill(none);
+            std::size_t const most = std::max(most_of<lanes>(before), most_of<lanes>(counts));
+            if (at_.size() < most * lanes) at_.resize(most * lanes), next_hole_.resize(most * lanes);
         }
 
         std::uint32_t* row(std::uint32_t rank) { return &at_[std::size_t(rank) * lanes]; }
 
-        void leave(std::uint32_t rank, int lane) { row(rank)[lane] = hole; }
+        /// Takes out the item at a rank times `lanes` plus a lane; those of a cell by rising rank.
+        void leave(std::uint32_t at)
+        {
+            std::uint32_t const lane = at % lanes;
+            (first_hole_[lane] == none ? first_hole_[lane] : next_hole_[last_hole_[lane]]) = at;
+            last_hole_[lane] = at;
+            next_hole_[at] = none;
+            at_[at] = hole;
+        }
 
         /// Puts a new item into the first hole of a cell, or behind its items.
         void fill(int lane, std::uint32_t source)
         {
-            auto& rank = next_[lane];
-            while (rank < before_[lane] && row(rank)[lane] != hole) ++rank;
-            row(rank++)[lane] = source;
+            std::uint32_t const first = first_hole_[lane];
+            bool const is_behind = first == none;
+            at_[is_behind ? end_[lane] * lanes + std::uint32_t(lane) : first] = source;
+            end_[lane] += is_behind;
+            first_hole_[lane] = is_behind ? none : next_hole_[first];
         }
 
         /// Fills the holes that are left with the last items of their cells.
         void close_holes()
         {
-            for (int lane = 0; lane < lanes; ++lane) {
-                if (counts_[lane] >= before_[lane]) continue; // as many came as left
-                std::uint32_t last = before_[lane];
-                for (std::uint32_t rank = next_[lane]; rank < counts_[lane]; ++rank)
-                    if (row(rank)[lane] == hole) {
-                        do --last;
-                        while (row(last)[lane] == hole);
-                        row(rank)[lane] = row(last)[lane];
-                    }
+            for (std::uint64_t fewer = lanes_above<lanes>(before_, counts_); fewer != 0; fewer &= fewer - 1) {
+                auto const lane = static_cast<std::uint32_t>(std::countr_zero(fewer));
+                std::uint32_t const end = counts_[lane] * lanes;
+                std::uint32_t last = before_[lane] * lanes + lane;
+                for (std::uint32_t at = first_hole_[lane]; at < end; at = next_hole_[at]) {
+                    do last -= lanes;
+                    while (at_[last] == hole);
+                    at_[at] = at_[last];
+                }
             }
         }
 
     private:
-        static constexpr std::uint32_t hole = ~std::uint32_t(0);
+        static constexpr std::uint32_t hole = ~std::uint32_t(0), none = hole;
 
         std::uint32_t const *before_ = nullptr, *counts_ = nullptr;
-        std::array<std::uint32_t, lanes> next_; ///< the first rank that may be free
-        std::vector<std::uint32_t> at_;
-    };
-
-    /// What a thread sorts blocks with.
-    struct Sorter
-    {
-        Ranks ranks;
-        std::vector<Mover> inside, unsorted, sorted;
+        std::array<std::uint32_t, lanes> end_; ///< behind the last rank of each cell
+        std::array<std::uint32_t, lanes> first_hole_, last_hole_;
+        std::vector<std::uint32_t> at_, next_hole_;
     };
 
     std::uint32_t source(std::size_t slot) const
@@ -378,72 +442,90 @@ private:
         return settled_ ? static_cast<std::uint32_t>(slot) : source_[slot];
     }
 
-    /// Lists one of a block's departures, number i of them, as one to come to a block.
-    void leave(std::size_t b, Item const& item, std::size_t i, Leavers const& leavers)
+    static std::pair<Coordinates<d>, std::uint16_t> block_and_place(Coordinates<d> const& cell)
     {
-        std::size_t const channels = leavers.given.size() / departures_[b].slots.size();
-        make_room(leavers_[b], 1);
-        leavers_[b].push_back(item);
-        auto& given = departures_[b].given;
-        make_room(given, channels);
-        given.resize(given.size() + channels);
-        std::copy_n(leavers.given.data() + i * channels, channels, given.data() + given.size() - channels);
-    }
-
-    static Item item_in(Coordinates<d> const& cell, std::uint32_t source)
-    {
-        Item item{{source, 0, nullptr}, zeros<Coordinates<d>>()};
+        Coordinates<d> block = zeros<Coordinates<d>>();
         int place = 0;
         for (int a = 0; a < d; ++a) {
             int const extent = Shape::extent(a), inside = ((cell[a] % extent) + extent) % extent;
-            item.block[a] = (cell[a] - inside) / extent;
+            block[a] = (cell[a] - inside) / extent;
             place = place * extent + inside;
         }
-        item.place = static_cast<std::uint16_t>(place);
-        return item;
+        return {block, static_cast<std::uint16_t>(place)};
     }
 
-    /// Sorts items by cell, those of one cell in the order in which they are listed, and adds the number of
-    /// each cell's to `counts`.
-    static void sort_by_cell(std::vector<Mover> const& items, std::vector<Mover>& sorted,
+    /// The neighbour of a block that lies in a direction: -1, 0 or 1 along each axis, the first one's place
+    /// value the highest.
+    static Coordinates<d> neighbour(Coordinates<d> block, int direction)
+    {
+        for (int a = d - 1; a >= 0; --a, direction /= 3) block[a] += direction % 3 - 1;
+        return block;
+    }
+
+    /// Sorts the items of some lists by cell, those of one cell in the order in which they are listed, and
+    /// adds the number of each cell's to `counts`.
+    template <class Lists>
+    static void sort_by_cell(Lists const& lists, Mover* sorted,
                              std::array<std::uint32_t, Shape::cells>& counts)
     {
-        sorted.resize(items.size());
-        if (items.empty()) return;
         std::array<std::uint32_t, Shape::cells> next;
         next.fill(0);
-        for (Mover const& item : items) ++next[item.place];
+        bool any = false;
+        for (std::span<Mover const> const list : lists)
+            for (Mover const& item : list) ++next[item.place], any = true;
+        if (!any) return;
         std::uint32_t before = 0;
         for (int cell = 0; cell < Shape::cells; ++cell) {
             counts[cell] += next[cell];
             before += std::exchange(next[cell], before);
         }
-        for (Mover const& item : items) sorted[next[item.place]++] = item;
+        for (std::span<Mover const> const list : lists)
+            for (Mover const& item : list) sorted[next[item.place]++] = item;
+    }
+
+    /// Lists the departures that come to a block, each block's by direction.
+    void list_flows()
+    {
+        flows_.clear();
+        for (std::size_t b = 0; b < departures_.size(); ++b) {
+            Departures const& departures = departures_[b];
+            Mover const* first = departures.movers.data();
+            if (departures.movers.empty()) continue;
+            for (int direction = 0; direction < directions; ++direction) {
+                std::uint32_t const count = departures.to[direction];
+                if (count == 0) continue;
+                flows_.push_back({block_key<d>(neighbour(blocks_[b].coordinates, direction)), first, count,
+                                  BlockMap::absent});
+                first += count;
+            }
+        }
     }
 
     /// Writes the new order: the items that stay in their block, and those that come from elsewhere.
-    void rearrange(std::size_t count)
+    /// `settle_in(departures)` is called for those of each block.
+    template <class SettleIn>
+    void rearrange(std::size_t count, SettleIn const& settle_in)
     {
         stay_.resize(blocks_.size());
-        for (std::size_t b = 0; b < blocks_.size(); ++b) {
-            auto const& places = departures_[b].places;
-            auto const left = std::count(places.begin(), places.end(), elsewhere);
-            stay_[b] = blocks_[b].end - blocks_[b].begin - static_cast<std::uint32_t>(left);
-        }
+        for (std::size_t b = 0; b < blocks_.size(); ++b)
+            stay_[b] =
+                static_cast<std::uint32_t>(blocks_[b].end - blocks_[b].begin - departures_[b].from.size() +
+                                           departures_[b].given_inside.size());
         std::vector<Block> next = blocks_with_items();
         bool same = next.size() == blocks_.size();
         for (std::size_t b = 0; same && b < next.size(); ++b)
             same = is_same_block<d>(next[b].coordinates, blocks_[b].coordinates);
         old_block_.assign(next.size(), BlockMap::absent);
-        block_now_.assign(blocks_.size(), BlockMap::absent);
-        for (std::size_t b = 0; b < next.size(); ++b) {
+        for (std::size_t b = 0; b < next.size(); ++b)
             old_block_[b] = same ? int(b) : map_.find(block_key<d>(next[b].coordinates));
-            if (old_block_[b] != BlockMap::absent) block_now_[old_block_[b]] = int(b);
-        }
         if (!same) {
             map_.clear(next.size());
             for (std::size_t b = 0; b < next.size(); ++b)
                 map_.insert(block_key<d>(next[b].coordinates), int(b));
+            for (Flow& flow : flows_) flow.to = map_.find(flow.key);
+            // nobody asks for those of a block that is gone
+            for (std::size_t b = 0; b < blocks_.size(); ++b)
+                if (stay_[b] == 0) settle_in(departures_[b]);
             ++version_;
         }
         ++generation_;
@@ -453,34 +535,35 @@ private:
         new_counts_.resize(next.size() * Shape::cells);
         new_group_begin_.resize(next.size() * Shape::groups);
         int const blocks = static_cast<int>(next.size());
-        share(threads_, blocks, 4,
-              [&] { return [&, sorter = Sorter()](int b) mutable { sort_block(b, next[b], sorter); }; });
+        share(threads_, blocks, 4, [&] {
+            return [&, ranks = Ranks()](int b) mutable {
+                if (int const old = old_block_[b]; old != BlockMap::absent) settle_in(departures_[old]);
+                sort_block(b, next[b], ranks);
+            };
+        });
         std::swap(source_, new_source_);
         std::swap(counts_, new_counts_);
         std::swap(group_begin_, new_group_begin_);
         blocks_ = std::move(next);
         settled_ = false;
     }
-
-    /// Whether an item of a block's list goes to that block; the last list is of none.
-    bool comes_back(std::size_t b, Item const& item) const
+    void rearrange(std::size_t count)
     {
-        return b < blocks_.size() && is_same_block<d>(item.block, blocks_[b].coordinates);
+        rearrange(count, [](auto const&) {});
     }
 
-    /// All blocks that will hold items, in the order of their keys.
+    /// All blocks that will hold items, in the order of their keys; of those that are there `stay_` counts
+    /// who comes, too.
     std::vector<Block> blocks_with_items()
     {
         std::vector<std::uint64_t> fresh;
-        for (std::size_t b = 0; b < leavers_.size(); ++b)
-            for (Item const& item : leavers_[b]) {
-                auto const key = block_key<d>(item.block);
-                int const existing = comes_back(b, item) ? int(b) : map_.find(key);
-                if (existing == BlockMap::absent)
-                    fresh.push_back(key);
-                else
-                    ++stay_[existing];
-            }
+        for (Flow& flow : flows_) {
+            flow.to = map_.find(flow.key);
+            if (flow.to == BlockMap::absent)
+                fresh.push_back(flow.key);
+            else
+                stay_[flow.to] += flow.count;
+        }
         std::sort(fresh.begin(), fresh.end());
         fresh.erase(std::unique(fresh.begin(), fresh.end()), fresh.end());
         std::vector<Block> next;
@@ -497,74 +580,86 @@ private:
         return next;
     }
 
-    /// Sorts what arrives by its block, in the order in which it left, and finds each block's slots.
+    /// Sorts flows by the block to which they come, and finds the slots of blocks and the places of arrivals.
     void deal_arrivals(std::vector<Block>& next)
     {
         arrival_begin_.assign(next.size() + 1, 0);
-        for (std::size_t b = 0; b < leavers_.size(); ++b)
-            for (Item& item : leavers_[b]) {
-                item.to = comes_back(b, item) ? block_now_[b] : map_.find(block_key<d>(item.block));
-                ++arrival_begin_[item.to + 1];
-            }
+        flow_begin_.assign(next.size() + 2, 0); // those of block b begin at b + 1 until they are sorted
+        for (Flow const& flow : flows_) {
+            arrival_begin_[flow.to + 1] += flow.count;
+            ++flow_begin_[flow.to + 2];
+        }
         std::uint32_t slot = 0;
         for (std::size_t b = 0; b < next.size(); ++b) {
-            // stay_ counts arrivals to blocks that existed before, too: those are taken off again
-            std::uint32_t const arrivals = arrival_begin_[b + 1];
-            std::uint32_t const total = old_block_[b] == BlockMap::absent ? arrivals : stay_[old_block_[b]];
+            std::uint32_t const total =
+                old_block_[b] == BlockMap::absent ? arrival_begin_[b + 1] : stay_[old_block_[b]];
             next[b].begin = slot;
             next[b].end = slot += total;
             arrival_begin_[b + 1] += arrival_begin_[b];
+            flow_begin_[b + 2] += flow_begin_[b + 1];
         }
+        flow_order_.resize(flows_.size());
+        for (Flow const& flow : flows_)
+            flow_order_[flow_begin_[flow.to + 1]++] = std::span(flow.first, flow.count);
         arrivals_.clear();
         make_room(arrivals_, arrival_begin_.back());
         arrivals_.resize(arrival_begin_.back());
-        arrival_end_.resize(next.size());
-        std::copy_n(arrival_begin_.data(), next.size(), arrival_end_.data());
-        for (auto const& list : leavers_)
-            for (Item const& item : list) arrivals_[arrival_end_[item.to]++] = item;
     }
 
     /// Orders a block's items by cell and rank, interleaved by rank within groups.
     ///
     /// Who stays in a cell keeps its rank, so that sources nearly follow one another; who leaves makes room
     /// for who comes, and if none comes for the last of the cell.
-    void sort_block(int b, Block const& block, Sorter& sorter)
+    void sort_block(int b, Block const& block, Ranks& ranks)
     {
         int const old = old_block_[b];
+        bool const is_new = old == BlockMap::absent;
         static constexpr std::array<std::uint32_t, Shape::cells> none{};
-        std::uint32_t const* const before =
-            old != BlockMap::absent ? &counts_[std::size_t(old) * Shape::cells] : none.data();
+        std::uint32_t const* const before = is_new ? none.data() : &counts_[std::size_t(old) * Shape::cells];
         std::uint32_t* const counts = &new_counts_[std::size_t(b) * Shape::cells];
-        std::span<std::uint32_t const> gone;
-        if (old != BlockMap::absent) gone = departures_[old].slots;
-        std::array<std::uint32_t, Shape::cells> came = find_who_comes(b, sorter);
+        std::span<Departure const> gone;
+        std::span<Mover const> inside;
+        if (!is_new) gone = departures_[old].from, inside = departures_[old].given_inside;
+        std::array<std::uint32_t, Shape::cells> came;
+        came.fill(0);
+        for (Mover const& mover : inside) ++came[mover.place];
+        sort_by_cell(std::span(flow_order_).subspan(flow_begin_[b], flow_begin_[b + 1] - flow_begin_[b]),
+                     arrivals_.data() + arrival_begin_[b], came);
         for (int cell = 0; cell < Shape::cells; ++cell) counts[cell] = before[cell] + came[cell];
 
-        Ranks& ranks = sorter.ranks;
         auto left = gone.begin();
         std::span<Mover const> const arrivals = movers(b);
-        auto mover = sorter.inside.cbegin();
+        auto mover = inside.begin();
         auto arrival = arrivals.begin();
         std::uint32_t slot = block.begin;
         for (int group = 0; group < Shape::groups; ++group) {
             int const first = group * lanes;
             new_group_begin_[std::size_t(b) * Shape::groups + group] = slot;
+            auto const comes_here = [&](auto next, auto const& list) {
+                return next != list.end() && next->place < first + lanes;
+            };
+            std::uint32_t const begin = is_new ? 0 : group_begin(old, group),
+                                end = is_new ? 0 : group_end(old, group);
+            bool const stays_as_it_is = settled_ && (left == gone.end() || left->slot >= end) &&
+                                        !comes_here(mover, inside) && !comes_here(arrival, arrivals);
+            if (stays_as_it_is) {
+                std::iota(new_source_.data() + slot, new_source_.data() + slot + (end - begin), begin);
+                slot += end - begin;
+                continue;
+            }
             ranks.start(before + first, counts + first);
-            if (old != BlockMap::absent)
+            if (!is_new)
                 for_each_rank(old, group, [&](std::uint32_t from, std::uint32_t rank, std::uint64_t pattern) {
                     std::uint32_t sources[lanes];
                     count_up(from, sources);
                     expand<lanes>(settled_ ? sources : &source_[from], pattern, ranks.row(rank));
-                    std::uint32_t const end = from + static_cast<std::uint32_t>(std::popcount(pattern));
-                    for (; left != gone.end() && *left < end; ++left) {
-                        int const lane = bit_place(pattern, *left - from);
-                        ranks.leave(rank, lane);
-                        --counts[first + lane];
-                    }
                 });
-            for (; mover != sorter.inside.cend() && mover->place < first + lanes; ++mover)
-                ranks.fill(mover->place - first, mover->source);
-            for (; arrival != arrivals.end() && arrival->place < first + lanes; ++arrival)
+            for (; left != gone.end() && left->slot < end; ++left) {
+                ranks.leave(left->at);
+                --counts[first + left->at % lanes];
+            }
+            for (; comes_here(mover, inside); ++mover) ranks.fill(mover->place - first, mover->source);
+            for (; comes_here(arrival, arrivals); ++arrival)
                 ranks.fill(arrival->place - first, arrival->source);
             ranks.close_holes();
             for (std::uint32_t rank = 0;; ++rank) {
@@ -576,41 +671,19 @@ private:
         }
     }
 
-    /// Lists who comes to the cells of a block in the order of its cells: from other cells of the block in
-    /// `sorter.inside`, from other blocks in movers(b). Returns how many come to each cell.
-    std::array<std::uint32_t, Shape::cells> find_who_comes(int b, Sorter& sorter)
-    {
-        std::array<std::uint32_t, Shape::cells> came;
-        came.fill(0);
-        auto& unsorted = sorter.unsorted;
-        unsorted.clear();
-        if (int const old = old_block_[b]; old != BlockMap::absent) {
-            std::vector<std::uint32_t> const& slots = departures_[old].slots;
-            std::vector<std::uint16_t> const& places = departures_[old].places;
-            for (std::size_t i = 0; i < slots.size(); ++i)
-                if (places[i] != elsewhere) unsorted.push_back({slots[i], places[i], nullptr});
-        }
-        sort_by_cell(unsorted, sorter.inside, came);
-        Mover* const arrivals = arrivals_.data() + arrival_begin_[b];
-        unsorted.resize(arrival_begin_[b + 1] - arrival_begin_[b]);
-        std::copy_n(arrivals, unsorted.size(), unsorted.data());
-        sort_by_cell(unsorted, sorter.sorted, came);
-        std::copy_n(sorter.sorted.data(), unsorted.size(), arrivals);
-        return came;
-    }
-
     int threads_;
     bool settled_ = true;
     std::uint64_t version_ = 0, generation_ = 0;
     std::vector<Block> blocks_;
     BlockMap map_;
     Array<std::uint32_t> source_, new_source_, counts_, new_counts_, group_begin_, new_group_begin_;
-    std::vector<std::vector<Item>> leavers_; ///< per block, and last those that are new
-    std::vector<std::uint32_t> stay_;
-    std::vector<int> old_block_, block_now_; ///< of each block now its index before, and the reverse
-    std::vector<Departures> departures_;     ///< per block before
-    std::vector<Mover> arrivals_;            ///< by block now
-    std::vector<std::uint32_t> arrival_begin_, arrival_end_;
+    std::vector<Departures> departures_;             ///< per block before
+    std::vector<Flow> flows_;                        ///< by block before
+    std::vector<std::span<Mover const>> flow_order_; ///< what they bring, by block now
+    std::vector<std::uint32_t> stay_;                ///< per block before
+    std::vector<int> old_block_;                     ///< of each block now its index before
+    std::vector<Mover> arrivals_;                    ///< by block now, and cell
+    std::vector<std::uint32_t> arrival_begin_, flow_begin_;
 };
 
 } // namespace firn::openmp

@@ -285,6 +285,8 @@ public:
 
 protected:
     Scratch<Lane, d>& scratch_;
+    CellOrder const& cells_;
+    std::size_t block_;
     std::size_t slot_ = 0, item_ = 0;
 
 private:
@@ -298,8 +300,6 @@ private:
 
     Places<Lane> const& places() const { return pack_->places; }
 
-    CellOrder const& cells_;
-    std::size_t block_;
     typename Scratch<Lane, d>::Pack* pack_ = nullptr;
     int entered_ = 0;
     Mask<Lane> here_{};
@@ -312,12 +312,15 @@ class MovingItems : public Items<Lane, CellOrder, d>
     using Base = Items<Lane, CellOrder, d>;
 
 public:
+    using Base::lanes;
     using typename Base::Number, typename Base::Offset;
 
     MovingItems(CellOrder& cells, std::size_t block, Scratch<Lane, d>& scratch,
                 typename CellOrder::Leavers& leavers)
-        : Base(cells, block, scratch), departures_(cells.departures(block)), leavers_(leavers)
-    {}
+        : Base(cells, block, scratch), leavers_(leavers)
+    {
+        leavers.start(cells.blocks()[block].end - cells.blocks()[block].begin);
+    }
 
     /// As Items do it.
     Mask<Lane> move_offset(Offset const* from, Offset* to, int axis, Lane const& displacement,
@@ -332,31 +335,47 @@ public:
     /// new cell from now on.
     void depart(Mask<Lane> const& which, int zero_from, int kept)
     {
+        this->find_group();
         std::uint64_t rest = bits(which);
-        auto at = leavers_.given.size();
-        leavers_.given.resize(at + static_cast<std::size_t>(std::popcount(rest) * kept));
-        CellOrder::make_room(departures_.slots, static_cast<std::size_t>(std::popcount(rest)));
-        for (; rest != 0; rest &= rest - 1, at += static_cast<std::size_t>(kept)) {
+        leavers_.expect(static_cast<std::size_t>(std::popcount(rest)), static_cast<std::size_t>(kept));
+        std::size_t count = leavers_.count;
+        for (; rest != 0; rest &= rest - 1, ++count) {
             int const lane = std::countr_zero(rest);
-            std::size_t const slot = this->slot_ + static_cast<std::size_t>(lane);
-            departures_.slots.push_back(static_cast<std::uint32_t>(slot));
-            for (int c = 0; c < kept; ++c) {
+            auto const slot = static_cast<std::uint32_t>(this->slot_) + static_cast<std::uint32_t>(lane);
+            Number* const given = leavers_.given.data() + count * static_cast<std::size_t>(kept);
+            for (int c = d; c < kept; ++c) {
                 auto& value = *this->scratch_.at(c, this->item_ + static_cast<std::size_t>(lane));
-                leavers_.given[at + static_cast<std::size_t>(c)] = value;
+                given[c] = value;
                 if (c >= zero_from) value = 0;
             }
-            auto& steps = leavers_.steps.emplace_back();
+            std::array<int, d> steps;
             for (int a = 0; a < d; ++a) {
                 Offset offset = moved_[a][slot];
-                steps[a] = static_cast<signed char>(CellOffset<Number>::wrap(offset));
-                leavers_.given[at + static_cast<std::size_t>(a)] = CellOffset<Number>::value(offset);
+                steps[static_cast<std::size_t>(a)] = CellOffset<Number>::wrap(offset);
+                given[a] = CellOffset<Number>::value(offset);
             }
+            std::uint32_t const at = leavers_.at[slot - first_slot_];
+            leavers_.from[count] = {slot, at};
+            leavers_.movers[count] = CellOrder::moved(slot, group_ * lanes + int(at % lanes), steps);
         }
+        leavers_.count = count;
     }
 
 private:
-    typename CellOrder::Departures& departures_;
+    /// Finds out where the items of a group are in it when the first of them leaves.
+    void find_group()
+    {
+        if (this->slot_ < end_slot_) return;
+        do ++group_;
+        while (this->slot_ >= this->cells_.group_end(this->block_, group_));
+        first_slot_ = this->cells_.group_begin(this->block_, group_);
+        end_slot_ = this->cells_.group_end(this->block_, group_);
+        this->cells_.find_places(this->block_, group_, leavers_.at);
+    }
+
     typename CellOrder::Leavers& leavers_;
+    int group_ = -1; ///< of the last who left, and its slots
+    std::uint32_t first_slot_ = 0, end_slot_ = 0;
     mutable Offset* moved_[d]{}; ///< where offsets were written, along each axis
 };
 

@@ -1003,6 +1003,32 @@ std::uint64_t lanes_above(std::uint32_t const* counts, std::uint32_t rank)
     return pattern;
 }
 
+/// The same for each of `lanes` counts that is above its `other`.
+template <int lanes>
+std::uint64_t lanes_above(std::uint32_t const* counts, std::uint32_t const* other)
+{
+#if defined(__AVX512VL__) && defined(FIRN_HAS_XSIMD)
+    if constexpr (lanes == 16)
+        return number_of(_mm512_cmpgt_epu32_mask(_mm512_loadu_si512(counts), _mm512_loadu_si512(other)));
+    if constexpr (lanes == 8)
+        return number_of(
+            _mm256_cmpgt_epu32_mask(_mm256_loadu_si256(reinterpret_cast<__m256i const*>(counts)),
+                                    _mm256_loadu_si256(reinterpret_cast<__m256i const*>(other))));
+#endif
+    std::uint64_t pattern = 0;
+    for (int l = 0; l < lanes; ++l) pattern |= std::uint64_t(counts[l] > other[l]) << l;
+    return pattern;
+}
+
+/// The largest of `lanes` counts. (A loop that compilers turn into packs, which std::max_element is not.)
+template <int lanes>
+std::uint32_t most_of(std::uint32_t const* counts)
+{
+    std::uint32_t most = 0;
+    for (int l = 0; l < lanes; ++l) most = counts[l] > most ? counts[l] : most;
+    return most;
+}
+
 /// Where the bit number `n` of those that are set is.
 inline int bit_place(std::uint64_t pattern, std::uint32_t n)
 {

@@ -354,7 +354,7 @@ struct GiveToNext
 };
 
 /// The same of items that move: of those who leave their cells some give when the others have (see
-/// Cells::give_at_once).
+/// Cells::note_departures).
 template <class Lane, class CellOrder, class GridType, class Phase>
 struct MoveAndGive
 {
@@ -369,14 +369,12 @@ struct MoveAndGive
     ItemsType begin(std::size_t block, std::uint64_t rows, Kept& scratch)
     {
         stay.begin(block, rows, scratch);
-        leavers.start();
         return {cells, block, scratch, leavers};
     }
     void give(std::size_t block, int group, Kept& scratch) { stay.give(block, group, scratch); }
     void end(std::size_t block, Kept& scratch)
     {
-        cells.find_new_cells(block, leavers);
-        give_listed<Lane, typename Phase::Gives>(cells.give_at_once(block, leavers), stay.grid,
+        give_listed<Lane, typename Phase::Gives>(cells.note_departures(block, leavers), stay.grid,
                                                  stay.grid.next_tile(block), stay.grid.next_touched(block),
                                                  scratch, *stay.spreads);
     }
