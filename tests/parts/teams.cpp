@@ -17,8 +17,9 @@ TEST_CASE("a team works on each index once, whatever its size and that of the ch
     for (int const count : {0, 1, 2, 5, 1000}) {
         std::vector<std::atomic<int>> visits(std::size_t(count) + 1);
         std::atomic<int> made = 0;
-        openmp::share(threads, count, chunk, [&] {
+        openmp::share(threads, count, chunk, [&](int thread) {
             ++made;
+            if (thread < 0 || thread >= threads) throw std::logic_error("a thread of no team");
             return [&](int i) { ++visits[std::size_t(i)]; };
         });
         for (int i = 0; i < count; ++i) CHECK(visits[std::size_t(i)] == 1);
@@ -44,8 +45,9 @@ TEST_CASE("what a thread of a team throws is thrown by the team, and what others
 {
     int const threads = GENERATE(1, 2, 5);
     auto const no_memory = [&]() -> std::vector<int> { throw std::bad_alloc(); };
-    CHECK_THROWS_AS(openmp::share(threads, 100, 1, [&] { return [list = no_memory()](int) { (void)list; }; }),
-                    std::bad_alloc);
+    CHECK_THROWS_AS(
+        openmp::share(threads, 100, 1, [&](int) { return [list = no_memory()](int) { (void)list; }; }),
+        std::bad_alloc);
     std::atomic<int> alive = 0;
     struct Counted
     {
@@ -53,7 +55,7 @@ TEST_CASE("what a thread of a team throws is thrown by the team, and what others
         explicit Counted(std::atomic<int>& count) : of(&count) { ++count; }
         ~Counted() { --*of; }
     };
-    auto const make = [&] {
+    auto const make = [&](int) {
         return [own = std::make_unique<Counted>(alive)](int i) {
             if (i == 57) throw std::runtime_error("index 57");
         };

@@ -5,6 +5,7 @@
 #include <firn/core/components.hpp>
 #include <firn/openmp/array.hpp>
 #include <firn/openmp/block_map.hpp>
+#include <firn/openmp/kept.hpp>
 #include <firn/openmp/lanes.hpp>
 #include <firn/openmp/share.hpp>
 #include <firn/openmp/tuning.hpp>
@@ -155,7 +156,8 @@ public:
         return std::span(arrivals_).subspan(arrival_begin_[block],
                                             arrival_begin_[block + 1] - arrival_begin_[block]);
     }
-    Departures& departures(std::size_t block) { return departures_[block]; }
+    /// What threads work with in loops that change something; the host calls these one at a time.
+    Kept& kept() const { return kept_; }
     /// The block's index before the last follow(), or absent.
     int old_block(std::size_t block) const { return old_block_[block]; }
     /// The cells of some slots of a block, side by side in one group, counted along the last axis first.
@@ -535,8 +537,9 @@ private:
         new_counts_.resize(next.size() * Shape::cells);
         new_group_begin_.resize(next.size() * Shape::groups);
         int const blocks = static_cast<int>(next.size());
-        share(threads_, blocks, 4, [&] {
-            return [&, ranks = Ranks()](int b) mutable {
+        kept_.for_threads(threads_);
+        share(threads_, blocks, 4, [&](int thread) {
+            return [&, &ranks = kept_.template of<Ranks>(thread)](int b) {
                 if (int const old = old_block_[b]; old != BlockMap::absent) settle_in(departures_[old]);
                 sort_block(b, next[b], ranks);
             };
@@ -672,6 +675,7 @@ private:
     }
 
     int threads_;
+    mutable Kept kept_;
     bool settled_ = true;
     std::uint64_t version_ = 0, generation_ = 0;
     std::vector<Block> blocks_;

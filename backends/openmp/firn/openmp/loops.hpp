@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/openmp/cell.hpp>
+#include <firn/openmp/kept.hpp>
 #include <firn/openmp/lanes.hpp>
 #include <firn/openmp/node_rows.hpp>
 #include <firn/openmp/share.hpp>
@@ -10,7 +11,6 @@
 #include <array>
 #include <bit>
 #include <cstring>
-#include <memory>
 #include <numeric>
 #include <span>
 #include <type_traits>
@@ -37,7 +37,7 @@ template <class Body>
 void for_each(int threads, std::size_t count, Body const& body)
 {
     share(count > 256 ? threads : 1, static_cast<std::int64_t>(count), 256,
-          [&] { return [&](std::int64_t i) { body(static_cast<std::size_t>(i)); }; });
+          [&](int) { return [&](std::int64_t i) { body(static_cast<std::size_t>(i)); }; });
 }
 
 namespace detail
@@ -96,6 +96,14 @@ FIRN_INLINE_WHOLE void give(Group& group, Spreads& spreads)
 template <class Lane, class Gives>
 using Spreads = std::array<typename Gives::template Spread<Lane>, ranks_at_once>;
 
+/// What a thread gives with.
+template <class Lane, class Gives>
+struct Giver
+{
+    Scratch<Lane, Gives::d> scratch;
+    Spreads<Lane, Gives> spreads;
+};
+
 template <class Phase, class Items>
 FIRN_INLINE_WHOLE void prepare(Phase const& phase, Items& items)
 {
@@ -146,11 +154,12 @@ template <class Lane, class CellOrder, class GridType, class Phase>
 void scatter(int threads, CellOrder const& cells, GridType& grid, Phase const& phase, bool afresh)
 {
     constexpr int d = Phase::d, lanes = lane_width<Lane>;
+    using Giver = detail::Giver<Lane, typename Phase::Gives>;
     int const blocks = static_cast<int>(cells.blocks().size());
-    share(threads, blocks, 1, [&] {
-        return [&, scratch = Scratch<Lane, d>(),
-                spreads = std::make_unique_for_overwrite<detail::Spreads<Lane, typename Phase::Gives>>()](
-                   int b) mutable {
+    Kept& kept = cells.kept().for_threads(threads);
+    share(threads, blocks, 1, [&](int thread) {
+        return [&, &giver = kept.of<Giver>(thread)](int b) {
+            auto& [scratch, spreads] = giver;
             if (afresh) grid.touched(b) = 0;
             std::uint64_t const rows = detail::own_rows<GridType>(cells, b);
             detail::clear_rows<GridType, Phase::channels>(grid.tile(b), rows & ~grid.touched(b));
@@ -165,7 +174,7 @@ void scatter(int threads, CellOrder const& cells, GridType& grid, Phase const& p
                     detail::prepare(phase, items);
                 }
                 detail::GroupOf<Lane, GridType> group(cells.counts(b, g), g, scratch, nullptr, grid.tile(b));
-                detail::give<typename Phase::Gives>(group, *spreads);
+                detail::give<typename Phase::Gives>(group, spreads);
             }
         };
     });
@@ -196,8 +205,9 @@ void copy_given(Mover const* movers, std::uint32_t const* counts, Scratch<Lane, 
 /// What some items give to the tile of their block, listed in the order of their cells.
 template <class Lane, class Gives, class Layer, class Mover>
 void give_listed(std::span<Mover const> movers, Layer const&, typename Gives::Number* tile,
-                 std::uint64_t& touched, Scratch<Lane, Gives::d>& scratch, Spreads<Lane, Gives>& spreads)
+                 std::uint64_t& touched, Giver<Lane, Gives>& giver)
 {
+    auto& [scratch, spreads] = giver;
     using Shape = typename Layer::Shape;
     constexpr int lanes = lane_width<Lane>;
     if (movers.empty()) return;
@@ -226,13 +236,13 @@ void give_listed(std::span<Mover const> movers, Layer const&, typename Gives::Nu
 template <class Lane, class Phase, class CellOrder, class GridType>
 void scatter_movers(int threads, CellOrder const& cells, GridType& grid)
 {
+    using Giver = detail::Giver<Lane, typename Phase::Gives>;
     int const blocks = static_cast<int>(cells.blocks().size());
-    share(threads, blocks, 4, [&] {
-        return [&, scratch = Scratch<Lane, Phase::d>(),
-                spreads = std::make_unique_for_overwrite<detail::Spreads<Lane, typename Phase::Gives>>()](
-                   int b) mutable {
+    Kept& kept = cells.kept().for_threads(threads);
+    share(threads, blocks, 4, [&](int thread) {
+        return [&, &giver = kept.of<Giver>(thread)](int b) {
             detail::give_listed<Lane, typename Phase::Gives>(cells.movers(b), grid, grid.tile(b),
-                                                             grid.touched(b), scratch, *spreads);
+                                                             grid.touched(b), giver);
         };
     });
 }
@@ -257,7 +267,7 @@ typename Phase::Result for_each_node(int threads, GridType& grid, Phase const& p
     using Number = typename Phase::Number;
     int const blocks = static_cast<int>(grid.nodes().size());
     std::vector<typename Phase::Result> results(blocks);
-    share(threads, blocks, 4, [&] {
+    share(threads, blocks, 4, [&](int) {
         return [&](int n) {
             auto const& block = grid.nodes()[n];
             alignas(64) Number sums[Phase::Sums::channels][Shape::along];
@@ -326,17 +336,26 @@ void fill_tile(GridType const& grid, std::size_t b, std::uint64_t rows, Number* 
 
 namespace detail
 {
+/// What a thread takes with, and gives on.
+template <class Lane, class GridType, class Phase>
+struct Taker
+{
+    Array<typename Phase::Number> nodes;
+    typename Phase::template CellNodes<Lane> nodes_of_cells;
+    Scratch<Lane, Phase::d> scratch;
+};
+
 /// One thread's giving to the next step's grid, block by block and group by group.
 template <class Lane, class CellOrder, class GridType, class Phase>
 struct GiveToNext
 {
     using ItemsType = Items<Lane, CellOrder, Phase::d>;
     using Kept = Scratch<Lane, Phase::d>;
+    using Gives = typename Phase::Gives;
 
     CellOrder const& cells;
     GridType& grid;
-    std::unique_ptr<Spreads<Lane, typename Phase::Gives>> spreads =
-        std::make_unique_for_overwrite<Spreads<Lane, typename Phase::Gives>>();
+    Giver<Lane, Gives>& giver;
 
     ItemsType begin(std::size_t block, std::uint64_t rows, Kept& scratch)
     {
@@ -348,9 +367,9 @@ struct GiveToNext
     {
         GroupOf<Lane, GridType> cells_of_group(cells.counts(block, group), group, scratch, nullptr,
                                                grid.next_tile(block));
-        detail::give<typename Phase::Gives>(cells_of_group, *spreads);
+        detail::give<Gives>(cells_of_group, giver.spreads);
     }
-    void end(std::size_t, Kept&) {}
+    void end(std::size_t) {}
 };
 
 /// The same of items that move: of those who leave their cells some give when the others have (see
@@ -363,8 +382,8 @@ struct MoveAndGive
     using Kept = typename Stay::Kept;
 
     CellOrder& cells;
+    typename CellOrder::Leavers& leavers;
     Stay stay;
-    typename CellOrder::Leavers leavers{};
 
     ItemsType begin(std::size_t block, std::uint64_t rows, Kept& scratch)
     {
@@ -372,11 +391,11 @@ struct MoveAndGive
         return {cells, block, scratch, leavers};
     }
     void give(std::size_t block, int group, Kept& scratch) { stay.give(block, group, scratch); }
-    void end(std::size_t block, Kept& scratch)
+    void end(std::size_t block)
     {
         give_listed<Lane, typename Phase::Gives>(cells.note_departures(block, leavers), stay.grid,
                                                  stay.grid.next_tile(block), stay.grid.next_touched(block),
-                                                 scratch, *stay.spreads);
+                                                 stay.giver);
     }
 };
 
@@ -391,26 +410,25 @@ struct GiveNothing
 
     ItemsType begin(std::size_t block, std::uint64_t, Kept& scratch) { return {cells, block, scratch}; }
     void give(std::size_t, int, Kept&) {}
-    void end(std::size_t, Kept&) {}
+    void end(std::size_t) {}
 };
 
 /// Each block of cells copies the nodes it needs side by side; its items take from them and answer, and what
-/// they keep then is given on, by what each thread makes for itself: `make_giver()`.
+/// they keep then is given on, by what each thread makes for itself: `make_giver(its number)`.
 template <class Lane, class CellOrder, class GridType, class Phase, class MakeGiver>
 typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& grid, Phase const& phase,
-                                       MakeGiver const& make_giver)
+                                       Kept& kept, MakeGiver const& make_giver)
 {
     constexpr int lanes = lane_width<Lane>;
-    using Number = typename Phase::Number;
     int const blocks = static_cast<int>(cells.blocks().size());
     std::vector<typename Phase::Result> results(blocks);
-    share(threads, blocks, 1, [&] {
-        Array<Number> nodes;
-        nodes.resize(Phase::node_channels * GridType::tile_channel);
+    kept.for_threads(threads);
+    share(threads, blocks, 1, [&](int thread) {
         // Not on the stack: compilers would take it apart and copy it for every group.
-        return [&, nodes = std::move(nodes), scratch = Scratch<Lane, Phase::d>(),
-                nodes_of_cells = std::make_unique_for_overwrite<typename Phase::template CellNodes<Lane>>(),
-                found = typename Phase::Result{}, giver = make_giver()](int b) mutable {
+        auto& taker = kept.of<Taker<Lane, GridType, Phase>>(thread);
+        taker.nodes.resize(Phase::node_channels * GridType::tile_channel);
+        return [&, found = typename Phase::Result{}, giver = make_giver(thread)](int b) mutable {
+            auto& [nodes, nodes_of_cells, scratch] = taker;
             std::uint64_t const rows = own_rows<GridType>(cells, b);
             fill_tile<GridType, Phase::node_channels>(grid, b, rows, nodes.data());
             auto items = giver.begin(b, rows, scratch);
@@ -423,7 +441,7 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
                     locate(phase, items);
                 }
                 GroupOf<Lane, GridType> group(cells.counts(b, g), g, scratch, nodes.data(), nullptr);
-                take<typename Phase::Takes>(group, end - begin, *nodes_of_cells);
+                take<typename Phase::Takes>(group, end - begin, nodes_of_cells);
                 for (std::size_t slot = begin; slot < end; slot += lanes) {
                     items.enter_again(slot, slot - begin);
                     answer(phase, items, found, results[b]);
@@ -431,7 +449,7 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
                 giver.give(b, g, scratch);
             }
             results[b].merge(found);
-            giver.end(b, scratch);
+            giver.end(b);
         };
     });
     return merged(results);
@@ -443,8 +461,12 @@ template <class Lane, class CellOrder, class GridType, class Phase>
 typename Phase::Result move(int threads, CellOrder& cells, GridType& grid, Phase const& phase)
 {
     cells.expect_departures();
-    return detail::take_and_answer<Lane>(threads, cells, grid, phase, [&] {
-        return detail::MoveAndGive<Lane, CellOrder, GridType, Phase>{cells, {cells, grid}};
+    Kept& kept = cells.kept();
+    return detail::take_and_answer<Lane>(threads, cells, grid, phase, kept, [&](int thread) {
+        return detail::MoveAndGive<Lane, CellOrder, GridType, Phase>{
+            cells,
+            kept.of<typename CellOrder::Leavers>(thread),
+            {cells, grid, kept.of<detail::Giver<Lane, typename Phase::Gives>>(thread)}};
     });
 }
 
@@ -452,17 +474,21 @@ typename Phase::Result move(int threads, CellOrder& cells, GridType& grid, Phase
 template <class Lane, class CellOrder, class GridType, class Phase>
 void give_back(int threads, CellOrder const& cells, GridType& grid, Phase const& phase)
 {
-    detail::take_and_answer<Lane>(threads, cells, grid, phase, [&] {
-        return detail::GiveToNext<Lane, CellOrder, GridType, Phase>{cells, grid};
+    Kept& kept = cells.kept();
+    detail::take_and_answer<Lane>(threads, cells, grid, phase, kept, [&](int thread) {
+        return detail::GiveToNext<Lane, CellOrder, GridType, Phase>{
+            cells, grid, kept.of<detail::Giver<Lane, typename Phase::Gives>>(thread)};
     });
 }
 
-/// Items take from the nodes as they did when they moved last, and the phase keeps what they took.
+/// Items take from the nodes as they did when they moved last, and the phase keeps what they took. (Several
+/// threads of the host may do so at the same time: none of them works with what the cells keep for loops.)
 template <class Lane, class CellOrder, class GridType, class Phase>
 void take(int threads, CellOrder const& cells, GridType const& grid, Phase const& phase)
 {
-    detail::take_and_answer<Lane>(threads, cells, grid, phase,
-                                  [&] { return detail::GiveNothing<Lane, CellOrder, Phase>{cells}; });
+    Kept own;
+    detail::take_and_answer<Lane>(threads, cells, grid, phase, own,
+                                  [&](int) { return detail::GiveNothing<Lane, CellOrder, Phase>{cells}; });
 }
 
 } // namespace firn::openmp

@@ -98,8 +98,9 @@ inline void run_team(int threads, ThreadWork const& work, SharedIndices& indices
 }
 } // namespace detail
 
-/// Threads share the indices from 0 to `count`, `chunk` at a time: each calls `make()` once and what that
-/// returns for every index it gets. If one of these calls throws, so does this, and work is undone.
+/// Threads share the indices from 0 to `count`, `chunk` at a time or fewer, where there are not enough for
+/// all: each calls `make(its number)` once and what that returns for every index it gets. If one of these
+/// calls throws, so does this, and work is undone.
 ///
 /// One thread alone forms no team: even one of one ends each of its loops by a system call. (The team does
 /// not know the type of the work: or compilers make the body of each loop twice, for one thread and for
@@ -109,7 +110,7 @@ void share(int threads, Index count, int chunk, Make const& make)
 {
     detail::ThreadWork const work{
         [](void const* context, detail::SharedIndices& indices, int thread, int of) {
-            auto work_on = (*static_cast<Make const*>(context))();
+            auto work_on = (*static_cast<Make const*>(context))(thread);
             indices.for_each<Index>(thread, of, work_on);
         },
         &make};
@@ -118,7 +119,8 @@ void share(int threads, Index count, int chunk, Make const& make)
         work.run(work.context, all, 0, 1);
     }
     else {
-        detail::SharedIndices indices(count, chunk, threads);
+        Index const fair = count / Index(4 * threads); // so that who is late has others to help
+        detail::SharedIndices indices(count, std::clamp(fair, Index(1), Index(chunk)), threads);
         detail::run_team(threads, work, indices);
     }
 }
