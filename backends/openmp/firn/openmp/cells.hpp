@@ -75,7 +75,7 @@ public:
     {
         std::uint32_t source;    ///< where the item lies
         std::uint16_t place;     ///< its cell now, in the block where that is
-        std::uint16_t direction; ///< in which that block lies, see direction_of()
+        std::uint16_t direction; ///< in which that block lies, see neighbour()
         Number const* given;     ///< what it gives, its offset in the new cell first
     };
 
@@ -93,8 +93,24 @@ public:
         std::vector<Departure> from;     ///< of all, in the order of slots
         std::vector<Mover> given_inside; ///< who is in another cell of the block and gave there, by cell
         std::vector<Mover> movers;       ///< the others, by direction
-        std::array<std::uint32_t, detail::power(3, d)> to{}; ///< how many of them go in each direction
-        std::vector<Number> given;                           ///< by them
+        std::vector<Number> given;       ///< by them
+
+        void clear()
+        {
+            from.clear();
+            given_inside.clear();
+            movers.clear();
+            given.clear();
+        }
+    };
+
+    /// What of that is asked for block by block, in as few lines of the cache as there can be: another thread
+    /// has written them.
+    struct alignas(64) Outflow
+    {
+        std::uint32_t departures = 0, inside = 0;            ///< how many there are in the first two lists
+        Mover const* movers = nullptr;                       ///< the third list, and
+        std::array<std::uint32_t, detail::power(3, d)> to{}; ///< how many of it go in each direction
     };
 
     /// Those that have left their cells in one block, while it is being worked on: as they left, `count` of
@@ -178,7 +194,7 @@ public:
     {
         auto const of = [](auto const& list) { return list.capacity() * sizeof(list[0]); };
         std::size_t lists = of(blocks_) + of(arrivals_) + of(stay_) + of(old_block_) + of(arrival_begin_) +
-                            of(departures_) + of(flows_) + of(flow_begin_) + of(flow_order_);
+                            of(departures_) + of(outflows_) + of(flows_) + of(flow_begin_) + of(flow_order_);
         for (auto const& of_block : departures_)
             lists += of(of_block.from) + of(of_block.given_inside) + of(of_block.movers) + of(of_block.given);
         return lists + source_.memory() + new_source_.memory() + counts_.memory() + new_counts_.memory() +
@@ -199,7 +215,7 @@ public:
     /// Adds items that lie at first, first + 1, … in the given cells.
     void insert(std::span<Coordinates<d> const> cells, std::uint32_t first)
     {
-        expect_departures();
+        forget_departures();
         std::vector<Mover> movers;
         movers.reserve(cells.size());
         for (std::size_t i = 0; i < cells.size(); ++i) {
@@ -222,13 +238,15 @@ public:
     /// `place[where it lies]`; they keep the order of ranks but for holes, which the last of a cell fill.
     void erase(unsigned char const* gone, std::uint32_t const* place, std::size_t kept)
     {
-        expect_departures();
+        forget_departures();
         for (std::size_t b = 0; b < blocks_.size(); ++b)
             for (int group = 0; group < Shape::groups; ++group)
                 for_each_rank(b, group, [&](std::uint32_t slot, std::uint32_t rank, std::uint64_t pattern) {
                     for (; pattern != 0; pattern &= pattern - 1, ++slot)
-                        if (gone[source(slot)])
+                        if (gone[source(slot)]) {
                             departures_[b].from.push_back({slot, rank * lanes + std::countr_zero(pattern)});
+                            ++outflows_[b].departures;
+                        }
                 });
         rearrange(kept);
         for (std::size_t slot = 0; slot < kept; ++slot) source_[slot] = place[source_[slot]];
@@ -278,16 +296,20 @@ public:
     /// but where they went. A few give together with those who come from other blocks, which takes less time.
     std::span<Mover const> note_departures(std::size_t b, Leavers& leavers)
     {
-        if (leavers.count == 0) return {};
         Departures& departures = departures_[b];
+        Outflow& outflow = outflows_[b];
+        departures.clear();
+        outflow = {};
+        if (leavers.count == 0) return {};
         std::size_t const channels = leavers.channels;
         std::span<Mover> const all(leavers.movers.data(), leavers.count);
         append(leavers.from.data(), leavers.count, departures.from);
-        for (Mover const& mover : all) ++departures.to[mover.direction];
-        bool const are_many = departures.to[here] * share_to_keep > blocks_[b].end - blocks_[b].begin;
+        outflow.departures = static_cast<std::uint32_t>(leavers.count);
+        for (Mover const& mover : all) ++outflow.to[mover.direction];
+        bool const are_many = outflow.to[here] * share_to_keep > blocks_[b].end - blocks_[b].begin;
         Number const* given = leavers.given.data();
         if (are_many) {
-            departures.to[here] = 0;
+            outflow.inside = std::exchange(outflow.to[here], 0);
             leavers.inside.clear();
         }
         else {
@@ -295,9 +317,10 @@ public:
             given = departures.given.data();
         }
         std::array<std::uint32_t, directions> next;
-        std::exclusive_scan(departures.to.begin(), departures.to.end(), next.begin(), std::uint32_t(0));
-        std::size_t const listed = next.back() + departures.to.back();
+        std::exclusive_scan(outflow.to.begin(), outflow.to.end(), next.begin(), std::uint32_t(0));
+        std::size_t const listed = leavers.count - outflow.inside;
         append(all.data(), listed, departures.movers); // and now in their order
+        outflow.movers = departures.movers.data();
         for (Mover const& mover : all) {
             // made of its parts: read as a whole, what was just written in parts would be waited for
             Mover const gives{mover.source, mover.place, mover.direction, given};
@@ -321,18 +344,11 @@ public:
         return leavers.in_order;
     }
 
-    /// Forgets departures: those that follow are written by a loop that moves items.
+    /// Makes room for departures: a loop that moves items notes those of each block.
     void expect_departures()
     {
         departures_.resize(blocks_.size());
-        for (auto& of_block : departures_) {
-            of_block.from.clear();
-            of_block.given_inside.clear();
-            of_block.movers.clear();
-            of_block.to.fill(0);
-            of_block.given.clear();
-        }
-        flows_.clear();
+        outflows_.resize(blocks_.size());
     }
 
     /// Says that all items now lie at their slots.
@@ -485,16 +501,23 @@ private:
             for (Mover const& item : list) sorted[next[item.place]++] = item;
     }
 
+    void forget_departures()
+    {
+        expect_departures();
+        for (auto& of_block : departures_) of_block.clear();
+        outflows_.assign(blocks_.size(), {});
+        flows_.clear();
+    }
+
     /// Lists the departures that come to a block, each block's by direction.
     void list_flows()
     {
         flows_.clear();
-        for (std::size_t b = 0; b < departures_.size(); ++b) {
-            Departures const& departures = departures_[b];
-            Mover const* first = departures.movers.data();
-            if (departures.movers.empty()) continue;
+        for (std::size_t b = 0; b < outflows_.size(); ++b) {
+            Mover const* first = outflows_[b].movers;
+            if (first == nullptr) continue;
             for (int direction = 0; direction < directions; ++direction) {
-                std::uint32_t const count = departures.to[direction];
+                std::uint32_t const count = outflows_[b].to[direction];
                 if (count == 0) continue;
                 flows_.push_back({block_key<d>(neighbour(blocks_[b].coordinates, direction)), first, count,
                                   BlockMap::absent});
@@ -510,9 +533,7 @@ private:
     {
         stay_.resize(blocks_.size());
         for (std::size_t b = 0; b < blocks_.size(); ++b)
-            stay_[b] =
-                static_cast<std::uint32_t>(blocks_[b].end - blocks_[b].begin - departures_[b].from.size() +
-                                           departures_[b].given_inside.size());
+            stay_[b] = blocks_[b].end - blocks_[b].begin - outflows_[b].departures + outflows_[b].inside;
         std::vector<Block> next = blocks_with_items();
         bool same = next.size() == blocks_.size();
         for (std::size_t b = 0; same && b < next.size(); ++b)
@@ -682,6 +703,7 @@ private:
     BlockMap map_;
     Array<std::uint32_t> source_, new_source_, counts_, new_counts_, group_begin_, new_group_begin_;
     std::vector<Departures> departures_;             ///< per block before
+    std::vector<Outflow> outflows_;                  ///< the same
     std::vector<Flow> flows_;                        ///< by block before
     std::vector<std::span<Mover const>> flow_order_; ///< what they bring, by block now
     std::vector<std::uint32_t> stay_;                ///< per block before

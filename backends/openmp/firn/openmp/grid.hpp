@@ -187,6 +187,8 @@ public:
     }
 
     std::vector<NodeBlock> const& nodes() const { return nodes_; }
+    /// What threads work with in loops over nodes; the host calls these one at a time.
+    Kept& kept() { return kept_; }
     Number* node_values(std::size_t node_block) { return &values_[node_block * values * block_channel]; }
 
     /// The index of the block of nodes with these coordinates, or absent.
@@ -295,6 +297,7 @@ private:
         return index;
     }
 
+    Kept kept_;
     std::vector<NodeBlock> nodes_;
     BlockMap map_;
     std::array<Tiles, layers> tiles_;

@@ -8,12 +8,14 @@
 #include <firn/openmp/share.hpp>
 #include <firn/openmp/tuning.hpp>
 
+#include <algorithm>
 #include <array>
 #include <bit>
 #include <cstring>
 #include <numeric>
 #include <span>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 namespace firn::openmp
@@ -136,16 +138,71 @@ FIRN_INLINE_WHOLE void take(Group& group, std::size_t items, Nodes& nodes)
     }
 }
 
-/// A phase that finds out bounds has them in a result of the thread's: who starts each block at zero finds a
-/// new largest value many times over.
-template <class Phase, class Items>
-FIRN_INLINE_WHOLE void answer(Phase const& phase, Items& items, typename Phase::Result& of_thread,
-                              typename Phase::Result& of_block)
+/// What one thread finds out in a loop over blocks. Bounds are all of the thread's: who starts each block at
+/// zero finds a new largest value many times over. What few blocks have, mishaps and sums, goes by block, so
+/// that it can be put together in the same order whatever the threads.
+template <class ResultType>
+struct Findings
 {
-    if constexpr (requires { phase.answer(items, of_thread, of_block); })
-        phase.answer(items, of_thread, of_block);
+    using Result = ResultType;
+    bool begun = false; ///< or it has no part in the loop
+    Result of_thread, of_block;
+    std::vector<std::pair<int, Result>> of_blocks;
+
+    void begin()
+    {
+        begun = true;
+        of_thread = of_block = Result{};
+        of_blocks.clear();
+    }
+    void end_block(int block)
+    {
+        static constexpr std::array<char, sizeof(Result)> nothing{};
+        if (std::memcmp(static_cast<void const*>(&of_block), nothing.data(), sizeof(Result)) == 0) return;
+        of_blocks.emplace_back(block, of_block);
+        of_block = Result{};
+    }
+};
+
+/// Before a loop in which threads are to find out something.
+template <class Result>
+void expect_findings(Kept& kept, int threads)
+{
+    kept.for_threads(threads);
+    for (int thread = 0; thread < threads; ++thread) kept.of<Findings<Result>>(thread).begun = false;
+}
+/// A thread's own, when it has a part in the loop.
+template <class Result>
+Findings<Result>& begun_findings(Kept& kept, int thread)
+{
+    auto& own = kept.of<Findings<Result>>(thread);
+    own.begin();
+    return own;
+}
+/// What all threads found.
+template <class Result>
+Result merged(Kept& kept, int threads)
+{
+    Result all{};
+    std::vector<std::pair<int, Result const*>> of_blocks;
+    for (int thread = 0; thread < threads; ++thread) {
+        auto const& own = kept.of<Findings<Result>>(thread);
+        if (!own.begun) continue;
+        all.merge(own.of_thread);
+        for (auto const& [block, result] : own.of_blocks) of_blocks.emplace_back(block, &result);
+    }
+    std::sort(of_blocks.begin(), of_blocks.end());
+    for (auto const& [block, result] : of_blocks) all.merge(*result);
+    return all;
+}
+
+template <class Phase, class Items>
+FIRN_INLINE_WHOLE void answer(Phase const& phase, Items& items, Findings<typename Phase::Result>& found)
+{
+    if constexpr (requires { phase.answer(items, found.of_thread, found.of_block); })
+        phase.answer(items, found.of_thread, found.of_block);
     else
-        phase.answer(items, of_block);
+        phase.answer(items, found.of_block);
 }
 } // namespace detail
 
@@ -247,17 +304,6 @@ void scatter_movers(int threads, CellOrder const& cells, GridType& grid)
     });
 }
 
-namespace detail
-{
-template <class Result>
-Result merged(std::vector<Result> const& results)
-{
-    Result all{};
-    for (Result const& result : results) all.merge(result);
-    return all;
-}
-} // namespace detail
-
 /// Nodes add up the tiles that cover them and are updated, row by row.
 template <class Lane, class GridType, class Phase>
 typename Phase::Result for_each_node(int threads, GridType& grid, Phase const& phase)
@@ -266,9 +312,11 @@ typename Phase::Result for_each_node(int threads, GridType& grid, Phase const& p
     using Shape = typename GridType::Shape;
     using Number = typename Phase::Number;
     int const blocks = static_cast<int>(grid.nodes().size());
-    std::vector<typename Phase::Result> results(blocks);
-    share(threads, blocks, 4, [&](int) {
-        return [&](int n) {
+    using Result = typename Phase::Result;
+    Kept& kept = grid.kept();
+    detail::expect_findings<Result>(kept, threads);
+    share(threads, blocks, 4, [&](int thread) {
+        return [&, &found = detail::begun_findings<Result>(kept, thread)](int n) {
             auto const& block = grid.nodes()[n];
             alignas(64) Number sums[Phase::Sums::channels][Shape::along];
             for (int row = 0; row < Shape::rows; ++row) {
@@ -288,15 +336,16 @@ typename Phase::Result for_each_node(int threads, GridType& grid, Phase const& p
                     if constexpr (Phase::looks_around)
                         if (phase.looks_around_at(at, lane_width<Lane>)) {
                             LookingNodes<Lane, GridType, d> looking(node, &sums[0][0], grid, n, row);
-                            phase.look_around(looking, results[n]);
+                            phase.look_around(looking, found.of_block);
                             continue;
                         }
-                    phase(node, results[n]);
+                    phase(node, found.of_block);
                 }
             }
+            found.end_block(n);
         };
     });
-    return detail::merged(results);
+    return detail::merged<Result>(kept, threads);
 }
 
 namespace detail
@@ -421,13 +470,13 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
 {
     constexpr int lanes = lane_width<Lane>;
     int const blocks = static_cast<int>(cells.blocks().size());
-    std::vector<typename Phase::Result> results(blocks);
-    kept.for_threads(threads);
+    using Result = typename Phase::Result;
+    expect_findings<Result>(kept, threads);
     share(threads, blocks, 1, [&](int thread) {
         // Not on the stack: compilers would take it apart and copy it for every group.
         auto& taker = kept.of<Taker<Lane, GridType, Phase>>(thread);
         taker.nodes.resize(Phase::node_channels * GridType::tile_channel);
-        return [&, found = typename Phase::Result{}, giver = make_giver(thread)](int b) mutable {
+        return [&, &found = begun_findings<Result>(kept, thread), giver = make_giver(thread)](int b) mutable {
             auto& [nodes, nodes_of_cells, scratch] = taker;
             std::uint64_t const rows = own_rows<GridType>(cells, b);
             fill_tile<GridType, Phase::node_channels>(grid, b, rows, nodes.data());
@@ -444,15 +493,15 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
                 take<typename Phase::Takes>(group, end - begin, nodes_of_cells);
                 for (std::size_t slot = begin; slot < end; slot += lanes) {
                     items.enter_again(slot, slot - begin);
-                    answer(phase, items, found, results[b]);
+                    answer(phase, items, found);
                 }
                 giver.give(b, g, scratch);
             }
-            results[b].merge(found);
+            found.end_block(b);
             giver.end(b);
         };
     });
-    return merged(results);
+    return merged<Result>(kept, threads);
 }
 } // namespace detail
 
