@@ -308,7 +308,9 @@ public:
             release(rule);
         };
         try {
-            while (reports.size() < count) take();
+            backend_.together([&] {
+                while (reports.size() < count) take();
+            });
         }
         catch (...) {
             until_error_ = {};
@@ -400,7 +402,9 @@ public:
                 fail(log, dt);
         };
         try {
-            while (rule.goes_on(course_)) get_on();
+            backend_.together([&] {
+                while (rule.goes_on(course_)) get_on();
+            });
         }
         catch (...) {
             until_error_ = std::move(report);

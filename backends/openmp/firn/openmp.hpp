@@ -66,6 +66,13 @@ struct BasicOpenMP
         return threads > 0 ? threads : std::min(omp_get_max_threads(), most_threads);
     }
 
+    /// Calls `work()`, whose loops follow one another closely: threads that do them stay together meanwhile.
+    template <class Work>
+    void together(Work const& work) const
+    {
+        openmp::detail::Team::together(thread_count(), work);
+    }
+
     /// Calls `body(i)` once for every i in [0, count), in any order and at the same time.
     template <class Body>
     void for_each(std::size_t count, Body const& body) const

@@ -170,6 +170,7 @@ private:
         double sum = 0;
         Eigen::Vector3d moment(0, 0, 0);
         for (int lane = 0; lane < width; ++lane) {
+            if (impulse[lane] == 0) continue; // most are: of a wall across the lanes all but two
             sum += impulse[lane];
             for (int i = 0; i < d; ++i) moment[i] += double(at[i][lane]) * impulse[lane];
         }

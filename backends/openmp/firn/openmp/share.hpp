@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/openmp/team.hpp>
+
 #include <algorithm>
 #include <atomic>
 #include <cstdint>
-#include <exception>
-#include <omp.h>
 
 namespace firn::openmp
 {
@@ -72,30 +72,6 @@ private:
     int parts_;
     Part part_[most_parts];
 };
-
-/// What a thread of a team does.
-struct ThreadWork
-{
-    void (*run)(void const* context, SharedIndices& indices, int thread, int threads);
-    void const* context;
-};
-
-/// Each thread of a team does the same work; what one of them throws leaves when all are through.
-inline void run_team(int threads, ThreadWork const& work, SharedIndices& indices)
-{
-    std::exception_ptr first;
-#pragma omp parallel num_threads(threads)
-    {
-        try {
-            work.run(work.context, indices, omp_get_thread_num(), omp_get_num_threads());
-        }
-        catch (...) {
-#pragma omp critical(firn_failure)
-            if (!first) first = std::current_exception();
-        }
-    }
-    if (first) std::rethrow_exception(first);
-}
 } // namespace detail
 
 /// Threads share the indices from 0 to `count`, `chunk` at a time or fewer, where there are not enough for
@@ -114,14 +90,14 @@ void share(int threads, Index count, int chunk, Make const& make)
             indices.for_each<Index>(thread, of, work_on);
         },
         &make};
-    if (threads == 1) {
+    if (threads == 1 || count <= 1) {
         detail::SharedIndices all(count, std::max(count, Index(1)), 1);
         work.run(work.context, all, 0, 1);
     }
     else {
         Index const fair = count / Index(4 * threads); // so that who is late has others to help
         detail::SharedIndices indices(count, std::clamp(fair, Index(1), Index(chunk)), threads);
-        detail::run_team(threads, work, indices);
+        detail::Team::run(threads, work, indices);
     }
 }
 

@@ -1,0 +1,138 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <atomic>
+#include <cstdint>
+#include <exception>
+#include <omp.h>
+#include <utility>
+
+namespace firn::openmp::detail
+{
+
+class SharedIndices;
+
+/// What a thread of a team does.
+struct ThreadWork
+{
+    void (*run)(void const* context, SharedIndices& indices, int thread, int threads);
+    void const* context;
+};
+
+/// Threads that stay together from one loop to the next. Who has no work watches for it, and is there in a
+/// third of a microsecond; a parallel region for each loop takes two to three times as long, and a step has
+/// five loops.
+class Team
+{
+public:
+    /// Calls `work()`; the loops that it has done meanwhile are shared by so many threads. In a loop of
+    /// OpenMP of the work's own there is one thread: the others are here.
+    template <class Work>
+    static void together(int threads, Work const& work)
+    {
+        if (threads == 1 || current_ != nullptr) {
+            work();
+            return;
+        }
+        Team team;
+        team.patient_ = threads <= omp_get_num_procs();
+        std::exception_ptr failure;
+#pragma omp parallel num_threads(threads)
+        {
+            if (int const thread = omp_get_thread_num(); thread > 0)
+                team.serve(thread);
+            else {
+                team.size_ = omp_get_num_threads();
+                current_ = &team;
+                try {
+                    work();
+                }
+                catch (...) {
+                    failure = std::current_exception();
+                }
+                current_ = nullptr;
+                team.dismiss();
+            }
+        }
+        if (failure) std::rethrow_exception(failure);
+    }
+
+    /// Up to `threads` threads do the same work; what one of them throws leaves when all are through. Those
+    /// of the team that the calling thread leads, if it does, or others that come for this work alone.
+    static void run(int threads, ThreadWork const& work, SharedIndices& indices)
+    {
+        if (current_ != nullptr)
+            current_->run_loop(threads, work, indices);
+        else
+            together(threads, [&] { current_->run_loop(threads, work, indices); });
+    }
+
+private:
+    void run_loop(int threads, ThreadWork const& work, SharedIndices& indices)
+    {
+        work_ = work;
+        indices_ = &indices;
+        working_ = threads < size_ ? threads : size_;
+        busy_.store(size_ - 1, std::memory_order_relaxed);
+        turn_.fetch_add(1, std::memory_order_release); // what is above is seen by who sees this
+        turn_.notify_all();
+        take_part(0);
+        for (int busy; (busy = busy_.load(std::memory_order_acquire)) != 0;) watch(busy_, busy);
+        if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
+    }
+
+    void serve(int thread)
+    {
+        for (std::uint32_t seen = 0;; ++seen) {
+            watch(turn_, seen);
+            if (is_dismissed_) return;
+            take_part(thread);
+            if (busy_.fetch_sub(1, std::memory_order_acq_rel) == 1) busy_.notify_one();
+        }
+    }
+
+    void take_part(int thread)
+    {
+        if (thread >= working_) return;
+        try {
+            work_.run(work_.context, *indices_, thread, working_);
+        }
+        catch (...) {
+#pragma omp critical(firn_failure)
+            if (!failure_) failure_ = std::current_exception();
+        }
+    }
+
+    void dismiss()
+    {
+        is_dismissed_ = true;
+        turn_.fetch_add(1, std::memory_order_release);
+        turn_.notify_all();
+    }
+
+    /// Waits until a number is another one: awake for a while, where each thread has a core of its own.
+    template <class Number>
+    void watch(std::atomic<Number> const& number, Number old) const
+    {
+        for (int looks = patient_ ? 20000 : 0; looks > 0; --looks) {
+            if (number.load(std::memory_order_acquire) != old) return;
+#if defined(__x86_64__)
+            __builtin_ia32_pause();
+#endif
+        }
+        number.wait(old, std::memory_order_acquire);
+    }
+
+    static inline thread_local Team* current_ = nullptr; ///< that the calling thread leads
+
+    int size_ = 1, working_ = 1;
+    bool patient_ = false, is_dismissed_ = false;
+    ThreadWork work_{};
+    SharedIndices* indices_ = nullptr;
+    std::exception_ptr failure_;
+    // what threads look at while others work, in lines of the cache of their own
+    alignas(64) std::atomic<std::uint32_t> turn_{0};
+    alignas(64) std::atomic<int> busy_{0};
+};
+
+} // namespace firn::openmp::detail
