@@ -7,6 +7,7 @@
 #include <firn/openmp/tuning.hpp>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cassert>
 #include <cstddef>
@@ -192,13 +193,16 @@ private:
     std::uint64_t pattern_ = 0;
 };
 
-/// The lanes 0, 1, 2, …
+/// The lanes 0, 1, 2, … (Written before: what is written number by number is not soon read as a pack.)
 template <class Lane>
 Lane counting()
 {
-    Scalar<Lane> number[lane_width<Lane>];
-    for (int l = 0; l < lane_width<Lane>; ++l) number[l] = Scalar<Lane>(l);
-    return LaneTraits<Lane>::load(number);
+    static constexpr auto numbers = [] {
+        std::array<Scalar<Lane>, lane_width<Lane>> from_0{};
+        for (int l = 0; l < lane_width<Lane>; ++l) from_0[std::size_t(l)] = Scalar<Lane>(l);
+        return from_0;
+    }();
+    return LaneTraits<Lane>::load(numbers.data());
 }
 
 /// Neighbouring nodes along a row, one per lane.

@@ -95,9 +95,8 @@ public:
                               Lane(Number(0)));
         std::uint64_t rest = bits(which & !in_turn);
         if (rest == 0) return;
-        Number steps[lanes], values[channels][lanes];
+        Number steps[lanes];
         LaneTraits<Lane>::store(along, steps);
-        for (int c = 0; c < channels; ++c) LaneTraits<Lane>::store(found[c], values[c]);
         for (; rest != 0; rest &= rest - 1) {
             int const lane = std::countr_zero(rest), at = place[d - 1] + static_cast<int>(steps[lane]);
             Number of_node[channels];
@@ -108,9 +107,9 @@ public:
                 node[d - 1] += static_cast<int>(steps[lane]);
                 grid_.sums_at(node, of_node);
             }
-            for (int c = 0; c < channels; ++c) values[c][lane] = of_node[c];
+            auto const here = mask_of<Lane>(std::uint64_t{1} << lane);
+            for (int c = 0; c < channels; ++c) found[c] = select(here, Lane(of_node[c]), found[c]);
         }
-        for (int c = 0; c < channels; ++c) found[c] = LaneTraits<Lane>::load(values[c]);
     }
 
 private:
