@@ -10,6 +10,7 @@ import argparse
 import collections
 import csv
 import io
+import itertools
 import math
 import pathlib
 import re
@@ -35,8 +36,10 @@ PROGRAMS = {
     "firn": ("Firn, equal steps", "#3d8fd1", "o"),
     "firn_advance": ("Firn, advance", "#3d8fd1", "s"),
     "taichi": ("Taichi", "#d1553d", "^"),
-    "warp": ("Warp", "#b08a2e", "D"),
+    "taichi_private": ("Taichi, a grid per thread", "#d1553d", "v"),
+    "warp": ("Warp, one thread", "#b08a2e", "D"),
 }
+OURS = ("firn", "firn_advance")
 COSTS = {
     "cpu": ("cpu_seconds", "processor time of the time loop [s]"),
     "wall": ("seconds", "time of the time loop by the clock [s]"),
@@ -51,7 +54,7 @@ class Row:
         self.problem, self.backend, self.status = line["problem"], line["backend"], line["status"]
         self.kernel, self.transfer, self.precision = line["kernel"], line["transfer"], line["precision"]
         self.cells, self.ppc, self.fraction = int(line["cells"]), int(line["ppc"]), float(line["cfl_fraction"])
-        self.error = float(line["error"])
+        self.error, self.threads = float(line["error"]), int(line["threads"])
         self.line = line
         self.ok = self.status == "ok"
 
@@ -157,11 +160,23 @@ def draw_cost(problem, rows, cost, path):
     return best
 
 
-def draw_programs(problem, rows, cost, path):
-    """Error against cost of several programs with the same method, a line each."""
-    figure, place = axes(f"{problem} by several programs: quadratic MLS, float, one thread", COSTS[cost][1])
-    for program, (name, colour, mark) in PROGRAMS.items():
-        line = sorted((row for row in rows if row.backend == program and row.ok), key=lambda row: row.cells)
+def lines_of(rows):
+    """Of each program and kernel what it found, by rising number of cells."""
+    lines = collections.defaultdict(list)
+    for row in sorted(rows, key=lambda row: row.cells):
+        if row.ok:
+            lines[row.backend, row.kernel].append(row)
+    return lines
+
+
+def draw_programs(problem, rows, cost, threads, path):
+    """Error against cost of several programs with the same method, a line for each and its kernel."""
+    title = f"{problem} by several programs: MLS, float, {threads} thread{'s' if threads > 1 else ''}"
+    figure, place = axes(title, COSTS[cost][1])
+    for (program, kernel), line in sorted(lines_of(rows).items()):
+        if program == "firn":
+            continue  # within a few per cent of advance
+        name, colour, mark = PROGRAMS[program]
         place.plot(
             [row.cost(cost) for row in line],
             [row.error for row in line],
@@ -169,11 +184,11 @@ def draw_programs(problem, rows, cost, path):
             color=colour,
             markersize=5,
             linewidth=1,
-            markerfacecolor="none" if program == "firn_advance" else colour,
-            linestyle="--" if program == "firn_advance" else "-",
-            label=name,
+            markerfacecolor="none" if kernel == "cubic" else colour,
+            linestyle="--" if kernel == "cubic" else "-",
+            label=f"{name}, {kernel}",
         )
-        if program == "firn":
+        if (program, kernel) == ("firn_advance", "quadratic"):
             for row in line:
                 place.annotate(f"{row.cells} cells", (row.cost(cost), row.error), fontsize=7, ha="right",
                                xytext=(-5, -8), textcoords="offset points")
@@ -194,18 +209,31 @@ def cost_at(error, line, cost):
     return None
 
 
+def least(error, lines, programs, cost):
+    """The least that some programs pay for an error, with whatever kernel, and who pays it."""
+    paid = [(cost_at(error, line, cost), who) for who, line in lines.items() if who[0] in programs]
+    return min((pair for pair in paid if pair[0]), default=None)
+
+
 def say_programs(problem, rows, cost):
-    """The cost of other programs over Firn's at equal error."""
-    lines = {
-        program: sorted((row for row in rows if row.backend == program and row.ok), key=lambda row: row.cells)
-        for program in PROGRAMS
-    }
+    """The cost of other programs over Firn's at equal error: with the same kernel, and of the best of both."""
+    lines = lines_of(rows)
+    theirs = sorted(set(PROGRAMS) - set(OURS))
     print(f"\n{problem}, {COSTS[cost][1]} over that of Firn at equal error:")
-    for ours in ("firn", "firn_advance"):
-        for theirs in ("taichi", "warp"):
-            ratios = [(row, cost_at(row.error, lines[ours], cost)) for row in lines[theirs]]
-            told = [f"{row.cost(cost) / at:.2f} ({row.cells} cells, {100 * row.error:.3g} %)" for row, at in ratios if at]
-            print(f"  {PROGRAMS[theirs][0]} over {PROGRAMS[ours][0]}: {', '.join(told)}")
+    for ours, other, kernel in itertools.product(OURS, theirs, ("quadratic", "cubic")):
+        ratios = [(row, cost_at(row.error, lines[ours, kernel], cost)) for row in lines.get((other, kernel), [])]
+        told = [f"{row.cost(cost) / at:.2f} ({row.cells} cells, {100 * row.error:.3g} %)" for row, at in ratios if at]
+        if told:
+            print(f"  {PROGRAMS[other][0]} over {PROGRAMS[ours][0]}, {kernel}: {', '.join(told)}")
+    print("  the best of the others over the best of Firn, whatever their kernels:")
+    for error in sorted({row.error for who, line in lines.items() if who[0] in theirs for row in line}, reverse=True):
+        best, own = least(error, lines, theirs, cost), least(error, lines, OURS, cost)
+        if best and own:
+            (paid, (program, kernel)), (at, (_, our_kernel)) = best, own
+            print(
+                f"    {100 * error:8.3g} %: {paid / at:5.2f} "
+                f"({PROGRAMS[program][0]}, {kernel}: {1000 * paid:.3g} ms; Firn, {our_kernel}: {1000 * at:.3g} ms)"
+            )
 
 
 def say_energy(problem, rows):
@@ -308,7 +336,7 @@ def main():
     arguments.add_argument("tables", nargs="+", type=pathlib.Path)
     arguments.add_argument("--out", type=pathlib.Path, default=pathlib.Path("."), help="folder of the drawings")
     arguments.add_argument("--cost", choices=COSTS,
-                           help="by default processor time, and the clock for a GPU, whose work takes none")
+                           help="by default processor time; for a GPU, whose work takes none, and threads the clock")
     options = arguments.parse_args()
     rows = []
     for table in options.tables:
@@ -321,8 +349,11 @@ def main():
     options.out.mkdir(parents=True, exist_ok=True)
     of_programs = [row for row in rows if row.backend in PROGRAMS]
     for problem in sorted({row.problem for row in of_programs}):
-        draw_programs(problem, of_programs, options.cost or "cpu", options.out / f"{problem}_peers.svg")
-        say_programs(problem, of_programs, options.cost or "cpu")
+        threads = max(row.threads for row in of_programs)
+        cost = options.cost or ("cpu" if threads == 1 else "wall")
+        name = f"{problem}_peers.svg" if threads == 1 else f"{problem}_peers_{threads}.svg"
+        draw_programs(problem, of_programs, cost, threads, options.out / name)
+        say_programs(problem, of_programs, cost)
     rows = [row for row in rows if row.backend not in PROGRAMS]
     if not rows:
         return

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Problem P1 of speed_against_error with quadratic MLS in float, in steps of one length as its peers take
-// them and in those of advance: firn_waves [--runs N] [--threads N] [--out TABLE]. See waves.py, which runs
-// it.
+// Problem P1 of speed_against_error with MLS in float, in steps of one length as its peers take them and in
+// those of advance: firn_waves [--kernel quadratic|cubic] [--runs N] [--threads N] [--out TABLE]. See
+// waves.py, which runs it.
 #include "problems/manufactured.hpp"
 
 #include <algorithm>
@@ -17,10 +17,14 @@ namespace
 {
 
 using namespace firn;
-using Waves = test::ManufacturedSolution<test::Scene<NeoHookean<test::PlaneFloat>, QuadraticBSpline, Mls>>;
+template <class Kernel>
+using Waves = test::ManufacturedSolution<test::Scene<NeoHookean<test::PlaneFloat>, Kernel, Mls>>;
 
 /// Steps of a half period, those of waves.py.
+template <class Kernel>
 std::map<int, int> const steps_of{{8, 15}, {16, 30}, {32, 55}, {64, 110}, {128, 215}};
+template <>
+std::map<int, int> steps_of<CubicBSpline> const {{8, 15}, {16, 25}, {32, 50}, {64, 95}, {128, 190}};
 
 double processor_seconds()
 {
@@ -36,6 +40,7 @@ double median(std::vector<double> of)
 }
 
 /// Solves it several times, the first of which only warms up, and writes a row.
+template <class Kernel>
 void measure(int cells, bool equal, int runs, int threads, std::ostream& out)
 {
     using Clock = std::chrono::steady_clock;
@@ -43,14 +48,14 @@ void measure(int cells, bool equal, int runs, int threads, std::ostream& out)
     double error = 0;
     std::size_t steps = 0;
     for (int run = 0; run <= runs; ++run) {
-        Waves waves(cells, 2, {}, {}, {threads});
+        Waves<Kernel> waves(cells, 2, {}, {}, {threads});
         double spent = 0, spent_processor = 0;
         steps = 0;
-        for (int piece = 0; piece < Waves::pieces; ++piece) {
+        for (int piece = 0; piece < waves.pieces; ++piece) {
             double const processor_before = processor_seconds();
             auto const before = Clock::now();
             if (equal) {
-                int const in_piece = steps_of.at(cells) / Waves::pieces;
+                int const in_piece = steps_of<Kernel>.at(cells) / waves.pieces;
                 waves.advance(piece, in_piece);
                 steps += std::size_t(in_piece);
             }
@@ -65,10 +70,17 @@ void measure(int cells, bool equal, int runs, int threads, std::ostream& out)
         wall.push_back(spent);
         processor.push_back(spent_processor);
     }
-    out << "P1," << (equal ? "firn" : "firn_advance") << ",neo_hookean,quadratic,mls,float,0.9," << cells
-        << ",4,yes," << error << ',' << median(wall) << ',' << double(steps) * 4 * cells * cells << ','
-        << Waves::Solver::bytes_per_particle << ",ok,0," << median(processor) << ',' << runs << ',' << steps
-        << ",0," << threads << ",this machine,g++ " << __VERSION__ << ",,\n";
+    out << "P1," << (equal ? "firn" : "firn_advance") << ",neo_hookean," << Kernel::name << ",mls,float,0.9,"
+        << cells << ",4,yes," << error << ',' << median(wall) << ',' << double(steps) * 4 * cells * cells
+        << ',' << Waves<Kernel>::Solver::bytes_per_particle << ",ok,0," << median(processor) << ',' << runs
+        << ',' << steps << ",0," << threads << ",this machine,g++ " << __VERSION__ << ",,\n";
+}
+
+template <class Kernel>
+void measure_all(int runs, int threads, std::ostream& out)
+{
+    for (auto const& [cells, steps] : steps_of<Kernel>)
+        for (bool equal : {true, false}) measure<Kernel>(cells, equal, runs, threads, out);
 }
 
 } // namespace
@@ -76,13 +88,15 @@ void measure(int cells, bool equal, int runs, int threads, std::ostream& out)
 int main(int argc, char** argv)
 {
     int runs = 1, threads = 1;
-    std::string path;
+    std::string path, kernel = "quadratic";
     for (int i = 1; i + 1 < argc; i += 2) {
         std::string const name = argv[i];
         if (name == "--runs")
             runs = std::stoi(argv[i + 1]);
         else if (name == "--threads")
             threads = std::stoi(argv[i + 1]);
+        else if (name == "--kernel")
+            kernel = argv[i + 1];
         else if (name == "--out")
             path = argv[i + 1];
         else {
@@ -95,6 +109,12 @@ int main(int argc, char** argv)
     out << "problem,backend,model,kernel,transfer,precision,cfl_fraction,cells,ppc,deterministic,error,"
            "seconds,particle_steps,bytes_per_particle,status,spread,cpu_seconds,runs,steps,rejected,threads,"
            "hardware,compiler,commit,date\n";
-    for (auto const& [cells, steps] : steps_of)
-        for (bool equal : {true, false}) measure(cells, equal, runs, threads, out);
+    if (kernel == "cubic")
+        measure_all<CubicBSpline>(runs, threads, out);
+    else if (kernel == "quadratic")
+        measure_all<QuadraticBSpline>(runs, threads, out);
+    else {
+        std::cerr << "stop: no kernel is called " << kernel << ": quadratic, cubic\n";
+        return 1;
+    }
 }

@@ -5,7 +5,7 @@
 #
 #     bash bench/peers/run.sh [--only CASE] [--particles N] [--steps K] [--rounds R] [--threads T] [--double]
 #                             [--patience S] [--out FILE]
-#     bash bench/peers/run.sh --waves [--rounds R]
+#     bash bench/peers/run.sh --waves [--threads T] [--rounds R]
 #
 #   --only CASE     neo_hookean_early, neo_hookean, fixed_corotated, snow_early, snow_packed or snow_cubic, instead of all
 #   --particles N   about so many (125000)
@@ -15,8 +15,8 @@
 #   --double        compares the peers in double precision, too
 #   --patience S    waits up to S seconds before a run for other programs to leave the machine alone (0)
 #
-#   --waves         instead of the scenes, errors and times of standing waves (P1 of speed_against_error): waves.csv and
-#                   its drawing, P1_peers.svg; 5 minutes
+#   --waves         instead of the scenes, errors and times of standing waves (P1 of speed_against_error), on one thread
+#                   or T of them: waves.csv and its drawing, P1_peers.svg or P1_peers_T.svg; 5 minutes
 #
 # Without options half an hour on a quiet machine; with --particles 10000 --rounds 1 about 5 minutes.
 set -euo pipefail

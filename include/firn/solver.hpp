@@ -308,7 +308,7 @@ public:
             release(rule);
         };
         try {
-            backend_.together([&] {
+            backend_.together(size(), [&] {
                 while (reports.size() < count) take();
             });
         }
@@ -402,7 +402,7 @@ public:
                 fail(log, dt);
         };
         try {
-            backend_.together([&] {
+            backend_.together(size(), [&] {
                 while (rule.goes_on(course_)) get_on();
             });
         }

@@ -46,7 +46,7 @@ struct Cuda
 
     /// Calls `work()`, whose loops follow one another closely: on a device they do so anyway.
     template <class Work>
-    static void together(Work const& work)
+    static void together(std::size_t, Work const& work)
     {
         work();
     }

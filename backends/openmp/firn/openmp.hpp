@@ -65,12 +65,15 @@ struct BasicOpenMP
         validate(); // who has no solver, too
         return threads > 0 ? threads : std::min(omp_get_max_threads(), most_threads);
     }
+    /// How many threads work on so many items: no more than have enough to do.
+    int threads_for(std::size_t items) const { return openmp::threads_for(items, thread_count()); }
 
-    /// Calls `work()`, whose loops follow one another closely: threads that do them stay together meanwhile.
+    /// Calls `work()`, whose loops over so many items follow one another closely: threads that do them stay
+    /// together meanwhile.
     template <class Work>
-    void together(Work const& work) const
+    void together(std::size_t items, Work const& work) const
     {
-        openmp::detail::Team::together(thread_count(), work);
+        openmp::detail::Team::together(threads_for(items), work);
     }
 
     /// Calls `body(i)` once for every i in [0, count), in any order and at the same time.
@@ -92,14 +95,14 @@ struct BasicOpenMP
     template <class CellOrder, class GridType, class Phase>
     void scatter(CellOrder const& cells, GridType& grid, Phase const& phase, bool afresh) const
     {
-        openmp::scatter<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase, afresh);
+        openmp::scatter<Lane<typename Phase::Number>>(threads_for(cells.size()), cells, grid, phase, afresh);
     }
 
     /// Items that changed their cells when they moved give to the grid, to which the others already gave.
     template <class Phase, class CellOrder, class GridType>
     void scatter_movers(CellOrder const& cells, GridType& grid) const
     {
-        openmp::scatter_movers<Lane<typename Phase::Number>, Phase>(thread_count(), cells, grid);
+        openmp::scatter_movers<Lane<typename Phase::Number>, Phase>(threads_for(cells.size()), cells, grid);
     }
 
     /// Calls `phase(node, result)` for every lane of nodes that was added to, in whatever layer; returns the
@@ -114,14 +117,14 @@ struct BasicOpenMP
     template <class CellOrder, class GridType, class Phase>
     void give_back(CellOrder const& cells, GridType& grid, Phase const& phase) const
     {
-        openmp::give_back<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase);
+        openmp::give_back<Lane<typename Phase::Number>>(threads_for(cells.size()), cells, grid, phase);
     }
 
     /// All items take from the grid as they did when they moved last; the phase stores what it wants of that.
     template <class CellOrder, class GridType, class Phase>
     void take(CellOrder const& cells, GridType const& grid, Phase const& phase) const
     {
-        openmp::take<Lane<typename Phase::Number>>(thread_count(), cells, grid, phase);
+        openmp::take<Lane<typename Phase::Number>>(threads_for(cells.size()), cells, grid, phase);
     }
 
     /// The items of all orders of cells, each with its layer and its phase, take from the grid, move, and
@@ -135,7 +138,8 @@ struct BasicOpenMP
         [&]<std::size_t... k>(std::index_sequence<k...>)
         {
             std::tuple const found{openmp::move<Lane<typename Phase::Number>>(
-                thread_count(), *cells[k], layers[k], std::get<k>(phases))...}; // one after the other
+                threads_for(cells[k]->size()), *cells[k], layers[k],
+                std::get<k>(phases))...}; // one after the other
             conclude(of_nodes, std::get<k>(found)...);
         }
         (std::make_index_sequence<orders>{});

@@ -558,8 +558,9 @@ private:
         new_counts_.resize(next.size() * Shape::cells);
         new_group_begin_.resize(next.size() * Shape::groups);
         int const blocks = static_cast<int>(next.size());
-        kept_.for_threads(threads_);
-        share(threads_, blocks, 4, [&](int thread) {
+        int const threads = threads_for(count, threads_);
+        kept_.for_threads(threads);
+        share(threads, blocks, 4, [&](int thread) {
             return [&, &ranks = kept_.template of<Ranks>(thread)](int b) {
                 if (int const old = old_block_[b]; old != BlockMap::absent) settle_in(departures_[old]);
                 sort_block(b, next[b], ranks);

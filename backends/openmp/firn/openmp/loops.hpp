@@ -313,6 +313,7 @@ typename Phase::Result for_each_node(int threads, GridType& grid, Phase const& p
     using Number = typename Phase::Number;
     int const blocks = static_cast<int>(grid.nodes().size());
     using Result = typename Phase::Result;
+    threads = threads_for(grid.nodes().size(), threads, node_blocks_per_thread);
     Kept& kept = grid.kept();
     detail::expect_findings<Result>(kept, threads);
     share(threads, blocks, 4, [&](int thread) {
