@@ -64,6 +64,67 @@ TEST_CASE("what a thread of a team throws is thrown by the team, and what others
     CHECK(alive == 0);
 }
 
+TEST_CASE("a team that stays together does one loop after another, and what is thrown leaves it whole")
+{
+    int const threads = GENERATE(1, 2, 5);
+    std::atomic<long> sum = 0;
+    auto const add = [&](int count) {
+        openmp::share(threads, count, 1, [&](int) { return [&](int i) { sum += i; }; });
+    };
+    openmp::detail::Team::together(threads, [&] {
+        for (int loop = 0; loop < 1000; ++loop) add(loop % 10);
+        openmp::detail::Team::together(threads, [&] { add(10); }); // one within another is the same one
+        CHECK_THROWS_WITH(openmp::share(threads, 100, 1,
+                                        [&](int) {
+                                            return [](int i) {
+                                                if (i == 57) throw std::runtime_error("index 57");
+                                            };
+                                        }),
+                          "index 57");
+        add(10);
+    });
+    CHECK(sum == 100 * (0 + 0 + 1 + 3 + 6 + 10 + 15 + 21 + 28 + 36) + 45 + 45);
+    CHECK_THROWS_WITH(openmp::detail::Team::together(threads,
+                                                     [&] {
+                                                         add(3);
+                                                         throw std::runtime_error("between loops");
+                                                     }),
+                      "between loops");
+    sum = 0;
+    add(10); // without a team that stays
+    CHECK(sum == 45);
+}
+
+TEST_CASE("a loop within a team has no more threads than it asks for")
+{
+    openmp::detail::Team::together(5, [&] {
+        std::atomic<int> largest = 0;
+        openmp::share(2, 1000, 1, [&](int thread) {
+            if (thread >= 2) largest = thread;
+            return [](int) {};
+        });
+        CHECK(largest == 0);
+    });
+    CHECK(openmp::threads_for(0, 4) == 1);
+    CHECK(openmp::threads_for(openmp::items_per_thread, 4) == 1);
+    CHECK(openmp::threads_for(2 * openmp::items_per_thread, 4) == 2);
+    CHECK(openmp::threads_for(1000 * openmp::items_per_thread, 4) == 4);
+}
+
+TEST_CASE("what a thread works with is its own, one object of each type, and the same in the next loop")
+{
+    openmp::Kept kept;
+    kept.for_threads(2);
+    auto& first = kept.of<std::vector<int>>(0);
+    first.push_back(7);
+    kept.of<std::vector<long>>(0);
+    CHECK(kept.of<std::vector<int>>(1).empty());
+    kept.for_threads(3);
+    CHECK(&kept.of<std::vector<int>>(0) == &first);
+    CHECK(kept.of<std::vector<int>>(0) == std::vector<int>{7});
+    CHECK(kept.of<std::vector<long>>(0).empty());
+}
+
 TEMPLATE_TEST_CASE_SIG("the key of a block is that of no other, in the order of coordinates, and leads back",
                        "", ((int d), d), 2, 3)
 {
