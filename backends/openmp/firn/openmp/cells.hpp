@@ -263,11 +263,11 @@ public:
         });
     }
 
-    /// Where each item of a group is in it, see Departure; whole packs may be written behind the last.
-    void find_places(std::size_t block, int group, std::vector<std::uint32_t>& at) const
+    /// Lists where each item of a group is in it, see Departure.
+    void list_places(std::size_t block, int group, std::vector<std::uint32_t>& at) const
     {
         std::uint32_t const begin = group_begin(block, group);
-        at.resize(std::max<std::size_t>(at.size(), group_end(block, group) - begin + lanes));
+        at.resize(std::max<std::size_t>(at.size(), group_end(block, group) - begin));
         for_each_rank(block, group, [&](std::uint32_t slot, std::uint32_t rank, std::uint64_t pattern) {
             std::uint32_t of_lanes[lanes];
             count_up(rank * lanes, of_lanes);
@@ -319,7 +319,7 @@ public:
         std::array<std::uint32_t, directions> next;
         std::exclusive_scan(outflow.to.begin(), outflow.to.end(), next.begin(), std::uint32_t(0));
         std::size_t const listed = leavers.count - outflow.inside;
-        append(all.data(), listed, departures.movers); // and now in their order
+        append(all.data(), listed, departures.movers); // as many as there will be
         outflow.movers = departures.movers.data();
         for (Mover const& mover : all) {
             // made of its parts: read as a whole, what was just written in parts would be waited for

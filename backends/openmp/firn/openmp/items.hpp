@@ -370,7 +370,7 @@ private:
         while (this->slot_ >= this->cells_.group_end(this->block_, group_));
         first_slot_ = this->cells_.group_begin(this->block_, group_);
         end_slot_ = this->cells_.group_end(this->block_, group_);
-        this->cells_.find_places(this->block_, group_, leavers_.at);
+        this->cells_.list_places(this->block_, group_, leavers_.at);
     }
 
     typename CellOrder::Leavers& leavers_;

@@ -3,6 +3,7 @@
 
 #include <atomic>
 #include <cstdint>
+#include <cstdlib>
 #include <exception>
 #include <omp.h>
 #include <utility>
@@ -35,7 +36,7 @@ public:
             return;
         }
         Team team;
-        team.patient_ = threads <= omp_get_num_procs();
+        team.is_wakeful_ = threads <= omp_get_num_procs() && !is_told_to_sleep();
         std::exception_ptr failure;
 #pragma omp parallel num_threads(threads)
         {
@@ -110,11 +111,22 @@ private:
         turn_.notify_all();
     }
 
-    /// Waits until a number is another one: awake for a while, where each thread has a core of its own.
+    /// Whether the environment asks OpenMP's threads to sleep while they wait.
+    static bool is_told_to_sleep()
+    {
+        static bool const is_told = [] {
+            char const* const policy = std::getenv("OMP_WAIT_POLICY");
+            return policy != nullptr && (*policy == 'p' || *policy == 'P'); // passive
+        }();
+        return is_told;
+    }
+
+    /// Waits until a number is another one: awake for a tenth or two of a millisecond, where each thread has
+    /// a core of its own.
     template <class Number>
     void watch(std::atomic<Number> const& number, Number old) const
     {
-        for (int looks = patient_ ? 20000 : 0; looks > 0; --looks) {
+        for (int looks = is_wakeful_ ? 5000 : 0; looks > 0; --looks) {
             if (number.load(std::memory_order_acquire) != old) return;
 #if defined(__x86_64__)
             __builtin_ia32_pause();
@@ -126,7 +138,7 @@ private:
     static inline thread_local Team* current_ = nullptr; ///< that the calling thread leads
 
     int size_ = 1, working_ = 1;
-    bool patient_ = false, is_dismissed_ = false;
+    bool is_wakeful_ = false, is_dismissed_ = false;
     ThreadWork work_{};
     SharedIndices* indices_ = nullptr;
     std::exception_ptr failure_;
