@@ -226,7 +226,11 @@ def say_programs(problem, rows, cost):
         if told:
             print(f"  {PROGRAMS[other][0]} over {PROGRAMS[ours][0]}, {kernel}: {', '.join(told)}")
     print("  the best of the others over the best of Firn, whatever their kernels:")
+    told = math.inf
     for error in sorted({row.error for who, line in lines.items() if who[0] in theirs for row in line}, reverse=True):
+        if error > 0.99 * told:
+            continue  # another program's, and the same
+        told = error
         best, own = least(error, lines, theirs, cost), least(error, lines, OURS, cost)
         if best and own:
             (paid, (program, kernel)), (at, (_, our_kernel)) = best, own
