@@ -95,6 +95,18 @@ TEST_CASE("a team that stays together does one loop after another, and what is t
     CHECK(sum == 45);
 }
 
+TEST_CASE("a loop within a loop is done by the thread that comes to it")
+{
+    int const threads = GENERATE(1, 2, 5);
+    std::atomic<long> sum = 0;
+    openmp::share(threads, 1000, 1, [&](int) {
+        return [&](int i) {
+            openmp::share(threads, 10, 1, [&](int) { return [&, i](int k) { sum += i * 10 + k; }; });
+        };
+    });
+    CHECK(sum == 9999L * 10000 / 2);
+}
+
 TEST_CASE("a loop within a team has no more threads than it asks for")
 {
     openmp::detail::Team::together(5, [&] {

@@ -15,6 +15,7 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
+#include <omp.h>
 #include <string>
 #include <tuple>
 #include <utility>
@@ -63,7 +64,10 @@ struct BasicOpenMP
     int thread_count() const
     {
         validate(); // who has no solver, too
-        return threads > 0 ? threads : std::min(omp_get_max_threads(), most_threads);
+        if (threads > 0) return threads;
+        // OpenMP would now tell how many threads a region within the team's could have
+        if (int const together = openmp::detail::Team::size_of_current(); together > 0) return together;
+        return std::min(omp_get_max_threads(), most_threads);
     }
     /// How many threads work on so many items: no more than have enough to do.
     int threads_for(std::size_t items) const { return openmp::threads_for(items, thread_count()); }

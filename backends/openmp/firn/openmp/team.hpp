@@ -68,6 +68,9 @@ public:
             together(threads, [&] { current_->run_loop(threads, work, indices); });
     }
 
+    /// How many threads the team has that the calling thread leads, 0 if it leads none.
+    static int size_of_current() { return current_ != nullptr ? current_->size_ : 0; }
+
 private:
     void run_loop(int threads, ThreadWork const& work, SharedIndices& indices)
     {
@@ -77,7 +80,10 @@ private:
         busy_.store(size_ - 1, std::memory_order_relaxed);
         turn_.fetch_add(1, std::memory_order_release); // what is above is seen by who sees this
         turn_.notify_all();
+        // a loop within the loop has one thread: the team is at work
+        Team* const self = std::exchange(current_, nullptr);
         take_part(0);
+        current_ = self;
         for (int busy; (busy = busy_.load(std::memory_order_acquire)) != 0;) watch(busy_, busy);
         if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
     }
