@@ -345,7 +345,7 @@ def main():
     rows = []
     for table in options.tables:
         if not table.is_file():
-            sys.exit(f"stop: there is no {table}: write it by `bash bench/run.sh --error short`.")
+            sys.exit(f"stop: there is no {table}: see bench/README.md for what writes it.")
         with table.open(newline="") as lines:
             rows += [Row(line) for line in csv.DictReader(lines)]
     if not rows:
@@ -354,6 +354,8 @@ def main():
     of_programs = [row for row in rows if row.backend in PROGRAMS]
     for problem in sorted({row.problem for row in of_programs}):
         threads = max(row.threads for row in of_programs)
+        if any(row.threads != threads for row in of_programs if row.backend != "warp"):
+            sys.exit("stop: the tables are of different numbers of threads: draw one at a time.")
         cost = options.cost or ("cpu" if threads == 1 else "wall")
         name = f"{problem}_peers.svg" if threads == 1 else f"{problem}_peers_{threads}.svg"
         draw_programs(problem, of_programs, cost, threads, options.out / name)

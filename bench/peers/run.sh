@@ -16,18 +16,19 @@
 #   --patience S    waits up to S seconds before a run for other programs to leave the machine alone (0)
 #
 #   --waves         instead of the scenes, errors and times of standing waves (P1 of speed_against_error), on one thread
-#                   or T of them: waves.csv and its drawing, P1_peers.svg or P1_peers_T.svg; 5 minutes
+#                   or T of them: waves.csv and its drawing, P1_peers.svg, or waves_T.csv and P1_peers_T.svg; 5 minutes
 #
 # Without options half an hour on a quiet machine; with --particles 10000 --rounds 1 about 5 minutes.
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 source "$root/examples/set_up.sh"
 
-arguments=("$@") waves=""
+arguments=("$@") waves="" out="" threads=1
 while [ $# -gt 0 ]; do
     case $1 in
         --only | --particles | --steps | --rounds | --threads | --patience | --out)
             [ $# -ge 2 ] || stop "$1 needs a value."
+            case $1 in --out) out=$2 ;; --threads) threads=$2 ;; esac
             shift ;;
         --double) ;;
         --waves) waves=yes ;;
@@ -47,6 +48,9 @@ mkdir -p "$root/build"
     stop "without Taichi and Warp there is nothing to compare with."
 
 if [ -n "$waves" ]; then
+    [ -z "$out" ] || stop "--out is for the scenes: waves are written to waves.csv, or waves_T.csv."
+    table="$root/waves.csv"
+    [ "$threads" = 1 ] || table="$root/waves_$threads.csv"
     (cd "$root" && cmake --preset bench && cmake --build --preset bench --target firn_waves) ||
         stop "Firn's program of the waves could not be built."
     rest=()
@@ -54,9 +58,9 @@ if [ -n "$waves" ]; then
         [ "$argument" = --waves ] || rest+=("$argument")
     done
     python="$root/build/venv-peers/bin/python"
-    "$python" "$root/bench/peers/waves.py" all --firn "$root/build/bench/bench/firn_waves" --out "$root/waves.csv" \
+    "$python" "$root/bench/peers/waves.py" all --firn "$root/build/bench/bench/firn_waves" --out "$table" \
         ${rest[@]+"${rest[@]}"} || stop "a program of the waves failed."
-    exec "$python" "$root/bench/plot.py" "$root/waves.csv" --out "$root"
+    exec "$python" "$root/bench/plot.py" "$table" --out "$root"
 fi
 
 (cd "$root" && cmake --preset bench && cmake --build --preset bench --target firn_scene) ||

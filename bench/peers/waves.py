@@ -391,7 +391,7 @@ def measure(program, cells, runs):
             program.wait()
             spent_wall += time.perf_counter() - before_wall
             spent_processor += time.process_time() - before_processor
-            worst = max(worst, error(X, program.positions(), piece))
+            worst = float(np.maximum(worst, error(X, program.positions(), piece)))  # keeps what is no number
         if run > 0:
             wall.append(spent_wall)
             processor.append(spent_processor)
@@ -428,6 +428,7 @@ def in_turns(firn, threads, rounds, out):
                 rows[0]
                 | {"seconds": f"{np.median(wall):.6g}", "cpu_seconds": f"{np.median(of('cpu_seconds')):.6g}"}
                 | {"spread": f"{spread:.3g}", "runs": len(rows)}
+                | {"status": next((row["status"] for row in rows if row["status"] != "ok"), "ok")}
             )
     cost = "cpu_seconds" if threads == 1 else "seconds"
     print(f"{'cells':>6} {'kernel':>10} {'program':>14} {'error':>10}   {cost.replace('_', ' ')}, in ms")
@@ -436,15 +437,22 @@ def in_turns(firn, threads, rounds, out):
         print(f"{cells:6} {kernel:>10} {program:>14} {float(rows[0]['error']):10.4g} {milliseconds:13.3g}")
 
 
+def above_0(text):
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not above 0")
+    return number
+
+
 def main():
     arguments = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     arguments.add_argument("program", choices=("taichi", "taichi_private", "warp", "all"))
     arguments.add_argument("--kernel", choices=tuple(WIDTH), default="quadratic", help="of a program; all have both")
-    arguments.add_argument("--threads", type=int, default=1)
-    arguments.add_argument("--runs", type=int, default=5)
+    arguments.add_argument("--threads", type=above_0, default=1)
+    arguments.add_argument("--runs", type=above_0, default=5)
     arguments.add_argument("--out", type=pathlib.Path, default=None, help="table; the screen, if there is none")
     arguments.add_argument("--firn", type=pathlib.Path, help="the program firn_waves, for all")
-    arguments.add_argument("--rounds", type=int, default=5, help="turns that every program takes, for all")
+    arguments.add_argument("--rounds", type=above_0, default=5, help="turns that every program takes, for all")
     options = arguments.parse_args()
     if options.program == "all":
         if options.firn is None:

@@ -592,7 +592,8 @@ public:
         go_on_from(from, bounds, std::move(exchange), std::move(isolated));
     }
 
-    /// Bytes held by particles and grid, spare capacity included.
+    /// Bytes held by particles and grid, spare capacity included. (What threads work with, some tens of
+    /// kilobytes each, is not counted.)
     std::size_t memory() const
     {
         std::size_t bytes = exchange_.grid().memory();

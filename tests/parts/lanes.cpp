@@ -406,7 +406,12 @@ TEMPLATE_LIST_TEST_CASE("Lanes are put side by side and back by every pattern", 
         for (int l = 0; l < width; ++l) wrong += together[l] != (l < count ? places[l] : 0);
         openmp::expand<width>(together.data(), pattern, back);
         for (int n = 0; n < count; ++n) wrong += back[places[n]] != places[n];
-        for (int n = 0; n < count; ++n) wrong += openmp::bit_place(pattern, n) != int(places[n]);
+        std::uint32_t counts[width], more[width];
+        for (int l = 0; l < width; ++l)
+            counts[l] = std::uint32_t(l), more[l] = counts[l] + std::uint32_t((pattern >> l) & 1);
+        wrong += openmp::lanes_above<width>(more, counts) != pattern;
+        wrong += openmp::lanes_above<width>(counts, more) != 0;
+        wrong += openmp::most_of<width>(more) != *std::max_element(more, more + width);
     }
     CHECK(wrong == 0);
 }

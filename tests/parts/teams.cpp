@@ -116,6 +116,7 @@ TEST_CASE("a loop within a team has no more threads than it asks for")
             return [](int) {};
         });
         CHECK(largest == 0);
+        CHECK(OpenMP{}.thread_count() == 5); // whatever OpenMP would give to a region within
     });
     CHECK(openmp::threads_for(0, 4) == 1);
     CHECK(openmp::threads_for(openmp::items_per_thread, 4) == 1);

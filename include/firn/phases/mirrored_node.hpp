@@ -57,8 +57,7 @@ struct MirroredNode
     Coordinates<d> first;
     Real along;
     std::array<Mask<Real>, d> flipped; ///< whether the node in question is behind a wall across this axis
-    std::array<bool, count> near;      ///< whether the walls are so near that they may matter
-    std::array<Mask<Real>, count> on;  ///< whether the node in question is on this wall
+    std::array<Mask<Real>, count> on;  ///< or on this wall
     Real sums[Sums::channels];         ///< of the nodes and their images
     /// Of what the sums hold, behind each wall: as it is there, momentum and impulse along its axis.
     Real mass_behind[count], momentum_behind[count], impulse_behind[count];
@@ -74,9 +73,6 @@ struct MirroredNode
         for (std::size_t w = 0; w < count; ++w) {
             mass_behind[w] = momentum_behind[w] = impulse_behind[w] = zero;
             WallPlane const& wall = walls[w];
-            near[w] = is_near(wall, at.first());
-            on[w] = zero > zero;
-            if (!near[w]) continue;
             Real const before = beyond(wall) * Real(Number(wall.side));
             on[w] = before == zero;
             Mask<Real> const behind = before == Real(Number(-1));
@@ -104,20 +100,11 @@ struct MirroredNode
     {
         Mask<Real> is = Real(Number(1)) < Real(Number(0));
         for (std::size_t w = 0; w < count; ++w)
-            if (near[w] && walls[w].axis == axis) is = is | on[w];
+            if (walls[w].axis == axis) is = is | on[w];
         return is;
     }
 
 private:
-    /// Whether one of the lanes may look at images behind a wall: also when other walls have mirrored it,
-    /// which takes it two nodes further.
-    FIRN_HOST_DEVICE static bool is_near(WallPlane const& wall, Coordinates<d> const& lane_0)
-    {
-        int const from = lane_0[wall.axis] - wall.node,
-                  to = from + (wall.axis == d - 1 ? lane_width<Real> - 1 : 0);
-        return from <= 3 && to >= -3;
-    }
-
     /// How far the nodes are beyond a wall, along its axis.
     FIRN_HOST_DEVICE Real beyond(WallPlane const& wall) const
     {
@@ -135,7 +122,7 @@ private:
         else {
             add<axis + 1>(from, row, places, which, behind);
             for (std::size_t w = 0; w < count; ++w) {
-                if (!near[w] || walls[w].axis != axis) continue;
+                if (walls[w].axis != axis) continue;
                 auto behind_this = behind;
                 behind_this[w] = true;
                 if constexpr (axis == d - 1) {

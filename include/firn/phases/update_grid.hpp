@@ -143,7 +143,6 @@ private:
     {
         Real const two(2), kept(kept_share);
         for (std::size_t w = 0; w < mirrored.walls.size(); ++w) {
-            if (!mirrored.near[w]) continue;
             WallPlane const& wall = mirrored.walls[w];
             int const a = wall.axis;
             Real const m = mirrored.mass_behind[w], p = mirrored.momentum_behind[w],

@@ -7,6 +7,8 @@
 #include <firn/openmp/block_map.hpp>
 #include <firn/openmp/kept.hpp>
 #include <firn/openmp/lanes.hpp>
+#include <firn/openmp/leavers.hpp>
+#include <firn/openmp/ranks.hpp>
 #include <firn/openmp/share.hpp>
 #include <firn/openmp/tuning.hpp>
 
@@ -16,18 +18,12 @@
 #include <cmath>
 #include <cstdint>
 #include <numeric>
-#include <omp.h>
 #include <span>
 #include <utility>
 #include <vector>
 
 namespace firn::openmp
 {
-
-namespace detail
-{
-constexpr int power(int base, int exponent) { return exponent == 0 ? 1 : base * power(base, exponent - 1); }
-} // namespace detail
 
 /// The order of cells: items by block, in a block by group of `lanes` cells, in a group interleaved by rank.
 ///
@@ -40,6 +36,9 @@ class Cells
 public:
     using Shape = BlockShape<d, lanes>;
     using Offset = typename CellOffset<Number>::Stored;
+    using Mover = openmp::Mover<Number>;
+    using Departures = openmp::Departures<Number>;
+    using Leavers = openmp::Leavers<Number>;
 
     /// Cells beyond this coordinate have no key (see block_key); one is kept in reserve for what is about to
     /// leave.
@@ -51,92 +50,6 @@ public:
     {
         Coordinates<d> coordinates;
         std::uint32_t begin = 0, end = 0; ///< its slots
-    };
-
-    /// Adds some at the end of a list.
-    template <class T>
-    static void append(T const* from, std::size_t count, std::vector<T>& list)
-    {
-        make_room(list, count);
-        list.insert(list.end(), from, from + count);
-    }
-
-    /// Makes room in a list for more: there is one for each block, and together they would waste much if each
-    /// grew to twice its size.
-    template <class T>
-    static void make_room(std::vector<T>& list, std::size_t more)
-    {
-        std::size_t const needed = list.size() + more;
-        if (needed > list.capacity()) list.reserve(std::max(needed, list.capacity() + list.capacity() / 8));
-    }
-
-    /// An item that has changed its cell.
-    struct Mover
-    {
-        std::uint32_t source;    ///< where the item lies
-        std::uint16_t place;     ///< its cell now, in the block where that is
-        std::uint16_t direction; ///< in which that block lies, see neighbour()
-        Number const* given;     ///< what it gives, its offset in the new cell first
-    };
-
-    /// Where an item was that has left its cell.
-    struct Departure
-    {
-        std::uint32_t slot;
-        std::uint32_t at; ///< in its group: its rank times `lanes`, and its lane
-    };
-
-    /// Items of a block that have left their cells since the last follow(); the loops that move items write
-    /// this.
-    struct Departures
-    {
-        std::vector<Departure> from;     ///< of all, in the order of slots
-        std::vector<Mover> given_inside; ///< who is in another cell of the block and gave there, by cell
-        std::vector<Mover> movers;       ///< the others, by direction
-        std::vector<Number> given;       ///< by them
-
-        void clear()
-        {
-            from.clear();
-            given_inside.clear();
-            movers.clear();
-            given.clear();
-        }
-    };
-
-    /// What of that is asked for block by block, in as few lines of the cache as there can be: another thread
-    /// has written them.
-    struct alignas(64) Outflow
-    {
-        std::uint32_t departures = 0, inside = 0;            ///< how many there are in the first two lists
-        Mover const* movers = nullptr;                       ///< the third list, and
-        std::array<std::uint32_t, detail::power(3, d)> to{}; ///< how many of it go in each direction
-    };
-
-    /// Those that have left their cells in one block, while it is being worked on: as they left, `count` of
-    /// them. (Lists of a thread, that stay as long as they once were: who leaves is noted without a
-    /// question.)
-    struct Leavers
-    {
-        std::size_t count = 0, channels = 0;
-        std::vector<Departure> from;
-        std::vector<Mover> movers;
-        std::vector<Number> given;           ///< so many channels of each, see Mover
-        std::vector<std::uint32_t> at;       ///< of all items of a group, see Departure
-        std::vector<Mover> inside, in_order; ///< who gives at once, as they left and by cell
-
-        /// Begins with a block of so many items.
-        void start(std::size_t items)
-        {
-            count = 0;
-            if (from.size() < items) from.resize(items), movers.resize(items);
-        }
-        /// Makes room for some more that give so many channels.
-        void expect(std::size_t more, std::size_t of)
-        {
-            channels = of;
-            if (given.size() < (count + more) * channels) given.resize(2 * (count + more) * channels);
-        }
     };
 
     /// `backend` says how many threads work.
@@ -224,7 +137,7 @@ public:
             if (flows_.empty() || flows_.back().key != key)
                 flows_.push_back({key, movers.data() + i, 0, BlockMap::absent});
             ++flows_.back().count;
-            movers.push_back({static_cast<std::uint32_t>(first + i), place, here, nullptr});
+            movers.push_back({static_cast<std::uint32_t>(first + i), place, here<d>, nullptr});
         }
         rearrange(size() + cells.size());
         // Every new item was in these lists; they need not stay so large.
@@ -297,7 +210,7 @@ public:
     std::span<Mover const> note_departures(std::size_t b, Leavers& leavers)
     {
         Departures& departures = departures_[b];
-        Outflow& outflow = outflows_[b];
+        auto& outflow = outflows_[b];
         departures.clear();
         outflow = {};
         if (leavers.count == 0) return {};
@@ -306,17 +219,17 @@ public:
         append(leavers.from.data(), leavers.count, departures.from);
         outflow.departures = static_cast<std::uint32_t>(leavers.count);
         for (Mover const& mover : all) ++outflow.to[mover.direction];
-        bool const are_many = outflow.to[here] * share_to_keep > blocks_[b].end - blocks_[b].begin;
+        bool const are_many = outflow.to[here<d>] * share_to_keep > blocks_[b].end - blocks_[b].begin;
         Number const* given = leavers.given.data();
         if (are_many) {
-            outflow.inside = std::exchange(outflow.to[here], 0);
+            outflow.inside = std::exchange(outflow.to[here<d>], 0);
             leavers.inside.clear();
         }
         else {
             append(given, leavers.count * channels, departures.given);
             given = departures.given.data();
         }
-        std::array<std::uint32_t, directions> next;
+        std::array<std::uint32_t, directions<d>> next;
         std::exclusive_scan(outflow.to.begin(), outflow.to.end(), next.begin(), std::uint32_t(0));
         std::size_t const listed = leavers.count - outflow.inside;
         append(all.data(), listed, departures.movers); // as many as there will be
@@ -325,7 +238,7 @@ public:
             // made of its parts: read as a whole, what was just written in parts would be waited for
             Mover const gives{mover.source, mover.place, mover.direction, given};
             given += channels;
-            if (are_many && mover.direction == here)
+            if (are_many && mover.direction == here<d>)
                 leavers.inside.push_back(gives);
             else
                 departures.movers[next[mover.direction]++] = gives;
@@ -382,8 +295,6 @@ public:
     }
 
 private:
-    static constexpr int directions = detail::power(3, d), here = directions / 2;
-
     /// Items that lie side by side in a list and come to one block.
     struct Flow
     {
@@ -391,68 +302,6 @@ private:
         Mover const* first;
         std::uint32_t count;
         int to; ///< the block's index
-    };
-
-    /// The sources of a group's items, a row of lanes for each rank, as one thread changes them.
-    class Ranks
-    {
-    public:
-        /// Starts with no items, in cells that have had `before` of them and will have `counts`, which are
-        /// now at most too large.
-        void start(std::uint32_t const* before, std::uint32_t const* counts)
-        {
-            before_ = before;
-            counts_ = counts;
-            std::copy_n(before, lanes, end_.begin());
-            first_hole_.fill(none);
-            std::size_t const most = std::max(most_of<lanes>(before), most_of<lanes>(counts));
-            if (at_.size() < most * lanes) at_.resize(most * lanes), next_hole_.resize(most * lanes);
-        }
-
-        std::uint32_t* row(std::uint32_t rank) { return &at_[std::size_t(rank) * lanes]; }
-
-        /// Takes out the item at a rank times `lanes` plus a lane; those of a cell by rising rank.
-        void leave(std::uint32_t at)
-        {
-            std::uint32_t const lane = at % lanes;
-            (first_hole_[lane] == none ? first_hole_[lane] : next_hole_[last_hole_[lane]]) = at;
-            last_hole_[lane] = at;
-            next_hole_[at] = none;
-            at_[at] = hole;
-        }
-
-        /// Puts a new item into the first hole of a cell, or behind its items.
-        void fill(int lane, std::uint32_t source)
-        {
-            std::uint32_t const first = first_hole_[lane];
-            bool const is_behind = first == none;
-            at_[is_behind ? end_[lane] * lanes + std::uint32_t(lane) : first] = source;
-            end_[lane] += is_behind;
-            first_hole_[lane] = is_behind ? none : next_hole_[first];
-        }
-
-        /// Fills the holes that are left with the last items of their cells.
-        void close_holes()
-        {
-            for (std::uint64_t fewer = lanes_above<lanes>(before_, counts_); fewer != 0; fewer &= fewer - 1) {
-                auto const lane = static_cast<std::uint32_t>(std::countr_zero(fewer));
-                std::uint32_t const end = counts_[lane] * lanes;
-                std::uint32_t last = before_[lane] * lanes + lane;
-                for (std::uint32_t at = first_hole_[lane]; at < end; at = next_hole_[at]) {
-                    do last -= lanes;
-                    while (at_[last] == hole);
-                    at_[at] = at_[last];
-                }
-            }
-        }
-
-    private:
-        static constexpr std::uint32_t hole = ~std::uint32_t(0), none = hole;
-
-        std::uint32_t const *before_ = nullptr, *counts_ = nullptr;
-        std::array<std::uint32_t, lanes> end_; ///< behind the last rank of each cell
-        std::array<std::uint32_t, lanes> first_hole_, last_hole_;
-        std::vector<std::uint32_t> at_, next_hole_;
     };
 
     std::uint32_t source(std::size_t slot) const
@@ -470,14 +319,6 @@ private:
             place = place * extent + inside;
         }
         return {block, static_cast<std::uint16_t>(place)};
-    }
-
-    /// The neighbour of a block that lies in a direction: -1, 0 or 1 along each axis, the first one's place
-    /// value the highest.
-    static Coordinates<d> neighbour(Coordinates<d> block, int direction)
-    {
-        for (int a = d - 1; a >= 0; --a, direction /= 3) block[a] += direction % 3 - 1;
-        return block;
     }
 
     /// Sorts the items of some lists by cell, those of one cell in the order in which they are listed, and
@@ -516,10 +357,10 @@ private:
         for (std::size_t b = 0; b < outflows_.size(); ++b) {
             Mover const* first = outflows_[b].movers;
             if (first == nullptr) continue;
-            for (int direction = 0; direction < directions; ++direction) {
+            for (int direction = 0; direction < directions<d>; ++direction) {
                 std::uint32_t const count = outflows_[b].to[direction];
                 if (count == 0) continue;
-                flows_.push_back({block_key<d>(neighbour(blocks_[b].coordinates, direction)), first, count,
+                flows_.push_back({block_key<d>(neighbour<d>(blocks_[b].coordinates, direction)), first, count,
                                   BlockMap::absent});
                 first += count;
             }
@@ -561,7 +402,7 @@ private:
         int const threads = threads_for(count, threads_);
         kept_.for_threads(threads);
         share(threads, blocks, 4, [&](int thread) {
-            return [&, &ranks = kept_.template of<Ranks>(thread)](int b) {
+            return [&, &ranks = kept_.template of<Ranks<lanes>>(thread)](int b) {
                 if (int const old = old_block_[b]; old != BlockMap::absent) settle_in(departures_[old]);
                 sort_block(b, next[b], ranks);
             };
@@ -635,7 +476,7 @@ private:
     ///
     /// Who stays in a cell keeps its rank, so that sources nearly follow one another; who leaves makes room
     /// for who comes, and if none comes for the last of the cell.
-    void sort_block(int b, Block const& block, Ranks& ranks)
+    void sort_block(int b, Block const& block, Ranks<lanes>& ranks)
     {
         int const old = old_block_[b];
         bool const is_new = old == BlockMap::absent;
@@ -704,7 +545,7 @@ private:
     BlockMap map_;
     Array<std::uint32_t> source_, new_source_, counts_, new_counts_, group_begin_, new_group_begin_;
     std::vector<Departures> departures_;             ///< per block before
-    std::vector<Outflow> outflows_;                  ///< the same
+    std::vector<Outflow<Number, d>> outflows_;       ///< the same
     std::vector<Flow> flows_;                        ///< by block before
     std::vector<std::span<Mover const>> flow_order_; ///< what they bring, by block now
     std::vector<std::uint32_t> stay_;                ///< per block before

@@ -187,8 +187,6 @@ public:
     }
 
     std::vector<NodeBlock> const& nodes() const { return nodes_; }
-    /// What threads work with in loops over nodes; the host calls these one at a time.
-    Kept& kept() { return kept_; }
     Number* node_values(std::size_t node_block) { return &values_[node_block * values * block_channel]; }
 
     /// The index of the block of nodes with these coordinates, or absent.
@@ -297,7 +295,6 @@ private:
         return index;
     }
 
-    Kept kept_;
     std::vector<NodeBlock> nodes_;
     BlockMap map_;
     std::array<Tiles, layers> tiles_;

@@ -1029,17 +1029,6 @@ std::uint32_t most_of(std::uint32_t const* counts)
     return most;
 }
 
-/// Where the bit number `n` of those that are set is.
-inline int bit_place(std::uint64_t pattern, std::uint32_t n)
-{
-#if defined(__BMI2__) && defined(FIRN_HAS_XSIMD)
-    return std::countr_zero(_pdep_u64(std::uint64_t{1} << n, pattern));
-#else
-    for (; n > 0; --n) pattern &= pattern - 1;
-    return std::countr_zero(pattern);
-#endif
-}
-
 /// Integers that lie side by side go to the lanes of the pattern; the other places may hold anything
 /// afterwards. Up to `lanes` integers are read.
 template <int lanes>

@@ -8,14 +8,12 @@
 #include <firn/openmp/share.hpp>
 #include <firn/openmp/tuning.hpp>
 
-#include <algorithm>
 #include <array>
 #include <bit>
 #include <cstring>
 #include <numeric>
 #include <span>
 #include <type_traits>
-#include <utility>
 #include <vector>
 
 namespace firn::openmp
@@ -138,71 +136,24 @@ FIRN_INLINE_WHOLE void take(Group& group, std::size_t items, Nodes& nodes)
     }
 }
 
-/// What one thread finds out in a loop over blocks. Bounds are all of the thread's: who starts each block at
-/// zero finds a new largest value many times over. What few blocks have, mishaps and sums, goes by block, so
-/// that it can be put together in the same order whatever the threads.
-template <class ResultType>
-struct Findings
-{
-    using Result = ResultType;
-    bool begun = false; ///< or it has no part in the loop
-    Result of_thread, of_block;
-    std::vector<std::pair<int, Result>> of_blocks;
-
-    void begin()
-    {
-        begun = true;
-        of_thread = of_block = Result{};
-        of_blocks.clear();
-    }
-    void end_block(int block)
-    {
-        static constexpr std::array<char, sizeof(Result)> nothing{};
-        if (std::memcmp(static_cast<void const*>(&of_block), nothing.data(), sizeof(Result)) == 0) return;
-        of_blocks.emplace_back(block, of_block);
-        of_block = Result{};
-    }
-};
-
-/// Before a loop in which threads are to find out something.
 template <class Result>
-void expect_findings(Kept& kept, int threads)
-{
-    kept.for_threads(threads);
-    for (int thread = 0; thread < threads; ++thread) kept.of<Findings<Result>>(thread).begun = false;
-}
-/// A thread's own, when it has a part in the loop.
-template <class Result>
-Findings<Result>& begun_findings(Kept& kept, int thread)
-{
-    auto& own = kept.of<Findings<Result>>(thread);
-    own.begin();
-    return own;
-}
-/// What all threads found.
-template <class Result>
-Result merged(Kept& kept, int threads)
+Result merged(std::vector<Result> const& results)
 {
     Result all{};
-    std::vector<std::pair<int, Result const*>> of_blocks;
-    for (int thread = 0; thread < threads; ++thread) {
-        auto const& own = kept.of<Findings<Result>>(thread);
-        if (!own.begun) continue;
-        all.merge(own.of_thread);
-        for (auto const& [block, result] : own.of_blocks) of_blocks.emplace_back(block, &result);
-    }
-    std::sort(of_blocks.begin(), of_blocks.end());
-    for (auto const& [block, result] : of_blocks) all.merge(*result);
+    for (Result const& result : results) all.merge(result);
     return all;
 }
 
+/// A phase that finds out bounds has them in a result of the thread's: who starts each block at zero finds a
+/// new largest value many times over.
 template <class Phase, class Items>
-FIRN_INLINE_WHOLE void answer(Phase const& phase, Items& items, Findings<typename Phase::Result>& found)
+FIRN_INLINE_WHOLE void answer(Phase const& phase, Items& items, typename Phase::Result& of_thread,
+                              typename Phase::Result& of_block)
 {
-    if constexpr (requires { phase.answer(items, found.of_thread, found.of_block); })
-        phase.answer(items, found.of_thread, found.of_block);
+    if constexpr (requires { phase.answer(items, of_thread, of_block); })
+        phase.answer(items, of_thread, of_block);
     else
-        phase.answer(items, found.of_block);
+        phase.answer(items, of_block);
 }
 } // namespace detail
 
@@ -312,12 +263,10 @@ typename Phase::Result for_each_node(int threads, GridType& grid, Phase const& p
     using Shape = typename GridType::Shape;
     using Number = typename Phase::Number;
     int const blocks = static_cast<int>(grid.nodes().size());
-    using Result = typename Phase::Result;
+    std::vector<typename Phase::Result> results(blocks);
     threads = threads_for(grid.nodes().size(), threads, node_blocks_per_thread);
-    Kept& kept = grid.kept();
-    detail::expect_findings<Result>(kept, threads);
-    share(threads, blocks, 4, [&](int thread) {
-        return [&, &found = detail::begun_findings<Result>(kept, thread)](int n) {
+    share(threads, blocks, 4, [&](int) {
+        return [&](int n) {
             auto const& block = grid.nodes()[n];
             alignas(64) Number sums[Phase::Sums::channels][Shape::along];
             for (int row = 0; row < Shape::rows; ++row) {
@@ -337,16 +286,15 @@ typename Phase::Result for_each_node(int threads, GridType& grid, Phase const& p
                     if constexpr (Phase::looks_around)
                         if (phase.looks_around_at(at, lane_width<Lane>)) {
                             LookingNodes<Lane, GridType, d> looking(node, &sums[0][0], grid, n, row);
-                            phase.look_around(looking, found.of_block);
+                            phase.look_around(looking, results[n]);
                             continue;
                         }
-                    phase(node, found.of_block);
+                    phase(node, results[n]);
                 }
             }
-            found.end_block(n);
         };
     });
-    return detail::merged<Result>(kept, threads);
+    return detail::merged(results);
 }
 
 namespace detail
@@ -400,20 +348,20 @@ template <class Lane, class CellOrder, class GridType, class Phase>
 struct GiveToNext
 {
     using ItemsType = Items<Lane, CellOrder, Phase::d>;
-    using Kept = Scratch<Lane, Phase::d>;
+    using ScratchType = Scratch<Lane, Phase::d>;
     using Gives = typename Phase::Gives;
 
     CellOrder const& cells;
     GridType& grid;
     Giver<Lane, Gives>& giver;
 
-    ItemsType begin(std::size_t block, std::uint64_t rows, Kept& scratch)
+    ItemsType begin(std::size_t block, std::uint64_t rows, ScratchType& scratch)
     {
         clear_rows<GridType, Phase::channels>(grid.next_tile(block), rows);
         grid.next_touched(block) = rows;
         return {cells, block, scratch};
     }
-    void give(std::size_t block, int group, Kept& scratch)
+    void give(std::size_t block, int group, ScratchType& scratch)
     {
         GroupOf<Lane, GridType> cells_of_group(cells.counts(block, group), group, scratch, nullptr,
                                                grid.next_tile(block));
@@ -429,18 +377,18 @@ struct MoveAndGive
 {
     using ItemsType = MovingItems<Lane, CellOrder, Phase::d>;
     using Stay = GiveToNext<Lane, CellOrder, GridType, Phase>;
-    using Kept = typename Stay::Kept;
+    using ScratchType = typename Stay::ScratchType;
 
     CellOrder& cells;
     typename CellOrder::Leavers& leavers;
     Stay stay;
 
-    ItemsType begin(std::size_t block, std::uint64_t rows, Kept& scratch)
+    ItemsType begin(std::size_t block, std::uint64_t rows, ScratchType& scratch)
     {
         stay.begin(block, rows, scratch);
         return {cells, block, scratch, leavers};
     }
-    void give(std::size_t block, int group, Kept& scratch) { stay.give(block, group, scratch); }
+    void give(std::size_t block, int group, ScratchType& scratch) { stay.give(block, group, scratch); }
     void end(std::size_t block)
     {
         give_listed<Lane, typename Phase::Gives>(cells.note_departures(block, leavers), stay.grid,
@@ -454,12 +402,15 @@ template <class Lane, class CellOrder, class Phase>
 struct GiveNothing
 {
     using ItemsType = Items<Lane, CellOrder, Phase::d>;
-    using Kept = Scratch<Lane, Phase::d>;
+    using ScratchType = Scratch<Lane, Phase::d>;
 
     CellOrder const& cells;
 
-    ItemsType begin(std::size_t block, std::uint64_t, Kept& scratch) { return {cells, block, scratch}; }
-    void give(std::size_t, int, Kept&) {}
+    ItemsType begin(std::size_t block, std::uint64_t, ScratchType& scratch)
+    {
+        return {cells, block, scratch};
+    }
+    void give(std::size_t, int, ScratchType&) {}
     void end(std::size_t) {}
 };
 
@@ -471,13 +422,13 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
 {
     constexpr int lanes = lane_width<Lane>;
     int const blocks = static_cast<int>(cells.blocks().size());
-    using Result = typename Phase::Result;
-    expect_findings<Result>(kept, threads);
+    std::vector<typename Phase::Result> results(blocks);
+    kept.for_threads(threads);
     share(threads, blocks, 1, [&](int thread) {
         // Not on the stack: compilers would take it apart and copy it for every group.
         auto& taker = kept.of<Taker<Lane, GridType, Phase>>(thread);
         taker.nodes.resize(Phase::node_channels * GridType::tile_channel);
-        return [&, &found = begun_findings<Result>(kept, thread), giver = make_giver(thread)](int b) mutable {
+        return [&, found = typename Phase::Result{}, giver = make_giver(thread)](int b) mutable {
             auto& [nodes, nodes_of_cells, scratch] = taker;
             std::uint64_t const rows = own_rows<GridType>(cells, b);
             fill_tile<GridType, Phase::node_channels>(grid, b, rows, nodes.data());
@@ -494,15 +445,15 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
                 take<typename Phase::Takes>(group, end - begin, nodes_of_cells);
                 for (std::size_t slot = begin; slot < end; slot += lanes) {
                     items.enter_again(slot, slot - begin);
-                    answer(phase, items, found);
+                    answer(phase, items, found, results[b]);
                 }
                 giver.give(b, g, scratch);
             }
-            found.end_block(b);
+            results[b].merge(found);
             giver.end(b);
         };
     });
-    return merged<Result>(kept, threads);
+    return merged(results);
 }
 } // namespace detail
 

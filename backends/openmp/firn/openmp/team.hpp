@@ -20,9 +20,8 @@ struct ThreadWork
     void const* context;
 };
 
-/// Threads that stay together from one loop to the next. Who has no work watches for it, and is there in a
-/// third of a microsecond; a parallel region for each loop takes two to three times as long, and a step has
-/// five loops.
+/// Threads that stay together from one loop to the next: a parallel region for each loop takes longer to
+/// begin, and a step of a small scene has four loops in a few microseconds each.
 class Team
 {
 public:
@@ -35,8 +34,7 @@ public:
             work();
             return;
         }
-        Team team;
-        team.is_wakeful_ = threads <= omp_get_num_procs() && !is_told_to_sleep();
+        Team team(threads);
         std::exception_ptr failure;
 #pragma omp parallel num_threads(threads)
         {
@@ -72,6 +70,11 @@ public:
     static int size_of_current() { return current_ != nullptr ? current_->size_ : 0; }
 
 private:
+    explicit Team(int threads) : asked_for_(threads) { in_teams_ += threads; }
+    ~Team() { in_teams_ -= asked_for_; }
+    Team(Team const&) = delete;
+    Team& operator=(Team const&) = delete;
+
     void run_loop(int threads, ThreadWork const& work, SharedIndices& indices)
     {
         work_ = work;
@@ -117,22 +120,25 @@ private:
         turn_.notify_all();
     }
 
-    /// Whether the environment asks OpenMP's threads to sleep while they wait.
-    static bool is_told_to_sleep()
+    /// How many threads may wait awake: one for each core, or none where the environment asks OpenMP's to
+    /// sleep meanwhile.
+    static int most_awake()
     {
-        static bool const is_told = [] {
+        static int const most = [] {
             char const* const policy = std::getenv("OMP_WAIT_POLICY");
-            return policy != nullptr && (*policy == 'p' || *policy == 'P'); // passive
+            bool const is_passive = policy != nullptr && (*policy == 'p' || *policy == 'P');
+            return is_passive ? 0 : omp_get_num_procs();
         }();
-        return is_told;
+        return most;
     }
 
-    /// Waits until a number is another one: awake for a tenth or two of a millisecond, where each thread has
-    /// a core of its own.
+    /// Waits until a number is another one: awake for a tenth or two of a millisecond, where each thread of
+    /// all teams has a core of its own.
     template <class Number>
     void watch(std::atomic<Number> const& number, Number old) const
     {
-        for (int looks = is_wakeful_ ? 5000 : 0; looks > 0; --looks) {
+        bool const stays_awake = in_teams_.load(std::memory_order_relaxed) <= most_awake();
+        for (int looks = stays_awake ? 5000 : 0; looks > 0; --looks) {
             if (number.load(std::memory_order_acquire) != old) return;
 #if defined(__x86_64__)
             __builtin_ia32_pause();
@@ -142,9 +148,10 @@ private:
     }
 
     static inline thread_local Team* current_ = nullptr; ///< that the calling thread leads
+    static inline std::atomic<int> in_teams_{0};         ///< threads that have been asked for
 
-    int size_ = 1, working_ = 1;
-    bool is_wakeful_ = false, is_dismissed_ = false;
+    int asked_for_, size_ = 1, working_ = 1;
+    bool is_dismissed_ = false;
     ThreadWork work_{};
     SharedIndices* indices_ = nullptr;
     std::exception_ptr failure_;
