@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/core/components.hpp>
+#include <firn/grid/lattice.hpp>
 
 #include <algorithm>
 #include <array>
