@@ -884,7 +884,7 @@ private:
 
 #pragma GCC diagnostic pop
 
-namespace detail
+namespace chosen
 {
 
 // What xsimd adds for AVX-512 BW is integers of 8 and 16 bits, and in 8.1 an error without optimisation.
@@ -911,17 +911,17 @@ struct ArchOfWidth<Number, width, xsimd::arch_list<First, Others...>>
     }
 };
 
-} // namespace detail
+} // namespace chosen
 
 /// The widest pack that the compile flags allow.
 template <class Number>
-using NativePack = Pack<Number, detail::WithoutShortIntegers<xsimd::default_arch>>;
+using NativePack = Pack<Number, chosen::WithoutShortIntegers<xsimd::default_arch>>;
 
 /// The pack of `width` numbers with the best instructions that the compile flags allow: with AVX-512, eight
 /// floats are PackOf<float, 8>. Narrow packs waste fewer lanes where cells are filled unevenly.
 template <class Number, int width>
 using PackOf =
-    Pack<Number, decltype(detail::ArchOfWidth<Number, width, xsimd::supported_architectures>::find())>;
+    Pack<Number, decltype(chosen::ArchOfWidth<Number, width, xsimd::supported_architectures>::find())>;
 
 /// The lane type to use unless told otherwise.
 template <class Number>
