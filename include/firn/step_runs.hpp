@@ -60,8 +60,11 @@ public:
         int const expected = static_cast<int>(std::min(most, backend_.steps_to_queue(orders, queue_)));
         StepRun<Effects> run(*this, scene, rule, effects, expected);
         auto& grid = scene.exchange.grid();
-        Parts::for_each([&](auto k) { scene.parts.template particles<k>().sort(); }); // in the order of cells
-        grid.follow(orders);                                                          // blocks under them
+        Parts::for_each([&](auto k) { // in the order of cells, which giving may complete
+            scene.parts.template particles<k>().sort(
+                [](auto& cells, auto const& offsets) { cells.begin_to_follow(offsets); });
+        });
+        grid.follow(orders); // blocks under them
         scene.exchange.give_for(scene.course.now.interval.forces, scene.parts);
         run.begin(rule, effects);
         auto const layers = run.layers();

@@ -11,6 +11,9 @@
 #include <firn/interpolation/linear.hpp>
 #include <firn/interpolation/quadratic_b_spline.hpp>
 
+#include <algorithm>
+#include <iterator>
+#include <new>
 #include <random>
 #include <tuple>
 
@@ -238,6 +241,13 @@ TEST_CASE("a position is found again from its cell and offset, on both sides of 
             CHECK(at.offset.maxCoeff() < 0.5);
             CHECK((world_position<3>(grid, order, at.cell, at.offset) - x).cwiseAbs().maxCoeff() <= 1e-13);
         }
+}
+
+TEST_CASE("a lattice made of a cell size alone begins at the origin of the world")
+{
+    alignas(Lattice) unsigned char memory[sizeof(Lattice)];
+    std::fill(std::begin(memory), std::end(memory), static_cast<unsigned char>(0x3f));
+    CHECK((new (memory) Lattice{0.1})->origin == Eigen::Vector3d(0, 0, 0));
 }
 
 TEST_CASE(

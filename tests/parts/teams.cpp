@@ -4,6 +4,8 @@
 #include <firn/openmp.hpp>
 
 #include <atomic>
+#include <cmath>
+#include <cstdint>
 #include <memory>
 #include <new>
 #include <stdexcept>
@@ -39,6 +41,44 @@ TEST_CASE("a thread begins with the part that was its own before, and then helps
     order.clear();
     indices.for_each<int>(0, 3, note);
     CHECK(order.empty());
+}
+
+TEST_CASE("parts of threads may have bounds of their own, which count if they are for this loop")
+{
+    std::vector<int> order;
+    std::vector<std::uint32_t> const bounds{0, 1, 1, 5};
+    openmp::detail::SharedIndices indices(bounds);
+    auto const note = [&](int i) { order.push_back(i); };
+    indices.for_each<int>(1, 3, note);
+    CHECK(order == std::vector<int>{4, 3, 2, 1, 0}); // whose part is empty helps the next one
+
+    int const threads = GENERATE(1, 2, 3, 100), count = GENERATE(4, 5, 6);
+    std::vector<std::atomic<int>> visits(8);
+    openmp::share(
+        threads, count, 2, [&](int) { return [&](int i) { ++visits[std::size_t(i)]; }; }, bounds);
+    for (int i = 0; i < 8; ++i) CHECK(visits[std::size_t(i)] == (i < count ? 1 : 0));
+}
+
+TEST_CASE("threads have equal numbers of items, as nearly as blocks allow")
+{
+    int const threads = GENERATE(1, 2, 3, 7), crowd = GENERATE(0, 5000);
+    openmp::Cells<float, 2, 4> cells(OpenMP{threads});
+    std::vector<Coordinates<2>> places;
+    for (int i = 0; i < 600; ++i) // 8 in each block
+        for (int k = 0; k < 8; ++k) places.push_back({i / 20 * 8, i % 20 * 8 + k});
+    for (int i = 0; i < crowd; ++i) places.push_back({80, 80}); // in one of them
+    cells.insert(places, 0);
+    auto const parts = cells.parts();
+    REQUIRE(parts.size() == std::size_t(threads) + 1);
+    CHECK(parts.front() == 0);
+    CHECK(parts.back() == cells.blocks().size());
+    double const fair = double(places.size()) / threads;
+    for (int part = 0; part + 1 < threads; ++part) {
+        auto const end = parts[std::size_t(part) + 1];
+        std::size_t items = 0;
+        for (std::size_t b = 0; b < end; ++b) items += cells.blocks()[b].end - cells.blocks()[b].begin;
+        CHECK(std::abs(double(items) - fair * (part + 1)) <= (crowd + 8) / 2.0);
+    }
 }
 
 TEST_CASE("what a thread of a team throws is thrown by the team, and what others made is gone")

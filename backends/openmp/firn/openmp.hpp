@@ -97,24 +97,26 @@ struct BasicOpenMP
     /// All items give to the grid, by `phase.prepare`, `give` and `add` (see Giving): afresh, or onto what is
     /// there.
     template <class CellOrder, class GridType, class Phase>
-    void scatter(CellOrder const& cells, GridType& grid, Phase const& phase, bool afresh) const
+    void scatter(CellOrder& cells, GridType& grid, Phase const& phase, bool afresh) const
     {
+        cells.complete();
         openmp::scatter<Lane<typename Phase::Number>>(threads_for(cells.size()), cells, grid, phase, afresh);
     }
 
     /// Items that changed their cells when they moved give to the grid, to which the others already gave.
     template <class Phase, class CellOrder, class GridType>
-    void scatter_movers(CellOrder const& cells, GridType& grid) const
+    void scatter_movers(CellOrder& cells, GridType& grid) const
     {
-        openmp::scatter_movers<Lane<typename Phase::Number>, Phase>(threads_for(cells.size()), cells, grid);
+        openmp::scatter_movers<Lane<typename Phase::Number>, Phase>(cells, grid);
     }
 
     /// Calls `phase(node, result)` for every lane of nodes that was added to, in whatever layer; returns the
     /// merged results.
     template <class CellOrders, class GridType, class Phase>
-    auto for_each_node(CellOrders const&, GridType& grid, Phase const& phase) const
+    auto for_each_node(CellOrders const& orders, GridType& grid, Phase const& phase) const
     {
-        return openmp::for_each_node<Lane<typename Phase::Number>>(thread_count(), grid, phase);
+        return openmp::for_each_node<Lane<typename Phase::Number>>(thread_count(), orders[0]->parts(), grid,
+                                                                   phase);
     }
 
     /// All items take from the grid and, where they are, give to what accept() makes its sums.

@@ -16,8 +16,8 @@ namespace firn
 /// alone.
 struct Lattice
 {
-    double cell_size;       ///< h [m]
-    Eigen::Vector3d origin; ///< the position of node (0, 0, 0) [m]
+    double cell_size;                ///< h [m]
+    Eigen::Vector3d origin{0, 0, 0}; ///< the position of node (0, 0, 0) [m]
 };
 
 /// The lattice of cell size h [m]; throws an Error unless h > 0 and all numbers are finite.

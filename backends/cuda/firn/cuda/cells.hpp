@@ -135,6 +135,9 @@ public:
         crowded_ = false;
     }
 
+    /// The same: who queues loops need not leave any of it to the next one.
+    void begin_to_follow(std::array<Offset*, d> const& offset) { follow(offset); }
+
     /// How many blocks there were when items were followed, and empty ones not yet forgotten.
     std::uint32_t followed_blocks() const { return followed_blocks_; }
 

@@ -59,6 +59,8 @@ public:
 
     std::size_t size() const { return blocks_.empty() ? 0 : blocks_.back().end; }
     std::span<Block const> blocks() const { return blocks_; }
+    /// The blocks of each thread, for share(): as many items for each as there can be.
+    std::span<std::uint32_t const> parts() const { return parts_; }
     /// Changes whenever the set of blocks does.
     std::uint64_t version() const { return version_; }
     /// How many times the order was written anew.
@@ -106,8 +108,9 @@ public:
     std::size_t memory() const
     {
         auto const of = [](auto const& list) { return list.capacity() * sizeof(list[0]); };
-        std::size_t lists = of(blocks_) + of(arrivals_) + of(stay_) + of(old_block_) + of(arrival_begin_) +
-                            of(departures_) + of(outflows_) + of(flows_) + of(flow_begin_) + of(flow_order_);
+        std::size_t lists = of(blocks_) + of(old_blocks_) + of(fresh_) + of(parts_) + of(arrivals_) +
+                            of(stay_) + of(old_block_) + of(arrival_begin_) + of(departures_) +
+                            of(outflows_) + of(flows_) + of(flow_begin_) + of(flow_order_);
         for (auto const& of_block : departures_)
             lists += of(of_block.from) + of(of_block.given_inside) + of(of_block.movers) + of(of_block.given);
         return lists + source_.memory() + new_source_.memory() + counts_.memory() + new_counts_.memory() +
@@ -169,11 +172,46 @@ public:
     /// (see settle).
     void follow(std::array<Offset*, d> const& offset)
     {
+        begin_to_follow(offset);
+        complete();
+    }
+
+    /// The host's part of that: blocks, and old_block() and version(), are those to be. What is in them
+    /// nobody may ask before complete().
+    void begin_to_follow(std::array<Offset*, d> const& offset)
+    {
         list_flows();
-        rearrange(size(), [&](Departures const& departures) {
-            for (auto const& from : departures.from)
-                for (int a = 0; a < d; ++a) CellOffset<Number>::wrap(offset[a][from.slot]);
-        });
+        find_blocks(size(), offset);
+    }
+
+    /// The threads' part. For each block, what `make(thread)(block)` does is done next: also where nothing is
+    /// to be completed.
+    template <class Make>
+    void complete(Make const& make)
+    {
+        int const threads = threads_for(size(), threads_);
+        kept_.for_threads(threads);
+        share(
+            threads, static_cast<int>(blocks_.size()), 1,
+            [&](int thread) {
+                return [&, &ranks = kept_.template of<Ranks<lanes>>(thread), then = make(thread)](int b) {
+                    if (is_incomplete_) {
+                        if (int const old = old_block_[b]; old != BlockMap::absent) wrap(departures_[old]);
+                        sort_block(b, ranks);
+                    }
+                    then(b);
+                };
+            },
+            parts());
+        if (!std::exchange(is_incomplete_, false)) return;
+        std::swap(source_, new_source_);
+        std::swap(counts_, new_counts_);
+        std::swap(group_begin_, new_group_begin_);
+        settled_ = false;
+    }
+    void complete()
+    {
+        if (is_incomplete_) complete([](int) { return [](int) {}; });
     }
 
     /// Lists where each item of a group is in it, see Departure.
@@ -285,13 +323,7 @@ public:
     template <class Use>
     void for_each_rank(std::size_t block, int group, Use const& use) const
     {
-        std::uint32_t slot = group_begin(block, group);
-        std::uint32_t const end = group_end(block, group);
-        for (std::uint32_t rank = 0; slot < end; ++rank) {
-            std::uint64_t const pattern = lanes_above<lanes>(counts(block, group), rank);
-            use(slot, rank, pattern);
-            slot += static_cast<std::uint32_t>(std::popcount(pattern));
-        }
+        for_each_rank(counts(block, group), group_begin(block, group), group_end(block, group), use);
     }
 
 private:
@@ -303,6 +335,23 @@ private:
         std::uint32_t count;
         int to; ///< the block's index
     };
+
+    template <class Use>
+    static void for_each_rank(std::uint32_t const* counts, std::uint32_t slot, std::uint32_t end,
+                              Use const& use)
+    {
+        for (std::uint32_t rank = 0; slot < end; ++rank) {
+            std::uint64_t const pattern = lanes_above<lanes>(counts, rank);
+            use(slot, rank, pattern);
+            slot += static_cast<std::uint32_t>(std::popcount(pattern));
+        }
+    }
+    /// Before the order was completed.
+    std::uint32_t old_group_end(int block, int group) const
+    {
+        return group + 1 < Shape::groups ? group_begin(static_cast<std::size_t>(block), group + 1)
+                                         : old_blocks_[block].end;
+    }
 
     std::uint32_t source(std::size_t slot) const
     {
@@ -367,62 +416,78 @@ private:
         }
     }
 
-    /// Writes the new order: the items that stay in their block, and those that come from elsewhere.
-    /// `settle_in(departures)` is called for those of each block.
-    template <class SettleIn>
-    void rearrange(std::size_t count, SettleIn const& settle_in)
+    /// Finds the blocks of the new order, and what comes to each from others: complete() writes it.
+    void find_blocks(std::size_t count, std::array<Offset*, d> const& offset)
     {
-        stay_.resize(blocks_.size());
+        offset_ = offset;
+        std::swap(blocks_, old_blocks_);
+        stay_.resize(old_blocks_.size());
+        for (std::size_t b = 0; b < old_blocks_.size(); ++b)
+            stay_[b] =
+                old_blocks_[b].end - old_blocks_[b].begin - outflows_[b].departures + outflows_[b].inside;
+        list_blocks_with_items();
+        bool same = blocks_.size() == old_blocks_.size();
+        for (std::size_t b = 0; same && b < blocks_.size(); ++b)
+            same = is_same_block<d>(blocks_[b].coordinates, old_blocks_[b].coordinates);
+        old_block_.assign(blocks_.size(), BlockMap::absent);
         for (std::size_t b = 0; b < blocks_.size(); ++b)
-            stay_[b] = blocks_[b].end - blocks_[b].begin - outflows_[b].departures + outflows_[b].inside;
-        std::vector<Block> next = blocks_with_items();
-        bool same = next.size() == blocks_.size();
-        for (std::size_t b = 0; same && b < next.size(); ++b)
-            same = is_same_block<d>(next[b].coordinates, blocks_[b].coordinates);
-        old_block_.assign(next.size(), BlockMap::absent);
-        for (std::size_t b = 0; b < next.size(); ++b)
-            old_block_[b] = same ? int(b) : map_.find(block_key<d>(next[b].coordinates));
+            old_block_[b] = same ? int(b) : map_.find(block_key<d>(blocks_[b].coordinates));
         if (!same) {
-            map_.clear(next.size());
-            for (std::size_t b = 0; b < next.size(); ++b)
-                map_.insert(block_key<d>(next[b].coordinates), int(b));
+            map_.clear(blocks_.size());
+            for (std::size_t b = 0; b < blocks_.size(); ++b)
+                map_.insert(block_key<d>(blocks_[b].coordinates), int(b));
             for (Flow& flow : flows_) flow.to = map_.find(flow.key);
             // nobody asks for those of a block that is gone
-            for (std::size_t b = 0; b < blocks_.size(); ++b)
-                if (stay_[b] == 0) settle_in(departures_[b]);
+            for (std::size_t b = 0; b < old_blocks_.size(); ++b)
+                if (stay_[b] == 0) wrap(departures_[b]);
             ++version_;
         }
         ++generation_;
-        deal_arrivals(next);
-
+        deal_arrivals();
         new_source_.resize(count);
-        new_counts_.resize(next.size() * Shape::cells);
-        new_group_begin_.resize(next.size() * Shape::groups);
-        int const blocks = static_cast<int>(next.size());
-        int const threads = threads_for(count, threads_);
-        kept_.for_threads(threads);
-        share(threads, blocks, 4, [&](int thread) {
-            return [&, &ranks = kept_.template of<Ranks<lanes>>(thread)](int b) {
-                if (int const old = old_block_[b]; old != BlockMap::absent) settle_in(departures_[old]);
-                sort_block(b, next[b], ranks);
-            };
-        });
-        std::swap(source_, new_source_);
-        std::swap(counts_, new_counts_);
-        std::swap(group_begin_, new_group_begin_);
-        blocks_ = std::move(next);
-        settled_ = false;
+        new_counts_.resize(blocks_.size() * Shape::cells);
+        new_group_begin_.resize(blocks_.size() * Shape::groups);
+        find_parts(threads_for(count, threads_));
+        is_incomplete_ = true;
     }
+
+    /// Puts the offsets of the items that departed from a block into their new cells; where they come without
+    /// (see insert and erase) nothing is to be done.
+    void wrap(Departures const& departures) const
+    {
+        if (offset_[0] == nullptr) return;
+        for (auto const& from : departures.from)
+            for (int a = 0; a < d; ++a) CellOffset<Number>::wrap(offset_[a][from.slot]);
+    }
+
+    /// The same for items that are added or gone.
     void rearrange(std::size_t count)
     {
-        rearrange(count, [](auto const&) {});
+        find_blocks(count, {});
+        complete();
+    }
+
+    /// Deals blocks to threads: each part ends at the bound of a block that is nearest to its share of items.
+    void find_parts(int threads)
+    {
+        parts_.assign(1, 0);
+        std::uint64_t const of = static_cast<std::uint64_t>(threads);
+        for (std::uint64_t part = 1; part < of; ++part) {
+            auto const lies_before = [&](Block const& block) { // its middle
+                return (std::uint64_t{block.begin} + block.end) * of < 2 * size() * part;
+            };
+            auto const at = std::partition_point(blocks_.begin() + parts_.back(), blocks_.end(), lies_before);
+            parts_.push_back(static_cast<std::uint32_t>(at - blocks_.begin()));
+        }
+        parts_.push_back(static_cast<std::uint32_t>(blocks_.size()));
     }
 
     /// All blocks that will hold items, in the order of their keys; of those that are there `stay_` counts
     /// who comes, too.
-    std::vector<Block> blocks_with_items()
+    void list_blocks_with_items()
     {
-        std::vector<std::uint64_t> fresh;
+        auto& fresh = fresh_;
+        fresh.clear();
         for (Flow& flow : flows_) {
             flow.to = map_.find(flow.key);
             if (flow.to == BlockMap::absent)
@@ -432,35 +497,36 @@ private:
         }
         std::sort(fresh.begin(), fresh.end());
         fresh.erase(std::unique(fresh.begin(), fresh.end()), fresh.end());
-        std::vector<Block> next;
-        next.reserve(blocks_.size() + fresh.size());
+        auto const& before = old_blocks_;
+        blocks_.clear();
+        blocks_.reserve(before.size() + fresh.size());
         // both lists are in order: a loop here, since compilers take long for std::inplace_merge
         auto added = fresh.begin();
-        for (std::size_t b = 0; b < blocks_.size(); ++b) {
+        for (std::size_t b = 0; b < before.size(); ++b) {
             if (stay_[b] == 0) continue;
-            auto const key = block_key<d>(blocks_[b].coordinates);
-            for (; added != fresh.end() && *added < key; ++added) next.push_back({block_of_key<d>(*added)});
-            next.push_back({blocks_[b].coordinates});
+            auto const key = block_key<d>(before[b].coordinates);
+            for (; added != fresh.end() && *added < key; ++added)
+                blocks_.push_back({block_of_key<d>(*added)});
+            blocks_.push_back({before[b].coordinates});
         }
-        for (; added != fresh.end(); ++added) next.push_back({block_of_key<d>(*added)});
-        return next;
+        for (; added != fresh.end(); ++added) blocks_.push_back({block_of_key<d>(*added)});
     }
 
     /// Sorts flows by the block to which they come, and finds the slots of blocks and the places of arrivals.
-    void deal_arrivals(std::vector<Block>& next)
+    void deal_arrivals()
     {
-        arrival_begin_.assign(next.size() + 1, 0);
-        flow_begin_.assign(next.size() + 2, 0); // those of block b begin at b + 1 until they are sorted
+        arrival_begin_.assign(blocks_.size() + 1, 0);
+        flow_begin_.assign(blocks_.size() + 2, 0); // those of block b begin at b + 1 until they are sorted
         for (Flow const& flow : flows_) {
             arrival_begin_[flow.to + 1] += flow.count;
             ++flow_begin_[flow.to + 2];
         }
         std::uint32_t slot = 0;
-        for (std::size_t b = 0; b < next.size(); ++b) {
+        for (std::size_t b = 0; b < blocks_.size(); ++b) {
             std::uint32_t const total =
                 old_block_[b] == BlockMap::absent ? arrival_begin_[b + 1] : stay_[old_block_[b]];
-            next[b].begin = slot;
-            next[b].end = slot += total;
+            blocks_[b].begin = slot;
+            blocks_[b].end = slot += total;
             arrival_begin_[b + 1] += arrival_begin_[b];
             flow_begin_[b + 2] += flow_begin_[b + 1];
         }
@@ -476,7 +542,7 @@ private:
     ///
     /// Who stays in a cell keeps its rank, so that sources nearly follow one another; who leaves makes room
     /// for who comes, and if none comes for the last of the cell.
-    void sort_block(int b, Block const& block, Ranks<lanes>& ranks)
+    void sort_block(int b, Ranks<lanes>& ranks)
     {
         int const old = old_block_[b];
         bool const is_new = old == BlockMap::absent;
@@ -497,7 +563,7 @@ private:
         std::span<Mover const> const arrivals = movers(b);
         auto mover = inside.begin();
         auto arrival = arrivals.begin();
-        std::uint32_t slot = block.begin;
+        std::uint32_t slot = blocks_[b].begin;
         for (int group = 0; group < Shape::groups; ++group) {
             int const first = group * lanes;
             new_group_begin_[std::size_t(b) * Shape::groups + group] = slot;
@@ -505,7 +571,7 @@ private:
                 return next != list.end() && next->place < first + lanes;
             };
             std::uint32_t const begin = is_new ? 0 : group_begin(old, group),
-                                end = is_new ? 0 : group_end(old, group);
+                                end = is_new ? 0 : old_group_end(old, group);
             bool const stays_as_it_is = settled_ && (left == gone.end() || left->slot >= end) &&
                                         !comes_here(mover, inside) && !comes_here(arrival, arrivals);
             if (stays_as_it_is) {
@@ -515,11 +581,13 @@ private:
             }
             ranks.start(before + first, counts + first);
             if (!is_new)
-                for_each_rank(old, group, [&](std::uint32_t from, std::uint32_t rank, std::uint64_t pattern) {
-                    std::uint32_t sources[lanes];
-                    count_up(from, sources);
-                    expand<lanes>(settled_ ? sources : &source_[from], pattern, ranks.row(rank));
-                });
+                for_each_rank(before + first, begin, end,
+                              [&](std::uint32_t from, std::uint32_t rank, std::uint64_t pattern) {
+                                  std::uint32_t sources[lanes];
+                                  count_up(from, sources);
+                                  expand<lanes>(settled_ ? sources : &source_[from], pattern,
+                                                ranks.row(rank));
+                              });
             for (; left != gone.end() && left->slot < end; ++left) {
                 ranks.leave(left->at);
                 --counts[first + left->at % lanes];
@@ -539,9 +607,11 @@ private:
 
     int threads_;
     mutable Kept kept_;
-    bool settled_ = true;
+    bool settled_ = true, is_incomplete_ = false;
+    std::array<Offset*, d> offset_{}; ///< of items, as they are being followed
     std::uint64_t version_ = 0, generation_ = 0;
-    std::vector<Block> blocks_;
+    std::vector<Block> blocks_, old_blocks_;
+    std::vector<std::uint64_t> fresh_; ///< keys of blocks that were not there before
     BlockMap map_;
     Array<std::uint32_t> source_, new_source_, counts_, new_counts_, group_begin_, new_group_begin_;
     std::vector<Departures> departures_;             ///< per block before
@@ -552,6 +622,7 @@ private:
     std::vector<int> old_block_;                     ///< of each block now its index before
     std::vector<Mover> arrivals_;                    ///< by block now, and cell
     std::vector<std::uint32_t> arrival_begin_, flow_begin_;
+    std::vector<std::uint32_t> parts_; ///< see parts()
 };
 
 } // namespace firn::openmp

@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <array>
 #include <cstdint>
+#include <numeric>
+#include <span>
 #include <utility>
 #include <vector>
 
@@ -31,7 +33,9 @@ struct GridShape
     static constexpr int block_channel = Shape::cells;
     static_assert(order <= Shape::across && order <= Shape::along,
                   "a stencil may reach into the next block only");
-    static_assert(rows <= 64, "the touched rows of a tile are kept as bits");
+    static_assert(rows < 64, "the touched rows of a tile are kept as bits");
+    /// A bit beside those of the rows: that of all their ends, the nodes beyond the block's own.
+    static constexpr std::uint64_t ends = std::uint64_t{1} << 63;
 
     static constexpr int absent = BlockMap::absent;
 
@@ -61,6 +65,16 @@ struct GridShape
         std::uint64_t touched = 0;
         for (int i = 0; i < stencil_rows; ++i) touched |= std::uint64_t{1} << tile_row(group, i);
         return touched;
+    }
+
+    /// What of a tile the items in the cells of a group touch: a bit for each row, and `ends`.
+    static std::uint64_t touched_by(std::uint32_t const* counts, int group)
+    {
+        int const first = group % Shape::groups_per_row * lanes;
+        std::uint32_t near_end = 0;
+        for (int lane = std::max(0, Shape::along - order - first); lane < lanes; ++lane)
+            near_end |= counts[lane];
+        return rows_of_group(group) | (near_end != 0 ? ends : 0);
     }
 
     /// The tile's row under the i-th row of the stencils of a group.
@@ -138,7 +152,8 @@ public:
         /// step.
         Number* tile(std::size_t block) const { return tile_in(tiles_->of[0], block); }
         Number* next_tile(std::size_t block) const { return tile_in(tiles_->of[1], block); }
-        /// One bit for each row of the block's tile that holds sums; the others are not to be read.
+        /// One bit for each row of the block's tile that holds sums; the others are not to be read. Another
+        /// one for their ends: without it these are zeros.
         std::uint64_t& touched(std::size_t block) const { return tiles_->touched[0][tiles_->tile_of[block]]; }
         std::uint64_t& next_touched(std::size_t block) const
         {
@@ -178,7 +193,12 @@ public:
         if (!changed) return;
         nodes_.clear();
         map_.clear(blocks * corners);
-        for (int l = 0; l < layers; ++l) find_nodes(tiles_[l], *orders[l]);
+        for (int l = 0; l < layers; ++l)
+            for (auto const& block : orders[l]->blocks()) node_block(block.coordinates);
+        std::vector<std::uint32_t> homes(nodes_.size());
+        std::iota(homes.begin(), homes.end(), 0);
+        for (int l = 0; l < layers; ++l) find_nodes(tiles_[l], *orders[l], homes);
+        list_by_home(homes);
         for (int l = 0; l < layers; ++l)
             for (std::size_t b = 0; b < tiles_[l].nodes_of.size(); ++b)
                 for (int corner = 0; corner < corners; ++corner)
@@ -187,6 +207,14 @@ public:
     }
 
     std::vector<NodeBlock> const& nodes() const { return nodes_; }
+    /// The same, dealt to the places where blocks of cells are: those at its coordinates, and those beside it
+    /// that are at home nowhere else. Who works on blocks of cells in their order, and then on nodes in that
+    /// of homes, finds most of the sums in its own cache.
+    int homes() const { return static_cast<int>(home_begin_.size()) - 1; }
+    std::span<std::uint32_t const> nodes_at(int home) const
+    {
+        return std::span(by_home_).subspan(home_begin_[home], home_begin_[home + 1] - home_begin_[home]);
+    }
     Number* node_values(std::size_t node_block) { return &values_[node_block * values * block_channel]; }
 
     /// The index of the block of nodes with these coordinates, or absent.
@@ -213,7 +241,8 @@ public:
 
     std::size_t memory() const
     {
-        std::size_t bytes = values_.memory() + map_.memory() + nodes_.capacity() * sizeof(NodeBlock);
+        std::size_t bytes = values_.memory() + map_.memory() + nodes_.capacity() * sizeof(NodeBlock) +
+                            (by_home_.capacity() + home_begin_.capacity()) * sizeof(std::uint32_t);
         for (Tiles const& tiles : tiles_) bytes += tiles.memory();
         return bytes;
     }
@@ -269,9 +298,9 @@ private:
         for (auto& of : tiles.of) of.resize(count * sums * tile_channel);
     }
 
-    /// Finds the blocks of nodes under those of an order of cells.
+    /// Finds the blocks of nodes under those of an order of cells, and the homes of new ones.
     template <class CellOrder>
-    void find_nodes(Tiles& tiles, CellOrder const& cells)
+    void find_nodes(Tiles& tiles, CellOrder const& cells, std::vector<std::uint32_t>& homes)
     {
         tiles.nodes_of.resize(cells.blocks().size());
         for (std::size_t b = 0; b < cells.blocks().size(); ++b)
@@ -279,7 +308,20 @@ private:
                 Coordinates<d> at = cells.blocks()[b].coordinates;
                 for (int a = 0; a < d; ++a) at[a] += offset(corner)[a];
                 tiles.nodes_of[b][corner] = node_block(at);
+                homes.resize(nodes_.size(), static_cast<std::uint32_t>(tiles.nodes_of[b][0]));
             }
+    }
+
+    /// Sorts the blocks of nodes by home.
+    void list_by_home(std::vector<std::uint32_t> const& homes)
+    {
+        std::size_t const count = homes.empty() ? 0 : *std::max_element(homes.begin(), homes.end()) + 1;
+        home_begin_.assign(count + 2, 0); // those of home h begin at h + 1 until they are sorted
+        for (std::uint32_t const home : homes) ++home_begin_[home + 2];
+        std::partial_sum(home_begin_.begin(), home_begin_.end(), home_begin_.begin());
+        by_home_.resize(homes.size());
+        for (std::uint32_t n = 0; n < homes.size(); ++n) by_home_[home_begin_[homes[n] + 1]++] = n;
+        home_begin_.pop_back();
     }
 
     int node_block(Coordinates<d> const& coordinates)
@@ -296,6 +338,7 @@ private:
     }
 
     std::vector<NodeBlock> nodes_;
+    std::vector<std::uint32_t> by_home_, home_begin_{0};
     BlockMap map_;
     std::array<Tiles, layers> tiles_;
     Array<Number> values_; ///< per node block: [channel][row][place]

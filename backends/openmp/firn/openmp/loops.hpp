@@ -46,7 +46,7 @@ namespace detail
 template <class GridType, int channels, class Number>
 void clear_rows(Number* tile, std::uint64_t rows)
 {
-    for (; rows != 0; rows &= rows - 1)
+    for (rows &= ~GridType::ends; rows != 0; rows &= rows - 1)
         for (int c = 0; c < channels; ++c) {
             auto* const from =
                 tile + c * GridType::tile_channel + std::countr_zero(rows) * GridType::row_length;
@@ -54,13 +54,14 @@ void clear_rows(Number* tile, std::uint64_t rows)
         }
 }
 
-/// The rows of a block's tile that its cells touch.
+/// What of a block's tile its items touch.
 template <class GridType, class CellOrder>
 std::uint64_t own_rows(CellOrder const& cells, std::size_t b)
 {
     std::uint64_t rows = 0;
     for (int group = 0; group < GridType::Shape::groups; ++group)
-        if (cells.group_end(b, group) > cells.group_begin(b, group)) rows |= GridType::rows_of_group(group);
+        if (cells.group_end(b, group) > cells.group_begin(b, group))
+            rows |= GridType::touched_by(cells.counts(b, group), group);
     return rows;
 }
 
@@ -165,27 +166,31 @@ void scatter(int threads, CellOrder const& cells, GridType& grid, Phase const& p
     using Giver = detail::Giver<Lane, typename Phase::Gives>;
     int const blocks = static_cast<int>(cells.blocks().size());
     Kept& kept = cells.kept().for_threads(threads);
-    share(threads, blocks, 1, [&](int thread) {
-        return [&, &giver = kept.of<Giver>(thread)](int b) {
-            auto& [scratch, spreads] = giver;
-            if (afresh) grid.touched(b) = 0;
-            std::uint64_t const rows = detail::own_rows<GridType>(cells, b);
-            detail::clear_rows<GridType, Phase::channels>(grid.tile(b), rows & ~grid.touched(b));
-            grid.touched(b) |= rows;
-            Items<Lane, CellOrder, d> items(cells, b, scratch);
-            for (int g = 0; g < GridType::Shape::groups; ++g) {
-                std::size_t const begin = cells.group_begin(b, g), end = cells.group_end(b, g);
-                if (begin == end) continue;
-                scratch.reserve(Phase::kept, end - begin);
-                for (std::size_t slot = begin; slot < end; slot += lanes) {
-                    items.enter(slot, end, slot - begin);
-                    detail::prepare(phase, items);
+    share(
+        threads, blocks, 1,
+        [&](int thread) {
+            return [&, &giver = kept.of<Giver>(thread)](int b) {
+                auto& [scratch, spreads] = giver;
+                if (afresh) grid.touched(b) = 0;
+                std::uint64_t const rows = detail::own_rows<GridType>(cells, b);
+                detail::clear_rows<GridType, Phase::channels>(grid.tile(b), rows & ~grid.touched(b));
+                grid.touched(b) |= rows;
+                Items<Lane, CellOrder, d> items(cells, b, scratch);
+                for (int g = 0; g < GridType::Shape::groups; ++g) {
+                    std::size_t const begin = cells.group_begin(b, g), end = cells.group_end(b, g);
+                    if (begin == end) continue;
+                    scratch.reserve(Phase::kept, end - begin);
+                    for (std::size_t slot = begin; slot < end; slot += lanes) {
+                        items.enter(slot, end, slot - begin);
+                        detail::prepare(phase, items);
+                    }
+                    detail::GroupOf<Lane, GridType> group(cells.counts(b, g), g, scratch, nullptr,
+                                                          grid.tile(b));
+                    detail::give<typename Phase::Gives>(group, spreads);
                 }
-                detail::GroupOf<Lane, GridType> group(cells.counts(b, g), g, scratch, nullptr, grid.tile(b));
-                detail::give<typename Phase::Gives>(group, spreads);
-            }
-        };
-    });
+            };
+        },
+        cells.parts());
 }
 
 namespace detail
@@ -227,7 +232,7 @@ void give_listed(std::span<Mover const> movers, Layer const&, typename Gives::Nu
         std::uint32_t const* const count = &counts[g * lanes];
         std::size_t const here = std::accumulate(count, count + lanes, std::size_t(0));
         if (here == 0) continue;
-        std::uint64_t const fresh = Layer::rows_of_group(g) & ~touched;
+        std::uint64_t const fresh = Layer::touched_by(count, g) & ~touched;
         clear_rows<Layer, Gives::channels>(tile, fresh);
         touched |= fresh;
         scratch.reserve(Gives::kept, here);
@@ -239,61 +244,66 @@ void give_listed(std::span<Mover const> movers, Layer const&, typename Gives::Nu
 }
 } // namespace detail
 
-/// Completes sums that were given by items in the blocks where they were: those that departed from them give
-/// where they are now.
+/// Completes the order of cells, where that is to be done, and sums that were given by items in the blocks
+/// where they were: those that departed from them give where they are now.
 template <class Lane, class Phase, class CellOrder, class GridType>
-void scatter_movers(int threads, CellOrder const& cells, GridType& grid)
+void scatter_movers(CellOrder& cells, GridType& grid)
 {
     using Giver = detail::Giver<Lane, typename Phase::Gives>;
-    int const blocks = static_cast<int>(cells.blocks().size());
-    Kept& kept = cells.kept().for_threads(threads);
-    share(threads, blocks, 4, [&](int thread) {
-        return [&, &giver = kept.of<Giver>(thread)](int b) {
+    cells.complete([&](int thread) {
+        return [&, &giver = cells.kept().template of<Giver>(thread)](int b) {
             detail::give_listed<Lane, typename Phase::Gives>(cells.movers(b), grid, grid.tile(b),
                                                              grid.touched(b), giver);
         };
     });
 }
 
-/// Nodes add up the tiles that cover them and are updated, row by row.
+/// Nodes add up the tiles that cover them and are updated, row by row, by the threads that have the `parts`
+/// of their homes.
 template <class Lane, class GridType, class Phase>
-typename Phase::Result for_each_node(int threads, GridType& grid, Phase const& phase)
+typename Phase::Result for_each_node(int threads, std::span<std::uint32_t const> parts, GridType& grid,
+                                     Phase const& phase)
 {
     constexpr int d = Phase::d;
     using Shape = typename GridType::Shape;
     using Number = typename Phase::Number;
-    int const blocks = static_cast<int>(grid.nodes().size());
-    std::vector<typename Phase::Result> results(blocks);
+    std::vector<typename Phase::Result> results(grid.nodes().size());
     threads = threads_for(grid.nodes().size(), threads, node_blocks_per_thread);
-    share(threads, blocks, 4, [&](int) {
-        return [&](int n) {
-            auto const& block = grid.nodes()[n];
-            alignas(64) Number sums[Phase::Sums::channels][Shape::along];
-            for (int row = 0; row < Shape::rows; ++row) {
-                if (!detail::sum_row<GridType>(grid, block, row, sums)) continue;
-                Coordinates<d> first;
-                if constexpr (d == 3)
-                    first = {row / Shape::across, row % Shape::across, 0};
-                else
-                    first = {row, 0};
-                for (int a = 0; a < d; ++a)
-                    first[a] += block.coordinates[a] * Shape::extent(a) - GridType::reach;
-                for (int place = 0; place < Shape::along; place += lane_width<Lane>) {
-                    Coordinates<d> at = first;
-                    at[d - 1] += place;
-                    Number* const values = grid.node_values(n) + row * Shape::along + place;
-                    NodeLanes<Lane, GridType, d> node(&sums[0][place], values, at);
-                    if constexpr (Phase::looks_around)
-                        if (phase.looks_around_at(at, lane_width<Lane>)) {
-                            LookingNodes<Lane, GridType, d> looking(node, &sums[0][0], grid, n, row);
-                            phase.look_around(looking, results[n]);
-                            continue;
-                        }
-                    phase(node, results[n]);
+    share(
+        threads, grid.homes(), 1,
+        [&](int) {
+            auto const update = [&](int n) {
+                auto const& block = grid.nodes()[n];
+                alignas(64) Number sums[Phase::Sums::channels][Shape::along];
+                for (int row = 0; row < Shape::rows; ++row) {
+                    if (!detail::sum_row<GridType>(grid, block, row, sums)) continue;
+                    Coordinates<d> first;
+                    if constexpr (d == 3)
+                        first = {row / Shape::across, row % Shape::across, 0};
+                    else
+                        first = {row, 0};
+                    for (int a = 0; a < d; ++a)
+                        first[a] += block.coordinates[a] * Shape::extent(a) - GridType::reach;
+                    for (int place = 0; place < Shape::along; place += lane_width<Lane>) {
+                        Coordinates<d> at = first;
+                        at[d - 1] += place;
+                        Number* const values = grid.node_values(n) + row * Shape::along + place;
+                        NodeLanes<Lane, GridType, d> node(&sums[0][place], values, at);
+                        if constexpr (Phase::looks_around)
+                            if (phase.looks_around_at(at, lane_width<Lane>)) {
+                                LookingNodes<Lane, GridType, d> looking(node, &sums[0][0], grid, n, row);
+                                phase.look_around(looking, results[n]);
+                                continue;
+                            }
+                        phase(node, results[n]);
+                    }
                 }
-            }
-        };
-    });
+            };
+            return [&, update](int home) {
+                for (std::uint32_t const n : grid.nodes_at(home)) update(static_cast<int>(n));
+            };
+        },
+        parts);
     return detail::merged(results);
 }
 
@@ -306,7 +316,7 @@ void fill_tile(GridType const& grid, std::size_t b, std::uint64_t rows, Number* 
     using Shape = typename GridType::Shape;
     constexpr int d = GridType::corners == 8 ? 3 : 2, order = GridType::row_length - Shape::along;
     auto const& nodes = grid.nodes_of(b);
-    for (std::uint64_t rest = rows; rest != 0; rest &= rest - 1) {
+    for (std::uint64_t rest = rows & ~GridType::ends; rest != 0; rest &= rest - 1) {
         int const tile_row = std::countr_zero(rest);
         int first = tile_row, second = 0, corner = 0;
         if constexpr (d == 3) {
@@ -321,12 +331,12 @@ void fill_tile(GridType const& grid, std::size_t b, std::uint64_t rows, Number* 
         for (int c = 0; c < channels; ++c) {
             Number* const to = tile + c * GridType::tile_channel + tile_row * GridType::row_length;
             int const at = c * GridType::block_channel + row * Shape::along;
-            Number const *const near = grid.node_values(nodes[corner]) + at, *const far =
-                                                                                 grid.node_values(
-                                                                                     nodes[corner + 1]) +
-                                                                                 at;
-            std::memcpy(to, near, Shape::along * sizeof(Number));
-            std::memcpy(to + Shape::along, far, order * sizeof(Number));
+            std::memcpy(to, grid.node_values(nodes[corner]) + at, Shape::along * sizeof(Number));
+            if ((rows & GridType::ends) != 0)
+                std::memcpy(to + Shape::along, grid.node_values(nodes[corner + 1]) + at,
+                            order * sizeof(Number));
+            else
+                std::fill(to + Shape::along, to + Shape::along + order, Number(0));
         }
     }
 }
@@ -424,35 +434,38 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
     int const blocks = static_cast<int>(cells.blocks().size());
     std::vector<typename Phase::Result> results(blocks);
     kept.for_threads(threads);
-    share(threads, blocks, 1, [&](int thread) {
-        // Not on the stack: compilers would take it apart and copy it for every group.
-        auto& taker = kept.of<Taker<Lane, GridType, Phase>>(thread);
-        taker.nodes.resize(Phase::node_channels * GridType::tile_channel);
-        return [&, found = typename Phase::Result{}, giver = make_giver(thread)](int b) mutable {
-            auto& [nodes, nodes_of_cells, scratch] = taker;
-            std::uint64_t const rows = own_rows<GridType>(cells, b);
-            fill_tile<GridType, Phase::node_channels>(grid, b, rows, nodes.data());
-            auto items = giver.begin(b, rows, scratch);
-            for (int g = 0; g < GridType::Shape::groups; ++g) {
-                std::size_t const begin = cells.group_begin(b, g), end = cells.group_end(b, g);
-                if (begin == end) continue;
-                scratch.reserve(Phase::kept, end - begin);
-                for (std::size_t slot = begin; slot < end; slot += lanes) {
-                    items.enter(slot, end, slot - begin);
-                    locate(phase, items);
+    share(
+        threads, blocks, 1,
+        [&](int thread) {
+            // Not on the stack: compilers would take it apart and copy it for every group.
+            auto& taker = kept.of<Taker<Lane, GridType, Phase>>(thread);
+            taker.nodes.resize(Phase::node_channels * GridType::tile_channel);
+            return [&, found = typename Phase::Result{}, giver = make_giver(thread)](int b) mutable {
+                auto& [nodes, nodes_of_cells, scratch] = taker;
+                std::uint64_t const rows = own_rows<GridType>(cells, b);
+                fill_tile<GridType, Phase::node_channels>(grid, b, rows, nodes.data());
+                auto items = giver.begin(b, rows, scratch);
+                for (int g = 0; g < GridType::Shape::groups; ++g) {
+                    std::size_t const begin = cells.group_begin(b, g), end = cells.group_end(b, g);
+                    if (begin == end) continue;
+                    scratch.reserve(Phase::kept, end - begin);
+                    for (std::size_t slot = begin; slot < end; slot += lanes) {
+                        items.enter(slot, end, slot - begin);
+                        locate(phase, items);
+                    }
+                    GroupOf<Lane, GridType> group(cells.counts(b, g), g, scratch, nodes.data(), nullptr);
+                    take<typename Phase::Takes>(group, end - begin, nodes_of_cells);
+                    for (std::size_t slot = begin; slot < end; slot += lanes) {
+                        items.enter_again(slot, slot - begin);
+                        answer(phase, items, found, results[b]);
+                    }
+                    giver.give(b, g, scratch);
                 }
-                GroupOf<Lane, GridType> group(cells.counts(b, g), g, scratch, nodes.data(), nullptr);
-                take<typename Phase::Takes>(group, end - begin, nodes_of_cells);
-                for (std::size_t slot = begin; slot < end; slot += lanes) {
-                    items.enter_again(slot, slot - begin);
-                    answer(phase, items, found, results[b]);
-                }
-                giver.give(b, g, scratch);
-            }
-            results[b].merge(found);
-            giver.end(b);
-        };
-    });
+                results[b].merge(found);
+                giver.end(b);
+            };
+        },
+        cells.parts());
     return merged(results);
 }
 } // namespace detail

@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cstdint>
 
 namespace firn::openmp
 {
@@ -34,7 +35,8 @@ void add_row(LayerType const& layer, std::array<int, LayerType::corners> const& 
             if (second >= LayerType::rows_across) continue;
             tile_row = first * LayerType::rows_across + second;
         }
-        if (((layer.touched(b) >> tile_row) & 1) == 0) continue;
+        std::uint64_t const touched = layer.touched(b);
+        if (((touched >> tile_row) & 1) == 0 || (o[d - 1] == 1 && (touched & LayerType::ends) == 0)) continue;
         if (!any)
             for (auto& channel : sums) std::fill(channel, channel + Shape::along, Number(0));
         any = true;

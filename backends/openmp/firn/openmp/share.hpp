@@ -5,7 +5,9 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
+#include <span>
 
 namespace firn::openmp
 {
@@ -19,6 +21,8 @@ namespace detail
 class SharedIndices
 {
 public:
+    static constexpr int most_parts = 64; ///< more threads than that share parts
+
     /// `chunk` at a time, for so many threads.
     SharedIndices(std::int64_t count, std::int64_t chunk, int threads)
         : count_(count), chunk_(chunk), parts_(std::clamp(threads, 1, most_parts))
@@ -27,6 +31,13 @@ public:
         for (int part = 0; part < parts_; ++part)
             part_[part].left =
                 Range{std::uint32_t(chunks * part / parts_), std::uint32_t(chunks * (part + 1) / parts_)};
+    }
+    /// One at a time; the parts begin at these indices, and before the last of them ends the last part.
+    explicit SharedIndices(std::span<std::uint32_t const> bounds)
+        : count_(bounds.back()), chunk_(1), parts_(static_cast<int>(bounds.size()) - 1)
+    {
+        for (int part = 0; part < parts_; ++part)
+            part_[part].left = Range{bounds[std::size_t(part)], bounds[std::size_t(part) + 1]};
     }
 
     /// Calls `work(i)` for every index that the calling thread gets, number `thread` of so many.
@@ -44,8 +55,6 @@ public:
     }
 
 private:
-    static constexpr int most_parts = 64; ///< more threads than that share parts
-
     struct Range
     {
         std::uint32_t begin, end; ///< of chunks
@@ -78,11 +87,14 @@ private:
 /// all: each calls `make(its number)` once and what that returns for every index it gets. If one of these
 /// calls throws, so does this, and work is undone.
 ///
+/// `bounds`, if they are for so many threads and indices, say where each thread's part begins, and where the
+/// last one ends; otherwise all are equal.
+///
 /// One thread alone forms no team: even one of one ends each of its loops by a system call. (The team does
 /// not know the type of the work: or compilers make the body of each loop twice, for one thread and for
 /// several.)
 template <class Index, class Make>
-void share(int threads, Index count, int chunk, Make const& make)
+void share(int threads, Index count, int chunk, Make const& make, std::span<std::uint32_t const> bounds = {})
 {
     detail::ThreadWork const work{
         [](void const* context, detail::SharedIndices& indices, int thread, int of) {
@@ -93,6 +105,11 @@ void share(int threads, Index count, int chunk, Make const& make)
     if (threads == 1 || count <= 1) {
         detail::SharedIndices all(count, std::max(count, Index(1)), 1);
         work.run(work.context, all, 0, 1);
+    }
+    else if (threads <= detail::SharedIndices::most_parts && bounds.size() == std::size_t(threads) + 1 &&
+             bounds.back() == static_cast<std::uint32_t>(count)) {
+        detail::SharedIndices indices(bounds);
+        detail::Team::run(threads, work, indices);
     }
     else {
         Index const fair = count / Index(4 * threads); // so that who is late has others to help
