@@ -7,6 +7,7 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
+#include <memory>
 #include <span>
 
 namespace firn::openmp
@@ -29,15 +30,14 @@ public:
     {
         std::int64_t const chunks = (count + chunk - 1) / chunk;
         for (int part = 0; part < parts_; ++part)
-            part_[part].left =
-                Range{std::uint32_t(chunks * part / parts_), std::uint32_t(chunks * (part + 1) / parts_)};
+            set(part, std::uint32_t(chunks * part / parts_), std::uint32_t(chunks * (part + 1) / parts_));
     }
     /// One at a time; the parts begin at these indices, and before the last of them ends the last part.
     explicit SharedIndices(std::span<std::uint32_t const> bounds)
         : count_(bounds.back()), chunk_(1), parts_(static_cast<int>(bounds.size()) - 1)
     {
         for (int part = 0; part < parts_; ++part)
-            part_[part].left = Range{bounds[std::size_t(part)], bounds[std::size_t(part) + 1]};
+            set(part, bounds[std::size_t(part)], bounds[std::size_t(part) + 1]);
     }
 
     /// Calls `work(i)` for every index that the calling thread gets, number `thread` of so many.
@@ -61,8 +61,13 @@ private:
     };
     struct alignas(64) Part
     {
-        std::atomic<Range> left{};
+        std::atomic<Range> left;
     };
+
+    void set(int part, std::uint32_t begin, std::uint32_t end)
+    {
+        std::construct_at(&part_[part], Range{begin, end});
+    }
 
     /// The next chunk of a part, from its front or its back, or -1 if there is none left.
     std::int64_t take(int part, bool from_front)
@@ -79,7 +84,10 @@ private:
 
     std::int64_t count_, chunk_;
     int parts_;
-    Part part_[most_parts];
+    union // so that those beyond `parts_`, most of them, need not be made
+    {
+        Part part_[most_parts];
+    };
 };
 } // namespace detail
 
