@@ -41,8 +41,9 @@ struct TimedOpenMP : OpenMP
         using Base = OpenMP::Cells<Number, d>;
         explicit Cells(TimedOpenMP const& backend) : Base(backend), times(backend.times) {}
 
+        /// All of it, so that it is told apart from what those who moved give next.
         template <class Offsets>
-        void follow(Offsets const& offsets)
+        void begin_to_follow(Offsets const& offsets)
         {
             times->take("order", [&] { Base::follow(offsets); });
         }
@@ -51,13 +52,13 @@ struct TimedOpenMP : OpenMP
     };
 
     template <class CellOrder, class GridType, class Phase>
-    void scatter(CellOrder const& cells, GridType& grid, Phase const& phase, bool afresh) const
+    void scatter(CellOrder& cells, GridType& grid, Phase const& phase, bool afresh) const
     {
         times->take("scatter", [&] { OpenMP::scatter(cells, grid, phase, afresh); });
     }
 
     template <class Phase, class CellOrder, class GridType>
-    void scatter_movers(CellOrder const& cells, GridType& grid) const
+    void scatter_movers(CellOrder& cells, GridType& grid) const
     {
         times->take("scatter_movers", [&] { OpenMP::scatter_movers<Phase>(cells, grid); });
     }
