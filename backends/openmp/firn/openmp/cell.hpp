@@ -58,19 +58,19 @@ public:
     using Shape = typename GridType::Shape;
     static constexpr int lanes = lane_width<Lane>;
 
-    /// `counts` has the number of items of each cell, `scratch` what they keep; `read` is a tile of node
-    /// values, `write` one of sums: a phase that does not need one is given none.
+    /// `counts` has the number of items of each cell, `scratch` what they keep, from number `first` on;
+    /// `read` is a tile of node values, `write` one of sums: a phase that does not need one is given none.
     GroupOfCells(std::uint32_t const* counts, int group, Scratch<Lane, GridType::dimension>& scratch,
-                 Number const* read, Number* write)
+                 std::size_t first, Number const* read, Number* write)
         : count_(counts), scratch_(scratch), group_(group), place_(group % Shape::groups_per_row * lanes),
-          read_(read), write_(write)
+          read_(read), write_(write), first_(first), item_(first)
     {}
 
     /// The largest number of items in one of the cells.
     int ranks() const { return static_cast<int>(most_of<lanes>(count_)); }
 
     /// Goes back before the first items.
-    void restart() { item_ = 0, active_ = 0; }
+    void restart() { item_ = first_, active_ = 0; }
 
     /// Goes on to the next items, one of each cell that has so many; ranks are entered in order.
     void enter(int rank)
@@ -93,12 +93,12 @@ public:
     Lane const& of_cells(Lane const& value) const { return value; }
 
     /// Whether it takes less time to go through the items from the rank entered on side by side: there are
-    /// `ranks_left` ranks of them, and `items` items of all ranks.
-    bool is_sparse(int ranks_left, std::size_t items) const
+    /// `ranks_left` ranks of them, and the group's items end before number `end`.
+    bool is_sparse(int ranks_left, std::size_t end) const
     {
         if constexpr (can_go_side_by_side) {
             if (active_ * price_of_any_cells > lanes * price_of_own_cells) return false;
-            std::size_t const packs = (items - item_ + lanes - 1) / lanes;
+            std::size_t const packs = (end - item_ + lanes - 1) / lanes;
             return packs * price_of_any_cells < std::size_t(ranks_left) * price_of_own_cells;
         }
         else
@@ -106,7 +106,7 @@ public:
     }
     /// Calls `use(items)` for the items from the rank entered on.
     template <class Use>
-    void side_by_side(int rank, std::size_t items, Use const& use)
+    void side_by_side(int rank, std::size_t end, Use const& use)
     {
         if constexpr (can_go_side_by_side) {
             std::uint32_t cell[lanes];
@@ -117,8 +117,8 @@ public:
                 compress<lanes>(cell, pattern, scratch_.cell(item));
                 item += static_cast<std::size_t>(std::popcount(pattern));
             }
-            for (item = item_; item < items; item += lanes) {
-                ItemsOfCells<Lane, GridType::dimension> some(scratch_, item, items);
+            for (item = item_; item < end; item += lanes) {
+                ItemsOfCells<Lane, GridType::dimension> some(scratch_, item, end);
                 use(some);
             }
         }
@@ -189,7 +189,7 @@ private:
     int group_, place_;
     Number const* read_;
     Number* write_;
-    std::size_t item_ = 0, active_ = 0;
+    std::size_t first_, item_, active_ = 0;
     std::uint64_t pattern_ = 0;
 };
 

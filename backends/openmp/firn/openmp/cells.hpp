@@ -91,17 +91,25 @@ public:
     Kept& kept() const { return kept_; }
     /// The block's index before the last follow(), or absent.
     int old_block(std::size_t block) const { return old_block_[block]; }
-    /// The cells of some slots of a block, side by side in one group, counted along the last axis first.
+    /// The cells of some slots of a block that lie side by side, counted along the last axis first.
     void find_places(std::size_t block, std::size_t slot, int count, int* places) const
     {
         auto const begins = group_begin_.data() + block * Shape::groups;
-        int const group =
-            static_cast<int>(std::upper_bound(begins, begins + Shape::groups, slot) - begins) - 1;
-        for_each_rank(block, group, [&](std::uint32_t at, std::uint32_t, std::uint64_t pattern) {
-            for (; pattern != 0; pattern &= pattern - 1, ++at)
-                if (at >= slot && at < slot + count)
-                    places[at - slot] = group * lanes + std::countr_zero(pattern);
-        });
+        std::size_t const end = slot + static_cast<std::size_t>(count);
+        int group = static_cast<int>(std::upper_bound(begins, begins + Shape::groups, slot) - begins) - 1;
+        for (; group < Shape::groups && group_begin(block, group) < end; ++group)
+            for_each_rank(block, group, [&](std::uint32_t at, std::uint32_t, std::uint64_t pattern) {
+                for (; pattern != 0; pattern &= pattern - 1, ++at)
+                    if (at >= slot && at < end) places[at - slot] = group * lanes + std::countr_zero(pattern);
+            });
+    }
+    /// The group behind those from this one on whose items go side by side: as many as fill a pack, or one.
+    int end_of_groups(std::size_t block, int group) const
+    {
+        std::uint32_t const begin = group_begin(block, group);
+        int end = group + 1;
+        while (end < Shape::groups && group_end(block, end) - begin <= lanes) ++end;
+        return end;
     }
     /// Where the items of the slots from `slot` on lie.
     std::uint32_t const* sources(std::size_t slot) const { return &source_[slot]; }

@@ -79,8 +79,9 @@ private:
     decltype(reader_for<Lane>()) reader_;
 };
 
-/// What a thread keeps of the items of a group from one function of a phase to the next: values, one array
-/// per channel in the order of slots, and for each pack where its items lie and the offsets that it loaded.
+/// What a thread keeps of the items of some groups from one function of a phase to the next: values, one
+/// array per channel in the order of slots, and for each pack where its items lie and the offsets that it
+/// loaded.
 template <class Lane, int d>
 class Scratch
 {
@@ -335,13 +336,13 @@ public:
     /// new cell from now on.
     void depart(Mask<Lane> const& which, int zero_from, int kept)
     {
-        this->find_group();
         std::uint64_t rest = bits(which);
         leavers_.expect(static_cast<std::size_t>(std::popcount(rest)), static_cast<std::size_t>(kept));
         std::size_t count = leavers_.count;
         for (; rest != 0; rest &= rest - 1, ++count) {
             int const lane = std::countr_zero(rest);
             auto const slot = static_cast<std::uint32_t>(this->slot_) + static_cast<std::uint32_t>(lane);
+            find_group(slot);
             Number* const given = leavers_.given.data() + count * static_cast<std::size_t>(kept);
             for (int c = d; c < kept; ++c) {
                 auto& value = *this->scratch_.at(c, this->item_ + static_cast<std::size_t>(lane));
@@ -362,12 +363,13 @@ public:
     }
 
 private:
-    /// Finds out where the items of a group are in it when the first of them leaves.
-    void find_group()
+    /// Finds out where the items of a group are in it when the first of them leaves, from a slot behind those
+    /// of others that left.
+    void find_group(std::uint32_t slot)
     {
-        if (this->slot_ < end_slot_) return;
+        if (slot < end_slot_) return;
         do ++group_;
-        while (this->slot_ >= this->cells_.group_end(this->block_, group_));
+        while (slot >= this->cells_.group_end(this->block_, group_));
         first_slot_ = this->cells_.group_begin(this->block_, group_);
         end_slot_ = this->cells_.group_end(this->block_, group_);
         this->cells_.list_places(this->block_, group_, leavers_.at);

@@ -121,15 +121,15 @@ FIRN_INLINE_WHOLE void locate(Phase const& phase, Items& items)
 /// that takes: phases share the code.) Where few cells are left that have so many items, these go side by
 /// side, whatever their cells.
 template <class Takes, class Group, class Nodes>
-FIRN_INLINE_WHOLE void take(Group& group, std::size_t items, Nodes& nodes)
+FIRN_INLINE_WHOLE void take(Group& group, std::size_t end, Nodes& nodes)
 {
     for (int channel = 0; channel < Takes::node_channels; channel += Nodes::channels) {
         nodes.read(group, channel);
         group.restart();
         for (int rank = 0, ranks = group.ranks(); rank < ranks; ++rank) {
             group.enter(rank);
-            if (group.is_sparse(ranks - rank, items)) {
-                group.side_by_side(rank, items, [&](auto& some) { Takes::take(some, nodes, channel); });
+            if (group.is_sparse(ranks - rank, end)) {
+                group.side_by_side(rank, end, [&](auto& some) { Takes::take(some, nodes, channel); });
                 break;
             }
             Takes::take(group, nodes, channel);
@@ -184,7 +184,7 @@ void scatter(int threads, CellOrder const& cells, GridType& grid, Phase const& p
                         items.enter(slot, end, slot - begin);
                         detail::prepare(phase, items);
                     }
-                    detail::GroupOf<Lane, GridType> group(cells.counts(b, g), g, scratch, nullptr,
+                    detail::GroupOf<Lane, GridType> group(cells.counts(b, g), g, scratch, 0, nullptr,
                                                           grid.tile(b));
                     detail::give<typename Phase::Gives>(group, spreads);
                 }
@@ -237,7 +237,7 @@ void give_listed(std::span<Mover const> movers, Layer const&, typename Gives::Nu
         touched |= fresh;
         scratch.reserve(Gives::kept, here);
         copy_given<Gives::kept>(next, count, scratch);
-        GroupOf<Lane, Layer> group(count, g, scratch, nullptr, tile);
+        GroupOf<Lane, Layer> group(count, g, scratch, 0, nullptr, tile);
         give<Gives>(group, spreads);
         next += here;
     }
@@ -371,9 +371,9 @@ struct GiveToNext
         grid.next_touched(block) = rows;
         return {cells, block, scratch};
     }
-    void give(std::size_t block, int group, ScratchType& scratch)
+    void give(std::size_t block, int group, ScratchType& scratch, std::size_t first)
     {
-        GroupOf<Lane, GridType> cells_of_group(cells.counts(block, group), group, scratch, nullptr,
+        GroupOf<Lane, GridType> cells_of_group(cells.counts(block, group), group, scratch, first, nullptr,
                                                grid.next_tile(block));
         detail::give<Gives>(cells_of_group, giver.spreads);
     }
@@ -398,7 +398,10 @@ struct MoveAndGive
         stay.begin(block, rows, scratch);
         return {cells, block, scratch, leavers};
     }
-    void give(std::size_t block, int group, ScratchType& scratch) { stay.give(block, group, scratch); }
+    void give(std::size_t block, int group, ScratchType& scratch, std::size_t first)
+    {
+        stay.give(block, group, scratch, first);
+    }
     void end(std::size_t block)
     {
         give_listed<Lane, typename Phase::Gives>(cells.note_departures(block, leavers), stay.grid,
@@ -420,7 +423,7 @@ struct GiveNothing
     {
         return {cells, block, scratch};
     }
-    void give(std::size_t, int, ScratchType&) {}
+    void give(std::size_t, int, ScratchType&, std::size_t) {}
     void end(std::size_t) {}
 };
 
@@ -445,21 +448,31 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
                 std::uint64_t const rows = own_rows<GridType>(cells, b);
                 fill_tile<GridType, Phase::node_channels>(grid, b, rows, nodes.data());
                 auto items = giver.begin(b, rows, scratch);
-                for (int g = 0; g < GridType::Shape::groups; ++g) {
-                    std::size_t const begin = cells.group_begin(b, g), end = cells.group_end(b, g);
+                for (int g = 0, next; g < GridType::Shape::groups; g = next) {
+                    next = cells.end_of_groups(b, g);
+                    std::size_t const begin = cells.group_begin(b, g), end = cells.group_end(b, next - 1);
                     if (begin == end) continue;
                     scratch.reserve(Phase::kept, end - begin);
                     for (std::size_t slot = begin; slot < end; slot += lanes) {
                         items.enter(slot, end, slot - begin);
                         locate(phase, items);
                     }
-                    GroupOf<Lane, GridType> group(cells.counts(b, g), g, scratch, nodes.data(), nullptr);
-                    take<typename Phase::Takes>(group, end - begin, nodes_of_cells);
+                    for (int some = g; some < next; ++some) {
+                        std::size_t const first = cells.group_begin(b, some),
+                                          behind = cells.group_end(b, some);
+                        if (first == behind) continue;
+                        GroupOf<Lane, GridType> group(cells.counts(b, some), some, scratch, first - begin,
+                                                      nodes.data(), nullptr);
+                        take<typename Phase::Takes>(group, behind - begin, nodes_of_cells);
+                    }
                     for (std::size_t slot = begin; slot < end; slot += lanes) {
                         items.enter_again(slot, slot - begin);
                         answer(phase, items, found, results[b]);
                     }
-                    giver.give(b, g, scratch);
+                    for (int some = g; some < next; ++some)
+                        if (std::size_t const first = cells.group_begin(b, some);
+                            first < cells.group_end(b, some))
+                            giver.give(b, some, scratch, first - begin);
                 }
                 results[b].merge(found);
                 giver.end(b);
