@@ -143,6 +143,7 @@ struct BasicOpenMP
     {
         [&]<std::size_t... k>(std::index_sequence<k...>)
         {
+            (cells[k]->complete(), ...); // as a rule they are
             std::tuple const found{openmp::move<Lane<typename Phase::Number>>(
                 threads_for(cells[k]->size()), *cells[k], layers[k],
                 std::get<k>(phases))...}; // one after the other

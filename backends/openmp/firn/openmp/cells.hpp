@@ -15,6 +15,7 @@
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cassert>
 #include <cmath>
 #include <cstdint>
 #include <numeric>
@@ -103,7 +104,8 @@ public:
                     if (at >= slot && at < end) places[at - slot] = group * lanes + std::countr_zero(pattern);
             });
     }
-    /// The group behind those from this one on whose items go side by side: as many as fill a pack, or one.
+    /// The group behind those from this one on whose items go side by side: as many as fit into one pack, or
+    /// one group.
     int end_of_groups(std::size_t block, int group) const
     {
         std::uint32_t const begin = group_begin(block, group);
@@ -112,7 +114,11 @@ public:
         return end;
     }
     /// Where the items of the slots from `slot` on lie.
-    std::uint32_t const* sources(std::size_t slot) const { return &source_[slot]; }
+    std::uint32_t const* sources(std::size_t slot) const
+    {
+        assert(!is_incomplete_ && "the order of cells has been completed");
+        return &source_[slot];
+    }
     std::size_t memory() const
     {
         auto const of = [](auto const& list) { return list.capacity() * sizeof(list[0]); };
@@ -184,16 +190,16 @@ public:
         complete();
     }
 
-    /// The host's part of that: blocks, and old_block() and version(), are those to be. What is in them
-    /// nobody may ask before complete().
+    /// The host's part of that: blocks, and old_block(), version() and generation(), are those to be. What is
+    /// in them nobody may ask before complete().
     void begin_to_follow(std::array<Offset*, d> const& offset)
     {
         list_flows();
         find_blocks(size(), offset);
     }
 
-    /// The threads' part. For each block, what `make(thread)(block)` does is done next: also where nothing is
-    /// to be completed.
+    /// The threads' part. Each block that has its new order is then passed to what `make(thread)` returned;
+    /// so are all where nothing is left to be completed.
     template <class Make>
     void complete(Make const& make)
     {

@@ -207,10 +207,11 @@ public:
     }
 
     std::vector<NodeBlock> const& nodes() const { return nodes_; }
-    /// The same, dealt to the places where blocks of cells are: those at its coordinates, and those beside it
-    /// that are at home nowhere else. Who works on blocks of cells in their order, and then on nodes in that
-    /// of homes, finds most of the sums in its own cache.
+    /// The homes of nodes: coordinates where a layer has a block of cells. With one layer they are its blocks
+    /// in their order, so that who works on some of these, and then on the nodes at home there, finds most of
+    /// the sums in its own cache.
     int homes() const { return static_cast<int>(home_begin_.size()) - 1; }
+    /// The blocks of nodes at a home: that of the same coordinates, and those beside it that have no other.
     std::span<std::uint32_t const> nodes_at(int home) const
     {
         return std::span(by_home_).subspan(home_begin_[home], home_begin_[home + 1] - home_begin_[home]);

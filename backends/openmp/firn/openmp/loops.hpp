@@ -119,7 +119,7 @@ FIRN_INLINE_WHOLE void locate(Phase const& phase, Items& items)
 
 /// What a group's items take from its nodes. (Like give(), named after what is taken, not after the phase
 /// that takes: phases share the code.) Where few cells are left that have so many items, these go side by
-/// side, whatever their cells.
+/// side, whatever their cells. The group's items end before number `end` of those that the scratch has.
 template <class Takes, class Group, class Nodes>
 FIRN_INLINE_WHOLE void take(Group& group, std::size_t end, Nodes& nodes)
 {
@@ -258,8 +258,8 @@ void scatter_movers(CellOrder& cells, GridType& grid)
     });
 }
 
-/// Nodes add up the tiles that cover them and are updated, row by row, by the threads that have the `parts`
-/// of their homes.
+/// Nodes add up the tiles that cover them and are updated, row by row. Threads have the `parts` of their
+/// homes, if these are for so many of both (see share): those of the only order of cells are, as a rule.
 template <class Lane, class GridType, class Phase>
 typename Phase::Result for_each_node(int threads, std::span<std::uint32_t const> parts, GridType& grid,
                                      Phase const& phase)
