@@ -465,8 +465,8 @@ private:
         is_incomplete_ = true;
     }
 
-    /// Puts the offsets of the items that departed from a block into their new cells; where they come without
-    /// (see insert and erase) nothing is to be done.
+    /// Makes the offsets of the items that departed from a block those in their new cells. Nobody moved, and
+    /// there are none, where items were added or are gone (see rearrange).
     void wrap(Departures const& departures) const
     {
         if (offset_[0] == nullptr) return;
@@ -474,7 +474,7 @@ private:
             for (int a = 0; a < d; ++a) CellOffset<Number>::wrap(offset_[a][from.slot]);
     }
 
-    /// The same for items that are added or gone.
+    /// Writes the new order at once, of so many items, where some were added or are gone.
     void rearrange(std::size_t count)
     {
         find_blocks(count, {});

@@ -54,7 +54,7 @@ void clear_rows(Number* tile, std::uint64_t rows)
         }
 }
 
-/// What of a block's tile its items touch.
+/// What of a block's tile its items touch: rows, and `ends` (see touched_by).
 template <class GridType, class CellOrder>
 std::uint64_t own_rows(CellOrder const& cells, std::size_t b)
 {
@@ -428,7 +428,8 @@ struct GiveNothing
 };
 
 /// Each block of cells copies the nodes it needs side by side; its items take from them and answer, and what
-/// they keep then is given on, by what each thread makes for itself: `make_giver(its number)`.
+/// they keep then is given on, by what each thread makes for itself: `make_giver(its number)`. Cells take and
+/// give group by group; in between their items answer in whole packs, which few of several groups share.
 template <class Lane, class CellOrder, class GridType, class Phase, class MakeGiver>
 typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& grid, Phase const& phase,
                                        Kept& kept, MakeGiver const& make_giver)

@@ -21,7 +21,7 @@ struct ThreadWork
 };
 
 /// Threads that stay together from one loop to the next: a parallel region for each loop takes longer to
-/// begin, and a step of a small scene has four loops in a few microseconds each.
+/// begin, and a step of a small scene has three loops of a few microseconds each.
 class Team
 {
 public:
