@@ -7,11 +7,13 @@
 #include <firn/step_error.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <sstream>
 #include <string>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 namespace firn::detail
@@ -45,23 +47,38 @@ public:
     template <class Parts, class... Effects>
     void look(Parts const& parts, Lattice const& lattice, double spared, Effects const&... effects)
     {
-        if constexpr ((std::is_same_v<Effects, ReflectingWall> || ...)) {
-            std::vector<ReflectingWall> walls;
-            [[maybe_unused]] auto const look_at = [&](auto const& effect) {
-                if constexpr (std::is_same_v<decltype(effect), ReflectingWall const&>) {
-                    walls.push_back(effect);
-                    if (std::ranges::find(walls_, effect) != walls_.end()) return;
-                    Parts::for_each([&](auto k) { require_before<k>(parts, lattice, spared, effect); });
-                }
+        constexpr std::size_t count = (std::size_t{0} + ... + std::is_same_v<Effects, ReflectingWall>);
+        if constexpr (count > 0) {
+            std::array<ReflectingWall, count> walls;
+            [[maybe_unused]] std::size_t place = 0;
+            [[maybe_unused]] auto const list = [&](auto const& effect) {
+                if constexpr (std::is_same_v<decltype(effect), ReflectingWall const&>)
+                    walls[place++] = effect;
             };
-            (look_at(effects), ...);
-            walls_ = std::move(walls);
+            (list(effects), ...);
+            bool const knows_all = std::ranges::all_of(
+                walls, [&](auto const& wall) { return std::ranges::find(walls_, wall) != walls_.end(); });
+            if (!knows_all) {
+                auto const of_any = behind_any(walls, lattice, spared, std::make_index_sequence<count>{});
+                Parts::for_each([&](auto k) {
+                    if (parts.template particles<k>().find(of_any).count == 0) return;
+                    for (auto const& wall : walls) require_before<k>(parts, lattice, spared, wall);
+                });
+            }
+            walls_.assign(walls.begin(), walls.end());
         }
         else
             walls_.clear();
     }
 
 private:
+    template <std::size_t count, std::size_t... i>
+    static BehindAnyWall<count> behind_any(std::array<ReflectingWall, count> const& walls,
+                                           Lattice const& lattice, double spared, std::index_sequence<i...>)
+    {
+        return {{BehindWall(walls[i], lattice, spared)...}};
+    }
+
     template <std::size_t k, class Parts>
     static void require_before(Parts const& parts, Lattice const& lattice, double spared,
                                ReflectingWall const& wall)

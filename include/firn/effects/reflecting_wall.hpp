@@ -4,6 +4,8 @@
 #include <firn/effects/contact.hpp>
 #include <firn/effects/effect.hpp>
 
+#include <array>
+#include <cstddef>
 #include <limits>
 #include <type_traits>
 
@@ -121,6 +123,21 @@ struct BehindWall
     FIRN_HOST_DEVICE bool operator()(Eigen::Matrix<double, d, 1> const& x) const
     {
         return x[axis] * side < farthest;
+    }
+};
+
+/// Whether it is behind one of some walls.
+template <std::size_t walls>
+struct BehindAnyWall
+{
+    std::array<BehindWall, walls> of;
+
+    template <int d>
+    FIRN_HOST_DEVICE bool operator()(Eigen::Matrix<double, d, 1> const& x) const
+    {
+        bool behind = false;
+        for (BehindWall const& wall : of) behind = behind || wall(x);
+        return behind;
     }
 };
 
