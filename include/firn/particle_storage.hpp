@@ -65,6 +65,13 @@ struct StoredFields
         id.resize(count, kept);
     }
 
+    void swap(StoredFields& other) noexcept
+    {
+        for (std::size_t a = 0; a < offset.size(); ++a) offset[a].swap(other.offset[a]);
+        for (std::size_t c = 0; c < component.size(); ++c) component[c].swap(other.component[c]);
+        id.swap(other.id);
+    }
+
     /// Takes the particles of another one that lie where `places` says, but for their rows.
     void gather(Backend const& backend, StoredFields const& from, std::uint32_t const* places,
                 std::size_t count)

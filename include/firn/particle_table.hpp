@@ -218,7 +218,7 @@ public:
         buffer_[1].id.upload(0, from);
 
         half_changed_ = true; // until here nothing was
-        std::swap(buffer_[0], buffer_[1]);
+        buffer_[0].swap(buffer_[1]);
         resize_buffers(kept);
         next_taken_.reset();
         std::swap(taken_, taken);
@@ -384,7 +384,7 @@ public:
     /// Takes the next buffer for the current one; also what was taken, if the step wrote it.
     void accept(bool wrote_taken)
     {
-        std::swap(buffer_[0], buffer_[1]);
+        buffer_[0].swap(buffer_[1]);
         if (wrote_taken) std::swap(taken_, next_taken_);
         held_ = wrote_taken;
         cells_.settle();
@@ -397,7 +397,7 @@ public:
     {
         if (sorted == 0) return;
         if (accepted % 2 != 0) {
-            std::swap(buffer_[0], buffer_[1]);
+            buffer_[0].swap(buffer_[1]);
             if (wrote_taken) std::swap(taken_, next_taken_);
         }
         moved_ = sorted > accepted;

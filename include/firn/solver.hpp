@@ -21,6 +21,7 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <numeric>
 #include <optional>
 #include <string>
 #include <utility>
@@ -299,7 +300,9 @@ public:
             if (beyond_stable) hold_taken(); // it may go wrong
             std::size_t const most = beyond_stable ? 1 : count - reports.size();
             StepLog const& log = run(rule, most, plain, [&](auto const& record) {
-                reports.push_back(report_of(record));
+                StepReport report;
+                describe(record, report);
+                reports.push_back(std::move(report)); // or none, where memory runs short
                 reports.back().beyond_stable = dt > record.stable;
                 std::swap(reports.back().isolated, isolated); // before that step
             });
@@ -366,8 +369,9 @@ public:
         rule.duration = duration;
         rule.end = course_.time + duration;
         auto const plain = plain_effects(effects...);
-        AdvanceReport report;
-        StepLog wrong; // the step that is repeated, if one is: course_.retries
+        AdvanceReport all;
+        StepReport of_step; // its lists serve all steps
+        StepLog wrong;      // the step that is repeated, if one is: course_.retries
         auto const get_on = [&] {
             if (!course_.ready) choose(rule);
             double const tried = course_.now.interval.length();
@@ -377,7 +381,7 @@ public:
                 auto const who =
                     repeated ? detail::failure_of(parts_, wrong, course_.time, tried) : slowest(rule, tried);
                 if (!repeated && !who && forgets_bounds(rule)) return;
-                if (!isolates(repeated ? wrong : StepLog{}, tried, who.has_value(), report.isolated, who))
+                if (!isolates(repeated ? wrong : StepLog{}, tried, who.has_value(), all.isolated, who))
                     fail_to_get_on(who);
                 release(rule);
                 return;
@@ -385,18 +389,20 @@ public:
             // as many as there would be if all were as long as this one, and no more than can be counted
             auto const most =
                 static_cast<std::size_t>(std::min(std::ceil((rule.end - course_.time) / tried), 0x1p62));
-            StepLog const& log = run(
-                rule, most, plain, [&](auto const& record) { report.add(report_of(record), record.limit); });
+            StepLog const& log = run(rule, most, plain, [&](auto const& record) {
+                describe(record, of_step);
+                all.add(of_step, record.limit);
+            });
             if (log.wrong == 0) return;
             wrong = log;
-            ++report.rejected;
+            ++all.rejected;
             // So often in a row, or as short by what went wrong before: a step now and then that goes well,
             // and shorter ones behind it that do not, would never end.
             bool const last =
                 ++course_.retries > control_.retries ||
                 course_.now.longest < std::ldexp(std::min(course_.stable, duration), -control_.retries);
             double const dt = course_.now.interval.length();
-            if (isolates(log, dt, last, report.isolated))
+            if (isolates(log, dt, last, all.isolated))
                 release(rule);
             else if (last)
                 fail(log, dt);
@@ -407,11 +413,11 @@ public:
             });
         }
         catch (...) {
-            until_error_ = std::move(report);
+            until_error_ = std::move(all);
             throw;
         }
         course_.ready = false;
-        return report;
+        return all;
     }
 
     /// What the last call of step(), steps() or advance() that began and ended in an exception had done until
@@ -757,21 +763,17 @@ private:
         return any;
     }
 
+    /// Makes a report, which may have been of another step, that of a record.
     template <class Record>
-    StepReport report_of(Record const& record) const
+    void describe(Record const& record, StepReport& report) const
     {
-        StepReport report;
         report.dt = record.dt;
         report.time_of_forces = record.forces;
         report.stable_dt = record.stable;
-        report.capped_of.reserve(materials);
-        for (auto const capped : record.capped) {
-            report.capped_of.push_back(capped);
-            report.capped += capped;
-        }
-        for (Reaction const& received : record.reactions.of)
-            report.reactions.push_back(received * masses_.unit);
-        return report;
+        report.capped_of.assign(record.capped.begin(), record.capped.end());
+        report.capped = std::accumulate(record.capped.begin(), record.capped.end(), std::uint64_t(0));
+        report.reactions.assign(record.reactions.of.begin(), record.reactions.of.end());
+        for (Reaction& received : report.reactions) received = received * masses_.unit;
     }
 
     /// Holds what particles take from the grid beside them, before what they are taken from changes.

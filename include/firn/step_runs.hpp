@@ -156,10 +156,14 @@ private:
         /// Makes ready for the first step.
         void begin(Rule const& rule, Effects const& effects)
         {
-            runs_.backend_.for_each(
-                Log::places(expected_),
-                BeginSteps<Number, d, materials, Effects, Actions>{
-                    scene_.course, {rule, scene_.parts.densities(), effects}, kept_rule_, log_, now(0)});
+            BeginRun<Actions::obstacles, materials> const run{scene_.course, log_};
+            if (scene_.course.ready)
+                runs_.backend_.for_each(Log::places(expected_), run);
+            else
+                runs_.backend_.for_each(
+                    Log::places(expected_),
+                    BeginSteps<Number, d, materials, Effects, Actions>{
+                        run, {rule, scene_.parts.densities(), effects}, kept_rule_, now(0)});
         }
 
         /// Nodes find their velocities. Returns the reactions of obstacles.

@@ -50,7 +50,7 @@ struct Chain;
 template <>
 struct Chain<>
 {
-    static constexpr int obstacles = 0, walls = 0, shells = 0, lookups = 0;
+    static constexpr int obstacles = 0, walls = 0, shells = 0, lookups = 0, touching = 0;
     template <class Visit>
     FIRN_HOST_DEVICE void for_each(Visit const&) const
     {}
@@ -65,6 +65,8 @@ struct Chain<First, Rest...>
     static constexpr int walls = int(is_wall<First>) + Chain<Rest...>::walls;
     static constexpr int shells = int(keeps_sides<First>) + Chain<Rest...>::shells;
     static constexpr int lookups = int(looks_up<First>) + Chain<Rest...>::lookups;
+    /// The obstacles, if particles themselves may touch them: never where all of them are walls.
+    static constexpr int touching = obstacles > walls ? obstacles : 0;
 
     template <class Visit>
     FIRN_HOST_DEVICE void for_each(Visit const& visit) const

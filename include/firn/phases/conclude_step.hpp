@@ -71,25 +71,39 @@ struct RunRule
     Effects effects;
 };
 
-/// Makes ready for a run of steps from where the host says they begin: called for every place of the log.
-template <class Number, int d, int materials, class Effects, class Actions>
-struct BeginSteps
+/// Makes the log ready for a run of steps from where the host says they begin: called for every place of it.
+template <int obstacles, int materials>
+struct BeginRun
 {
     Course course;
-    RunRule<Effects, materials> rule;
-    RunRule<Effects, materials>* kept_rule;
-    RunLog<Actions::obstacles, materials> log;
-    StepNow<Number, Actions>* now;
+    RunLog<obstacles, materials> log;
 
     FIRN_HOST_DEVICE void operator()(std::size_t place) const
     {
         log.at[place].wrong = 0;
         if (place > 0) return;
-        // padding too, or who watches what is read before it was written has something to say
-        std::memcpy(static_cast<void*>(kept_rule), &rule, sizeof rule);
         *log.taken = 0;
         log.at[0].course = course;
-        if (course.ready) return; // it was left so by the step before
+    }
+};
+
+/// The same where no step before has left the rule, and what is to be known of the first step: one that left
+/// its course ready has.
+template <class Number, int d, int materials, class Effects, class Actions>
+struct BeginSteps
+{
+    BeginRun<Actions::obstacles, materials> run;
+    RunRule<Effects, materials> rule;
+    RunRule<Effects, materials>* kept_rule;
+    StepNow<Number, Actions>* now;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t place) const
+    {
+        run(place);
+        if (place > 0) return;
+        // padding too, or who watches what is read before it was written has something to say
+        std::memcpy(static_cast<void*>(kept_rule), &rule, sizeof rule);
+        Course const& course = run.course;
         now->dt = static_cast<Number>(course.now.interval.length());
         now->next_forces = static_cast<Number>(course.next.interval.forces);
         now->actions = rule.effects.template during<Number, d>(course.now.interval);
@@ -157,7 +171,7 @@ private:
         };
         (ask(found), ...);
         bounds.obstacle_speed = sqrt(reactions.largest_surface_speed2);
-        (reactions.merge(found.reactions), ...);
+        if constexpr (Actions::touching > 0) (reactions.merge(found.reactions), ...);
         record.reactions = reactions;
         log.records[step] = record;
         rule.finish(course, bounds);

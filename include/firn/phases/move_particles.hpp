@@ -56,7 +56,7 @@ struct MoveParticles
     using Takes = Taking<Space, Kernel, Transfer>;
     static constexpr int d = Space::dimension;
     using Number = typename Space::Real;
-    using Result = MoveResult<Number, Effects::obstacles>;
+    using Result = MoveResult<Number, Effects::touching>;
     static constexpr int order = Kernel::order;
     static constexpr int node_channels = Takes::node_channels, channels = Gives::channels;
     static constexpr int kept = Takes::kept > Gives::kept ? Takes::kept : Gives::kept;
@@ -192,9 +192,9 @@ private:
     template <class Real, class Items, class Particle>
     FIRN_HOST_DEVICE void touch_obstacles(Items const& items, Vector<Real, d> const& position,
                                           Particle& particle, Vector<Real, d>& displacement,
-                                          Reactions<Effects::obstacles>& reactions) const
+                                          Reactions<Effects::touching>& reactions) const
     {
-        if constexpr (Effects::obstacles > 0) {
+        if constexpr (Effects::touching > 0) {
             if (!touches_particles(now->actions)) return;
             Number const to_node = Number(0.5 - cell_shift(order));
             Vector<Real, d> where =

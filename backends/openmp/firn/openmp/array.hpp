@@ -35,11 +35,16 @@ public:
     Array(Array&& other) noexcept { *this = std::move(other); }
     Array& operator=(Array&& other) noexcept
     {
+        swap(other);
+        return *this;
+    }
+    /// (std::swap would do so three times.)
+    void swap(Array& other) noexcept
+    {
         std::swap(block_, other.block_);
         std::swap(data_, other.data_);
         std::swap(size_, other.size_);
         std::swap(capacity_, other.capacity_);
-        return *this;
     }
     Array(Array const&) = delete;
     Array& operator=(Array const&) = delete;
