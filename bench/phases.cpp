@@ -78,7 +78,7 @@ struct TimedOpenMP : OpenMP
             LayerType layer = layers[0];
             for (std::size_t b = 0; b < cells[0]->blocks().size(); ++b)
                 openmp::detail::clear_rows<LayerType, Phase::channels>(
-                    layer.next_tile(b), openmp::detail::own_rows<LayerType>(*cells[0], b));
+                    layer.next_tile(b), openmp::detail::touched_by_items<LayerType>(*cells[0], b));
         });
         times->take("gather_and_scatter", [&] { OpenMP::move(cells, layers, phases, of_nodes, conclude); });
     }

@@ -54,8 +54,7 @@ TEST_CASE("parts of threads may have bounds of their own, which count if they ar
 
     int const threads = GENERATE(1, 2, 3, 100), count = GENERATE(4, 5, 6);
     std::vector<std::atomic<int>> visits(8);
-    openmp::share(
-        threads, count, 2, [&](int) { return [&](int i) { ++visits[std::size_t(i)]; }; }, bounds);
+    openmp::share(threads, count, bounds, [&](int) { return [&](int i) { ++visits[std::size_t(i)]; }; });
     for (int i = 0; i < 8; ++i) CHECK(visits[std::size_t(i)] == (i < count ? 1 : 0));
 }
 

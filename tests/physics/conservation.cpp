@@ -131,6 +131,35 @@ TEST_CASE("packs of lanes, of another width, too, take a scene to the same place
 #endif
 }
 
+TEST_CASE("particles that are few in many rows of cells get to the same place in packs as one at a time")
+{
+    auto const end = [](auto number, auto lanes) {
+        using Number = decltype(number);
+        using Model = NeoHookean<Space<2, Number>>;
+        typename Scene<Model, QuadraticBSpline, Flip, BasicOpenMP<decltype(lanes)>>::Solver solver(
+            lattice(0.025));
+        auto const points = random_points<2>(400, 1.0); // one in every fourth cell
+        solver.add(points, 1e-4);
+        std::vector<Vector<Number, 2>> velocities;
+        for (auto const& x : points) // they cross a cell or two
+            velocities.push_back(
+                {Number(10 * std::sin(60 * x[0] + 50 * x[1])), Number(8 * std::cos(70 * x[0]))});
+        solver.template upload<Velocity>(velocities);
+        solver.steps(50, 1e-4, Gravity{}, ReflectingWall{.axis = 0, .node = -4},
+                     ReflectingWall{.axis = 1, .node = -4});
+        return solver.positions();
+    };
+    auto const check = [&](auto number, double tolerance) {
+        auto const singles = end(number, openmp::ScalarLanes{}), packs = end(number, openmp::NativeLanes{});
+        double worst = 0;
+        for (std::size_t i = 0; i < packs.size(); ++i)
+            worst = std::max(worst, (packs[i] - singles[i]).norm());
+        CHECK(worst <= tolerance);
+    };
+    check(1.0, 1e-13);
+    check(1.0f, 1e-5);
+}
+
 TEST_CASE(
     "lanes behind the last particle of a row of cells compute nothing that a host with traps would mind")
 {
@@ -188,6 +217,26 @@ TEST_CASE("the reaction of a resting body is its weight, and its moment that of 
     CHECK(std::abs(force.x()) <= 0.01 * weight);
     CHECK(moment.z() == Approx(-0.6 * weight).epsilon(0.01)); // r x F with r = (0.6, 0, 0.1)
     CHECK(moment.x() == Approx(0.1 * weight).epsilon(0.01));
+}
+
+TEST_CASE("what a wall receives of a body that rests on it is its weight, and its moment that of the weight")
+{
+    int const axis = GENERATE(0, 1, 2);
+    CAPTURE(axis);
+    using Solver = Scene<NeoHookean<Solid>, QuadraticBSpline, Pic>::Solver;
+    Solver solver(lattice(0.05));
+    Eigen::Vector3d low(0.5, 0.3, 0.1), weight = Eigen::Vector3d::Zero();
+    low[axis] = 0;
+    solver.add(box_of_points<3>(low, low + Eigen::Vector3d::Constant(0.2), 0.05), std::pow(0.025, 3));
+    weight[axis] = -0.008 * 1000 * 9.81;
+    Gravity const gravity{weight / 8};
+    ReflectingWall const floor{.axis = axis};
+    solver.advance(0.3, gravity, floor);
+    double const duration = 0.1;
+    auto const received = solver.advance(duration, gravity, floor).reactions[0];
+    Eigen::Vector3d const middle = low + Eigen::Vector3d::Constant(0.1);
+    CHECK((received.impulse / duration - weight).norm() <= 0.01 * weight.norm());
+    CHECK((received.angular_impulse / duration - middle.cross(weight)).norm() <= 0.01 * weight.norm() * 0.5);
 }
 
 TEST_CASE("particle contact keeps particles out of an obstacle, and pushes out those inside")

@@ -115,8 +115,7 @@ struct BasicOpenMP
     template <class CellOrders, class GridType, class Phase>
     auto for_each_node(CellOrders const& orders, GridType& grid, Phase const& phase) const
     {
-        return openmp::for_each_node<Lane<typename Phase::Number>>(thread_count(), orders[0]->parts(), grid,
-                                                                   phase);
+        return openmp::for_each_node<Lane<typename Phase::Number>>(thread_count(), *orders[0], grid, phase);
     }
 
     /// All items take from the grid and, where they are, give to what accept() makes its sums.

@@ -3,6 +3,7 @@
 
 #include <firn/core/host_device.hpp>
 
+#include <bit>
 #include <cmath>
 #include <concepts>
 #include <cstdint>
@@ -55,6 +56,17 @@ FIRN_HOST_DEVICE constexpr bool all(bool mask) { return mask; }
 
 /// One bit per lane, lane 0 lowest.
 FIRN_HOST_DEVICE constexpr std::uint64_t bits(bool mask) { return mask; }
+
+/// Calls `use(lane)` for each of `width` lanes whose bit is set, lane 0 first.
+template <int width, class Use>
+FIRN_HOST_DEVICE void for_each_lane(std::uint64_t bits, Use const& use)
+{
+    if constexpr (width == 1) { // (nvcc 13 reads beside an array where std::countr_zero tells the place)
+        if (bits != 0) use(0);
+    }
+    else
+        for (; bits != 0; bits &= bits - 1) use(std::countr_zero(bits));
+}
 
 /// The largest of a lane's numbers.
 template <std::floating_point Number>

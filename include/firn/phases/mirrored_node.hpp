@@ -52,7 +52,7 @@ template <class Sums, class Real, int d, std::size_t count>
 struct MirroredNode
 {
     using Number = Scalar<Real>;
-    std::array<WallPlane, count> walls;
+    std::array<WallPlane, count> const& walls;
     /// The nodes on the side of the walls: first + along, the latter on the last axis.
     Coordinates<d> first;
     Real along;
@@ -60,7 +60,7 @@ struct MirroredNode
     std::array<Mask<Real>, count> on;  ///< or on this wall
     Real sums[Sums::channels];         ///< of the nodes and their images
     /// Of what the sums hold, behind each wall: as it is there, momentum and impulse along its axis.
-    Real mass_behind[count], momentum_behind[count], impulse_behind[count];
+    Real mass_behind[count], momentum_behind[count], impulse_behind[Sums::forces_are_apart ? count : 1];
 
     /// Of the lanes of nodes `at`, which look at others by `sums_at(first, along, which lanes, sums)`.
     template <class Node>
@@ -68,23 +68,32 @@ struct MirroredNode
         : walls(planes), first(at.first()), along(at.offset()[d - 1])
     {
         Real const zero(Number(0));
+        Mask<Real> const every = zero == zero, none = zero > zero;
         for (auto& sum : sums) sum = zero;
-        for (int a = 0; a < d; ++a) flipped[a] = zero > zero;
+        for (int a = 0; a < d; ++a) flipped[a] = none;
         for (std::size_t w = 0; w < count; ++w) {
-            mass_behind[w] = momentum_behind[w] = impulse_behind[w] = zero;
+            mass_behind[w] = momentum_behind[w] = zero;
+            if constexpr (Sums::forces_are_apart) impulse_behind[w] = zero;
             WallPlane const& wall = walls[w];
-            Real const before = beyond(wall) * Real(Number(wall.side));
-            on[w] = before == zero;
-            Mask<Real> const behind = before == Real(Number(-1));
-            if (!any(behind)) continue;
-            flipped[wall.axis] = flipped[wall.axis] | behind;
-            if (wall.axis == d - 1)
-                along = along + select(behind, Real(Number(2 * wall.side)), zero);
-            else // all lanes
+            int const before = (first[wall.axis] - wall.node) * wall.side; // of lane 0
+            on[w] = none;
+            if (wall.axis != d - 1) { // all lanes or none
+                if (before == 0) on[w] = every;
+                if (before != -1) continue;
+                flipped[wall.axis] = every;
                 first[wall.axis] = wall.image(first[wall.axis]);
+            }
+            else if (reaches(wall, first, 1)) {
+                Real const ahead = Real(Number(first[wall.axis] - wall.node)) + along;
+                on[w] = ahead == zero;
+                Mask<Real> const behind = ahead == Real(Number(-wall.side));
+                if (!any(behind)) continue;
+                flipped[wall.axis] = flipped[wall.axis] | behind;
+                along = along + select(behind, Real(Number(2 * wall.side)), zero);
+            }
         }
         std::array<bool, count> behind{};
-        add<0>(at, first, along, zero == zero, behind);
+        add<0>(at, first, along, every, behind);
     }
 
     /// Which of the nodes in question are images.
@@ -105,11 +114,11 @@ struct MirroredNode
     }
 
 private:
-    /// How far the nodes are beyond a wall, along its axis.
-    FIRN_HOST_DEVICE Real beyond(WallPlane const& wall) const
+    /// Whether lanes along a row from `row` on come so near to a wall across its axis.
+    FIRN_HOST_DEVICE static bool reaches(WallPlane const& wall, Coordinates<d> const& row, int distance)
     {
-        Real const of_first(Number(first[wall.axis] - wall.node));
-        return wall.axis == d - 1 ? of_first + along : of_first;
+        int const lane = wall.node - row[d - 1];
+        return lane >= -distance && lane < lane_width<Real> + distance;
     }
 
     /// Adds what is found at places and at their images across this axis and those after it.
@@ -126,6 +135,7 @@ private:
                 auto behind_this = behind;
                 behind_this[w] = true;
                 if constexpr (axis == d - 1) {
+                    if (!reaches(walls[w], row, 3)) continue; // images are by two beyond their lanes
                     Real const distance = Real(Number(row[axis] - walls[w].node)) + places;
                     Mask<Real> const mirrored = which & (abs(distance) == Real(Number(1)));
                     if (any(mirrored))
@@ -152,7 +162,7 @@ private:
             for (int a = 0; a < d; ++a) reverse[a] = reverse[a] || a == walls[w].axis;
             mass_behind[w] += found[Sums::mass];
             momentum_behind[w] += found[Sums::momentum + walls[w].axis];
-            impulse_behind[w] += found[Sums::impulse + walls[w].axis];
+            if constexpr (Sums::forces_are_apart) impulse_behind[w] += found[Sums::impulse + walls[w].axis];
         }
         sums[Sums::mass] += found[Sums::mass];
         for (int c = 1; c < Sums::channels; ++c) sums[c] += reverse[(c - 1) % d] ? -found[c] : found[c];

@@ -19,6 +19,7 @@ struct NodeSums
     static constexpr int impulse =
         forces_apart ? 1 + d : momentum; ///< of the material's forces during the step
     static constexpr int channels = 1 + d + (forces_apart ? d : 0);
+    static constexpr bool forces_are_apart = forces_apart;
 };
 
 /// How particles give to the grid.

@@ -7,6 +7,7 @@
 #include <firn/phases/step_now.hpp>
 
 #include <cassert>
+#include <cstdint>
 
 namespace firn
 {
@@ -59,11 +60,15 @@ struct UpdateGrid
             [&](int c, Real const& value) { node.set(c, value); }, Real(0) == Real(0), reactions);
     }
 
+    /// What nodes look around for.
+    using Walls = std::array<WallPlane, Effects::walls>;
+    FIRN_HOST_DEVICE Walls walls() const { return walls_of(now->actions); }
+
     /// Whether one of `count` nodes in a row along the last axis looks at others.
-    FIRN_HOST_DEVICE bool looks_around_at(Coordinates<d> const& first, int count) const
+    FIRN_HOST_DEVICE static bool looks_around_at(Walls const& walls, Coordinates<d> const& first, int count)
     {
         bool beside = false;
-        for (WallPlane const& wall : walls_of(now->actions)) {
+        for (WallPlane const& wall : walls) {
             int const from = first[wall.axis], to = from + (wall.axis == d - 1 ? count - 1 : 0);
             beside = beside || (from <= wall.node + 1 && to >= wall.node - 1);
         }
@@ -72,10 +77,10 @@ struct UpdateGrid
 
     /// The same as operator() for a lane of nodes that look at others.
     template <class Node>
-    FIRN_HOST_DEVICE void look_around(Node& node, Result& reactions) const
+    FIRN_HOST_DEVICE void look_around(Walls const& walls, Node& node, Result& reactions) const
     {
         using Real = typename Node::Real;
-        MirroredNode<Sums, Real, d, Effects::walls> const mirrored(walls_of(now->actions), node);
+        MirroredNode<Sums, Real, d, Effects::walls> const mirrored(walls, node);
         Place<Real, d> place{lattice, mirrored.first, zeros<Vector<Real, d>>(), kernel_reach(Kernel::order)};
         place.offset[d - 1] = mirrored.along;
         Mask<Real> const received = !mirrored.is_image(); // what a node receives its images do not once more
@@ -154,14 +159,16 @@ private:
                                  kept * (p + m * velocity[Velocities::old_velocity + a]));
             }
             Real const received = select(which, select(mirrored.on[w], on, beside), Real(0));
-            if (!all(received == Real(0))) book(reactions.of[wall.obstacle], a, received, arm);
+            // most give nothing: of a wall across the lanes all but two
+            std::uint64_t const giving = bits(!(received == Real(0)));
+            if (giving != 0) book(reactions.of[wall.obstacle], a, received, arm, giving);
         }
     }
 
-    /// Books what lanes of nodes give along an axis, and its moment about the world's origin.
+    /// Books what some lanes of nodes give along an axis, and its moment about the world's origin.
     template <class Real>
     FIRN_HOST_DEVICE static void book(Reaction& reaction, int axis, Real const& given,
-                                      Vector<Real, d> const& arm)
+                                      Vector<Real, d> const& arm, std::uint64_t lanes)
     {
         constexpr int width = lane_width<Real>;
         Number impulse[width], at[d][width];
@@ -169,14 +176,17 @@ private:
         for (int i = 0; i < d; ++i) LaneTraits<Real>::store(arm[i], at[i]);
         double sum = 0;
         Eigen::Vector3d moment(0, 0, 0);
-        for (int lane = 0; lane < width; ++lane) {
-            if (impulse[lane] == 0) continue; // most are: of a wall across the lanes all but two
+        for_each_lane<width>(lanes, [&](int lane) {
             sum += impulse[lane];
             for (int i = 0; i < d; ++i) moment[i] += double(at[i][lane]) * impulse[lane];
+        });
+        // moment x unit vector of the axis (nvcc 13 makes a wrong program of a vector of zeros whose
+        // component `axis` is set to 1)
+        for (int i = 0; i < 3; ++i) {
+            if (i == axis) reaction.impulse[i] += sum;
+            if ((i + 2) % 3 == axis) reaction.angular_impulse[i] += moment[(i + 1) % 3];
+            if ((i + 1) % 3 == axis) reaction.angular_impulse[i] -= moment[(i + 2) % 3];
         }
-        // (nvcc 13 makes a wrong program of a vector of zeros whose component `axis` is set to 1.)
-        Eigen::Vector3d const along(axis == 0, axis == 1, axis == 2);
-        reaction += {along * sum, moment.cross(along)};
     }
 };
 

@@ -381,10 +381,11 @@ __global__ void __launch_bounds__(block_threads)
         grid.node_values[std::size_t(blockIdx.x) * Shape::cells + threadIdx.x];
     bool alone = false;
     if constexpr (Phase::looks_around) {
-        alone = phase.looks_around_at(node, 1);
+        auto const walls = phase.walls();
+        alone = phase.looks_around_at(walls, node, 1);
         if (alone) {
             LoneNode<GridType, d> lane(grid, blocks, node);
-            if (any) phase.look_around(lane, result);
+            if (any) phase.look_around(walls, lane, result);
             values = lane.values();
         }
     }

@@ -193,6 +193,72 @@ private:
     std::uint64_t pattern_ = 0;
 };
 
+/// Items in any cells of a block, one in each lane, as a phase sees a group of cells: each reads nodes for
+/// itself, and adds to them when those in the lanes before it have. For few items in several groups; a lane
+/// is a pack.
+template <class Lane, class GridType>
+class LoneItems
+{
+public:
+    using Real = Lane;
+    using Number = Scalar<Lane>;
+    static constexpr int lanes = lane_width<Lane>;
+
+    /// There are `count` of them, one or more, whose cells are at some places in the block; for the rest see
+    /// GroupOfCells. (Further lanes read what the last one does.)
+    LoneItems(int const* places, int count, Scratch<Lane, GridType::dimension>& scratch, std::size_t first,
+              Number const* read, Number* write)
+        : count_(count), scratch_(scratch), item_(first), read_(read), write_(write)
+    {
+        for (int l = 0; l < lanes; ++l) stencil_[l] = GridType::tile_place(places[std::min(l, count - 1)]);
+    }
+
+    int ranks() const { return 1; }
+    void restart() {}
+    void enter(int) {}
+    bool is_sparse(int, std::size_t) const { return false; }
+    template <class Use>
+    void side_by_side(int, std::size_t, Use const&)
+    {}
+
+    void keep(int channel, Lane const& value)
+    {
+        value.store(scratch_.at(channel, item_)); // behind the last item, too
+    }
+    Lane const& of_cells(Lane const& value) const { return value; }
+
+    /// Lanes without an item are zero.
+    Lane kept(int channel) const { return Lane::load_first(count_, scratch_.at(channel, item_)); }
+
+    Lane node(int c, int row, int k) const { return Lane::gather(read_ + at(c, row) + k, stencil_); }
+
+    template <int width, int channels>
+    void add(int row, Lane const (&sums)[width][channels]) const
+    {
+        Number values[width][channels][lanes];
+        for (int k = 0; k < width; ++k)
+            for (int c = 0; c < channels; ++c) sums[k][c].store(values[k][c]);
+        for (int l = 0; l < count_; ++l) {
+            Number* to = write_ + at(0, row) + stencil_[l];
+            for (int c = 0; c < channels; ++c, to += GridType::tile_channel)
+                for (int k = 0; k < width; ++k) to[k] += values[k][c][l];
+        }
+    }
+
+private:
+    static int at(int c, int row)
+    {
+        return c * GridType::tile_channel + GridType::stencil_row(row) * GridType::row_length;
+    }
+
+    int count_;
+    Scratch<Lane, GridType::dimension>& scratch_;
+    std::size_t item_;
+    Number const* read_;
+    Number* write_;
+    std::int32_t stencil_[lanes]; ///< where in a tile they begin
+};
+
 /// The lanes 0, 1, 2, … (Written before: what is written number by number is not soon read as a pack.)
 template <class Lane>
 Lane counting()

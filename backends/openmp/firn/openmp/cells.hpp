@@ -205,22 +205,19 @@ public:
     {
         int const threads = threads_for(size(), threads_);
         kept_.for_threads(threads);
-        share(
-            threads, static_cast<int>(blocks_.size()), 1,
-            [&](int thread) {
-                return [&, &ranks = kept_.template of<Ranks<lanes>>(thread), then = make(thread)](int b) {
-                    if (is_incomplete_) {
-                        if (int const old = old_block_[b]; old != BlockMap::absent) wrap(departures_[old]);
-                        sort_block(b, ranks);
-                    }
-                    then(b);
-                };
-            },
-            parts());
+        share(threads, static_cast<int>(blocks_.size()), parts(), [&](int thread) {
+            return [&, &ranks = kept_.template of<Ranks<lanes>>(thread), then = make(thread)](int b) {
+                if (is_incomplete_) {
+                    if (int const old = old_block_[b]; old != BlockMap::absent) wrap(departures_[old]);
+                    sort_block(b, ranks);
+                }
+                then(b);
+            };
+        });
         if (!std::exchange(is_incomplete_, false)) return;
-        std::swap(source_, new_source_);
-        std::swap(counts_, new_counts_);
-        std::swap(group_begin_, new_group_begin_);
+        source_.swap(new_source_);
+        counts_.swap(new_counts_);
+        group_begin_.swap(new_group_begin_);
         settled_ = false;
     }
     void complete()

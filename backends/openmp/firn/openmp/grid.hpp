@@ -5,7 +5,9 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstdint>
+#include <cstring>
 #include <numeric>
 #include <span>
 #include <utility>
@@ -59,6 +61,23 @@ struct GridShape
         return {block, place};
     }
 
+    /// The coordinates of the node at a place in a row of a block.
+    static Coordinates<d> node_at(Coordinates<d> const& block, int row, int place)
+    {
+        auto const node = [&](int axis, int inside) {
+            return block[axis] * Shape::extent(axis) + inside - reach;
+        };
+        if constexpr (d == 3)
+            return {node(0, row / Shape::across), node(1, row % Shape::across), node(2, place)};
+        else { // both at once: read as a whole, what was just written in parts would be waited for
+            std::array<int, 2> const parts{node(0, row), node(1, place)};
+            Coordinates<d> at;
+            std::uint64_t const whole = std::bit_cast<std::uint64_t>(parts);
+            std::memcpy(at.data(), &whole, sizeof whole);
+            return at;
+        }
+    }
+
     /// The rows of a tile that a group's stencils touch.
     static constexpr std::uint64_t rows_of_group(int group)
     {
@@ -85,6 +104,12 @@ struct GridShape
             return row + stencil_row(i);
         else
             return row / Shape::across * rows_across + row % Shape::across + stencil_row(i);
+    }
+
+    /// Where in a tile the stencil of a cell begins, which is at a place in the block.
+    static constexpr int tile_place(int place)
+    {
+        return tile_row(place / lanes, 0) * row_length + place % Shape::along;
     }
 
     /// How many rows of a tile the i-th row of a stencil lies behind its first.
@@ -235,7 +260,7 @@ public:
     void accept()
     {
         for (Tiles& tiles : tiles_) {
-            std::swap(tiles.of[0], tiles.of[1]);
+            tiles.of[0].swap(tiles.of[1]);
             std::swap(tiles.touched[0], tiles.touched[1]);
         }
     }

@@ -303,6 +303,10 @@ struct Pack
     /// The numbers at `base[index[0]]`, `base[index[1]]`, …
     static Pack gather(Number const* base, std::int32_t const* index)
     {
+#if defined(__AVX512VL__)
+        if constexpr (sizeof(Number) == 4 && width == 16)
+            return Pack(Batch(_mm512_i32gather_ps(_mm512_loadu_si512(index), base, 4)));
+#endif
         alignas(64) Number lanes[width];
         for (int i = 0; i < width; ++i) lanes[i] = base[index[i]];
         return Pack(Batch::load_aligned(lanes));

@@ -56,7 +56,7 @@ void clear_rows(Number* tile, std::uint64_t rows)
 
 /// What of a block's tile its items touch: rows, and `ends` (see touched_by).
 template <class GridType, class CellOrder>
-std::uint64_t own_rows(CellOrder const& cells, std::size_t b)
+std::uint64_t touched_by_items(CellOrder const& cells, std::size_t b)
 {
     std::uint64_t rows = 0;
     for (int group = 0; group < GridType::Shape::groups; ++group)
@@ -69,6 +69,45 @@ std::uint64_t own_rows(CellOrder const& cells, std::size_t b)
 /// once.
 template <class Lane, class GridType>
 using GroupOf = GroupOfCells<Lane, std::remove_const_t<GridType>>;
+
+/// Calls `use(items, how many)` for the items of some groups of cells, each for itself. (Out of line: it is
+/// seldom, and between loops that are not.)
+template <class Lane, class GridType, class CellOrder, class Number, class Use>
+[[gnu::noinline]] void use_alone(CellOrder const& cells, std::size_t b, std::size_t slot, std::size_t count,
+                                 Scratch<Lane, GridType::dimension>& scratch, Number const* read,
+                                 Number* write, Use const& use)
+{
+    int places[lane_width<Lane>];
+    cells.find_places(b, slot, static_cast<int>(count), places);
+    LoneItems<Lane, std::remove_const_t<GridType>> items(places, static_cast<int>(count), scratch, 0, read,
+                                                         write);
+    use(items, count);
+}
+
+/// Calls `use(group, number behind its last item)` for groups of cells whose items go side by side, from one
+/// up to another: for each that has some, or for all of these at once if they are few in many groups. `read`
+/// and `write` as in GroupOfCells.
+template <class Lane, class GridType, class CellOrder, class Number, class Use>
+void for_each_group(CellOrder const& cells, std::size_t b, int first, int behind,
+                    Scratch<Lane, GridType::dimension>& scratch, Number const* read, Number* write,
+                    Use const& use)
+{
+    std::size_t const begin = cells.group_begin(b, first);
+    if constexpr (may_go_alone<GridType::dimension, lane_width<Lane>>)
+        if (behind - first > 1) {
+            std::size_t filled = 0;
+            for (int g = first; g < behind; ++g) filled += cells.group_end(b, g) > cells.group_begin(b, g);
+            if (go_alone(1, filled))
+                return use_alone<Lane, GridType>(cells, b, begin, cells.group_end(b, behind - 1) - begin,
+                                                 scratch, read, write, use);
+        }
+    for (int g = first; g < behind; ++g) {
+        std::size_t const from = cells.group_begin(b, g), to = cells.group_end(b, g);
+        if (from == to) continue;
+        GroupOf<Lane, GridType> group(cells.counts(b, g), g, scratch, from - begin, read, write);
+        use(group, to - begin);
+    }
+}
 
 /// What some items keep, given by the cells of their group: row by row of their stencils, so that the sums of
 /// a row stay in registers.
@@ -137,13 +176,29 @@ FIRN_INLINE_WHOLE void take(Group& group, std::size_t end, Nodes& nodes)
     }
 }
 
+/// What the parts of a loop find out, part by part: merged in their order, whoever has done them. Each begins
+/// with begin(), which its own thread calls: the others need not have it in their caches.
 template <class Result>
-Result merged(std::vector<Result> const& results)
+class ResultsOf
 {
-    Result all{};
-    for (Result const& result : results) all.merge(result);
-    return all;
-}
+public:
+    static ResultsOf& make_ready(Kept& kept, std::size_t parts)
+    {
+        auto& results = kept.for_threads(1).template of<ResultsOf>(0);
+        results.of_.resize(parts);
+        return results;
+    }
+    Result& begin(std::size_t part) { return of_[part] = {}; }
+    Result merged() const
+    {
+        Result all{};
+        for (Result const& result : of_) all.merge(result);
+        return all;
+    }
+
+private:
+    std::vector<Result> of_;
+};
 
 /// A phase that finds out bounds has them in a result of the thread's: who starts each block at zero finds a
 /// new largest value many times over.
@@ -166,31 +221,28 @@ void scatter(int threads, CellOrder const& cells, GridType& grid, Phase const& p
     using Giver = detail::Giver<Lane, typename Phase::Gives>;
     int const blocks = static_cast<int>(cells.blocks().size());
     Kept& kept = cells.kept().for_threads(threads);
-    share(
-        threads, blocks, 1,
-        [&](int thread) {
-            return [&, &giver = kept.of<Giver>(thread)](int b) {
-                auto& [scratch, spreads] = giver;
-                if (afresh) grid.touched(b) = 0;
-                std::uint64_t const rows = detail::own_rows<GridType>(cells, b);
-                detail::clear_rows<GridType, Phase::channels>(grid.tile(b), rows & ~grid.touched(b));
-                grid.touched(b) |= rows;
-                Items<Lane, CellOrder, d> items(cells, b, scratch);
-                for (int g = 0; g < GridType::Shape::groups; ++g) {
-                    std::size_t const begin = cells.group_begin(b, g), end = cells.group_end(b, g);
-                    if (begin == end) continue;
-                    scratch.reserve(Phase::kept, end - begin);
-                    for (std::size_t slot = begin; slot < end; slot += lanes) {
-                        items.enter(slot, end, slot - begin);
-                        detail::prepare(phase, items);
-                    }
-                    detail::GroupOf<Lane, GridType> group(cells.counts(b, g), g, scratch, 0, nullptr,
-                                                          grid.tile(b));
-                    detail::give<typename Phase::Gives>(group, spreads);
+    share(threads, blocks, cells.parts(), [&](int thread) {
+        return [&, &giver = kept.of<Giver>(thread)](int b) {
+            auto& [scratch, spreads] = giver;
+            if (afresh) grid.touched(b) = 0;
+            std::uint64_t const rows = detail::touched_by_items<GridType>(cells, b);
+            detail::clear_rows<GridType, Phase::channels>(grid.tile(b), rows & ~grid.touched(b));
+            grid.touched(b) |= rows;
+            Items<Lane, CellOrder, d> items(cells, b, scratch);
+            for (int g = 0; g < GridType::Shape::groups; ++g) {
+                std::size_t const begin = cells.group_begin(b, g), end = cells.group_end(b, g);
+                if (begin == end) continue;
+                scratch.reserve(Phase::kept, end - begin);
+                for (std::size_t slot = begin; slot < end; slot += lanes) {
+                    items.enter(slot, end, slot - begin);
+                    detail::prepare(phase, items);
                 }
-            };
-        },
-        cells.parts());
+                detail::GroupOf<Lane, GridType> group(cells.counts(b, g), g, scratch, 0, nullptr,
+                                                      grid.tile(b));
+                detail::give<typename Phase::Gives>(group, spreads);
+            }
+        };
+    });
 }
 
 namespace detail
@@ -227,19 +279,42 @@ void give_listed(std::span<Mover const> movers, Layer const&, typename Gives::Nu
     std::array<std::uint32_t, Shape::cells> counts;
     counts.fill(0);
     for (auto const& mover : movers) ++counts[mover.place];
-    auto const* next = movers.data();
+    std::array<std::size_t, Shape::groups> of_group;
+    std::size_t filled = 0;
+    std::uint64_t rows = 0;
     for (int g = 0; g < Shape::groups; ++g) {
         std::uint32_t const* const count = &counts[g * lanes];
-        std::size_t const here = std::accumulate(count, count + lanes, std::size_t(0));
-        if (here == 0) continue;
-        std::uint64_t const fresh = Layer::touched_by(count, g) & ~touched;
-        clear_rows<Layer, Gives::channels>(tile, fresh);
-        touched |= fresh;
-        scratch.reserve(Gives::kept, here);
+        of_group[g] = std::accumulate(count, count + lanes, std::size_t(0));
+        if (of_group[g] == 0) continue;
+        rows |= Layer::touched_by(count, g);
+        ++filled;
+    }
+    clear_rows<Layer, Gives::channels>(tile, rows & ~touched);
+    touched |= rows;
+
+    auto const* next = movers.data();
+    if constexpr (may_go_alone<Layer::dimension, lanes>)
+        if (go_alone((movers.size() + lanes - 1) / lanes, filled)) {
+            scratch.reserve(Gives::kept, lanes);
+            for (auto const* const end = next + movers.size(); next < end; next += lanes) {
+                int const count = static_cast<int>(std::min<std::ptrdiff_t>(lanes, end - next));
+                int places[lanes];
+                for (int l = 0; l < count; ++l) {
+                    places[l] = next[l].place;
+                    for (int c = 0; c < Gives::kept; ++c) *scratch.at(c, std::size_t(l)) = next[l].given[c];
+                }
+                LoneItems<Lane, Layer> items(places, count, scratch, 0, nullptr, tile);
+                give<Gives>(items, spreads);
+            }
+            return;
+        }
+    for (int g = 0; g < Shape::groups; next += of_group[g++]) {
+        if (of_group[g] == 0) continue;
+        std::uint32_t const* const count = &counts[g * lanes];
+        scratch.reserve(Gives::kept, of_group[g]);
         copy_given<Gives::kept>(next, count, scratch);
         GroupOf<Lane, Layer> group(count, g, scratch, 0, nullptr, tile);
         give<Gives>(group, spreads);
-        next += here;
     }
 }
 } // namespace detail
@@ -258,53 +333,57 @@ void scatter_movers(CellOrder& cells, GridType& grid)
     });
 }
 
-/// Nodes add up the tiles that cover them and are updated, row by row. Threads have the `parts` of their
-/// homes, if these are for so many of both (see share): those of the only order of cells are, as a rule.
-template <class Lane, class GridType, class Phase>
-typename Phase::Result for_each_node(int threads, std::span<std::uint32_t const> parts, GridType& grid,
-                                     Phase const& phase)
+namespace detail
+{
+/// What nodes of a phase look around for, if they do: found once for all that a thread updates.
+template <class Phase>
+auto surroundings(Phase const& phase)
+{
+    if constexpr (Phase::looks_around)
+        return phase.walls();
+    else
+        return 0;
+}
+} // namespace detail
+
+/// Nodes add up the tiles that cover them and are updated, row by row, home by home. Threads have the parts
+/// that they have of `cells` if these are the only order, as a rule (see share).
+template <class Lane, class CellOrder, class GridType, class Phase>
+typename Phase::Result for_each_node(int threads, CellOrder const& cells, GridType& grid, Phase const& phase)
 {
     constexpr int d = Phase::d;
     using Shape = typename GridType::Shape;
     using Number = typename Phase::Number;
-    std::vector<typename Phase::Result> results(grid.nodes().size());
+    using Result = typename Phase::Result;
+    auto& results =
+        detail::ResultsOf<Result>::make_ready(cells.kept(), static_cast<std::size_t>(grid.homes()));
     threads = threads_for(grid.nodes().size(), threads, node_blocks_per_thread);
-    share(
-        threads, grid.homes(), 1,
-        [&](int) {
-            auto const update = [&](int n) {
-                auto const& block = grid.nodes()[n];
-                alignas(64) Number sums[Phase::Sums::channels][Shape::along];
-                for (int row = 0; row < Shape::rows; ++row) {
-                    if (!detail::sum_row<GridType>(grid, block, row, sums)) continue;
-                    Coordinates<d> first;
-                    if constexpr (d == 3)
-                        first = {row / Shape::across, row % Shape::across, 0};
-                    else
-                        first = {row, 0};
-                    for (int a = 0; a < d; ++a)
-                        first[a] += block.coordinates[a] * Shape::extent(a) - GridType::reach;
-                    for (int place = 0; place < Shape::along; place += lane_width<Lane>) {
-                        Coordinates<d> at = first;
-                        at[d - 1] += place;
-                        Number* const values = grid.node_values(n) + row * Shape::along + place;
-                        NodeLanes<Lane, GridType, d> node(&sums[0][place], values, at);
-                        if constexpr (Phase::looks_around)
-                            if (phase.looks_around_at(at, lane_width<Lane>)) {
-                                LookingNodes<Lane, GridType, d> looking(node, &sums[0][0], grid, n, row);
-                                phase.look_around(looking, results[n]);
-                                continue;
-                            }
-                        phase(node, results[n]);
-                    }
+    share(threads, grid.homes(), cells.parts(), [&](int) {
+        auto const update = [&, around = detail::surroundings(phase)](int n, Result& result) {
+            auto const& block = grid.nodes()[n];
+            alignas(64) Number sums[Phase::Sums::channels][Shape::along];
+            for (int row = 0; row < Shape::rows; ++row) {
+                if (!detail::sum_row<GridType>(grid, block, row, sums)) continue;
+                for (int place = 0; place < Shape::along; place += lane_width<Lane>) {
+                    Coordinates<d> const at = GridType::node_at(block.coordinates, row, place);
+                    Number* const values = grid.node_values(n) + row * Shape::along + place;
+                    NodeLanes<Lane, GridType, d> node(&sums[0][place], values, at);
+                    if constexpr (Phase::looks_around)
+                        if (phase.looks_around_at(around, at, lane_width<Lane>)) {
+                            LookingNodes<Lane, GridType, d> looking(node, &sums[0][0], grid, n, row);
+                            phase.look_around(around, looking, result);
+                            continue;
+                        }
+                    phase(node, result);
                 }
-            };
-            return [&, update](int home) {
-                for (std::uint32_t const n : grid.nodes_at(home)) update(static_cast<int>(n));
-            };
-        },
-        parts);
-    return detail::merged(results);
+            }
+        };
+        return [&, update](int home) {
+            Result& result = results.begin(static_cast<std::size_t>(home));
+            for (std::uint32_t const n : grid.nodes_at(home)) update(static_cast<int>(n), result);
+        };
+    });
+    return results.merged();
 }
 
 namespace detail
@@ -371,11 +450,12 @@ struct GiveToNext
         grid.next_touched(block) = rows;
         return {cells, block, scratch};
     }
-    void give(std::size_t block, int group, ScratchType& scratch, std::size_t first)
+    void give(std::size_t block, int first, int behind, ScratchType& scratch)
     {
-        GroupOf<Lane, GridType> cells_of_group(cells.counts(block, group), group, scratch, first, nullptr,
-                                               grid.next_tile(block));
-        detail::give<Gives>(cells_of_group, giver.spreads);
+        typename Phase::Number const* const nothing = nullptr;
+        for_each_group<Lane, GridType>(
+            cells, block, first, behind, scratch, nothing, grid.next_tile(block),
+            [&](auto& group, std::size_t) { detail::give<Gives>(group, giver.spreads); });
     }
     void end(std::size_t) {}
 };
@@ -398,9 +478,9 @@ struct MoveAndGive
         stay.begin(block, rows, scratch);
         return {cells, block, scratch, leavers};
     }
-    void give(std::size_t block, int group, ScratchType& scratch, std::size_t first)
+    void give(std::size_t block, int first, int behind, ScratchType& scratch)
     {
-        stay.give(block, group, scratch, first);
+        stay.give(block, first, behind, scratch);
     }
     void end(std::size_t block)
     {
@@ -423,7 +503,7 @@ struct GiveNothing
     {
         return {cells, block, scratch};
     }
-    void give(std::size_t, int, ScratchType&, std::size_t) {}
+    void give(std::size_t, int, int, ScratchType&) {}
     void end(std::size_t) {}
 };
 
@@ -436,51 +516,44 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
 {
     constexpr int lanes = lane_width<Lane>;
     int const blocks = static_cast<int>(cells.blocks().size());
-    std::vector<typename Phase::Result> results(blocks);
+    using Result = typename Phase::Result;
+    auto& results = ResultsOf<Result>::make_ready(kept, cells.blocks().size());
     kept.for_threads(threads);
-    share(
-        threads, blocks, 1,
-        [&](int thread) {
-            // Not on the stack: compilers would take it apart and copy it for every group.
-            auto& taker = kept.of<Taker<Lane, GridType, Phase>>(thread);
-            taker.nodes.resize(Phase::node_channels * GridType::tile_channel);
-            return [&, found = typename Phase::Result{}, giver = make_giver(thread)](int b) mutable {
-                auto& [nodes, nodes_of_cells, scratch] = taker;
-                std::uint64_t const rows = own_rows<GridType>(cells, b);
-                fill_tile<GridType, Phase::node_channels>(grid, b, rows, nodes.data());
-                auto items = giver.begin(b, rows, scratch);
-                for (int g = 0, next; g < GridType::Shape::groups; g = next) {
-                    next = cells.end_of_groups(b, g);
-                    std::size_t const begin = cells.group_begin(b, g), end = cells.group_end(b, next - 1);
-                    if (begin == end) continue;
-                    scratch.reserve(Phase::kept, end - begin);
-                    for (std::size_t slot = begin; slot < end; slot += lanes) {
-                        items.enter(slot, end, slot - begin);
-                        locate(phase, items);
-                    }
-                    for (int some = g; some < next; ++some) {
-                        std::size_t const first = cells.group_begin(b, some),
-                                          behind = cells.group_end(b, some);
-                        if (first == behind) continue;
-                        GroupOf<Lane, GridType> group(cells.counts(b, some), some, scratch, first - begin,
-                                                      nodes.data(), nullptr);
-                        take<typename Phase::Takes>(group, behind - begin, nodes_of_cells);
-                    }
-                    for (std::size_t slot = begin; slot < end; slot += lanes) {
-                        items.enter_again(slot, slot - begin);
-                        answer(phase, items, found, results[b]);
-                    }
-                    for (int some = g; some < next; ++some)
-                        if (std::size_t const first = cells.group_begin(b, some);
-                            first < cells.group_end(b, some))
-                            giver.give(b, some, scratch, first - begin);
+    share(threads, blocks, cells.parts(), [&](int thread) {
+        // Not on the stack: compilers would take it apart and copy it for every group.
+        auto& taker = kept.of<Taker<Lane, GridType, Phase>>(thread);
+        taker.nodes.resize(Phase::node_channels * GridType::tile_channel);
+        return [&, found = Result{}, giver = make_giver(thread)](int b) mutable {
+            Result& result = results.begin(static_cast<std::size_t>(b));
+            auto& [nodes, nodes_of_cells, scratch] = taker;
+            typename Phase::Number* const nowhere = nullptr;
+            std::uint64_t const rows = touched_by_items<GridType>(cells, b);
+            fill_tile<GridType, Phase::node_channels>(grid, b, rows, nodes.data());
+            auto items = giver.begin(b, rows, scratch);
+            for (int g = 0, next; g < GridType::Shape::groups; g = next) {
+                next = cells.end_of_groups(b, g);
+                std::size_t const begin = cells.group_begin(b, g), end = cells.group_end(b, next - 1);
+                if (begin == end) continue;
+                scratch.reserve(Phase::kept, end - begin);
+                for (std::size_t slot = begin; slot < end; slot += lanes) {
+                    items.enter(slot, end, slot - begin);
+                    locate(phase, items);
                 }
-                results[b].merge(found);
-                giver.end(b);
-            };
-        },
-        cells.parts());
-    return merged(results);
+                for_each_group<Lane, GridType>(cells, b, g, next, scratch, std::as_const(nodes).data(),
+                                               nowhere, [&](auto& group, std::size_t behind) {
+                                                   take<typename Phase::Takes>(group, behind, nodes_of_cells);
+                                               });
+                for (std::size_t slot = begin; slot < end; slot += lanes) {
+                    items.enter_again(slot, slot - begin);
+                    answer(phase, items, found, result);
+                }
+                giver.give(b, g, next, scratch);
+            }
+            result.merge(found);
+            giver.end(b);
+        };
+    });
+    return results.merged();
 }
 } // namespace detail
 

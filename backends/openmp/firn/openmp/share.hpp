@@ -40,6 +40,9 @@ public:
             set(part, bounds[std::size_t(part)], bounds[std::size_t(part) + 1]);
     }
 
+    /// Says that a thread will soon ask for some: what the leading thread has just written comes on its way.
+    void expect(int thread) const { __builtin_prefetch(&part_[thread % most_parts], 1); }
+
     /// Calls `work(i)` for every index that the calling thread gets, number `thread` of so many.
     template <class Index, class Work>
     void for_each(int thread, int threads, Work& work)
@@ -47,7 +50,7 @@ public:
         int const own = static_cast<int>(std::int64_t(thread) * parts_ / threads);
         for (int i = 0; i < parts_; ++i) {
             int const part = (own + i) % parts_;
-            for (std::int64_t taken; (taken = take(part, i == 0)) >= 0;) {
+            for (std::int64_t taken; (taken = take(part, i == 0, threads == 1)) >= 0;) {
                 std::int64_t const begin = taken * chunk_, end = std::min(begin + chunk_, count_);
                 for (std::int64_t at = begin; at < end; ++at) work(static_cast<Index>(at));
             }
@@ -69,14 +72,19 @@ private:
         std::construct_at(&part_[part], Range{begin, end});
     }
 
-    /// The next chunk of a part, from its front or its back, or -1 if there is none left.
-    std::int64_t take(int part, bool from_front)
+    /// The next chunk of a part, from its front or its back, or -1 if there is none left. Where a thread is
+    /// `alone` it need not wait until all that it has written is on its way.
+    std::int64_t take(int part, bool from_front, bool alone)
     {
         auto& shared = part_[part].left;
         Range left = shared.load(std::memory_order_relaxed);
         while (left.begin < left.end) {
             Range rest = left;
             std::uint32_t const taken = from_front ? rest.begin++ : --rest.end;
+            if (alone) {
+                shared.store(rest, std::memory_order_relaxed);
+                return taken;
+            }
             if (shared.compare_exchange_weak(left, rest, std::memory_order_relaxed)) return taken;
         }
         return -1;
@@ -91,39 +99,51 @@ private:
 };
 } // namespace detail
 
+namespace detail
+{
+/// Threads do `make`'s work for all indices, each calling it once; `all` gives them out.
+template <class Index, class Make>
+void share_out(int threads, SharedIndices& all, Make const& make)
+{
+    // The team does not know the type of the work: or compilers make the body of each loop twice, for one
+    // thread and for several.
+    ThreadWork const work{[](void const* context, SharedIndices& indices, int thread, int of) {
+                              indices.expect(thread);
+                              auto work_on = (*static_cast<Make const*>(context))(thread);
+                              indices.for_each<Index>(thread, of, work_on);
+                          },
+                          &make};
+    if (threads == 1) // no team: even one of one ends each of its loops by a system call
+        work.run(work.context, all, 0, 1);
+    else
+        Team::run(threads, work, all);
+}
+} // namespace detail
+
 /// Threads share the indices from 0 to `count`, `chunk` at a time or fewer, where there are not enough for
 /// all: each calls `make(its number)` once and what that returns for every index it gets. If one of these
 /// calls throws, so does this, and work is undone.
-///
-/// `bounds`, if they are for so many threads and indices, say where each thread's part begins, and where the
-/// last one ends; otherwise all are equal.
-///
-/// One thread alone forms no team: even one of one ends each of its loops by a system call. (The team does
-/// not know the type of the work: or compilers make the body of each loop twice, for one thread and for
-/// several.)
 template <class Index, class Make>
-void share(int threads, Index count, int chunk, Make const& make, std::span<std::uint32_t const> bounds = {})
+void share(int threads, Index count, int chunk, Make const& make)
 {
-    detail::ThreadWork const work{
-        [](void const* context, detail::SharedIndices& indices, int thread, int of) {
-            auto work_on = (*static_cast<Make const*>(context))(thread);
-            indices.for_each<Index>(thread, of, work_on);
-        },
-        &make};
-    if (threads == 1 || count <= 1) {
-        detail::SharedIndices all(count, std::max(count, Index(1)), 1);
-        work.run(work.context, all, 0, 1);
-    }
-    else if (threads <= detail::SharedIndices::most_parts && bounds.size() == std::size_t(threads) + 1 &&
-             bounds.back() == static_cast<std::uint32_t>(count)) {
-        detail::SharedIndices indices(bounds);
-        detail::Team::run(threads, work, indices);
-    }
-    else {
-        Index const fair = count / Index(4 * threads); // so that who is late has others to help
-        detail::SharedIndices indices(count, std::clamp(fair, Index(1), Index(chunk)), threads);
-        detail::Team::run(threads, work, indices);
-    }
+    if (count <= 1) threads = 1;
+    Index const fair = count / Index(4 * threads); // so that who is late has others to help
+    Index const at_once = threads == 1 ? std::max(count, Index(1)) : std::clamp(fair, Index(1), Index(chunk));
+    detail::SharedIndices all(count, at_once, threads);
+    detail::share_out<Index>(threads, all, make);
+}
+
+/// The same one at a time, in parts that begin at `bounds`, the last of which is where the last part ends; or
+/// in equal ones, if these are not for so many threads and indices.
+template <class Index, class Make>
+void share(int threads, Index count, std::span<std::uint32_t const> bounds, Make const& make)
+{
+    bool const fit = threads <= detail::SharedIndices::most_parts &&
+                     bounds.size() == static_cast<std::size_t>(threads) + 1 &&
+                     bounds.back() == static_cast<std::uint32_t>(count);
+    if (threads == 1 || count <= 1 || !fit) return share(threads, count, 1, make);
+    detail::SharedIndices all(bounds);
+    detail::share_out<Index>(threads, all, make);
 }
 
 } // namespace firn::openmp

@@ -80,14 +80,15 @@ private:
         work_ = work;
         indices_ = &indices;
         working_ = threads < size_ ? threads : size_;
-        busy_.store(size_ - 1, std::memory_order_relaxed);
-        turn_.fetch_add(1, std::memory_order_release); // what is above is seen by who sees this
+        // what is above is seen by who sees this
+        std::uint32_t const turn = turn_.fetch_add(1, std::memory_order_release) + 1;
         turn_.notify_all();
         // a loop within the loop has one thread: the team is at work
         Team* const self = std::exchange(current_, nullptr);
         take_part(0);
         current_ = self;
-        for (int busy; (busy = busy_.load(std::memory_order_acquire)) != 0;) watch(busy_, busy);
+        for (std::uint32_t done; (done = done_.load(std::memory_order_acquire)) != done_by(turn);)
+            watch(done_, done);
         if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
     }
 
@@ -97,9 +98,13 @@ private:
             watch(turn_, seen);
             if (is_dismissed_) return;
             take_part(thread);
-            if (busy_.fetch_sub(1, std::memory_order_acq_rel) == 1) busy_.notify_one();
+            if (done_.fetch_add(1, std::memory_order_acq_rel) + 1 == done_by(seen + 1)) done_.notify_one();
         }
     }
+
+    /// How often threads other than the one that leads have been done when all are with a turn. (As if such
+    /// numbers had no end: turns are told apart from the one before alone.)
+    std::uint32_t done_by(std::uint32_t turn) const { return turn * static_cast<std::uint32_t>(size_ - 1); }
 
     void take_part(int thread)
     {
@@ -150,14 +155,16 @@ private:
     static inline thread_local Team* current_ = nullptr; ///< that the calling thread leads
     static inline std::atomic<int> in_teams_{0};         ///< threads that have been asked for
 
-    int asked_for_, size_ = 1, working_ = 1;
+    int asked_for_;
+    std::exception_ptr failure_;
+    // What threads look at while others work, in lines of the cache of their own: that of the turn has all
+    // that it is about, and nobody but who leads writes there.
+    alignas(64) std::atomic<std::uint32_t> turn_{0};
+    int size_ = 1, working_ = 1;
     bool is_dismissed_ = false;
     ThreadWork work_{};
     SharedIndices* indices_ = nullptr;
-    std::exception_ptr failure_;
-    // what threads look at while others work, in lines of the cache of their own
-    alignas(64) std::atomic<std::uint32_t> turn_{0};
-    alignas(64) std::atomic<int> busy_{0};
+    alignas(64) std::atomic<std::uint32_t> done_{0}; ///< by the others: see done_by()
 };
 
 } // namespace firn::openmp::detail

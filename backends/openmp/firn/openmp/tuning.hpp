@@ -62,6 +62,15 @@ struct BlockShape
 /// of nodes in registers. (Measured on quadratic kernels: 8 and 16 are one or two per cent slower.)
 inline constexpr int ranks_at_once = 12;
 
+/// Whether items that are few in some groups of cells may go each for itself (see LoneItems): a group's cells
+/// read all their nodes, and add to all, whoever is in them. (Measured with 16 lanes on standing waves
+/// between walls, where one column of cells is left over: 2 % less for a step. In space, where each item has
+/// three times the nodes, nothing.)
+template <int d, int lanes>
+inline constexpr bool may_go_alone = d == 2 && lanes > 1;
+/// Whether so many packs of them, from so many groups, do so.
+constexpr bool go_alone(std::size_t packs, std::size_t groups) { return groups >= 3 * packs; }
+
 /// What it costs to let a pack of items take from nodes, in any cells against one of each cell: what is of
 /// the cells goes to the lanes of their items, one permutation per coefficient.
 inline constexpr std::size_t price_of_any_cells = 3, price_of_own_cells = 2;
