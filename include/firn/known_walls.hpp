@@ -43,15 +43,15 @@ public:
     void forget() { walls_.clear(); }
 
     /// Refuses those among some effects that have particles of a scene's `parts` behind them, unless it knows
-    /// that they have none. `spared` [cells] beyond one is no harm.
+    /// of all that they have none. `spared` [cells] beyond one is no harm.
     template <class Parts, class... Effects>
     void look(Parts const& parts, Lattice const& lattice, double spared, Effects const&... effects)
     {
         constexpr std::size_t count = (std::size_t{0} + ... + std::is_same_v<Effects, ReflectingWall>);
         if constexpr (count > 0) {
             std::array<ReflectingWall, count> walls;
-            [[maybe_unused]] std::size_t place = 0;
-            [[maybe_unused]] auto const list = [&](auto const& effect) {
+            std::size_t place = 0;
+            auto const list = [&](auto const& effect) {
                 if constexpr (std::is_same_v<decltype(effect), ReflectingWall const&>)
                     walls[place++] = effect;
             };

@@ -302,7 +302,7 @@ public:
             StepLog const& log = run(rule, most, plain, [&](auto const& record) {
                 StepReport report;
                 describe(record, report);
-                reports.push_back(std::move(report)); // or none, where memory runs short
+                reports.push_back(std::move(report)); // whole ones only, should memory run short
                 reports.back().beyond_stable = dt > record.stable;
                 std::swap(reports.back().isolated, isolated); // before that step
             });

@@ -49,7 +49,8 @@ public:
 
     /// Takes the step that was chosen and those after it, `most` in all: as many as the backend queues, and
     /// as long as they go as planned. `visit` is called with the record of each. A step that goes wrong
-    /// leaves the particles, and what they gave, as it was.
+    /// leaves the particles, and what they gave, as it was. A course that is ready takes rule and effects of
+    /// the run before it, whatever these are.
     ///
     /// Where memory runs short or a device fails in the middle, there is no state to go on from.
     template <class Effects, class Visit>

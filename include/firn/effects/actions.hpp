@@ -65,7 +65,7 @@ struct Chain<First, Rest...>
     static constexpr int walls = int(is_wall<First>) + Chain<Rest...>::walls;
     static constexpr int shells = int(keeps_sides<First>) + Chain<Rest...>::shells;
     static constexpr int lookups = int(looks_up<First>) + Chain<Rest...>::lookups;
-    /// The obstacles, if particles themselves may touch them: never where all of them are walls.
+    /// How many of them there are where particles themselves may touch one; where all are walls none may.
     static constexpr int touching = obstacles > walls ? obstacles : 0;
 
     template <class Visit>

@@ -87,8 +87,8 @@ struct BeginRun
     }
 };
 
-/// The same where no step before has left the rule, and what is to be known of the first step: one that left
-/// its course ready has.
+/// The same where the course is not ready: then the rule is new, or may be, and nobody has told yet what the
+/// first step is to know.
 template <class Number, int d, int materials, class Effects, class Actions>
 struct BeginSteps
 {

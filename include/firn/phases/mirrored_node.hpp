@@ -95,6 +95,8 @@ struct MirroredNode
         std::array<bool, count> behind{};
         add<0>(at, first, along, every, behind);
     }
+    template <class Node>
+    MirroredNode(std::array<WallPlane, count> const&&, Node const&) = delete; ///< it keeps no copy of them
 
     /// Which of the nodes in question are images.
     FIRN_HOST_DEVICE Mask<Real> is_image() const

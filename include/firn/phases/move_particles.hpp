@@ -63,7 +63,7 @@ struct MoveParticles
     /// Contact is called while much is held, all that a particle took from the grid: a device needs more
     /// registers there.
     static constexpr bool calls_amid_much =
-        d == 3 && (Effects::obstacles > 1 || (Effects::lookups > 0 && !Transfer::moves_with_grid));
+        d == 3 && (Effects::touching > 1 || (Effects::lookups > 0 && !Transfer::moves_with_grid));
     template <class Real>
     using CellNodes = typename Takes::template CellNodes<Real>;
 

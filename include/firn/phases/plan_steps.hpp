@@ -31,8 +31,9 @@ struct Course
     PlannedStep given{}; ///< that for which particles have given to the grid already
     PlannedStep now{};   ///< that which is taken
     PlannedStep next{};  ///< the one after it, for which they give as they take it
-    bool ready = false;  ///< `now` and `next` are those of the step that begins now
-    double stable = 0;   ///< length that is stable in it [s]
+    bool ready =
+        false; ///< `now` and `next` are those of the step that begins now, of the same call as that before
+    double stable = 0; ///< length that is stable in it [s]
 };
 
 /// How the steps of one call are chosen: what stays the same from step to step.

@@ -230,7 +230,7 @@ public:
     /// Lanes without an item are zero.
     Lane kept(int channel) const { return Lane::load_first(count_, scratch_.at(channel, item_)); }
 
-    Lane node(int c, int row, int k) const { return Lane::gather(read_ + at(c, row) + k, stencil_); }
+    Lane node(int c, int row, int k) const { return Lane::gather(read_ + at(c, row, k), stencil_); }
 
     template <int width, int channels>
     void add(int row, Lane const (&sums)[width][channels]) const
@@ -239,16 +239,21 @@ public:
         for (int k = 0; k < width; ++k)
             for (int c = 0; c < channels; ++c) sums[k][c].store(values[k][c]);
         for (int l = 0; l < count_; ++l) {
-            Number* to = write_ + at(0, row) + stencil_[l];
+            Number* to = write_ + at(0, row, 0) + stencil_[l];
             for (int c = 0; c < channels; ++c, to += GridType::tile_channel)
                 for (int k = 0; k < width; ++k) to[k] += values[k][c][l];
         }
     }
 
 private:
-    static int at(int c, int row)
+    /// How far a node of a stencil is behind the first one.
+    int at(int c, int row, int k) const
     {
-        return c * GridType::tile_channel + GridType::stencil_row(row) * GridType::row_length;
+        int const node = GridType::stencil_row(row) * GridType::row_length + k;
+        assert(c >= 0 && row >= 0 && row < GridType::stencil_rows && k >= 0 &&
+               std::ranges::all_of(stencil_, [&](int of) { return of + node < GridType::tile_channel; }) &&
+               "a node is in the tile of its block");
+        return c * GridType::tile_channel + node;
     }
 
     int count_;

@@ -10,6 +10,7 @@
 
 #include <array>
 #include <bit>
+#include <cassert>
 #include <cstring>
 #include <numeric>
 #include <span>
@@ -77,6 +78,7 @@ template <class Lane, class GridType, class CellOrder, class Number, class Use>
                                  Scratch<Lane, GridType::dimension>& scratch, Number const* read,
                                  Number* write, Use const& use)
 {
+    assert(count > 0 && count <= lane_width<Lane> && "items that go alone are one pack");
     int places[lane_width<Lane>];
     cells.find_places(b, slot, static_cast<int>(count), places);
     LoneItems<Lane, std::remove_const_t<GridType>> items(places, static_cast<int>(count), scratch, 0, read,
@@ -525,7 +527,10 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
         taker.nodes.resize(Phase::node_channels * GridType::tile_channel);
         return [&, found = Result{}, giver = make_giver(thread)](int b) mutable {
             Result& result = results.begin(static_cast<std::size_t>(b));
-            auto& [nodes, nodes_of_cells, scratch] = taker;
+            auto& nodes =
+                taker.nodes; // no structured binding: clang's OpenMP lets no function object have one
+            auto& nodes_of_cells = taker.nodes_of_cells;
+            auto& scratch = taker.scratch;
             typename Phase::Number* const nowhere = nullptr;
             std::uint64_t const rows = touched_by_items<GridType>(cells, b);
             fill_tile<GridType, Phase::node_channels>(grid, b, rows, nodes.data());

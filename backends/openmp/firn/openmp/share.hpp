@@ -41,13 +41,13 @@ public:
     }
 
     /// Says that a thread will soon ask for some: what the leading thread has just written comes on its way.
-    void expect(int thread) const { __builtin_prefetch(&part_[thread % most_parts], 1); }
+    void expect(int thread, int threads) const { __builtin_prefetch(&part_[own_part(thread, threads)], 1); }
 
     /// Calls `work(i)` for every index that the calling thread gets, number `thread` of so many.
     template <class Index, class Work>
     void for_each(int thread, int threads, Work& work)
     {
-        int const own = static_cast<int>(std::int64_t(thread) * parts_ / threads);
+        int const own = own_part(thread, threads);
         for (int i = 0; i < parts_; ++i) {
             int const part = (own + i) % parts_;
             for (std::int64_t taken; (taken = take(part, i == 0, threads == 1)) >= 0;) {
@@ -67,6 +67,10 @@ private:
         std::atomic<Range> left;
     };
 
+    int own_part(int thread, int threads) const
+    {
+        return static_cast<int>(std::int64_t(thread) * parts_ / threads);
+    }
     void set(int part, std::uint32_t begin, std::uint32_t end)
     {
         std::construct_at(&part_[part], Range{begin, end});
@@ -97,10 +101,7 @@ private:
         Part part_[most_parts];
     };
 };
-} // namespace detail
 
-namespace detail
-{
 /// Threads do `make`'s work for all indices, each calling it once; `all` gives them out.
 template <class Index, class Make>
 void share_out(int threads, SharedIndices& all, Make const& make)
@@ -108,7 +109,7 @@ void share_out(int threads, SharedIndices& all, Make const& make)
     // The team does not know the type of the work: or compilers make the body of each loop twice, for one
     // thread and for several.
     ThreadWork const work{[](void const* context, SharedIndices& indices, int thread, int of) {
-                              indices.expect(thread);
+                              indices.expect(thread, of);
                               auto work_on = (*static_cast<Make const*>(context))(thread);
                               indices.for_each<Index>(thread, of, work_on);
                           },

@@ -102,8 +102,8 @@ private:
         }
     }
 
-    /// How often threads other than the one that leads have been done when all are with a turn. (As if such
-    /// numbers had no end: turns are told apart from the one before alone.)
+    /// What `done_` is when all others are through with a turn. (Both begin anew beyond the largest number:
+    /// no turns but neighbours are to be told apart.)
     std::uint32_t done_by(std::uint32_t turn) const { return turn * static_cast<std::uint32_t>(size_ - 1); }
 
     void take_part(int thread)

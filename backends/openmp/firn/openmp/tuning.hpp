@@ -67,7 +67,7 @@ inline constexpr int ranks_at_once = 12;
 /// between walls, where one column of cells is left over: 2 % less for a step. In space, where each item has
 /// three times the nodes, nothing.)
 template <int d, int lanes>
-inline constexpr bool may_go_alone = d == 2 && lanes > 1;
+inline constexpr bool may_go_alone = d == 2 && lanes > 2;
 /// Whether so many packs of them, from so many groups, do so.
 constexpr bool go_alone(std::size_t packs, std::size_t groups) { return groups >= 3 * packs; }
 
