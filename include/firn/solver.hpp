@@ -772,8 +772,9 @@ private:
         report.stable_dt = record.stable;
         report.capped_of.assign(record.capped.begin(), record.capped.end());
         report.capped = std::accumulate(record.capped.begin(), record.capped.end(), std::uint64_t(0));
-        report.reactions.assign(record.reactions.of.begin(), record.reactions.of.end());
-        for (Reaction& received : report.reactions) received = received * masses_.unit;
+        report.reactions.resize(record.reactions.of.size());
+        for (std::size_t i = 0; i < report.reactions.size(); ++i)
+            report.reactions[i] = record.reactions.of[i] * masses_.unit;
     }
 
     /// Holds what particles take from the grid beside them, before what they are taken from changes.
