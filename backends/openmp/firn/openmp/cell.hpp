@@ -204,11 +204,11 @@ public:
     using Number = Scalar<Lane>;
     static constexpr int lanes = lane_width<Lane>;
 
-    /// There are `count` of them, one or more, whose cells are at some places in the block; for the rest see
-    /// GroupOfCells. (Further lanes read what the last one does.)
-    LoneItems(int const* places, int count, Scratch<Lane, GridType::dimension>& scratch, std::size_t first,
-              Number const* read, Number* write)
-        : count_(count), scratch_(scratch), item_(first), read_(read), write_(write)
+    /// There are `count` of them, one or more, whose cells are at some places in the block, and no others in
+    /// the scratch; for the rest see GroupOfCells. (Further lanes read what the last one does.)
+    LoneItems(int const* places, int count, Scratch<Lane, GridType::dimension>& scratch, Number const* read,
+              Number* write)
+        : count_(count), scratch_(scratch), read_(read), write_(write)
     {
         for (int l = 0; l < lanes; ++l) stencil_[l] = GridType::tile_place(places[std::min(l, count - 1)]);
     }
@@ -223,12 +223,12 @@ public:
 
     void keep(int channel, Lane const& value)
     {
-        value.store(scratch_.at(channel, item_)); // behind the last item, too
+        value.store(scratch_.at(channel, 0)); // behind the last item, too
     }
     Lane const& of_cells(Lane const& value) const { return value; }
 
     /// Lanes without an item are zero.
-    Lane kept(int channel) const { return Lane::load_first(count_, scratch_.at(channel, item_)); }
+    Lane kept(int channel) const { return Lane::load_first(count_, scratch_.at(channel, 0)); }
 
     Lane node(int c, int row, int k) const { return Lane::gather(read_ + at(c, row, k), stencil_); }
 
@@ -258,7 +258,6 @@ private:
 
     int count_;
     Scratch<Lane, GridType::dimension>& scratch_;
-    std::size_t item_;
     Number const* read_;
     Number* write_;
     std::int32_t stencil_[lanes]; ///< where in a tile they begin

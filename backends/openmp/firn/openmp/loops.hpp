@@ -81,7 +81,7 @@ template <class Lane, class GridType, class CellOrder, class Number, class Use>
     assert(count > 0 && count <= lane_width<Lane> && "items that go alone are one pack");
     int places[lane_width<Lane>];
     cells.find_places(b, slot, static_cast<int>(count), places);
-    LoneItems<Lane, std::remove_const_t<GridType>> items(places, static_cast<int>(count), scratch, 0, read,
+    LoneItems<Lane, std::remove_const_t<GridType>> items(places, static_cast<int>(count), scratch, read,
                                                          write);
     use(items, count);
 }
@@ -305,7 +305,7 @@ void give_listed(std::span<Mover const> movers, Layer const&, typename Gives::Nu
                     places[l] = next[l].place;
                     for (int c = 0; c < Gives::kept; ++c) *scratch.at(c, std::size_t(l)) = next[l].given[c];
                 }
-                LoneItems<Lane, Layer> items(places, count, scratch, 0, nullptr, tile);
+                LoneItems<Lane, Layer> items(places, count, scratch, nullptr, tile);
                 give<Gives>(items, spreads);
             }
             return;
@@ -527,8 +527,8 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
         taker.nodes.resize(Phase::node_channels * GridType::tile_channel);
         return [&, found = Result{}, giver = make_giver(thread)](int b) mutable {
             Result& result = results.begin(static_cast<std::size_t>(b));
-            auto& nodes =
-                taker.nodes; // no structured binding: clang's OpenMP lets no function object have one
+            // no structured binding: clang's OpenMP lets no function object have one
+            auto& nodes = taker.nodes;
             auto& nodes_of_cells = taker.nodes_of_cells;
             auto& scratch = taker.scratch;
             typename Phase::Number* const nowhere = nullptr;
