@@ -311,9 +311,7 @@ public:
             release(rule);
         };
         try {
-            backend_.together(size(), [&] {
-                while (reports.size() < count) take();
-            });
+            while (reports.size() < count) take();
         }
         catch (...) {
             until_error_ = {};
@@ -408,9 +406,7 @@ public:
                 fail(log, dt);
         };
         try {
-            backend_.together(size(), [&] {
-                while (rule.goes_on(course_)) get_on();
-            });
+            while (rule.goes_on(course_)) get_on();
         }
         catch (...) {
             until_error_ = std::move(all);

@@ -1,14 +1,22 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
 
+#include <firn/firn.hpp>
 #include <firn/openmp.hpp>
 
 #include <atomic>
+#include <chrono>
 #include <cmath>
+#include <csignal>
 #include <cstdint>
+#include <functional>
 #include <memory>
+#include <mutex>
 #include <new>
 #include <stdexcept>
+#include <sys/wait.h>
+#include <thread>
+#include <unistd.h>
 #include <vector>
 
 using namespace firn;
@@ -103,35 +111,23 @@ TEST_CASE("what a thread of a team throws is thrown by the team, and what others
     CHECK(alive == 0);
 }
 
-TEST_CASE("a team that stays together does one loop after another, and what is thrown leaves it whole")
+TEST_CASE("one loop after another is done by threads that stay, and what is thrown leaves them whole")
 {
     int const threads = GENERATE(1, 2, 5);
     std::atomic<long> sum = 0;
     auto const add = [&](int count) {
         openmp::share(threads, count, 1, [&](int) { return [&](int i) { sum += i; }; });
     };
-    openmp::detail::Team::together(threads, [&] {
-        for (int loop = 0; loop < 1000; ++loop) add(loop % 10);
-        openmp::detail::Team::together(threads, [&] { add(10); }); // one within another is the same one
-        CHECK_THROWS_WITH(openmp::share(threads, 100, 1,
-                                        [&](int) {
-                                            return [](int i) {
-                                                if (i == 57) throw std::runtime_error("index 57");
-                                            };
-                                        }),
-                          "index 57");
-        add(10);
-    });
-    CHECK(sum == 100 * (0 + 0 + 1 + 3 + 6 + 10 + 15 + 21 + 28 + 36) + 45 + 45);
-    CHECK_THROWS_WITH(openmp::detail::Team::together(threads,
-                                                     [&] {
-                                                         add(3);
-                                                         throw std::runtime_error("between loops");
-                                                     }),
-                      "between loops");
-    sum = 0;
-    add(10); // without a team that stays
-    CHECK(sum == 45);
+    for (int loop = 0; loop < 1000; ++loop) add(loop % 10);
+    CHECK_THROWS_WITH(openmp::share(threads, 100, 1,
+                                    [&](int) {
+                                        return [](int i) {
+                                            if (i == 57) throw std::runtime_error("index 57");
+                                        };
+                                    }),
+                      "index 57");
+    add(10);
+    CHECK(sum == 100 * (0 + 0 + 1 + 3 + 6 + 10 + 15 + 21 + 28 + 36) + 45);
 }
 
 TEST_CASE("a loop within a loop is done by the thread that comes to it")
@@ -146,21 +142,171 @@ TEST_CASE("a loop within a loop is done by the thread that comes to it")
     CHECK(sum == 9999L * 10000 / 2);
 }
 
-TEST_CASE("a loop within a team has no more threads than it asks for")
+TEST_CASE("a loop has no more threads than it asks for, whatever loops before it had")
 {
-    openmp::detail::Team::together(5, [&] {
+    for (int const threads : {5, 2, 3, 1, 2}) {
         std::atomic<int> largest = 0;
-        openmp::share(2, 1000, 1, [&](int thread) {
-            if (thread >= 2) largest = thread;
+        openmp::share(threads, 1000, 1, [&](int thread) {
+            if (thread >= threads) largest = thread;
             return [](int) {};
         });
         CHECK(largest == 0);
-        CHECK(OpenMP{}.thread_count() == 5); // whatever OpenMP would give to a region within
-    });
+    }
     CHECK(openmp::threads_for(0, 4) == 1);
     CHECK(openmp::threads_for(openmp::items_per_thread, 4) == 1);
     CHECK(openmp::threads_for(2 * openmp::items_per_thread, 4) == 2);
     CHECK(openmp::threads_for(1000 * openmp::items_per_thread, 4) == 4);
+}
+
+TEST_CASE("a loop within a parallel region of the host's own has one thread, as OpenMP's would have")
+{
+    std::atomic<int> others = 0, sum = 0;
+#pragma omp parallel num_threads(3)
+    openmp::share(4, 1000, 1, [&](int thread) {
+        if (thread > 0) ++others;
+        return [&](int) { ++sum; };
+    });
+    CHECK(others == 0);
+    CHECK(sum % 1000 == 0);
+    CHECK(sum > 0);
+}
+
+TEST_CASE("a loop does not wait for threads that have not begun")
+{
+    // a process that was forked has none of the team's threads: they never begin
+    std::atomic<int> sum = 0;
+    auto const count = [&] {
+        openmp::share(4, 1000, 1, [&](int) { return [&](int) { ++sum; }; });
+        return sum.exchange(0);
+    };
+    REQUIRE(count() == 1000);
+    pid_t const child = fork();
+    REQUIRE(child >= 0);
+    if (child == 0) _exit(count() == 1000 && count() == 1000 ? 0 : 1);
+    int status = -1;
+    for (int waits = 0; waits < 5000 && waitpid(child, &status, WNOHANG) == 0; ++waits)
+        std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    if (status == -1) kill(child, SIGKILL), waitpid(child, nullptr, 0);
+    CHECK(status == 0);
+    CHECK(count() == 1000);
+}
+
+TEST_CASE("threads that others wait for are left out where loops are slower for it, and only there")
+{
+    using namespace std::chrono_literals;
+    using openmp::detail::Efficiency;
+    Efficiency of_two;
+    CHECK_FALSE(of_two.is_low());
+    for (int i = 0; i < 100; ++i) of_two.add(2, 100us, 5us, 0.5); // as it should be
+    CHECK_FALSE(of_two.is_low());
+    of_two.add(2, 100us, 1ms, 0.5); // something came between, once
+    CHECK_FALSE(of_two.is_low());
+    of_two.add(2, 100us, 4ms, 0.5);
+    of_two.add(2, 150us, 4ms, 0.75);
+    CHECK(of_two.is_low());
+
+    Efficiency of_large_loops; // a thread that lost its core: the leader does what it would have done
+    for (int i = 0; i < 5; ++i) of_large_loops.add(2, 60ms, 4ms, 0.75);
+    CHECK_FALSE(of_large_loops.is_low());
+
+    Efficiency of_sixteen;
+    for (int i = 0; i < 100; ++i) of_sixteen.add(16, 100us, 10us, 1.0 / 16);
+    CHECK_FALSE(of_sixteen.is_low());
+    for (int i = 0; i < 4; ++i) of_sixteen.add(16, 100us, 2ms, 1.0 / 16);
+    CHECK(of_sixteen.is_low());
+}
+
+TEST_CASE("a thread that lost its core tries again after a pause, which doubles while that goes wrong")
+{
+    using openmp::detail::Bench;
+    Bench bench;
+    openmp::detail::Clock::time_point now = openmp::detail::Clock::now();
+    CHECK_FALSE(bench.is_on());
+    CHECK_FALSE(bench.is_to_try(now));
+    bench.sit(now);
+    CHECK(bench.is_on());
+    for (auto pause = Bench::shortest; pause < Bench::longest; pause *= 2) {
+        CHECK_FALSE(bench.is_to_try(now + pause - pause / 100));
+        CHECK(bench.is_to_try(now += pause));
+        CHECK_FALSE(bench.is_to_try(now));
+    }
+    CHECK(bench.is_to_try(now += Bench::longest));
+    CHECK_FALSE(bench.is_to_try(now + Bench::longest / 2)); // it grows no further
+    bench.leave(now);
+    CHECK_FALSE(bench.is_on());
+    bench.sit(now += Bench::longest); // it went wrong soon: the long pause
+    CHECK_FALSE(bench.is_to_try(now + Bench::longest / 2));
+    bench.leave(now += Bench::longest);
+    bench.sit(now += 10 * Bench::longest); // it went well for long: a short one
+    CHECK(bench.is_to_try(now + Bench::shortest));
+}
+
+TEST_CASE("a host's own threads do the loops in place of OpenMP's, in whatever order they do jobs")
+{
+    std::vector<std::thread::id> of_jobs;
+    std::mutex mutex;
+    auto const on_threads = [&](int count, auto const& job) { // a thread for each job
+        std::vector<std::thread> threads;
+        for (int i = 0; i < count; ++i)
+            threads.emplace_back([&, i] {
+                job(i);
+                std::scoped_lock const lock(mutex);
+                of_jobs.push_back(std::this_thread::get_id());
+            });
+        for (auto& thread : threads) thread.join();
+    };
+    auto const backwards = [](int count, auto const& job) {
+        for (int i = count - 1; i >= 0; --i) job(i);
+    };
+    for (Executor const& executor : {Executor(on_threads), Executor(backwards)}) {
+        openmp::Threads const threads(3, executor);
+        std::vector<std::atomic<int>> visits(1000);
+        openmp::share(threads, 1000, 7, [&](int) {
+            return [&](int i) {
+                ++visits[std::size_t(i)];
+                openmp::share(threads, 1, 1, [&](int) { return [](int) {}; }); // one within it
+            };
+        });
+        for (auto const& visit : visits) CHECK(visit == 1);
+        CHECK_THROWS_WITH(openmp::share(threads, 100, 1,
+                                        [](int) {
+                                            return [](int i) {
+                                                if (i == 57) throw std::runtime_error("index 57");
+                                            };
+                                        }),
+                          "index 57");
+    }
+    CHECK(of_jobs.size() == 6);
+
+    auto const forgetful = [](int count, auto const& job) {
+        for (int i = 0; i + 1 < count; ++i) job(i);
+    };
+    CHECK_THROWS_AS(openmp::share(openmp::Threads(3, forgetful), 100, 1, [](int) { return [](int) {}; }),
+                    Error);
+    CHECK_FALSE(Executor());
+    CHECK_FALSE(Executor(std::function<void(int, Executor::Job const&)>())); // none, too
+}
+
+TEST_CASE("a solver comes to the same bits on OpenMP's threads and on the host's")
+{
+    std::atomic<int> loops = 0;
+    auto const last = [&](OpenMP const& backend) {
+        Solver<OpenMP, NeoHookean<Space<2, float>>> solver(lattice(0.1), {}, {}, {}, backend);
+        std::vector<Eigen::Vector2d> points;
+        for (int i = 0; i < 4000; ++i) points.emplace_back(0.05 * (i % 80), 0.05 * (i / 80) + 0.02);
+        solver.add(points, 0.0025, {0, -1});
+        solver.steps(20, 1e-3, Gravity{}, Obstacle<HalfSpace>{});
+        return solver.positions();
+    };
+    auto const alone = last({.threads = 1});
+    CHECK((last({.threads = 3}) == alone)); // not to be printed
+    CHECK((last({.threads = 3, .executor = [&](int count, auto const& job) {
+                     ++loops;
+                     std::vector<std::thread> threads;
+                     for (int i = 0; i < count; ++i) threads.emplace_back([&, i] { job(i); });
+                     for (auto& thread : threads) thread.join();
+                 }}) == alone));
+    CHECK(loops > 40);
 }
 
 TEST_CASE("what a thread works with is its own, one object of each type, and the same in the next loop")

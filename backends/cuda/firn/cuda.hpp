@@ -44,13 +44,6 @@ struct Cuda
 
     cuda::Queue queue() const { return {device, stream}; }
 
-    /// Calls `work()`, whose loops follow one another closely: on a device they do so anyway.
-    template <class Work>
-    static void together(std::size_t, Work const& work)
-    {
-        work();
-    }
-
     /// How many steps are worth while to queue. Where there are many blocks, loops that were queued in vain
     /// take longer, the host that listens holds up less, and it went well with half of `blindly`; else
     /// keeps_up() finds out in time.

@@ -30,7 +30,8 @@ namespace firn
 template <class Lanes = openmp::NativeLanes>
 struct BasicOpenMP
 {
-    int threads = 0; ///< 0: as many as OpenMP would use, 1024 at most
+    int threads = 0;     ///< at most; 0: as many as OpenMP would use, or 1024
+    Executor executor{}; ///< threads of the host, in place of OpenMP's
     static constexpr int most_threads = 1024;
     static constexpr bool reaches_host_memory = true;
     static constexpr bool queues = false; ///< loops are through when they return
@@ -63,28 +64,22 @@ struct BasicOpenMP
 
     int thread_count() const
     {
-        validate(); // who has no solver, too
-        if (threads > 0) return threads;
-        // OpenMP would now tell how many threads a region within the team's could have
-        if (int const together = openmp::detail::Team::size_of_current(); together > 0) return together;
-        return std::min(omp_get_max_threads(), most_threads);
+        validate(); // for those that have no solver, too
+        return threads > 0 ? threads : std::min(omp_get_max_threads(), most_threads);
     }
-    /// How many threads work on so many items: no more than have enough to do.
-    int threads_for(std::size_t items) const { return openmp::threads_for(items, thread_count()); }
-
-    /// Calls `work()`, whose loops over so many items follow one another closely: threads that do them stay
-    /// together meanwhile.
-    template <class Work>
-    void together(std::size_t items, Work const& work) const
+    openmp::Threads all_threads() const { return {thread_count(), executor}; }
+    /// The threads that work on so many items: no more than have enough to do.
+    openmp::Threads threads_for(std::size_t items) const
     {
-        openmp::detail::Team::together(threads_for(items), work);
+        int const all = thread_count();
+        return {openmp::threads_for(items, all), executor};
     }
 
     /// Calls `body(i)` once for every i in [0, count), in any order and at the same time.
     template <class Body>
     void for_each(std::size_t count, Body const& body) const
     {
-        openmp::for_each(thread_count(), count, body);
+        openmp::for_each(all_threads(), count, body);
     }
 
     /// Calls `visit(where it lies, coordinates of its cell)` for every item.
@@ -115,7 +110,7 @@ struct BasicOpenMP
     template <class CellOrders, class GridType, class Phase>
     auto for_each_node(CellOrders const& orders, GridType& grid, Phase const& phase) const
     {
-        return openmp::for_each_node<Lane<typename Phase::Number>>(thread_count(), *orders[0], grid, phase);
+        return openmp::for_each_node<Lane<typename Phase::Number>>(all_threads(), *orders[0], grid, phase);
     }
 
     /// All items take from the grid and, where they are, give to what accept() makes its sums.

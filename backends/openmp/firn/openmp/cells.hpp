@@ -55,7 +55,7 @@ public:
 
     /// `backend` says how many threads work.
     template <class Backend>
-    explicit Cells(Backend const& backend) : threads_(backend.thread_count())
+    explicit Cells(Backend const& backend) : threads_(backend.all_threads())
     {}
 
     std::size_t size() const { return blocks_.empty() ? 0 : blocks_.back().end; }
@@ -203,9 +203,9 @@ public:
     template <class Make>
     void complete(Make const& make)
     {
-        int const threads = threads_for(size(), threads_);
+        int const threads = threads_for(size(), threads_.count);
         kept_.for_threads(threads);
-        share(threads, static_cast<int>(blocks_.size()), parts(), [&](int thread) {
+        share(threads_.limited_to(threads), static_cast<int>(blocks_.size()), parts(), [&](int thread) {
             return [&, &ranks = kept_.template of<Ranks<lanes>>(thread), then = make(thread)](int b) {
                 if (is_incomplete_) {
                     if (int const old = old_block_[b]; old != BlockMap::absent) wrap(departures_[old]);
@@ -458,7 +458,7 @@ private:
         new_source_.resize(count);
         new_counts_.resize(blocks_.size() * Shape::cells);
         new_group_begin_.resize(blocks_.size() * Shape::groups);
-        find_parts(threads_for(count, threads_));
+        find_parts(threads_for(count, threads_.count));
         is_incomplete_ = true;
     }
 
@@ -616,7 +616,7 @@ private:
         }
     }
 
-    int threads_;
+    Threads threads_;
     mutable Kept kept_;
     bool settled_ = true, is_incomplete_ = false;
     std::array<Offset*, d> offset_{}; ///< of items, as they are being followed

@@ -35,9 +35,9 @@ struct ScalarLanes
 };
 
 template <class Body>
-void for_each(int threads, std::size_t count, Body const& body)
+void for_each(Threads const& threads, std::size_t count, Body const& body)
 {
-    share(count > 256 ? threads : 1, static_cast<std::int64_t>(count), 256,
+    share(threads.limited_to(count > 256 ? threads.count : 1), static_cast<std::int64_t>(count), 256,
           [&](int) { return [&](std::int64_t i) { body(static_cast<std::size_t>(i)); }; });
 }
 
@@ -217,12 +217,12 @@ FIRN_INLINE_WHOLE void answer(Phase const& phase, Items& items, typename Phase::
 
 /// Each block of cells sums what its items give into its own tile: afresh, or onto what is there.
 template <class Lane, class CellOrder, class GridType, class Phase>
-void scatter(int threads, CellOrder const& cells, GridType& grid, Phase const& phase, bool afresh)
+void scatter(Threads const& threads, CellOrder const& cells, GridType& grid, Phase const& phase, bool afresh)
 {
     constexpr int d = Phase::d, lanes = lane_width<Lane>;
     using Giver = detail::Giver<Lane, typename Phase::Gives>;
     int const blocks = static_cast<int>(cells.blocks().size());
-    Kept& kept = cells.kept().for_threads(threads);
+    Kept& kept = cells.kept().for_threads(threads.count);
     share(threads, blocks, cells.parts(), [&](int thread) {
         return [&, &giver = kept.of<Giver>(thread)](int b) {
             auto& [scratch, spreads] = giver;
@@ -351,7 +351,8 @@ auto surroundings(Phase const& phase)
 /// Nodes add up the tiles that cover them and are updated, row by row, home by home. Threads have the parts
 /// that they have of `cells` if these are the only order, as a rule (see share).
 template <class Lane, class CellOrder, class GridType, class Phase>
-typename Phase::Result for_each_node(int threads, CellOrder const& cells, GridType& grid, Phase const& phase)
+typename Phase::Result for_each_node(Threads const& threads, CellOrder const& cells, GridType& grid,
+                                     Phase const& phase)
 {
     constexpr int d = Phase::d;
     using Shape = typename GridType::Shape;
@@ -359,8 +360,8 @@ typename Phase::Result for_each_node(int threads, CellOrder const& cells, GridTy
     using Result = typename Phase::Result;
     auto& results =
         detail::ResultsOf<Result>::make_ready(cells.kept(), static_cast<std::size_t>(grid.homes()));
-    threads = threads_for(grid.nodes().size(), threads, node_blocks_per_thread);
-    share(threads, grid.homes(), cells.parts(), [&](int) {
+    int const most = threads_for(grid.nodes().size(), threads.count, node_blocks_per_thread);
+    share(threads.limited_to(most), grid.homes(), cells.parts(), [&](int) {
         auto const update = [&, around = detail::surroundings(phase)](int n, Result& result) {
             auto const& block = grid.nodes()[n];
             alignas(64) Number sums[Phase::Sums::channels][Shape::along];
@@ -513,14 +514,14 @@ struct GiveNothing
 /// they keep then is given on, by what each thread makes for itself: `make_giver(its number)`. Cells take and
 /// give group by group; in between their items answer in whole packs, which few of several groups share.
 template <class Lane, class CellOrder, class GridType, class Phase, class MakeGiver>
-typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& grid, Phase const& phase,
-                                       Kept& kept, MakeGiver const& make_giver)
+typename Phase::Result take_and_answer(Threads const& threads, CellOrder& cells, GridType& grid,
+                                       Phase const& phase, Kept& kept, MakeGiver const& make_giver)
 {
     constexpr int lanes = lane_width<Lane>;
     int const blocks = static_cast<int>(cells.blocks().size());
     using Result = typename Phase::Result;
     auto& results = ResultsOf<Result>::make_ready(kept, cells.blocks().size());
-    kept.for_threads(threads);
+    kept.for_threads(threads.count);
     share(threads, blocks, cells.parts(), [&](int thread) {
         // Not on the stack: compilers would take it apart and copy it for every group.
         auto& taker = kept.of<Taker<Lane, GridType, Phase>>(thread);
@@ -564,7 +565,7 @@ typename Phase::Result take_and_answer(int threads, CellOrder& cells, GridType& 
 
 /// Items take from the nodes, move, and give to their block's tile for the next step.
 template <class Lane, class CellOrder, class GridType, class Phase>
-typename Phase::Result move(int threads, CellOrder& cells, GridType& grid, Phase const& phase)
+typename Phase::Result move(Threads const& threads, CellOrder& cells, GridType& grid, Phase const& phase)
 {
     cells.expect_departures();
     Kept& kept = cells.kept();
@@ -578,7 +579,7 @@ typename Phase::Result move(int threads, CellOrder& cells, GridType& grid, Phase
 
 /// Items take from the nodes and give, where they are, to what will be the next sums.
 template <class Lane, class CellOrder, class GridType, class Phase>
-void give_back(int threads, CellOrder const& cells, GridType& grid, Phase const& phase)
+void give_back(Threads const& threads, CellOrder const& cells, GridType& grid, Phase const& phase)
 {
     Kept& kept = cells.kept();
     detail::take_and_answer<Lane>(threads, cells, grid, phase, kept, [&](int thread) {
@@ -590,7 +591,7 @@ void give_back(int threads, CellOrder const& cells, GridType& grid, Phase const&
 /// Items take from the nodes as they did when they moved last, and the phase keeps what they took. (Several
 /// threads of the host may do so at the same time: none of them works with what the cells keep for loops.)
 template <class Lane, class CellOrder, class GridType, class Phase>
-void take(int threads, CellOrder const& cells, GridType const& grid, Phase const& phase)
+void take(Threads const& threads, CellOrder const& cells, GridType const& grid, Phase const& phase)
 {
     Kept own;
     detail::take_and_answer<Lane>(threads, cells, grid, phase, own,

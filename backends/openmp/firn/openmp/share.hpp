@@ -43,18 +43,22 @@ public:
     /// Says that a thread will soon ask for some: what the leading thread has just written comes on its way.
     void expect(int thread, int threads) const { __builtin_prefetch(&part_[own_part(thread, threads)], 1); }
 
-    /// Calls `work(i)` for every index that the calling thread gets, number `thread` of so many.
+    /// Calls `work(i)` for every index that the calling thread gets, number `thread` of so many; returns the
+    /// share of all that these are.
     template <class Index, class Work>
-    void for_each(int thread, int threads, Work& work)
+    double for_each(int thread, int threads, Work& work)
     {
         int const own = own_part(thread, threads);
+        std::int64_t done = 0;
         for (int i = 0; i < parts_; ++i) {
             int const part = (own + i) % parts_;
             for (std::int64_t taken; (taken = take(part, i == 0, threads == 1)) >= 0;) {
                 std::int64_t const begin = taken * chunk_, end = std::min(begin + chunk_, count_);
                 for (std::int64_t at = begin; at < end; ++at) work(static_cast<Index>(at));
+                done += end - begin;
             }
         }
+        return count_ > 0 ? static_cast<double>(done) / static_cast<double>(count_) : 1;
     }
 
 private:
@@ -104,20 +108,22 @@ private:
 
 /// Threads do `make`'s work for all indices, each calling it once; `all` gives them out.
 template <class Index, class Make>
-void share_out(int threads, SharedIndices& all, Make const& make)
+void share_out(Threads const& threads, SharedIndices& all, Make const& make)
 {
     // The team does not know the type of the work: or compilers make the body of each loop twice, for one
     // thread and for several.
     ThreadWork const work{[](void const* context, SharedIndices& indices, int thread, int of) {
                               indices.expect(thread, of);
                               auto work_on = (*static_cast<Make const*>(context))(thread);
-                              indices.for_each<Index>(thread, of, work_on);
+                              return indices.for_each<Index>(thread, of, work_on);
                           },
                           &make};
-    if (threads == 1) // no team: even one of one ends each of its loops by a system call
+    if (threads.count == 1) // no team
         work.run(work.context, all, 0, 1);
+    else if (threads.executor)
+        run_on(threads.executor, threads.count, work, all);
     else
-        Team::run(threads, work, all);
+        ThreadTeam::run(threads.count, work, all);
 }
 } // namespace detail
 
@@ -125,24 +131,26 @@ void share_out(int threads, SharedIndices& all, Make const& make)
 /// all: each calls `make(its number)` once and what that returns for every index it gets. If one of these
 /// calls throws, so does this, and work is undone.
 template <class Index, class Make>
-void share(int threads, Index count, int chunk, Make const& make)
+void share(Threads const& threads, Index count, int chunk, Make const& make)
 {
-    if (count <= 1) threads = 1;
-    Index const fair = count / Index(4 * threads); // so that who is late has others to help
-    Index const at_once = threads == 1 ? std::max(count, Index(1)) : std::clamp(fair, Index(1), Index(chunk));
-    detail::SharedIndices all(count, at_once, threads);
+    if (count <= 1 && threads.count > 1) return share(Threads(1), count, chunk, make);
+    // a thread that is late finds others that help
+    Index const fair = count / Index(4 * threads.count);
+    Index const at_once =
+        threads.count == 1 ? std::max(count, Index(1)) : std::clamp(fair, Index(1), Index(chunk));
+    detail::SharedIndices all(count, at_once, threads.count);
     detail::share_out<Index>(threads, all, make);
 }
 
 /// The same one at a time, in parts that begin at `bounds`, the last of which is where the last part ends; or
 /// in equal ones, if these are not for so many threads and indices.
 template <class Index, class Make>
-void share(int threads, Index count, std::span<std::uint32_t const> bounds, Make const& make)
+void share(Threads const& threads, Index count, std::span<std::uint32_t const> bounds, Make const& make)
 {
-    bool const fit = threads <= detail::SharedIndices::most_parts &&
-                     bounds.size() == static_cast<std::size_t>(threads) + 1 &&
+    bool const fit = threads.count <= detail::SharedIndices::most_parts &&
+                     bounds.size() == static_cast<std::size_t>(threads.count) + 1 &&
                      bounds.back() == static_cast<std::uint32_t>(count);
-    if (threads == 1 || count <= 1 || !fit) return share(threads, count, 1, make);
+    if (threads.count == 1 || count <= 1 || !fit) return share(threads, count, 1, make);
     detail::SharedIndices all(bounds);
     detail::share_out<Index>(threads, all, make);
 }

@@ -1,132 +1,270 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/error.hpp>
+#include <firn/openmp/executor.hpp>
+#include <firn/openmp/free_cores.hpp>
+
 #include <atomic>
+#include <cstddef>
 #include <cstdint>
 #include <cstdlib>
 #include <exception>
+#include <memory>
+#include <mutex>
 #include <omp.h>
+#include <thread>
+#include <unistd.h>
 #include <utility>
+#include <vector>
 
-namespace firn::openmp::detail
+namespace firn::openmp
+{
+
+/// The threads that a loop may have: how many, and what they are if not OpenMP's.
+struct Threads
+{
+    int count = 1;
+    Executor executor{};
+
+    Threads(int most, Executor runs = {}) : count(most), executor(std::move(runs)) {}
+    Threads limited_to(int most) const { return {most < count ? most : count, executor}; }
+};
+
+namespace detail
 {
 
 class SharedIndices;
 
-/// What a thread of a team does.
+/// What each thread of a loop does; it returns the share of the loop that it did, in [0, 1].
 struct ThreadWork
 {
-    void (*run)(void const* context, SharedIndices& indices, int thread, int threads);
+    double (*run)(void const* context, SharedIndices& indices, int thread, int threads);
     void const* context;
 };
 
-/// Threads that stay together from one loop to the next: a parallel region for each loop takes longer to
-/// begin, and a step of a small scene has three loops of a few microseconds each.
-class Team
+/// The first exception of several threads.
+class FirstFailure
 {
 public:
-    /// Calls `work()`; the loops that it has done meanwhile are shared by so many threads. In a loop of
-    /// OpenMP of the work's own there is one thread: the others are here.
+    /// Calls `work()` and keeps what it throws.
     template <class Work>
-    static void together(int threads, Work const& work)
+    void guard(Work const& work) noexcept
     {
-        if (threads == 1 || current_ != nullptr) {
-            work();
-            return;
-        }
-        Team team(threads);
-        std::exception_ptr failure;
-#pragma omp parallel num_threads(threads)
-        {
-            if (int const thread = omp_get_thread_num(); thread > 0)
-                team.serve(thread);
-            else {
-                team.size_ = omp_get_num_threads();
-                current_ = &team;
-                try {
-                    work();
-                }
-                catch (...) {
-                    failure = std::current_exception();
-                }
-                current_ = nullptr;
-                team.dismiss();
-            }
-        }
-        if (failure) std::rethrow_exception(failure);
-    }
-
-    /// Up to `threads` threads do the same work; what one of them throws leaves when all are through. Those
-    /// of the team that the calling thread leads, if it does, or others that come for this work alone.
-    static void run(int threads, ThreadWork const& work, SharedIndices& indices)
-    {
-        if (current_ != nullptr)
-            current_->run_loop(threads, work, indices);
-        else
-            together(threads, [&] { current_->run_loop(threads, work, indices); });
-    }
-
-    /// How many threads the team has that the calling thread leads, 0 if it leads none.
-    static int size_of_current() { return current_ != nullptr ? current_->size_ : 0; }
-
-private:
-    explicit Team(int threads) : asked_for_(threads) { in_teams_ += threads; }
-    ~Team() { in_teams_ -= asked_for_; }
-    Team(Team const&) = delete;
-    Team& operator=(Team const&) = delete;
-
-    void run_loop(int threads, ThreadWork const& work, SharedIndices& indices)
-    {
-        work_ = work;
-        indices_ = &indices;
-        working_ = threads < size_ ? threads : size_;
-        // what is above is seen by who sees this
-        std::uint32_t const turn = turn_.fetch_add(1, std::memory_order_release) + 1;
-        turn_.notify_all();
-        // a loop within the loop has one thread: the team is at work
-        Team* const self = std::exchange(current_, nullptr);
-        take_part(0);
-        current_ = self;
-        for (std::uint32_t done; (done = done_.load(std::memory_order_acquire)) != done_by(turn);)
-            watch(done_, done);
-        if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
-    }
-
-    void serve(int thread)
-    {
-        for (std::uint32_t seen = 0;; ++seen) {
-            watch(turn_, seen);
-            if (is_dismissed_) return;
-            take_part(thread);
-            if (done_.fetch_add(1, std::memory_order_acq_rel) + 1 == done_by(seen + 1)) done_.notify_one();
-        }
-    }
-
-    /// What `done_` is when all others are through with a turn. (Both begin anew beyond the largest number:
-    /// no turns but neighbours are to be told apart.)
-    std::uint32_t done_by(std::uint32_t turn) const { return turn * static_cast<std::uint32_t>(size_ - 1); }
-
-    void take_part(int thread)
-    {
-        if (thread >= working_) return;
         try {
-            work_.run(work_.context, *indices_, thread, working_);
+            work();
         }
         catch (...) {
-#pragma omp critical(firn_failure)
+            std::scoped_lock const lock(mutex_);
             if (!failure_) failure_ = std::current_exception();
         }
     }
-
-    void dismiss()
+    /// Throws it, once no thread is at work any more.
+    void rethrow()
     {
-        is_dismissed_ = true;
-        turn_.fetch_add(1, std::memory_order_release);
-        turn_.notify_all();
+        if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
     }
 
-    /// How many threads may wait awake: one for each core, or none where the environment asks OpenMP's to
-    /// sleep meanwhile.
+private:
+    std::mutex mutex_;
+    std::exception_ptr failure_;
+};
+
+/// Whether the calling thread is at work for a loop: a loop within it has this one thread.
+inline thread_local bool is_in_loop = false;
+
+class InLoop
+{
+public:
+    InLoop() : before_(std::exchange(is_in_loop, true)) {}
+    ~InLoop() { is_in_loop = before_; }
+    InLoop(InLoop const&) = delete;
+    InLoop& operator=(InLoop const&) = delete;
+
+private:
+    bool before_;
+};
+
+/// Threads of OpenMP that wait for the loops of one thread of the host, their leader.
+///
+/// They are those of one parallel region, which stays open between loops and calls: to open one takes longer
+/// than many a loop, and threads that leave one stay awake for milliseconds. A thread of the team looks for
+/// the next loop for a tenth of a millisecond and then sleeps. The region belongs to a thread of its own,
+/// whose place among the team's threads (OMP_PLACES) is the leader's.
+///
+/// A loop is offered to them. Those that are late find it withdrawn and are not waited for: another program
+/// may have their cores. Those that lose their cores in the middle of it are left out for a while, if loops
+/// are slower for it (Efficiency, Bench).
+class ThreadTeam
+{
+public:
+    /// Up to `threads` threads do the same work, and share what `indices` has; what one of them throws leaves
+    /// when all are through.
+    static void run(int threads, ThreadWork const& work, SharedIndices& indices)
+    {
+        ThreadTeam* const team = of_this_thread(threads);
+        if (team != nullptr) return team->lead(threads, work, indices);
+        InLoop const mark;
+        work.run(work.context, indices, 0, 1);
+    }
+
+    explicit ThreadTeam(int threads) : workers_(static_cast<std::size_t>(threads - 1)), process_(getpid())
+    {
+        region_ = std::thread([this, threads] {
+#pragma omp parallel num_threads(threads)
+            if (int const thread = omp_get_thread_num(); thread > 0)
+                serve(workers_[static_cast<std::size_t>(thread - 1)], thread);
+        });
+    }
+    ~ThreadTeam()
+    {
+        if (getpid() != process_) { // after fork() they are not here
+            region_.detach();
+            return;
+        }
+        for (Worker& worker : workers_) {
+            worker.state.store(dismissed);
+            worker.state.notify_one();
+        }
+        region_.join();
+    }
+    ThreadTeam(ThreadTeam const&) = delete;
+    ThreadTeam& operator=(ThreadTeam const&) = delete;
+
+private:
+    enum State : std::uint32_t
+    {
+        idle,
+        offered,  ///< by the leader, which may withdraw it
+        taken,    ///< by the thread, which is waited for
+        on_trial, ///< the thread is to find out whether it has a core
+        dismissed
+    };
+    struct alignas(64) Worker
+    {
+        std::atomic<std::uint32_t> state{idle};
+        std::atomic<bool> sleeps{false}, has_core{false};
+        // the leader's alone
+        Bench bench;
+        bool is_asked = false, has_stalled = false; ///< in the loop at hand
+    };
+
+    int size() const { return static_cast<int>(workers_.size()) + 1; }
+
+    /// The team that the calling thread leads, of at least so many threads; none where it has work to do for
+    /// a loop itself, or its OpenMP would give it no further threads.
+    static ThreadTeam* of_this_thread(int threads)
+    {
+        /// A loop may still come when what belongs to a thread has been destroyed: it has one thread.
+        struct Owner
+        {
+            std::unique_ptr<ThreadTeam> team;
+            ~Owner() { is_over_ = true; }
+        };
+        if (is_in_loop || is_over_ || omp_get_active_level() >= omp_get_max_active_levels()) return nullptr;
+        thread_local Owner owner;
+        if (owner.team == nullptr || owner.team->size() < threads) try {
+                owner.team.reset(); // before others take its place
+                owner.team = std::make_unique<ThreadTeam>(threads);
+            }
+            catch (std::exception const&) { // no memory or no thread to be had: this one does the work
+            }
+        return owner.team.get();
+    }
+
+    /// Asks those threads that have cores, and others to see whether they have; returns how many work.
+    int ask(int threads, Clock::time_point now)
+    {
+        int active = 1;
+        for (int i = 0; i + 1 < threads; ++i) {
+            Worker& one = workers_[static_cast<std::size_t>(i)];
+            if (one.bench.is_on() && one.has_core.exchange(false, std::memory_order_relaxed))
+                one.bench.leave(now);
+            one.is_asked = !one.bench.is_on();
+            if (one.is_asked)
+                ++active, one.state.store(offered, std::memory_order_release);
+            else if (one.state.load(std::memory_order_relaxed) == idle && one.bench.is_to_try(now))
+                one.state.store(on_trial, std::memory_order_release);
+        }
+        // either a thread that goes to sleep sees that it is asked, or this one sees that it sleeps
+        std::atomic_thread_fence(std::memory_order_seq_cst);
+        for (int i = 0; i + 1 < threads; ++i) {
+            Worker& one = workers_[static_cast<std::size_t>(i)];
+            if (one.sleeps.load(std::memory_order_relaxed)) one.state.notify_one();
+        }
+        return active;
+    }
+
+    void lead(int threads, ThreadWork const& work, SharedIndices& indices)
+    {
+        auto const begin = Clock::now();
+        work_ = work;
+        indices_ = &indices;
+        threads_ = threads;
+        int const active = ask(threads, begin);
+        double share = 1;
+        failure_.guard([&] {
+            InLoop const mark;
+            share = work.run(work.context, indices, 0, active > 1 ? threads : 1);
+        });
+        auto const done = Clock::now();
+        auto now = done;
+        bool have_stalled = false;
+        for (int i = 0; i + 1 < threads; ++i) {
+            Worker& one = workers_[static_cast<std::size_t>(i)];
+            one.has_stalled = false;
+            if (!one.is_asked) continue;
+            std::uint32_t seen = one.state.load(std::memory_order_acquire);
+            if (seen == offered && one.state.compare_exchange_strong(seen, idle, std::memory_order_acq_rel))
+                continue;                // it comes too late
+            if (seen != taken) continue; // it is through
+            auto const since = now;
+            if (most_awake() == 0 || !changes_soon(one.state, taken))
+                sleep_until_changed(one.state, taken, leader_sleeps_);
+            now = Clock::now();
+            one.has_stalled = now - since > stall;
+            have_stalled = have_stalled || one.has_stalled;
+        }
+        if (active > 1 && share > 0) efficiency_.add(active, done - begin, now - done, share);
+        if (have_stalled && efficiency_.is_low()) {
+            for (Worker& one : workers_)
+                if (one.has_stalled) one.bench.sit(now);
+            efficiency_.forget();
+        }
+        failure_.rethrow();
+    }
+
+    void serve(Worker& own, int thread)
+    {
+        for (awake_.fetch_add(1, std::memory_order_relaxed);;) {
+            bool const may_look = awake_.load(std::memory_order_relaxed) < most_awake();
+            if (!may_look || !changes_soon(own.state, idle)) {
+                awake_.fetch_sub(1, std::memory_order_relaxed);
+                sleep_until_changed(own.state, idle, own.sleeps);
+                awake_.fetch_add(1, std::memory_order_relaxed);
+            }
+            std::uint32_t seen = offered;
+            if (own.state.compare_exchange_strong(seen, taken, std::memory_order_acq_rel)) {
+                failure_.guard([&] {
+                    InLoop const mark;
+                    work_.run(work_.context, *indices_, thread, threads_);
+                });
+                own.state.store(idle, std::memory_order_release);
+                std::atomic_thread_fence(std::memory_order_seq_cst);
+                if (leader_sleeps_.load(std::memory_order_relaxed)) own.state.notify_one();
+            }
+            else if (seen == on_trial) {
+                if (has_free_core()) own.has_core.store(true, std::memory_order_relaxed);
+                own.state.compare_exchange_strong(seen, idle, std::memory_order_relaxed);
+            }
+            else if (seen == dismissed)
+                break;
+        }
+        awake_.fetch_sub(1, std::memory_order_relaxed);
+    }
+
+    /// How many threads may be awake while they wait: one for each core, or none where the environment asks
+    /// OpenMP's to sleep meanwhile.
     static int most_awake()
     {
         static int const most = [] {
@@ -137,34 +275,63 @@ private:
         return most;
     }
 
-    /// Waits until a number is another one: awake for a tenth or two of a millisecond, where each thread of
-    /// all teams has a core of its own.
-    template <class Number>
-    void watch(std::atomic<Number> const& number, Number old) const
+    /// Whether a state becomes another one in about a tenth of a millisecond: waits awake.
+    static bool changes_soon(std::atomic<std::uint32_t> const& state, std::uint32_t old)
     {
-        bool const stays_awake = in_teams_.load(std::memory_order_relaxed) <= most_awake();
-        for (int looks = stays_awake ? 5000 : 0; looks > 0; --looks) {
-            if (number.load(std::memory_order_acquire) != old) return;
+        for (int looks = 5000; looks > 0; --looks) {
+            if (state.load(std::memory_order_acquire) != old) return true;
 #if defined(__x86_64__)
             __builtin_ia32_pause();
 #endif
         }
-        number.wait(old, std::memory_order_acquire);
+        return false;
+    }
+    /// Sleeps until it does; the thread that changes it wakes this one if `sleeps`.
+    static void sleep_until_changed(std::atomic<std::uint32_t> const& state, std::uint32_t old,
+                                    std::atomic<bool>& sleeps)
+    {
+        sleeps.store(true, std::memory_order_relaxed);
+        std::atomic_thread_fence(std::memory_order_seq_cst);
+        state.wait(old, std::memory_order_acquire);
+        sleeps.store(false, std::memory_order_relaxed);
     }
 
-    static inline thread_local Team* current_ = nullptr; ///< that the calling thread leads
-    static inline std::atomic<int> in_teams_{0};         ///< threads that have been asked for
+    static inline thread_local bool is_over_ = false; ///< the team of the calling thread is no more
+    static inline std::atomic<int> awake_{0};         ///< threads of all teams, but for leaders
 
-    int asked_for_;
-    std::exception_ptr failure_;
-    // What threads look at while others work, in lines of the cache of their own: that of the turn has all
-    // that it is about, and nobody but who leads writes there.
-    alignas(64) std::atomic<std::uint32_t> turn_{0};
-    int size_ = 1, working_ = 1;
-    bool is_dismissed_ = false;
-    ThreadWork work_{};
+    std::vector<Worker> workers_;
+    std::thread region_;
+    pid_t process_;
+    Efficiency efficiency_;
+    FirstFailure failure_;
+    // What threads read when they have taken an offer: written before it is made.
+    alignas(64) ThreadWork work_{};
     SharedIndices* indices_ = nullptr;
-    alignas(64) std::atomic<std::uint32_t> done_{0}; ///< by the others: see done_by()
+    int threads_ = 1;
+    alignas(64) std::atomic<bool> leader_sleeps_{false};
 };
 
-} // namespace firn::openmp::detail
+/// The same on threads of the host.
+inline void run_on(Executor const& executor, int threads, ThreadWork const& work, SharedIndices& indices)
+{
+    if (is_in_loop) {
+        work.run(work.context, indices, 0, 1);
+        return;
+    }
+    FirstFailure failure;
+    std::atomic<int> through = 0;
+    executor(threads, [&](int thread) {
+        failure.guard([&] {
+            InLoop const mark;
+            work.run(work.context, indices, thread, threads);
+        });
+        through.fetch_add(1, std::memory_order_acq_rel);
+    });
+    failure.rethrow();
+    require(through.load(std::memory_order_acquire) == threads,
+            "the executor returned before it had called each job once", "OpenMP",
+            "Let it call job(i) for every i in [0, count), and return when all of these calls have.");
+}
+
+} // namespace detail
+} // namespace firn::openmp
