@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/exactly_equal.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/effects/chain.hpp>
 #include <firn/phases/extend_velocities.hpp>
@@ -59,14 +60,14 @@ public:
     void give_for(double dt, Parts& parts)
     {
         Parts::for_each([&](auto k) {
-            if (given_for_ == 0)
+            if (exactly_equal(given_for_, 0))
                 scatter<k>(dt, false, parts);
             else {
                 auto layer = grid_.layer(k);
                 if (!movers_gave_)
                     backend_.template scatter_movers<Scatter<k>>(parts.template particles<k>().cells(),
                                                                  layer);
-                if (given_for_ != dt) scatter<k>(dt - given_for_, true, parts);
+                if (!exactly_equal(given_for_, dt)) scatter<k>(dt - given_for_, true, parts);
             }
         });
         movers_gave_ = true;

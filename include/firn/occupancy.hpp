@@ -58,7 +58,7 @@ public:
         adjacent_.assign(cells_.size(), 0);
         parent_.resize(cells_.size());
         std::iota(parent_.begin(), parent_.end(), std::size_t(0));
-        std::array<int, d - 1> offset{};
+        std::array<int, std::size_t(d - 1)> offset{};
         visit_offsets(offset, 0);
     }
 
@@ -91,7 +91,7 @@ public:
     }
 
 private:
-    using Across = std::array<int, d - 1>;
+    using Across = std::array<int, std::size_t(d - 1)>;
 
     static Across across(Coordinates<d> const& cell)
     {

@@ -48,7 +48,7 @@ struct StoredFields
     template <class T>
     using Array = typename Backend::template Array<T>;
 
-    std::array<Array<Offset>, d> offset;
+    std::array<Array<Offset>, std::size_t(d)> offset;
     std::array<Array<Number>, Set::components(d)> component;
     Array<std::uint32_t> id;
 
@@ -87,9 +87,10 @@ struct StoredFields
     View view() const
     {
         View view;
-        for (int a = 0; a < d; ++a) view.offset[a] = const_cast<Offset*>(offset[a].data());
+        for (int a = 0; a < d; ++a)
+            view.offset[std::size_t(a)] = const_cast<Offset*>(offset[std::size_t(a)].data());
         for (int c = 0; c < Set::components(d); ++c)
-            view.component[c] = const_cast<Number*>(component[c].data());
+            view.component[std::size_t(c)] = const_cast<Number*>(component[std::size_t(c)].data());
         view.id = const_cast<std::uint32_t*>(id.data());
         return view;
     }
@@ -138,7 +139,7 @@ public:
     void fill(std::size_t first, Record<Number, d, Set> record)
     {
         record.for_each([&](int c, Number const& value) {
-            component_[c].fill(first, component_[c].size() - first, value);
+            component_[std::size_t(c)].fill(first, component_[std::size_t(c)].size() - first, value);
         });
     }
 
@@ -150,7 +151,7 @@ public:
         for (int c = 0; c < component_count<Tag>(d); ++c) {
             for (std::size_t row = 0; row < by_row.size(); ++row)
                 column[row] = component_of<Tag, d>(by_row[row], c);
-            component_[first + c].upload(0, column);
+            component_[std::size_t(first + c)].upload(0, column);
         }
     }
 
@@ -160,7 +161,7 @@ public:
         constexpr int first = Set::template first_component<Tag>(d);
         std::vector<FieldValue<Tag, Number, d>> values(count, value_at_rest<Tag, Number, d>());
         for (int c = 0; c < component_count<Tag>(d); ++c) {
-            auto const column = detail::downloaded(component_[first + c]);
+            auto const column = detail::downloaded(component_[std::size_t(first + c)]);
             for (std::size_t row = 0; row < count; ++row) component_of<Tag, d>(values[row], c) = column[row];
         }
         return values;
@@ -172,7 +173,8 @@ public:
     {
         constexpr int first = Set::template first_component<Tag>(d);
         WriteField<Number, component_count<Tag>(d)> write{{}, nullptr, to, stride};
-        for (int c = 0; c < component_count<Tag>(d); ++c) write.component[c] = component_[first + c].data();
+        for (int c = 0; c < component_count<Tag>(d); ++c)
+            write.component[std::size_t(c)] = component_[std::size_t(first + c)].data();
         return write;
     }
 

@@ -415,9 +415,9 @@ public:
         auto const row = detail::downloaded(buffer_[0].id);
         for (std::size_t i = 0; i < size_; ++i) {
             Record<Number, d, StoredSet> record;
-            record.for_each([&](int c, Number& value) { value = component[c][i]; });
+            record.for_each([&](int c, Number& value) { value = component[std::size_t(c)][i]; });
             change(row[i], record);
-            record.for_each([&](int c, Number const& value) { component[c][i] = value; });
+            record.for_each([&](int c, Number const& value) { component[std::size_t(c)][i] = value; });
         }
         return component;
     }
@@ -435,7 +435,7 @@ public:
         auto const row = detail::downloaded(buffer_[0].id);
         for (std::size_t i = 0; i < size_; ++i) {
             Record<Number, d, StoredSet> record;
-            record.for_each([&](int c, Number& value) { value = component[c][i]; });
+            record.for_each([&](int c, Number& value) { value = component[std::size_t(c)][i]; });
             visit(row[i], record);
         }
     }
@@ -469,7 +469,7 @@ public:
             .component = {}, .row = buffer_[0].id.data(), .count = size_};
         constexpr int first = StoredSet::template first_component<Tag>(d);
         for (int c = 0; c < component_count<Tag>(d); ++c)
-            field.component[c] = buffer_[0].component[first + c].data();
+            field.component[std::size_t(c)] = buffer_[0].component[std::size_t(first + c)].data();
         return field;
     }
 
@@ -480,7 +480,7 @@ public:
         std::vector<FieldValue<Tag, Number, d>> by_row(size_, value_at_rest<Tag, Number, d>());
         auto const row = detail::downloaded(buffer_[0].id);
         for (int c = 0; c < component_count<Tag>(d); ++c) {
-            auto const column = detail::downloaded(buffer_[0].component[first + c]);
+            auto const column = detail::downloaded(buffer_[0].component[std::size_t(first + c)]);
             for (std::size_t i = 0; i < size_; ++i) component_of<Tag, d>(by_row[row[i]], c) = column[i];
         }
         return by_row;
@@ -499,10 +499,11 @@ public:
     /// Adds the cells in which particles are now to a list.
     void add_cells(std::vector<Coordinates<d>>& list) const
     {
-        std::array<std::vector<Offset>, d> offset;
-        for (int a = 0; a < d; ++a) offset[a] = detail::downloaded(buffer_[0].offset[a]);
+        std::array<std::vector<Offset>, std::size_t(d)> offset;
+        for (int a = 0; a < d; ++a)
+            offset[std::size_t(a)] = detail::downloaded(buffer_[0].offset[std::size_t(a)]);
         cells_.for_each([&](std::size_t particle, Coordinates<d> cell) {
-            for (int a = 0; a < d; ++a) cell[a] += CellOffset<Number>::wrap(offset[a][particle]);
+            for (int a = 0; a < d; ++a) cell[a] += CellOffset<Number>::wrap(offset[std::size_t(a)][particle]);
             list.push_back(cell);
         });
     }
@@ -553,7 +554,7 @@ private:
         for (int a = 0; a < d; ++a) {
             for (std::size_t i = 0; i < count; ++i)
                 offsets[i] = CellOffset<Number>::from(located[i].offset[a]);
-            buffer.offset[a].upload(first, offsets);
+            buffer.offset[std::size_t(a)].upload(first, offsets);
         }
         std::vector<std::uint32_t> ids(count);
         std::iota(ids.begin(), ids.end(), first);
@@ -572,7 +573,7 @@ private:
     {
         Columns columns;
         for (int c = 0; c < int(columns.size()); ++c)
-            columns[c] = detail::downloaded(buffer_[0].component[c]);
+            columns[std::size_t(c)] = detail::downloaded(buffer_[0].component[std::size_t(c)]);
         return columns;
     }
 
@@ -581,11 +582,13 @@ private:
     void for_each_position(Visit const& visit) const
     {
         auto const row = detail::downloaded(buffer_[0].id);
-        std::array<std::vector<Offset>, d> offset;
-        for (int a = 0; a < d; ++a) offset[a] = detail::downloaded(buffer_[0].offset[a]);
+        std::array<std::vector<Offset>, std::size_t(d)> offset;
+        for (int a = 0; a < d; ++a)
+            offset[std::size_t(a)] = detail::downloaded(buffer_[0].offset[std::size_t(a)]);
         cells_.for_each([&](std::size_t particle, Coordinates<d> const& cell) {
             Vector<double, d> in_cell;
-            for (int a = 0; a < d; ++a) in_cell[a] = CellOffset<Number>::exact(offset[a][particle]);
+            for (int a = 0; a < d; ++a)
+                in_cell[a] = CellOffset<Number>::exact(offset[std::size_t(a)][particle]);
             visit(row[particle], world_position<d>(lattice_, order_, cell, in_cell));
         });
     }
@@ -633,7 +636,7 @@ private:
     static void for_each_column(Tag, Use const& use)
     {
         constexpr int first = Set::template first_component<Tag>(d);
-        for (int c = 0; c < component_count<Tag>(d); ++c) use(c, first + c);
+        for (int c = 0; c < component_count<Tag>(d); ++c) use(std::size_t(c), std::size_t(first + c));
     }
 
     template <class Tag>

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/error.hpp>
+#include <firn/core/exactly_equal.hpp>
 #include <firn/phases/table_view.hpp>
 #include <firn/snapshot.hpp>
 
@@ -32,7 +33,7 @@ public:
     /// to rounding.
     static void require_comparable(double volume, double density, MassScale const& scale)
     {
-        double const unit = scale.unit == 0 ? volume * density : scale.unit;
+        double const unit = exactly_equal(scale.unit, 0) ? volume * density : scale.unit;
         bool const in_range = std::isfinite(Number(volume / unit)) && Number(volume / unit) > 0;
         require(
             in_range && scale.bears<Number>(volume * density / unit),
@@ -44,13 +45,13 @@ public:
     /// they belong to the same portion.
     void add(std::uint32_t first_row, double volume, double density, MassScale& scale)
     {
-        if (scale.unit == 0) scale.unit = volume * density;
+        if (exactly_equal(scale.unit, 0)) scale.unit = volume * density;
         Portion<Number> const portion{first_row, Number(volume * density / scale.unit),
                                       Number(volume / scale.unit)};
         scale.admit(portion.mass);
         if (here_.size() > 0) {
             auto const& last = here_.back();
-            if (last.mass == portion.mass && last.volume == portion.volume) return;
+            if (exactly_equal(last.mass, portion.mass) && exactly_equal(last.volume, portion.volume)) return;
         }
         here_.push_back(portion);
         upload();

@@ -45,7 +45,7 @@ struct AdvanceReport
     {
         int most = 0;
         for (int i = 1; i < step_limit_count; ++i)
-            if (limited_by[i] > limited_by[most]) most = i;
+            if (limited_by[std::size_t(i)] > limited_by[std::size_t(most)]) most = i;
         return static_cast<StepLimit>(most);
     }
 
@@ -53,7 +53,7 @@ struct AdvanceReport
     void add(StepReport const& step, StepLimit limit)
     {
         ++substeps;
-        ++limited_by[static_cast<int>(limit)];
+        ++limited_by[std::size_t(static_cast<int>(limit))];
         smallest_dt = std::min(smallest_dt, step.dt);
         largest_dt = std::max(largest_dt, step.dt);
         time_of_forces += step.time_of_forces;
@@ -67,7 +67,8 @@ struct AdvanceReport
     {
         substeps += other.substeps;
         rejected += other.rejected;
-        for (int i = 0; i < step_limit_count; ++i) limited_by[i] += other.limited_by[i];
+        for (int i = 0; i < step_limit_count; ++i)
+            limited_by[std::size_t(i)] += other.limited_by[std::size_t(i)];
         smallest_dt = std::min(smallest_dt, other.smallest_dt);
         largest_dt = std::max(largest_dt, other.largest_dt);
         time_of_forces += other.time_of_forces;

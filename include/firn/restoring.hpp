@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/error.hpp>
+#include <firn/core/exactly_equal.hpp>
 #include <firn/models/response.hpp>
 #include <firn/parameters.hpp>
 #include <firn/snapshot.hpp>
@@ -59,7 +60,7 @@ bool compare_parameters(std::string const& owner, std::vector<Parameter> const& 
 {
     auto const alike = [](double a, double b, bool whole) {
         double const rounding = whole ? 0 : 8 * double(std::numeric_limits<Number>::epsilon());
-        return a == b || (std::isnan(a) && std::isnan(b)) ||
+        return exactly_equal(a, b) || (std::isnan(a) && std::isnan(b)) ||
                (std::isfinite(a - b) && std::abs(a - b) <= rounding * std::abs(b));
     };
     auto const find = [](auto const& list, std::string const& name) {
@@ -84,7 +85,7 @@ bool require_fits(Snapshot<Number, d> const& from, Parts const& parts, Lattice c
                   Transfer const& transfer)
 {
     auto const compare = [&]<class Value>(std::string const& what, Value const& theirs, Value const& ours) {
-        if (!(theirs == ours))
+        if (!exactly_equal(theirs, ours))
             refuse_snapshot(
                 what, theirs, ours,
                 "Restore into a solver that was made with the same lattice, policies and parameters.");
@@ -106,7 +107,8 @@ bool require_fits(Snapshot<Number, d> const& from, Parts const& parts, Lattice c
         std::string const named = place + " (" + ours.name + ")", owner = "for " + named;
         compare(owner + " the density [kg/m^3]", theirs.density, ours.density);
         bool const names_all = compare_parameters<Number>(owner, theirs.parameters, ours.parameters);
-        bool const any_modulus = theirs.wave_modulus == 0 && ours.wave_modulus != 0;
+        bool const any_modulus =
+            exactly_equal(theirs.wave_modulus, 0) && !exactly_equal(ours.wave_modulus, 0);
         // some processors' exponentials differ in the last bit
         if (!any_modulus && !(std::abs(theirs.wave_modulus - ours.wave_modulus) <= 1e-5 * ours.wave_modulus))
             refuse_snapshot(owner + " the wave modulus at rest [Pa]", theirs.wave_modulus, ours.wave_modulus,

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/error.hpp>
+#include <firn/core/exactly_equal.hpp>
 #include <firn/grid/lattice.hpp>
 #include <firn/parameters.hpp>
 #include <firn/phases/stable_time_step.hpp>
@@ -34,12 +35,12 @@ struct MassScale
     template <class Number>
     bool bears(double mass) const
     {
-        return std::isfinite(mass) &&
-               (unit == 0 || (mass / smallest < range<Number> && largest / mass < range<Number>));
+        return std::isfinite(mass) && (exactly_equal(unit, 0) ||
+                                       (mass / smallest < range<Number> && largest / mass < range<Number>));
     }
     void admit(double mass)
     {
-        smallest = largest == 0 ? mass : std::min(smallest, mass);
+        smallest = exactly_equal(largest, 0) ? mass : std::min(smallest, mass);
         largest = std::max(largest, mass);
     }
 };
@@ -58,15 +59,16 @@ struct MaterialSnapshot
 {
     using Offset = typename CellOffset<Number>::Stored;
 
-    std::string name;                             ///< of the model
-    double density = 0;                           ///< of the model [kg/m^3]
-    double wave_modulus = 0;                      ///< rho c^2 of the model at rest [Pa]; 0: any
-    std::vector<Parameter> parameters{};          ///< what else the model says of itself
-    std::vector<std::uint32_t> ids{};             ///< permanent
-    std::vector<Coordinates<d>> cells{};          ///< in which they are
-    std::array<std::vector<Offset>, d> offsets{}; ///< from the centres of these, as CellOffset stores them
-    std::vector<FieldSnapshot<Number>> fields{};  ///< what else they have
-    std::vector<Portion<Number>> portions{};      ///< mass and volume, by row: the rank of the id
+    std::string name;                    ///< of the model
+    double density = 0;                  ///< of the model [kg/m^3]
+    double wave_modulus = 0;             ///< rho c^2 of the model at rest [Pa]; 0: any
+    std::vector<Parameter> parameters{}; ///< what else the model says of itself
+    std::vector<std::uint32_t> ids{};    ///< permanent
+    std::vector<Coordinates<d>> cells{}; ///< in which they are
+    std::array<std::vector<Offset>, std::size_t(d)>
+        offsets{};                               ///< from the centres of these, as CellOffset stores them
+    std::vector<FieldSnapshot<Number>> fields{}; ///< what else they have
+    std::vector<Portion<Number>> portions{};     ///< mass and volume, by row: the rank of the id
 
     /// See that of Snapshot.
     void forget_parameters()

@@ -3,6 +3,7 @@
 
 #include <firn/concepts.hpp>
 #include <firn/core/entrance.hpp>
+#include <firn/core/exactly_equal.hpp>
 #include <firn/effects/reflecting_wall.hpp>
 #include <firn/interpolation/quadratic_b_spline.hpp>
 #include <firn/known_walls.hpp>
@@ -714,7 +715,7 @@ private:
     /// Chooses the next step, by what the host knows.
     void choose(Rule const& rule)
     {
-        if (course_.given.interval.forces != exchange_.given_for()) course_.given = {};
+        if (!exactly_equal(course_.given.interval.forces, exchange_.given_for())) course_.given = {};
         rule.choose(course_);
     }
 

@@ -143,10 +143,10 @@ private:
               expected_(expected)
         {
             runs_.now_.resize(rule_at + sizeof(KeptRule));
-            runs_.log_.resize(Log::bytes(expected));
+            runs_.log_.resize(Log::bytes(std::size_t(expected)));
             now_ = reinterpret_cast<Now*>(runs_.now_.data());
             kept_rule_ = reinterpret_cast<KeptRule*>(runs_.now_.data() + rule_at);
-            log_ = Log::over(runs_.log_.data(), expected);
+            log_ = Log::over(runs_.log_.data(), std::size_t(expected));
             Parts::for_each([&](auto k) {
                 held_[k] = particles<k>().holds_taken();
                 pushed_[k] = Of<k>::Taken::components(d) > 0 &&
@@ -159,10 +159,10 @@ private:
         {
             BeginRun<Actions::obstacles, materials> const run{scene_.course, log_};
             if (scene_.course.ready)
-                runs_.backend_.for_each(Log::places(expected_), run);
+                runs_.backend_.for_each(Log::places(std::size_t(expected_)), run);
             else
                 runs_.backend_.for_each(
-                    Log::places(expected_),
+                    Log::places(std::size_t(expected_)),
                     BeginSteps<Number, d, materials, Effects, Actions>{
                         run, {rule, scene_.parts.densities(), effects}, kept_rule_, now(0)});
         }
@@ -205,7 +205,10 @@ private:
         }
 
         /// Waits for the steps, and reads what became of them.
-        void look() { heard_ = Log::over(const_cast<unsigned char*>(runs_.log_.fetch()), expected_); }
+        void look()
+        {
+            heard_ = Log::over(const_cast<unsigned char*>(runs_.log_.fetch()), std::size_t(expected_));
+        }
         Log const& heard() const { return heard_; }
         int taken() const { return static_cast<int>(*heard_.taken); }
         /// Whether the step after those that were taken went wrong.
@@ -289,7 +292,7 @@ private:
     {
         unstopped_ += static_cast<std::size_t>(taken);
         if (as_planned)
-            queue_ = std::max<std::size_t>(queue_, 2 * taken);
+            queue_ = std::max<std::size_t>(queue_, std::size_t(2 * taken));
         else {
             queue_ = std::max<std::size_t>(unstopped_ / 2, 1);
             unstopped_ = 0;

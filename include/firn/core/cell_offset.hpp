@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/exactly_equal.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/core/lane.hpp>
 
@@ -52,7 +53,7 @@ struct CellOffset
     template <class Real>
     FIRN_HOST_DEVICE static Mask<Real> inside(Real const& stored)
     {
-        return floor(stored + Real(Number(0.5))) == Real(0);
+        return exactly_equal(floor(stored + Real(Number(0.5))), Real(0));
     }
 
     /// Brings the offset back to [-1/2, 1/2); returns by how many cells it was out.
@@ -105,7 +106,8 @@ struct CellOffset<float>
     FIRN_HOST_DEVICE static auto inside(Whole const& stored)
     {
         // no more than a cell outside: numbers that a float has
-        return as_number((stored + Whole(1 << (bits - 1))) >> bits) == decltype(as_number(stored))(0);
+        return exactly_equal(as_number((stored + Whole(1 << (bits - 1))) >> bits),
+                             decltype(as_number(stored))(0));
     }
 
     FIRN_HOST_DEVICE static int wrap(Stored& stored)

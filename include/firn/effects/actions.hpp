@@ -12,12 +12,12 @@ namespace firn
 template <int obstacles>
 struct Reactions
 {
-    std::array<Reaction, obstacles> of{};
+    std::array<Reaction, std::size_t(obstacles)> of{};
     double largest_surface_speed2 = 0; ///< of an obstacle where something touched it [m^2/s^2]
 
     FIRN_HOST_DEVICE void merge(Reactions const& other)
     {
-        for (int i = 0; i < obstacles; ++i) of[i] += other.of[i];
+        for (int i = 0; i < obstacles; ++i) of[std::size_t(i)] += other.of[std::size_t(i)];
         largest_surface_speed2 = max(largest_surface_speed2, other.largest_surface_speed2);
     }
 };
@@ -160,7 +160,7 @@ FIRN_HOST_DEVICE void book(Reaction& reaction, Touched<Real, d> const& touched, 
                            Real mass)
 {
     constexpr int width = lane_width<Real>;
-    Scalar<Real> impulse[d][width], arm[d][width];
+    Scalar<Real> impulse[std::size_t(d)][std::size_t(width)], arm[std::size_t(d)][std::size_t(width)];
     for (int a = 0; a < d; ++a) {
         // lanes without a particle may hold anything
         Real const taken = select(touched.inside, (before[a] - touched.velocity[a]) * mass, Real(0));

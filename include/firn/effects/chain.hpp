@@ -38,7 +38,7 @@ FIRN_HOST_DEVICE Vector<Real, d> apply_on_nodes(Chain<Actions...> const& chain, 
                 Contact const rule = only_non_penetration ? Contact::slip() : action.contact;
                 auto const touched = action.template touch<Real>(place, velocity, rule);
                 if (any(touched.inside)) {
-                    detail::book<Real, d>(reactions.of[obstacle], touched, velocity, mass);
+                    detail::book<Real, d>(reactions.of[std::size_t(obstacle)], touched, velocity, mass);
                     velocity = touched.velocity;
                     reactions.largest_surface_speed2 =
                         max(reactions.largest_surface_speed2, double(largest(touched.surface_speed2)));

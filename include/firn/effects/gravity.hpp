@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/components.hpp>
+#include <firn/core/exactly_equal.hpp>
 #include <firn/effects/effect.hpp>
 #include <firn/math/product.hpp>
 
@@ -21,8 +22,8 @@ struct Gravity
 
     void validate_in_plane() const
     {
-        require(acceleration.z() == 0, "gravity in a scene in two dimensions leaves the plane", "Gravity",
-                "Keep z out of its acceleration: down is -y, unless told otherwise.");
+        require(exactly_equal(acceleration.z(), 0), "gravity in a scene in two dimensions leaves the plane",
+                "Gravity", "Keep z out of its acceleration: down is -y, unless told otherwise.");
     }
 
     /// Adds m g dt to every momentum, dt being the time for which forces act. (Not g dt to every velocity:

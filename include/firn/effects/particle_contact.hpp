@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/components.hpp>
+#include <firn/core/exactly_equal.hpp>
 #include <firn/effects/actions.hpp>
 #include <firn/math/product.hpp>
 
@@ -40,8 +41,9 @@ struct ParticleContact
     /// By which they move in this step [m/s]: the grid's, unless the transfer has one of its own.
     Vector<Real, d> motion = moved * (Real(1) / dt);
     bool may_fail = false; ///< whether to go through the obstacles once may not be enough
-    std::array<Real, obstacles> spared = no_depths(); ///< which each of them leaves inside in this step [m]
-    Real last{Number(-1)};                            ///< which of them has touched it last
+    std::array<Real, std::size_t(obstacles)> spared =
+        no_depths();       ///< which each of them leaves inside in this step [m]
+    Real last{Number(-1)}; ///< which of them has touched it last
 
     /// Corrects the velocity, and returns the displacement [m] that goes with it.
     FIRN_HOST_DEVICE Vector<Real, d> solve()
@@ -62,9 +64,9 @@ struct ParticleContact
 private:
     using Number = Scalar<Real>;
 
-    FIRN_HOST_DEVICE static std::array<Real, obstacles> no_depths()
+    FIRN_HOST_DEVICE static std::array<Real, std::size_t(obstacles)> no_depths()
     {
-        std::array<Real, obstacles> depths;
+        std::array<Real, std::size_t(obstacles)> depths;
         for (Real& depth : depths) depth = Real(0);
         return depths;
     }
@@ -183,7 +185,7 @@ private:
         for (int a = 0; a < d; ++a)
             touched.velocity[a] = select(settled, (moved[a] + displacement[a]) / dt, velocity[a]);
         for_each([&](auto const& action, int i) {
-            touched.inside = settled & (last == Real(Number(i)));
+            touched.inside = settled & exactly_equal(last, Real(Number(i)));
             touched.arm = place.relative_to(action.reference());
             detail::book<Real, d>(reactions.of[static_cast<std::size_t>(i)], touched, velocity, mass);
         });

@@ -16,18 +16,20 @@ struct Powers
 {
     static constexpr int order = Kernel::order;
 
-    std::array<std::array<Real, order>, d> power;  ///< t^m / m!, m = 1, 2, …
-    std::array<std::array<Real, order>, d> spread; ///< Kernel::spreads: m = 1, 2, …
+    std::array<std::array<Real, std::size_t(order)>, std::size_t(d)> power; ///< t^m / m!, m = 1, 2, …
+    std::array<std::array<Real, std::size_t(order)>, std::size_t(d)> spread; ///< Kernel::spreads: m = 1, 2, …
 
     FIRN_HOST_DEVICE explicit Powers(Vector<Real, d> const& offset)
     {
         FIRN_UNROLL
         for (int a = 0; a < d; ++a) {
-            power[a][0] = offset[a];
+            power[std::size_t(a)][0] = offset[a];
             FIRN_UNROLL
             for (int m = 1; m < order; ++m)
-                power[a][m] = power[a][m - 1] * offset[a] * Real(Scalar<Real>(1.0 / (m + 1)));
-            if constexpr (requires { Kernel::spreads(offset[a]); }) spread[a] = Kernel::spreads(offset[a]);
+                power[std::size_t(a)][std::size_t(m)] =
+                    power[std::size_t(a)][std::size_t(m - 1)] * offset[a] * Real(Scalar<Real>(1.0 / (m + 1)));
+            if constexpr (requires { Kernel::spreads(offset[a]); })
+                spread[std::size_t(a)] = Kernel::spreads(offset[a]);
         }
     }
 };
@@ -53,7 +55,7 @@ public:
     FIRN_HOST_DEVICE void read(Nodes const& nodes, int first)
     {
         for (int c = 0; c < channels; ++c) {
-            Real term[terms];
+            Real term[std::size_t(terms)];
             FIRN_UNROLL
             for (int row = 0; row < rows; ++row) {
                 FIRN_UNROLL
@@ -70,9 +72,9 @@ public:
     /// What particles find at their places; what was not asked for is not set.
     struct Found
     {
-        Real value[channels];       ///< sum of w_i v_i
-        Real affine[channels][d];   ///< sum of w_i v_i (x_i - x_p)^T D^-1 [per cell]
-        Real gradient[channels][d]; ///< sum of v_i dw_i^T [per cell]
+        Real value[std::size_t(channels)];                  ///< sum of w_i v_i
+        Real affine[std::size_t(channels)][std::size_t(d)]; ///< sum of w_i v_i (x_i - x_p)^T D^-1 [per cell]
+        Real gradient[std::size_t(channels)][std::size_t(d)]; ///< sum of v_i dw_i^T [per cell]
     };
 
     template <bool has_affine, bool has_gradient>
@@ -95,16 +97,16 @@ private:
     template <int stride>
     FIRN_HOST_DEVICE static void expand(Real* line)
     {
-        std::array<Real, width> node;
+        std::array<Real, std::size_t(width)> node;
         FIRN_UNROLL
-        for (int m = 0; m < width; ++m) node[m] = line[m * stride];
+        for (int m = 0; m < width; ++m) node[std::size_t(m)] = line[m * stride];
         node = Kernel::expanded(node);
         FIRN_UNROLL
-        for (int m = 0; m < width; ++m) line[m * stride] = node[m];
+        for (int m = 0; m < width; ++m) line[m * stride] = node[std::size_t(m)];
     }
 
     /// Expands along all axes but the last.
-    FIRN_HOST_DEVICE static void expand_across(Real (&term)[terms])
+    FIRN_HOST_DEVICE static void expand_across(Real (&term)[std::size_t(terms)])
     {
         if constexpr (d == 3) {
             FIRN_UNROLL
@@ -129,17 +131,19 @@ private:
             for (int m = 1; m <= order; ++m) {
                 Found part;
                 sum<axis + 1, has_affine, has_gradient>(powers, first * width + m, pick, part);
-                Real const power = powers.power[axis][m - 1];
+                Real const power = powers.power[axis][std::size_t(m - 1)];
                 FIRN_UNROLL
                 for (int c = 0; c < channels; ++c) {
                     Real const value = part.value[c];
                     // The first spread is 1, and so is the derivative of the first power.
                     if constexpr (has_affine)
                         found.affine[c][axis] =
-                            m == 1 ? value : found.affine[c][axis] + value * powers.spread[axis][m - 1];
+                            m == 1 ? value
+                                   : found.affine[c][axis] + value * powers.spread[axis][std::size_t(m - 1)];
                     if constexpr (has_gradient)
                         found.gradient[c][axis] =
-                            m == 1 ? value : found.gradient[c][axis] + value * powers.power[axis][m - 2];
+                            m == 1 ? value
+                                   : found.gradient[c][axis] + value * powers.power[axis][std::size_t(m - 2)];
                     found.value[c] += value * power;
                     FIRN_UNROLL
                     for (int a = axis + 1; a < d; ++a) {
@@ -151,7 +155,7 @@ private:
         }
     }
 
-    Real term_[channels][terms];
+    Real term_[std::size_t(channels)][std::size_t(terms)];
 };
 
 } // namespace firn

@@ -24,9 +24,9 @@ struct Stencil
     static constexpr int rows = d == 3 ? width * width : width;
     static constexpr int last = d - 1;
 
-    std::array<std::array<Real, width>, d> weight;     ///< N_i
-    std::array<std::array<Real, width>, d> derivative; ///< dN_i/dx in 1/h
-    std::array<std::array<Real, width>, d> distance;   ///< x_i - x_p in cells
+    std::array<std::array<Real, std::size_t(width)>, std::size_t(d)> weight;     ///< N_i
+    std::array<std::array<Real, std::size_t(width)>, std::size_t(d)> derivative; ///< dN_i/dx in 1/h
+    std::array<std::array<Real, std::size_t(width)>, std::size_t(d)> distance;   ///< x_i - x_p in cells
 
     /// The stencil of a particle at an offset from its cell's centre, in cells.
     FIRN_HOST_DEVICE explicit Stencil(Vector<Real, d> const& offset)
@@ -37,9 +37,10 @@ struct Stencil
             assert(add_up_to_one(weights) && "the weights of a stencil add up to one");
             FIRN_UNROLL
             for (int i = 0; i < width; ++i) { // one by one: see copy_of()
-                weight[a][i] = weights[i];
-                derivative[a][i] = derivatives[i];
-                distance[a][i] = Real(Scalar<Real>(i) - Scalar<Real>(0.5) * Kernel::order) - offset[a];
+                weight[std::size_t(a)][std::size_t(i)] = weights[std::size_t(i)];
+                derivative[std::size_t(a)][std::size_t(i)] = derivatives[std::size_t(i)];
+                distance[std::size_t(a)][std::size_t(i)] =
+                    Real(Scalar<Real>(i) - Scalar<Real>(0.5) * Kernel::order) - offset[a];
             }
         }
     }
@@ -67,10 +68,10 @@ struct Stencil
     }
 
     /// Whether weights add up to one, but for their rounding.
-    FIRN_HOST_DEVICE static bool add_up_to_one(std::array<Real, width> const& weights)
+    FIRN_HOST_DEVICE static bool add_up_to_one(std::array<Real, std::size_t(width)> const& weights)
     {
         Real sum = weights[0];
-        for (int i = 1; i < width; ++i) sum += weights[i];
+        for (int i = 1; i < width; ++i) sum += weights[std::size_t(i)];
         return all(abs(sum - Real(1)) <= Real(64 * std::numeric_limits<Scalar<Real>>::epsilon()));
     }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/exactly_equal.hpp>
 #include <firn/math/singular_values.hpp>
 
 #include <limits>
@@ -183,7 +184,7 @@ FIRN_HOST_DEVICE inline PrincipalAxes<Real, d> principal_axes(Matrix<Real, d> co
     Mask<Real> inverted = axes.stretched.determinant() < Real(0); // that of F, since U is a rotation
     FIRN_UNROLL
     for (int i = 0; i < d; ++i) {
-        Mask<Real> const turned = inverted & (sigma[i] == least);
+        Mask<Real> const turned = inverted & exactly_equal(sigma[i], least);
         axes.extension[i] = select(turned, Real(-1) - sigma[i], axes.extension[i]);
         inverted = inverted & !turned; // one of them, where several are equal
     }

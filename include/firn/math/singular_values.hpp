@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/exactly_equal.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/core/space.hpp>
@@ -81,7 +82,7 @@ FIRN_HOST_DEVICE inline Turn<Real> turn_of(Real const& difference, Real const& t
     Real const sum = abs(difference) + root + Real(tiny);
     Real const opposite = select(difference < Real(0), -twice, twice);
     Real const length = inverse_sqrt(sum * sum + opposite * opposite);
-    return {select(opposite == Real(0), Real(1), sum * length), opposite * length};
+    return {select(exactly_equal(opposite, Real(0)), Real(1), sum * length), opposite * length};
 }
 
 /// One step of one-sided Jacobi (Hestenes 1958): the angle that makes the columns p and q of B orthogonal.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/exactly_equal.hpp>
 #include <firn/core/fields.hpp>
 #include <firn/math/principal_axes.hpp>
 #include <firn/models/lame.hpp>
@@ -180,7 +181,8 @@ struct Elastoplastic : FlowType
             FIRN_UNROLL
             for (int i = 0; i < d; ++i) {
                 Real const sigma = Real(1) + axes.extension[i];
-                Mask<Real> const flowed = plastic.flowed & !(sigma == Real(0)); // no axis, where sigma is 0
+                Mask<Real> const flowed =
+                    plastic.flowed & !exactly_equal(sigma, Real(0)); // no axis, where sigma is 0
                 Real const change = (left[i] - axes.extension[i]) / select(flowed, sigma, Real(1));
                 H += axes.U.col(i) * (axes.stretched.col(i) * select(flowed, change, Real(0))).transpose();
             }

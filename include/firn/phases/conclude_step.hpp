@@ -28,12 +28,13 @@ struct StepLog
 template <int obstacles, int materials>
 struct StepRecord
 {
-    double dt = 0;                                 ///< [s]
-    double forces = 0;                             ///< for how long they acted [s]
-    double stable = 0;                             ///< the bound before it [s]
-    StepLimit limit{};                             ///< what bounded dt
-    std::array<std::uint64_t, materials> capped{}; ///< particles whose model is at a cap, of each material
-    Reactions<obstacles> reactions;                ///< impulses per mass unit
+    double dt = 0;     ///< [s]
+    double forces = 0; ///< for how long they acted [s]
+    double stable = 0; ///< the bound before it [s]
+    StepLimit limit{}; ///< what bounded dt
+    std::array<std::uint64_t, std::size_t(materials)>
+        capped{};                   ///< particles whose model is at a cap, of each material
+    Reactions<obstacles> reactions; ///< impulses per mass unit
 };
 
 /// What is known of a run of steps where they are taken; the host reads it when they are through. Every step
@@ -67,7 +68,7 @@ template <class Effects, int materials>
 struct RunRule
 {
     StepRule<materials> steps;
-    std::array<double, materials> density; ///< of each at rest [kg/m^3]
+    std::array<double, std::size_t(materials)> density; ///< of each at rest [kg/m^3]
     Effects effects;
 };
 
@@ -137,7 +138,7 @@ private:
     {
         static_assert(sizeof...(Found) == materials);
         bool const wrong = note_mishaps(log.at[step + 1], found...);
-        *log.taken = step + (wrong ? 0 : 1);
+        *log.taken = std::uint64_t(step + (wrong ? 0 : 1));
         if (!wrong) return true;
         log.at[step + 1].course = log.at[step].course;
         log.at[step + 1].course.ready = false;

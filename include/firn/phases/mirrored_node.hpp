@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/exactly_equal.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/effects/chain.hpp>
 #include <firn/grid/lattice.hpp>
@@ -56,9 +57,10 @@ struct MirroredNode
     /// The nodes on the side of the walls: first + along, the latter on the last axis.
     Coordinates<d> first;
     Real along;
-    std::array<Mask<Real>, d> flipped; ///< whether the node in question is behind a wall across this axis
-    std::array<Mask<Real>, count> on;  ///< or on this wall
-    Real sums[Sums::channels];         ///< of the nodes and their images
+    std::array<Mask<Real>, std::size_t(d)>
+        flipped;                      ///< whether the node in question is behind a wall across this axis
+    std::array<Mask<Real>, count> on; ///< or on this wall
+    Real sums[Sums::channels];        ///< of the nodes and their images
     /// Of what the sums hold, behind each wall: as it is there, momentum and impulse along its axis.
     Real mass_behind[count], momentum_behind[count], impulse_behind[Sums::forces_are_apart ? count : 1];
 
@@ -68,9 +70,9 @@ struct MirroredNode
         : walls(planes), first(at.first()), along(at.offset()[d - 1])
     {
         Real const zero(Number(0));
-        Mask<Real> const every = zero == zero, none = zero > zero;
+        Mask<Real> const every = exactly_equal(zero, zero), none = zero > zero;
         for (auto& sum : sums) sum = zero;
-        for (int a = 0; a < d; ++a) flipped[a] = none;
+        for (int a = 0; a < d; ++a) flipped[std::size_t(a)] = none;
         for (std::size_t w = 0; w < count; ++w) {
             mass_behind[w] = momentum_behind[w] = zero;
             if constexpr (Sums::forces_are_apart) impulse_behind[w] = zero;
@@ -80,15 +82,15 @@ struct MirroredNode
             if (wall.axis != d - 1) { // all lanes or none
                 if (before == 0) on[w] = every;
                 if (before != -1) continue;
-                flipped[wall.axis] = every;
+                flipped[std::size_t(wall.axis)] = every;
                 first[wall.axis] = wall.image(first[wall.axis]);
             }
             else if (reaches(wall, first, 1)) {
                 Real const ahead = Real(Number(first[wall.axis] - wall.node)) + along;
-                on[w] = ahead == zero;
-                Mask<Real> const behind = ahead == Real(Number(-wall.side));
+                on[w] = exactly_equal(ahead, zero);
+                Mask<Real> const behind = exactly_equal(ahead, Real(Number(-wall.side)));
                 if (!any(behind)) continue;
-                flipped[wall.axis] = flipped[wall.axis] | behind;
+                flipped[std::size_t(wall.axis)] = flipped[std::size_t(wall.axis)] | behind;
                 along = along + select(behind, Real(Number(2 * wall.side)), zero);
             }
         }
@@ -102,7 +104,7 @@ struct MirroredNode
     FIRN_HOST_DEVICE Mask<Real> is_image() const
     {
         Mask<Real> is = flipped[0];
-        for (int a = 1; a < d; ++a) is = is | flipped[a];
+        for (int a = 1; a < d; ++a) is = is | flipped[std::size_t(a)];
         return is;
     }
 
@@ -139,7 +141,7 @@ private:
                 if constexpr (axis == d - 1) {
                     if (!reaches(walls[w], row, 3)) continue; // images are by two beyond their lanes
                     Real const distance = Real(Number(row[axis] - walls[w].node)) + places;
-                    Mask<Real> const mirrored = which & (abs(distance) == Real(Number(1)));
+                    Mask<Real> const mirrored = which & exactly_equal(abs(distance), Real(Number(1)));
                     if (any(mirrored))
                         add<axis + 1>(from, row, places - Real(Number(2)) * distance, mirrored, behind_this);
                 }
@@ -157,17 +159,19 @@ private:
                                    Mask<Real> const& which, std::array<bool, count> const& behind)
     {
         Real found[Sums::channels];
-        from.sums_at(row, places, which, found);
-        std::array<bool, d> reverse{};
+        from.template sums_at<Sums::channels>(row, places, which, found);
+        std::array<bool, std::size_t(d)> reverse{};
         for (std::size_t w = 0; w < count; ++w) {
             if (!behind[w]) continue;
-            for (int a = 0; a < d; ++a) reverse[a] = reverse[a] || a == walls[w].axis;
+            for (int a = 0; a < d; ++a)
+                reverse[std::size_t(a)] = reverse[std::size_t(a)] || a == walls[w].axis;
             mass_behind[w] += found[Sums::mass];
             momentum_behind[w] += found[Sums::momentum + walls[w].axis];
             if constexpr (Sums::forces_are_apart) impulse_behind[w] += found[Sums::impulse + walls[w].axis];
         }
         sums[Sums::mass] += found[Sums::mass];
-        for (int c = 1; c < Sums::channels; ++c) sums[c] += reverse[(c - 1) % d] ? -found[c] : found[c];
+        for (int c = 1; c < Sums::channels; ++c)
+            sums[c] += reverse[std::size_t((c - 1) % d)] ? -found[c] : found[c];
     }
 };
 

@@ -72,11 +72,11 @@ struct Giving
         /// affine (x_i - x_p) is linear in the node's indices: its value at the first node of each layer
         /// across the first axis, and its change from node to node along the others. Momentum stays apart:
         /// beside it, small differences would be rounded away, in steady motion the same in every step.
-        Vector<Real, d> affine[terms.affine ? width : 1];
-        Vector<Real, d> change[d]; ///< of axis a: [a], from 1 on
-        Vector<Real, d> gradient[terms.gradient ? d : 1];
-        std::array<Real, width> weight[d];
-        std::array<Real, width> derivative[terms.gradient ? d : 1];
+        Vector<Real, d> affine[std::size_t(terms.affine ? width : 1)];
+        Vector<Real, d> change[std::size_t(d)]; ///< of axis a: [a], from 1 on
+        Vector<Real, d> gradient[std::size_t(terms.gradient ? d : 1)];
+        std::array<Real, std::size_t(width)> weight[std::size_t(d)];
+        std::array<Real, std::size_t(width)> derivative[std::size_t(terms.gradient ? d : 1)];
     };
 
     /// Makes ready what the row's particles give, one per cell.
@@ -88,14 +88,17 @@ struct Giving
         spread.momentum = kept_vector<Real>(row_of_cells, momentum);
         FIRN_UNROLL
         for (int a = 0; a < d; ++a) FIRN_UNROLL
-        for (int i = 0; i < width; ++i) spread.weight[a][i] = nodes.weight[a][i]; // one by one: see copy_of()
+        for (int i = 0; i < width; ++i)
+            spread.weight[a][std::size_t(i)] =
+                nodes.weight[std::size_t(a)][std::size_t(i)]; // one by one: see copy_of()
         if constexpr (terms.affine) {
             Matrix<Real, d> const A = kept_matrix<Real>(row_of_cells, affine);
             FIRN_UNROLL
             for (int i = 0; i < width; ++i) {
-                spread.affine[i] = column<Real, d>(A, 0) * nodes.distance[0][i];
+                spread.affine[i] = column<Real, d>(A, 0) * nodes.distance[0][std::size_t(i)];
                 FIRN_UNROLL
-                for (int a = 1; a < d; ++a) spread.affine[i] += column<Real, d>(A, a) * nodes.distance[a][0];
+                for (int a = 1; a < d; ++a)
+                    spread.affine[i] += column<Real, d>(A, a) * nodes.distance[std::size_t(a)][0];
             }
             FIRN_UNROLL
             for (int a = 1; a < d; ++a) spread.change[a] = column<Real, d>(A, a);
@@ -106,7 +109,8 @@ struct Giving
             for (int a = 0; a < d; ++a) {
                 spread.gradient[a] = column<Real, d>(G, a);
                 FIRN_UNROLL
-                for (int i = 0; i < width; ++i) spread.derivative[a][i] = nodes.derivative[a][i];
+                for (int i = 0; i < width; ++i)
+                    spread.derivative[a][std::size_t(i)] = nodes.derivative[std::size_t(a)][std::size_t(i)];
             }
         }
     }
@@ -117,8 +121,8 @@ struct Giving
     {
         using Nodes = Stencil<Kernel, Real, d>;
         int const first = Nodes::index(row, 0), second = Nodes::index(row, 1);
-        Real w_row = spread.weight[0][first];
-        if constexpr (d == 3) w_row = w_row * spread.weight[1][second];
+        Real w_row = spread.weight[0][std::size_t(first)];
+        if constexpr (d == 3) w_row = w_row * spread.weight[1][std::size_t(second)];
         Vector<Real, d> affine, force, along;
         if constexpr (terms.affine) {
             affine = spread.affine[first];
@@ -126,15 +130,18 @@ struct Giving
         }
         if constexpr (terms.gradient) {
             if constexpr (d == 3)
-                force = spread.gradient[0] * (spread.derivative[0][first] * spread.weight[1][second]) +
-                        spread.gradient[1] * (spread.weight[0][first] * spread.derivative[1][second]);
+                force =
+                    spread.gradient[0] *
+                        (spread.derivative[0][std::size_t(first)] * spread.weight[1][std::size_t(second)]) +
+                    spread.gradient[1] *
+                        (spread.weight[0][std::size_t(first)] * spread.derivative[1][std::size_t(second)]);
             else
-                force = spread.gradient[0] * spread.derivative[0][first];
+                force = spread.gradient[0] * spread.derivative[0][std::size_t(first)];
             along = spread.gradient[Nodes::last] * w_row;
         }
         FIRN_UNROLL
         for (int k = 0; k < width; ++k) {
-            Real const w_k = spread.weight[Nodes::last][k], w = w_row * w_k;
+            Real const w_k = spread.weight[Nodes::last][std::size_t(k)], w = w_row * w_k;
             auto&& sums = nodes[k];
             sums[Sums::mass] += spread.mass * w;
             FIRN_UNROLL
@@ -142,7 +149,8 @@ struct Giving
                 sums[Sums::momentum + a] += spread.momentum[a] * w;
                 if constexpr (terms.affine) sums[Sums::momentum + a] += affine[a] * w;
                 if constexpr (terms.gradient)
-                    sums[Sums::impulse + a] += force[a] * w_k + along[a] * spread.derivative[Nodes::last][k];
+                    sums[Sums::impulse + a] +=
+                        force[a] * w_k + along[a] * spread.derivative[Nodes::last][std::size_t(k)];
             }
             if constexpr (terms.affine)
                 if (k + 1 < width) affine += spread.change[Nodes::last];

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/exactly_equal.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/effects/effect.hpp>
 #include <firn/phases/stable_time_step.hpp>
@@ -41,12 +42,12 @@ template <int materials>
 struct StepRule
 {
     StepControl control{};
-    double cell_size = 0;                           ///< [m]
-    std::array<MaterialLimits, materials> limits{}; ///< of each material
-    double acceleration = 0;                        ///< of the effects [m/s^2]
-    double obstacle_speed = 0;                      ///< of the effects [m/s]
-    double duration = 0;                            ///< of the call [s]
-    double end = 0;                                 ///< when it ends [s]
+    double cell_size = 0;                                        ///< [m]
+    std::array<MaterialLimits, std::size_t(materials)> limits{}; ///< of each material
+    double acceleration = 0;                                     ///< of the effects [m/s^2]
+    double obstacle_speed = 0;                                   ///< of the effects [m/s]
+    double duration = 0;                                         ///< of the call [s]
+    double end = 0;                                              ///< when it ends [s]
     double equal = 0; ///< length of all steps [s]; 0: they are as long as is stable
 
     /// A step that was planned by the bounds of one step before may be so much longer than the bounds of now,
@@ -89,12 +90,12 @@ struct StepRule
             course.now.interval.forces = forces(course.now, course.last, 0);
             course.next = {{course.now.interval.end, course.now.interval.end + equal}, StepLimit::duration};
             course.next.interval.forces = forces(course.next, course.now.interval.length(), 0);
-            return course.given.interval.forces == course.now.interval.forces;
+            return exactly_equal(course.given.interval.forces, course.now.interval.forces);
         }
         PlannedStep best = plan(longest_now, course.time, end, course.previous, course.retries);
         best.interval.forces = forces(best, course.last, course.retries);
         double const planned = course.given.interval.length(), longest = best.interval.length();
-        bool const fits = planned > 0 && course.given.interval.begin == course.time &&
+        bool const fits = planned > 0 && exactly_equal(course.given.interval.begin, course.time) &&
                           course.given.interval.end <= end && planned <= longest_plan * longest &&
                           planned >= shortest_plan * longest && course.retries == 0;
         course.now = fits ? course.given : best;
@@ -139,7 +140,7 @@ struct StepRule
     /// longer than a plan may be, so that a step is stable behind one that was far longer.
     FIRN_HOST_DEVICE static double time_of_forces(double length, double before, double stable)
     {
-        if (before == 0) return length;
+        if (exactly_equal(before, 0)) return length;
         return min(0.5 * (before + length), longest_plan * max(length, stable));
     }
 

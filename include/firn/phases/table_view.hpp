@@ -22,8 +22,8 @@ struct TableView
 
     using Offset = typename CellOffset<Number>::Stored;
 
-    std::array<Offset*, d> offset;
-    std::array<Number*, components> component;
+    std::array<Offset*, std::size_t(d)> offset;
+    std::array<Number*, std::size_t(components)> component;
     std::uint32_t* id;
 
     /// Reads the items' offsets from the centres of their cells, in cells.
@@ -32,7 +32,7 @@ struct TableView
     {
         Vector<typename Items::Real, d> position;
         FIRN_UNROLL
-        for (int a = 0; a < d; ++a) position[a] = items.load_offset(offset[a], a);
+        for (int a = 0; a < d; ++a) position[a] = items.load_offset(offset[std::size_t(a)], a);
         return position;
     }
 
@@ -47,7 +47,8 @@ struct TableView
         auto stays = items.here();
         FIRN_UNROLL
         for (int a = 0; a < d; ++a)
-            stays = stays & items.move_offset(before.offset[a], offset[a], a, displacement[a], position[a]);
+            stays = stays & items.move_offset(before.offset[std::size_t(a)], offset[std::size_t(a)], a,
+                                              displacement[a], position[a]);
         return stays;
     }
 
@@ -55,7 +56,8 @@ struct TableView
     template <class Items, class Record>
     FIRN_HOST_DEVICE void load(Items const& items, Record& record) const
     {
-        for_each_component_of<Set, d>(record, [&](int c, auto& value) { value = items.load(component[c]); });
+        for_each_component_of<Set, d>(
+            record, [&](int c, auto& value) { value = items.load(component[std::size_t(c)]); });
     }
 
     /// Says that the fields will soon be read.
@@ -63,7 +65,7 @@ struct TableView
     FIRN_HOST_DEVICE void expect_load(Items const& items) const
     {
         FIRN_UNROLL
-        for (int c = 0; c < components; ++c) items.expect_load(component[c]);
+        for (int c = 0; c < components; ++c) items.expect_load(component[std::size_t(c)]);
     }
 
     /// Says that all of the table will soon be written.
@@ -79,7 +81,8 @@ struct TableView
     template <class Items, class Record>
     FIRN_HOST_DEVICE void store(Items const& items, Record& record) const
     {
-        for_each_component_of<Set, d>(record, [&](int c, auto& value) { items.store(component[c], value); });
+        for_each_component_of<Set, d>(
+            record, [&](int c, auto& value) { items.store(component[std::size_t(c)], value); });
     }
 };
 
@@ -89,22 +92,22 @@ template <class Number, int d, class Set>
 struct FieldsById
 {
     static constexpr int components = Set::components(d);
-    std::array<Number*, components> component{};
+    std::array<Number*, std::size_t(components)> component{};
     bool present = false;
 
     template <class Items, class Record>
     FIRN_HOST_DEVICE void load(Items const& items, std::uint32_t const* id, Record& record) const
     {
         for_each_component_of<Set, d>(record, [&](int c, auto& value) {
-            value = items.map([&](std::size_t particle) { return component[c][id[particle]]; });
+            value = items.map([&](std::size_t particle) { return component[std::size_t(c)][id[particle]]; });
         });
     }
 
     template <class Items, class Record>
     FIRN_HOST_DEVICE void store(Items const& items, std::uint32_t const* id, Record& record) const
     {
-        for_each_component_of<Set, d>(record,
-                                      [&](int c, auto& value) { items.store_at(component[c], id, value); });
+        for_each_component_of<Set, d>(
+            record, [&](int c, auto& value) { items.store_at(component[std::size_t(c)], id, value); });
     }
 };
 
@@ -116,7 +119,7 @@ struct FieldsById
 template <class Number, int components>
 struct FieldView
 {
-    std::array<Number const*, components> component;
+    std::array<Number const*, std::size_t(components)> component;
     std::uint32_t const* row;
     std::size_t stride = 1; ///< from one particle to the next [numbers]
     std::size_t count;      ///< particles
@@ -127,7 +130,7 @@ struct FieldView
 template <class Number, int components>
 struct WriteField
 {
-    std::array<Number const*, components> component;
+    std::array<Number const*, std::size_t(components)> component;
     std::uint32_t const* row; ///< of the particle at a place; none if the place is the row
     Number* to;               ///< component c of the particle in a row at to[row * stride + c]
     std::size_t stride;
@@ -136,7 +139,8 @@ struct WriteField
     {
         std::size_t const first = (row ? row[place] : place) * stride;
         FIRN_UNROLL
-        for (int c = 0; c < components; ++c) to[first + static_cast<unsigned>(c)] = component[c][place];
+        for (int c = 0; c < components; ++c)
+            to[first + static_cast<unsigned>(c)] = component[std::size_t(c)][place];
     }
 };
 
@@ -154,10 +158,12 @@ struct WritePositions
     {
         Vector<double, d> in_cell;
         FIRN_UNROLL
-        for (int a = 0; a < d; ++a) in_cell[a] = CellOffset<Number>::exact(particles.offset[a][particle]);
+        for (int a = 0; a < d; ++a)
+            in_cell[a] = CellOffset<Number>::exact(particles.offset[std::size_t(a)][particle]);
         Vector<double, d> const x = world_position<d>(lattice, kernel_order, cell, in_cell);
         FIRN_UNROLL
-        for (int a = 0; a < d; ++a) to[particles.id[particle] * stride + a] = static_cast<Number>(x[a]);
+        for (int a = 0; a < d; ++a)
+            to[particles.id[particle] * stride + std::size_t(a)] = static_cast<Number>(x[a]);
     }
 };
 
@@ -189,7 +195,8 @@ struct FindParticles
     {
         Vector<double, d> in_cell;
         FIRN_UNROLL
-        for (int a = 0; a < d; ++a) in_cell[a] = CellOffset<Number>::exact(particles.offset[a][particle]);
+        for (int a = 0; a < d; ++a)
+            in_cell[a] = CellOffset<Number>::exact(particles.offset[std::size_t(a)][particle]);
         Vector<double, d> const x = world_position<d>(lattice, kernel_order, cell, in_cell);
         if constexpr (by_position)
             found[particle] = is_wanted(x) ? 1 : 0;

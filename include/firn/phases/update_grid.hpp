@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/exactly_equal.hpp>
 #include <firn/effects/chain.hpp>
 #include <firn/phases/mirrored_node.hpp>
 #include <firn/phases/particles_to_grid.hpp>
@@ -57,7 +58,8 @@ struct UpdateGrid
         Place<Real, d> const place{lattice, node.first(), node.offset(), kernel_reach(Kernel::order)};
         update<Real>(
             place, [&](int c) { return node.sum(c); }, [&](int a) { return withheld<Real>(node, a); },
-            [&](int c, Real const& value) { node.set(c, value); }, Real(0) == Real(0), reactions);
+            [&](int c, Real const& value) { node.set(c, value); }, exactly_equal(Real(0), Real(0)),
+            reactions);
     }
 
     /// What nodes look around for.
@@ -84,7 +86,7 @@ struct UpdateGrid
         Place<Real, d> place{lattice, mirrored.first, zeros<Vector<Real, d>>(), kernel_reach(Kernel::order)};
         place.offset[d - 1] = mirrored.along;
         Mask<Real> const received = !mirrored.is_image(); // what a node receives its images do not once more
-        Real velocity[channels];
+        Real velocity[std::size_t(channels)];
         update<Real>(
             place, [&](int c) { return mirrored.sums[c]; }, [](int) { return Real(0); },
             [&](int c, Real const& value) { velocity[c] = value; }, received, reactions);
@@ -93,7 +95,7 @@ struct UpdateGrid
             Mask<Real> const on_wall = mirrored.on_wall(a);
             for (int c = a; c < channels; c += d) {
                 Real const value = select(on_wall, Real(0), velocity[c]);
-                node.set(c, select(mirrored.flipped[a], -value, value));
+                node.set(c, select(mirrored.flipped[std::size_t(a)], -value, value));
             }
         }
     }
@@ -160,8 +162,8 @@ private:
             }
             Real const received = select(which, select(mirrored.on[w], on, beside), Real(0));
             // most give nothing: of a wall across the lanes all but two
-            std::uint64_t const giving = bits(!(received == Real(0)));
-            if (giving != 0) book(reactions.of[wall.obstacle], a, received, arm, giving);
+            std::uint64_t const giving = bits(!exactly_equal(received, Real(0)));
+            if (giving != 0) book(reactions.of[std::size_t(wall.obstacle)], a, received, arm, giving);
         }
     }
 
@@ -171,7 +173,7 @@ private:
                                       Vector<Real, d> const& arm, std::uint64_t lanes)
     {
         constexpr int width = lane_width<Real>;
-        Number impulse[width], at[d][width];
+        Number impulse[std::size_t(width)], at[std::size_t(d)][std::size_t(width)];
         LaneTraits<Real>::store(given, impulse);
         for (int i = 0; i < d; ++i) LaneTraits<Real>::store(arm[i], at[i]);
         double sum = 0;

@@ -3,6 +3,7 @@
 
 // Particles for a solid. The same seed gives the same points, whatever the loop and the standard library.
 #include <firn/core/error.hpp>
+#include <firn/core/exactly_equal.hpp>
 #include <firn/core/serial.hpp>
 #include <firn/sampling/interior.hpp>
 #include <firn/sampling/poisson_disk_points.hpp>
@@ -97,7 +98,8 @@ PointSample lattice_points(Solid const& interior, Count count, double jitter = 0
             best = std::move(points);
         bool const good_enough = !best.empty() && (best.size() <= enough || attempt >= 6);
         if (good_enough) break;
-        if (found == 0 && box.volume() > 1e6 * std::pow(spacing, 3)) break; // nothing to be found
+        if (exactly_equal(found, 0) && box.volume() > 1e6 * std::pow(spacing, 3))
+            break; // nothing to be found
         // Aim into the middle of what is good, and a little finer each time, so that this ends.
         double const aim =
             0.5 * double(wanted + enough) * (1 + 0.01 * attempt * attempt / std::cbrt(double(wanted)));

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/error.hpp>
+#include <firn/core/exactly_equal.hpp>
 #include <firn/core/serial.hpp>
 #include <firn/sampling/interior.hpp>
 
@@ -47,7 +48,7 @@ public:
             cells.prod() <= most_cells, "this needs more than 5e8 cells of memory", "poisson_disk_points",
             "Ask for fewer points (a larger radius), or split a solid that leaves most of its box empty.");
         // A rim of empty cells spares the search for neighbours its checks.
-        for (int i = 0; i < 3; ++i) count_[i] = static_cast<std::uint32_t>(cells[i]) + 2 * reach;
+        for (int i = 0; i < 3; ++i) count_[std::size_t(i)] = static_cast<std::uint32_t>(cells[i]) + 2 * reach;
         row_ = count_[0];
         slab_ = row_ * count_[1];
         grid_.assign(std::size_t(slab_) * count_[2], empty);
@@ -109,7 +110,7 @@ private:
     {
         double const squared = radius_ * radius_;
         for (auto const step : neighbours_) {
-            auto const other = grid_[cell + step];
+            auto const other = grid_[std::size_t(cell + step)];
             if (other == empty || (points_[std::size_t(other)] - x).squaredNorm() >= squared) continue;
             Eigen::Array3d const middle = lowest_.array() + (corner(cell) + 0.5) * size_;
             Eigen::Array3d const furthest =
@@ -201,7 +202,8 @@ PointSample poisson_disk_points(Solid const& interior, Count count, std::uint64_
         auto const found = double(points.size());
         if (found >= target && (best.empty() || points.size() < best.size())) best = std::move(points);
         if (!best.empty() && (double(best.size()) < 1.03 * target || attempt >= 4)) break;
-        if (found == 0 && box.volume() > 1e5 * std::pow(radius, 3)) break; // there is nothing to be found
+        if (exactly_equal(found, 0) && box.volume() > 1e5 * std::pow(radius, 3))
+            break; // there is nothing to be found
         radius *=
             std::clamp(std::cbrt(found / (1.01 * target + std::cbrt(target) + 0.1 * attempt)), 0.5, 1.5);
     }

@@ -109,7 +109,7 @@ public:
     void side_by_side(int rank, std::size_t end, Use const& use)
     {
         if constexpr (can_go_side_by_side) {
-            std::uint32_t cell[lanes];
+            std::uint32_t cell[std::size_t(lanes)];
             for (int l = 0; l < lanes; ++l) cell[l] = static_cast<std::uint32_t>(l);
             std::size_t item = item_;
             for (std::uint64_t pattern = pattern_; pattern != 0;
@@ -140,14 +140,15 @@ public:
     /// Adds to the nodes of a row of the stencils: `sums[k][c]` to channel c of the node at place k of each
     /// lane. Neighbouring lanes share nodes: what is added to them is summed up first.
     template <int width, int channels>
-    void add(int row, Lane const (&sums)[width][channels]) const
+    void add(int row, Lane const (&sums)[std::size_t(width)][std::size_t(channels)]) const
     {
         Number* const first = write_ + at(0, row, 0);
         for (int c = 0; c < channels; ++c) {
             Number* const to = first + c * GridType::tile_channel;
             if constexpr (lanes >= width) {
                 Lane here = sums[0][c], beyond(Number(0));
-                add_shifted(sums, c, here, beyond, std::make_integer_sequence<int, width - 1>{});
+                add_shifted<width, channels>(sums, c, here, beyond,
+                                             std::make_integer_sequence<int, width - 1>{});
                 (Lane::load(to) + here).store(to);
                 Number* const rest = to + lanes;
                 (Lane::load_first(width - 1, rest) + beyond).store_first(width - 1, rest);
@@ -161,8 +162,8 @@ public:
 private:
     /// Adds lane l's sum for place k to number l + k of `here` followed by `beyond`, for k = 1, 2, …
     template <int width, int channels, int... before>
-    static void add_shifted(Lane const (&sums)[width][channels], int c, Lane& here, Lane& beyond,
-                            std::integer_sequence<int, before...>)
+    static void add_shifted(Lane const (&sums)[std::size_t(width)][std::size_t(channels)], int c, Lane& here,
+                            Lane& beyond, std::integer_sequence<int, before...>)
     {
         Lane const zero(Number(0));
         ((here += Lane::template window<lanes - 1 - before>(zero, sums[before + 1][c])), ...);
@@ -233,9 +234,9 @@ public:
     Lane node(int c, int row, int k) const { return Lane::gather(read_ + at(c, row, k), stencil_); }
 
     template <int width, int channels>
-    void add(int row, Lane const (&sums)[width][channels]) const
+    void add(int row, Lane const (&sums)[std::size_t(width)][std::size_t(channels)]) const
     {
-        Number values[width][channels][lanes];
+        Number values[std::size_t(width)][std::size_t(channels)][std::size_t(lanes)];
         for (int k = 0; k < width; ++k)
             for (int c = 0; c < channels; ++c) sums[k][c].store(values[k][c]);
         for (int l = 0; l < count_; ++l) {
@@ -260,7 +261,7 @@ private:
     Scratch<Lane, GridType::dimension>& scratch_;
     Number const* read_;
     Number* write_;
-    std::int32_t stencil_[lanes]; ///< where in a tile they begin
+    std::int32_t stencil_[std::size_t(lanes)]; ///< where in a tile they begin
 };
 
 /// The lanes 0, 1, 2, … (Written before: what is written number by number is not soon read as a pack.)

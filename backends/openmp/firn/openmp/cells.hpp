@@ -69,12 +69,12 @@ public:
     /// The number of items in each cell of a group.
     std::uint32_t const* counts(std::size_t block, int group) const
     {
-        return &counts_[block * Shape::cells + group * lanes];
+        return &counts_[block * Shape::cells + std::size_t(group * lanes)];
     }
     /// The first slot of a group.
     std::uint32_t group_begin(std::size_t block, int group) const
     {
-        return group_begin_[block * Shape::groups + group];
+        return group_begin_[block * Shape::groups + std::size_t(group)];
     }
     /// The slot behind the last of a group.
     std::uint32_t group_end(std::size_t block, int group) const
@@ -174,7 +174,8 @@ public:
                 for_each_rank(b, group, [&](std::uint32_t slot, std::uint32_t rank, std::uint64_t pattern) {
                     for (; pattern != 0; pattern &= pattern - 1, ++slot)
                         if (gone[source(slot)]) {
-                            departures_[b].from.push_back({slot, rank * lanes + std::countr_zero(pattern)});
+                            departures_[b].from.push_back(
+                                {slot, rank * lanes + std::uint32_t(std::countr_zero(pattern))});
                             ++outflows_[b].departures;
                         }
                 });
@@ -184,7 +185,7 @@ public:
 
     /// Moves the items that departed to their new cells, and wraps their offsets. An item lies at its slot
     /// (see settle).
-    void follow(std::array<Offset*, d> const& offset)
+    void follow(std::array<Offset*, std::size_t(d)> const& offset)
     {
         begin_to_follow(offset);
         complete();
@@ -192,7 +193,7 @@ public:
 
     /// The host's part of that: blocks, and old_block(), version() and generation(), are those to be. What is
     /// in them nobody may ask before complete().
-    void begin_to_follow(std::array<Offset*, d> const& offset)
+    void begin_to_follow(std::array<Offset*, std::size_t(d)> const& offset)
     {
         list_flows();
         find_blocks(size(), offset);
@@ -208,7 +209,8 @@ public:
         share(threads_.limited_to(threads), static_cast<int>(blocks_.size()), parts(), [&](int thread) {
             return [&, &ranks = kept_.template of<Ranks<lanes>>(thread), then = make(thread)](int b) {
                 if (is_incomplete_) {
-                    if (int const old = old_block_[b]; old != BlockMap::absent) wrap(departures_[old]);
+                    if (int const old = old_block_[std::size_t(b)]; old != BlockMap::absent)
+                        wrap(departures_[std::size_t(old)]);
                     sort_block(b, ranks);
                 }
                 then(b);
@@ -231,18 +233,18 @@ public:
         std::uint32_t const begin = group_begin(block, group);
         at.resize(std::max<std::size_t>(at.size(), group_end(block, group) - begin));
         for_each_rank(block, group, [&](std::uint32_t slot, std::uint32_t rank, std::uint64_t pattern) {
-            std::uint32_t of_lanes[lanes];
-            count_up(rank * lanes, of_lanes);
+            std::uint32_t of_lanes[std::size_t(lanes)];
+            count_up<lanes>(rank * lanes, of_lanes);
             compress<lanes>(of_lanes, pattern, &at[slot - begin]);
         });
     }
 
     /// An item of a block that goes from a cell so many cells along the axes: less than a block.
-    static Mover moved(std::uint32_t source, int place, std::array<int, d> const& steps)
+    static Mover moved(std::uint32_t source, int place, std::array<int, std::size_t(d)> const& steps)
     {
         int to = 0, direction = 0, stride = 1, turn = 1;
         for (int a = d - 1; a >= 0; --a) {
-            int const extent = Shape::extent(a), at = place % extent + steps[a];
+            int const extent = Shape::extent(a), at = place % extent + steps[std::size_t(a)];
             int const beyond = int(at >= extent) - int(at < 0);
             to += (at - beyond * extent) * stride;
             direction += (beyond + 1) * turn;
@@ -361,7 +363,7 @@ private:
     std::uint32_t old_group_end(int block, int group) const
     {
         return group + 1 < Shape::groups ? group_begin(static_cast<std::size_t>(block), group + 1)
-                                         : old_blocks_[block].end;
+                                         : old_blocks_[std::size_t(block)].end;
     }
 
     std::uint32_t source(std::size_t slot) const
@@ -395,8 +397,8 @@ private:
         if (!any) return;
         std::uint32_t before = 0;
         for (int cell = 0; cell < Shape::cells; ++cell) {
-            counts[cell] += next[cell];
-            before += std::exchange(next[cell], before);
+            counts[std::size_t(cell)] += next[std::size_t(cell)];
+            before += std::exchange(next[std::size_t(cell)], before);
         }
         for (std::span<Mover const> const list : lists)
             for (Mover const& item : list) sorted[next[item.place]++] = item;
@@ -418,7 +420,7 @@ private:
             Mover const* first = outflows_[b].movers;
             if (first == nullptr) continue;
             for (int direction = 0; direction < directions<d>; ++direction) {
-                std::uint32_t const count = outflows_[b].to[direction];
+                std::uint32_t const count = outflows_[b].to[std::size_t(direction)];
                 if (count == 0) continue;
                 flows_.push_back({block_key<d>(neighbour<d>(blocks_[b].coordinates, direction)), first, count,
                                   BlockMap::absent});
@@ -428,7 +430,7 @@ private:
     }
 
     /// Finds the blocks of the new order, and what comes to each from others: complete() writes it.
-    void find_blocks(std::size_t count, std::array<Offset*, d> const& offset)
+    void find_blocks(std::size_t count, std::array<Offset*, std::size_t(d)> const& offset)
     {
         offset_ = offset;
         std::swap(blocks_, old_blocks_);
@@ -468,7 +470,7 @@ private:
     {
         if (offset_[0] == nullptr) return;
         for (auto const& from : departures.from)
-            for (int a = 0; a < d; ++a) CellOffset<Number>::wrap(offset_[a][from.slot]);
+            for (int a = 0; a < d; ++a) CellOffset<Number>::wrap(offset_[std::size_t(a)][from.slot]);
     }
 
     /// Writes the new order at once, of so many items, where some were added or are gone.
@@ -504,7 +506,7 @@ private:
             if (flow.to == BlockMap::absent)
                 fresh.push_back(flow.key);
             else
-                stay_[flow.to] += flow.count;
+                stay_[std::size_t(flow.to)] += flow.count;
         }
         std::sort(fresh.begin(), fresh.end());
         fresh.erase(std::unique(fresh.begin(), fresh.end()), fresh.end());
@@ -529,13 +531,13 @@ private:
         arrival_begin_.assign(blocks_.size() + 1, 0);
         flow_begin_.assign(blocks_.size() + 2, 0); // those of block b begin at b + 1 until they are sorted
         for (Flow const& flow : flows_) {
-            arrival_begin_[flow.to + 1] += flow.count;
-            ++flow_begin_[flow.to + 2];
+            arrival_begin_[std::size_t(flow.to + 1)] += flow.count;
+            ++flow_begin_[std::size_t(flow.to + 2)];
         }
         std::uint32_t slot = 0;
         for (std::size_t b = 0; b < blocks_.size(); ++b) {
             std::uint32_t const total =
-                old_block_[b] == BlockMap::absent ? arrival_begin_[b + 1] : stay_[old_block_[b]];
+                old_block_[b] == BlockMap::absent ? arrival_begin_[b + 1] : stay_[std::size_t(old_block_[b])];
             blocks_[b].begin = slot;
             blocks_[b].end = slot += total;
             arrival_begin_[b + 1] += arrival_begin_[b];
@@ -543,7 +545,7 @@ private:
         }
         flow_order_.resize(flows_.size());
         for (Flow const& flow : flows_)
-            flow_order_[flow_begin_[flow.to + 1]++] = std::span(flow.first, flow.count);
+            flow_order_[flow_begin_[std::size_t(flow.to + 1)]++] = std::span(flow.first, flow.count);
         arrivals_.clear();
         make_room(arrivals_, arrival_begin_.back());
         arrivals_.resize(arrival_begin_.back());
@@ -555,33 +557,36 @@ private:
     /// for who comes, and if none comes for the last of the cell.
     void sort_block(int b, Ranks<lanes>& ranks)
     {
-        int const old = old_block_[b];
+        int const old = old_block_[std::size_t(b)];
         bool const is_new = old == BlockMap::absent;
         static constexpr std::array<std::uint32_t, Shape::cells> none{};
         std::uint32_t const* const before = is_new ? none.data() : &counts_[std::size_t(old) * Shape::cells];
         std::uint32_t* const counts = &new_counts_[std::size_t(b) * Shape::cells];
         std::span<Departure const> gone;
         std::span<Mover const> inside;
-        if (!is_new) gone = departures_[old].from, inside = departures_[old].given_inside;
+        if (!is_new)
+            gone = departures_[std::size_t(old)].from, inside = departures_[std::size_t(old)].given_inside;
         std::array<std::uint32_t, Shape::cells> came;
         came.fill(0);
         for (Mover const& mover : inside) ++came[mover.place];
-        sort_by_cell(std::span(flow_order_).subspan(flow_begin_[b], flow_begin_[b + 1] - flow_begin_[b]),
-                     arrivals_.data() + arrival_begin_[b], came);
-        for (int cell = 0; cell < Shape::cells; ++cell) counts[cell] = before[cell] + came[cell];
+        sort_by_cell(std::span(flow_order_)
+                         .subspan(flow_begin_[std::size_t(b)],
+                                  flow_begin_[std::size_t(b + 1)] - flow_begin_[std::size_t(b)]),
+                     arrivals_.data() + arrival_begin_[std::size_t(b)], came);
+        for (int cell = 0; cell < Shape::cells; ++cell) counts[cell] = before[cell] + came[std::size_t(cell)];
 
         auto left = gone.begin();
-        std::span<Mover const> const arrivals = movers(b);
+        std::span<Mover const> const arrivals = movers(std::size_t(b));
         auto mover = inside.begin();
         auto arrival = arrivals.begin();
-        std::uint32_t slot = blocks_[b].begin;
+        std::uint32_t slot = blocks_[std::size_t(b)].begin;
         for (int group = 0; group < Shape::groups; ++group) {
             int const first = group * lanes;
-            new_group_begin_[std::size_t(b) * Shape::groups + group] = slot;
+            new_group_begin_[std::size_t(b) * Shape::groups + std::size_t(group)] = slot;
             auto const comes_here = [&](auto next, auto const& list) {
                 return next != list.end() && next->place < first + lanes;
             };
-            std::uint32_t const begin = is_new ? 0 : group_begin(old, group),
+            std::uint32_t const begin = is_new ? 0 : group_begin(std::size_t(old), group),
                                 end = is_new ? 0 : old_group_end(old, group);
             bool const stays_as_it_is = settled_ && (left == gone.end() || left->slot >= end) &&
                                         !comes_here(mover, inside) && !comes_here(arrival, arrivals);
@@ -594,14 +599,14 @@ private:
             if (!is_new)
                 for_each_rank(before + first, begin, end,
                               [&](std::uint32_t from, std::uint32_t rank, std::uint64_t pattern) {
-                                  std::uint32_t sources[lanes];
-                                  count_up(from, sources);
+                                  std::uint32_t sources[std::size_t(lanes)];
+                                  count_up<lanes>(from, sources);
                                   expand<lanes>(settled_ ? sources : &source_[from], pattern,
                                                 ranks.row(rank));
                               });
             for (; left != gone.end() && left->slot < end; ++left) {
                 ranks.leave(left->at);
-                --counts[first + left->at % lanes];
+                --counts[std::uint32_t(first) + left->at % lanes];
             }
             for (; comes_here(mover, inside); ++mover) ranks.fill(mover->place - first, mover->source);
             for (; comes_here(arrival, arrivals); ++arrival)
@@ -619,7 +624,7 @@ private:
     Threads threads_;
     mutable Kept kept_;
     bool settled_ = true, is_incomplete_ = false;
-    std::array<Offset*, d> offset_{}; ///< of items, as they are being followed
+    std::array<Offset*, std::size_t(d)> offset_{}; ///< of items, as they are being followed
     std::uint64_t version_ = 0, generation_ = 0;
     std::vector<Block> blocks_, old_blocks_;
     std::vector<std::uint64_t> fresh_; ///< keys of blocks that were not there before

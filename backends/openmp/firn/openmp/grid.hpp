@@ -160,7 +160,7 @@ public:
     {
         Coordinates<d> coordinates;
         /// per layer: the cell blocks at coordinates - corner, or absent
-        std::array<std::array<int, Base::corners>, layers> covered_by;
+        std::array<std::array<int, Base::corners>, std::size_t(layers)> covered_by;
     };
 
     /// The grid as one order of cells sees it: all nodes, and the tiles of its own. Made when it is needed.
@@ -200,13 +200,13 @@ public:
     /// Brings blocks up to date with the orders of cells, one per layer; a block that was there before keeps
     /// its sums.
     template <class CellOrder>
-    void follow(std::array<CellOrder*, layers> const& orders)
+    void follow(std::array<CellOrder*, std::size_t(layers)> const& orders)
     {
         bool changed = false;
         std::size_t blocks = 0;
         for (int l = 0; l < layers; ++l) {
-            CellOrder const& cells = *orders[l];
-            Tiles& tiles = tiles_[l];
+            CellOrder const& cells = *orders[std::size_t(l)];
+            Tiles& tiles = tiles_[std::size_t(l)];
             blocks += cells.blocks().size();
             bool const missed_none = cells.generation() <= tiles.generation + 1;
             tiles.generation = cells.generation();
@@ -219,15 +219,16 @@ public:
         nodes_.clear();
         map_.clear(blocks * corners);
         for (int l = 0; l < layers; ++l)
-            for (auto const& block : orders[l]->blocks()) node_block(block.coordinates);
+            for (auto const& block : orders[std::size_t(l)]->blocks()) node_block(block.coordinates);
         std::vector<std::uint32_t> homes(nodes_.size());
         std::iota(homes.begin(), homes.end(), 0);
-        for (int l = 0; l < layers; ++l) find_nodes(tiles_[l], *orders[l], homes);
+        for (int l = 0; l < layers; ++l) find_nodes(tiles_[std::size_t(l)], *orders[std::size_t(l)], homes);
         list_by_home(homes);
         for (int l = 0; l < layers; ++l)
-            for (std::size_t b = 0; b < tiles_[l].nodes_of.size(); ++b)
+            for (std::size_t b = 0; b < tiles_[std::size_t(l)].nodes_of.size(); ++b)
                 for (int corner = 0; corner < corners; ++corner)
-                    nodes_[tiles_[l].nodes_of[b][corner]].covered_by[l][corner] = int(b);
+                    nodes_[std::size_t(tiles_[std::size_t(l)].nodes_of[b][std::size_t(corner)])]
+                        .covered_by[std::size_t(l)][std::size_t(corner)] = int(b);
         values_.resize(nodes_.size() * values * block_channel);
     }
 
@@ -239,7 +240,9 @@ public:
     /// The blocks of nodes at a home: that of the same coordinates, and those beside it that have no other.
     std::span<std::uint32_t const> nodes_at(int home) const
     {
-        return std::span(by_home_).subspan(home_begin_[home], home_begin_[home + 1] - home_begin_[home]);
+        return std::span(by_home_).subspan(home_begin_[std::size_t(home)],
+                                           home_begin_[std::size_t(home + 1)] -
+                                               home_begin_[std::size_t(home)]);
     }
     Number* node_values(std::size_t node_block) { return &values_[node_block * values * block_channel]; }
 
@@ -247,13 +250,14 @@ public:
     int find(Coordinates<d> const& block) const { return map_.find(block_key<d>(block)); }
 
     /// The sums of one node, wherever it is: what its row has there, or zeros.
-    void sums_at(Coordinates<d> const& node, Number (&found)[sums]) const
+    void sums_at(Coordinates<d> const& node, Number (&found)[std::size_t(sums)]) const
     {
         std::fill(found, found + sums, Number(0));
         auto const [block, place] = Base::block_and_place(node);
         int const n = find(block);
         if (n == absent) return;
-        for (int l = 0; l < layers; ++l) add_sums(tiles_[l], nodes_[n].covered_by[l], place, found);
+        for (int l = 0; l < layers; ++l)
+            add_sums(tiles_[std::size_t(l)], nodes_[std::size_t(n)].covered_by[std::size_t(l)], place, found);
     }
 
     /// Takes the sums for the next step for those of this one.
@@ -276,10 +280,10 @@ public:
 private:
     /// Adds up the tiles of a layer that cover a place of a block of nodes.
     void add_sums(Tiles const& tiles, std::array<int, corners> const& covered_by, Coordinates<d> const& place,
-                  Number (&found)[sums]) const
+                  Number (&found)[std::size_t(sums)]) const
     {
         for (int corner = 0; corner < corners; ++corner) {
-            int const b = covered_by[corner];
+            int const b = covered_by[std::size_t(corner)];
             if (b == absent) continue;
             Coordinates<d> at = place; // in the tile of a block that lies `corner` before this one
             int row = 0;
@@ -289,7 +293,7 @@ private:
                 covers = covers && at[a] < (a == d - 1 ? Base::row_length : Base::rows_across);
                 if (a < d - 1) row = row * Base::rows_across + at[a];
             }
-            std::size_t const tile = tiles.tile_of[b];
+            std::size_t const tile = tiles.tile_of[std::size_t(b)];
             if (!covers || ((tiles.touched[0][tile] >> row) & 1) == 0) continue;
             Number const* const from =
                 tiles.of[0].data() + tile * sums * tile_channel + row * Base::row_length + at[d - 1];
@@ -333,7 +337,7 @@ private:
             for (int corner = 0; corner < corners; ++corner) {
                 Coordinates<d> at = cells.blocks()[b].coordinates;
                 for (int a = 0; a < d; ++a) at[a] += offset(corner)[a];
-                tiles.nodes_of[b][corner] = node_block(at);
+                tiles.nodes_of[b][std::size_t(corner)] = node_block(at);
                 homes.resize(nodes_.size(), static_cast<std::uint32_t>(tiles.nodes_of[b][0]));
             }
     }
@@ -366,7 +370,7 @@ private:
     std::vector<NodeBlock> nodes_;
     std::vector<std::uint32_t> by_home_, home_begin_{0};
     BlockMap map_;
-    std::array<Tiles, layers> tiles_;
+    std::array<Tiles, std::size_t(layers)> tiles_;
     Array<Number> values_; ///< per node block: [channel][row][place]
 };
 

@@ -47,7 +47,7 @@ public:
     void follow(std::uint32_t const* sources, int count)
     {
         count_ = count;
-        copy_first(sources, count, of_);
+        copy_first<lanes>(sources, count, of_);
         if constexpr (lanes > 1) reader_.follow(of_);
     }
 
@@ -75,7 +75,7 @@ private:
     }
 
     int count_ = 0;
-    std::uint32_t of_[lanes];
+    std::uint32_t of_[std::size_t(lanes)];
     decltype(reader_for<Lane>()) reader_;
 };
 
@@ -93,7 +93,7 @@ public:
     struct Pack
     {
         Places<Lane> places;
-        Offset offset[d][lanes];
+        Offset offset[std::size_t(d)][std::size_t(lanes)];
     };
 
     void reserve(int channels, std::size_t items)
@@ -107,7 +107,7 @@ public:
         }
     }
 
-    Number* at(int channel, std::size_t item) { return &values_[channel * stride_ + item]; }
+    Number* at(int channel, std::size_t item) { return &values_[std::size_t(channel) * stride_ + item]; }
     Number const* at(int channel, std::size_t item) const { return &values_[channel * stride_ + item]; }
 
     /// Of the items of a pack, of which this is the first.
@@ -189,7 +189,7 @@ public:
     /// Stores to the element of an array that the item's own number in `index` says.
     void store_at(Number* array, std::uint32_t const* index, Lane const& value) const
     {
-        Number values[lanes];
+        Number values[std::size_t(lanes)];
         LaneTraits<Lane>::store(value, values);
         FIRN_KEEP_LOOP
         for (int l = 0; l < entered_; ++l) array[index[places()[l]]] = values[l];
@@ -239,14 +239,14 @@ public:
         if constexpr (lanes > 1 && sizeof(T) == sizeof(Number))
             store(reinterpret_cast<Number*>(to), load(reinterpret_cast<Number const*>(from)));
         else
-            for (int l = 0; l < entered_; ++l) to[slot_ + l] = from[places()[l]];
+            for (int l = 0; l < entered_; ++l) to[slot_ + std::size_t(l)] = from[places()[l]];
     }
 
     /// The lanes of `ask(where the item lies)`.
     template <class Ask>
     Lane map(Ask const& ask) const
     {
-        Number values[lanes];
+        Number values[std::size_t(lanes)];
         FIRN_KEEP_LOOP
         for (int l = 0; l < lanes; ++l) values[l] = ask(places()[l]);
         return LaneTraits<Lane>::load(values);
@@ -263,9 +263,9 @@ public:
     Coordinates<d> first() const { return CellOrder::cell_at(cells_.blocks()[block_].coordinates, 0); }
     Vector<Lane, d> along() const
     {
-        int place[lanes];
+        int place[std::size_t(lanes)];
         cells_.find_places(block_, slot_, entered_, place);
-        Number steps[d][lanes];
+        Number steps[std::size_t(d)][std::size_t(lanes)];
         for (int l = 0; l < lanes; ++l) {
             auto const cell = CellOrder::cell_at(zeros<Coordinates<d>>(), place[std::min(l, entered_ - 1)]);
             for (int a = 0; a < d; ++a) steps[a][l] = Number(cell[a]);
@@ -349,7 +349,7 @@ public:
                 given[c] = value;
                 if (c >= zero_from) value = 0;
             }
-            std::array<int, d> steps;
+            std::array<int, std::size_t(d)> steps;
             for (int a = 0; a < d; ++a) {
                 Offset offset = moved_[a][slot];
                 steps[static_cast<std::size_t>(a)] = CellOffset<Number>::wrap(offset);
@@ -378,7 +378,7 @@ private:
     typename CellOrder::Leavers& leavers_;
     int group_ = -1; ///< of the last who left, and its slots
     std::uint32_t first_slot_ = 0, end_slot_ = 0;
-    mutable Offset* moved_[d]{}; ///< where offsets were written, along each axis
+    mutable Offset* moved_[std::size_t(d)]{}; ///< where offsets were written, along each axis
 };
 
 } // namespace firn::openmp

@@ -85,13 +85,16 @@ struct WordsByPattern
     constexpr WordsByPattern() : together{}, apart{}
     {
         for (unsigned pattern = 0; pattern < 1u << lanes; ++pattern) {
-            for (int word = 0; word < 8; ++word) together[pattern][word] = apart[pattern][word] = -1;
+            for (int word = 0; word < 8; ++word)
+                together[pattern][std::size_t(word)] = apart[pattern][std::size_t(word)] = -1;
             int count = 0;
             for (int lane = 0; lane < lanes; ++lane) {
                 if (((pattern >> lane) & 1) == 0) continue;
                 for (int word = 0; word < words; ++word) {
-                    together[pattern][count * words + word] = static_cast<signed char>(lane * words + word);
-                    apart[pattern][lane * words + word] = static_cast<signed char>(count * words + word);
+                    together[pattern][std::size_t(count * words + word)] =
+                        static_cast<signed char>(lane * words + word);
+                    apart[pattern][std::size_t(lane * words + word)] =
+                        static_cast<signed char>(count * words + word);
                 }
                 ++count;
             }
@@ -201,7 +204,7 @@ struct PackMask
         else if constexpr (std::derived_from<Arch, xsimd::sse2>)
             return static_cast<unsigned>(_mm_movemask_pd(a.value.data));
         else {
-            bool lanes[width];
+            bool lanes[std::size_t(width)];
             a.value.store_unaligned(lanes);
             std::uint64_t found = 0;
             for (int i = 0; i < width; ++i) found |= std::uint64_t{lanes[i]} << i;
@@ -229,7 +232,7 @@ struct PackMask
         else {
             // Powers of two up to 2^width are exact numbers, so this needs no integers, which some
             // instruction sets compare slowly.
-            alignas(64) Number lanes[width];
+            alignas(64) Number lanes[std::size_t(width)];
             for (int i = 0; i < width; ++i) lanes[i] = static_cast<Number>((pattern >> i) & 1);
             return {xsimd::batch<Number, Arch>::load_aligned(lanes) != xsimd::batch<Number, Arch>(Number(0))};
         }
@@ -274,7 +277,7 @@ struct Pack
 #elif defined(__AVX2__)
         if constexpr (is_eight_words) return of_words(load_first_words(count * words, from));
 #endif
-        alignas(64) Number lanes[width]{};
+        alignas(64) Number lanes[std::size_t(width)]{};
         for (int i = 0; i < count; ++i) lanes[i] = from[i];
         return Pack(Batch::load_aligned(lanes));
     }
@@ -295,7 +298,7 @@ struct Pack
 #elif defined(__AVX2__)
         if constexpr (is_eight_words) return store_first_words(as_words(), count * words, to);
 #endif
-        alignas(64) Number lanes[width];
+        alignas(64) Number lanes[std::size_t(width)];
         value.store_aligned(lanes);
         for (int i = 0; i < count; ++i) std::memcpy(to + i, lanes + i, sizeof(Number)); // or integers' bits
     }
@@ -307,7 +310,7 @@ struct Pack
         if constexpr (sizeof(Number) == 4 && width == 16)
             return Pack(Batch(_mm512_i32gather_ps(_mm512_loadu_si512(index), base, 4)));
 #endif
-        alignas(64) Number lanes[width];
+        alignas(64) Number lanes[std::size_t(width)];
         for (int i = 0; i < width; ++i) lanes[i] = base[index[i]];
         return Pack(Batch::load_aligned(lanes));
     }
@@ -332,7 +335,7 @@ struct Pack
         if constexpr (is_eight_words)
             return of_words(moved(as_words(), words_by_pattern<words>.together[pattern]));
 #endif
-        alignas(64) Number from[width], to[width] = {};
+        alignas(64) Number from[std::size_t(width)], to[std::size_t(width)] = {};
         value.store_aligned(from);
         for (int i = 0; pattern != 0; pattern &= pattern - 1) to[i++] = from[std::countr_zero(pattern)];
         return Pack(Batch::load_aligned(to));
@@ -358,7 +361,7 @@ struct Pack
         if constexpr (is_eight_words)
             return of_words(moved(as_words(), words_by_pattern<words>.apart[pattern]));
 #endif
-        alignas(64) Number from[width], to[width] = {};
+        alignas(64) Number from[std::size_t(width)], to[std::size_t(width)] = {};
         value.store_aligned(from);
         for (int i = 0; pattern != 0; pattern &= pattern - 1) to[std::countr_zero(pattern)] = from[i++];
         return Pack(Batch::load_aligned(to));
@@ -448,7 +451,7 @@ struct Pack
     friend Number largest(Pack a)
     {
         if (any(a != a)) return std::numeric_limits<Number>::quiet_NaN();
-        alignas(64) Number lanes[width];
+        alignas(64) Number lanes[std::size_t(width)];
         a.value.store_aligned(lanes);
         for (int half = width / 2; half > 0; half /= 2) {
             for (int i = 0; i < half; ++i) lanes[i] = lanes[i] < lanes[i + half] ? lanes[i + half] : lanes[i];
@@ -621,7 +624,7 @@ class RunsOfPlaces
 
 public:
     /// The places are to stay where they are.
-    void follow(std::uint32_t const (&places)[width])
+    void follow(std::uint32_t const (&places)[std::size_t(width)])
     {
         places_ = places;
         if constexpr (has_permutation<Pack>) return this->find_windows();
@@ -643,7 +646,7 @@ public:
             return result;
         }
         else {
-            Number values[width];
+            Number values[std::size_t(width)];
             for (int l = 0; l < width; ++l) values[l] = one_of(array, places_[l]);
             return Pack::load(values);
         }
@@ -661,8 +664,8 @@ private:
     bool in_order_ = false;
 
     int windows_ = 0, singles_ = 0;
-    std::uint32_t window_[width];
-    Mask mask_[width];
+    std::uint32_t window_[std::size_t(width)];
+    Mask mask_[std::size_t(width)];
 
     /// Lays windows until they cover all lanes; `lay(where, which lanes are left)` says which one covers.
     template <class Lay>
@@ -865,8 +868,8 @@ public:
             return Pack(
                 Batch(_mm256_castps_pd(_mm256_permutevar8x32_ps(_mm256_castpd_ps(lanes.value.data), from_))));
 #endif
-        Number values[width], moved[width];
-        std::uint32_t from[width];
+        Number values[std::size_t(width)], moved[std::size_t(width)];
+        std::uint32_t from[std::size_t(width)];
         std::memcpy(from, &from_, sizeof from);
         lanes.store(values);
         for (int l = 0; l < width; ++l) moved[l] = values[from[l]];
@@ -881,7 +884,7 @@ private:
             return typename xsimd::batch<Integer, typename Pack::Arch>::register_type{};
         }
         else
-            return std::array<std::uint32_t, width>{};
+            return std::array<std::uint32_t, std::size_t(width)>{};
     }
     decltype(places()) from_;
 };
@@ -949,7 +952,7 @@ class LanesInOrder;
 /// beyond. Written whole, as it is read next: what is in two stores must reach the cache before it is in one
 /// register.
 template <int lanes>
-void copy_first(std::uint32_t const* from, int count, std::uint32_t (&to)[lanes])
+void copy_first(std::uint32_t const* from, int count, std::uint32_t (&to)[std::size_t(lanes)])
 {
     std::uint32_t const last = from[count - 1];
 #if defined(__AVX512VL__) && defined(FIRN_HAS_XSIMD)
@@ -967,7 +970,7 @@ void copy_first(std::uint32_t const* from, int count, std::uint32_t (&to)[lanes]
 
 /// The integers from `first` on, written whole, too.
 template <int lanes>
-void count_up(std::uint32_t first, std::uint32_t (&to)[lanes])
+void count_up(std::uint32_t first, std::uint32_t (&to)[std::size_t(lanes)])
 {
 #if defined(__AVX512VL__) && defined(FIRN_HAS_XSIMD)
     if constexpr (lanes == 16)

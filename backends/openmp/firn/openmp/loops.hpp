@@ -129,7 +129,7 @@ FIRN_INLINE_WHOLE void give(Group& group, Spreads& spreads)
             for (auto& node : sums)
                 for (auto& sum : node) sum = Real(typename Group::Number(0));
             for (int i = 0; i < here; ++i) Gives::give(spreads[static_cast<std::size_t>(i)], row, sums);
-            group.add(row, sums);
+            group.template add<Gives::width, Gives::channels>(row, sums);
         }
     }
 }
@@ -226,21 +226,23 @@ void scatter(Threads const& threads, CellOrder const& cells, GridType& grid, Pha
     share(threads, blocks, cells.parts(), [&](int thread) {
         return [&, &giver = kept.of<Giver>(thread)](int b) {
             auto& [scratch, spreads] = giver;
-            if (afresh) grid.touched(b) = 0;
-            std::uint64_t const rows = detail::touched_by_items<GridType>(cells, b);
-            detail::clear_rows<GridType, Phase::channels>(grid.tile(b), rows & ~grid.touched(b));
-            grid.touched(b) |= rows;
-            Items<Lane, CellOrder, d> items(cells, b, scratch);
+            if (afresh) grid.touched(std::size_t(b)) = 0;
+            std::uint64_t const rows = detail::touched_by_items<GridType>(cells, std::size_t(b));
+            detail::clear_rows<GridType, Phase::channels>(grid.tile(std::size_t(b)),
+                                                          rows & ~grid.touched(std::size_t(b)));
+            grid.touched(std::size_t(b)) |= rows;
+            Items<Lane, CellOrder, d> items(cells, std::size_t(b), scratch);
             for (int g = 0; g < GridType::Shape::groups; ++g) {
-                std::size_t const begin = cells.group_begin(b, g), end = cells.group_end(b, g);
+                std::size_t const begin = cells.group_begin(std::size_t(b), g),
+                                  end = cells.group_end(std::size_t(b), g);
                 if (begin == end) continue;
                 scratch.reserve(Phase::kept, end - begin);
                 for (std::size_t slot = begin; slot < end; slot += lanes) {
                     items.enter(slot, end, slot - begin);
                     detail::prepare(phase, items);
                 }
-                detail::GroupOf<Lane, GridType> group(cells.counts(b, g), g, scratch, 0, nullptr,
-                                                      grid.tile(b));
+                detail::GroupOf<Lane, GridType> group(cells.counts(std::size_t(b), g), g, scratch, 0, nullptr,
+                                                      grid.tile(std::size_t(b)));
                 detail::give<typename Phase::Gives>(group, spreads);
             }
         };
@@ -256,7 +258,7 @@ void copy_given(Mover const* movers, std::uint32_t const* counts, Scratch<Lane, 
 {
     using Number = Scalar<Lane>;
     constexpr int lanes = lane_width<Lane>;
-    std::uint32_t first[lanes];
+    std::uint32_t first[std::size_t(lanes)];
     std::exclusive_scan(counts, counts + lanes, first, std::uint32_t(0));
     std::size_t item = 0;
     for (std::uint32_t rank = 0;; ++rank) {
@@ -285,9 +287,9 @@ void give_listed(std::span<Mover const> movers, Layer const&, typename Gives::Nu
     std::size_t filled = 0;
     std::uint64_t rows = 0;
     for (int g = 0; g < Shape::groups; ++g) {
-        std::uint32_t const* const count = &counts[g * lanes];
-        of_group[g] = std::accumulate(count, count + lanes, std::size_t(0));
-        if (of_group[g] == 0) continue;
+        std::uint32_t const* const count = &counts[std::size_t(g * lanes)];
+        of_group[std::size_t(g)] = std::accumulate(count, count + lanes, std::size_t(0));
+        if (of_group[std::size_t(g)] == 0) continue;
         rows |= Layer::touched_by(count, g);
         ++filled;
     }
@@ -300,7 +302,7 @@ void give_listed(std::span<Mover const> movers, Layer const&, typename Gives::Nu
             scratch.reserve(Gives::kept, lanes);
             for (auto const* const end = next + movers.size(); next < end; next += lanes) {
                 int const count = static_cast<int>(std::min<std::ptrdiff_t>(lanes, end - next));
-                int places[lanes];
+                int places[std::size_t(lanes)];
                 for (int l = 0; l < count; ++l) {
                     places[l] = next[l].place;
                     for (int c = 0; c < Gives::kept; ++c) *scratch.at(c, std::size_t(l)) = next[l].given[c];
@@ -310,10 +312,10 @@ void give_listed(std::span<Mover const> movers, Layer const&, typename Gives::Nu
             }
             return;
         }
-    for (int g = 0; g < Shape::groups; next += of_group[g++]) {
-        if (of_group[g] == 0) continue;
-        std::uint32_t const* const count = &counts[g * lanes];
-        scratch.reserve(Gives::kept, of_group[g]);
+    for (int g = 0; g < Shape::groups; next += of_group[std::size_t(g++)]) {
+        if (of_group[std::size_t(g)] == 0) continue;
+        std::uint32_t const* const count = &counts[std::size_t(g * lanes)];
+        scratch.reserve(Gives::kept, of_group[std::size_t(g)]);
         copy_given<Gives::kept>(next, count, scratch);
         GroupOf<Lane, Layer> group(count, g, scratch, 0, nullptr, tile);
         give<Gives>(group, spreads);
@@ -329,8 +331,9 @@ void scatter_movers(CellOrder& cells, GridType& grid)
     using Giver = detail::Giver<Lane, typename Phase::Gives>;
     cells.complete([&](int thread) {
         return [&, &giver = cells.kept().template of<Giver>(thread)](int b) {
-            detail::give_listed<Lane, typename Phase::Gives>(cells.movers(b), grid, grid.tile(b),
-                                                             grid.touched(b), giver);
+            detail::give_listed<Lane, typename Phase::Gives>(cells.movers(std::size_t(b)), grid,
+                                                             grid.tile(std::size_t(b)),
+                                                             grid.touched(std::size_t(b)), giver);
         };
     });
 }
@@ -363,13 +366,13 @@ typename Phase::Result for_each_node(Threads const& threads, CellOrder const& ce
     int const most = threads_for(grid.nodes().size(), threads.count, node_blocks_per_thread);
     share(threads.limited_to(most), grid.homes(), cells.parts(), [&](int) {
         auto const update = [&, around = detail::surroundings(phase)](int n, Result& result) {
-            auto const& block = grid.nodes()[n];
+            auto const& block = grid.nodes()[std::size_t(n)];
             alignas(64) Number sums[Phase::Sums::channels][Shape::along];
             for (int row = 0; row < Shape::rows; ++row) {
-                if (!detail::sum_row<GridType>(grid, block, row, sums)) continue;
+                if (!detail::sum_row<GridType, Phase::Sums::channels>(grid, block, row, sums)) continue;
                 for (int place = 0; place < Shape::along; place += lane_width<Lane>) {
                     Coordinates<d> const at = GridType::node_at(block.coordinates, row, place);
-                    Number* const values = grid.node_values(n) + row * Shape::along + place;
+                    Number* const values = grid.node_values(std::size_t(n)) + row * Shape::along + place;
                     NodeLanes<Lane, GridType, d> node(&sums[0][place], values, at);
                     if constexpr (Phase::looks_around)
                         if (phase.looks_around_at(around, at, lane_width<Lane>)) {
@@ -413,9 +416,11 @@ void fill_tile(GridType const& grid, std::size_t b, std::uint64_t rows, Number* 
         for (int c = 0; c < channels; ++c) {
             Number* const to = tile + c * GridType::tile_channel + tile_row * GridType::row_length;
             int const at = c * GridType::block_channel + row * Shape::along;
-            std::memcpy(to, grid.node_values(nodes[corner]) + at, Shape::along * sizeof(Number));
+            std::memcpy(to, grid.node_values(std::size_t(nodes[std::size_t(corner)])) + at,
+                        Shape::along * sizeof(Number));
             if ((rows & GridType::ends) != 0)
-                std::memcpy(to + Shape::along, grid.node_values(nodes[corner + 1]) + at,
+                std::memcpy(to + Shape::along,
+                            grid.node_values(std::size_t(nodes[std::size_t(corner + 1)])) + at,
                             order * sizeof(Number));
             else
                 std::fill(to + Shape::along, to + Shape::along + order, Number(0));
@@ -533,30 +538,32 @@ typename Phase::Result take_and_answer(Threads const& threads, CellOrder& cells,
             auto& nodes_of_cells = taker.nodes_of_cells;
             auto& scratch = taker.scratch;
             typename Phase::Number* const nowhere = nullptr;
-            std::uint64_t const rows = touched_by_items<GridType>(cells, b);
-            fill_tile<GridType, Phase::node_channels>(grid, b, rows, nodes.data());
-            auto items = giver.begin(b, rows, scratch);
+            std::uint64_t const rows = touched_by_items<GridType>(cells, std::size_t(b));
+            fill_tile<GridType, Phase::node_channels>(grid, std::size_t(b), rows, nodes.data());
+            auto items = giver.begin(std::size_t(b), rows, scratch);
             for (int g = 0, next; g < GridType::Shape::groups; g = next) {
-                next = cells.end_of_groups(b, g);
-                std::size_t const begin = cells.group_begin(b, g), end = cells.group_end(b, next - 1);
+                next = cells.end_of_groups(std::size_t(b), g);
+                std::size_t const begin = cells.group_begin(std::size_t(b), g),
+                                  end = cells.group_end(std::size_t(b), next - 1);
                 if (begin == end) continue;
                 scratch.reserve(Phase::kept, end - begin);
                 for (std::size_t slot = begin; slot < end; slot += lanes) {
                     items.enter(slot, end, slot - begin);
                     locate(phase, items);
                 }
-                for_each_group<Lane, GridType>(cells, b, g, next, scratch, std::as_const(nodes).data(),
-                                               nowhere, [&](auto& group, std::size_t behind) {
+                for_each_group<Lane, GridType>(cells, std::size_t(b), g, next, scratch,
+                                               std::as_const(nodes).data(), nowhere,
+                                               [&](auto& group, std::size_t behind) {
                                                    take<typename Phase::Takes>(group, behind, nodes_of_cells);
                                                });
                 for (std::size_t slot = begin; slot < end; slot += lanes) {
                     items.enter_again(slot, slot - begin);
                     answer(phase, items, found, result);
                 }
-                giver.give(b, g, next, scratch);
+                giver.give(std::size_t(b), g, next, scratch);
             }
             result.merge(found);
-            giver.end(b);
+            giver.end(std::size_t(b));
         };
     });
     return results.merged();

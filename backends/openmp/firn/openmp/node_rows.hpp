@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/exactly_equal.hpp>
 #include <firn/openmp/cell.hpp>
 #include <firn/openmp/grid.hpp>
 #include <firn/openmp/lanes.hpp>
@@ -18,12 +19,12 @@ namespace detail
 /// Adds up, for one row of a node block, the tiles of a layer that cover it; `any` becomes true if one does.
 template <class LayerType, int channels, class Number>
 void add_row(LayerType const& layer, std::array<int, LayerType::corners> const& covered_by, int row,
-             Number (&sums)[channels][LayerType::Shape::along], bool& any)
+             Number (&sums)[std::size_t(channels)][std::size_t(LayerType::Shape::along)], bool& any)
 {
     using Shape = typename LayerType::Shape;
     constexpr int d = LayerType::corners == 8 ? 3 : 2, order = LayerType::row_length - Shape::along;
     for (int corner = 0; corner < LayerType::corners; ++corner) {
-        int const b = covered_by[corner];
+        int const b = covered_by[std::size_t(corner)];
         if (b == LayerType::absent) continue;
         // the row's place in the tile of a block that lies `corner` before this one
         auto const o = LayerType::offset(corner);
@@ -35,14 +36,14 @@ void add_row(LayerType const& layer, std::array<int, LayerType::corners> const& 
             if (second >= LayerType::rows_across) continue;
             tile_row = first * LayerType::rows_across + second;
         }
-        std::uint64_t const touched = layer.touched(b);
+        std::uint64_t const touched = layer.touched(std::size_t(b));
         if (((touched >> tile_row) & 1) == 0 || (o[d - 1] == 1 && (touched & LayerType::ends) == 0)) continue;
         if (!any)
             for (auto& channel : sums) std::fill(channel, channel + Shape::along, Number(0));
         any = true;
         for (int c = 0; c < channels; ++c) {
             Number const* const from =
-                layer.tile(b) + c * LayerType::tile_channel + tile_row * LayerType::row_length;
+                layer.tile(std::size_t(b)) + c * LayerType::tile_channel + tile_row * LayerType::row_length;
             if (o[d - 1] == 0)
                 for (int k = 0; k < Shape::along; ++k) sums[c][k] += from[k];
             else
@@ -54,10 +55,12 @@ void add_row(LayerType const& layer, std::array<int, LayerType::corners> const& 
 /// The same for all layers; false if no tile covers the row.
 template <class GridType, int channels, class Number>
 bool sum_row(GridType& grid, typename GridType::NodeBlock const& node, int row,
-             Number (&sums)[channels][GridType::Shape::along])
+             Number (&sums)[std::size_t(channels)][std::size_t(GridType::Shape::along)])
 {
     bool any = false;
-    for (int l = 0; l < GridType::layers; ++l) add_row(grid.layer(l), node.covered_by[l], row, sums, any);
+    for (int l = 0; l < GridType::layers; ++l)
+        add_row<typename GridType::Layer, channels>(grid.layer(std::size_t(l)),
+                                                    node.covered_by[std::size_t(l)], row, sums, any);
     return any;
 }
 } // namespace detail
@@ -82,26 +85,26 @@ public:
     /// no node, and in other lanes.
     template <int channels>
     void sums_at(Coordinates<d> const& first, Lane const& along, Mask<Lane> const& which,
-                 Lane (&found)[channels]) const
+                 Lane (&found)[std::size_t(channels)]) const
     {
         auto const [block, place] = GridType::block_and_place(first);
         int row = 0;
         for (int a = 0; a < d - 1; ++a) row = row * Shape::across + place[a];
-        Number other[channels][Shape::along];
-        Number const* const sums = row_sums(block, row, other);
+        Number other[std::size_t(channels)][std::size_t(Shape::along)];
+        Number const* const sums = row_sums<channels>(block, row, other);
 
         // most lanes look at one another's neighbours, in turn
-        Mask<Lane> const in_turn = along == counting<Lane>();
+        Mask<Lane> const in_turn = exactly_equal(along, counting<Lane>());
         for (int c = 0; c < channels; ++c)
             found[c] = select(which & in_turn, LaneTraits<Lane>::load(sums + c * Shape::along + place[d - 1]),
                               Lane(Number(0)));
         std::uint64_t rest = bits(which & !in_turn);
         if (rest == 0) return;
-        Number steps[lanes];
+        Number steps[std::size_t(lanes)];
         LaneTraits<Lane>::store(along, steps);
         for (; rest != 0; rest &= rest - 1) {
             int const lane = std::countr_zero(rest), at = place[d - 1] + static_cast<int>(steps[lane]);
-            Number of_node[channels];
+            Number of_node[std::size_t(channels)];
             if (at >= 0 && at < Shape::along)
                 for (int c = 0; c < channels; ++c) of_node[c] = sums[c * Shape::along + at];
             else {
@@ -118,11 +121,12 @@ private:
     /// The sums of a row of a block, in `other` unless they are there already.
     template <int channels>
     Number const* row_sums(Coordinates<d> const& block, int row,
-                           Number (&other)[channels][Shape::along]) const
+                           Number (&other)[std::size_t(channels)][std::size_t(Shape::along)]) const
     {
-        int const n = block == grid_.nodes()[block_].coordinates ? block_ : grid_.find(block);
+        int const n = block == grid_.nodes()[std::size_t(block_)].coordinates ? block_ : grid_.find(block);
         if (n == block_ && row == row_) return sums_;
-        if (n == GridType::absent || !detail::sum_row<GridType>(grid_, grid_.nodes()[n], row, other))
+        if (n == GridType::absent ||
+            !detail::sum_row<GridType, channels>(grid_, grid_.nodes()[std::size_t(n)], row, other))
             for (auto& channel : other) std::fill(channel, channel + Shape::along, Number(0));
         return &other[0][0];
     }

@@ -45,11 +45,11 @@ public:
     /// Puts a new item into the first hole of a cell, or behind its items.
     void fill(int lane, std::uint32_t source)
     {
-        std::uint32_t const first = first_hole_[lane];
+        std::uint32_t const first = first_hole_[std::size_t(lane)];
         bool const is_behind = first == none;
-        at_[is_behind ? end_[lane] * lanes + std::uint32_t(lane) : first] = source;
-        end_[lane] += is_behind;
-        first_hole_[lane] = is_behind ? none : next_hole_[first];
+        at_[is_behind ? end_[std::size_t(lane)] * lanes + std::uint32_t(lane) : first] = source;
+        end_[std::size_t(lane)] += is_behind;
+        first_hole_[std::size_t(lane)] = is_behind ? none : next_hole_[first];
     }
 
     /// Fills the holes that are left with the last items of their cells.
@@ -71,8 +71,8 @@ private:
     static constexpr std::uint32_t hole = ~std::uint32_t(0), none = hole;
 
     std::uint32_t const *before_ = nullptr, *counts_ = nullptr;
-    std::array<std::uint32_t, lanes> end_; ///< behind the last rank of each cell
-    std::array<std::uint32_t, lanes> first_hole_, last_hole_;
+    std::array<std::uint32_t, std::size_t(lanes)> end_; ///< behind the last rank of each cell
+    std::array<std::uint32_t, std::size_t(lanes)> first_hole_, last_hole_;
     std::vector<std::uint32_t> at_, next_hole_;
 };
 

@@ -26,10 +26,10 @@ struct HeightFieldView
     static constexpr int across = d - 1; ///< axes of the ground: x, or x and z
     static constexpr bool is_sampled = true;
 
-    std::array<Real, across> origin; ///< the first sample's place on the ground [m]
-    Real spacing;                    ///< of the samples [m]
-    std::array<int, across> count;   ///< of samples along each axis of the ground
-    Real const* values;              ///< height of each sample [m], x fastest
+    std::array<Real, std::size_t(across)> origin; ///< the first sample's place on the ground [m]
+    Real spacing;                                 ///< of the samples [m]
+    std::array<int, std::size_t(across)> count;   ///< of samples along each axis of the ground
+    Real const* values;                           ///< height of each sample [m], x fastest
 
     /// An estimate of the signed distance, and the outward normal, at `x` [m].
     ///
@@ -55,13 +55,14 @@ struct HeightFieldView
     /// terrain goes on level.
     FIRN_HOST_DEVICE Real height(Vector<Real, d> const& x, Vector<Real, across>& slope) const
     {
-        Real weight[across][4], change[across][4];
-        int first[across];
+        Real weight[std::size_t(across)][4], change[std::size_t(across)][4];
+        int first[std::size_t(across)];
         for (int i = 0; i < across; ++i) {
-            Real const last = Real(count[i] - 1), u = (x[axis(i)] - origin[i]) / spacing;
+            Real const last = Real(count[std::size_t(i)] - 1),
+                       u = (x[axis(i)] - origin[std::size_t(i)]) / spacing;
             bool const within = u >= 0 && u <= last; // not so for what is not a number
             Real const kept = within ? u : (u > last ? last : Real(0));
-            int const cell = int(kept) < count[i] - 2 ? int(kept) : count[i] - 2;
+            int const cell = int(kept) < count[std::size_t(i)] - 2 ? int(kept) : count[std::size_t(i)] - 2;
             spline(kept - Real(cell), weight[i], change[i]);
             if (!within)
                 for (Real& c : change[i]) c = 0;
@@ -97,14 +98,14 @@ private:
     /// A sample that exists: the weight of one that does not is 0.
     FIRN_HOST_DEVICE int kept_within(int at, int i) const
     {
-        return at < 0 ? 0 : (at < count[i] ? at : count[i] - 1);
+        return at < 0 ? 0 : (at < count[std::size_t(i)] ? at : count[std::size_t(i)] - 1);
     }
 
     /// Gives the weight of a sample beyond the border to the two next to it, as if it were in line with them.
     FIRN_HOST_DEVICE void extrapolate(int cell, int i, Real (&w)[4]) const
     {
         if (cell == 0) w[1] += 2 * w[0], w[2] -= w[0], w[0] = 0;
-        if (cell == count[i] - 2) w[2] += 2 * w[3], w[1] -= w[3], w[3] = 0;
+        if (cell == count[std::size_t(i)] - 2) w[2] += 2 * w[3], w[1] -= w[3], w[3] = 0;
     }
 
     /// Weights of the samples -1, 0, 1, 2 at `t` between the samples 0 and 1, and their derivatives.
@@ -142,8 +143,8 @@ public:
     /// Throws firn::Error: spacing not above 0, fewer than 2 samples along an axis, a number of heights that
     /// does not fit, a height or an origin that is not finite, a terrain so far from its origin that its
     /// samples are lost to rounding, heights beyond 1e15 m or as many spacings.
-    HeightField(std::array<Real, across> const& origin, Real spacing, std::array<int, across> const& count,
-                std::vector<Real> heights)
+    HeightField(std::array<Real, std::size_t(across)> const& origin, Real spacing,
+                std::array<int, std::size_t(across)> const& count, std::vector<Real> heights)
         : view_{origin, spacing, count, nullptr}
     {
         char const* const where = "HeightField";

@@ -23,7 +23,8 @@ bool tells_cells_apart(Origin const& origin, Real spacing, Count const& count)
 {
     double largest = 0; // coordinate [m]
     for (int a = 0; a < axes; ++a) {
-        double const first = double(origin[a]), last = first + double(spacing) * (double(count[a]) - 1);
+        double const first = double(origin[std::size_t(a)]),
+                     last = first + double(spacing) * (double(count[std::size_t(a)]) - 1);
         largest = std::fmax(largest, std::fmax(std::abs(first), std::abs(last)));
     }
     return largest * double(std::numeric_limits<Real>::epsilon()) <= double(spacing) / 16;

@@ -86,7 +86,8 @@ FIRN_HOST_DEVICE SurfaceSample<Real, d> surface_of(ShapeType const& shape, Vecto
             "a shape lacks 'template <firn::Lane Real, int d> firn::SurfaceSample<Real, d> "
             "surface(firn::Vector<Real, d> const&) const'");
         constexpr int width = lane_width<Real>;
-        Scalar<Real> at[d][width], distance[width], normal[d][width];
+        Scalar<Real> at[std::size_t(d)][std::size_t(width)], distance[std::size_t(width)],
+            normal[std::size_t(d)][std::size_t(width)];
         for (int a = 0; a < d; ++a) LaneTraits<Real>::store(x[a], at[a]);
         for (int lane = 0; lane < width; ++lane) {
             Vector<Scalar<Real>, d> point;

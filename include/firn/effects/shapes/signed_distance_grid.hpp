@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/error.hpp>
+#include <firn/core/exactly_equal.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/core/space.hpp>
 #include <firn/effects/shapes/samples_on.hpp>
@@ -56,8 +57,8 @@ private:
     FIRN_HOST_DEVICE SurfaceSample<Real, d> interpolate(Vector<Real, d> const& x,
                                                         Vector<Real, d>& nearest) const
     {
-        std::ptrdiff_t first = 0, stride = 1, step[d];
-        Real within[d];
+        std::ptrdiff_t first = 0, stride = 1, step[std::size_t(d)];
+        Real within[std::size_t(d)];
         for (int i = 0; i < d; ++i) {
             Real const last = Real(nodes[i] - 1);
             Real u = (x[i] - origin[i]) / cell_size;
@@ -128,7 +129,8 @@ public:
                 "the grid's cell size is not above 0, or its origin is not finite", where,
                 "Pass lengths in metres.");
         require((nodes >= 2).all(), "the grid has an axis of fewer than 2 nodes", where, "Use more nodes.");
-        require(double(values.size()) == nodes.template cast<double>().prod(), // which cannot overflow
+        require(exactly_equal(double(values.size()),
+                              nodes.template cast<double>().prod()), // which cannot overflow
                 "the number of values is not that of the nodes", where,
                 "Pass one distance for each node, x fastest.");
         require(std::ranges::all_of(values, [](Real v) { return std::abs(v) <= Real(largest_length); }),

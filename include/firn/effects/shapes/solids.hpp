@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/error.hpp>
+#include <firn/core/exactly_equal.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/effects/shapes/shape.hpp>
 
@@ -113,7 +114,8 @@ struct Box
         sample.distance = select(is_outside, distance, inside);
         Mask<Real> found = is_outside;
         for (int a = 0; a < d; ++a) {
-            Mask<Real> const closest = (!found) & (beyond[a] == inside); // the first of equally close faces
+            Mask<Real> const closest =
+                (!found) & exactly_equal(beyond[a], inside); // the first of equally close faces
             sample.normal[a] = select(is_outside, out[a] * inverse, select(closest, one, zero)) * side[a];
             found = found | closest;
         }

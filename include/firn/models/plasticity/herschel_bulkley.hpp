@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/exactly_equal.hpp>
 #include <firn/models/elasticity/split_neo_hookean.hpp>
 #include <firn/models/plasticity/isochoric.hpp>
 
@@ -85,7 +86,8 @@ private:
     FIRN_HOST_DEVICE Real overstress(Real excess, Real relaxation) const
     {
         Real const eta(consistency), inverse_power(Number(1) / power);
-        if (power == Number(1)) return excess / (Real(1) + relaxation / eta); // the same in all lanes
+        if (exactly_equal(power, Number(1)))
+            return excess / (Real(1) + relaxation / eta); // the same in all lanes
         Real const enough(Number(1e-3) *
                           std::sqrt(std::numeric_limits<Number>::epsilon())); // of the last step
         Real x = min(excess, eta * exp(Real(power) * log(excess / relaxation)));

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/exactly_equal.hpp>
 #include <firn/math/inverse.hpp>
 #include <firn/models/elasticity/fixed_corotated.hpp>
 
@@ -94,7 +95,7 @@ struct SnowFlow
             plastic.strains[i] = min(max(trial[i], low), high);
             trial_volume = trial_volume * (Real(1) + trial[i]);
             elastic_volume = elastic_volume * (Real(1) + plastic.strains[i]);
-            plastic.flowed = plastic.flowed | !(plastic.strains[i] == trial[i]);
+            plastic.flowed = plastic.flowed | !exactly_equal(plastic.strains[i], trial[i]);
         }
         // J_P = det F / det F_E, kept track of far beyond the caps, so that it may come back, but not without
         // end.
@@ -104,7 +105,7 @@ struct SnowFlow
                   Real(largest_plastic_ratio) * far);
         Real const within = min(max(J_P, Real(smallest_plastic_ratio)), Real(largest_plastic_ratio));
         plastic.hardening = exp(Real(hardening) * (Real(1) - within));
-        plastic.capped = !(within == J_P);
+        plastic.capped = !exactly_equal(within, J_P);
         return plastic;
     }
 };
