@@ -28,3 +28,4 @@
 #include <firn/transfer/pic.hpp>
 #include <firn/transfer/tpic.hpp>
 #include <firn/transfer/xpic.hpp>
+#include <firn/version.hpp>

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # One way for a host project to take firn: packaging.sh CASE SOURCE WORK COMPONENTS [cmake arguments]
-# CASE: installed, subdirectory, fetched, untouched, missing. COMPONENTS: those that can be had here, separated by ;
+# CASE: installed, subdirectory, fetched, untouched, missing, names, by_hand. COMPONENTS: those that can be had here, separated by ;
 set -euo pipefail
 case=$1 source=$2 work=$3 components=$4
 shift 4
@@ -90,6 +90,56 @@ case $case in
                 host installed -DHOST_COMPONENTS=io -DCMAKE_PREFIX_PATH="$work/with_io" \
                 -DCMAKE_DISABLE_FIND_PACKAGE_assimp=ON "$@"
         fi
+        ;;
+    names) # of components: in whatever case, and what comes when none is named
+        install_firn "$work/prefix" "$@"
+        prefix=(-DCMAKE_PREFIX_PATH="$work/prefix")
+        quietly host installed "-DHOST_COMPONENTS=${components^^}" "${prefix[@]}" "$@"
+        rm -rf "$work/host"
+        quietly host installed "-DHOST_EXPECTS=$components" "${prefix[@]}" "$@"
+        if [[ ";$components;" == *";io;"* ]]; then # whose package is gone: left out, and said unless QUIET
+            rm -rf "$work/host"
+            gone=(-DCMAKE_DISABLE_FIND_PACKAGE_assimp=ON "${prefix[@]}")
+            quietly host installed "-DHOST_EXPECTS=$(sed 's/;\?\<io\>//' <<<"$components")" "${gone[@]}" "$@"
+            grep -q "firn: the component io is left out: assimp was not found." "$work/log" || fail "nothing is said of io"
+            rm -rf "$work/host"
+            quietly host installed -DHOST_IS_QUIET=ON "${gone[@]}" "$@"
+            ! grep "firn: the component" "$work/log" || fail "QUIET is not quiet"
+        fi
+        echo "components have their names in any case, and all of them come unless some are named"
+        ;;
+    by_hand) # the lines in README that begin with g++ -std: with the program that it shows, or the host's
+        for tool in g++ pkg-config; do
+            command -v "$tool" >/dev/null || { echo "skipped: there is no $tool"; exit 77; }
+        done
+        for component in openmp sampling io; do
+            [[ ";$components;" == *";$component;"* ]] || { echo "skipped: there is no $component"; exit 77; }
+        done
+        install_firn "$work/prefix" "$@"
+        mv "$work/prefix" "$work/P" # an installation can be moved
+        cd "$work"
+        ln -s "$source" firn
+        { printf '#define HOST_HAS_%s\n' OPENMP IO; cat "$source/tests/host/main.cpp"; } >meshes.cpp
+        awk '/^```cpp$/ { in_program = 1; next } /^```$/ && in_program { exit } in_program' "$source/README.md" >engine.cpp
+        count=0
+        while read -r line; do
+            rm -f engine meshes
+            # -O0: to be compiled soon
+            PKG_CONFIG_PATH=$work/P/share/pkgconfig bash -euc "${line/-O3/-O0}" >log 2>&1 || { cat log; fail "$line"; }
+            [ -x engine ] || quietly ./meshes
+            cp meshes.cpp engine.cpp # the program of README once
+            count=$((count + 1))
+        done < <(grep '^g++ -std' "$source/README.md")
+        [ "$count" -ge 4 ] || fail "README has $count lines for g++, and not four"
+        export PKG_CONFIG_PATH=$work/P/share/pkgconfig
+        version=$(printf '#include <firn/version.hpp>\nFIRN_VERSION_MAJOR.FIRN_VERSION_MINOR.FIRN_VERSION_PATCH' |
+            g++ -E -P $(pkg-config --cflags firn) -x c++ - | tr -d ' ')
+        [ "$version" = "$(pkg-config --modversion firn)" ] || fail "pkg-config and the header have other versions: $version"
+        if [[ ";$components;" == *";cuda;"* ]]; then
+            flags=$(pkg-config --cflags firn-cuda)
+            [[ $flags == *--expt-relaxed-constexpr* && $flags == *"$work/P"* ]] || fail "firn-cuda has the flags: $flags"
+        fi
+        echo "README's lines for g++ compile, $count of them"
         ;;
     *) fail "there is no case '$case'" ;;
 esac

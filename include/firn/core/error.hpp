@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/compiler.hpp>
+
 #include <stdexcept>
 #include <string>
 #include <utility>

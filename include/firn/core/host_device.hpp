@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/compiler.hpp>
+
 /// Marks what runs both on the host and on a device.
 #if defined(__CUDACC__)
 #define FIRN_HOST_DEVICE __host__ __device__
