@@ -75,16 +75,35 @@ private:
     double seconds_ = 0;
 };
 
+/// How long what is left of a run takes [s]: if steps stay as long as in the last frame, and if they become as
+/// short as they can.
+struct TimeLeft
+{
+    double least = 0, most = 0;
+};
+
+/// "1:05 to 2:10": a time left in minutes and seconds.
+inline std::string describe(TimeLeft const& left)
+{
+    auto const text = [](double seconds) {
+        char written[32];
+        int const whole = static_cast<int>(seconds + 0.5);
+        std::snprintf(written, sizeof written, "%d:%02d", whole / 60, whole % 60);
+        return std::string(written);
+    };
+    std::string const least = text(left.least), most = text(left.most);
+    return least == most ? least : least + " to " + most;
+}
+
 /// The line that says how far a run is: rewritten in place on a terminal, else one line per frame.
 inline void show_progress(int frame, int frames, double time, AdvanceReport const& last,
-                          double particle_steps_per_second, double seconds_left)
+                          double particle_steps_per_second, TimeLeft const& left)
 {
     bool const terminal = isatty(fileno(stderr)) != 0;
-    int const left = static_cast<int>(seconds_left + 0.5);
-    std::fprintf(stderr, "%sframe %d/%d  t %.3f s  dt %.2e s (%s)  %.2f M particle-steps/s  ETA %d:%02d%s",
+    std::fprintf(stderr, "%sframe %d/%d  t %.3f s  dt %.2e s (%s)  %.2f M particle-steps/s  left %s%s",
                  terminal ? "\r" : "", frame, frames, time, last.smallest_dt, describe(last.usual_limit()),
-                 particle_steps_per_second * 1e-6, left / 60, left % 60,
-                 terminal && frame < frames ? "   " : "\n");
+                 particle_steps_per_second * 1e-6, describe(left).c_str(),
+                 terminal && frame < frames ? "        " : "\n");
     std::fflush(stderr);
 }
 

@@ -34,6 +34,15 @@ for program in "$@"; do
     timeout 60 "./$name" --help >said 2>&1 || fail "$name --help fails."
     grep -q -- --backend said || fail "$name --help does not say that there is a choice of backends."
     if grep -q -- --repair said; then
+        grep -qE -- "--kernel .*quadratic" said || fail "$name --help does not say that the kernel is quadratic."
+        grep -qE -- "--transfer .*mls" said || fail "$name --help does not say that the transfer is MLS."
+        for other in "--kernel quadratic" "--transfer mls" "--flip 0.9"; do
+            # shellcheck disable=SC2086 # an option and its value
+            refuses "${other% *} contradicts --as-in-the-report" --as-in-the-report $other
+        done
+        refuses "--flip would be without effect: the transfer is mls" --flip 0.9
+        refuses "--flip would be without effect: the transfer is apic" --transfer apic --flip 0.9
+        refuses "--repair passes Repair::fill" --as-in-the-report --kernel cubic --transfer flip --flip 0.95 --mesh open.obj
         refuses "--repair passes Repair::fill" --mesh open.obj
     fi
 

@@ -16,5 +16,5 @@
 #endif
 
 #if defined(__GNUC__) && !defined(__EXCEPTIONS) && !defined(__CUDACC__)
-#error "firn: it reports what is wrong by exceptions: compile without -fno-exceptions."
+#error "firn: it throws errors, which -fno-exceptions forbids: compile without that flag."
 #endif

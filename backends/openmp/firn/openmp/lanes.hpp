@@ -627,7 +627,9 @@ public:
     void follow(std::uint32_t const (&places)[std::size_t(width)])
     {
         places_ = places;
-        if constexpr (has_permutation<Pack>) return this->find_windows();
+#if defined(__AVX512VL__) || defined(__AVX2__)
+        if constexpr (has_permutation<Pack>) return find_windows();
+#endif
         in_order_ = true;
         for (int l = 0; l < width; ++l) in_order_ &= places[l] == places[0] + std::uint32_t(l);
     }
