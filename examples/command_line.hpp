@@ -25,34 +25,35 @@ struct Options
     int frames = 48;
     double frames_per_second = 24;
     std::string out{};
-    std::string backend = backend_name, transfer = "mls", kernel = "quadratic"; ///< as README advises for snow
+    std::string backend = backend_name, transfer = "mls",
+                kernel = "quadratic"; ///< as README advises for snow
     double flip = 0.95;
     bool as_in_the_report = false; ///< with the kernel and the transfer of Stomakhin et al. 2013
     int threads = 0;
     bool write_ply = true;
 };
 
-/// Chooses the policies that --as-in-the-report stands for. Throws an Error if an option contradicts it or another
-/// one, or would be without effect.
+/// Chooses the policies that --as-in-the-report stands for. Throws an Error if an option contradicts it or
+/// another one, or would be without effect.
 inline void choose_policies(CLI::App const& app, Options& options)
 {
     if (options.as_in_the_report) {
         Options report;
         report.kernel = "cubic", report.transfer = "flip";
         auto const refuse_other = [&](char const* option, bool is_the_same) {
-            require(app.count(option) == 0 || is_the_same,
-                    std::string(option) + " contradicts --as-in-the-report, which is --kernel cubic --transfer "
-                                          "flip --flip 0.95",
-                    "the command line", "Leave one of them out.");
+            if (app.count(option) != 0 && !is_the_same)
+                throw Error{std::string(option) + " contradicts --as-in-the-report, which is --kernel cubic "
+                                                  "--transfer flip --flip 0.95",
+                            "the command line", "Leave one of them out."};
         };
         refuse_other("--kernel", options.kernel == report.kernel);
         refuse_other("--transfer", options.transfer == report.transfer);
         refuse_other("--flip", exactly_equal(options.flip, report.flip));
         options.kernel = report.kernel, options.transfer = report.transfer;
     }
-    require(app.count("--flip") == 0 || options.transfer == "flip",
-            "--flip would be without effect: the transfer is " + options.transfer, "the command line",
-            "Add --transfer flip, or leave --flip out.");
+    if (app.count("--flip") != 0 && options.transfer != "flip")
+        throw Error{"--flip would be without effect: the transfer is " + options.transfer, "the command line",
+                    "Add --transfer flip, or leave --flip out."};
 }
 
 /// Reads the command line; ends the program after --help or a mistake.

@@ -75,8 +75,8 @@ private:
     double seconds_ = 0;
 };
 
-/// How long what is left of a run takes [s]: if steps stay as long as in the last frame, and if they become as
-/// short as they can.
+/// How long what is left of a run takes [s]: if steps stay as long as in the last frame, and if they become
+/// as short as they can.
 struct TimeLeft
 {
     double least = 0, most = 0;

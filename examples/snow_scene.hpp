@@ -98,7 +98,8 @@ void simulate(Options const& options, Scene const& scene, Sampled const& body, T
     MassAndMomentum const start(solver);
     AdvanceReport total;
     double stepping = 0;
-    // The wave in snow at its cap is that many times as fast as in fresh snow, so steps become that much shorter.
+    // The wave in snow at its cap is that many times as fast as in fresh snow, so steps become that much
+    // shorter.
     double const hardened = std::exp(0.5 * snow.hardening * (1 - snow.smallest_plastic_ratio));
     for (int frame = 0;; ++frame) {
         auto const effects = scene.effects(solver.time(), 1 / options.frames_per_second);
@@ -115,15 +116,18 @@ void simulate(Options const& options, Scene const& scene, Sampled const& body, T
         double const per_step = seconds / static_cast<double>(report.substeps),
                      shortest = std::min(total.largest_dt / hardened, total.smallest_dt),
                      frames_left = options.frames - frame - 1;
-        TimeLeft const left{seconds * frames_left,
-                            per_step * std::max(static_cast<double>(report.substeps),
-                                                1 / options.frames_per_second / shortest) *
-                                frames_left};
+        TimeLeft const left{seconds * frames_left, per_step *
+                                                       std::max(static_cast<double>(report.substeps),
+                                                                1 / options.frames_per_second / shortest) *
+                                                       frames_left};
         if (frame == 0 && frames_left > 0)
-            std::cout << "steps take about " << describe(left) << " minutes: the latter if all of them become as short "
-                      << "as in crushed snow, " << hardened << " times shorter than in fresh snow" << std::endl;
+            std::cout << "steps take about " << describe(left)
+                      << " minutes: the latter if all of them become as short "
+                      << "as in crushed snow, " << hardened << " times shorter than in fresh snow"
+                      << std::endl;
         show_progress(frame + 1, options.frames, solver.time(), report,
-                      static_cast<double>(report.substeps) * static_cast<double>(solver.size()) / seconds, left);
+                      static_cast<double>(report.substeps) * static_cast<double>(solver.size()) / seconds,
+                      left);
     }
     write_report(results.folder() / "report.json", options, scene, solver, total, start,
                  MassAndMomentum(solver), since(started), stepping, results.seconds());

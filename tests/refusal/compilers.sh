@@ -10,7 +10,7 @@ refuses() {
     shift
     ! said=$("$compiler" -fsyntax-only -I"$source/include" "$@" -x c++ "$source/include/firn/core/error.hpp" 2>&1) ||
         { echo "this compiles: $*"; exit 1; }
-    said=$(grep -m 1 '#error' <<"$said")
+    said=$(grep -m 1 '#error' <<<"$said")
     [[ $said == *"#error"*"$sentence"* || $said == *"error: "*"$sentence"* ]] || { echo "$*: $said"; exit 1; }
 }
 
