@@ -67,8 +67,8 @@ fi
 
 # threads that wait sleep: on a machine with other work, spinning costs more than waking up
 export OMP_WAIT_POLICY="${OMP_WAIT_POLICY:-passive}"
-# A minute or so with the defaults on two quiet cores; other settings and machines differ.
-echo "the 48 frames of snow_on_moving_ball take about RUNTIME of two quiet cores; what this run takes is said after its first frame"
+
+echo "with its defaults snow_on_moving_ball takes at most two minutes of two quiet cores; what this run takes is said after its first frame"
 echo "running: $program --out $out ${arguments[*]-}"
 mkdir -p "$out" || stop "the folder $out cannot be made."
 "$program" --out "$out" "${arguments[@]}" || stop "the example did not run to its end (exit code $?); bash examples/run.sh --help lists its options."
