@@ -67,7 +67,6 @@ fi
 
 # threads that wait sleep: on a machine with other work, spinning costs more than waking up
 export OMP_WAIT_POLICY="${OMP_WAIT_POLICY:-passive}"
-
 echo "with its defaults snow_on_moving_ball takes at most two minutes of two quiet cores; what this run takes is said after its first frame"
 echo "running: $program --out $out ${arguments[*]-}"
 mkdir -p "$out" || stop "the folder $out cannot be made."
