@@ -127,7 +127,7 @@ private:
     template <class Effects>
     class StepRun
     {
-        using Actions = decltype(std::declval<Effects const&>().template during<Number, d>(Interval{}));
+        using Actions = decltype(std::declval<Effects const&>().template over<Number, d>(Interval{}));
         using Now = StepNow<Number, Actions>;
         using KeptRule = RunRule<Effects, materials>;
         using Log = RunLog<Actions::obstacles, materials>;

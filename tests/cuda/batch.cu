@@ -28,7 +28,7 @@ struct NoMoreNumbers
         }
     };
     template <class Number, int d>
-    FIRN_HOST_DEVICE Action<Number, d> during(Interval const& interval) const
+    FIRN_HOST_DEVICE Action<Number, d> over(Interval const& interval) const
     {
         return {interval.begin < from ? Number(0) : Number(NAN)};
     }

@@ -84,7 +84,7 @@ struct Nowhere
     };
 
     template <class Number, int d>
-    FIRN_HOST_DEVICE Action during(Interval const&) const
+    FIRN_HOST_DEVICE Action over(Interval const&) const
     {
         return {};
     }

@@ -27,7 +27,7 @@ struct Astray
     };
 
     template <class Number, int d>
-    FIRN_HOST_DEVICE Action<Number> during(Interval const&) const
+    FIRN_HOST_DEVICE Action<Number> over(Interval const&) const
     {
         return {reinterpret_cast<Number*>(16)};
     }

@@ -164,7 +164,7 @@ TEST_CASE("a rotating body comes round, and moves its surface at v + omega x r")
     CHECK((later.orientation * Eigen::Vector3d(1, 0, 0) - Eigen::Vector3d(0, 1, 0)).norm() <= 1e-12);
 
     Obstacle<Sphere> const wheel{.shape = {1}, .contact = Contact::sticky(), .motion = motion};
-    auto const action = wheel.during<double, 3>({1.0, 1.0});
+    auto const action = wheel.over<double, 3>({1.0, 1.0});
     Place<double, 3> const place{
         lattice(0.1), {10, 25, 30}, Vec::Zero()}; // (1, 2.5, 3): half a metre above the centre
     auto const touched = action.touch<double>(place, Vec(0, 0, 0), wheel.contact);
@@ -175,7 +175,7 @@ TEST_CASE("a rotating body comes round, and moves its surface at v + omega x r")
 TEST_CASE("deeper inside a solid than the kernel reaches nothing slides, and only what leaves it moves")
 {
     Obstacle<Box> const box{.shape = {{1, 1, 1}}, .motion = {.velocity = {0, 0, 0.5}}};
-    auto const action = box.during<double, 3>({0, 0});
+    auto const action = box.over<double, 3>({0, 0});
     auto const after = [&](double cells_deep, Vec const& before, double kernel_reach = 1.5) -> Vec {
         Place<double, 3> const place{lattice(0.1), {10, 0, 0}, Vec(-cells_deep, 0, 0), kernel_reach};
         return action.touch<double>(place, before, box.contact).velocity;
@@ -190,7 +190,7 @@ TEST_CASE("in a corner the last word is that nothing moves into either wall")
 {
     Obstacle<HalfSpace> const floor{.shape = {{0, 1, 0}}, .contact = Contact::coulomb(0.8)};
     Obstacle<HalfSpace> const slope{.shape = {Vec(1, 1, 0).normalized()}, .contact = Contact::coulomb(0.3)};
-    auto const both = plain_effects(floor, slope).during<double, 3>({0, 0.1});
+    auto const both = plain_effects(floor, slope).over<double, 3>({0, 0.1});
     Reactions<2> reactions;
     Place<double, 3> const place{lattice(0.1), {0, 0, 0}, Vec(-1, -1, 0)};
     Vec const before(-3, -1, 0.5);
@@ -214,7 +214,7 @@ struct Lone
     template <class... Effects>
     Eigen::Vector2d touch(Effects const&... effects)
     {
-        auto const all = plain_effects(effects...).template during<double, 2>({0, dt});
+        auto const all = plain_effects(effects...).template over<double, 2>({0, dt});
         Reactions<sizeof...(Effects)> reactions;
         Place<double, 2> const place{lattice(0.1), {0, 0}, Eigen::Vector2d(0, height / 0.1)};
         Eigen::Vector2d const moved = motion * dt, before = velocity;

@@ -88,7 +88,7 @@ struct Upright
     };
 
     template <class Number, int d>
-    FIRN_HOST_DEVICE Action<Number> during(Interval const&) const
+    FIRN_HOST_DEVICE Action<Number> over(Interval const&) const
     {
         return {};
     }

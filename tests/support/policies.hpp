@@ -215,7 +215,7 @@ struct Damping
     };
 
     template <class Number, int d>
-    FIRN_HOST_DEVICE Action<Number> during(Interval const& interval) const
+    FIRN_HOST_DEVICE Action<Number> over(Interval const& interval) const
     {
         return {static_cast<Number>(std::exp(-rate * interval.length()))};
     }

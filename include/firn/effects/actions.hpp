@@ -105,7 +105,7 @@ template <>
 struct PlainEffects<>
 {
     template <class Number, int d>
-    FIRN_HOST_DEVICE Chain<> during(Interval const&) const
+    FIRN_HOST_DEVICE Chain<> over(Interval const&) const
     {
         return {};
     }
@@ -120,10 +120,10 @@ struct PlainEffects<First, Rest...>
 
     /// The chain of the effects' actions during a step.
     template <class Number, int d>
-    FIRN_HOST_DEVICE auto during(Interval const& interval) const
+    FIRN_HOST_DEVICE auto over(Interval const& interval) const
     {
-        return detail::linked(first.template during<Number, d>(interval),
-                              rest.template during<Number, d>(interval));
+        return detail::linked(first.template over<Number, d>(interval),
+                              rest.template over<Number, d>(interval));
     }
 
     /// Whether one of them acts on particles, too.

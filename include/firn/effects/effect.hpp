@@ -7,11 +7,11 @@
 #include <concepts>
 
 // An effect is what acts on velocities beside the material itself: gravity, obstacles. Effects are arguments
-// of a step. An effect is a plain description; `during(interval)` turns it into an *action*, a trivially
+// of a step. An effect is a plain description; `over(interval)` turns it into an *action*, a trivially
 // copyable value with the step's numbers filled in, which the phases call on lanes of nodes: as
 // `on_momentum(momentum, mass)`, as `on_node(velocity)`, or as an obstacle (on particles too, if it asks for
 // them); what a reflecting wall does is up to UpdateGrid. The length of a step may be found where the
-// phases run, so `during` runs there too: it is FIRN_HOST_DEVICE where that is a device, and an effect that
+// phases run, so `over` runs there too: it is FIRN_HOST_DEVICE where that is a device, and an effect that
 // is not a plain value has a `plain()` that is.
 namespace firn
 {
@@ -93,7 +93,7 @@ template <class T, class Number, int d>
 concept NodeEffect = requires(T const effect, Interval interval)
 {
     effect.validate();
-    effect.template during<Number, d>(interval);
+    effect.template over<Number, d>(interval);
 };
 
 namespace detail

@@ -42,7 +42,7 @@ struct Gravity
     };
 
     template <class Number, int d>
-    FIRN_HOST_DEVICE Action<Number, d> during(Interval const& interval) const
+    FIRN_HOST_DEVICE Action<Number, d> over(Interval const& interval) const
     {
         return {make_vector<Number, d>(
             [&](int i) { return static_cast<Number>(acceleration[i] * interval.forces); })};

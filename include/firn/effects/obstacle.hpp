@@ -93,7 +93,7 @@ struct Obstacle
     /// The obstacle at the end of the step: contact is solved for the velocities of that time. For a plain
     /// value.
     template <class Number, int d>
-    FIRN_HOST_DEVICE Action<Number, d> during(Interval const& interval) const
+    FIRN_HOST_DEVICE Action<Number, d> over(Interval const& interval) const
     {
         Motion const now = motion.at(interval.end);
         return {shape,

@@ -101,7 +101,7 @@ struct ReflectingWall
     };
 
     template <class Number, int d>
-    FIRN_HOST_DEVICE Action during(Interval const&) const
+    FIRN_HOST_DEVICE Action over(Interval const&) const
     {
         return {axis, node, side};
     }

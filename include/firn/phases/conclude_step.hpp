@@ -107,7 +107,7 @@ struct BeginSteps
         Course const& course = run.course;
         now->dt = static_cast<Number>(course.now.interval.length());
         now->next_forces = static_cast<Number>(course.next.interval.forces);
-        now->actions = rule.effects.template during<Number, d>(course.now.interval);
+        now->actions = rule.effects.template over<Number, d>(course.now.interval);
     }
 };
 
@@ -182,7 +182,7 @@ private:
         if (!course.ready) return false;
         after->dt = static_cast<Number>(course.now.interval.length());
         after->next_forces = static_cast<Number>(course.next.interval.forces);
-        after->actions = run.effects.template during<Number, d>(course.now.interval);
+        after->actions = run.effects.template over<Number, d>(course.now.interval);
         return true;
     }
 
