@@ -51,21 +51,22 @@ struct Nowhere
         Contact contact;
 
         template <Lane Real, int d>
-        FIRN_HOST_DEVICE Touched<Real, d> touch(Place<Real, d> const&, Vector<Real, d> const& v,
-                                                Contact const&) const
+        FIRN_HOST_DEVICE ContactResult<Real, d> touch(LanePosition<Real, d> const&, Vector<Real, d> const& v,
+                                                      Contact const&) const
         {
-            Touched<Real, d> touched{};
+            ContactResult<Real, d> touched{};
             touched.velocity = v;
             return touched;
         }
         template <Lane Real, int d>
-        FIRN_HOST_DEVICE Touched<Real, d> hold(Place<Real, d> const& place, Vector<Real, d> const&,
-                                               Vector<Real, d> const& v, Contact const& rule) const
+        FIRN_HOST_DEVICE ContactResult<Real, d> hold(LanePosition<Real, d> const& place,
+                                                     Vector<Real, d> const&, Vector<Real, d> const& v,
+                                                     Contact const& rule) const
         {
             return touch<Real, d>(place, v, rule);
         }
         template <Lane Real, int d>
-        FIRN_HOST_DEVICE Real overlap(Place<Real, d> const&, Vector<Real, d> const&) const
+        FIRN_HOST_DEVICE Real overlap(LanePosition<Real, d> const&, Vector<Real, d> const&) const
         {
             return Real(0);
         }
@@ -75,7 +76,7 @@ struct Nowhere
             return Number(1);
         }
         template <Lane Real, int d>
-        FIRN_HOST_DEVICE Vector<Real, d> carried(Place<Real, d> const&, Vector<Real, d> const& way,
+        FIRN_HOST_DEVICE Vector<Real, d> carried(LanePosition<Real, d> const&, Vector<Real, d> const& way,
                                                  Real) const
         {
             return way;

@@ -165,7 +165,7 @@ TEST_CASE("a rotating body comes round, and moves its surface at v + omega x r")
 
     Obstacle<Sphere> const wheel{.shape = {1}, .contact = Contact::sticky(), .motion = motion};
     auto const action = wheel.over<double, 3>({1.0, 1.0});
-    Place<double, 3> const place{
+    LanePosition<double, 3> const place{
         lattice(0.1), {10, 25, 30}, Vec::Zero()}; // (1, 2.5, 3): half a metre above the centre
     auto const touched = action.touch<double>(place, Vec(0, 0, 0), wheel.contact);
     CHECK(touched.inside);
@@ -177,7 +177,7 @@ TEST_CASE("deeper inside a solid than the kernel reaches nothing slides, and onl
     Obstacle<Box> const box{.shape = {{1, 1, 1}}, .motion = {.velocity = {0, 0, 0.5}}};
     auto const action = box.over<double, 3>({0, 0});
     auto const after = [&](double cells_deep, Vec const& before, double kernel_reach = 1.5) -> Vec {
-        Place<double, 3> const place{lattice(0.1), {10, 0, 0}, Vec(-cells_deep, 0, 0), kernel_reach};
+        LanePosition<double, 3> const place{lattice(0.1), {10, 0, 0}, Vec(-cells_deep, 0, 0), kernel_reach};
         return action.touch<double>(place, before, box.contact).velocity;
     };
     CHECK((after(1.4, {-1, 2, 3}) - Vec(0, 2, 3)).norm() <= 1e-14);
@@ -192,7 +192,7 @@ TEST_CASE("in a corner the last word is that nothing moves into either wall")
     Obstacle<HalfSpace> const slope{.shape = {Vec(1, 1, 0).normalized()}, .contact = Contact::coulomb(0.3)};
     auto const both = plain_effects(floor, slope).over<double, 3>({0, 0.1});
     Reactions<2> reactions;
-    Place<double, 3> const place{lattice(0.1), {0, 0, 0}, Vec(-1, -1, 0)};
+    LanePosition<double, 3> const place{lattice(0.1), {0, 0, 0}, Vec(-1, -1, 0)};
     Vec const before(-3, -1, 0.5);
     Vec const after = apply_on_nodes<double, 3>(both, place, 2.0, before, reactions);
     CHECK(after[1] >= -1e-12);
@@ -216,7 +216,7 @@ struct Lone
     {
         auto const all = plain_effects(effects...).template over<double, 2>({0, dt});
         Reactions<sizeof...(Effects)> reactions;
-        Place<double, 2> const place{lattice(0.1), {0, 0}, Eigen::Vector2d(0, height / 0.1)};
+        LanePosition<double, 2> const place{lattice(0.1), {0, 0}, Eigen::Vector2d(0, height / 0.1)};
         Eigen::Vector2d const moved = motion * dt, before = velocity;
         Eigen::Vector2d const displacement =
             apply_on_particles<double, 2>(all, place, moved, true, 2.0, dt, velocity, reactions);

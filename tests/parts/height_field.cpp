@@ -149,7 +149,7 @@ TEST_CASE("an obstacle of a terrain touches packs of velocities as it touches ea
             Eigen::Vector3d const at = random_point(random, 5), speed = random_point(random, 1);
             for (int a = 0; a < 3; ++a) x[a][lane] = at[a], v[a][lane] = speed[a];
         }
-        firn::Place<Pack, 3> packed{firn::lattice(0.2), {0, 0, 0}, {}};
+        firn::LanePosition<Pack, 3> packed{firn::lattice(0.2), {0, 0, 0}, {}};
         firn::Vector<Pack, 3> velocity;
         for (int a = 0; a < 3; ++a) {
             packed.offset[a] = firn::LaneTraits<Pack>::load(x[a]);
@@ -157,7 +157,7 @@ TEST_CASE("an obstacle of a terrain touches packs of velocities as it touches ea
         }
         auto const many = action.touch<Pack>(packed, velocity, ground.contact);
         for (int lane = 0; lane < 4; ++lane) {
-            firn::Place<double, 3> const place{
+            firn::LanePosition<double, 3> const place{
                 firn::lattice(0.2), {0, 0, 0}, {x[0][lane], x[1][lane], x[2][lane]}};
             auto const one = action.touch<double>(place, Eigen::Vector3d(v[0][lane], v[1][lane], v[2][lane]),
                                                   ground.contact);

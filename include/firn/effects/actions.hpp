@@ -156,8 +156,8 @@ namespace detail
 /// Books what contact took from lanes of mass m: impulse m (before - after), and its moment about the
 /// reference point.
 template <Lane Real, int d>
-FIRN_HOST_DEVICE void book(Reaction& reaction, Touched<Real, d> const& touched, Vector<Real, d> const& before,
-                           Real mass)
+FIRN_HOST_DEVICE void book(Reaction& reaction, ContactResult<Real, d> const& touched,
+                           Vector<Real, d> const& before, Real mass)
 {
     constexpr int width = lane_width<Real>;
     Scalar<Real> impulse[std::size_t(d)][std::size_t(width)], arm[std::size_t(d)][std::size_t(width)];

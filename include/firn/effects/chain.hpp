@@ -21,9 +21,9 @@ FIRN_HOST_DEVICE void apply_on_momentum(Chain<Actions...> const& chain, Vector<R
 /// Obstacles act one after the other. Where two of them meet (a corner) a second pass settles friction, and a
 /// third, of pure non-penetration, has the last word.
 template <Lane Real, int d, class... Actions>
-FIRN_HOST_DEVICE Vector<Real, d> apply_on_nodes(Chain<Actions...> const& chain, Place<Real, d> const& place,
-                                                Real mass, Vector<Real, d> velocity,
-                                                Reactions<Chain<Actions...>::obstacles>& reactions)
+FIRN_HOST_DEVICE Vector<Real, d>
+apply_on_nodes(Chain<Actions...> const& chain, LanePosition<Real, d> const& place, Real mass,
+               Vector<Real, d> velocity, Reactions<Chain<Actions...>::obstacles>& reactions)
 {
     constexpr int obstacles = Chain<Actions...>::obstacles;
     Mask<Real> once = Real(1) < Real(0), twice = once;
@@ -66,9 +66,9 @@ FIRN_HOST_DEVICE Vector<Real, d> apply_on_nodes(Chain<Actions...> const& chain, 
 /// ParticleContact.
 template <Lane Real, int d, class... Actions>
 FIRN_HOST_DEVICE Vector<Real, d>
-apply_on_particles(Chain<Actions...> const& chain, Place<Real, d> const& place, Vector<Real, d> const& moved,
-                   Mask<Real> const& here, Real mass, Real dt, Vector<Real, d>& velocity,
-                   Reactions<Chain<Actions...>::obstacles>& reactions)
+apply_on_particles(Chain<Actions...> const& chain, LanePosition<Real, d> const& place,
+                   Vector<Real, d> const& moved, Mask<Real> const& here, Real mass, Real dt,
+                   Vector<Real, d>& velocity, Reactions<Chain<Actions...>::obstacles>& reactions)
 {
     ParticleContact<Real, d, Chain<Actions...>> contact{chain, place, moved,    here,
                                                         mass,  dt,    velocity, reactions};
@@ -79,9 +79,9 @@ apply_on_particles(Chain<Actions...> const& chain, Place<Real, d> const& place, 
 /// keeps in memory: a copy, made where this is called, or something that nobody else needs.
 template <Lane Real, int d, class... Actions>
 FIRN_HOST_DEVICE FIRN_CALLED_ON_DEVICE Vector<Real, d>
-call_on_particles(Chain<Actions...> const& chain, Place<Real, d> const& place, Vector<Real, d> const& moved,
-                  Mask<Real> const& here, Real mass, Real dt, Vector<Real, d>& velocity,
-                  Reactions<Chain<Actions...>::obstacles>& reactions)
+call_on_particles(Chain<Actions...> const& chain, LanePosition<Real, d> const& place,
+                  Vector<Real, d> const& moved, Mask<Real> const& here, Real mass, Real dt,
+                  Vector<Real, d>& velocity, Reactions<Chain<Actions...>::obstacles>& reactions)
 {
     return apply_on_particles<Real, d>(chain, place, moved, here, mass, dt, velocity, reactions);
 }

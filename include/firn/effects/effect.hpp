@@ -31,7 +31,7 @@ struct Interval
 /// Distances are taken to a reference in double precision before they become lanes, so that they are as
 /// accurate far from the origin as at it.
 template <class Real, int d>
-struct Place
+struct LanePosition
 {
     Lattice lattice;
     Coordinates<d> first;
@@ -53,7 +53,7 @@ struct Place
 
 /// What contact did to a lane of velocities.
 template <class Real, int d>
-struct Touched
+struct ContactResult
 {
     Vector<Real, d> velocity; ///< after contact [m/s]
     Vector<Real, d> arm;      ///< from the obstacle's reference point [m]

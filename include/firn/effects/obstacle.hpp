@@ -126,10 +126,10 @@ struct Obstacle<ShapeType>::Action
 
     /// Contact of lanes with velocity v at a place. `rule` is the obstacle's own or, to end a corner, slip.
     template <Lane Real>
-    FIRN_HOST_DEVICE Touched<Real, d> touch(Place<Real, d> const& place, Vector<Real, d> const& v,
-                                            Contact const& rule) const
+    FIRN_HOST_DEVICE ContactResult<Real, d> touch(LanePosition<Real, d> const& place,
+                                                  Vector<Real, d> const& v, Contact const& rule) const
     {
-        Touched<Real, d> touched;
+        ContactResult<Real, d> touched;
         touched.arm = place.relative_to(position);
         Matrix<Real, d> const R = matrix_of<Real, d>(rotation);
         Vector<Real, d> const local = transpose_product<Real, d>(R, touched.arm);
@@ -170,13 +170,14 @@ struct Obstacle<ShapeType>::Action
     /// The side is that of the shell at the beginning of the step, so nothing is lost to a shell that moves
     /// across particles.
     template <Lane Real>
-    FIRN_HOST_DEVICE Touched<Real, d> hold(Place<Real, d> const& place, Vector<Real, d> const& travelled,
-                                           Vector<Real, d> const& v, Contact const& rule) const
+    FIRN_HOST_DEVICE ContactResult<Real, d> hold(LanePosition<Real, d> const& place,
+                                                 Vector<Real, d> const& travelled, Vector<Real, d> const& v,
+                                                 Contact const& rule) const
     {
         if constexpr (!keeps_sides)
             return touch<Real>(place, v, rule);
         else {
-            Touched<Real, d> touched;
+            ContactResult<Real, d> touched;
             touched.arm = place.relative_to(position);
             auto const here = from_side<Real>(touched.arm, start<Real>(place, travelled));
             touched.inside = !(here.distance > Real(0));
@@ -197,7 +198,7 @@ struct Obstacle<ShapeType>::Action
 
     /// How deep [m] lanes of particles are inside then, or below the surface that a shell has on their side.
     template <Lane Real>
-    FIRN_HOST_DEVICE Real overlap(Place<Real, d> const& place, Vector<Real, d> const& travelled) const
+    FIRN_HOST_DEVICE Real overlap(LanePosition<Real, d> const& place, Vector<Real, d> const& travelled) const
     {
         Vector<Real, d> const arm = place.relative_to(position);
         if constexpr (keeps_sides)
@@ -220,8 +221,8 @@ struct Obstacle<ShapeType>::Action
 
     /// The way [m] that lanes of particles would have gone since the step began, had they gone along with it.
     template <Lane Real>
-    FIRN_HOST_DEVICE Vector<Real, d> carried(Place<Real, d> const& place, Vector<Real, d> const& travelled,
-                                             Real dt) const
+    FIRN_HOST_DEVICE Vector<Real, d> carried(LanePosition<Real, d> const& place,
+                                             Vector<Real, d> const& travelled, Real dt) const
     {
         Vector<Real, d> const from = place.relative_to(position) - travelled;
         if constexpr (keeps_sides)
@@ -237,7 +238,7 @@ struct Obstacle<ShapeType>::Action
 private:
     /// Where in the body's frame lanes of particles were when the step began.
     template <Lane Real>
-    FIRN_HOST_DEVICE Vector<Real, d> start(Place<Real, d> const& place,
+    FIRN_HOST_DEVICE Vector<Real, d> start(LanePosition<Real, d> const& place,
                                            Vector<Real, d> const& travelled) const requires keeps_sides
     {
         Vector<Real, d> const from = place.relative_to(earlier.position) - travelled;

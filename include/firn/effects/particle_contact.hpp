@@ -30,7 +30,7 @@ struct ParticleContact
     static constexpr int passes = 8; ///< leaves nothing in a corner of 75 degrees, a fifth of it in one of 30
 
     Effects const& chain;
-    Place<Real, d> const& place;
+    LanePosition<Real, d> const& place;
     Vector<Real, d> const& moved; ///< to the place, since the step began [m]
     Mask<Real> const& here;
     Real mass, dt;
@@ -76,9 +76,9 @@ private:
     FIRN_HOST_DEVICE Real tolerance() const { return Real(in_metres(1e-5)); }
 
     /// The place after a displacement [m].
-    FIRN_HOST_DEVICE Place<Real, d> after(Vector<Real, d> const& way) const
+    FIRN_HOST_DEVICE LanePosition<Real, d> after(Vector<Real, d> const& way) const
     {
-        Place<Real, d> there = place;
+        LanePosition<Real, d> there = place;
         there.offset += way * Real(Number(1 / place.lattice.cell_size));
         return there;
     }
@@ -181,7 +181,7 @@ private:
             settled = settled | better;
         }
         if (!any(settled)) return;
-        Touched<Real, d> touched;
+        ContactResult<Real, d> touched;
         for (int a = 0; a < d; ++a)
             touched.velocity[a] = select(settled, (moved[a] + displacement[a]) / dt, velocity[a]);
         for_each([&](auto const& action, int i) {

@@ -59,10 +59,11 @@ struct ReflectingWall
         /// Contact of lanes of particles with velocity v that something has pushed to a place: what is behind
         /// the wall comes before it.
         template <Lane Real, int d>
-        FIRN_HOST_DEVICE Touched<Real, d> hold(Place<Real, d> const& place, Vector<Real, d> const&,
-                                               Vector<Real, d> const& v, Contact const& rule) const
+        FIRN_HOST_DEVICE ContactResult<Real, d> hold(LanePosition<Real, d> const& place,
+                                                     Vector<Real, d> const&, Vector<Real, d> const& v,
+                                                     Contact const& rule) const
         {
-            Touched<Real, d> touched;
+            ContactResult<Real, d> touched;
             touched.arm = place.relative_to(reference());
             touched.depth = max(overlap<Real, d>(place, v), Real(0));
             touched.inside = touched.depth > Real(0);
@@ -75,7 +76,7 @@ struct ReflectingWall
 
         /// How far [m] they are behind it, or too close for what rounding may do next.
         template <Lane Real, int d>
-        FIRN_HOST_DEVICE Real overlap(Place<Real, d> const& place, Vector<Real, d> const&) const
+        FIRN_HOST_DEVICE Real overlap(LanePosition<Real, d> const& place, Vector<Real, d> const&) const
         {
             using Number = Scalar<Real>;
             Real before(0); // [cells]
@@ -92,7 +93,8 @@ struct ReflectingWall
         }
 
         template <Lane Real, int d>
-        FIRN_HOST_DEVICE Vector<Real, d> carried(Place<Real, d> const&, Vector<Real, d> const&, Real) const
+        FIRN_HOST_DEVICE Vector<Real, d> carried(LanePosition<Real, d> const&, Vector<Real, d> const&,
+                                                 Real) const
         {
             return zeros<Vector<Real, d>>();
         }

@@ -201,7 +201,7 @@ private:
                 position + displacement * Real(Number(1 / lattice.cell_size)) + items.along();
             FIRN_UNROLL
             for (int a = 0; a < d; ++a) where[a] += Real(to_node);
-            Place<Real, d> const place{lattice, items.first(), where, kernel_reach(order)};
+            LanePosition<Real, d> const place{lattice, items.first(), where, kernel_reach(order)};
             Real const mass = portions.find(items, before.id).mass, dt(now->dt);
             // Beside a velocity of the particle's own, or where it is more than the distance from one solid
             // by a formula:

@@ -55,7 +55,7 @@ struct UpdateGrid
     FIRN_HOST_DEVICE void operator()(Node& node, Result& reactions) const
     {
         using Real = typename Node::Real;
-        Place<Real, d> const place{lattice, node.first(), node.offset(), kernel_reach(Kernel::order)};
+        LanePosition<Real, d> const place{lattice, node.first(), node.offset(), kernel_reach(Kernel::order)};
         update<Real>(
             place, [&](int c) { return node.sum(c); }, [&](int a) { return withheld<Real>(node, a); },
             [&](int c, Real const& value) { node.set(c, value); }, exactly_equal(Real(0), Real(0)),
@@ -83,7 +83,8 @@ struct UpdateGrid
     {
         using Real = typename Node::Real;
         MirroredNode<Sums, Real, d, Effects::walls> const mirrored(walls, node);
-        Place<Real, d> place{lattice, mirrored.first, zeros<Vector<Real, d>>(), kernel_reach(Kernel::order)};
+        LanePosition<Real, d> place{lattice, mirrored.first, zeros<Vector<Real, d>>(),
+                                    kernel_reach(Kernel::order)};
         place.offset[d - 1] = mirrored.along;
         Mask<Real> const received = !mirrored.is_image(); // what a node receives its images do not once more
         Real velocity[std::size_t(channels)];
@@ -113,7 +114,7 @@ private:
 
     /// `received` are the lanes of which obstacles' reactions are booked.
     template <class Real, class Sum, class Withheld, class Set>
-    FIRN_HOST_DEVICE void update(Place<Real, d> const& place, Sum const& sum, Withheld const& withheld,
+    FIRN_HOST_DEVICE void update(LanePosition<Real, d> const& place, Sum const& sum, Withheld const& withheld,
                                  Set const& set, Mask<Real> const& received, Result& reactions) const
     {
         Real const mass = sum(Sums::mass);
