@@ -21,10 +21,9 @@ try {
     vertices.resize(4 * solver.size());
     firn::Obstacle<firn::HalfSpace> const floor{.contact = firn::Contact::coulomb(0.5)};
     for (int frame = 0; frame < 12; ++frame) {
-        double const t = solver.time();
         firn::Obstacle<firn::Sphere> const ball{
             .shape = {0.15},
-            .motion = {.position = {0.2 + 0.5 * t, 0.2, 0.2}, .velocity = {0.5, 0, 0}, .time = t}};
+            .motion = {.position = {0.2 + 0.5 * solver.time(), 0.2, 0.2}, .velocity = {0.5, 0, 0}}};
         auto const report = solver.advance(1.0 / 24, firn::Gravity{}, floor, ball);
         solver.write_positions(vertices.data(), 4); // x y z and room for a colour; nothing leaves the device
         std::printf("%.3f s: %d steps, the ball was pushed by %.3f N\n", solver.time(), int(report.substeps),

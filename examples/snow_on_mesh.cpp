@@ -22,10 +22,11 @@ try {
     for (auto& x : points) x += Eigen::Vector3d(-size / 2, 0.1, -size / 2);
     solver.add(points, h * h * h / 8, {0, -1, 0});
     // its distances where the backend reaches them: on a GPU with Cuda
-    Obstacle<SignedDistanceGridOn<Backend, float, 3>> const ring{.shape = distances.on(solver.backend()),
-                                                                 .contact = Contact::coulomb(0.4),
-                                                                 .motion = {.angular_velocity = {0, 3, 0}},
-                                                                 .on_particles = true};
+    Obstacle<SignedDistanceGridOn<Backend, float, 3>> const ring{
+        .shape = distances.on(solver.backend()),
+        .contact = Contact::coulomb(0.4),
+        .motion = {.angular_velocity = {0, 3, 0}, .time = 0},
+        .on_particles = true};
     std::vector<Motion> poses; // of the ring in the frames
 
     std::printf("time [s]  snow below the ring  deepest in it [cells]  force on it [N]  torque on it [N m]  "

@@ -14,12 +14,13 @@ constexpr double radius = 0.35, swing = 0.35, pace = 2.2; ///< of the ball: [m],
 /// The ball's motion during a frame: the chord of its swing, rolling on the floor.
 Motion ball_motion(double time, double frame)
 {
-    auto const place = [](double t) { return Eigen::Vector3d(swing * std::sin(pace * t), radius, 0); };
-    Motion motion{.position = place(time), .time = time};
-    motion.velocity = (place(time + frame) - place(time)) / frame;
-    motion.orientation = Eigen::AngleAxisd(-place(time).x() / radius, Eigen::Vector3d::UnitZ());
-    motion.angular_velocity = {0, 0, -motion.velocity.x() / radius};
-    return motion;
+    auto const pose = [](double t) {
+        double const x = swing * std::sin(pace * t);
+        return Motion{.position = {x, radius, 0},
+                      .orientation =
+                          Eigen::Quaterniond(Eigen::AngleAxisd(-x / radius, Eigen::Vector3d::UnitZ()))};
+    };
+    return Motion::between(pose(time), pose(time + frame), frame);
 }
 
 auto effects_of(double time, double frame)

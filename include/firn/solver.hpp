@@ -291,7 +291,7 @@ public:
         require_before_walls(effects...);
         auto rule = rule_for(effects...);
         rule.equal = dt;
-        auto const plain = plain_effects(effects...);
+        auto const plain = plain_effects(course_.time, effects...);
         std::vector<StepReport> reports;
         std::vector<StepFailure> isolated;
         auto const take = [&] {
@@ -367,7 +367,7 @@ public:
         auto rule = rule_for(effects...);
         rule.duration = duration;
         rule.end = course_.time + duration;
-        auto const plain = plain_effects(effects...);
+        auto const plain = plain_effects(course_.time, effects...);
         AdvanceReport all;
         StepReport of_step; // its lists serve all steps
         StepLog wrong;      // the step that is repeated, if one is: course_.retries

@@ -93,9 +93,10 @@ Outcome on_shell()
 {
     double const h = Jelly<SceneType>::h;
     return meets<SceneType>(
-        0.0, Obstacle<Shell<HalfSpace>>{.shape = {HalfSpace{}, 0.1 * h},
-                                        .contact = Contact::coulomb(0.4),
-                                        .motion = {.position = {0, -0.3 * h, 0}, .velocity = {0.1, 0.5, 0}}});
+        0.0, Obstacle<Shell<HalfSpace>>{
+                 .shape = {HalfSpace{}, 0.1 * h},
+                 .contact = Contact::coulomb(0.4),
+                 .motion = {.position = {0, -0.3 * h, 0}, .velocity = {0.1, 0.5, 0}, .time = 0}});
 }
 
 /// Hills of half a cell, four cells long.
@@ -132,7 +133,8 @@ Outcome under_a_ball()
     solver.add(Body::points(0.5, 0), std::pow(h / 2, Body::d));
     double const middle = 2 * h;
     RigidBody ball = RigidBody::ball(
-        radius, 4, {.position = {middle + 0.2 * h, 4.7 * h + radius, middle}, .velocity = {0.3, -2, 0}});
+        radius, 4,
+        {.position = {middle + 0.2 * h, 4.7 * h + radius, middle}, .velocity = {0.3, -2, 0}, .time = 0});
     ball.motion.angular_velocity = {0, 0, 3};
     Gravity const gravity;
     Obstacle<HalfSpace> const floor{.contact = Contact::coulomb(0.5)};

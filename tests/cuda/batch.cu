@@ -77,11 +77,13 @@ struct Thrown
     static constexpr int d = SceneType::d;
     typename SceneType::Solver solver;
     Obstacle<HalfSpace> floor{.contact = Contact::coulomb(0.3)};
-    Obstacle<Sphere> sphere{
-        .shape = {0.15},
-        .contact = Contact::coulomb(0.5),
-        .motion = {.position = {0.5, 0.1, 0}, .velocity = {-2, 0.5, 0}, .angular_velocity = {0, 0, 5}},
-        .on_particles = true};
+    Obstacle<Sphere> sphere{.shape = {0.15},
+                            .contact = Contact::coulomb(0.5),
+                            .motion = {.position = {0.5, 0.1, 0},
+                                       .velocity = {-2, 0.5, 0},
+                                       .angular_velocity = {0, 0, 5},
+                                       .time = 0},
+                            .on_particles = true};
 
     explicit Thrown(std::size_t batch, double speed, StepControl control = {})
         : solver(lattice(0.05), {}, {}, control, Cuda{.batch = batch})

@@ -336,7 +336,8 @@ private:
         motion.position = {input_.between(-1, 1), input_.between(-0.2, 1), 0};
         motion.velocity = {input_.between(-10, 10), input_.between(-10, 10), 0};
         motion.angular_velocity = {0, 0, input_.between(-50, 50)};
-        motion.time = solver_.time();
+        motion.time.reset();
+        if (motion.velocity.x() > 0) motion.time = solver_.time(); // it goes on through all calls
     }
 
     void toggle()

@@ -51,7 +51,9 @@ public:
         next(motion.velocity);
         next(motion.angular_velocity);
         next(motion.orientation.w(), motion.orientation.x(), motion.orientation.y(), motion.orientation.z());
-        next(motion.time);
+        double time = motion.time.value_or(0);
+        next(time);
+        motion.time = time;
     }
     void next(Contact& contact) { next(contact.friction); }
     void next(StepControl& control)

@@ -92,7 +92,7 @@ struct Paddle
     double h, half_width = 2 * h, volume = h * h / 4;
     Obstacle<Box> obstacle{.shape = {{length, half_width, h}},
                            .contact = Contact::coulomb(0.5),
-                           .motion = {.angular_velocity = {0, 0, omega}}};
+                           .motion = {.angular_velocity = {0, 0, omega}, .time = 0}};
 
     SandScene::Solver scene() const
     {

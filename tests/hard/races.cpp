@@ -35,7 +35,8 @@ Outcome run(int threads)
     solver.add<Rubber>(box_of_points<2>({0, 0}, {0.6, 0.4}, cell), cell * cell / 4);
     solver.add<Jelly>(box_of_points<2>({0.6, 0}, {1.2, 0.4}, cell), cell * cell / 4, {0, -1});
     solver.quarantine(2);
-    RigidBody body = RigidBody::ball(0.15, 40, {.position = {0.6, 0.56, 0}, .velocity = {0.5, -3, 0}});
+    RigidBody body =
+        RigidBody::ball(0.15, 40, {.position = {0.6, 0.56, 0}, .velocity = {0.5, -3, 0}, .time = 0});
     Outcome end;
     for (int i = 0; i < 12; ++i) {
         Obstacle<Sphere> const ball{

@@ -190,7 +190,7 @@ TEST_CASE("in a corner the last word is that nothing moves into either wall")
 {
     Obstacle<HalfSpace> const floor{.shape = {{0, 1, 0}}, .contact = Contact::coulomb(0.8)};
     Obstacle<HalfSpace> const slope{.shape = {Vec(1, 1, 0).normalized()}, .contact = Contact::coulomb(0.3)};
-    auto const both = plain_effects(floor, slope).over<double, 3>({0, 0.1});
+    auto const both = plain_effects(0, floor, slope).over<double, 3>({0, 0.1});
     Reactions<2> reactions;
     LanePosition<double, 3> const place{lattice(0.1), {0, 0, 0}, Vec(-1, -1, 0)};
     Vec const before(-3, -1, 0.5);
@@ -214,7 +214,7 @@ struct Lone
     template <class... Effects>
     Eigen::Vector2d touch(Effects const&... effects)
     {
-        auto const all = plain_effects(effects...).template over<double, 2>({0, dt});
+        auto const all = plain_effects(0, effects...).template over<double, 2>({0, dt});
         Reactions<sizeof...(Effects)> reactions;
         LanePosition<double, 2> const place{lattice(0.1), {0, 0}, Eigen::Vector2d(0, height / 0.1)};
         Eigen::Vector2d const moved = motion * dt, before = velocity;

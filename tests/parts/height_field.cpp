@@ -140,7 +140,7 @@ TEST_CASE("an obstacle of a terrain touches packs of velocities as it touches ea
 {
     using Pack = firn::test::TestLane<double>;
     firn::Obstacle<Field3> const ground{.shape = terrain(0.2, bumpy), .contact = firn::Contact::coulomb(0.4)};
-    auto const action = ground.plain().over<double, 3>({0, 0.01});
+    auto const action = ground.plain(0).over<double, 3>({0, 0.01});
     std::mt19937 random(4);
     int touched = 0;
     for (int i = 0; i < 500; ++i) {

@@ -88,7 +88,9 @@ typename SceneType::Solver scene(int threads)
 
 Obstacle<HalfSpace> const floor_of_scene{.contact = Contact::coulomb(0.4)};
 Obstacle<Sphere> const ball_of_scene{
-    .shape = {0.1}, .motion = {.position = {0.2, 0.05, 0.1}, .velocity = {1, 0, 0}}, .on_particles = true};
+    .shape = {0.1},
+    .motion = {.position = {0.2, 0.05, 0.1}, .velocity = {1, 0, 0}, .time = 0},
+    .on_particles = true};
 
 /// Goes on in all the ways there are: steps of the solver's own length and of mine, particles that come and
 /// go.
@@ -238,7 +240,8 @@ TEST_CASE("two-way coupling goes on from a file with the body that was kept besi
         }
     };
     auto solver = scene<Of>(1), restarted = new_solver<Of>(1);
-    RigidBody ball = RigidBody::ball(0.1, 5, {.position = {0.15, 0.4, 0}, .velocity = {0, -2, 0}}), other;
+    RigidBody ball = RigidBody::ball(0.1, 5, {.position = {0.15, 0.4, 0}, .velocity = {0, -2, 0}, .time = 0}),
+              other;
     couple(solver, ball, 30);
     write_checkpoint(path, solver, ball);
     read_checkpoint(path, restarted, other);

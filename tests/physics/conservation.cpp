@@ -37,10 +37,12 @@ auto splash(Solver& solver, int count, Go const& go)
     velocity[1] = -4;
     solver.add(random_points<d>(count, 0.2), std::pow(0.2, d) / count, velocity);
     Obstacle<HalfSpace> const floor{.motion = {.position = {0, -0.01, 0}}};
-    Obstacle<Sphere> const ball{
-        .shape = {0.08},
-        .contact = Contact::coulomb(0.5),
-        .motion = {.position = {0.1, -0.03, 0.1}, .velocity = {0.5, 0, 0}, .angular_velocity = {0, 0, 3}}};
+    Obstacle<Sphere> const ball{.shape = {0.08},
+                                .contact = Contact::coulomb(0.5),
+                                .motion = {.position = {0.1, -0.03, 0.1},
+                                           .velocity = {0.5, 0, 0},
+                                           .angular_velocity = {0, 0, 3},
+                                           .time = 0}};
     return go(Gravity{}, floor, ball);
 }
 template <class Solver>
@@ -267,7 +269,7 @@ TEST_CASE("a ball given by signed distances on a grid acts as the ball itself, a
             for (int i = 0; i < 25; ++i)
                 distances.push_back((corner + spacing * Eigen::Vector3d(i, j, k)).norm() - 0.08);
     Motion const motion{
-        .position = {0.1, -0.06, 0.1}, .velocity = {0.2, 0, 0.1}, .angular_velocity = {0, 2, 1}};
+        .position = {0.1, -0.06, 0.1}, .velocity = {0.2, 0, 0.1}, .angular_velocity = {0, 2, 1}, .time = 0};
     Obstacle<Sphere> const ball{.shape = {0.08}, .contact = Contact::coulomb(0.4), .motion = motion};
     SignedDistanceGrid<double, 3> const values(corner, spacing, nodes, distances);
     Obstacle<SignedDistanceGridOn<TestedBackend, double, 3>> const grid{

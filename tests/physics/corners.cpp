@@ -59,6 +59,7 @@ struct Corner
     Motion motion_of(std::size_t face) const
     {
         Motion with = motion;
+        with.time = 0;
         if (face == 1) with.angular_velocity.z() += closing;
         return with;
     }
@@ -217,8 +218,8 @@ TEST_CASE("nor does it if the corner moves, or closes")
     for (auto const& faces : pairs) {
         if (faces[0] == Is::wall) continue;
         for (double angle : {60.0, 30.0}) {
-            Motion const away{.velocity = {-1, -2, 0}, .angular_velocity = {0, 0, 2}},
-                towards{.velocity = {1, 2, 0}, .angular_velocity = {0, 0, -2}};
+            Motion const away{.velocity = {-1, -2, 0}, .angular_velocity = {0, 0, 2}, .time = 0},
+                towards{.velocity = {1, 2, 0}, .angular_velocity = {0, 0, -2}, .time = 0};
             for (auto const& motion : {away, towards})
                 check<Plane, Mls>({.angle = angle, .faces = faces, .motion = motion}, dust, 20, 20);
             check<Plane, Mls>({.angle = angle, .faces = faces, .closing = 0.4}, dust, 40, 20);

@@ -150,8 +150,8 @@ TEST_CASE("how fast a solid made of distances turns bounds steps before anything
     Solver<TestedBackend, Dust<SolidFloat>, QuadraticBSpline, Mls> solver(lattice(cell));
     solver.add(std::vector<Eigen::Vector3d>{{3, 0, 0}}, 1e-3);
     double const turns = 50; // [rad/s]
-    Obstacle<std::decay_t<decltype(there)>> const wheel{.shape = there,
-                                                        .motion = {.angular_velocity = {0, 0, turns}}};
+    Obstacle<std::decay_t<decltype(there)>> const wheel{
+        .shape = there, .motion = {.angular_velocity = {0, 0, turns}, .time = 0}};
     auto const report = solver.advance(0.05, wheel);
     double const fastest = 0.45 * turns; // of its surface
     CHECK(report.usual_limit() == StepLimit::obstacle);

@@ -50,9 +50,10 @@ TEMPLATE_LIST_TEST_CASE(
     velocity[1] = -speed;
     solver.add(points, std::pow(side, d) / double(points.size()), velocity);
     Obstacle<HalfSpace> const floor{.motion = {.position = {0, -0.001, 0}}};
-    Obstacle<Sphere> const ball{.shape = {0.08},
-                                .contact = Contact::coulomb(0.5),
-                                .motion = {.position = {0.1, -0.04, 0.1}, .velocity = {0.5, 0, 0}}};
+    Obstacle<Sphere> const ball{
+        .shape = {0.08},
+        .contact = Contact::coulomb(0.5),
+        .motion = {.position = {0.1, -0.04, 0.1}, .velocity = {0.5, 0, 0}, .time = 0}};
     auto const report = solver.advance(60 * h / solver.bounds().wave_speed, Gravity{}, floor, ball);
     Totals const end(solver);
     double const mass = std::pow(side, d) * double(solver.model().density);
@@ -274,8 +275,7 @@ void press_snow(int cells, double tolerance)
     double plate = height; // where it is [m]
     auto const press = [&](double velocity, double duration) {
         Obstacle<HalfSpace> const pressing{
-            .shape = {{0, -1, 0}},
-            .motion = {.position = {0, plate, 0}, .velocity = {0, -velocity, 0}, .time = solver.time()}};
+            .shape = {{0, -1, 0}}, .motion = {.position = {0, plate, 0}, .velocity = {0, -velocity, 0}}};
         plate -= velocity * duration;
         auto const report = solver.advance(duration, ReflectingWall{.axis = 0},
                                            ReflectingWall{.axis = 0, .node = 2, .side = -1},

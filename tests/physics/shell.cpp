@@ -110,6 +110,7 @@ TEST_CASE("two blocks on both sides of a shell that moves between them stay ther
     auto const start = Totals(solver);
     auto shell = Floor{0}.shell();
     shell.motion.velocity = {0, 0.5, 0};
+    shell.motion.time = 0;
     shell.contact = Contact::coulomb(0.4);
     auto const report = solver.advance(0.3, Gravity{}, shell);
     auto const x = solver.positions();

@@ -40,7 +40,7 @@ AdvanceReport splash(Solver& solver, int steps, double dt, int count)
     Obstacle<HalfSpace> const floor{.motion = {.position = {0, -0.01, 0}}};
     Obstacle<Sphere> const ball{.shape = {0.08},
                                 .contact = Contact::coulomb(0.5),
-                                .motion = {.position = {0.1, -0.03, 0.1}, .velocity = {0.5, 0, 0}},
+                                .motion = {.position = {0.1, -0.03, 0.1}, .velocity = {0.5, 0, 0}, .time = 0},
                                 .on_particles = true};
     AdvanceReport total;
     for (int i = 0; i < steps; ++i) total.add(solver.step(dt, Gravity{}, floor, ball), StepLimit::duration);

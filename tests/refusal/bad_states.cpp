@@ -477,7 +477,7 @@ TEST_CASE("what goes wrong again and again, with steps that go well between, end
         Scene<NeoHookean<PlaneFloat>, QuadraticBSpline, Mls>::Solver solver(lattice(0.05));
         solver.add(box_of_points<2>({0, 0}, {0.3, 0.3}, 0.05), 6e-4, {1, -1});
         if (quarantine > 0) solver.quarantine(quarantine);
-        Motion const flies{.position = {-1, 0.1, 0}, .velocity = {200, 0, 0}};
+        Motion const flies{.position = {-1, 0.1, 0}, .velocity = {200, 0, 0}, .time = 0};
         Obstacle<Sphere> const ball{.shape = {0.4}, .motion = flies, .on_particles = true};
         for (int i = 0; i < 100; ++i) solver.advance(1e-4, ball);
     };

@@ -33,7 +33,7 @@ struct Swing
             double const along = reach * std::sin(1.6 * speed / std::max(reach, 1e-9) * t);
             return Eigen::Vector3d(0.6, 0.8, 0) * along;
         };
-        Motion motion = Motion{.angular_velocity = turn}.at(time);
+        Motion motion = Motion{.angular_velocity = turn, .time = 0}.at(time);
         motion.position = place(time);
         motion.velocity = (place(time + frame) - motion.position) / frame;
         return motion;

@@ -135,20 +135,31 @@ struct PlainEffects<First, Rest...>
     }
 };
 
-inline PlainEffects<> plain_effects() { return {}; }
+namespace detail
+{
+/// An effect as a plain value, for a call that begins at a time [s].
+template <class Effect>
+auto plain_effect(Effect const& effect, [[maybe_unused]] double begin)
+{
+    if constexpr (requires { effect.plain(begin); })
+        return effect.plain(begin);
+    else if constexpr (requires { effect.plain(); })
+        return effect.plain();
+    else
+        return effect;
+}
+} // namespace detail
+
+/// The effects of a call that begins at a time [s] as plain values.
+inline PlainEffects<> plain_effects(double) { return {}; }
 
 template <class First, class... Rest>
-auto plain_effects(First const& first, Rest const&... rest)
+auto plain_effects(double begin, First const& first, Rest const&... rest)
 {
-    auto const plain = [&] {
-        if constexpr (requires { first.plain(); })
-            return first.plain();
-        else
-            return first;
-    }();
     return [&]<class... Others>(PlainEffects<Others...> const& others) {
-        return PlainEffects<std::remove_const_t<decltype(plain)>, Others...>{plain, others};
-    }(plain_effects(rest...));
+        return PlainEffects<decltype(detail::plain_effect(first, begin)), Others...>{
+            detail::plain_effect(first, begin), others};
+    }(plain_effects(begin, rest...));
 }
 
 namespace detail

@@ -9,6 +9,7 @@
 #include <Eigen/Geometry>
 
 #include <cmath>
+#include <optional>
 
 namespace firn
 {
@@ -16,35 +17,61 @@ namespace firn
 /// Where a rigid body is and how it moves: a pose and a twist at one time, constant twist from there on.
 ///
 /// A plain value: a host engine passes a new one with every call, and within a call it is evaluated at every
-/// step. In two dimensions positions and velocities have z = 0 and rotations are about z.
+/// step. One whose time is left out holds when the call begins, so successive poses need no time of their
+/// own; one that has a time may be passed to call after call, and moves on through all of them. In two
+/// dimensions positions and velocities have z = 0 and rotations are about z.
 struct Motion
 {
     Eigen::Vector3d position{0, 0, 0};          ///< of the reference point [m]
     Eigen::Quaterniond orientation{1, 0, 0, 0}; ///< w, x, y, z: from the body's frame to the world's
     Eigen::Vector3d velocity{0, 0, 0};          ///< of the reference point [m/s]
     Eigen::Vector3d angular_velocity{0, 0, 0};  ///< omega, about the reference point [rad/s]
-    double time = 0;                            ///< when all this holds [s]
+    std::optional<double> time{}; ///< when all this holds [s]; left out: when the call begins it is passed to
+
+    /// The motion that brings a body from the pose of `before` to that of `after` within `dt` [s], at
+    /// constant velocity and by the shortest rotation. It begins at the time of `before`, if that has one.
+    ///
+    /// Only positions and orientations are read: hosts that animate by poses pass those of now and of the end
+    /// of the frame. Throws an Error if dt is not a finite number above 0, if a pose is none that an obstacle
+    /// may have, or if the way is so long or dt so short that the velocity is beyond 1e15 m/s or rad/s.
+    static Motion between(Motion const& before, Motion const& after, double dt)
+    {
+        char const* const where = "Motion::between";
+        require(std::isfinite(dt) && dt > 0, "the time between two poses is not a finite number above 0",
+                where, "Pass seconds, e.g. 1.0 / 24.");
+        Motion motion{.position = before.position, .orientation = before.orientation, .time = before.time};
+        motion.validate(where);
+        Motion{.position = after.position, .orientation = after.orientation}.validate(where);
+        Eigen::Quaterniond const turn = after.unit_orientation() * before.unit_orientation().conjugate();
+        // twice the logarithm of the turn, of which q and -q are the same
+        double const sine = std::sqrt(turn.x() * turn.x() + turn.y() * turn.y() + turn.z() * turn.z());
+        double const angle = 2 * std::atan2(sine, std::abs(turn.w()));
+        double const per_sine = (sine > 0 ? angle / sine : 0) * (turn.w() < 0 ? -1 : 1);
+        motion.velocity = (after.position - before.position) / dt;
+        motion.angular_velocity = Eigen::Vector3d(turn.x(), turn.y(), turn.z()) * per_sine / dt;
+        motion.validate(where);
+        return motion;
+    }
 
     /// The rotation from the body's frame to the world's.
     FIRN_HOST_DEVICE Eigen::Matrix3d rotation() const { return unit_orientation().toRotationMatrix(); }
 
-    /// The same motion, seen at another time [s]. (By components, like what is private: see
-    /// core/components.hpp.)
-    FIRN_HOST_DEVICE Motion at(double when) const
+    /// The same motion, seen at another time [s]; one without a time holds then. (By components, like what is
+    /// private: see core/components.hpp.)
+    FIRN_HOST_DEVICE Motion at(double when) const { return moved(time.has_value() ? when - *time : 0, when); }
+
+    /// The same motion so many seconds later; its time has gone on, too, if it has one.
+    FIRN_HOST_DEVICE Motion later_by(double elapsed) const
     {
-        Motion later = *this;
-        double const elapsed = when - time;
-        for (int i = 0; i < 3; ++i) later.position[i] += velocity[i] * elapsed;
-        double const speed = norm(angular_velocity);
-        if (speed > 0) {
-            double const half_angle = 0.5 * speed * elapsed, sine = std::sin(half_angle);
-            auto const axis = [&](int i) { return angular_velocity[i] / speed; };
-            Eigen::Quaterniond const turn(std::cos(half_angle), sine * axis(0), sine * axis(1),
-                                          sine * axis(2));
-            later.orientation = turn * unit_orientation();
-        }
-        later.time = when;
-        return later;
+        return time.has_value() ? at(*time + elapsed) : moved(elapsed, {});
+    }
+
+    /// The same motion as a call takes it that begins at a time [s], which is its own unless it has one.
+    Motion from(double begin) const
+    {
+        Motion motion = *this;
+        if (!time.has_value()) motion.time = begin;
+        return motion;
     }
 
     /// Whether all of it is finite, and of a size whose squares are, too, in single precision's scenes.
@@ -56,7 +83,7 @@ struct Motion
         }; // no NaN
         double const length = length_of_orientation();
         return within(position) && within(velocity) && within(angular_velocity) &&
-               std::abs(time) <= furthest && length > 1e-6 && length < 1e6;
+               std::abs(time.value_or(0)) <= furthest && length > 1e-6 && length < 1e6;
     }
 
     void validate(char const* where) const
@@ -78,6 +105,22 @@ struct Motion
     }
 
 private:
+    FIRN_HOST_DEVICE Motion moved(double elapsed, std::optional<double> when) const
+    {
+        Motion later = *this;
+        for (int i = 0; i < 3; ++i) later.position[i] += velocity[i] * elapsed;
+        double const speed = norm(angular_velocity);
+        if (speed > 0) {
+            double const half_angle = 0.5 * speed * elapsed, sine = std::sin(half_angle);
+            auto const axis = [&](int i) { return angular_velocity[i] / speed; };
+            Eigen::Quaterniond const turn(std::cos(half_angle), sine * axis(0), sine * axis(1),
+                                          sine * axis(2));
+            later.orientation = turn * unit_orientation();
+        }
+        later.time = when;
+        return later;
+    }
+
     FIRN_HOST_DEVICE double length_of_orientation() const
     {
         Eigen::Quaterniond const& q = orientation;

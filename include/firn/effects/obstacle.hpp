@@ -83,10 +83,10 @@ struct Obstacle
     template <class Number, int d>
     using Earlier = std::conditional_t<is_two_sided<ShapeType>, detail::Pose<Number, d>, detail::NoPose>;
 
-    /// The same without what its shape owns: a plain value.
-    auto plain() const
+    /// The same without what its shape owns, for a call that begins at a time [s]: a plain value.
+    auto plain(double begin) const
     {
-        return Obstacle<detail::Plain<ShapeType>>{detail::plain(shape), contact, motion,
+        return Obstacle<detail::Plain<ShapeType>>{detail::plain(shape), contact, motion.from(begin),
                                                   on_particles || is_two_sided<ShapeType>};
     }
 

@@ -86,7 +86,7 @@ struct RigidBody
         Eigen::Vector3d spin = angular_momentum();
         spin += received.angular_impulse;
         RigidBody after = *this;
-        after.motion = motion.at(motion.time + dt);
+        after.motion = motion.later_by(dt);
         Eigen::Vector3d gained = received.impulse / mass;
         gained += gravity * dt;
         after.motion.velocity += gained;

@@ -15,6 +15,7 @@
 #include <istream>
 #include <limits>
 #include <new>
+#include <optional>
 #include <ostream>
 #include <span>
 #include <string>
@@ -33,7 +34,7 @@
 //     snapshot.forget_parameters();
 //     solver.restore(snapshot);
 //
-// A file of schema 4: little-endian, SI units, floats as in IEEE 754, nothing between one thing and the next.
+// A file of schema 5: little-endian, SI units, floats as in IEEE 754, nothing between one thing and the next.
 // A text is its length as u32 and so many bytes; `real` is f32 or f64.
 //
 //     preamble, the same in all schemas to come:
@@ -47,6 +48,8 @@
 //       f64 acceleration [m/s^2] | f64 obstacle speed [m/s]
 //     f64 unit of mass [kg] | f64 largest | f64 smallest mass in units | u32 next id
 //     u32 number of companions, and of each: text kind | u32 bytes | that many bytes
+//       of a motion: position, orientation (x, y, z, w), velocity and angular velocity as f64
+//         | u8 whether it has a time | f64 time [s], or 0
 //     u32 number of materials, and of each:
 //       text name | its parameters | f64 density [kg/m^3] | f64 wave modulus at rest [Pa]
 //       u64 particles | u32 fields | u64 portions
@@ -73,7 +76,7 @@ static_assert(
     "checkpoints copy memory into little-endian files; a big-endian machine needs a byte swap here");
 
 inline constexpr std::array<char, 8> checkpoint_magic{'\x89', 'F', 'I', 'R', 'N', '\r', '\n', '\x1a'};
-inline constexpr std::uint32_t checkpoint_schema = 4;
+inline constexpr std::uint32_t checkpoint_schema = 5;
 
 /// The first bytes of a checkpoint of whatever schema.
 struct CheckpointPreamble
@@ -232,7 +235,11 @@ void for_each_number(T& companion, Use const& use)
         for_each_number(companion.orientation.coeffs(), use); // x, y, z, w
         for_each_number(companion.velocity, use);
         for_each_number(companion.angular_velocity, use);
-        use(companion.time);
+        bool has_time = companion.time.has_value();
+        double time = companion.time.value_or(0);
+        use(has_time);
+        use(time);
+        if constexpr (!std::is_const_v<T>) companion.time = has_time ? std::optional(time) : std::nullopt;
     }
     else if constexpr (std::is_same_v<Plain, RigidBody>) {
         use(companion.mass);
