@@ -155,6 +155,59 @@ TEST_CASE("an effect bounds the step by its speed in a space, or in any")
     CHECK(rule.obstacle_speed == Approx(10));
 }
 
+TEST_CASE("the motion between two poses brings a body from one to the other, by the shortest rotation")
+{
+    using Turn = Eigen::AngleAxisd;
+    Vec const axis = Vec(1, -2, 0.5).normalized();
+    double const dt = 1.0 / 24;
+    Motion before{.position = {1, 2, -3}, .orientation = Eigen::Quaterniond(Turn(2.5, Vec::UnitX()))};
+    for (double angle : {0.0, 1e-12, 1e-5, 0.3, 3.1, M_PI, 3.3, -1.0, 6.2}) {
+        CAPTURE(angle);
+        Eigen::Quaterniond turned = Turn(angle, axis) * before.orientation;
+        turned.coeffs() *= angle < 1 ? -1 : 1; // the same rotation, and no unit quaternion is asked for
+        Motion const after{.position = {1.5, 2, 7}, .orientation = turned, .velocity = {9, 9, 9}};
+        Motion const motion = Motion::between(before, after, dt);
+        CHECK(!motion.time.has_value());
+        CHECK(motion.position == before.position);
+        CHECK((motion.velocity - Vec(12, 0, 240)).norm() <= 1e-12 * 240);
+        double const shortest = std::abs(std::remainder(angle, 2 * M_PI));
+        CHECK(motion.angular_velocity.norm() * dt == Approx(shortest).margin(1e-15));
+        Motion const there = motion.later_by(dt);
+        CHECK((there.position - after.position).norm() <= 1e-14);
+        CHECK((there.rotation() - after.rotation()).norm() <= 1e-14);
+    }
+    // in the plane it stays there
+    Motion::between(before = {}, {.orientation = Eigen::Quaterniond(Turn(-3, Vec::UnitZ()))}, dt)
+        .validate_in_plane("here");
+    before.time = 4;
+    CHECK(Motion::between(before, {}, dt).time == 4.0); // as successive poses have it
+    double const infinite = std::numeric_limits<double>::infinity();
+    for (double wrong : {0.0, -1.0, infinite, std::nan("")})
+        CHECK_THROWS_WITH(Motion::between({}, {}, wrong), Contains("Motion::between") && Contains("above 0"));
+    CHECK_THROWS_AS(Motion::between({.position = {infinite, 0, 0}}, {}, dt), Error);
+    CHECK_THROWS_AS(Motion::between({}, {.position = {0, std::nan(""), 0}}, dt), Error);
+    CHECK_THROWS_AS(Motion::between({}, {.orientation = {0, 0, 0, 0}}, dt), Error);
+    CHECK_THROWS_AS(Motion::between({}, {.position = {1, 0, 0}}, 1e-300), Error);
+}
+
+TEST_CASE("a motion without a time holds when it is asked for, and one with a time goes on")
+{
+    static_assert(std::is_trivially_copyable_v<decltype(Motion::time)>);
+    Motion motion{.position = {1, 0, 0}, .velocity = {2, 0, 0}};
+    CHECK(motion.at(7).position.x() == 1);
+    CHECK(motion.at(7).time == 7.0);
+    CHECK(motion.at(7).at(9).position.x() == 5);
+    CHECK(motion.from(7).at(9).position.x() == 5);
+    CHECK(motion.later_by(2).position.x() == 5);
+    CHECK(!motion.later_by(2).time.has_value());
+    motion.time = 6;
+    CHECK(motion.at(7).position.x() == 3);
+    CHECK(motion.from(7).at(7).position.x() == 3);
+    CHECK(motion.later_by(2).time == 8.0);
+    motion.time = std::nan("");
+    CHECK_THROWS_AS(motion.validate("here"), Error);
+}
+
 TEST_CASE("a rotating body comes round, and moves its surface at v + omega x r")
 {
     Motion const motion{

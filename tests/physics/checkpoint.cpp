@@ -141,14 +141,18 @@ TEMPLATE_LIST_TEST_CASE("a run that goes on from a file is the run that wrote it
             new_solver<TestType>(thread_counts.back() + 1 - threads); // the others, where there are
         RigidBody const ball = RigidBody::ball(0.1, 3, {.position = {1, 2, 3}, .time = solver.time()});
         RigidBody same_ball;
+        Motion const pose{.position = {0, 4, 0}}; // without a time
+        Motion same_pose{.time = 3};
         int frame = 0;
-        write_checkpoint(path, solver, ball, 17);
-        read_checkpoint(path, restarted, same_ball, frame);
+        write_checkpoint(path, solver, ball, pose, 17);
+        read_checkpoint(path, restarted, same_ball, same_pose, frame);
         CHECK(frame == 17);
         CHECK(same_ball.mass == ball.mass);
         CHECK(same_ball.inertia == ball.inertia);
         CHECK(same_ball.motion.position == ball.motion.position);
         CHECK(same_ball.motion.time == solver.time());
+        CHECK(same_pose.position == pose.position);
+        CHECK(!same_pose.time.has_value());
         CHECK(same(solver, restarted));
         auto const once = solver.snapshot(), theirs = restarted.snapshot(); // changes nothing in either
         CHECK(once.previous > 0);                                           // how fast steps may grow

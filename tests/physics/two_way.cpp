@@ -68,6 +68,19 @@ TEST_CASE("a free body turns as its angular momentum says, and falls as gravity 
     CHECK((body.angular_momentum() - spin - Eigen::Vector3d(0, 0, 1)).norm() <= 1e-12);
 }
 
+TEST_CASE("a body without a time of its own moves as one that has one, call by call")
+{
+    RigidBody timed = RigidBody::ball(0.1, 3, {.velocity = {1, 2, 3}, .angular_velocity = {3, 0, 4}}),
+              free = timed;
+    timed.motion.time = 0.3;
+    for (int i = 0; i < 50; ++i)
+        for (RigidBody* const body : {&timed, &free}) body->advance({}, 1e-2, {0, -10, 0});
+    CHECK(*timed.motion.time == Approx(0.8));
+    CHECK(!free.motion.time.has_value());
+    CHECK((timed.motion.position - free.motion.position).norm() <= 1e-14);
+    CHECK((timed.motion.rotation() - free.motion.rotation()).norm() <= 1e-14);
+}
+
 TEST_CASE("bodies of any mass and size turn on")
 {
     for (auto const& [radius, mass] : {std::pair{0.3, 1e105}, {0.3, 1e200}, {0.3, 1e-105}, {1e60, 1.0}}) {
