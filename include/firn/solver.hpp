@@ -268,7 +268,7 @@ public:
     /// velocities that are not stored, see Taken, are then taken anew from what particles gave to the grid:
     /// momentum and uniform or affine motion are exact, the rest is smoothed by one transfer. The error says
     /// so.)
-    template <NodeEffect<Number, d>... Effects>
+    template <NodeEffect<Real, d>... Effects>
     StepReport step(double dt, Effects const&... effects)
     {
         return std::move(steps(1, dt, effects...).front());
@@ -276,7 +276,7 @@ public:
 
     /// Advances the simulation by `count` time steps of length `dt` [s], one report each. The same as so many
     /// calls of step(), but a device need not wait for the host between them.
-    template <NodeEffect<Number, d>... Effects>
+    template <NodeEffect<Real, d>... Effects>
     std::vector<StepReport> steps(std::size_t count, double dt, Effects const&... effects)
     {
         auto const visit = entrance_.to_change("Solver::step");
@@ -327,19 +327,19 @@ public:
     template <class... Others>
     StepReport step(double, Others const&...)
     {
-        detail::require_effects<Number, d, Others...>();
+        detail::require_effects<Real, d, Others...>();
         return {};
     }
     template <class... Others>
     std::vector<StepReport> steps(std::size_t, double, Others const&...)
     {
-        detail::require_effects<Number, d, Others...>();
+        detail::require_effects<Real, d, Others...>();
         return {};
     }
     template <class... Others>
     AdvanceReport advance(double, Others const&...)
     {
-        detail::require_effects<Number, d, Others...>();
+        detail::require_effects<Real, d, Others...>();
         return {};
     }
 
@@ -354,7 +354,7 @@ public:
     /// (A step that went well between them does not count where those before left it that short.)
     /// With quarantine() the particle is taken out of the scene instead, and the run goes on; so it does at
     /// once for one whose own state has no stress.
-    template <NodeEffect<Number, d>... Effects>
+    template <NodeEffect<Real, d>... Effects>
     AdvanceReport advance(double duration, Effects const&... effects)
     {
         auto const visit = entrance_.to_change("Solver::advance");
@@ -723,8 +723,8 @@ private:
     template <class Effects, class Visit>
     StepLog const& run(Rule const& rule, std::size_t most, Effects const& effects, Visit const& visit)
     {
-        typename Runs::Scene const scene{parts_, exchange_, course_, smallest_node_mass(),
-                                         quarantine_.most > 0};
+        typename Runs::Scene const scene{
+            parts_, exchange_, course_, masses_.unit, smallest_node_mass(), quarantine_.most > 0};
         StepLog const& log = *or_break_off([&] { return &runs_.take(scene, rule, most, effects, visit); });
         if (log.wrong == 0) bounds_are_old_ = false;
         return log;

@@ -39,6 +39,7 @@ public:
         Parts& parts;
         Exchange& exchange;
         Course& course;
+        double mass_unit;          ///< of masses [kg]
         Number smallest_node_mass; ///< below it a node's momentum is rounding alone [mass units]
         bool may_lose_particles;   ///< after a step that went wrong for them
     };
@@ -171,10 +172,11 @@ private:
         auto update_nodes(int step)
         {
             scene_.exchange.extend_velocities(scene_.parts, scene_.smallest_node_mass);
-            return runs_.backend_.for_each_node(
-                scene_.parts.orders(), scene_.exchange.grid(),
-                UpdateGrid<Space, Kernel, Transfer, Actions>{
-                    now(step), runs_.lattice_, scene_.smallest_node_mass, scene_.exchange.kept_share()});
+            return runs_.backend_.for_each_node(scene_.parts.orders(), scene_.exchange.grid(),
+                                                UpdateGrid<Space, Kernel, Transfer, Actions>{
+                                                    now(step), runs_.lattice_, scene_.smallest_node_mass,
+                                                    scene_.exchange.kept_share(),
+                                                    static_cast<Number>(scene_.mass_unit)});
         }
 
         /// The phase in which particles of all materials move.

@@ -18,7 +18,6 @@ struct NoMoreNumbers
     template <class Number, int d>
     struct Action
     {
-        static constexpr bool is_obstacle = false;
         Number change;
 
         template <Lane Real>

@@ -16,11 +16,11 @@ struct Astray
     template <class Number>
     struct Action
     {
-        static constexpr bool is_obstacle = false;
         Number* nowhere;
 
         template <Lane Real, int d>
-        FIRN_HOST_DEVICE Vector<Real, d> on_node(Vector<Real, d> const& velocity) const
+        FIRN_HOST_DEVICE Vector<Real, d> on_node(LaneNode<Real, d> const&,
+                                                 Vector<Real, d> const& velocity) const
         {
             return velocity * *nowhere;
         }

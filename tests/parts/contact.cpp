@@ -247,7 +247,7 @@ TEST_CASE("in a corner the last word is that nothing moves into either wall")
     Reactions<2> reactions;
     LanePosition<double, 3> const place{lattice(0.1), {0, 0, 0}, Vec(-1, -1, 0)};
     Vec const before(-3, -1, 0.5);
-    Vec const after = apply_on_nodes<double, 3>(both, place, 2.0, before, reactions);
+    Vec const after = apply_on_nodes<double, 3>(both, place, {2.0, true, 2.0}, before, reactions);
     CHECK(after[1] >= -1e-12);
     CHECK(after.dot(Vec(1, 1, 0)) >= -1e-12);
     CHECK((reactions.of[0].impulse + reactions.of[1].impulse - 2.0 * (before - after)).norm() <= 1e-12);

@@ -77,10 +77,10 @@ struct Upright
     template <class Number>
     struct Action
     {
-        static constexpr bool is_obstacle = false;
 
         template <Lane Real, int d>
-        FIRN_HOST_DEVICE Vector<Real, d> on_node(Vector<Real, d> const& velocity) const
+        FIRN_HOST_DEVICE Vector<Real, d> on_node(LaneNode<Real, d> const&,
+                                                 Vector<Real, d> const& velocity) const
         {
             Vector<Real, d> upright = Vector<Real, d>::Zero();
             upright[1] = velocity[1];

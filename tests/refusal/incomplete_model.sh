@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # A model that forgets a member is refused by the compiler, a host's or nvcc, with a sentence that names it, and by nvcc
-# one that a device cannot call; so is what is no effect of a scene, and an obstacle of a shape without a surface:
-# incomplete_model.sh COMPILER SOURCE EIGEN.
+# one that a device cannot call; so is what is no effect of a scene, one of which something would be ignored, and an obstacle of a
+# shape without a surface: incomplete_model.sh COMPILER SOURCE EIGEN.
 set -euo pipefail
 compiler=$1 source=$2 eigen=$3
 said=$(mktemp)
@@ -12,10 +12,12 @@ nvcc*) flags=(-x cu --expt-relaxed-constexpr -diag-suppress=1675,20012 -Werror=c
 *) flags=(-fopenmp -fsyntax-only -I"$source/backends/openmp") ;;
 esac
 
+unit=incomplete_model.cpp
+
 # compiles <option>...: the unit
 compiles() {
     "$compiler" -std=c++20 "${flags[@]}" -I"$source/include" -isystem "$eigen" "$@" \
-        "$source/tests/refusal/incomplete_model.cpp" >"$said" 2>&1
+        "$source/tests/refusal/$unit" >"$said" 2>&1
 }
 
 # names <times> <member>: so often the compiler says that a model lacks this member
@@ -39,9 +41,24 @@ refused=$(grep -c 'error.*this scene: pass Gravity, Obstacle<Shape>' "$said" || 
 if compiles -DNO_SURFACE; then echo "an obstacle of a shape without a surface compiles."; exit 1; fi
 grep -q "a shape lacks 'template <firn::Lane Real, int d> firn::SurfaceSample<Real, d> surface(" "$said" ||
     { cat "$said"; echo "it is not said what a shape lacks."; exit 1; }
+unit=own_effects.cpp
+if compiles; then echo "effects that would be ignored compile."; exit 1; fi
+while read -r times sentence; do
+    said_times=$(grep 'error' "$said" | grep -cF "$sentence" || true)
+    [ "$said_times" = "$times" ] || { cat "$said"; echo "it is said $said_times times, not $times: $sentence"; exit 1; }
+done <<'END'
+17 the action that the effect's over() returns is to have at least one of 'firn::Vector<Real, d> acceleration(
+2 what was passed is no effect of this scene
+1 the effect owns something, and steps know it as a plain value
+2 the effect lacks what bounds the time step
+2 the effect has a member by the name of plain, validate_in_plane, largest_acceleration or largest_speed
+END
+errors=$(grep -cE '(error: |: error)' "$said" || true)
+[ "$errors" = 24 ] || { cat "$said"; echo "there are $errors errors, not one for each effect."; exit 1; }
+unit=incomplete_model.cpp
 if [[ $(basename "$compiler") == nvcc* ]]; then # or it would compile into nothing
     if compiles -DUNMARKED; then echo "a model that a device cannot call compiles."; exit 1; fi
     grep -q 'calling a __host__ function' "$said" && grep -q 'respond' "$said" ||
         { cat "$said"; echo "it is not said that a device cannot call the model."; exit 1; }
 fi
-echo "a model without its Space, State, density, validate() or respond() is refused with a sentence that names it, and so is what is no effect, and an obstacle of no shape"
+echo "a model without its Space, State, density, validate() or respond() is refused with a sentence that names it, and so is what is no effect, an effect of which something would be ignored, and an obstacle of no shape"

@@ -204,11 +204,11 @@ struct Damping
     template <class Number>
     struct Action
     {
-        static constexpr bool is_obstacle = false;
         Number factor;
 
         template <Lane Real, int d>
-        FIRN_HOST_DEVICE Vector<Real, d> on_node(Vector<Real, d> const& velocity) const
+        FIRN_HOST_DEVICE Vector<Real, d> on_node(LaneNode<Real, d> const&,
+                                                 Vector<Real, d> const& velocity) const
         {
             return velocity * Real(factor);
         }

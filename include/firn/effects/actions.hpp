@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/effects/node_action.hpp>
 #include <firn/effects/obstacle.hpp>
 
 #include <array>
@@ -36,13 +37,6 @@ inline constexpr bool looks_up = requires
     requires Action::looks_up;
 };
 
-/// Whether an action is that of a reflecting wall, which UpdateGrid takes care of.
-template <class Action>
-inline constexpr bool is_wall = requires
-{
-    requires Action::mirrors;
-};
-
 /// The actions of a step's effects, applied in the order in which they were passed.
 template <class... Actions>
 struct Chain;
@@ -51,6 +45,7 @@ template <>
 struct Chain<>
 {
     static constexpr int obstacles = 0, walls = 0, shells = 0, lookups = 0, touching = 0;
+    static constexpr bool may_touch_particles = false, uses_kilograms = false;
     template <class Visit>
     FIRN_HOST_DEVICE void for_each(Visit const&) const
     {}
@@ -61,12 +56,18 @@ struct Chain<First, Rest...>
 {
     First first;
     Chain<Rest...> rest;
-    static constexpr int obstacles = int(First::is_obstacle) + Chain<Rest...>::obstacles;
+    static constexpr int obstacles = int(is_obstacle<First>) + Chain<Rest...>::obstacles;
     static constexpr int walls = int(is_wall<First>) + Chain<Rest...>::walls;
     static constexpr int shells = int(keeps_sides<First>) + Chain<Rest...>::shells;
     static constexpr int lookups = int(looks_up<First>) + Chain<Rest...>::lookups;
+    static constexpr bool may_touch_particles =
+        (acts_on_particles<First> && !is_wall<First>) || Chain<Rest...>::may_touch_particles;
     /// How many of them there are where particles themselves may touch one; where all are walls none may.
-    static constexpr int touching = obstacles > walls ? obstacles : 0;
+    static constexpr int touching = may_touch_particles ? obstacles : 0;
+    /// Whether one asks for masses in kg.
+    static constexpr bool uses_kilograms =
+        detail::has_on_node<First> || (detail::has_on_momentum<First> && !takes_any_unit_of_mass<First>) ||
+        Chain<Rest...>::uses_kilograms;
 
     template <class Visit>
     FIRN_HOST_DEVICE void for_each(Visit const& visit) const
@@ -82,7 +83,8 @@ FIRN_HOST_DEVICE bool touches_particles(Chain<Actions...> const& chain)
 {
     bool wanted = false;
     chain.for_each([&](auto const& action) {
-        if constexpr (std::decay_t<decltype(action)>::is_obstacle) wanted = wanted || action.on_particles;
+        using Action = std::decay_t<decltype(action)>;
+        if constexpr (acts_on_particles<Action> && !is_wall<Action>) wanted = wanted || action.on_particles;
     });
     return wanted;
 }
@@ -134,21 +136,6 @@ struct PlainEffects<First, Rest...>
         return rest.touch_particles();
     }
 };
-
-namespace detail
-{
-/// An effect as a plain value, for a call that begins at a time [s].
-template <class Effect>
-auto plain_effect(Effect const& effect, [[maybe_unused]] double begin)
-{
-    if constexpr (requires { effect.plain(begin); })
-        return effect.plain(begin);
-    else if constexpr (requires { effect.plain(); })
-        return effect.plain();
-    else
-        return effect;
-}
-} // namespace detail
 
 /// The effects of a call that begins at a time [s] as plain values.
 inline PlainEffects<> plain_effects(double) { return {}; }

@@ -7,12 +7,45 @@
 namespace firn
 {
 
+/// What effects on lanes of nodes are told beside the places.
+template <Lane Real>
+struct NodesOfStep
+{
+    Real mass;             ///< in the solver's unit
+    Mask<Real> filled;     ///< where it is more than rounding: elsewhere an effect may find anything
+    Real booked_mass;      ///< the same of nodes whose reactions are booked, else 0
+    Scalar<Real> dt = 0;   ///< for how long forces act [s]
+    Scalar<Real> unit = 1; ///< of mass [kg]
+
+    FIRN_HOST_DEVICE Real kilograms() const { return select(filled, mass * Real(unit), Real(0)); }
+};
+
 /// Adds what actions on momentum (gravity) do to lanes of nodes.
+///
+/// Those that ask for kg and kg m/s are given them. What they change is added, so that a momentum that they
+/// leave stays as it is, to the bit.
 template <Lane Real, int d, class... Actions>
-FIRN_HOST_DEVICE void apply_on_momentum(Chain<Actions...> const& chain, Vector<Real, d>& momentum, Real mass)
+FIRN_HOST_DEVICE void apply_on_momentum(Chain<Actions...> const& chain, LanePosition<Real, d> const& place,
+                                        NodesOfStep<Real> const& nodes, Vector<Real, d>& momentum)
 {
     chain.for_each([&](auto const& action) {
-        if constexpr (requires { action.on_momentum(momentum, mass); }) action.on_momentum(momentum, mass);
+        using Action = std::decay_t<decltype(action)>;
+        if constexpr (detail::has_acceleration<Action>) {
+            Vector<Real, d> const acceleration = action.acceleration(place);
+            for (int a = 0; a < d; ++a)
+                momentum[a] += select(nodes.filled, nodes.mass * (acceleration[a] * Real(nodes.dt)), Real(0));
+        }
+        if constexpr (detail::has_on_momentum<Action>) {
+            if constexpr (takes_any_unit_of_mass<Action>)
+                action.on_momentum(momentum, nodes.mass);
+            else {
+                Vector<Real, d> const before = momentum * Real(nodes.unit);
+                Vector<Real, d> after = before;
+                action.on_momentum(after, nodes.kilograms());
+                for (int a = 0; a < d; ++a)
+                    momentum[a] += select(nodes.filled, (after[a] - before[a]) / Real(nodes.unit), Real(0));
+            }
+        }
     });
 }
 
@@ -21,9 +54,10 @@ FIRN_HOST_DEVICE void apply_on_momentum(Chain<Actions...> const& chain, Vector<R
 /// Obstacles act one after the other. Where two of them meet (a corner) a second pass settles friction, and a
 /// third, of pure non-penetration, has the last word.
 template <Lane Real, int d, class... Actions>
-FIRN_HOST_DEVICE Vector<Real, d>
-apply_on_nodes(Chain<Actions...> const& chain, LanePosition<Real, d> const& place, Real mass,
-               Vector<Real, d> velocity, Reactions<Chain<Actions...>::obstacles>& reactions)
+FIRN_HOST_DEVICE Vector<Real, d> apply_on_nodes(Chain<Actions...> const& chain,
+                                                LanePosition<Real, d> const& place,
+                                                NodesOfStep<Real> const& nodes, Vector<Real, d> velocity,
+                                                Reactions<Chain<Actions...>::obstacles>& reactions)
 {
     constexpr int obstacles = Chain<Actions...>::obstacles;
     Mask<Real> once = Real(1) < Real(0), twice = once;
@@ -32,24 +66,26 @@ apply_on_nodes(Chain<Actions...> const& chain, LanePosition<Real, d> const& plac
         int obstacle = 0;
         chain.for_each([&](auto const& action) {
             using Action = std::decay_t<decltype(action)>;
-            if constexpr (is_wall<Action>)
-                ++obstacle;
-            else if constexpr (Action::is_obstacle) {
+            if constexpr (detail::has_on_node<Action>)
+                if (first_pass) {
+                    LaneNode<Real, d> const node{place, nodes.kilograms(), Real(nodes.dt)};
+                    Vector<Real, d> const after = action.on_node(node, velocity);
+                    for (int a = 0; a < d; ++a) velocity[a] = select(nodes.filled, after[a], velocity[a]);
+                }
+            if constexpr (!is_wall<Action> && is_obstacle<Action>) {
                 Contact const rule = only_non_penetration ? Contact::slip() : action.contact;
-                auto const touched = action.template touch<Real>(place, velocity, rule);
+                auto const touched = action.touch(place, velocity, rule);
                 if (any(touched.inside)) {
-                    detail::book<Real, d>(reactions.of[std::size_t(obstacle)], touched, velocity, mass);
+                    detail::book<Real, d>(reactions.of[std::size_t(obstacle)], touched, velocity,
+                                          nodes.booked_mass);
                     velocity = touched.velocity;
                     reactions.largest_surface_speed2 =
                         max(reactions.largest_surface_speed2, double(largest(touched.surface_speed2)));
                     twice = twice | (once & touched.inside);
                     once = once | touched.inside;
                 }
-                ++obstacle;
             }
-            else if constexpr (requires { action.on_node(velocity); }) {
-                if (first_pass) velocity = action.on_node(velocity);
-            }
+            obstacle += int(is_obstacle<Action>);
         });
     };
     pass(true, false);

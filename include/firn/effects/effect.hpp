@@ -4,15 +4,12 @@
 #include <firn/core/lane.hpp>
 #include <firn/grid/lattice.hpp>
 
-#include <concepts>
-
 // An effect is what acts on velocities beside the material itself: gravity, obstacles. Effects are arguments
-// of a step. An effect is a plain description; `over(interval)` turns it into an *action*, a trivially
-// copyable value with the step's numbers filled in, which the phases call on lanes of nodes: as
-// `on_momentum(momentum, mass)`, as `on_node(velocity)`, or as an obstacle (on particles too, if it asks for
-// them); what a reflecting wall does is up to UpdateGrid. The length of a step may be found where the
-// phases run, so `over` runs there too: it is FIRN_HOST_DEVICE where that is a device, and an effect that
-// is not a plain value has a `plain()` that is.
+// of a step. An effect is a plain description; `over(interval)` turns it into an *action*, a plain value with
+// the step's numbers filled in, which the phases call on lanes of nodes: for an acceleration, on momentum, on
+// velocities, or as an obstacle (on particles too, if it asks for them); see NodeAction. What a reflecting
+// wall does is up to UpdateGrid. The length of a step may be found where the phases run, so `over` runs there
+// too: it is FIRN_HOST_DEVICE where that is a device.
 namespace firn
 {
 
@@ -51,6 +48,15 @@ struct LanePosition
     }
 };
 
+/// A lane of nodes, as actions on velocities see it.
+template <class Real, int d>
+struct LaneNode
+{
+    LanePosition<Real, d> position;
+    Real mass; ///< of the material that it holds, 0 where there is none [kg; in two dimensions kg/m]
+    Real dt;   ///< for how long forces act in the step [s], see Interval
+};
+
 /// What contact did to a lane of velocities.
 template <class Real, int d>
 struct ContactResult
@@ -87,26 +93,5 @@ struct Reaction
         return {times(received.impulse), times(received.angular_impulse)};
     }
 };
-
-/// An effect in a scene of `d` dimensions computed in `Number`.
-template <class T, class Number, int d>
-concept NodeEffect = requires(T const effect, Interval interval)
-{
-    effect.validate();
-    effect.template over<Number, d>(interval);
-};
-
-namespace detail
-{
-/// Says in a sentence that some of them are none.
-template <class Number, int d, class... Others>
-constexpr void require_effects()
-{
-    static_assert(
-        (NodeEffect<Others, Number, d> && ...),
-        "what was passed is no effect of this scene: pass Gravity, Obstacle<Shape>, ReflectingWall or one "
-        "of your own, each as an argument; a RigidBody goes in as an Obstacle with its motion");
-}
-} // namespace detail
 
 } // namespace firn

@@ -27,11 +27,13 @@ struct Gravity
     }
 
     /// Adds m g dt to every momentum, dt being the time for which forces act. (Not g dt to every velocity:
-    /// bodies of one velocity would all round the same way, step after step.)
+    /// bodies of one velocity would all round the same way, step after step. And not by
+    /// `acceleration(place)`, which is for what differs from place to place: g dt is rounded once here, and
+    /// once in a step.)
     template <class Number, int d>
     struct Action
     {
-        static constexpr bool is_obstacle = false;
+        static constexpr bool takes_any_unit_of_mass = true;
         Vector<Number, d> change; ///< [m/s]
 
         template <Lane Real>

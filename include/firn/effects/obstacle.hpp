@@ -111,7 +111,6 @@ template <class ShapeType>
 template <class Number, int d>
 struct Obstacle<ShapeType>::Action
 {
-    static constexpr bool is_obstacle = true;
     static constexpr bool keeps_sides = is_two_sided<ShapeType>;
     static constexpr bool looks_up = is_sampled<detail::Plain<ShapeType>>;
 

@@ -90,10 +90,11 @@ private:
         int i = 0;
         chain.for_each([&](auto const& action) {
             using Action = std::decay_t<decltype(action)>;
-            if constexpr (Action::is_obstacle) {
-                if (is_wall<Action> || action.on_particles) use(action, i);
-                ++i;
-            }
+            if constexpr (is_wall<Action>)
+                use(action, i);
+            else if constexpr (acts_on_particles<Action>)
+                if (action.on_particles) use(action, i);
+            if constexpr (is_obstacle<Action>) ++i;
         });
     }
 
@@ -119,8 +120,8 @@ private:
         Contact rule = Contact::slip();
         if constexpr (!is_wall<Action>)
             if (first) rule = action.contact;
-        auto touched = action.template hold<Real>(after(displacement), Vector<Real, d>(moved + displacement),
-                                                  velocity, rule);
+        auto touched =
+            action.hold(after(displacement), Vector<Real, d>(moved + displacement), velocity, rule);
         touched.inside = touched.inside & here;
         if (!any(touched.inside)) return touched.inside;
 
@@ -154,7 +155,7 @@ private:
     {
         Real sum(0);
         for_each([&](auto const& action, int i) {
-            Real const overlap = action.template overlap<Real>(after(way), Vector<Real, d>(moved + way));
+            Real const overlap = action.overlap(after(way), Vector<Real, d>(moved + way));
             Real const lost_beyond(action.template lost_beyond<Number>(place.lattice));
             sum += max(overlap - spared[static_cast<std::size_t>(i)], Real(0)) +
                    select(overlap > lost_beyond, Real(in_metres(1000)), Real(0));
@@ -172,7 +173,7 @@ private:
         for (int with = -1; with < obstacles; ++with) { // none of them: stays where it was
             Vector<Real, d> way = -moved;
             for_each([&](auto const& action, int i) {
-                if (i == with) way += action.template carried<Real>(place, moved, dt);
+                if (i == with) way += action.carried(place, moved, dt);
             });
             Real const depth = depths(way);
             Mask<Real> const better = stuck & (depth < least);

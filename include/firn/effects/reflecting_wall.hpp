@@ -51,9 +51,7 @@ struct ReflectingWall
     /// A plain value, the same in every step: see UpdateGrid.
     struct Action
     {
-        static constexpr bool is_obstacle = true; ///< it has a reaction
         static constexpr bool mirrors = true;
-        static constexpr bool on_particles = false; ///< by itself; else see ParticleContact
         int axis, node, side;
 
         /// Contact of lanes of particles with velocity v that something has pushed to a place: what is behind

@@ -106,6 +106,7 @@ struct BeginSteps
         std::memcpy(static_cast<void*>(kept_rule), &rule, sizeof rule);
         Course const& course = run.course;
         now->dt = static_cast<Number>(course.now.interval.length());
+        now->forces = static_cast<Number>(course.now.interval.forces);
         now->next_forces = static_cast<Number>(course.next.interval.forces);
         now->actions = rule.effects.template over<Number, d>(course.now.interval);
     }
@@ -181,6 +182,7 @@ private:
         log.at[step + 1].course = course;
         if (!course.ready) return false;
         after->dt = static_cast<Number>(course.now.interval.length());
+        after->forces = static_cast<Number>(course.now.interval.forces);
         after->next_forces = static_cast<Number>(course.next.interval.forces);
         after->actions = run.effects.template over<Number, d>(course.now.interval);
         return true;

@@ -37,7 +37,7 @@ FIRN_HOST_DEVICE std::array<WallPlane, Chain<Actions...>::walls> walls_of(Chain<
     chain.for_each([&](auto const& action) {
         using Action = std::decay_t<decltype(action)>;
         if constexpr (is_wall<Action>) walls[found++] = {action.axis, action.node, action.side, obstacle};
-        obstacle += int(Action::is_obstacle);
+        obstacle += int(is_obstacle<Action>);
     });
     return walls;
 }

@@ -10,6 +10,7 @@ template <class Number, class Actions>
 struct StepNow
 {
     Number dt;          ///< [s]
+    Number forces;      ///< for how long they act in it [s]
     Number next_forces; ///< for how long stresses act in the step after this one [s]
     Actions actions;    ///< of the effects
 };

@@ -49,7 +49,8 @@ struct UpdateGrid
     StepNow<Number, Effects> const* now;
     Lattice lattice;
     Number smallest_mass;
-    Number kept_share; ///< of its own velocity that a particle keeps: see Flip
+    Number kept_share;    ///< of its own velocity that a particle keeps: see Flip
+    Number mass_unit = 1; ///< of the scene's masses [kg], for effects that ask for it
 
     template <class Node>
     FIRN_HOST_DEVICE void operator()(Node& node, Result& reactions) const
@@ -131,10 +132,11 @@ private:
                 momentum[a] += sum(Sums::impulse + a);
             }
         }
-        apply_on_momentum<Real, d>(now->actions, momentum, mass);
+        NodesOfStep<Real> const nodes{mass, filled, select(filled & received, mass, Real(0)), now->forces,
+                                      mass_unit};
+        apply_on_momentum<Real, d>(now->actions, place, nodes, momentum);
         Vector<Real, d> velocity = momentum * inverse_mass;
-        velocity = apply_on_nodes<Real, d>(now->actions, place, select(filled & received, mass, Real(0)),
-                                           velocity, reactions);
+        velocity = apply_on_nodes<Real, d>(now->actions, place, nodes, velocity, reactions);
         for (int a = 0; a < d; ++a) set(Velocities::velocity + a, select(filled, velocity[a], Real(0)));
     }
 

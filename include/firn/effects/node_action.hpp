@@ -1,0 +1,387 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/effects/contact.hpp>
+#include <firn/effects/effect.hpp>
+
+#include <concepts>
+#include <type_traits>
+
+// What an effect's action may offer, and that it offers nothing that would be ignored.
+namespace firn
+{
+
+namespace detail
+{
+/// The names of all hooks. A member of an action has one of them if it is ambiguous with this one.
+struct HookNames
+{
+    int acceleration, on_momentum, on_node, touch, hold, overlap, lost_beyond, carried, reference;
+};
+template <class Action>
+struct NamesOf : Action, HookNames
+{};
+template <class Action>
+inline constexpr bool has_acceleration = !requires
+{
+    &NamesOf<Action>::acceleration;
+};
+template <class Action>
+inline constexpr bool has_on_momentum = !requires
+{
+    &NamesOf<Action>::on_momentum;
+};
+template <class Action>
+inline constexpr bool has_on_node = !requires
+{
+    &NamesOf<Action>::on_node;
+};
+template <class Action>
+inline constexpr bool has_touch = !requires
+{
+    &NamesOf<Action>::touch;
+};
+template <class Action>
+inline constexpr bool has_hold = !requires
+{
+    &NamesOf<Action>::hold;
+};
+template <class Action> // the others that only particle contact calls
+inline constexpr bool has_other_contact = !requires
+{
+    &NamesOf<Action>::overlap;
+}
+|| !requires { &NamesOf<Action>::lost_beyond; }
+|| !requires { &NamesOf<Action>::carried; }
+|| !requires { &NamesOf<Action>::reference; };
+
+/// Whether momentum may be passed by value, so that what becomes of it would be lost.
+template <class Action, class Real, int d>
+concept TakesCopyOfMomentum = requires(Action const action, Real const mass)
+{
+    action.on_momentum(Vector<Real, d>(), mass);
+};
+} // namespace detail
+
+/// Whether an action is that of a reflecting wall, which UpdateGrid takes care of.
+template <class Action>
+inline constexpr bool is_wall = requires
+{
+    requires Action::mirrors;
+};
+
+/// Whether an action is that of an obstacle, which has a reaction.
+template <class Action>
+inline constexpr bool is_obstacle = is_wall<Action> || detail::has_touch<Action>;
+
+/// Whether an obstacle's action may act on particles, too.
+template <class Action>
+inline constexpr bool acts_on_particles = detail::has_hold<Action>;
+
+/// Whether what an action does to momentum is the same in any unit of mass: it is then called with the
+/// solver's own, which saves a conversion.
+template <class Action>
+inline constexpr bool takes_any_unit_of_mass = requires
+{
+    requires Action::takes_any_unit_of_mass;
+};
+
+/// An action that accelerates lanes of nodes where they are [m/s^2]: `m a dt` is added to their momentum, dt
+/// being the time for which forces act.
+template <class Action, class Real, int d>
+concept AcceleratesNodes = requires(Action const action, LanePosition<Real, d> const place)
+{
+    {
+        action.acceleration(place)
+        } -> std::same_as<Vector<Real, d>>;
+};
+
+/// An action that changes the momentum [kg m/s] of lanes of nodes of a mass [kg].
+template <class Action, class Real, int d>
+concept ChangesMomentum = !detail::TakesCopyOfMomentum<Action, Real, d> &&
+                          requires(Action const action, Vector<Real, d> momentum, Real const mass)
+{
+    {
+        action.on_momentum(momentum, mass)
+        } -> std::same_as<void>;
+};
+
+/// An action that makes of the velocity of lanes of nodes another one [m/s].
+template <class Action, class Real, int d>
+concept ChangesVelocity = requires(Action const action, LaneNode<Real, d> const node,
+                                   Vector<Real, d> const velocity)
+{
+    {
+        action.on_node(node, velocity)
+        } -> std::same_as<Vector<Real, d>>;
+};
+
+/// An action that stops lanes of nodes with a velocity [m/s] where they touch an obstacle, by its `contact`
+/// or, to end a corner, by another rule: see Obstacle.
+template <class Action, class Real, int d>
+concept TouchesNodes = requires(Action const action, LanePosition<Real, d> const place,
+                                Vector<Real, d> const velocity, Contact const rule)
+{
+    {
+        action.contact
+        } -> std::convertible_to<Contact>;
+    {
+        action.touch(place, velocity, rule)
+        } -> std::same_as<ContactResult<Real, d>>;
+};
+
+/// An action that holds lanes of particles, too, if its member `on_particles` says so: what each of the calls
+/// tells is said at Obstacle's.
+template <class Action, class Real, int d>
+concept HoldsParticles = requires(Action const action, LanePosition<Real, d> const place,
+                                  Vector<Real, d> const vector, Contact const rule, Real const dt)
+{
+    {
+        action.on_particles
+        } -> std::convertible_to<bool>;
+    {
+        action.hold(place, vector, vector, rule)
+        } -> std::same_as<ContactResult<Real, d>>;
+    {
+        action.overlap(place, vector)
+        } -> std::same_as<Real>;
+    {
+        action.template lost_beyond<Scalar<Real>>(place.lattice)
+        } -> std::same_as<Scalar<Real>>;
+    {
+        action.carried(place, vector, dt)
+        } -> std::same_as<Vector<Real, d>>;
+    {
+        action.reference()
+        } -> std::convertible_to<Eigen::Vector3d>;
+};
+
+/// What an effect's `over(interval)` returns: a plain value with at least one of the hooks above, const and
+/// for lanes of the type that the backend computes with; on devices they are FIRN_HOST_DEVICE. A member that
+/// has the name of a hook is one: with another signature than the library calls it is refused.
+///
+/// An action that has several is asked for its acceleration first, then on_momentum, then on_node, and then
+/// for contact. Actions act in the order in which their effects are passed: on momentum all of them, then on
+/// velocities.
+template <class Action, class Real, int d>
+concept NodeAction =
+    Lane<Real> && std::is_class_v<Action> && !std::is_final_v<Action> &&
+    std::is_trivially_destructible_v<Action> &&
+    (detail::has_acceleration<Action> || detail::has_on_momentum<Action> || detail::has_on_node<Action> ||
+     is_obstacle<
+         Action>)&&(!detail::has_acceleration<Action> ||
+                    AcceleratesNodes<
+                        Action, Real,
+                        d>)&&(!detail::has_on_momentum<Action> ||
+                              ChangesMomentum<
+                                  Action, Real,
+                                  d>)&&(!detail::has_on_node<Action> ||
+                                        ChangesVelocity<
+                                            Action, Real,
+                                            d>)&&(!detail::has_touch<Action> ||
+                                                  TouchesNodes<
+                                                      Action, Real,
+                                                      d>)&&(is_wall<Action> ||
+                                                            (detail::has_hold<Action>
+                                                                 ? HoldsParticles<Action, Real, d> &&
+                                                                       detail::has_touch<Action>
+                                                                 : !detail::has_other_contact<Action>));
+
+namespace detail
+{
+/// The names of what an effect may say beside its action.
+struct NamesOfEffects
+{
+    int plain, validate_in_plane, largest_acceleration, largest_speed;
+};
+template <class Effect>
+struct WithNamesOfEffects : Effect, NamesOfEffects
+{};
+template <class Effect>
+inline constexpr bool has_plain = !requires
+{
+    &WithNamesOfEffects<Effect>::plain;
+};
+template <class Effect>
+inline constexpr bool has_validate_in_plane = !requires
+{
+    &WithNamesOfEffects<Effect>::validate_in_plane;
+};
+template <class Effect>
+inline constexpr bool has_largest_acceleration = !requires
+{
+    &WithNamesOfEffects<Effect>::largest_acceleration;
+};
+template <class Effect>
+inline constexpr bool has_largest_speed = !requires
+{
+    &WithNamesOfEffects<Effect>::largest_speed;
+};
+
+template <class Effect>
+concept BoundsAcceleration = requires(Effect const effect)
+{
+    {
+        effect.largest_acceleration()
+        } -> std::convertible_to<double>;
+};
+template <class Effect, int d>
+concept BoundsSpeed = requires(Effect const effect)
+{
+    {
+        effect.largest_speed(d)
+        } -> std::convertible_to<double>;
+}
+|| requires(Effect const effect)
+{
+    {
+        effect.largest_speed()
+        } -> std::convertible_to<double>;
+};
+template <class Effect>
+concept IsMadePlain = requires(Effect const effect, double begin)
+{
+    effect.plain(begin);
+}
+|| requires(Effect const effect) { effect.plain(); };
+template <class Effect>
+concept IsValidatedInPlane = requires(Effect const effect)
+{
+    effect.validate_in_plane();
+};
+
+/// Whether what an effect has by one of these names can be called.
+template <class Effect, int d>
+constexpr bool all_is_called()
+{
+    if constexpr (!std::is_class_v<Effect>)
+        return false;
+    else if constexpr (std::is_final_v<Effect>)
+        return true; // it cannot be told
+    else
+        return (!has_plain<Effect> || IsMadePlain<Effect>)&&(
+            !has_validate_in_plane<Effect> ||
+            IsValidatedInPlane<Effect>)&&(!has_largest_acceleration<Effect> ||
+                                          BoundsAcceleration<Effect>)&&(!has_largest_speed<Effect> ||
+                                                                        BoundsSpeed<Effect, d>);
+}
+
+/// An effect as a plain value, for a call that begins at a time [s].
+template <class Effect>
+auto plain_effect(Effect const& effect, [[maybe_unused]] double begin)
+{
+    if constexpr (requires { effect.plain(begin); })
+        return effect.plain(begin);
+    else if constexpr (requires { effect.plain(); })
+        return effect.plain();
+    else
+        return effect;
+}
+template <class Effect>
+using PlainEffect = decltype(plain_effect(std::declval<Effect const&>(), 0.0));
+
+/// The action of an effect.
+template <class Effect, class Number, int d>
+using ActionOf =
+    decltype(std::declval<PlainEffect<Effect> const&>().template over<Number, d>(std::declval<Interval>()));
+
+/// Has what every effect has.
+template <class T, class Number, int d>
+concept DescribesEffect = requires(T const effect)
+{
+    effect.validate();
+    typename ActionOf<T, Number, d>;
+};
+
+/// Whether an effect bounds the time step where its action may outrun it, and says that it acts on particles
+/// where its action does.
+template <class T, class Action, int d>
+constexpr bool says_what_steps_need()
+{
+    bool says = true;
+    if constexpr (has_acceleration<Action>) says = says && BoundsAcceleration<T>;
+    if constexpr (has_touch<Action>) says = says && BoundsSpeed<T, d>;
+    if constexpr (has_touch<Action> && has_hold<Action>) says = says && requires(PlainEffect<T> const plain)
+        {
+            bool(plain.on_particles);
+        };
+    return says;
+}
+} // namespace detail
+
+/// An effect in a scene of `d` dimensions whose backend computes with lanes `Real`: it has `void validate()
+/// const`, which refuses parameters, and `template <class Number, int d> Action over(firn::Interval const&)
+/// const`, which makes its action for a step (see NodeAction).
+///
+/// Where the action has an acceleration, the effect has `double largest_acceleration() const` [m/s^2], and
+/// where it has contact `double largest_speed() const` [m/s] (or one that takes the number of dimensions):
+/// finite bounds, by which steps are chosen. Other effects may have them. Further it may have `void
+/// validate_in_plane() const` for scenes in two dimensions; and `auto plain(double begin) const`, or without
+/// the time [s] at which the call begins: an effect that is a plain value, and whose `over` is called.
+template <class T, class Real, int d>
+concept NodeEffect = detail::DescribesEffect<T, Scalar<Real>, d> &&
+    NodeAction<detail::ActionOf<T, Scalar<Real>, d>, Real, d> &&
+    std::is_trivially_destructible_v<detail::PlainEffect<T>> &&
+    detail::says_what_steps_need<T, detail::ActionOf<T, Scalar<Real>, d>, d>() &&
+    detail::all_is_called<T, d>();
+
+namespace detail
+{
+/// Says in a sentence why an effect is none; it is named in the note beside it.
+template <class T, class Real, int d, bool describes = DescribesEffect<T, Scalar<Real>, d>>
+struct CheckedEffect
+{
+    static_assert(
+        describes,
+        "what was passed is no effect of this scene: pass Gravity, Obstacle<Shape>, ReflectingWall or one "
+        "of your own, which has 'void validate() const' and 'template <class Number, int d> Action "
+        "over(firn::Interval const&) const', each as an argument; a RigidBody goes in as an Obstacle with "
+        "its motion");
+    static constexpr bool value = false;
+};
+template <class T, class Real, int d>
+struct CheckedEffect<T, Real, d, true>
+{
+    static constexpr bool has_action = NodeAction<ActionOf<T, Scalar<Real>, d>, Real, d>;
+    static_assert(
+        has_action,
+        "the action that the effect's over() returns is to have at least one of "
+        "'firn::Vector<Real, d> acceleration(firn::LanePosition<Real, d> const& place) const' [m/s^2], "
+        "'void on_momentum(firn::Vector<Real, d>& momentum, Real mass) const' [kg m/s, kg], "
+        "'firn::Vector<Real, d> on_node(firn::LaneNode<Real, d> const& node, firn::Vector<Real, d> const& "
+        "velocity) const' [m/s] and contact, 'firn::ContactResult<Real, d> touch(firn::LanePosition<Real, d> "
+        "const& place, firn::Vector<Real, d> const& velocity, firn::Contact const& rule) const' beside a "
+        "'firn::Contact contact'; each for the lanes Real that the backend computes with (template "
+        "<firn::Lane Real>), none of these names with another signature, in a plain class that is not final: "
+        "see firn/effects/node_action.hpp");
+    static constexpr bool is_plain = std::is_trivially_destructible_v<PlainEffect<T>>;
+    static_assert(is_plain, "the effect owns something, and steps know it as a plain value: it lacks 'auto "
+                            "plain() const', which returns an effect that is one");
+    template <class Action>
+    static constexpr bool bounds()
+    {
+        if constexpr (has_action && all_is_called<T, d>())
+            return says_what_steps_need<T, Action, d>();
+        else
+            return true;
+    }
+    static_assert(bounds<ActionOf<T, Scalar<Real>, d>>(),
+                  "the effect lacks what bounds the time step: 'double largest_acceleration() const' [m/s^2] "
+                  "where its action has an acceleration, 'double largest_speed() const' [m/s] where it has "
+                  "contact; or, where it holds particles, 'bool on_particles'");
+    static_assert(
+        all_is_called<T, d>(),
+        "the effect has a member by the name of plain, validate_in_plane, largest_acceleration or "
+        "largest_speed that cannot be called as the library does: see firn/effects/node_action.hpp");
+    static constexpr bool value = NodeEffect<T, Real, d>;
+};
+
+/// Says in a sentence that some of them are none.
+template <class Real, int d, class... Others>
+constexpr void require_effects()
+{
+    static_assert((CheckedEffect<Others, Real, d>::value && ...) || sizeof...(Others) > 0);
+}
+} // namespace detail
+
+} // namespace firn
