@@ -38,6 +38,18 @@ template <class Real, class List>
 inline constexpr bool are_materials = false;
 template <class Real, class... Models>
 inline constexpr bool are_materials<Real, Materials<Models...>> = (Complete<Models, Real>::value && ...);
+
+/// Says in a sentence that a backend does not take a kernel, and goes on with another one: the compiler has
+/// no more to say then.
+template <class Backend, class Kernel>
+struct KernelFor
+{
+    static constexpr bool fits = Kernel::order <= Backend::largest_degree;
+    static_assert(fits, "the kernel's degree, its 'order', is beyond what the backend's tiles take "
+                        "(Backend::largest_degree): choose QuadraticBSpline, CubicBSpline or another one of "
+                        "degree 3 or less");
+    using Type = std::conditional_t<fits, Kernel, QuadraticBSpline>;
+};
 } // namespace detail
 
 /// An explicit Material Point Method solver.
@@ -54,7 +66,7 @@ inline constexpr bool are_materials<Real, Materials<Models...>> = (Complete<Mode
 /// write, write_positions and model need it, others are about all materials without it.
 ///
 /// What is given and told of many particles comes in the order of their permanent ids, see ids().
-template <class Backend, class ModelType, InterpolationKernel Kernel = QuadraticBSpline,
+template <class Backend, class ModelType, InterpolationKernel KernelType = QuadraticBSpline,
           class TransferType = Mls>
 class Solver
 {
@@ -63,6 +75,7 @@ class Solver
     using List = typename detail::MaterialsOf<ModelType>::Type;
     using Every = EveryMaterial;
     using Parts = SceneParts<Backend, List, TransferType>;
+    using Kernel = typename detail::KernelFor<Backend, KernelType>::Type;
 
 public:
     using Model = ModelType;

@@ -86,5 +86,21 @@ std::size_t without_validate = sizeof(SolverOf<ItsSpace, ItsState, ItsDensity, I
 std::size_t without_respond = sizeof(SolverOf<ItsSpace, ItsState, ItsDensity, ItsValidate>);
 std::size_t without_response =
     sizeof(SolverOf<ItsSpace, ItsState, ItsDensity, ItsValidate, AnswersWithStressAlone>);
+// of five nodes along each axis, whatever their weights
+struct Quartic
+{
+    static constexpr int order = 4;
+    static constexpr auto name = "quartic";
+    static constexpr double gradient_bound = 3;
+    template <class Real>
+    static std::array<Real, 5> weights(Real t);
+    template <class Real>
+    static std::array<Real, 5> derivatives(Real t);
+    template <class Real>
+    static std::array<Real, 5> expanded(std::array<Real, 5> const& nodes);
+};
+static_assert(firn::InterpolationKernel<Quartic, float>);
+std::size_t of_too_high_a_degree =
+    sizeof(firn::Solver<Backend, Model<ItsSpace, ItsState, ItsDensity, ItsValidate, ItsRespond>, Quartic>);
 std::size_t without_space = sizeof(SolverOf<ItsState, ItsDensity, ItsValidate, ItsRespond>);
 #endif

@@ -35,6 +35,8 @@ names 1 "density"
 names 1 "void validate()"
 names 2 "template <firn::Lane Real, class Particle> firn::Response<Real, d> respond("
 names 1 "using Space"
+refused=$(grep -cE "error.*the kernel's degree, its 'order', is beyond" "$said" || true)
+[ "$refused" = 1 ] || { cat "$said"; echo "it is said $refused times that a kernel's degree is too high."; exit 1; }
 if compiles -DNO_EFFECT; then echo "steps with what is no effect compile."; exit 1; fi
 refused=$(grep -c 'error.*this scene: pass Gravity, Obstacle<Shape>' "$said" || true)
 [ "$refused" = 3 ] || { cat "$said"; echo "it is said $refused times that something is no effect, not three times."; exit 1; }

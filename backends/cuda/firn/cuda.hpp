@@ -39,6 +39,7 @@ struct Cuda
     using Outbox = cuda::Outbox<T>;
     template <class Number, int d>
     using Cells = cuda::Cells<Number, d>;
+    static constexpr int largest_degree = 3; ///< of a stencil, which has one node more along each axis
     template <class Number, int d, int order, int sums, int values, int layers>
     using Grid = cuda::Grid<Number, d, order, sums, values, layers>;
 

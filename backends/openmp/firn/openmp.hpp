@@ -45,6 +45,7 @@ struct BasicOpenMP
     using Outbox = openmp::Outbox<T>;
     template <class Number, int d>
     using Cells = openmp::Cells<Number, d, lane_width<Lane<Number>>>;
+    static constexpr int largest_degree = 3; ///< of a stencil, which has one node more along each axis
     template <class Number, int d, int order, int sums, int values, int layers>
     using Grid = openmp::Grid<Number, d, order, sums, values, lane_width<Lane<Number>>, layers>;
 
