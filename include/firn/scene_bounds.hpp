@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/concepts.hpp>
+#include <firn/core/error.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/math/product.hpp>
 #include <firn/phases/plan_steps.hpp>
@@ -36,6 +37,26 @@ StepRule<static_cast<int>(Parts::count)> rule_of_materials(Parts const& parts, S
                     shear_limit(limits.wave, model.kinematic_viscosity(), cell_size, expansion_ratio);
     });
     return rule;
+}
+
+/// Refuses a bound that bounds nothing.
+inline void require_bound(double bound, char const* what, char const* unit)
+{
+    require(bound >= 0 && bound <= std::numeric_limits<double>::max(), what, "an effect", unit);
+}
+
+/// Refuses bounds of an effect in d dimensions that are no numbers, by which no step could be chosen.
+template <int d, class Effect>
+void validate_bounds(Effect const& effect)
+{
+    if constexpr (requires { effect.largest_acceleration(); })
+        require_bound(effect.largest_acceleration(),
+                      "its largest acceleration is not a finite number, 0 or above", "Return m/s^2.");
+    char const* const speed = "its largest speed is not a finite number, 0 or above";
+    if constexpr (requires { effect.largest_speed(d); })
+        require_bound(effect.largest_speed(d), speed, "Return m/s.");
+    else if constexpr (requires { effect.largest_speed(); })
+        require_bound(effect.largest_speed(), speed, "Return m/s.");
 }
 
 /// Takes account of what an effect does in d dimensions.

@@ -880,13 +880,13 @@ private:
 
     /// Refuses effects of a call that make no sense, and says which of them it is.
     template <class... Effects>
-    static void validate_effects([[maybe_unused]] char const* call, Effects const&... effects)
+    void validate_effects([[maybe_unused]] char const* call, Effects const&... effects) const
     {
         [[maybe_unused]] int place = 0;
         (validate_effect(call, ++place, effects), ...);
     }
     template <class Effect>
-    static void validate_effect(char const* call, int place, Effect const& effect)
+    void validate_effect(char const* call, int place, Effect const& effect) const
     {
         if constexpr (requires { Effect::in_host_memory; })
             static_assert(Backend::reaches_host_memory || !Effect::in_host_memory,
@@ -894,10 +894,22 @@ private:
         try {
             effect.validate();
             if constexpr (d == 2 && requires { effect.validate_in_plane(); }) effect.validate_in_plane();
+            detail::validate_bounds<d>(effect);
+            if constexpr (Chain<detail::ActionOf<Effect, Number, d>>::uses_kilograms) require_kilograms();
         }
         catch (Error const& error) {
             refuse_effect(error, place, call);
         }
+    }
+    /// Refuses masses that are no numbers of the scene's precision in kg, as effects ask for them.
+    void require_kilograms() const
+    {
+        constexpr double rounding = MassScale::range<Number>;
+        double const lightest = masses_.unit * masses_.smallest, heaviest = masses_.unit * masses_.largest;
+        require(size() == 0 || (lightest >= std::numeric_limits<Number>::min() * rounding &&
+                                heaviest <= std::numeric_limits<Number>::max() / rounding),
+                "it asks for masses in kg, and those of the scene are beyond its numbers", "an effect",
+                "Compute in double, or let particles have 1e-27 to 1e28 kg.");
     }
     [[noreturn, gnu::cold]] static void refuse_effect(Error const& error, int place, char const* call)
     {

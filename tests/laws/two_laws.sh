@@ -71,10 +71,12 @@ case $law in
             xargs -0 -r clang-format --dry-run --Werror
         ;;
     quotes)
-        # from its first line on, soft_foam.hpp is what the README shows
-        model=$(sed -n '/^template/,$p' examples/soft_foam.hpp)
-        [ -n "$model" ] && [[ $(<README.md) == *$'\n```cpp\n'"$model"$'\n```\n'* ]] ||
-            { echo "README.md shows another material than examples/soft_foam.hpp."; exit 1; }
+        # from the first line of their code on, these are what the README shows
+        for header in soft_foam rising_wind; do
+            code=$(sed -n '/^\(template\|struct\)/,$p' "examples/$header.hpp")
+            [ -n "$code" ] && [[ $(<README.md) == *$'\n```cpp\n'"$code"$'\n```\n'* ]] ||
+                { echo "README.md shows other code than examples/$header.hpp."; exit 1; }
+        done
         ;;
     can_fail)
         copy=$(mktemp -d)
@@ -91,7 +93,9 @@ case $law in
                 printf '%s\n' '// SPDX-License-Identifier: MIT' '#pragma once' '' '// omp, atomic: mass' 'int computed_component;' >"$copy/$name"
             done
             printf '%s\n' '// SPDX-License-Identifier: MIT' '#pragma once' '' 'template <class T>' 'struct Foam;' >"$copy/examples/soft_foam.hpp"
-            printf '%s\n' 'Text.' '' '```cpp' 'template <class T>' 'struct Foam;' '```' 'Text.' >"$copy/README.md"
+            printf '%s\n' '// SPDX-License-Identifier: MIT' '#pragma once' '' 'struct Wind;' >"$copy/examples/rising_wind.hpp"
+            printf '%s\n' 'Text.' '' '```cpp' 'template <class T>' 'struct Foam;' '```' 'Text.' '```cpp' 'struct Wind;' '```' \
+                'Text.' >"$copy/README.md"
             bash "$self" "$law" "$copy" >/dev/null || { echo "$law refuses a lawful house."; exit 1; }
             mkdir -p "$(dirname "$copy/$file")"
             printf '%s\n' "$text" >>"$copy/$file"
@@ -110,6 +114,7 @@ case $law in
         breaks headers include/firn/late.hpp '#pragma once'
         breaks headers tests/late.hpp '// SPDX-License-Identifier: MIT'
         breaks quotes examples/soft_foam.hpp 'int more;'
+        breaks quotes examples/rising_wind.hpp 'int more;'
         if command -v clang-format >/dev/null; then breaks format examples/lawful.hpp 'int  x ;'; fi
         echo "each law can be broken and says so"
         ;;
