@@ -116,7 +116,7 @@ typename Scene::Solver drops(Vector<double, Scene::d> const& near, double h)
 
 using Cases = Combinations<Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>,
                            Scene<NeoHookean<Plane>, QuadraticBSpline, Xpic>,
-                           Scene<NeoHookean<SolidFloat>, CubicBSpline, Flip>>;
+                           Scene<NeoHookean<PlaneFloat>, QuadraticBSpline, Flip>>;
 
 TEMPLATE_LIST_TEST_CASE("an acceleration that differs from place to place acts where particles are", "",
                         Cases)
@@ -196,14 +196,14 @@ TEST_CASE("an effect of a user's own bounds the step, and a bound that is none i
 {
     double const h = 0.1;
     auto solver = drops<Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>>({0, 0}, h);
-    double const longest = solver.step(1e-4).stable_dt, short_step = 1e-3 * longest;
+    double const longest = solver.step(1e-4, Push{}).stable_dt, short_step = 1e-3 * longest;
     auto const bounded = solver.step(1e-6, Push{.bound = 0.5 * h / (short_step * short_step)});
     CHECK(bounded.stable_dt == Approx(short_step));
     for (double wrong : {-1.0, std::nan(""), std::numeric_limits<double>::infinity()})
-        CHECK_THROWS_WITH(solver.step(1e-4, Gravity{}, Push{.bound = wrong}),
-                          Contains("largest acceleration") && Contains("effect 2 of Solver::step"));
-    // of particles so light that floats have no kg
-    Scene<NeoHookean<PlaneFloat>, QuadraticBSpline, Mls>::Solver light(lattice(1e-15));
-    light.add(std::vector<Eigen::Vector2d>{{0, 0}}, 1e-31);
-    CHECK_THROWS_WITH(light.step(1e-20, Push{}), Contains("kg"));
+        CHECK_THROWS_WITH(solver.step(1e-4, Push{.bound = wrong}),
+                          Contains("largest acceleration") && Contains("effect 1 of Solver::step"));
+    // of particles so light that numbers are none in kg
+    Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>::Solver light(lattice(h));
+    light.add(std::vector<Eigen::Vector2d>{{0, 0}}, 1e-300);
+    CHECK_THROWS_WITH(light.step(1e-6, Push{}), Contains("kg"));
 }

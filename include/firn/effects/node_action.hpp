@@ -6,6 +6,7 @@
 
 #include <concepts>
 #include <type_traits>
+#include <utility>
 
 // What an effect's action may offer, and that it offers nothing that would be ignored.
 namespace firn
@@ -156,6 +157,27 @@ concept HoldsParticles = requires(Action const action, LanePosition<Real, d> con
         } -> std::convertible_to<Eigen::Vector3d>;
 };
 
+namespace detail
+{
+/// Whether an action has a hook, and each member by the name of one is called as it is.
+template <class Action, class Real, int d>
+constexpr bool has_only_hooks_that_are_called()
+{
+    bool has = is_obstacle<Action>, called = true;
+    if constexpr (has_acceleration<Action>) has = true, called = called && AcceleratesNodes<Action, Real, d>;
+    if constexpr (has_on_momentum<Action>) has = true, called = called && ChangesMomentum<Action, Real, d>;
+    if constexpr (has_on_node<Action>) has = true, called = called && ChangesVelocity<Action, Real, d>;
+    if constexpr (!is_wall<Action>) {
+        if constexpr (has_touch<Action>) called = called && TouchesNodes<Action, Real, d>;
+        if constexpr (has_hold<Action>)
+            called = called && has_touch<Action> && HoldsParticles<Action, Real, d>;
+        else
+            called = called && !has_other_contact<Action>;
+    }
+    return has && called;
+}
+} // namespace detail
+
 /// What an effect's `over(interval)` returns: a plain value with at least one of the hooks above, const and
 /// for lanes of the type that the backend computes with; on devices they are FIRN_HOST_DEVICE. A member that
 /// has the name of a hook is one: with another signature than the library calls it is refused.
@@ -166,26 +188,7 @@ concept HoldsParticles = requires(Action const action, LanePosition<Real, d> con
 template <class Action, class Real, int d>
 concept NodeAction =
     Lane<Real> && std::is_class_v<Action> && !std::is_final_v<Action> &&
-    std::is_trivially_destructible_v<Action> &&
-    (detail::has_acceleration<Action> || detail::has_on_momentum<Action> || detail::has_on_node<Action> ||
-     is_obstacle<
-         Action>)&&(!detail::has_acceleration<Action> ||
-                    AcceleratesNodes<
-                        Action, Real,
-                        d>)&&(!detail::has_on_momentum<Action> ||
-                              ChangesMomentum<
-                                  Action, Real,
-                                  d>)&&(!detail::has_on_node<Action> ||
-                                        ChangesVelocity<
-                                            Action, Real,
-                                            d>)&&(!detail::has_touch<Action> ||
-                                                  TouchesNodes<
-                                                      Action, Real,
-                                                      d>)&&(is_wall<Action> ||
-                                                            (detail::has_hold<Action>
-                                                                 ? HoldsParticles<Action, Real, d> &&
-                                                                       detail::has_touch<Action>
-                                                                 : !detail::has_other_contact<Action>));
+    std::is_trivially_destructible_v<Action> && detail::has_only_hooks_that_are_called<Action, Real, d>();
 
 namespace detail
 {
@@ -258,12 +261,14 @@ constexpr bool all_is_called()
         return false;
     else if constexpr (std::is_final_v<Effect>)
         return true; // it cannot be told
-    else
-        return (!has_plain<Effect> || IsMadePlain<Effect>)&&(
-            !has_validate_in_plane<Effect> ||
-            IsValidatedInPlane<Effect>)&&(!has_largest_acceleration<Effect> ||
-                                          BoundsAcceleration<Effect>)&&(!has_largest_speed<Effect> ||
-                                                                        BoundsSpeed<Effect, d>);
+    else {
+        bool called = true;
+        if constexpr (has_plain<Effect>) called = called && IsMadePlain<Effect>;
+        if constexpr (has_validate_in_plane<Effect>) called = called && IsValidatedInPlane<Effect>;
+        if constexpr (has_largest_acceleration<Effect>) called = called && BoundsAcceleration<Effect>;
+        if constexpr (has_largest_speed<Effect>) called = called && BoundsSpeed<Effect, d>;
+        return called;
+    }
 }
 
 /// An effect as a plain value, for a call that begins at a time [s].
@@ -380,7 +385,7 @@ struct CheckedEffect<T, Real, d, true>
 template <class Real, int d, class... Others>
 constexpr void require_effects()
 {
-    static_assert((CheckedEffect<Others, Real, d>::value && ...) || sizeof...(Others) > 0);
+    [[maybe_unused]] constexpr bool checked[]{CheckedEffect<Others, Real, d>::value...};
 }
 } // namespace detail
 

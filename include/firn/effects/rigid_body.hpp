@@ -20,6 +20,8 @@ namespace firn
 ///     auto const report = solver.advance(dt, gravity, obstacle);
 ///     ball.advance(report.reactions[0], dt, gravity.acceleration);
 ///
+/// Its motion needs no time: without one it holds when each call begins.
+///
 /// Its momentum and that of the particles then add up to what gravity gave them, to rounding. The body takes
 /// what it received at the end of `dt`: stable while its mass is above that of the material it would sweep
 /// within `dt`. In two dimensions masses are per metre of thickness.
