@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/grid/lattice.hpp>
 #include <firn/particle_storage.hpp>
@@ -95,7 +97,7 @@ public:
                                 Vector<double, d> const& velocity, std::uint32_t first_id, MassScale& scale)
     {
         std::vector<CellPosition<d>> const located = locate_all(points);
-        require(std::isfinite(volume) && volume > 0, "the volume per point is not a finite number above 0",
+        require(is_finite(volume) && volume > 0, "the volume per point is not a finite number above 0",
                 "Solver::add",
                 "Pass the volume in m^3 that one particle stands for: the body's volume over the number of "
                 "points.");
@@ -602,8 +604,9 @@ private:
             Vector<double, d> const x = vector_of<double, d>(point);
             bool is_near = true; // no NaN is
             for (int a = 0; a < d; ++a)
-                is_near = is_near && std::abs(x[a] - lattice_.origin[a]) / lattice_.cell_size <
-                                         Cells::largest_coordinate;
+                is_near =
+                    is_near && is_finite(x[a]) &&
+                    std::abs(x[a] - lattice_.origin[a]) / lattice_.cell_size < Cells::largest_coordinate;
             if (!is_near)
                 throw Error{"point " + std::to_string(located.size()) +
                                 " is not finite or too far from the lattice's origin",

@@ -3,10 +3,10 @@
 
 #include <firn/core/error.hpp>
 #include <firn/core/exactly_equal.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/phases/table_view.hpp>
 #include <firn/snapshot.hpp>
 
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <type_traits>
@@ -34,7 +34,7 @@ public:
     static void require_comparable(double volume, double density, MassScale const& scale)
     {
         double const unit = exactly_equal(scale.unit, 0) ? volume * density : scale.unit;
-        bool const in_range = std::isfinite(Number(volume / unit)) && Number(volume / unit) > 0;
+        bool const in_range = is_finite(Number(volume / unit)) && Number(volume / unit) > 0;
         require(
             in_range && scale.bears<Number>(volume * density / unit),
             "the new particles are lighter or heavier than others by a factor that rounding does not bear",

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
 #include <firn/core/exactly_equal.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/models/response.hpp>
 #include <firn/parameters.hpp>
 #include <firn/snapshot.hpp>
@@ -60,8 +62,8 @@ bool compare_parameters(std::string const& owner, std::vector<Parameter> const& 
 {
     auto const alike = [](double a, double b, bool whole) {
         double const rounding = whole ? 0 : 8 * double(std::numeric_limits<Number>::epsilon());
-        return exactly_equal(a, b) || (std::isnan(a) && std::isnan(b)) ||
-               (std::isfinite(a - b) && std::abs(a - b) <= rounding * std::abs(b));
+        if (!is_number(a) || !is_number(b)) return is_number(a) == is_number(b);
+        return exactly_equal(a, b) || (is_finite(a - b) && std::abs(a - b) <= rounding * std::abs(b));
     };
     auto const find = [](auto const& list, std::string const& name) {
         return std::ranges::find(list, name, &Parameter::name);
@@ -85,7 +87,12 @@ bool require_fits(Snapshot<Number, d> const& from, Parts const& parts, Lattice c
                   Transfer const& transfer)
 {
     auto const compare = [&]<class Value>(std::string const& what, Value const& theirs, Value const& ours) {
-        if (!exactly_equal(theirs, ours))
+        bool same = exactly_equal(theirs, ours);
+        if constexpr (std::is_floating_point_v<Value>)
+            same = same && is_number(theirs);
+        else if constexpr (requires { all_finite(theirs); })
+            same = same && all_finite(theirs);
+        if (!same)
             refuse_snapshot(
                 what, theirs, ours,
                 "Restore into a solver that was made with the same lattice, policies and parameters.");
@@ -110,7 +117,8 @@ bool require_fits(Snapshot<Number, d> const& from, Parts const& parts, Lattice c
         bool const any_modulus =
             exactly_equal(theirs.wave_modulus, 0) && !exactly_equal(ours.wave_modulus, 0);
         // some processors' exponentials differ in the last bit
-        if (!any_modulus && !(std::abs(theirs.wave_modulus - ours.wave_modulus) <= 1e-5 * ours.wave_modulus))
+        double const difference = std::abs(theirs.wave_modulus - ours.wave_modulus);
+        if (!any_modulus && !(is_finite(difference) && difference <= 1e-5 * ours.wave_modulus))
             refuse_snapshot(owner + " the wave modulus at rest [Pa]", theirs.wave_modulus, ours.wave_modulus,
                             remedy_of_parameters);
         Parts::template Of<k>::Table::require_same_fields(theirs, named);

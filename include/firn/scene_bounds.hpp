@@ -3,12 +3,12 @@
 
 #include <firn/concepts.hpp>
 #include <firn/core/error.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/math/product.hpp>
 #include <firn/phases/plan_steps.hpp>
 
 #include <algorithm>
-#include <cmath>
 #include <cstdint>
 #include <limits>
 
@@ -86,7 +86,7 @@ FIRN_SELDOM StepBounds bounds_of(Parts const& parts, Rule const& rule, StepBound
         double modulus = 0;
         parts.template particles<k>().for_each([&](std::uint32_t, auto& particle) {
             double const own = parts.template response<k>(particle).wave_modulus;
-            modulus = std::isfinite(own) ? std::max(modulus, own) : std::numeric_limits<double>::infinity();
+            modulus = is_finite(own) ? std::max(modulus, own) : std::numeric_limits<double>::infinity();
         });
         rule.admit(bounds, static_cast<int>(k), parts.template wave_speed<k>(modulus));
         for (auto const& velocity : values(Velocity{}, k))

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
 #include <firn/core/exactly_equal.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/grid/lattice.hpp>
 #include <firn/parameters.hpp>
 #include <firn/phases/stable_time_step.hpp>
@@ -35,8 +37,8 @@ struct MassScale
     template <class Number>
     bool bears(double mass) const
     {
-        return std::isfinite(mass) && (exactly_equal(unit, 0) ||
-                                       (mass / smallest < range<Number> && largest / mass < range<Number>));
+        return is_finite(mass) && (exactly_equal(unit, 0) ||
+                                   (mass / smallest < range<Number> && largest / mass < range<Number>));
     }
     void admit(double mass)
     {
@@ -145,7 +147,7 @@ void require_whole(MaterialSnapshot<Number, d> const& material, MassScale const&
     for (auto const& field : material.fields)
         for (auto const& component : field.components) {
             whole(component.size() == count, "a field has not one value per particle");
-            for (Number const value : component) whole(std::isfinite(value), "a field is not finite");
+            for (Number const value : component) whole(is_finite(value), "a field is not finite");
         }
     for (auto const id : material.ids) whole(id < next_id, "an id was never given");
     whole(material.portions.empty() == (count == 0), "there are particles without a mass");
@@ -153,8 +155,8 @@ void require_whole(MaterialSnapshot<Number, d> const& material, MassScale const&
         auto const& [first, mass, volume] = material.portions[i];
         whole(i == 0 ? first == 0 : first > material.portions[i - 1].first_row && first < count,
               "the portions of equal particles are out of order");
-        whole(mass >= Number(masses.smallest) && mass <= Number(masses.largest) && volume > 0 &&
-                  std::isfinite(volume),
+        whole(is_finite(mass) && mass >= Number(masses.smallest) && mass <= Number(masses.largest) &&
+                  volume > 0 && is_finite(volume),
               "a mass or volume is out of range");
     }
 }
@@ -166,9 +168,9 @@ void require_whole(Snapshot<Number, d> const& snapshot, double largest_coordinat
     auto const whole = [&](bool condition, char const* what) {
         require(condition, what, "Solver::restore", "Restore what Solver::snapshot has returned.");
     };
-    auto const not_negative = [](double value) { return std::isfinite(value) && value >= 0; };
+    auto const not_negative = [](double value) { return is_finite(value) && value >= 0; };
     auto const& [wave_speed, material, speed, rate, acceleration, obstacle_speed] = snapshot.bounds;
-    whole(std::isfinite(snapshot.time) && not_negative(snapshot.previous) && not_negative(snapshot.last),
+    whole(is_finite(snapshot.time) && not_negative(snapshot.previous) && not_negative(snapshot.last),
           "a time is not finite");
     whole(not_negative(wave_speed) && not_negative(speed) && not_negative(rate) &&
               not_negative(acceleration) && not_negative(obstacle_speed) && material >= 0 &&
@@ -188,7 +190,7 @@ void require_whole(Snapshot<Number, d> const& snapshot, double largest_coordinat
     }
     for (auto const& gone : snapshot.isolated) {
         whole(gone.particle < snapshot.next_id && gone.material < snapshot.materials.size() &&
-                  gone.position.allFinite() && std::isfinite(gone.time) && not_negative(gone.dt) &&
+                  all_finite(gone.position) && is_finite(gone.time) && not_negative(gone.dt) &&
                   *describe(gone.cause) != 0,
               "somebody was taken out of the scene who was never there, or for no reason");
         ids.push_back(gone.particle);

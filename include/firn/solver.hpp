@@ -4,6 +4,7 @@
 #include <firn/concepts.hpp>
 #include <firn/core/entrance.hpp>
 #include <firn/core/exactly_equal.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/effects/reflecting_wall.hpp>
 #include <firn/interpolation/quadratic_b_spline.hpp>
 #include <firn/known_walls.hpp>
@@ -293,7 +294,7 @@ public:
     std::vector<StepReport> steps(std::size_t count, double dt, Effects const&... effects)
     {
         auto const visit = entrance_.to_change("Solver::step");
-        require(std::isfinite(dt) && dt > 0, "the time step is not a finite number above 0", "Solver::step",
+        require(is_finite(dt) && dt > 0, "the time step is not a finite number above 0", "Solver::step",
                 "Pass seconds.");
         require(count <= std::vector<StepReport>().max_size(),
                 "the number of steps is below 0, or beyond what memory has room to report", "Solver::steps",
@@ -371,7 +372,7 @@ public:
     AdvanceReport advance(double duration, Effects const&... effects)
     {
         auto const visit = entrance_.to_change("Solver::advance");
-        require(std::isfinite(duration) && duration >= 0, "the duration is not a finite number, 0 or above",
+        require(is_finite(duration) && duration >= 0, "the duration is not a finite number, 0 or above",
                 "Solver::advance", "Pass seconds, e.g. 1.0 / 24.");
         if (duration > 0) require_to_last(duration, "Solver::advance");
         validate_effects("Solver::advance", effects...);
@@ -925,7 +926,7 @@ private:
                     static_cast<Number>(duration) >= std::numeric_limits<Number>::min(),
                 "the time is too short: beside the solver's own, or in its precision, it is none", where,
                 "Pass a longer one.");
-        require(std::isfinite(course_.time + duration),
+        require(is_finite(course_.time + duration),
                 "the time is too long: with the solver's own it is beyond all numbers", where,
                 "Pass a shorter one.");
     }

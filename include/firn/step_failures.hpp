@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/components.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/math/product.hpp>
 #include <firn/phases/conclude_step.hpp>
@@ -64,7 +65,7 @@ FIRN_SELDOM std::vector<StepFailure> without_stress(Parts const& parts, std::siz
         parts.template particles<k>().for_each([&](std::uint32_t row, auto& particle) {
             auto const response = parts.template response<k>(particle);
             bool const finite =
-                all_finite(response.kirchhoff_stress) && std::isfinite(double(response.wave_modulus));
+                all_finite(response.kirchhoff_stress) && is_finite(double(response.wave_modulus));
             if ((response.inverted || !finite) && found.size() <= most)
                 found.push_back(
                     failure_of<k>(parts, row, finite ? Mishap::inverted : Mishap::not_finite, time, dt, 1));
@@ -125,9 +126,9 @@ template <class Parts, class Rule, class Values>
             if (!(step < shortest)) return;
             shortest = step;
             slowest = row;
-            cause = response.inverted                               ? Mishap::inverted
-                    : !std::isfinite(double(response.wave_modulus)) ? Mishap::not_finite
-                                                                    : Mishap::stalled;
+            cause = response.inverted                           ? Mishap::inverted
+                    : !is_finite(double(response.wave_modulus)) ? Mishap::not_finite
+                                                                : Mishap::stalled;
         });
         if (slowest) found = failure_of<k>(parts, *slowest, cause, time, dt, 1);
     });

@@ -100,6 +100,8 @@ struct TestLane
     friend Mask operator==(TestLane a, TestLane b) { return compare([&](auto i) { return a.value[i] == b.value[i]; }); }
     friend Mask operator!=(TestLane a, TestLane b) { return compare([&](auto i) { return a.value[i] != b.value[i]; }); }
 
+    friend Mask is_below(TestLane a, TestLane b) { return compare([&](auto i) { return firn::is_below(a.value[i], b.value[i]); }); }
+
     friend TestLane select(Mask m, TestLane a, TestLane b) { return make([&](auto i) { return m.value[i] ? a.value[i] : b.value[i]; }); }
     friend TestLane min(TestLane a, TestLane b) { return make([&](auto i) { return firn::min(a.value[i], b.value[i]); }); }
     friend TestLane max(TestLane a, TestLane b) { return make([&](auto i) { return firn::max(a.value[i], b.value[i]); }); }

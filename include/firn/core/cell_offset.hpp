@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/exactly_equal.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/core/lane.hpp>
 
@@ -40,7 +41,7 @@ struct CellOffset
     FIRN_HOST_DEVICE static Stored from(double offset) { return offset; }
     FIRN_HOST_DEVICE static double exact(Stored stored) { return stored; }
     /// Whether an item may have it: also what unwrap() leaves.
-    static bool possible(Stored stored) { return stored >= -0.5 && stored <= 0.5; }
+    static bool possible(Stored stored) { return is_between(-0.5, stored, 0.5); }
 
     /// The offset after a displacement of at most a cell.
     template <class Real>

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/core/space.hpp>
 
-#include <cmath>
 #include <utility>
 
 // Vectors and matrices by their components, where Eigen has expressions: each of those is a type of its own,
@@ -118,13 +118,13 @@ FIRN_HOST_DEVICE inline Matrix<Real, d> matrix_of(Eigen::Matrix<From, n, n> cons
     return make_matrix<Real, d>([&](int i, int j) { return Real(static_cast<Scalar<Real>>(from(i, j))); });
 }
 
-/// Whether all numbers of a vector or a matrix are finite.
+/// Whether all numbers of a vector or a matrix are finite, also where the compiler assumes that they are.
 template <class Number, int rows, int columns>
 bool all_finite(Eigen::Matrix<Number, rows, columns> const& numbers)
 {
     static_assert(rows > 0 && columns > 0);
     for (int i = 0; i < rows * columns; ++i)
-        if (!std::isfinite(numbers.data()[i])) return false;
+        if (!is_finite(numbers.data()[i])) return false;
     return true;
 }
 

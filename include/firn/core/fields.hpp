@@ -3,11 +3,11 @@
 
 #include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/core/space.hpp>
 
-#include <cmath>
 #include <cstddef>
 #include <limits>
 #include <sstream>
@@ -190,10 +190,10 @@ void require_valid(double value, Where const& where, char const* remedy)
         if (condition) return;
         std::ostringstream text;
         text << "a value of '" << Tag::name << "' is " << what;
-        if (std::isfinite(bound)) text << ' ' << bound;
+        if (is_finite(bound)) text << ' ' << bound;
         throw Error{text.str(), where(), remedy};
     };
-    require_that(std::isfinite(value), "not finite", value);
+    require_that(is_finite(value), "not finite", value);
     require_that(value > range.above, "not above", range.above);
     require_that(value >= range.at_least, "below", range.at_least);
     require_that(value <= range.at_most, "above", range.at_most);

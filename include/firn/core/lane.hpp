@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 
 #include <bit>
@@ -68,6 +69,17 @@ FIRN_HOST_DEVICE void for_each_lane(std::uint64_t bits, Use const& use)
         for (; bits != 0; bits &= bits - 1) use(std::countr_zero(bits));
 }
 
+/// Whether a magnitude, 0 or above, lies below a bound, which NaN does not: also where the compiler assumes
+/// that there is no NaN (see core/finite.hpp).
+template <std::floating_point Number>
+FIRN_HOST_DEVICE inline bool is_below(Number magnitude, Number bound)
+{
+    if constexpr (finite_math_only && sizeof(Number) <= 8)
+        return detail::bits_of_magnitude(magnitude) < detail::bits_of_magnitude(bound);
+    else
+        return magnitude < bound;
+}
+
 /// The largest of a lane's numbers.
 template <std::floating_point Number>
 FIRN_HOST_DEVICE constexpr Number largest(Number x)
@@ -113,6 +125,9 @@ concept Lane = requires(Real a, Real b, Scalar<Real> number, Mask<Real> mask)
     {
         mask | mask
         } -> std::convertible_to<Mask<Real>>;
+    {
+        is_below(a, b)
+        } -> std::same_as<Mask<Real>>;
     {
         select(mask, a, b)
         } -> std::same_as<Real>;

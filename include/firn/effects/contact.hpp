@@ -3,6 +3,7 @@
 
 #include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/core/space.hpp>
 #include <firn/math/product.hpp>
@@ -32,8 +33,8 @@ struct Contact
 
     void validate(char const* where) const
     {
-        require(friction >= 0, "the friction coefficient is below 0 or not a number", where,
-                "Pass Coulomb's mu, e.g. 0.5.");
+        require(is_number(friction) && friction >= 0, "the friction coefficient is below 0 or not a number",
+                where, "Pass Coulomb's mu, e.g. 0.5.");
     }
 
     /// The relative velocity after contact with a surface of outward unit normal n; never faster than before.

@@ -3,6 +3,7 @@
 
 #include <firn/core/error.hpp>
 #include <firn/core/exactly_equal.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/math/product.hpp>
 
@@ -78,12 +79,13 @@ struct Motion
     bool is_in_range() const
     {
         constexpr double furthest = 1e15; // what is beyond is none of single precision's
-        auto const within = [furthest](Eigen::Vector3d const& v) {
-            return std::abs(v.x()) <= furthest && std::abs(v.y()) <= furthest && std::abs(v.z()) <= furthest;
-        }; // no NaN
+        auto const is_near = [furthest](double x) { return is_between(-furthest, x, furthest); }; // no NaN is
+        auto const within = [&](Eigen::Vector3d const& v) {
+            return is_near(v.x()) && is_near(v.y()) && is_near(v.z());
+        };
         double const length = length_of_orientation();
         return within(position) && within(velocity) && within(angular_velocity) &&
-               std::abs(time.value_or(0)) <= furthest && length > 1e-6 && length < 1e6;
+               is_near(time.value_or(0)) && is_finite(length) && length > 1e-6 && length < 1e6;
     }
 
     void validate(char const* where) const

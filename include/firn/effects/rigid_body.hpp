@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/components.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/effects/effect.hpp>
 #include <firn/effects/motion.hpp>
 #include <firn/math/inverse.hpp>
@@ -34,7 +35,8 @@ struct RigidBody
     /// A solid ball of even density (Landau & Lifshitz, *Mechanics*, section 32).
     static RigidBody ball(double radius, double mass, Motion const& motion = {})
     {
-        require(radius > 0, "the radius is not above 0", "RigidBody::ball", "Pass metres.");
+        require(is_number(radius) && radius > 0, "the radius is not above 0", "RigidBody::ball",
+                "Pass metres.");
         RigidBody ball{.mass = mass, .motion = motion};
         ball.inertia *= 0.4 * mass * radius * radius;
         ball.validate();
@@ -51,7 +53,7 @@ struct RigidBody
         Eigen::Matrix3d const shares = inertia / trace;
         auto const agree = [&](int a, int b) { return std::abs(shares(a, b) - shares(b, a)) <= 1e-12; };
         bool const symmetric = all_finite(shares) && agree(0, 1) && agree(0, 2) && agree(1, 2);
-        require(std::isfinite(mass) && mass > 0 && symmetric && trace > 0 && is_definite(shares),
+        require(is_finite(mass) && mass > 0 && symmetric && trace > 0 && is_definite(shares),
                 "the mass is not a finite number above 0, or the inertia is not that of a body", "RigidBody",
                 "Pass kg, and a symmetric positive definite matrix in kg m^2.");
         // The sum of m x x^T, whose trace is half the inertia's, is not negative along any axis; a flat
@@ -81,7 +83,7 @@ struct RigidBody
     void advance(Reaction const& received, double dt, Eigen::Vector3d const& gravity)
     {
         validate();
-        require(std::isfinite(dt) && dt >= 0 && all_finite(gravity) && all_finite(received.impulse) &&
+        require(is_finite(dt) && dt >= 0 && all_finite(gravity) && all_finite(received.impulse) &&
                     all_finite(received.angular_impulse),
                 "what a body received is not finite, or the time it took is below 0", "RigidBody::advance",
                 "Pass a reaction, seconds and m/s^2.");

@@ -3,6 +3,7 @@
 
 #include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/core/space.hpp>
 
@@ -23,8 +24,8 @@ struct Lattice
 /// The lattice of cell size h [m]; throws an Error unless h > 0 and all numbers are finite.
 inline Lattice lattice(double cell_size, Eigen::Vector3d const& origin = {0, 0, 0})
 {
-    require(std::isfinite(cell_size) && cell_size > 0, "the cell size is not a finite number above 0",
-            "lattice", "Pass the grid spacing in metres, e.g. twice the distance between particles.");
+    require(is_finite(cell_size) && cell_size > 0, "the cell size is not a finite number above 0", "lattice",
+            "Pass the grid spacing in metres, e.g. twice the distance between particles.");
     require(all_finite(origin), "the origin is not finite", "lattice",
             "Pass the position of node (0, 0, 0) in metres.");
     return {cell_size, origin};

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/finite.hpp>
 #include <firn/effects/rigid_body.hpp>
 #include <firn/io/checksum.hpp>
 #include <firn/io/replace_file.hpp>
@@ -362,8 +363,10 @@ MaterialSnapshot<Number, d> get_material(CheckpointReader& in)
         double mass = 0, volume = 0;
         in.values(first, mass, volume);
         constexpr double most = std::numeric_limits<Number>::max();
-        require(mass <= most && volume <= most && mass > 0 && volume > 0, "a mass or volume is out of range",
-                "read_checkpoint", "The file was not written by this library: pass another one.");
+        require(is_finite(mass) && is_finite(volume) && mass <= most && volume <= most && mass > 0 &&
+                    volume > 0,
+                "a mass or volume is out of range", "read_checkpoint",
+                "The file was not written by this library: pass another one.");
         material.portions.push_back({first, static_cast<Number>(mass), static_cast<Number>(volume)});
     }
     material.ids = in.all<std::uint32_t>(particles);

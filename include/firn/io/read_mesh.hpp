@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/io/triangle_mesh.hpp>
 
 #include <assimp/Importer.hpp>
@@ -15,7 +17,6 @@
 #include <array>
 #include <bit>
 #include <cctype>
-#include <cmath>
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
@@ -95,13 +96,13 @@ private:
         for (unsigned i = 0; i < part.mNumVertices; ++i) {
             auto const& v = part.mVertices[i];
             Eigen::Vector3d const in_file = (to_world * Eigen::Vector4d{v.x, v.y, v.z, 1}).template head<3>();
-            if (!in_file.allFinite())
+            if (!all_finite(in_file))
                 throw Error{"vertex " + std::to_string(i) + " of mesh part '" + part.mName.C_Str() +
                                 "' is not finite",
                             path_, "Repair the file: every coordinate must be a finite number."};
             Eigen::Vector3d const placed =
                 placement_.rotation * (placement_.scale * in_file) + placement_.translation;
-            if (!placed.allFinite())
+            if (!all_finite(placed))
                 throw Error{"vertex " + std::to_string(i) + " of mesh part '" + part.mName.C_Str() +
                                 "' is placed beyond all numbers",
                             path_, "Check the placement's scale and translation [m]."};
@@ -133,13 +134,13 @@ private:
 
 inline void check_placement(MeshPlacement const& placement)
 {
-    require(std::isfinite(placement.scale) && placement.scale > 0,
+    require(is_finite(placement.scale) && placement.scale > 0,
             "the mesh's scale is not a finite number above 0", "read_mesh",
             "Pass a finite scale above 0: the metres per unit of the file.");
-    require(placement.translation.allFinite(), "the mesh's translation is not finite", "read_mesh",
+    require(all_finite(placement.translation), "the mesh's translation is not finite", "read_mesh",
             "Pass finite coordinates [m].");
     auto const& R = placement.rotation;
-    bool const proper = R.allFinite() && (R * R.transpose()).isIdentity(1e-6) && R.determinant() > 0;
+    bool const proper = all_finite(R) && (R * R.transpose()).isIdentity(1e-6) && R.determinant() > 0;
     require(proper, "the mesh's rotation is not a rotation matrix", "read_mesh",
             "Pass an orthonormal matrix of determinant 1; scale the mesh by `scale`.");
 }

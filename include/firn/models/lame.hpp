@@ -2,8 +2,8 @@
 #pragma once
 
 #include <firn/core/error.hpp>
+#include <firn/core/finite.hpp>
 
-#include <cmath>
 #include <limits>
 
 namespace firn
@@ -37,7 +37,7 @@ struct Lame
     void validate(char const* where) const
     {
         // 3 lambda + 2 mu is three times the bulk modulus
-        require(std::isfinite(mu) && mu > 0 && std::isfinite(3 * lambda + 2 * mu) && 3 * lambda + 2 * mu > 0,
+        require(is_finite(mu) && mu > 0 && is_finite(3 * lambda + 2 * mu) && 3 * lambda + 2 * mu > 0,
                 "the Lamé parameters are not those of a stable solid", where,
                 "Use firn::lame(young_modulus, poisson_ratio) with E > 0 and -1 < nu < 0.5.");
     }
@@ -48,10 +48,10 @@ struct Lame
 template <class Number = double>
 Lame<Number> lame(double young_modulus, double poisson_ratio)
 {
-    require(std::isfinite(young_modulus) && young_modulus > 0,
-            "Young's modulus is not a finite number above 0", "lame",
-            "Pass E in Pa, e.g. 1.4e5 for fresh snow.");
-    require(poisson_ratio > -1 && poisson_ratio < 0.5, "Poisson's ratio is outside (-1, 0.5)", "lame",
+    require(is_finite(young_modulus) && young_modulus > 0, "Young's modulus is not a finite number above 0",
+            "lame", "Pass E in Pa, e.g. 1.4e5 for fresh snow.");
+    require(is_number(poisson_ratio) && poisson_ratio > -1 && poisson_ratio < 0.5,
+            "Poisson's ratio is outside (-1, 0.5)", "lame",
             "Pass nu below 0.5, e.g. 0.2 for snow; an explicit step wants at most 0.45.");
     double const mu = young_modulus / (2 * (1 + poisson_ratio));
     double const lambda = young_modulus * poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio));
@@ -62,7 +62,7 @@ Lame<Number> lame(double young_modulus, double poisson_ratio)
 /// digits of.
 inline void require_density(double density, char const* where)
 {
-    require(std::isfinite(density) && density >= double(std::numeric_limits<float>::min()),
+    require(is_finite(density) && density >= double(std::numeric_limits<float>::min()),
             "the density is not a finite number above 0, or nearly 0", where,
             "Pass the density in kg/m^3, e.g. 400 for snow.");
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/finite.hpp>
 #include <firn/models/elasticity/fixed_corotated.hpp>
 #include <firn/models/elasticity/hencky.hpp>
 #include <firn/models/elasticity/neo_hookean.hpp>
@@ -19,9 +20,8 @@ namespace firn::detail
 template <class Number>
 Number bulk_modulus_for(double fastest, double density, char const* where)
 {
-    require(std::isfinite(fastest) && fastest > 0,
-            "the speed of the fastest flow is not a finite number above 0", where,
-            "Pass m/s, e.g. sqrt(2 g H) for a fall from a height H.");
+    require(is_finite(fastest) && fastest > 0, "the speed of the fastest flow is not a finite number above 0",
+            where, "Pass m/s, e.g. sqrt(2 g H) for a fall from a height H.");
     return static_cast<Number>(density * 100 * fastest * fastest);
 }
 } // namespace firn::detail

@@ -184,7 +184,12 @@ private:
     {
         Vector<Real, d> bounded;
         FIRN_UNROLL
-        for (int a = 0; a < d; ++a) bounded[a] = min(max(Real(-1), displacement[a]), Real(1));
+        for (int a = 0; a < d; ++a) {
+            Real way = displacement[a];
+            if constexpr (finite_math_only) // then min and max may let NaN pass
+                way = select(is_below(abs(way), Real(2)), way, Real(1));
+            bounded[a] = min(max(Real(-1), way), Real(1));
+        }
         return bounded;
     }
 
@@ -236,9 +241,9 @@ private:
             FIRN_UNROLL
             for (int b = 0; b < d; ++b) answered += abs(response.kirchhoff_stress(a, b));
         }
-        Mask<Real> const finite = size + answered < Real(std::numeric_limits<Number>::max());
+        Mask<Real> const finite = is_below(size + answered, Real(std::numeric_limits<Number>::max()));
         Real const bound(largest_deformation * largest_deformation);
-        Mask<Real> const calm = (moved < Real(1)) & (rate2 * Real(now->dt * now->dt) < bound);
+        Mask<Real> const calm = is_below(moved, Real(1)) & is_below(rate2 * Real(now->dt * now->dt), bound);
         Mask<Real> wrong = items.here() & ((!finite) | response.inverted | (!calm));
         if (items.at_the_edge()) wrong = items.here();
         Mask<Real> const capped = items.here() & response.capped;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/error.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/transfer/transfer.hpp>
 
@@ -56,15 +57,17 @@ struct StepControl
         auto const keep = [](bool good, char const* what, char const* remedy) {
             require(good, what, "StepControl", remedy);
         };
-        keep(wave > 0, "wave is not above 0", "Pass a share of the limit, e.g. 0.9.");
-        keep(advection > 0 && advection <= 0.5, "advection is outside (0, 0.5]", "Pass cells, e.g. 0.3.");
-        keep(deformation > 0, "deformation is not above 0", "Pass a change per step, e.g. 0.2.");
-        keep(obstacle > 0, "obstacle is not above 0", "Pass cells, e.g. 0.5.");
-        keep(growth > 1, "growth is not above 1", "Pass the ratio of two steps, e.g. 1.1.");
-        keep(rejection > deformation && (rejection < 1 || std::isinf(rejection)),
+        auto const is_above = [](double factor, double low) { return is_number(factor) && factor > low; };
+        keep(is_above(wave, 0), "wave is not above 0", "Pass a share of the limit, e.g. 0.9.");
+        keep(is_above(advection, 0) && advection <= 0.5, "advection is outside (0, 0.5]",
+             "Pass cells, e.g. 0.3.");
+        keep(is_above(deformation, 0), "deformation is not above 0", "Pass a change per step, e.g. 0.2.");
+        keep(is_above(obstacle, 0), "obstacle is not above 0", "Pass cells, e.g. 0.5.");
+        keep(is_above(growth, 1), "growth is not above 1", "Pass the ratio of two steps, e.g. 1.1.");
+        keep(is_above(rejection, deformation) && (rejection < 1 || !is_finite(rejection)),
              "rejection is neither between deformation and 1 nor infinite",
              "Pass a change per step, e.g. 0.5, or infinity: then none is rejected for it.");
-        keep(smallest > 0 && smallest < 1, "smallest is outside (0, 1)",
+        keep(is_above(smallest, 0) && smallest < 1, "smallest is outside (0, 1)",
              "Pass a share of the duration asked for, e.g. 1e-12.");
         keep(retries >= 0, "retries is below 0", "Pass how often a step may be halved, e.g. 12.");
     }
@@ -85,8 +88,7 @@ struct StepBounds
     FIRN_HOST_DEVICE StepBounds finite() const
     {
         auto const within = [](double value) {
-            constexpr double largest = std::numeric_limits<double>::max();
-            return value <= largest ? value : largest;
+            return is_finite(value) ? value : std::numeric_limits<double>::max();
         };
         return {within(wave_speed),   material,
                 within(speed),        within(deformation_rate),
@@ -157,7 +159,7 @@ FIRN_HOST_DEVICE inline ChosenStep stable_for_material(StepControl const& contro
     ChosenStep step;
     double const wave = limits.wave * cell_size / wave_speed;
     step.bound(control.wave * wave, StepLimit::wave);
-    if (limits.shear < std::numeric_limits<double>::infinity())
+    if (is_finite(limits.shear))
         step.bound(control.wave * damped_limit(wave, limits.shear), StepLimit::viscosity);
     return step;
 }

@@ -5,6 +5,7 @@
 // itself is under the licence named above. It takes 20 s to compile: include it from one translation unit.
 
 #include <firn/core/error.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/core/serial.hpp>
 #include <firn/core/space.hpp>
 #include <firn/effects/shapes/signed_distance_grid.hpp>
@@ -149,9 +150,9 @@ SignedDistanceGrid<Real, 3> distance_from_mesh(MeshInterior const& interior, dou
                                                Loop const& loop = {})
 {
     char const* const where = "distance_from_mesh";
-    require(std::isfinite(cell_size) && cell_size > 0, "the cell size is not a finite number above 0", where,
+    require(is_finite(cell_size) && cell_size > 0, "the cell size is not a finite number above 0", where,
             "Pass a length [m].");
-    require(std::isfinite(margin) && margin >= 0, "the margin is not a finite number, 0 or above", where,
+    require(is_finite(margin) && margin >= 0, "the margin is not a finite number, 0 or above", where,
             "Pass a length [m].");
     auto const& box = interior.bounding_box();
     Eigen::Array3d const cells = ((box.sizes().array() + 2 * margin) / cell_size).ceil().max(1);

@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/core/serial.hpp>
 
 #include <Eigen/Core>
@@ -89,8 +91,8 @@ Eigen::AlignedBox3d box_to_sample(Solid const& interior, char const* sampler)
 {
     Eigen::AlignedBox3d const box = interior.bounding_box();
     double const volume = interior.volume();
-    bool const sound = box.min().allFinite() && box.max().allFinite() && box.volume() > 0;
-    require(sound && std::isfinite(volume) && volume > 0, "there is no solid to sample", sampler,
+    bool const sound = all_finite(box.min()) && all_finite(box.max()) && box.volume() > 0;
+    require(sound && is_finite(volume) && volume > 0, "there is no solid to sample", sampler,
             "The solid's volume and bounding box must be above 0 and finite.");
     return box;
 }

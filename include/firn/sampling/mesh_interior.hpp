@@ -4,6 +4,7 @@
 // LICENCE: including this file makes your binary GPL-3, unless you hold a commercial CGAL licence. This text
 // itself is under the licence named above. It takes 20 s to compile: include it from one translation unit.
 
+#include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
 #include <firn/core/serial.hpp>
 #include <firn/io/triangle_mesh.hpp>
@@ -84,7 +85,7 @@ inline void check_triangles(TriangleMesh const& mesh)
             "Pass a closed triangle surface.");
     for (std::size_t t = 0; t < mesh.triangles.size(); ++t)
         for (auto const corner : mesh.triangles[t])
-            if (corner >= mesh.vertices.size() || !mesh.vertices[corner].allFinite())
+            if (corner >= mesh.vertices.size() || !all_finite(mesh.vertices[corner]))
                 throw Error{"triangle " + std::to_string(t) + " has a corner (vertex " +
                                 std::to_string(corner) + ") that does not exist or is not finite",
                             "MeshInterior", "Correct the mesh's indices and coordinates."};

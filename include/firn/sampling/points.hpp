@@ -4,6 +4,7 @@
 // Particles for a solid. The same seed gives the same points, whatever the loop and the standard library.
 #include <firn/core/error.hpp>
 #include <firn/core/exactly_equal.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/core/serial.hpp>
 #include <firn/sampling/interior.hpp>
 #include <firn/sampling/poisson_disk_points.hpp>
@@ -54,7 +55,7 @@ std::vector<Eigen::Vector3d> lattice_inside(Solid const& interior, double spacin
 inline void check_jitter(double jitter)
 {
     require(
-        jitter >= 0 && jitter <= 1, "the jitter is not in [0, 1]", "lattice_points",
+        is_between(0, jitter, 1), "the jitter is not in [0, 1]", "lattice_points",
         "Pass the fraction of the spacing over which points are scattered: 0 for a lattice, 1 for a point "
         "anywhere in its cell.");
 }
@@ -70,7 +71,7 @@ template <Interior Solid, class Loop = Serial>
 PointSample lattice_points(Solid const& interior, Spacing spacing, double jitter = 0, std::uint64_t seed = 0,
                            Loop const& loop = {})
 {
-    require(std::isfinite(spacing.length) && spacing.length > 0, "the spacing is not a finite number above 0",
+    require(is_finite(spacing.length) && spacing.length > 0, "the spacing is not a finite number above 0",
             "lattice_points", "Pass a finite length [m].");
     detail::check_jitter(jitter);
     auto points = detail::lattice_inside(interior, spacing.length, jitter, seed, loop);

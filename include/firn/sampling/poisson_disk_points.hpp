@@ -3,6 +3,7 @@
 
 #include <firn/core/error.hpp>
 #include <firn/core/exactly_equal.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/core/serial.hpp>
 #include <firn/sampling/interior.hpp>
 
@@ -178,7 +179,7 @@ template <Interior Solid, class Loop = Serial>
 PointSample poisson_disk_points(Solid const& interior, Radius radius, std::uint64_t seed = 0,
                                 Loop const& loop = {})
 {
-    require(std::isfinite(radius.length) && radius.length > 0, "the radius is not a finite number above 0",
+    require(is_finite(radius.length) && radius.length > 0, "the radius is not a finite number above 0",
             "poisson_disk_points", "Pass a finite length [m].");
     return detail::sample_of(interior, detail::poisson_disk_inside(interior, radius.length, seed, loop),
                              "poisson_disk_points");

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/error.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/models/response.hpp>
 #include <firn/transfer/apic.hpp>
 
@@ -38,9 +39,9 @@ struct Asflip
 
     void validate() const
     {
-        require(fraction >= 0 && fraction <= 1, "the FLIP fraction is outside [0, 1]", "Asflip",
+        require(is_between(0, fraction, 1), "the FLIP fraction is outside [0, 1]", "Asflip",
                 "Pass the share of FLIP, e.g. 0.97.");
-        require(separation >= 0 && separation <= 1, "the separation is outside [0, 1]", "Asflip",
+        require(is_between(0, separation, 1), "the separation is outside [0, 1]", "Asflip",
                 "Pass 1, or 0 for particles that move with the grid.");
     }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/error.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/transfer/pic.hpp>
 
 namespace firn
@@ -29,7 +30,7 @@ struct Flip
 
     void validate() const
     {
-        require(fraction >= 0 && fraction <= 1, "the FLIP fraction is outside [0, 1]", "Flip",
+        require(is_between(0, fraction, 1), "the FLIP fraction is outside [0, 1]", "Flip",
                 "Pass the share of FLIP: 0.95 as in the snow paper, 1 for pure FLIP.");
     }
 

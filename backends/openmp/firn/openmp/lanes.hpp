@@ -20,7 +20,15 @@
 #error "nvcc does not compile firn/openmp.hpp with xsimd: include it in a .cpp file."
 #endif
 #define FIRN_HAS_XSIMD
+// With SSE2 xsimd rounds by adding a large number and taking it away again. It keeps that from being simplified
+// where __FAST_MATH__ is defined, which -ffast-math -fno-finite-math-only does not do.
+#if defined(__ASSOCIATIVE_MATH__) && !defined(__FAST_MATH__)
+#define __FAST_MATH__ 1
 #include <xsimd/xsimd.hpp>
+#undef __FAST_MATH__
+#else
+#include <xsimd/xsimd.hpp>
+#endif
 #endif
 
 namespace firn::openmp
@@ -401,6 +409,24 @@ struct Pack
     friend Mask operator>=(Pack a, Pack b) { return {a.value >= b.value}; }
     friend Mask operator==(Pack a, Pack b) { return {a.value == b.value}; }
     friend Mask operator!=(Pack a, Pack b) { return !(a == b); }
+
+    /// Where a magnitude, 0 or above, lies below a bound, which NaN does not: by bits, as in the scalar lane.
+    friend Mask is_below(Pack magnitude, Pack bound)
+    {
+        if constexpr (finite_math_only) {
+            using Integer = std::conditional_t<sizeof(Number) == 4, std::int32_t, std::int64_t>;
+            using Integers = xsimd::batch<Integer, Arch>;
+            using Register = typename Integers::register_type;
+            auto const bits = [](Pack x) {
+                Integers const all(firn::detail::opaque(std::bit_cast<Register>(x.value.data)));
+                return all & Integers(std::numeric_limits<Integer>::max());
+            };
+            auto const is_less = bits(magnitude) < bits(bound);
+            return {typename Mask::Batch(std::bit_cast<typename Mask::Batch::register_type>(is_less.data))};
+        }
+        else
+            return magnitude < bound;
+    }
 
     friend Pack select(Mask condition, Pack if_true, Pack if_false)
     {

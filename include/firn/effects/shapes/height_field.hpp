@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/error.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/core/space.hpp>
 #include <firn/effects/shapes/samples_on.hpp>
@@ -58,8 +59,9 @@ struct HeightFieldView
         Real weight[std::size_t(across)][4], change[std::size_t(across)][4];
         int first[std::size_t(across)];
         for (int i = 0; i < across; ++i) {
-            Real const last = Real(count[std::size_t(i)] - 1),
-                       u = (x[axis(i)] - origin[std::size_t(i)]) / spacing;
+            Real const last = Real(count[std::size_t(i)] - 1);
+            Real u = (x[axis(i)] - origin[std::size_t(i)]) / spacing;
+            if constexpr (finite_math_only) u = is_number(u) ? u : Real(-1); // comparisons may let NaN pass
             bool const within = u >= 0 && u <= last; // not so for what is not a number
             Real const kept = within ? u : (u > last ? last : Real(0));
             int const cell = int(kept) < count[std::size_t(i)] - 2 ? int(kept) : count[std::size_t(i)] - 2;
@@ -148,7 +150,7 @@ public:
         : view_{origin, spacing, count, nullptr}
     {
         char const* const where = "HeightField";
-        auto const is_finite = [](Real x) { return std::isfinite(x); };
+        auto const is_finite = [](Real x) { return firn::is_finite(x); };
         require(is_finite(spacing) && spacing > 0 && std::ranges::all_of(origin, is_finite),
                 "the spacing of the heights is not above 0, or their origin is not finite", where,
                 "Pass lengths in metres.");

@@ -2,10 +2,9 @@
 #pragma once
 
 #include <firn/core/error.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/effects/shapes/shape.hpp>
-
-#include <cmath>
 
 namespace firn
 {
@@ -31,7 +30,7 @@ struct Shell
     void validate() const
     {
         if constexpr (requires { shape.validate(); }) shape.validate();
-        require(std::isfinite(thickness) && thickness > 0,
+        require(is_finite(thickness) && thickness > 0,
                 "the thickness of a shell is not a finite number above 0", "Shell",
                 "Pass metres, e.g. a tenth of a cell.");
         require(thickness <= largest_length, "the thickness of a shell is out of range", "Shell",

@@ -1,8 +1,10 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
 #include <firn/core/exactly_equal.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/core/space.hpp>
 #include <firn/effects/shapes/samples_on.hpp>
@@ -62,6 +64,7 @@ private:
         for (int i = 0; i < d; ++i) {
             Real const last = Real(nodes[i] - 1);
             Real u = (x[i] - origin[i]) / cell_size;
+            if constexpr (finite_math_only) u = is_number(u) ? u : Real(-1); // comparisons may let NaN pass
             bool const inside = u >= 0 && u <= last;
             u = u > 0 ? (u < last ? u : last) : Real(0); // 0 for what is not a number
             nearest[i] = inside ? x[i] : origin[i] + u * cell_size;
@@ -125,7 +128,7 @@ public:
         : origin_(origin), cell_size_(cell_size), nodes_(nodes)
     {
         char const* const where = "SignedDistanceGrid";
-        require(std::isfinite(cell_size) && cell_size > 0 && origin.allFinite(),
+        require(is_finite(cell_size) && cell_size > 0 && all_finite(origin),
                 "the grid's cell size is not above 0, or its origin is not finite", where,
                 "Pass lengths in metres.");
         require((nodes >= 2).all(), "the grid has an axis of fewer than 2 nodes", where, "Use more nodes.");
@@ -133,7 +136,8 @@ public:
                               nodes.template cast<double>().prod()), // which cannot overflow
                 "the number of values is not that of the nodes", where,
                 "Pass one distance for each node, x fastest.");
-        require(std::ranges::all_of(values, [](Real v) { return std::abs(v) <= Real(largest_length); }),
+        require(std::ranges::all_of(values,
+                                    [](Real v) { return is_between(-largest_length, v, largest_length); }),
                 "a distance is not finite, or out of range", where, "Pass a distance [m] for each node.");
         require(detail::tells_cells_apart<Real, d>(origin, cell_size, nodes),
                 "the grid lies so far from its frame's origin that its cells are lost to rounding", where,

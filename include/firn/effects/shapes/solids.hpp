@@ -3,6 +3,7 @@
 
 #include <firn/core/error.hpp>
 #include <firn/core/exactly_equal.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/effects/shapes/shape.hpp>
 
@@ -26,7 +27,7 @@ FIRN_HOST_DEVICE SurfaceSample<Real, d> around_point(Vector<Real, d> const& away
 
 inline void require_length(double length, char const* where)
 {
-    require(std::isfinite(length) && length > 0, "a radius or extent is not a finite number above 0", where,
+    require(is_finite(length) && length > 0, "a radius or extent is not a finite number above 0", where,
             "Pass lengths in metres, above 0.");
     require(length <= largest_length, "a radius or extent is out of range", where,
             "Pass metres; a plane is a HalfSpace.");
@@ -57,7 +58,7 @@ struct Capsule
     void validate() const
     {
         detail::require_length(radius, "Capsule");
-        require(half_length >= 0 && half_length <= largest_length,
+        require(is_between(0, half_length, largest_length),
                 "the half length of a capsule is below 0 or out of range", "Capsule",
                 "Pass a length in metres.");
     }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/fields.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/models/lame.hpp>
 #include <firn/models/response.hpp>
 
@@ -54,14 +55,14 @@ struct Fluid
     void validate() const
     {
         require_density(double(density), name);
-        require(bulk_modulus > 0 && std::isfinite(bulk_modulus),
+        require(bulk_modulus > 0 && is_finite(bulk_modulus),
                 "the bulk modulus is not a finite number above 0", name,
                 "Pass Pa: density times the square of ten times the fastest flow.");
         // at 1000 what is compressed by a hundredth is 20 000 times as stiff
-        require(exponent >= 1 && exponent <= 1000, "the exponent is outside [1, 1000]", name,
+        require(is_between(1, exponent, 1000), "the exponent is outside [1, 1000]", name,
                 "Pass gamma, e.g. 7 for water.");
-        require(viscosity >= 0 && std::isfinite(viscosity),
-                "the viscosity is not a finite number, 0 or above", name, "Pass Pa s, e.g. 1e-3 for water.");
+        require(viscosity >= 0 && is_finite(viscosity), "the viscosity is not a finite number, 0 or above",
+                name, "Pass Pa s, e.g. 1e-3 for water.");
     }
 
     /// What is wrong with a state from outside: that it bears a tension that this fluid does not, or that

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/finite.hpp>
 #include <firn/models/elasticity/split_neo_hookean.hpp>
 #include <firn/models/plasticity/isochoric.hpp>
 
@@ -17,8 +18,9 @@ namespace firn
 /// principal stresses and p their mean: 2 sin phi, which is Mohr–Coulomb itself.
 inline double critical_slope(int d, double friction_angle)
 {
-    require(friction_angle > 0 && friction_angle < 1.5707, "the angle of friction is outside (0, pi/2)",
-            "critical_slope", "Pass radians, e.g. 0.52 (30 degrees).");
+    require(is_number(friction_angle) && friction_angle > 0 && friction_angle < 1.5707,
+            "the angle of friction is outside (0, pi/2)", "critical_slope",
+            "Pass radians, e.g. 0.52 (30 degrees).");
     require(d == 2 || d == 3, "there are two or three dimensions", "critical_slope", "Pass 2 or 3.");
     double const s = std::sin(friction_angle);
     return d == 2 ? 2 * s : 6 * s / (3 - s);
@@ -62,16 +64,16 @@ struct CamClayFlow
     void validate() const
     {
         // M of any angle is at most 3; beyond some thousands rounding leaves nothing of the ellipse
-        require(slope > 0 && slope <= 1000, "the slope M is outside (0, 1000]", name,
+        require(is_number(slope) && slope > 0 && slope <= 1000, "the slope M is outside (0, 1000]", name,
                 "Pass critical_slope(dimension, angle).");
         // what flow does to p0 is a difference of pressures of beta p0: rounding is to leave something of it
-        require(cohesion >= 0 && cohesion <= 1000, "the cohesion is outside [0, 1000]", name,
+        require(is_between(0, cohesion, 1000), "the cohesion is outside [0, 1000]", name,
                 "Pass beta, e.g. 0.5; 0 for what bears no tension.");
-        require(hardening >= 0 && std::isfinite(hardening),
-                "the hardening is not a finite number, 0 or above", name, "Pass xi, e.g. 3.");
+        require(hardening >= 0 && is_finite(hardening), "the hardening is not a finite number, 0 or above",
+                name, "Pass xi, e.g. 3.");
         // e^100 times as loose as at the last touch: what is kept is added to it
-        require(start <= 100 && std::isfinite(start),
-                "alpha at the start is not a finite number, 100 or below", name, "Pass alpha, e.g. -0.01.");
+        require(start <= 100 && is_finite(start), "alpha at the start is not a finite number, 100 or below",
+                name, "Pass alpha, e.g. -0.01.");
         require(lowest_opening() <= 0,
                 "alpha at the start gives a p0 above kappa / 2, which no pressure reaches", name,
                 "Pass alpha from -0.481 / xi on, e.g. -0.01.");

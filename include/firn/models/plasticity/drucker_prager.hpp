@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/finite.hpp>
 #include <firn/models/elasticity/hencky.hpp>
 #include <firn/models/plasticity/deviator.hpp>
 
@@ -13,8 +14,9 @@ namespace firn
 /// an angle of asin(sqrt(2) alpha) there, 27.5 instead of 30 degrees.
 inline double friction_cone(int d, double friction_angle)
 {
-    require(friction_angle >= 0 && friction_angle < 1.5707, "the angle of friction is outside [0, pi/2)",
-            "friction_cone", "Pass radians, e.g. 0.61 (35 degrees) for dry sand.");
+    require(is_number(friction_angle) && friction_angle >= 0 && friction_angle < 1.5707,
+            "the angle of friction is outside [0, pi/2)", "friction_cone",
+            "Pass radians, e.g. 0.61 (35 degrees) for dry sand.");
     require(d == 2 || d == 3, "there are scenes in 2 and in 3 dimensions", "friction_cone",
             "Pass one of these.");
     double const s = std::sin(friction_angle);
@@ -49,10 +51,10 @@ struct DruckerPragerFlow
 
     void validate() const
     {
-        require(cone >= 0 && std::isfinite(cone), "the slope of the cone is not a finite number, 0 or above",
+        require(cone >= 0 && is_finite(cone), "the slope of the cone is not a finite number, 0 or above",
                 name, "Pass friction_cone(dimension, angle).");
         // beyond a stretch of e Hencky's law has lost its stability, and strains are rounded as this one is
-        require(cohesion >= 0 && cohesion <= 10, "the cohesion is outside [0, 10]", name,
+        require(is_between(0, cohesion, 10), "the cohesion is outside [0, 10]", name,
                 "Pass a logarithmic strain, e.g. 0 for dry sand; what never parts is VonMises or Hencky.");
     }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/exactly_equal.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/models/elasticity/split_neo_hookean.hpp>
 #include <firn/models/plasticity/isochoric.hpp>
 
@@ -39,12 +40,11 @@ struct HerschelBulkleyFlow
 
     void validate() const
     {
-        require(yield_stress >= 0 && std::isfinite(yield_stress),
+        require(yield_stress >= 0 && is_finite(yield_stress),
                 "the yield stress is not a finite number, 0 or above", name, "Pass Pa.");
-        require(consistency > 0 && std::isfinite(consistency),
-                "the consistency is not a finite number above 0", name,
-                "Pass Pa s^power; what flows at once is VonMises.");
-        require(power > 0.05 && power <= 1, "the power is outside (0.05, 1]", name,
+        require(consistency > 0 && is_finite(consistency), "the consistency is not a finite number above 0",
+                name, "Pass Pa s^power; what flows at once is VonMises.");
+        require(is_number(power) && power > 0.05 && power <= 1, "the power is outside (0.05, 1]", name,
                 "Pass 1 for a Bingham fluid, less for one that thins; this model has none that thickens.");
     }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/exactly_equal.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/math/inverse.hpp>
 #include <firn/models/elasticity/fixed_corotated.hpp>
 
@@ -46,16 +47,16 @@ struct SnowFlow
 
     void validate() const
     {
-        require(critical_compression >= 0 && critical_compression < 1,
+        require(is_number(critical_compression) && critical_compression >= 0 && critical_compression < 1,
                 "the critical compression is outside [0, 1)", name, "Pass theta_c, e.g. 2.5e-2.");
-        require(critical_stretch >= 0 && std::isfinite(critical_stretch),
+        require(critical_stretch >= 0 && is_finite(critical_stretch),
                 "the critical stretch is not a finite number, 0 or above", name,
                 "Pass theta_s, e.g. 7.5e-3.");
-        require(hardening >= 0 && std::isfinite(hardening),
+        require(hardening >= 0 && is_finite(hardening),
                 "the hardening coefficient is not a finite number, 0 or above", name, "Pass xi, e.g. 10.");
         // a hundredth of the one and a hundred times the other are still numbers
-        require(smallest_plastic_ratio >= Number(1e-6) && smallest_plastic_ratio <= 1 &&
-                    largest_plastic_ratio >= 1 && largest_plastic_ratio <= Number(1e6),
+        require(is_between(Number(1e-6), smallest_plastic_ratio, 1) &&
+                    is_between(1, largest_plastic_ratio, Number(1e6)),
                 "the caps of J_P do not enclose 1, or are outside [1e-6, 1e6]", name,
                 "Pass 1e-6 <= smallest <= 1 <= largest <= 1e6, e.g. 0.6 and 20.");
         // half of the range of numbers is left to the moduli
@@ -72,12 +73,14 @@ struct SnowFlow
     {
         constexpr int d = Space::dimension;
         double const J = 1 + double(volume_change<Number, d>(state[DisplacementGradient{}]));
-        if (!(J > 0)) return "an elastic volume ratio of " + std::to_string(J) + " is not above 0";
+        if (!is_number(J) || J <= 0)
+            return "an elastic volume ratio of " + std::to_string(J) + " is not above 0";
         // what flows is taken away: of stretches too far apart nothing but a rounding would be left
         Matrix<double, d> const F =
             Matrix<double, d>::Identity() + state[DisplacementGradient{}].template cast<double>();
         double const apart = F.norm() * inverse<double, d>(F).norm();
-        bool const borne = apart * 64 * double(std::numeric_limits<Number>::epsilon()) <= 1;
+        bool const borne =
+            is_finite(apart) && apart * 64 * double(std::numeric_limits<Number>::epsilon()) <= 1;
         return borne ? std::string() : "elastic stretches are further apart than the scene's numbers bear";
     }
 

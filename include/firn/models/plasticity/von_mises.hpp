@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/finite.hpp>
 #include <firn/models/elasticity/hencky.hpp>
 #include <firn/models/plasticity/deviator.hpp>
 
-#include <cmath>
 #include <string>
 
 namespace firn
@@ -34,7 +34,7 @@ struct VonMisesFlow
 
     void validate() const
     {
-        require(yield_stress > 0 && std::isfinite(yield_stress),
+        require(yield_stress > 0 && is_finite(yield_stress),
                 "the yield stress is not a finite number above 0", name, "Pass Pa, e.g. 1e4 for clay.");
     }
 
@@ -88,7 +88,7 @@ struct HardeningVonMisesFlow : VonMisesFlow<SpaceType>
     void validate() const
     {
         VonMisesFlow<SpaceType>::validate();
-        require(hardening_modulus >= 0 && std::isfinite(hardening_modulus),
+        require(hardening_modulus >= 0 && is_finite(hardening_modulus),
                 "the hardening modulus is not a finite number, 0 or above", name,
                 "Pass Pa; what does not harden is VonMises.");
     }
@@ -98,7 +98,7 @@ struct HardeningVonMisesFlow : VonMisesFlow<SpaceType>
     std::string objection(Particle const& state) const
     {
         Number const strain = state[EquivalentPlasticStrain{}];
-        if (std::isfinite(this->yield_stress + hardening_modulus * strain)) return {};
+        if (is_finite(this->yield_stress + hardening_modulus * strain)) return {};
         return "an equivalent plastic strain of " + std::to_string(double(strain)) +
                " gives a yield stress beyond all numbers";
     }
