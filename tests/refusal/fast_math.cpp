@@ -304,23 +304,6 @@ void check_steps()
     }
 }
 
-template <class Real>
-void check_lanes(char const* what)
-{
-    using firn::bits, firn::is_below, firn::abs;
-    using Number = firn::Scalar<Real>;
-    Number values[16];
-    for (Number& value : values) value = 1;
-    values[0] = Number(nan);
-    if (firn::lane_width < Real >> 1) values[firn::lane_width<Real> - 1] = Number(infinity);
-    Real const value = firn::LaneTraits<Real>::load(values), largest(std::numeric_limits<Number>::max());
-    std::uint64_t const all = (std::uint64_t{1} << firn::lane_width<Real>)-1;
-    std::uint64_t const expected = firn::lane_width<Real> > 1 ? all & ~(all / 2 + 1) & ~std::uint64_t{1} : 0;
-    check(bits(is_below(abs(value), largest)) == expected, what);
-    check(bits(is_below(abs(value + value), Real(Number(2.5)))) == expected, what);
-    check(bits(is_below(abs(value), Real(Number(1)))) == 0, what);
-}
-
 } // namespace
 
 int main()
@@ -328,12 +311,6 @@ int main()
     check_input();
     check_materials();
     check_steps();
-    check_lanes<float>("numbers of single precision");
-    check_lanes<double>("numbers of double precision");
-#if defined(FIRN_HAS_XSIMD)
-    check_lanes<firn::openmp::NativePack<float>>("packs of single precision");
-    check_lanes<firn::openmp::NativePack<double>>("packs of double precision");
-#endif
     std::printf("%d checks, of which %d fail\n", checks, failures);
     return failures == 0 ? 0 : 1;
 }

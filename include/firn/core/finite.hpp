@@ -16,10 +16,11 @@
 #if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0
 #define FIRN_FINITE_MATH_ONLY
 #if !defined(FIRN_ALLOW_FAST_MATH)
-#error                                                                                                       \
-    "Firn: -ffinite-math-only (part of -ffast-math and -Ofast) lets the compiler delete checks for NaN and \
-infinity. Add -fno-finite-math-only behind it, or define FIRN_ALLOW_FAST_MATH: Firn's own checks of input and of \
-steps hold all the same."
+// clang-format off
+#error "Firn: -ffinite-math-only (part of -ffast-math and -Ofast) lets the compiler delete checks for NaN and \
+infinity. Add -fno-finite-math-only behind it, with clang -fno-associative-math, too; or define \
+FIRN_ALLOW_FAST_MATH: Firn's own checks of input and of steps hold all the same."
+// clang-format on
 #endif
 #endif
 

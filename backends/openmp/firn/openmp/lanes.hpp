@@ -7,6 +7,7 @@
 
 #include <array>
 #include <bit>
+#include <cmath>
 #include <concepts>
 #include <cstdint>
 #include <cstring>
@@ -20,15 +21,14 @@
 #error "nvcc does not compile firn/openmp.hpp with xsimd: include it in a .cpp file."
 #endif
 #define FIRN_HAS_XSIMD
-// With SSE2 xsimd rounds by adding a large number and taking it away again. It keeps that from being simplified
-// where __FAST_MATH__ is defined, which -ffast-math -fno-finite-math-only does not do.
-#if defined(__ASSOCIATIVE_MATH__) && !defined(__FAST_MATH__)
-#define __FAST_MATH__ 1
-#include <xsimd/xsimd.hpp>
-#undef __FAST_MATH__
-#else
 #include <xsimd/xsimd.hpp>
 #endif
+
+// Without SSE4.1 xsimd rounds by adding a large number and taking it away again, which -fassociative-math
+// (part of -ffast-math) simplifies to nothing: exp is off by a third then. clang does likewise to its
+// logarithm. These functions are the C library's there, one number at a time.
+#if (defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__)) && (defined(__clang__) || !defined(__SSE4_1__))
+#define FIRN_FUNCTIONS_BY_NUMBER
 #endif
 
 namespace firn::openmp
@@ -451,6 +451,20 @@ struct Pack
 #endif
         return Pack(xsimd::sqrt(a.value));
     }
+#if defined(FIRN_FUNCTIONS_BY_NUMBER)
+    friend Pack floor(Pack a)
+    {
+        return by_number(a, [](Number x) { return std::floor(x); });
+    }
+    friend Pack exp(Pack a)
+    {
+        return by_number(a, [](Number x) { return std::exp(x); });
+    }
+    friend Pack log(Pack a)
+    {
+        return by_number(a, [](Number x) { return std::log(x); });
+    }
+#else
     friend Pack floor(Pack a) { return Pack(xsimd::floor(a.value)); }
 
     /// To 2 ulp; results below the smallest normal number are 0, those within a factor 1.5 of the largest, ∞.
@@ -470,6 +484,7 @@ struct Pack
             return of_scaled - select(small, Pack(Number(54 * 0.693147180559945309417)), Pack(0));
         }
     }
+#endif
 
     friend Pack inverse_sqrt(Pack a) { return inverse_sqrt_of(a); }
 
@@ -486,6 +501,17 @@ struct Pack
     }
 
 private:
+#if defined(FIRN_FUNCTIONS_BY_NUMBER)
+    template <class Function>
+    static Pack by_number(Pack x, Function const& function)
+    {
+        Number lanes[width];
+        x.store(lanes);
+        for (Number& lane : lanes) lane = function(lane);
+        return load(lanes);
+    }
+#endif
+
 #if defined(__AVX2__) && !defined(__AVX512VL__)
     static constexpr int words = sizeof(Number) / 4; ///< of 32 bits in a lane
     static constexpr bool is_eight_words = width * words == 8;
