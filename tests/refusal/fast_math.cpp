@@ -1,9 +1,13 @@
 // SPDX-License-Identifier: MIT
-// A program to be compiled with flags that let a compiler assume that there is no NaN (see fast_math.sh):
-// what the library refuses without them it refuses with them, and a step that makes NaN is rejected. Without
-// a test framework, whose own comparisons such flags may change.
+// A program to be compiled with flags that let a compiler assume that there is no NaN (see fast_math.sh), for
+// either backend: what the library refuses without them it refuses with them, and a step that makes NaN is
+// rejected. Without a test framework, whose own comparisons such flags may change.
 #include <firn/firn.hpp>
+#if defined(__CUDACC__)
+#include <firn/cuda.hpp>
+#else
 #include <firn/openmp.hpp>
+#endif
 
 #include <bit>
 #include <cstdint>
@@ -76,7 +80,14 @@ struct Bursting
 };
 
 using Space = firn::Space<2, float>;
-using Solver = firn::Solver<firn::OpenMP, Bursting<Space>, firn::QuadraticBSpline, firn::Mls>;
+#if defined(__CUDACC__)
+using Backend = firn::Cuda;
+#else
+using Backend = firn::OpenMP;
+#endif
+using Samples = firn::SignedDistanceGrid<float, 2>;
+using Floor = firn::SignedDistanceGridOn<Backend, float, 2>;
+using Solver = firn::Solver<Backend, Bursting<Space>, firn::QuadraticBSpline, firn::Mls>;
 using Velocities = std::vector<Eigen::Vector2f>;
 constexpr double h = 0.1;
 
@@ -84,8 +95,9 @@ constexpr double h = 0.1;
 struct Around
 {
     firn::Gravity gravity{.acceleration = {0, 0, 0}};
-    firn::SignedDistanceGrid<float, 2> samples{{-1, -1}, 0.5f, {5, 2}, {-1, -1, -1, -1, -1, 1, 1, 1, 1, 1}};
-    firn::Obstacle<firn::SignedDistanceGrid<float, 2>> floor{.shape = samples, .on_particles = true};
+    firn::Obstacle<Floor> floor{
+        .shape = Samples({-1, -1}, 0.5f, {5, 2}, {-1, -1, -1, -1, -1, 1, 1, 1, 1, 1}).on(Backend{}),
+        .on_particles = true};
 };
 
 void step(Solver& solver, double dt, Around const& around = {})
@@ -108,7 +120,7 @@ Solver solver_of(double stress)
 {
     Bursting<Space> material;
     material.stress = float(stress);
-    Solver solver(firn::lattice(h), material, {}, {.rejection = infinity}, firn::OpenMP{.threads = 1});
+    Solver solver(firn::lattice(h), material, {}, {.rejection = infinity});
     solver.add(block(), h * h / 4);
     return solver;
 }
