@@ -31,7 +31,8 @@
 // Extensions rather than stretches: near rest, differences of stretches from one are rounding errors.
 //
 // A plastic flow (plasticity/) is a struct of parameters with its Space, a `name`, what it keeps of a
-// particle (`Kept`), defaults of density and elasticity, validate(), and
+// particle (`Kept`), defaults of density and elasticity, validate(), or validate(Lame) if its bounds depend
+// on the moduli, and
 //
 // - suits<Law>: whether it is stated in the measure of this law
 //
@@ -150,7 +151,10 @@ struct Elastoplastic : FlowType
     {
         require_density(double(density), name);
         elasticity.validate(name);
-        Flow::validate();
+        if constexpr (requires { this->Flow::validate(elasticity); })
+            Flow::validate(elasticity);
+        else
+            Flow::validate();
     }
 
     template <Lane Real, class Particle>

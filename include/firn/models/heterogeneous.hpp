@@ -15,7 +15,8 @@ namespace firn
 ///
 /// An isotropic law is linear in its moduli, so that stress and rho_0 c^2 are those of the model times the
 /// factor. What is stated in strains stays as it is: snow's critical stretches, the cone of sand. What is
-/// stated in stress, such as a yield strength, grows with the moduli, so that strains at yield stay, too.
+/// stated in stress, such as a yield strength or sand's cohesion, grows with the moduli, so that strains at
+/// yield stay, too.
 template <class ModelType>
 struct Heterogeneous : ModelType
 {
