@@ -89,7 +89,9 @@ TEST_CASE("parameters that make no sense are refused, with what, where and a rem
         change(VonMises<Solid>{}, &VonMises<Solid>::yield_stress, bad);
         change(HardeningVonMises<Solid>{}, &HardeningVonMises<Solid>::hardening_modulus, bad);
         change(Model{}, &Model::cone, bad);
+        change(Model{}, &Model::dilatancy, bad);
         change(Model{}, &Model::cohesion, bad);
+        change(Model{}, &Model::tension_cutoff, bad);
         change(CamClay<Solid>{}, &CamClay<Solid>::slope, bad);
         change(CamClay<Solid>{}, &CamClay<Solid>::cohesion, bad);
         change(CamClay<Solid>{}, &CamClay<Solid>::hardening, bad);
@@ -103,10 +105,22 @@ TEST_CASE("parameters that make no sense are refused, with what, where and a rem
     change(Snow<Solid>{}, &Snow<Solid>::hardening, 1000.0); // e^400, where half of the range is e^355
     change(CamClay<Solid>{}, &CamClay<Solid>::start, nan);
     change(CamClay<Solid>{}, &CamClay<Solid>::cohesion, 1e30); // p0 would be a rounding of its tension
+    change(Model{}, &Model::dilatancy, 1.01 * Model{}.cone);   // flow would yield energy
     change(Model{}, &Model::cohesion, 1e30);
+    Model sticky;
+    sticky.cohesion = 1e30;
+    sticky.tension_cutoff = 1e4;
+    CHECK_NOTHROW(sticky.validate());
+    sticky.cone = 1; // steeper than that of any angle
+    refused(sticky);
     change(HerschelBulkley<Solid>{}, &HerschelBulkley<Solid>::power, 1.5);
     CHECK_THROWS_AS(friction_cone(3, 35.0), Error); // degrees
     CHECK_THROWS_AS(friction_cone(4, 0.6), Error);
+    CHECK_THROWS_AS(dilatancy_cone(2, 10.0), Error);
+    CHECK_THROWS_AS(dilatancy_cone(2, -0.1), Error);
+    CHECK_THROWS_AS(friction_cone(2, 0.8, Friction::flowing), Error); // beyond 45 degrees
+    CHECK_NOTHROW(friction_cone(2, 0.8, Friction::flowing, 0.1));
+    CHECK_THROWS_AS(friction_cone(3, 0.5, Friction::flowing, 0.65), Error);
     for (double bad : {0.0, -3.0, nan, inf}) {
         CHECK_THROWS_AS(materials::water<Solid>(bad), Error);
         CHECK_THROWS_AS(materials::honey<Solid>(bad), Error);
