@@ -338,10 +338,10 @@ template <class Space>
 Band sheared(OneElement<Sand<Space>> const& material)
 {
     constexpr int d = Space::dimension, candidates = 65;
-    double const pressure = 100, shear = 2e-5;
+    double const pressure = 100, shear = 1e-4;
     auto state = compressed(material, pressure);
     Band found{};
-    for (int step = 0; step < 60; ++step) {
+    for (int step = 0; step < 150; ++step) {
         std::vector<decltype(state)> states(candidates, state);
         std::vector<Matrix<double, d>> rates(candidates, Matrix<double, d>::Zero());
         auto const growth = [&](double i) { return shear * (4 * i / (candidates - 1) - 2); };
