@@ -18,7 +18,7 @@ try {
     std::printf("height/width  run-out  Lube's fit  final height/width  particles\n");
     for (double a : {0.5, 1.0, 2.0, 4.0}) {
         auto sand = materials::dry_sand<Plane>();
-        sand.cone = friction_cone(3, 30 * 3.14159265358979 / 180); // in the plane 27.5 degrees
+        sand.cone = friction_cone(3, 30 * 3.14159265358979 / 180); // in the plane it stands at 27.5 degrees
         Solver<Backend, Sand<Plane>> solver(lattice(h), sand);
         auto const start = block<2>({L0, a * L0}, h);
         solver.add(start, h * h / 4);

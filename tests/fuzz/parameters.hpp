@@ -69,7 +69,8 @@ public:
         if constexpr (requires { model.critical_compression; })
             next(model.critical_compression, model.critical_stretch, model.hardening,
                  model.smallest_plastic_ratio, model.largest_plastic_ratio);
-        if constexpr (requires { model.cone; }) next(model.cone, model.cohesion);
+        if constexpr (requires { model.cone; })
+            next(model.cone, model.cohesion, model.dilatancy, model.tension_cutoff);
         if constexpr (requires { model.slope; })
             next(model.slope, model.cohesion, model.hardening, model.start);
         if constexpr (requires { model.consistency; })

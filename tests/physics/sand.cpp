@@ -118,7 +118,7 @@ TEST_CASE("a layer of sand flows from atan(sin phi) without dilatancy, and from 
         CAPTURE(psi, angle / degrees);
         auto const flowing = acceleration_of_layer(sand_of(phi, psi), angle + 6 * degrees);
         double const expected = acceleration_of_block(angle + 6 * degrees, band, psi);
-        CHECK(flowing.x() == Approx(expected).epsilon(0.06));
+        CHECK(flowing.x() == Approx(expected).epsilon(0.03));
         CHECK(flowing.y() == Approx(expected * std::tan(psi)).margin(0.06 * expected));
         CHECK(acceleration_of_layer(sand_of(phi, psi), angle - 4 * degrees).norm() <= 0.05 * expected);
     }
@@ -130,7 +130,7 @@ TEST_CASE("a cone that is given by the angle of flow flows from there")
         auto const sand = sand_of(30 * degrees, psi, Friction::flowing);
         CAPTURE(psi);
         CHECK(acceleration_of_layer(sand, 36 * degrees).x() ==
-              Approx(acceleration_of_block(36 * degrees, std::tan(30 * degrees), psi)).epsilon(0.06));
+              Approx(acceleration_of_block(36 * degrees, std::tan(30 * degrees), psi)).epsilon(0.03));
         CHECK(acceleration_of_layer(sand, 26 * degrees).norm() <= 0.05);
     }
 }

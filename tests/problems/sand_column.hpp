@@ -80,7 +80,7 @@ private:
     static typename SceneType::Model material()
     {
         auto sand = materials::dry_sand<typename SceneType::Space>();
-        sand.cone = friction_cone(3, 30 * M_PI / 180); // in the plane 27.5 degrees
+        sand.cone = friction_cone(3, 30 * M_PI / 180); // in the plane it stands at 27.5 degrees
         return sand;
     }
 

@@ -75,11 +75,11 @@ CamClay<Space> wet_snow()
     return model;
 }
 
-/// Dry sand: 35 degrees of friction (sand of medium compactness has 31 to 36: US Army Corps of Engineers, EM
-/// 1110-2-2504, table 3-1), 1600 kg/m^3 (mixed-grained sand, loose, has 1590: Terzaghi & Peck 1967, *Soil
-/// Mechanics in Engineering Practice*, table 6.3, and 2650 for quartz less its porosity of 40 %), E = 1e6 Pa,
-/// nu = 0.3: a tenth or less of the stiffness of loose sand (10 to 24 MPa: EM 1110-1-1904), which a flow does
-/// not notice.
+/// Dry sand: 35 degrees of friction where it stands (sand of medium compactness has 31 to 36: US Army Corps
+/// of Engineers, EM 1110-2-2504, table 3-1), no dilatancy, so that in the plane layers of it flow from 29.8,
+/// 1600 kg/m^3 (mixed-grained sand, loose, has 1590: Terzaghi & Peck 1967, *Soil Mechanics in Engineering
+/// Practice*, table 6.3, and 2650 for quartz less its porosity of 40 %), E = 1e6 Pa, nu = 0.3: a tenth or
+/// less of the stiffness of loose sand (10 to 24 MPa: EM 1110-1-1904), which a flow does not notice.
 template <class Space>
 Sand<Space> dry_sand()
 {

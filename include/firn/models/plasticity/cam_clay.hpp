@@ -15,7 +15,9 @@ namespace firn
 /// M of the ellipse for an angle of internal friction phi [rad] at the critical state, for what bears no
 /// tension. In space 6 sin phi / (3 - sin phi): triaxial compression flows as Mohr–Coulomb does (Wood 1990,
 /// *Soil Behaviour and Critical State Soil Mechanics*, section 7.2). In the plane q is the difference of two
-/// principal stresses and p their mean: 2 sin phi, which is Mohr–Coulomb itself.
+/// principal stresses and p their mean: 2 sin phi, which is Mohr–Coulomb itself. The angle is that of the
+/// strength: flow in shear keeps the volume, so that in the plane a band of it bears sin phi, see
+/// friction_cone.
 inline double critical_slope(int d, double friction_angle)
 {
     require(is_number(friction_angle) && friction_angle > 0 && friction_angle < 1.5707,

@@ -20,6 +20,17 @@ enum class Friction
     flowing   ///< shear bands: the incline from which a layer flows
 };
 
+namespace detail
+{
+/// The slope of the cone through Mohr–Coulomb's pyramid of an angle [rad], at triaxial compression in space.
+inline double slope_of_cone(int d, double angle, char const* where)
+{
+    require(d == 2 || d == 3, "there are scenes in 2 and in 3 dimensions", where, "Pass one of these.");
+    double const s = std::sin(angle);
+    return d == 2 ? s / std::sqrt(2.0) : std::sqrt(2.0 / 3) * 2 * s / (3 - s);
+}
+} // namespace detail
+
 /// beta of the plastic potential |dev tau| + beta tr tau for an angle of dilatancy psi [rad]: by how much
 /// flow in shear opens sand.
 ///
@@ -30,19 +41,16 @@ inline double dilatancy_cone(int d, double dilatancy_angle)
 {
     require(dilatancy_angle >= 0 && dilatancy_angle < 1.5707, "the angle of dilatancy is outside [0, pi/2)",
             "dilatancy_cone", "Pass radians, e.g. 0.09 (5 degrees); 0 for flow that keeps the volume.");
-    require(d == 2 || d == 3, "there are scenes in 2 and in 3 dimensions", "dilatancy_cone",
-            "Pass one of these.");
-    double const s = std::sin(dilatancy_angle);
-    return d == 2 ? s / std::sqrt(2.0) : std::sqrt(2.0 / 3) * 2 * s / (3 - s);
+    return detail::slope_of_cone(d, dilatancy_angle, "dilatancy_cone");
 }
 
 /// alpha of the cone |dev tau| = -alpha tr tau for an angle of friction [rad], which is one of Friction's
-/// two; the angle of dilatancy [rad] is that of the model, and asked for flowing layers only.
+/// two; the angle of dilatancy [rad], the model's, matters to the second alone.
 ///
 /// Standing: in the plane alpha = sin phi / sqrt(2), which is Mohr–Coulomb itself. In space sqrt(2/3) 2 sin
 /// phi / (3 - sin phi): triaxial compression yields as Mohr–Coulomb does (Klár et al. 2016, section 7.1).
-/// Plane strain in space bears more, 43.9 degrees with the cone of 30. (That cone in the plane would bear
-/// less, 27.5 degrees.)
+/// Plane strain in space bears more with that cone: without dilatancy sin = 3 alpha / sqrt(2), 43.9 degrees
+/// with that of 30. In two dimensions it would bear less, sin = sqrt(2) alpha, 27.5 degrees.
 ///
 /// Flowing: a shear band keeps its length, so the stress along it is not the one at yield on its sides. It
 /// bears tan(angle) = sin(phi) cos(psi) / (1 - sin(phi) sin(psi)) (Davis 1968, *Theories of plasticity and
@@ -53,10 +61,11 @@ inline double friction_cone(int d, double friction_angle, Friction measured_on =
 {
     require(friction_angle >= 0 && friction_angle < 1.5707, "the angle of friction is outside [0, pi/2)",
             "friction_cone", "Pass radians, e.g. 0.61 (35 degrees) for dry sand.");
-    double const beta = dilatancy_cone(d, dilatancy_angle);
-    if (measured_on == Friction::standing) return dilatancy_cone(d, friction_angle);
-    // Plastic strains of a band, with |dev| = 1 and none across the plane: shear = e_1 - e_3, e_1 + e_3 = d
-    // beta.
+    double const standing = detail::slope_of_cone(d, friction_angle, "friction_cone"),
+                 beta = dilatancy_cone(d, dilatancy_angle);
+    if (measured_on == Friction::standing) return standing;
+    // Plastic strains of a band, with |dev| = 1 and none across the plane: their difference is `shear`, and
+    // their sum d beta.
     double const shear = std::sqrt(std::max(d == 2 ? 2 : 2 - 3 * beta * beta, 0.0)),
                  slope = std::tan(friction_angle), sine_of_psi = d * beta / shear;
     require(sine_of_psi < 1, "no shear band is as dilatant, where flow across its plane is excluded",
@@ -131,7 +140,7 @@ struct DruckerPragerFlow
         require(tension_cutoff >= 0 && is_finite(tension_cutoff),
                 "the cut-off of tension is not a finite number, 0 or above", name,
                 "Pass Pa, e.g. 0 for none; by default the tip of the cone limits tension.");
-        if (exactly_equal(cohesion, Number(0))) return;
+        if (!(cohesion > 0)) return;
         require(sine_of_friction() < 1,
                 "a cone so steep is that of no angle of friction, to which cohesion belongs", name,
                 "Pass friction_cone(dimension, angle), or no cohesion.");
