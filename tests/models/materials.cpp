@@ -73,6 +73,28 @@ TEST_CASE("values that follow from those of a source are what they are said to b
     CHECK(foam.yield_stress / std::sqrt(3.0) / foam.elasticity.mu == Approx(0.0635).epsilon(1e-3));
 }
 
+TEST_CASE("sand that is given by angles and Pa, as README has it, stands and flows from where README says")
+{
+    auto sand = materials::dry_sand<PlaneFloat>();
+    auto const degrees = [](double sine_or_slope, auto inverse) {
+        return inverse(sine_or_slope) * 180 / M_PI;
+    };
+    auto const arc_sine = [](double x) { return std::asin(x); };
+    auto const arc_tangent = [](double x) { return std::atan(x); };
+    sand.cone = friction_cone(2, 0.5236);
+    CHECK(degrees(std::sqrt(2.0) * sand.cone, arc_sine) == Approx(30).epsilon(0.002));
+    CHECK(degrees(std::sqrt(2.0) * sand.cone, arc_tangent) == Approx(26.6).epsilon(0.002));
+    sand.cone = friction_cone(2, 0.5236, Friction::flowing);
+    CHECK(degrees(std::sqrt(2.0) * sand.cone, arc_sine) == Approx(35.3).epsilon(0.002));
+    sand.dilatancy = dilatancy_cone(2, 0.1745);
+    sand.cohesion = 1e3;
+    sand.tension_cutoff = 200;
+    CHECK_NOTHROW(sand.validate());
+    double const in_space = 3 * friction_cone(3, M_PI / 6) / std::sqrt(2.0); // of plane strain
+    CHECK(degrees(in_space, arc_sine) == Approx(43.9).epsilon(0.002));
+    CHECK(degrees(in_space, arc_tangent) == Approx(34.7).epsilon(0.002));
+}
+
 TEST_CASE("parameters that make no sense are refused, with what, where and a remedy")
 {
     double const nan = std::numeric_limits<double>::quiet_NaN(),
