@@ -3,26 +3,31 @@
 
 #include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
-#include <firn/core/finite.hpp>
+#include <firn/io/cut_polygon.hpp>
+#include <firn/io/polygon_file.hpp>
+#include <firn/io/read_obj.hpp>
 #include <firn/io/triangle_mesh.hpp>
+#include <firn/io/weld.hpp>
 
 #include <assimp/Importer.hpp>
-#include <assimp/postprocess.h>
 #include <assimp/scene.h>
 
 #include <Eigen/Core>
+#include <Eigen/Geometry>
 #include <Eigen/LU>
 
 #include <algorithm>
 #include <array>
-#include <bit>
 #include <cctype>
+#include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
+#include <limits>
+#include <memory>
 #include <sstream>
 #include <string>
-#include <unordered_map>
 #include <utility>
 #include <vector>
 
@@ -42,95 +47,142 @@ struct MeshPlacement
 namespace detail
 {
 
-/// Exact positions as a key; -0 is turned into 0, so that equal positions have equal bits.
-struct WeldKey
-{
-    std::array<std::uint64_t, 3> bits;
-
-    explicit WeldKey(Eigen::Vector3d const& x)
-    {
-        for (int i = 0; i < 3; ++i) bits[i] = std::bit_cast<std::uint64_t>(x[i] + 0.0);
-    }
-    bool operator==(WeldKey const&) const = default;
-};
-
-struct WeldHash
-{
-    std::size_t operator()(WeldKey const& key) const
-    {
-        std::uint64_t hash = 0;
-        for (auto const word : key.bits) {
-            hash = (hash ^ word) * 0x9e3779b97f4a7c15u;
-            hash ^= hash >> 29;
-        }
-        return hash;
-    }
-};
-
-/// Collects the triangles of a scene into one mesh, each position once.
-class MeshCollector
+/// Reads the polygons of a file that assimp reads, in single precision. Node transforms are applied.
+class AssimpReader
 {
 public:
-    MeshCollector(MeshPlacement const& placement, std::string path)
-        : placement_(placement), path_(std::move(path))
-    {}
+    explicit AssimpReader(std::filesystem::path const& path) : path_(path) {}
 
+    /// `exact`: the file itself holds its coordinates in single precision.
+    PolygonFile read(bool exact)
+    {
+        Assimp::Importer importer;
+        // Validation would refuse a mesh without faces with other words.
+        auto const* const scene = importer.ReadFile(path_.string(), 0);
+        if (!scene || !scene->mRootNode)
+            throw Error{
+                std::string{"the mesh file could not be read: "} + importer.GetErrorString(), path_.string(),
+                "Check that the file is whole and of the kind its extension says, or export it again."};
+        add(*scene, *scene->mRootNode, Eigen::Matrix4d::Identity());
+        if (!file_.polygons.empty()) check_precision(exact && !moved_);
+        return std::move(file_);
+    }
+
+private:
     void add(aiScene const& scene, aiNode const& node, Eigen::Matrix4d const& parent)
     {
         Eigen::Matrix4d own;
         for (int row = 0; row < 4; ++row)
             for (int column = 0; column < 4; ++column) own(row, column) = node.mTransformation[row][column];
         Eigen::Matrix4d const to_world = parent * own;
-        for (unsigned i = 0; i < node.mNumMeshes; ++i) add(*scene.mMeshes[node.mMeshes[i]], to_world);
+        for (unsigned i = 0; i < node.mNumMeshes; ++i)
+            if (node.mMeshes[i] < scene.mNumMeshes) add(*scene.mMeshes[node.mMeshes[i]], to_world);
         for (unsigned i = 0; i < node.mNumChildren; ++i) add(scene, *node.mChildren[i], to_world);
     }
 
-    TriangleMesh mesh;
-
-private:
     void add(aiMesh const& part, Eigen::Matrix4d const& to_world)
     {
-        if (!(part.mPrimitiveTypes & aiPrimitiveType_TRIANGLE)) return;
-        bool const mirrored = to_world.topLeftCorner<3, 3>().determinant() < 0;
-        std::vector<std::uint32_t> index(part.mNumVertices);
+        Eigen::Matrix3d const linear = to_world.topLeftCorner<3, 3>();
+        Eigen::Vector3d const shift = to_world.topRightCorner<3, 1>();
+        moved_ = moved_ || to_world != Eigen::Matrix4d::Identity();
+        bool const mirrored = linear.determinant() < 0;
+        auto const base = static_cast<std::uint32_t>(file_.vertices.size());
+        auto const name = static_cast<std::uint32_t>(file_.parts.size());
+        file_.parts.emplace_back(part.mName.C_Str());
         for (unsigned i = 0; i < part.mNumVertices; ++i) {
             auto const& v = part.mVertices[i];
-            Eigen::Vector3d const in_file = (to_world * Eigen::Vector4d{v.x, v.y, v.z, 1}).template head<3>();
-            if (!all_finite(in_file))
+            Eigen::Vector3d const in_part{v.x, v.y, v.z}, in_file = linear * in_part + shift;
+            if (!in_file.allFinite())
                 throw Error{"vertex " + std::to_string(i) + " of mesh part '" + part.mName.C_Str() +
                                 "' is not finite",
-                            path_, "Repair the file: every coordinate must be a finite number."};
-            Eigen::Vector3d const placed =
-                placement_.rotation * (placement_.scale * in_file) + placement_.translation;
-            if (!all_finite(placed))
-                throw Error{"vertex " + std::to_string(i) + " of mesh part '" + part.mName.C_Str() +
-                                "' is placed beyond all numbers",
-                            path_, "Check the placement's scale and translation [m]."};
-            index[i] = weld(placed);
+                            path_.string(), "Repair the file: every coordinate must be a finite number."};
+            file_.vertices.push_back(in_file);
+            box_.extend(in_file);
+            largest_ = std::max({largest_, in_file.cwiseAbs().maxCoeff(), shift.cwiseAbs().maxCoeff(),
+                                 (linear.cwiseAbs() * in_part.cwiseAbs()).maxCoeff()});
         }
         for (unsigned i = 0; i < part.mNumFaces; ++i) {
             auto const& face = part.mFaces[i];
-            if (face.mNumIndices != 3) continue;
-            std::array<std::uint32_t, 3> corner{index[face.mIndices[0]], index[face.mIndices[1]],
-                                                index[face.mIndices[2]]};
-            if (mirrored) std::swap(corner[1], corner[2]);
-            bool const collapsed = corner[0] == corner[1] || corner[1] == corner[2] || corner[2] == corner[0];
-            if (!collapsed) mesh.triangles.push_back(corner);
+            if (face.mNumIndices < 3) continue; // a point or a line
+            file_.polygons.push_back({file_.corners.size(), face.mNumIndices, {name, i, 0}});
+            for (unsigned k = 0; k < face.mNumIndices; ++k) {
+                auto const corner = face.mIndices[mirrored ? face.mNumIndices - 1 - k : k];
+                if (corner >= part.mNumVertices)
+                    throw Error{describe(file_.polygons.back().face, file_.parts) + " names vertex " +
+                                    std::to_string(corner) + " of " + std::to_string(part.mNumVertices),
+                                path_.string(), "The file is damaged: export it again."};
+                file_.corners.push_back(base + corner);
+            }
         }
     }
 
-    std::uint32_t weld(Eigen::Vector3d const& x)
+    /// Refuses a mesh so far from its origin that single precision does not tell its corners.
+    void check_precision(bool exact) const
     {
-        auto const [at, is_new] =
-            known_.try_emplace(WeldKey{x}, static_cast<std::uint32_t>(mesh.vertices.size()));
-        if (is_new) mesh.vertices.push_back(x);
-        return at->second;
+        double const extent = box_.sizes().maxCoeff();
+        auto const largest = static_cast<float>(largest_);
+        double const spacing = std::nextafter(largest, std::numeric_limits<float>::infinity()) - largest;
+        // What the file holds in single precision comes as it stands there, but may not be worth much itself.
+        double const wanted = exact ? 1e3 : 1e5;
+        if (extent == 0 || extent >= wanted * spacing) return;
+        std::ostringstream what;
+        what << "the mesh is " << extent << " large but lies " << largest_
+             << " from the file's origin, where single precision tells only multiples of " << spacing
+             << (exact ? " apart, and the file holds no more than that" : " apart");
+        throw Error{what.str(), path_.string(),
+                    "Move the mesh to its origin before it is exported, and give the place as "
+                    "MeshPlacement::translation. Or export OBJ, which is read in double precision."};
     }
 
-    MeshPlacement placement_;
-    std::string path_;
-    std::unordered_map<WeldKey, std::uint32_t, WeldHash> known_;
+    std::filesystem::path path_;
+    PolygonFile file_;
+    Eigen::AlignedBox3d box_;
+    double largest_ = 0; ///< of all numbers that were added up to coordinates
+    bool moved_ = false;
 };
+
+/// Cuts a file's polygons into triangles and puts them in place, each position once.
+inline TriangleMesh placed(PolygonFile const& file, MeshPlacement const& placement,
+                           std::filesystem::path const& path)
+{
+    TriangleMesh mesh;
+    auto source = std::make_shared<MeshSource>();
+    source->file = path.string();
+    source->parts = file.parts;
+    constexpr auto unseen = ~std::uint32_t(0);
+    std::vector<std::uint32_t> index(file.vertices.size(), unseen);
+    Weld weld;
+    auto const index_of = [&](std::uint32_t vertex) {
+        auto& known = index[vertex];
+        if (known != unseen) return known;
+        Eigen::Vector3d const& x = file.vertices[vertex];
+        Eigen::Vector3d const there = placement.rotation * (placement.scale * x) + placement.translation;
+        if (!there.allFinite())
+            throw Error{"vertex " + std::to_string(vertex) + ", counted from 0, is placed beyond all numbers",
+                        path.string(), "Check the placement's scale and translation [m]."};
+        known = weld(there);
+        if (known == mesh.vertices.size()) {
+            mesh.vertices.push_back(there);
+            source->vertices.push_back(x);
+        }
+        return known;
+    };
+    PolygonCutter cut;
+    std::vector<Eigen::Vector3d> polygon;
+    for (auto const& face : file.polygons) {
+        auto const corners = file.corners_of(face);
+        polygon.clear();
+        for (auto const corner : corners) polygon.push_back(file.vertices[corner]);
+        for (auto const& [i, j, k] : cut(polygon)) {
+            std::array const corner{index_of(corners[i]), index_of(corners[j]), index_of(corners[k])};
+            if (corner[0] == corner[1] || corner[1] == corner[2] || corner[2] == corner[0]) continue;
+            mesh.triangles.push_back(corner);
+            source->faces.push_back(face.face);
+        }
+    }
+    mesh.source = std::move(source);
+    return mesh;
+}
 
 inline void check_placement(MeshPlacement const& placement)
 {
@@ -146,17 +198,24 @@ inline void check_placement(MeshPlacement const& placement)
 }
 
 /// A PLY header may promise more elements than its file can hold, and the importer would reserve their
-/// memory; of one without an end it reads what lies behind the file.
-inline void check_ply_header(std::filesystem::path const& path, std::uintmax_t file_size)
+/// memory; of one without an end it reads what lies behind the file; and it loses triangles of strips. Tells
+/// whether the file holds numbers of single precision.
+inline bool check_ply_header(std::filesystem::path const& path, std::uintmax_t file_size)
 {
     std::ifstream file(path, std::ios::binary);
     std::string line;
-    bool ends = false;
+    bool ends = false, in_single = true;
     for (int lines = 0; !ends && lines < 1000 && std::getline(file, line); ++lines) {
         std::istringstream words(line);
         std::string keyword, name, count;
         words >> keyword >> name >> count;
         ends = keyword == "end_header";
+        if ((keyword == "format" && name == "ascii") ||
+            (keyword == "property" && (name == "double" || name == "float64")))
+            in_single = false;
+        if (keyword == "element" && name == "tristrips" && count != "0")
+            throw Error{"the PLY file holds triangle strips, which are not read", path.string(),
+                        "Export it with faces."};
         if (keyword != "element") continue;
         bool const is_number =
             !count.empty() && std::ranges::all_of(count, [](unsigned char c) { return std::isdigit(c); });
@@ -167,9 +226,11 @@ inline void check_ply_header(std::filesystem::path const& path, std::uintmax_t f
     if (!ends)
         throw Error{"the PLY header has no end", path.string(),
                     "The file is damaged or truncated: export it again."};
+    return in_single;
 }
 
-inline void check_mesh_file(std::filesystem::path const& path)
+/// Refuses what is no mesh file; gives the extension that tells its kind.
+inline std::string check_mesh_file(std::filesystem::path const& path)
 {
     namespace fs = std::filesystem;
     auto const refuse = [&](char const* what, char const* remedy) {
@@ -185,47 +246,61 @@ inline void check_mesh_file(std::filesystem::path const& path)
         refuse("the mesh file cannot be read", "Check the file's permissions.");
     if (size == 0) refuse("the mesh file is empty", "Export the mesh again.");
 
-    auto extension = path.extension().string();
-    for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+    auto const extension = lower_extension(path);
     constexpr std::array known{".obj", ".stl", ".ply", ".gltf", ".glb"};
     if (std::ranges::find(known, extension) == known.end())
-        refuse("this kind of mesh file is not known",
-               "Use OBJ, STL, PLY, glTF or GLB; the name's extension tells.");
-    if (extension == ".ply") check_ply_header(path, size);
+        refuse("this kind of mesh file is not known", remedy_for_kind(extension));
+    check_first_bytes(path, extension);
+    return extension;
+}
+
+/// Whether a file of this kind, which is not OBJ, holds its coordinates in single precision.
+inline bool holds_single_precision(std::filesystem::path const& path, std::string const& extension)
+{
+    auto const size = std::filesystem::file_size(path);
+    if (extension == ".ply") return check_ply_header(path, size);
+    if (extension != ".stl") return true; // glTF knows no other
+    std::ifstream file(path, std::ios::binary);
+    std::array<char, 84> header{};
+    file.read(header.data(), header.size());
+    std::uint32_t triangles = 0; // of a binary file
+    for (int i = 3; i >= 0; --i)
+        triangles = triangles << 8 | static_cast<unsigned char>(header[static_cast<std::size_t>(80 + i)]);
+    return size == 84 + 50 * std::uintmax_t(triangles);
 }
 
 } // namespace detail
 
 /// Reads the triangles of an OBJ, STL, PLY, glTF or GLB file (by extension) and places them in the scene [m].
 ///
-/// Node transforms are applied, polygons triangulated, vertices at exactly the same place welded (STL has
-/// three for each triangle), triangles that this collapses dropped, and so are lines and points. The surface
-/// may still be open or cross itself: `MeshInterior` is what judges that.
+/// Node transforms are applied and vertices at exactly the same place welded (STL has three for each
+/// triangle). Polygons are cut into triangles, whether their corners are convex, concave or straight and
+/// whether or not doubled edges connect holes with their outline. Triangles that collapse are dropped, and so
+/// are lines and points. The surface may still be open or cross itself: `MeshInterior` is what judges that.
 ///
-/// Throws firn::Error: no such file, a folder, unreadable, empty, an unknown extension, what the importer
-/// says, no triangles, a vertex that is not finite, a placement that is none.
+/// OBJ is read in double precision. The other kinds are read in single precision, which is the file's own in
+/// glTF, binary STL and most PLY files; a mesh that is smaller than 1e5 of its spacings (1e3, if it is the
+/// file's own) where the mesh lies is refused, rather than bent.
 ///
-/// For trusted files only: assimp 5.2's importers, the PLY one above all, can crash or hang on a file that
-/// was made to do so.
+/// Throws firn::Error: no such file, a folder, unreadable, empty, an unknown extension, content of another
+/// kind, what the importer says, no triangles (a point cloud), a vertex that is not finite, too far from the
+/// origin, a placement that is none. It names the file's line, face or vertex where that is known.
+///
+/// For trusted files only: assimp 5.2's importers, which read all kinds but OBJ, can crash or hang on a file
+/// that was made to do so, the PLY one above all.
 inline TriangleMesh read_mesh(std::filesystem::path const& path, MeshPlacement const& placement = {})
 {
     detail::check_placement(placement);
-    detail::check_mesh_file(path);
-
-    Assimp::Importer importer;
-    auto const* const scene = importer.ReadFile(path.string(), aiProcess_Triangulate | aiProcess_SortByPType |
-                                                                   aiProcess_ValidateDataStructure);
-    if (!scene || !scene->mRootNode)
-        throw Error{std::string{"the mesh file could not be read: "} + importer.GetErrorString(),
-                    path.string(),
-                    "Check that the file is whole and of the kind its extension says, or export it again."};
-
-    detail::MeshCollector collector(placement, path.string());
-    collector.add(*scene, *scene->mRootNode, Eigen::Matrix4d::Identity());
-    if (collector.mesh.triangles.empty())
-        throw Error{"the file holds no triangles", path.string(),
+    auto const extension = detail::check_mesh_file(path);
+    auto const file = extension == ".obj"
+                          ? detail::ObjReader(path).read()
+                          : detail::AssimpReader(path).read(detail::holds_single_precision(path, extension));
+    if (file.polygons.empty()) detail::refuse_cloud(file.vertices.size(), path);
+    auto mesh = detail::placed(file, placement, path);
+    if (mesh.triangles.empty())
+        throw Error{"the file holds no triangles: its faces are collapsed", path.string(),
                     "Export a surface of triangles or polygons; points and lines are not enough."};
-    return std::move(collector.mesh);
+    return mesh;
 }
 
 } // namespace firn
