@@ -9,6 +9,7 @@
 #include <firn/core/serial.hpp>
 #include <firn/core/space.hpp>
 #include <firn/effects/shapes/signed_distance_grid.hpp>
+#include <firn/sampling/interior.hpp>
 #include <firn/sampling/mesh_interior.hpp>
 
 #include <CGAL/AABB_tree.h>
@@ -156,7 +157,9 @@ SignedDistanceGrid<Real, 3> distance_from_mesh(MeshInterior const& interior, dou
             "Pass a length [m].");
     auto const& box = interior.bounding_box();
     Eigen::Array3d const cells = ((box.sizes().array() + 2 * margin) / cell_size).ceil().max(1);
-    require((cells + 1).prod() <= 5e8, "the grid would have more than 5e8 nodes", where, "Use larger cells.");
+    if (!((cells + 1).prod() <= 5e8))
+        throw Error{"the grid would have more than 5e8 nodes", where,
+                    "Use larger cells." + detail::about_units(box)};
     Eigen::Vector3d const origin = box.center().array() - 0.5 * cell_size * cells;
     require(detail::tells_cells_apart<Real, 3>(origin, static_cast<Real>(cell_size), cells.cast<int>() + 1),
             "the mesh lies so far from its origin that the grid's cells are lost to rounding", where,

@@ -13,8 +13,11 @@
 #include <cmath>
 #include <concepts>
 #include <cstdint>
+#include <limits>
 #include <random>
 #include <span>
+#include <sstream>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -44,9 +47,14 @@ struct PointSample
     double volume_per_point = 0;         ///< [m³]
 };
 
-/// Asks for this many points.
+/// Asks for this many points; any integer will do, such as a container's size.
 struct Count
 {
+    constexpr explicit Count(std::integral auto number)
+        : points(std::in_range<std::int64_t>(number) ? static_cast<std::int64_t>(number)
+                                                     : std::numeric_limits<std::int64_t>::max())
+    {}
+
     std::int64_t points;
 };
 
@@ -103,10 +111,24 @@ inline std::size_t checked_count(Count count, char const* sampler)
     return static_cast<std::size_t>(count.points);
 }
 
-inline void check_candidates(double candidates, char const* sampler)
+/// What to add where a solid is too large for what is asked of it: it may be in millimetres.
+inline std::string about_units(Eigen::AlignedBox3d const& box)
 {
-    require(candidates <= most_candidates, "this would try more than 1e10 places", sampler,
-            "Ask for fewer points (a coarser spacing), or split a solid that leaves most of its box empty.");
+    double const size = box.sizes().maxCoeff();
+    if (!(size >= 100)) return {};
+    std::ostringstream text;
+    text << " The solid is " << size << " m across: if its file is in millimetres, read it with "
+         << "MeshPlacement{.scale = 0.001}.";
+    return text.str();
+}
+
+inline void check_candidates(double candidates, Eigen::AlignedBox3d const& box, char const* sampler)
+{
+    if (!(candidates <= most_candidates))
+        throw Error{"this would try more than 1e10 places", sampler,
+                    "Ask for fewer points (a coarser spacing), or split a solid that leaves most of its box "
+                    "empty." +
+                        about_units(box)};
 }
 
 /// The spacing [m] of a lattice of which `count` places fall inside, by the volumes alone. A solid thinner

@@ -67,8 +67,8 @@ inline Components components(TriangleMesh const& mesh)
 struct EdgeDefects
 {
     std::size_t boundary_edges = 0, holes = 0, crowded_edges = 0;
-    Eigen::Vector3d largest_hole = Eigen::Vector3d::Zero(); ///< mean of its edges' ends
-    Eigen::Vector3d crowded_edge = Eigen::Vector3d::Zero(); ///< middle of the first one
+    std::vector<Eigen::Vector3d> largest_hole; ///< both ends of each of its edges, one edge after the other
+    std::vector<Eigen::Vector3d> crowded_edge; ///< both ends of the first one
 };
 
 inline EdgeDefects edge_defects(TriangleMesh const& mesh)
@@ -88,7 +88,7 @@ inline EdgeDefects edge_defects(TriangleMesh const& mesh)
             groups.unite(at->first, at->second);
         }
         else if (next - at > 2 && result.crowded_edges++ == 0)
-            result.crowded_edge = (mesh.vertices[at->first] + mesh.vertices[at->second]) / 2;
+            result.crowded_edge = {mesh.vertices[at->first], mesh.vertices[at->second]};
         at = next;
     }
 
@@ -102,9 +102,9 @@ inline EdgeDefects edge_defects(TriangleMesh const& mesh)
         ++result.holes;
         if (next - at > most) {
             most = next - at;
-            result.largest_hole.setZero();
+            result.largest_hole.clear();
             for (auto const& [a, b] : std::span{at, next})
-                result.largest_hole += (mesh.vertices[a] + mesh.vertices[b]) / (2.0 * double(most));
+                result.largest_hole.insert(result.largest_hole.end(), {mesh.vertices[a], mesh.vertices[b]});
         }
         at = next;
     }

@@ -31,7 +31,7 @@ std::vector<Eigen::Vector3d> lattice_inside(Solid const& interior, double spacin
     auto const box = box_to_sample(interior, "lattice_points");
     // A box that is a whole number of spacings wide must not gain a layer by rounding.
     Eigen::Array3d const cells = (box.sizes().array() / spacing - 1e-9).ceil().max(1);
-    check_candidates(cells.prod(), "lattice_points");
+    check_candidates(cells.prod(), box, "lattice_points");
     Eigen::Array3d const lowest = box.center().array() - 0.5 * spacing * cells;
     UnitRandom random(seed);
     std::vector<Eigen::Vector3d> points, candidates;
@@ -120,7 +120,7 @@ PointSample uniform_points(Solid const& interior, Count count, std::uint64_t see
     auto const wanted = detail::checked_count(count, "uniform_points");
     auto const box = detail::box_to_sample(interior, "uniform_points");
     double const expected = double(wanted) * box.volume() / interior.volume();
-    detail::check_candidates(expected, "uniform_points");
+    detail::check_candidates(expected, box, "uniform_points");
     detail::UnitRandom random(seed);
     std::vector<Eigen::Vector3d> points, candidates;
     candidates.resize(static_cast<std::size_t>(std::min(1.2 * expected + 100, double(detail::batch_size))));

@@ -45,9 +45,12 @@ public:
                 size_[i] = box.sizes()[i];
                 cells[i] = 1;
             }
-        require(
-            cells.prod() <= most_cells, "this needs more than 5e8 cells of memory", "poisson_disk_points",
-            "Ask for fewer points (a larger radius), or split a solid that leaves most of its box empty.");
+        if (!(cells.prod() <= most_cells))
+            throw Error{
+                "this needs more than 5e8 cells of memory", "poisson_disk_points",
+                "Ask for fewer points (a larger radius), or split a solid that leaves most of its box "
+                "empty." +
+                    about_units(box)};
         // A rim of empty cells spares the search for neighbours its checks.
         for (int i = 0; i < 3; ++i) count_[std::size_t(i)] = static_cast<std::uint32_t>(cells[i]) + 2 * reach;
         row_ = count_[0];
@@ -90,11 +93,7 @@ private:
             fates_.resize(cells.size());
             for (std::size_t i = 0; i < cells.size(); ++i)
                 darts_[i] = lowest_.array() + (corner(cells[i]) + random_.vector()) * size_;
-            constexpr std::size_t chunk = 256;
-            loop.for_each((cells.size() + chunk - 1) / chunk, [&](std::size_t c) {
-                for (auto i = c * chunk; i < std::min(cells.size(), (c + 1) * chunk); ++i)
-                    fates_[i] = judge(darts_[i], cells[i]);
-            });
+            loop.for_each(cells.size(), [&](std::size_t i) { fates_[i] = judge(darts_[i], cells[i]); });
             for (std::size_t i = 0; i < cells.size(); ++i) {
                 if (fates_[i] == Fate::free) {
                     grid_[cells[i]] = static_cast<std::int32_t>(points_.size());
