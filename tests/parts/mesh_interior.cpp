@@ -2,12 +2,15 @@
 #include "catch.hpp"
 #include "support/driven.hpp"
 #include "support/meshes.hpp"
+#include "support/polygons.hpp"
 #include "support/threads.hpp"
 
+#include <firn/io/read_mesh.hpp>
 #include <firn/sampling/distance_from_mesh.hpp>
 #include <firn/sampling/mesh_interior.hpp>
 #include <firn/sampling/points.hpp>
 
+#include <ctime>
 #include <numbers>
 #include <random>
 
@@ -101,6 +104,38 @@ TEST_CASE("the volume does not depend on where the mesh is")
     MeshInterior const there(meshes::moved(meshes::box({0, 0, 0}, {1, 2, 3}), far));
     CHECK(there.volume() == Approx(6).epsilon(1e-12));
     CHECK(there.contains(Vector3d{0.5, 0.5, 0.5} + far));
+}
+
+TEST_CASE("prisms over polygons of any shape are solids of the right volume, from whichever corner")
+{
+    meshes::Folder const folder;
+    Eigen::Matrix3d const turned = Eigen::AngleAxisd(0.7, Vector3d{1, -2, 3}.normalized()).toRotationMatrix();
+    for (auto const& profile : polygons::profiles()) {
+        INFO(profile.name);
+        double const exact = 2 * polygons::area(profile.outline);
+        auto outline = profile.outline;
+        for (std::size_t start = 0; start < outline.size(); ++start) {
+            CAPTURE(start);
+            auto solid = polygons::prism(outline);
+            auto const check = [&](std::string const& file) {
+                auto const mesh = firn::read_mesh(folder / file);
+                std::size_t corners = 0; // each polygon of n corners becomes n - 2 triangles
+                for (auto const& face : solid.faces) corners += face.size() - 2;
+                CHECK(mesh.triangles.size() == corners);
+                CHECK(MeshInterior(mesh).volume() == Approx(exact).epsilon(1e-12));
+            };
+            folder.file("a.obj", solid.obj());
+            check("a.obj");
+            if (start == 0) {
+                folder.file("a.ply", solid.ply());
+                check("a.ply");
+            }
+            for (auto& x : solid.vertices) x = turned * x + Vector3d{0.1, 20, -3}; // no polygon is plane now
+            folder.file("a.obj", solid.obj());
+            check("a.obj");
+            std::ranges::rotate(outline, outline.begin() + 1);
+        }
+    }
 }
 
 TEST_CASE("solids beside one another add up")
@@ -215,6 +250,71 @@ TEST_CASE("the fast winding number is that of the sum over all triangles")
         worst = std::max(worst, std::abs(fast(x) - exact / (4 * pi)));
     }
     CHECK(worst < 0.06);
+}
+
+TEST_CASE("the cells of a filled surface tell what its winding number tells")
+{
+    auto two = meshes::box({0, 0, 0}, {1, 1, 1});
+    meshes::append(two, meshes::box({0.5, 0.25, 0.25}, {1.5, 0.75, 0.75}));
+    auto bowl = meshes::without(meshes::sphere(1, 24), [](Vector3d const& x) { return x.z() > 0.3; });
+    auto soup = meshes::sphere(1, 12); // each triangle by itself, none at its neighbours' corners
+    firn::TriangleMesh loose;
+    for (auto const& t : soup.triangles) {
+        auto const first = static_cast<std::uint32_t>(loose.vertices.size());
+        Vector3d const middle = (soup.vertices[t[0]] + soup.vertices[t[1]] + soup.vertices[t[2]]) / 3;
+        for (auto const corner : t) loose.vertices.push_back(0.99 * soup.vertices[corner] + 0.01 * middle);
+        loose.triangles.push_back({first, first + 1, first + 2});
+    }
+    for (auto const& mesh : {two, bowl, loose, meshes::head(24), meshes::finned_shell(0.7, 12, 12)}) {
+        firn::WindingNumber const winding(mesh);
+        firn::FilledSurface const filled(mesh);
+        int wrong = 0, inside = 0;
+        for (auto const& x : random_points(filled.bounding_box(), 20000)) {
+            double const w = winding(x);
+            inside += w > 0.5;
+            if (std::abs(w - 0.5) > 0.05) wrong += filled.contains(x) != (w > 0.5);
+        }
+        CHECK(wrong == 0);
+        double const box = filled.bounding_box().volume(), share = inside / 20000.0;
+        CHECK(filled.volume() / box ==
+              Approx(share).margin(4 * std::sqrt(share * (1 - share) / 20000) + 1e-3));
+    }
+}
+
+TEST_CASE("a thin shell with edges of three triangles is filled within seconds, and tells how far it is")
+{
+    auto const mesh = meshes::finned_shell(0.95, 14, 14);
+    auto const plain = MeshInterior(meshes::hollow_ball(1, 0.95, 14)).volume();
+    std::vector<double> told;
+    auto const start = std::clock();
+    MeshInterior const shell(mesh, Repair::fill, TwoThreads{}, [&](double share) { told.push_back(share); });
+    CHECK(double(std::clock() - start) / CLOCKS_PER_SEC <
+          15); // 45 s, were each point asked of all the surface
+    CHECK_THAT(shell.defect(), Contains("14 edges with more than two triangles"));
+    CHECK(shell.volume() == Approx(plain).epsilon(5e-3)); // and what the fins bend
+    CHECK(shell.volume_error() / shell.volume() < 1e-3);
+    REQUIRE(told.size() > 10);
+    CHECK(told.front() == 0);
+    CHECK(told.back() == 1);
+    CHECK(std::ranges::is_sorted(told));
+}
+
+TEST_CASE("filling is the same with any loop, and ends when its progress throws")
+{
+    auto const mesh = meshes::head(12);
+    MeshInterior const alone(mesh, Repair::fill), shared(mesh, Repair::fill, TwoThreads{}),
+        backend(mesh, Repair::fill, firn::OpenMP{2});
+    CHECK(alone.volume() == shared.volume());
+    CHECK(alone.volume() == backend.volume());
+    struct Enough
+    {};
+    auto const stop = [](double share) {
+        if (share > 0.2) throw Enough{};
+    };
+    CHECK_THROWS_AS(MeshInterior(mesh, Repair::fill, firn::OpenMP{2}, stop), Enough);
+    int called = 0;
+    MeshInterior const sound(meshes::sphere(1, 8), Repair::fill, firn::OpenMP{2}, [&](double) { ++called; });
+    CHECK(called == 0);
 }
 
 TEST_CASE("the distance of a meshed sphere is that of the sphere")

@@ -5,6 +5,7 @@
 #include <firn/io/read_mesh.hpp>
 
 #include <numbers>
+#include <sstream>
 
 using Eigen::Vector3d;
 
@@ -85,4 +86,71 @@ TEST_CASE("polygons become triangles; lines, points and collapsed triangles are 
                                                            "f 1 2 3 4\nl 1 3\np 2\nf 2 3 5\n"));
     CHECK(mesh.triangles.size() == 2);
     CHECK(mesh.vertices.size() == 4);
+}
+
+TEST_CASE("an OBJ file keeps its precision, wherever it lies")
+{
+    meshes::Folder const folder;
+    auto const mesh = firn::read_mesh(folder.file(
+        "a.obj",
+        "v 512345.4 4649776.1 120.3\nv 512345.6 4649776.1 120.3\nv 512345.4 4649776.3 120.3\nf 1 2 3\n"));
+    REQUIRE(mesh.vertices.size() == 3);
+    CHECK(mesh.vertices[0] == Vector3d{512345.4, 4649776.1, 120.3});
+    CHECK(mesh.vertices[2] == Vector3d{512345.4, 4649776.3, 120.3});
+}
+
+TEST_CASE("numbers of an OBJ file come in all forms")
+{
+    meshes::Folder const folder;
+    auto const mesh = firn::read_mesh(folder.file("a.obj", "\xef\xbb\xbf# with a byte order mark\r\n"
+                                                           "v .5 -.5 5.\r\nv\t+.25 1e-1 1.E+2 # a comment\r\n"
+                                                           "v -1.5e0 .5e1 2 0.1 0.2 0.3\r\nv 2 4 6 2\r\n"
+                                                           "o lid of it\r\nf 1/1/1 2//1 \\\r\n 3/2\r\n"
+                                                           "g bottom\r\nf -4 -1 -3\r\n"));
+    REQUIRE(mesh.vertices.size() == 4);
+    CHECK(mesh.vertices[0] == Vector3d{0.5, -0.5, 5});
+    CHECK(mesh.vertices[1] == Vector3d{0.25, 0.1, 100});
+    CHECK(mesh.vertices[2] == Vector3d{-1.5, 5, 2});
+    CHECK(mesh.vertices[3] == Vector3d{1, 2, 3});
+    REQUIRE(mesh.source);
+    CHECK(mesh.source->parts == std::vector<std::string>{"lid of it", "bottom"});
+    CHECK(mesh.source->faces[0].line == 7);
+    CHECK(mesh.source->faces[1].line == 10);
+    CHECK(mesh.source->faces[1].number == 2);
+    CHECK(mesh.source->faces[1].part == 1);
+}
+
+TEST_CASE("what is read in single precision is refused where that would bend it")
+{
+    meshes::Folder const folder;
+    auto const ascii = [](firn::TriangleMesh const& mesh) {
+        std::ostringstream text;
+        text.precision(12);
+        text << "ply\nformat ascii 1.0\nelement vertex 8\nproperty double x\nproperty double y\nproperty "
+                "double "
+                "z\nelement face 12\nproperty list uchar int vertex_indices\nend_header\n";
+        for (auto const& x : mesh.vertices) text << x.x() << ' ' << x.y() << ' ' << x.z() << '\n';
+        for (auto const& [a, b, c] : mesh.triangles) text << "3 " << a << ' ' << b << ' ' << c << '\n';
+        return text.str();
+    };
+    auto const check_refused = [&](std::filesystem::path const& path) {
+        try {
+            firn::read_mesh(path);
+            FAIL_CHECK("nothing was refused: " << path);
+        }
+        catch (firn::Error const& error) {
+            CHECK_THAT(error.what(), Contains("single precision") && Contains("MeshPlacement::translation"));
+        }
+    };
+    auto const cube = meshes::box({512345.4, 4649776.1, 120.3}, {512345.6, 4649776.3, 120.5});
+    check_refused(folder.file("a.ply", ascii(cube)));
+    check_refused(folder.file("b.ply", meshes::ply(cube)));
+    check_refused(folder.file("a.stl", meshes::stl(cube)));
+    check_refused(folder.file("a.glb", meshes::glb(cube)));
+    auto const unit = meshes::box({0, 0, 0}, {1, 1, 1});
+    check_refused(folder.file("b.glb", meshes::glb(unit, {0, 4649776.1, 0}))); // moved there by its node
+    // a million spacings, and ten thousand that are the file's own
+    CHECK_NOTHROW(firn::read_mesh(folder.file("c.ply", ascii(meshes::moved(unit, {10, 0, 0})))));
+    CHECK_NOTHROW(firn::read_mesh(folder.file("b.stl", meshes::stl(meshes::moved(unit, {1000, 0, 0})))));
+    check_refused(folder.file("d.ply", ascii(meshes::moved(unit, {1000, 0, 0}))));
 }

@@ -5,6 +5,7 @@
 #include <firn/io/read_mesh.hpp>
 #include <firn/sampling/distance_from_mesh.hpp>
 #include <firn/sampling/mesh_interior.hpp>
+#include <firn/sampling/points.hpp>
 
 #include <limits>
 
@@ -233,6 +234,103 @@ TEST_CASE("a file of points or lines alone is refused")
                               "property float z\nend_header\n0 0 0\n"),
                   "");
     check_refused(folder.file("b.obj", "v 0 0 0\nv 1 0 0\nv 1 0 0\nf 1 2 3\n"), "no triangles");
+}
+
+TEST_CASE("a defect is told in the file's coordinates and by its face")
+{
+    meshes::Folder const folder;
+    auto const path =
+        folder.file("a.obj", "o floor\nv 0 0 0\nv 1000 0 0\nv 1000 1000 0\nv 0 1000 0\nf 4 3 2 1\n"
+                             "o lid\nv 0 0 1000\nv 1000 0 1000\nv 1000 1000 1000\nv 0 1000 1000\n"
+                             "f 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\n"); // a side is missing
+    firn::MeshPlacement const placement{.scale = 0.001, .translation = {10, 20, 30}};
+    auto mesh = firn::read_mesh(path, placement);
+    auto const error = interior_error(mesh);
+    CHECK_THAT(error.where(), Contains("(10, 20.5, 30.5) m in the scene, (0, 500, 500) in " + path.string()));
+    CHECK_THAT(error.where(), Contains("of 'lid'") || Contains("of 'floor'"));
+    CHECK_THAT(error.where(), Contains("(line "));
+    for (auto& x : mesh.vertices) x += Vector3d{1, 2, 3}; // as an example does
+    CHECK_THAT(interior_error(mesh).where(), Contains("(11, 22.5, 33.5) m in the scene, (0, 500, 500) in"));
+    CHECK_THAT(interior_error(firn::read_mesh(path)).where(),
+               Contains("near (0, 500, 500) m, in " + path.string() + ", face "));
+    // crossing, with both faces
+    auto const crossing = folder.file("b.ply", [] {
+        auto two = meshes::box({0, 0, 0}, {1, 1, 1});
+        meshes::append(two, meshes::box({0.9, 0.2, 0.2}, {2, 0.8, 0.8}));
+        return meshes::ply(two);
+    }());
+    CHECK_THAT(interior_error(firn::read_mesh(crossing)).where(),
+               Contains("face ") && Contains(" and near ("));
+    // a mesh whose triangles were changed since has only coordinates
+    mesh.triangles.pop_back();
+    CHECK_THAT(interior_error(mesh).where(), Contains(" in " + path.string()) && !Contains("face "));
+    // far away with as many digits as it takes
+    auto far = meshes::moved(meshes::box({0, 0, 0}, {0.2, 0.2, 0.2}), {512345.4, 4649776.1, 120.3});
+    far.triangles.pop_back();
+    CHECK_THAT(interior_error(far).where(), Contains("4649776.2"));
+}
+
+TEST_CASE("a point cloud, and a file of another kind, get a sentence that fits")
+{
+    using namespace std::string_literals;
+    meshes::Folder const folder;
+    auto const remedy_of = [](std::filesystem::path const& path) {
+        return error_of([&] { firn::read_mesh(path); }).remedy();
+    };
+    check_refused(folder.file("a.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\n"), "point cloud");
+    check_refused(folder.file("a.ply",
+                              "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+                              "property float z\nend_header\n0 0 0\n"),
+                  "point cloud");
+    CHECK_THAT(remedy_of(folder / "a.ply"), Contains("Reconstruct a closed surface"));
+    check_refused(folder.file("b.obj", "\x89PNG\r\n\x1a\n"s + std::string(100, '\1')), "a PNG image");
+    check_refused(folder.file("b.stl", "PK\x03\x04 whatever is in it"), "a ZIP archive, as 3MF");
+    check_refused(folder.file("c.obj", "solid a\nendsolid a\n"), "an STL file");
+    check_refused(folder.file("b.ply", "v 0 0 0\n"), "does not begin as a ply file");
+    check_refused(folder.file("d.obj", "version https://git-lfs.github.com/spec/v1\n"), "pointer of Git LFS");
+    check_refused(folder.file("e.obj", "Dear all,\nthis is a letter.\n"), "this is no OBJ file");
+    check_refused(folder.file("f.obj", "v 0,5 1,0 2,0\n"), "'0,5' is no number");
+    CHECK_THAT(remedy_of(folder / "f.obj"), Contains("not a comma"));
+    check_refused(
+        folder.file("c.ply", "ply\nformat ascii 1.0\nelement vertex 1\nelement tristrips 1\nend_header\n"),
+        "triangle strips");
+    CHECK_THAT(remedy_of(folder.file("a.step", "ISO-10303-21;")), Contains("CAD"));
+    CHECK_THAT(remedy_of(folder.file("a.las", "LASF")), Contains("point cloud"));
+    CHECK_THAT(remedy_of(folder.file("a.3mf", "PK\x03\x04")), Contains("Blender"));
+}
+
+TEST_CASE("a line of an OBJ file that cannot be read is told")
+{
+    meshes::Folder const folder;
+    std::string const vertices = "v 0 0 0\nv 1 0 0\nv 1 1 0\n";
+    auto const check = [&](std::string const& text, std::string const& what) {
+        auto const path = folder.file("a.obj", vertices + text);
+        check_refused(path, what);
+        CHECK_THAT(error_of([&] { firn::read_mesh(path); }).where(), EndsWith("line 4"));
+    };
+    check("v 1 2\n", "fewer than three coordinates");
+    check("v 1 2 3e999\n", "3e999");
+    check("v 1 2 3 0\nf 1 2 3\n", "vertex 4 is not finite");
+    check("f 1 2 4\n", "face 1 names vertex 4 of 3");
+    check("f 1 2 -4\n", "face 1 names vertex -4 of 3");
+    check("f 1 2 0\n", "'0'");
+    check("f 1 2 x\n", "'x'");
+}
+
+TEST_CASE("where a solid is too large for what is asked, millimetres are thought of")
+{
+    MeshInterior const large(meshes::box({0, 0, 0}, {1000, 800, 600})),
+        usual(meshes::box({0, 0, 0}, {1, 1, 1}));
+    auto const remedies = [&](MeshInterior const& solid, double length) {
+        return std::vector<std::string>{
+            error_of([&] { firn::lattice_points(solid, firn::Spacing{length}); }).remedy(),
+            error_of([&] { firn::poisson_disk_points(solid, firn::Radius{length}); }).remedy(),
+            error_of([&] { firn::uniform_points(solid, firn::Count{std::size_t(1) << 63}); }).remedy(),
+            error_of([&] { firn::distance_from_mesh(solid, length, 0.1); }).remedy()};
+    };
+    for (auto const& remedy : remedies(large, 0.01))
+        CHECK_THAT(remedy, Contains("1000 m across") && Contains("MeshPlacement{.scale = 0.001}"));
+    for (auto const& remedy : remedies(usual, 1e-5)) CHECK_THAT(remedy, !Contains("millimetres"));
 }
 
 TEST_CASE("a placement that is none is refused")

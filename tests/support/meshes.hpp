@@ -136,6 +136,22 @@ inline TriangleMesh head(std::uint32_t n, bool holes = true)
     return mesh;
 }
 
+/// A thin hollow ball with fins that share an edge with its outside each, around the equator: edges of three
+/// triangles, open sheets, and little volume in a large box.
+inline TriangleMesh finned_shell(double inner, std::uint32_t n, std::uint32_t fins)
+{
+    auto mesh = hollow_ball(1, inner, n);
+    auto const around = 2 * n;
+    for (std::uint32_t fin = 0; fin < fins; ++fin) {
+        auto const a = 1 + (n / 2 - 1) * around + fin * around / fins, b = a + around;
+        auto const c = static_cast<std::uint32_t>(mesh.vertices.size());
+        for (auto const foot : {a, b}) mesh.vertices.push_back(1.2 * Vector3d{mesh.vertices[foot]});
+        mesh.triangles.push_back({a, b, c});
+        mesh.triangles.push_back({b, c + 1, c});
+    }
+    return mesh;
+}
+
 // ---- files
 
 /// A fresh folder below the system's temporary folder, removed with everything in it.

@@ -1,18 +1,21 @@
 // SPDX-License-Identifier: MIT
-#include "catch.hpp"
-#include "support/meshes.hpp"
+#pragma once
 
-#include <firn/io/read_mesh.hpp>
-#include <firn/sampling/mesh_interior.hpp>
+#include <Eigen/Core>
 
+#include <cstddef>
 #include <map>
+#include <sstream>
+#include <string>
+#include <utility>
+#include <vector>
+
+/// Polygons of many shapes, and the prisms over them as files.
+namespace polygons
+{
 
 using Eigen::Vector2d;
 using Eigen::Vector3d;
-using firn::MeshInterior;
-
-namespace
-{
 
 struct Profile
 {
@@ -20,7 +23,7 @@ struct Profile
     std::vector<Vector2d> outline; ///< counter-clockwise
 };
 
-std::vector<Profile> profiles()
+inline std::vector<Profile> profiles()
 {
     std::vector<Profile> result{
         {"L", {{0, 0}, {2, 0}, {2, 1}, {1, 1}, {1, 2}, {0, 2}}},
@@ -31,17 +34,61 @@ std::vector<Profile> profiles()
         {"star", {{0, -5}, {1, -1}, {5, 0}, {1, 1}, {0, 5}, {-1, 1}, {-5, 0}, {-1, -1}}},
         {"arrow", {{0, 1}, {4, 1}, {4, 0}, {7, 2}, {4, 4}, {4, 3}, {0, 3}, {1, 2}}},
         {"spiral",
-         {{0, 0}, {7, 0}, {7, 7}, {0, 7}, {0, 2}, {5, 2}, {5, 5}, {2, 5}, {2, 4}, {4, 4}, {4, 3}, {1, 3},
-          {1, 6}, {6, 6}, {6, 1}, {0, 1}}},
+         {{0, 0},
+          {7, 0},
+          {7, 7},
+          {0, 7},
+          {0, 2},
+          {5, 2},
+          {5, 5},
+          {2, 5},
+          {2, 4},
+          {4, 4},
+          {4, 3},
+          {1, 3},
+          {1, 6},
+          {6, 6},
+          {6, 1},
+          {0, 1}}},
         // straight corners along all edges, three in a row along some
         {"stairs",
-         {{0, 0}, {1, 0}, {2, 0}, {3, 0}, {4, 0}, {4, 1}, {3, 1}, {3, 2}, {2, 2}, {2, 3}, {1, 3}, {1, 4}, {0, 4},
-          {0, 3}, {0, 2}, {0, 1}}},
+         {{0, 0},
+          {1, 0},
+          {2, 0},
+          {3, 0},
+          {4, 0},
+          {4, 1},
+          {3, 1},
+          {3, 2},
+          {2, 2},
+          {2, 3},
+          {1, 3},
+          {1, 4},
+          {0, 4},
+          {0, 3},
+          {0, 2},
+          {0, 1}}},
         {"square with a hole",
          {{0, 0}, {3, 0}, {3, 3}, {0, 3}, {0, 0}, {1, 1}, {1, 2}, {2, 2}, {2, 1}, {1, 1}}},
         {"two holes from one corner",
-         {{0, 0}, {7, 0}, {7, 3}, {0, 3}, {0, 0}, {1, 1}, {1, 2}, {2, 2}, {2, 1}, {1, 1}, {0, 0}, {4, 1},
-          {4, 2}, {5, 2}, {6, 2}, {6, 1}, {5, 1}, {4, 1}}},
+         {{0, 0},
+          {7, 0},
+          {7, 3},
+          {0, 3},
+          {0, 0},
+          {1, 1},
+          {1, 2},
+          {2, 2},
+          {2, 1},
+          {1, 1},
+          {0, 0},
+          {4, 1},
+          {4, 2},
+          {5, 2},
+          {6, 2},
+          {6, 1},
+          {5, 1},
+          {4, 1}}},
     };
     Profile comb{"comb", {{0, 0}, {9, 0}}};
     for (int tooth = 4; tooth >= 0; --tooth) {
@@ -86,8 +133,9 @@ struct Polygons
     }
 };
 
-/// The prism of height 2 over a profile: two polygons, and a quadrilateral over each edge that is not doubled.
-Polygons prism(std::vector<Vector2d> const& outline)
+/// The prism of height 2 over a profile: two polygons, and a quadrilateral over each edge that is not
+/// doubled.
+inline Polygons prism(std::vector<Vector2d> const& outline)
 {
     Polygons result;
     std::map<std::pair<double, double>, std::size_t> number;
@@ -113,7 +161,7 @@ Polygons prism(std::vector<Vector2d> const& outline)
     return result;
 }
 
-double area(std::vector<Vector2d> const& outline)
+inline double area(std::vector<Vector2d> const& outline)
 {
     double twice = 0;
     for (std::size_t i = 0; i < outline.size(); ++i) {
@@ -123,37 +171,4 @@ double area(std::vector<Vector2d> const& outline)
     return twice / 2;
 }
 
-} // namespace
-
-TEST_CASE("prisms over polygons of any shape are solids of the right volume, from whichever corner")
-{
-    meshes::Folder const folder;
-    Eigen::Matrix3d const turned =
-        Eigen::AngleAxisd(0.7, Vector3d{1, -2, 3}.normalized()).toRotationMatrix();
-    for (auto const& profile : profiles()) {
-        INFO(profile.name);
-        double const exact = 2 * area(profile.outline);
-        auto outline = profile.outline;
-        for (std::size_t start = 0; start < outline.size(); ++start) {
-            CAPTURE(start);
-            auto solid = prism(outline);
-            auto const check = [&](std::string const& file) {
-                auto const mesh = firn::read_mesh(folder / file);
-                std::size_t corners = 0; // each polygon of n corners becomes n - 2 triangles
-                for (auto const& face : solid.faces) corners += face.size() - 2;
-                CHECK(mesh.triangles.size() == corners);
-                CHECK(MeshInterior(mesh).volume() == Approx(exact).epsilon(1e-12));
-            };
-            folder.file("a.obj", solid.obj());
-            check("a.obj");
-            if (start == 0) {
-                folder.file("a.ply", solid.ply());
-                check("a.ply");
-            }
-            for (auto& x : solid.vertices) x = turned * x + Vector3d{0.1, 20, -3}; // no polygon is plane now
-            folder.file("a.obj", solid.obj());
-            check("a.obj");
-            std::ranges::rotate(outline, outline.begin() + 1);
-        }
-    }
-}
+} // namespace polygons
