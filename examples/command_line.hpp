@@ -73,7 +73,8 @@ inline Options command_line(int argc, char** argv, std::string const& name, std:
         "NUMBER > 0");
     app.add_option("--mesh", options.mesh,
                    "closed OBJ, PLY, STL, glTF or GLB file [m, y up]; default: generated");
-    app.add_option("--scale", options.scale, "factor on the mesh file's coordinates")->check(positive);
+    app.add_option("--scale", options.scale, "metres per unit of the mesh file: 0.001 for millimetres")
+        ->check(positive);
     app.add_flag("--repair", options.sampling.repair,
                  "fill a mesh that is open or broken, and say what volume it took");
     app.add_option("--particles", options.sampling.particles, "number of particles")->check(positive);

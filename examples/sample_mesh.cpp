@@ -7,16 +7,26 @@
 #include <firn/sampling/mesh_interior.hpp>
 #include <firn/sampling/points.hpp>
 
+#include <cstdio>
+#include <unistd.h>
+
 namespace firn::examples
 {
 
 namespace
 {
 
-/// What is inside the mesh. Who is told to pass Repair::fill is told the option that does.
+/// Tells on a terminal how far the filling of a mesh is.
+void show_filling(double share)
+{
+    if (isatty(fileno(stderr)) != 0)
+        std::fprintf(stderr, "\rfilling %3.0f %%%s", 100 * share, share < 1 ? "" : "\n");
+}
+
+/// What is inside the mesh. Where Repair::fill would help, the error names the option that passes it.
 MeshInterior interior(TriangleMesh const& mesh, bool repair, OpenMP const& loop)
 {
-    if (repair) return MeshInterior(mesh, Repair::fill, loop);
+    if (repair) return MeshInterior(mesh, Repair::fill, loop, show_filling);
     try {
         return MeshInterior(mesh, Repair::none, loop);
     }
@@ -38,8 +48,8 @@ Sampled sample(TriangleMesh const& mesh, Sampling const& how)
     auto points = how.pattern == "uniform"   ? uniform_points(solid, count, how.seed, loop)
                   : how.pattern == "poisson" ? poisson_disk_points(solid, count, how.seed, loop)
                                              : lattice_points(solid, count, 0.5, how.seed, loop);
-    return {std::move(points.points), solid.volume(), points.volume_per_point, solid.repaired(),
-            solid.defect()};
+    return {std::move(points.points),     solid.volume(),   points.volume_per_point,
+            solid.bounding_box().sizes(), solid.repaired(), solid.defect()};
 }
 
 SignedDistanceGrid<float, 3> distances_of(TriangleMesh const& mesh, double cell_size, double margin)

@@ -29,6 +29,7 @@ struct Sampled
     std::vector<Eigen::Vector3d> points; ///< [m]
     double volume = 0;                   ///< of the solid [m^3]
     double volume_per_point = 0;         ///< [m^3]
+    Eigen::Vector3d size{0, 0, 0};       ///< of the solid's bounding box [m]
     bool repaired = false;
     std::string defect; ///< what was repaired
 };

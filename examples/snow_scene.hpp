@@ -149,7 +149,10 @@ int run(Options const& options, Scene const& scene)
 {
     auto const body = sample(scene.mesh, options.sampling);
     if (body.repaired) std::cout << "repaired: " << body.defect << "\n";
-    std::cout << "solid of " << body.volume << " m^3" << std::endl;
+    std::cout << "solid of " << body.volume << " m^3, " << body.size.transpose() << " m across" << std::endl;
+    if (body.size.maxCoeff() >= 100)
+        std::cout << "That is large for snow: if the mesh file is in millimetres, pass --scale 0.001."
+                  << std::endl;
     auto const with_kernel = [&]<class Kernel>(Kernel) {
         if (options.transfer == "pic")
             simulate<Kernel>(options, scene, body, Pic{});

@@ -124,7 +124,10 @@ void check_sampler(Sampler const& sample)
 } // namespace
 
 template <class Number>
-concept MakesCount = requires(Number number) { Count{number}; };
+concept MakesCount = requires(Number number)
+{
+    Count{number};
+};
 static_assert(MakesCount<std::size_t> && MakesCount<int> && MakesCount<std::int64_t> && !MakesCount<double>);
 
 TEST_CASE("lattice points: as many as asked, inside, even, and the same again")
