@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-// Compilers that cannot compile the library are refused here, each by one sentence. Define FIRN_ANY_COMPILER to
-// try one that is not supported.
+// Compilers that cannot compile the library are refused here, each by one sentence. Define FIRN_ANY_COMPILER
+// to try one that is not supported.
 #if !defined(FIRN_ANY_COMPILER)
 #if defined(_MSC_VER) && !defined(__clang__)
-#error "firn: MSVC is not supported: compile with g++ 12, clang 16 or newer, or define FIRN_ANY_COMPILER to try."
+#error                                                                                                       \
+    "firn: MSVC is not supported: compile with g++ 12, clang 16 or newer, or define FIRN_ANY_COMPILER to try."
 #elif defined(__clang__) && __clang_major__ < 16
 #error "firn: this clang is too old: it needs clang 16 or newer, or define FIRN_ANY_COMPILER to try."
 #elif defined(__GNUC__) && !defined(__clang__) && __GNUC__ < 12

@@ -38,8 +38,8 @@ struct Motion
     static Motion between(Motion const& before, Motion const& after, double dt)
     {
         char const* const where = "Motion::between";
-        require(std::isfinite(dt) && dt > 0, "the time between two poses is not a finite number above 0",
-                where, "Pass seconds, e.g. 1.0 / 24.");
+        require(is_finite(dt) && dt > 0, "the time between two poses is not a finite number above 0", where,
+                "Pass seconds, e.g. 1.0 / 24.");
         Motion motion{.position = before.position, .orientation = before.orientation, .time = before.time};
         motion.validate(where);
         Motion{.position = after.position, .orientation = after.orientation}.validate(where);

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/exactly_equal.hpp>
+
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 
@@ -46,7 +48,7 @@ public:
     int sign() const
     {
         for (auto i = count_; i > 0; --i)
-            if (parts_[i - 1] != 0) return parts_[i - 1] > 0 ? 1 : -1;
+            if (!exactly_equal(parts_[i - 1], 0)) return parts_[i - 1] > 0 ? 1 : -1;
         return 0;
     }
 

@@ -3,6 +3,7 @@
 
 #include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
+#include <firn/core/exactly_equal.hpp>
 #include <firn/io/cut_polygon.hpp>
 #include <firn/io/polygon_file.hpp>
 #include <firn/io/read_obj.hpp>
@@ -72,8 +73,9 @@ private:
     void add(aiScene const& scene, aiNode const& node, Eigen::Matrix4d const& parent)
     {
         Eigen::Matrix4d own;
-        for (int row = 0; row < 4; ++row)
-            for (int column = 0; column < 4; ++column) own(row, column) = node.mTransformation[row][column];
+        for (unsigned row = 0; row < 4; ++row)
+            for (unsigned column = 0; column < 4; ++column)
+                own(row, column) = node.mTransformation[row][column];
         Eigen::Matrix4d const to_world = parent * own;
         for (unsigned i = 0; i < node.mNumMeshes; ++i)
             if (node.mMeshes[i] < scene.mNumMeshes) add(*scene.mMeshes[node.mMeshes[i]], to_world);
@@ -92,7 +94,7 @@ private:
         for (unsigned i = 0; i < part.mNumVertices; ++i) {
             auto const& v = part.mVertices[i];
             Eigen::Vector3d const in_part{v.x, v.y, v.z}, in_file = linear * in_part + shift;
-            if (!in_file.allFinite())
+            if (!all_finite(in_file))
                 throw Error{"vertex " + std::to_string(i) + " of mesh part '" + part.mName.C_Str() +
                                 "' is not finite",
                             path_.string(), "Repair the file: every coordinate must be a finite number."};
@@ -124,7 +126,7 @@ private:
         double const spacing = std::nextafter(largest, std::numeric_limits<float>::infinity()) - largest;
         // What the file holds in single precision comes as it stands there, but may not be worth much itself.
         double const wanted = exact ? 1e3 : 1e5;
-        if (extent == 0 || extent >= wanted * spacing) return;
+        if (exactly_equal(extent, 0) || extent >= wanted * spacing) return;
         std::ostringstream what;
         what << "the mesh is " << extent << " large but lies " << largest_
              << " from the file's origin, where single precision tells only multiples of " << spacing
@@ -157,7 +159,7 @@ inline TriangleMesh placed(PolygonFile const& file, MeshPlacement const& placeme
         if (known != unseen) return known;
         Eigen::Vector3d const& x = file.vertices[vertex];
         Eigen::Vector3d const there = placement.rotation * (placement.scale * x) + placement.translation;
-        if (!there.allFinite())
+        if (!all_finite(there))
             throw Error{"vertex " + std::to_string(vertex) + ", counted from 0, is placed beyond all numbers",
                         path.string(), "Check the placement's scale and translation [m]."};
         known = weld(there);

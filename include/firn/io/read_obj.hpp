@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
 #include <firn/io/polygon_file.hpp>
 
@@ -113,7 +114,7 @@ private:
         if (count < 3) refuse("a vertex has fewer than three coordinates");
         Eigen::Vector3d x{number[0], number[1], number[2]};
         if (count == 4) x /= number[3]; // homogeneous
-        if (!x.allFinite()) refuse("vertex " + std::to_string(file_.vertices.size() + 1) + " is not finite");
+        if (!all_finite(x)) refuse("vertex " + std::to_string(file_.vertices.size() + 1) + " is not finite");
         file_.vertices.push_back(x);
     }
 

@@ -20,7 +20,7 @@ struct WeldKey
 
     explicit WeldKey(Eigen::Vector3d const& x)
     {
-        for (int i = 0; i < 3; ++i) bits[i] = std::bit_cast<std::uint64_t>(x[i] + 0.0);
+        for (std::size_t i = 0; i < 3; ++i) bits[i] = std::bit_cast<std::uint64_t>(x[Eigen::Index(i)] + 0.0);
     }
     bool operator==(WeldKey const&) const = default;
 };

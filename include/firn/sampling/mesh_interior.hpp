@@ -14,6 +14,7 @@ FIRN_ALLOW_FAST_MATH."
 
 #include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
+#include <firn/core/exactly_equal.hpp>
 #include <firn/core/serial.hpp>
 #include <firn/io/triangle_mesh.hpp>
 #include <firn/sampling/filled_surface.hpp>
@@ -97,7 +98,7 @@ inline void check_triangles(TriangleMesh const& mesh)
         for (auto const corner : triangle)
             extent = std::max(extent, (mesh.vertices[corner] - first).cwiseAbs().maxCoeff());
     // volumes are still numbers then, and squares of volumes
-    require(extent == 0 || (extent > 1e-30 && extent < 1e15),
+    require(exactly_equal(extent, 0) || (extent > 1e-30 && extent < 1e15),
             "the mesh is smaller than 1e-30 m or larger than 1e15 m", "MeshInterior", "Scale it to metres.");
 }
 

@@ -76,7 +76,7 @@ inline EdgeDefects edge_defects(TriangleMesh const& mesh)
     using Edge = std::pair<std::uint32_t, std::uint32_t>;
     std::vector<Edge> edges, boundary;
     for (auto const& t : mesh.triangles)
-        for (int i = 0; i < 3; ++i) edges.push_back(std::minmax({t[i], t[(i + 1) % 3]}));
+        for (std::size_t i = 0; i < 3; ++i) edges.push_back(std::minmax({t[i], t[(i + 1) % 3]}));
     std::ranges::sort(edges);
 
     EdgeDefects result;

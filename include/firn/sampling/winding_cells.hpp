@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/finite.hpp>
 #include <firn/io/triangle_mesh.hpp>
 #include <firn/io/weld.hpp>
 #include <firn/sampling/interior.hpp>
@@ -295,7 +296,7 @@ private:
             double const apart = edge.distance(cell.centre) - radius, error = edge.change(apart) * radius;
             bool const is_far = apart > 3 * radius;
             (is_far ? grown.gradient_error : near_error) += error;
-            if (std::isfinite(error)) (is_far ? grown.gradient : near) += edge.gradient(cell.centre);
+            if (is_finite(error)) (is_far ? grown.gradient : near) += edge.gradient(cell.centre);
             return is_far;
         });
         cell.gradient = grown.gradient + near;

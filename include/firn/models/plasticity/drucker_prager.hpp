@@ -135,8 +135,8 @@ struct DruckerPragerFlow
                 "the slope of the dilatancy is not between 0 and that of the cone", name,
                 "Pass dilatancy_cone(dimension, angle), the angle no larger than that of friction; 0 keeps "
                 "the volume.");
-        require(cohesion >= 0 && is_finite(cohesion), "the cohesion is not a finite number, 0 or above",
-                name, "Pass Pa, e.g. 1e3 for moist sand, 0 for dry sand.");
+        require(cohesion >= 0 && is_finite(cohesion), "the cohesion is not a finite number, 0 or above", name,
+                "Pass Pa, e.g. 1e3 for moist sand, 0 for dry sand.");
         require(tension_cutoff >= 0 && is_finite(tension_cutoff),
                 "the cut-off of tension is not a finite number, 0 or above", name,
                 "Pass Pa, e.g. 0 for none; by default the tip of the cone limits tension.");
