@@ -123,8 +123,8 @@ void simulate(Options const& options, Scene const& scene, Sampled const& body, T
         if (frame == 0 && frames_left > 0)
             std::cout << "steps take about " << describe(left)
                       << " minutes: the latter if all of them become as short "
-                      << "as in crushed snow, " << hardened << " times shorter than in fresh snow"
-                      << std::endl;
+                      << "as in crushed snow, " << std::round(10 * hardened) / 10
+                      << " times shorter than in fresh snow" << std::endl;
         show_progress(frame + 1, options.frames, solver.time(), report,
                       static_cast<double>(report.substeps) * static_cast<double>(solver.size()) / seconds,
                       left);
