@@ -10,7 +10,8 @@
 
 #include <string>
 
-// Particles from a mesh: the head of the examples and a torus, 100 000 points each.
+// Particles from a mesh: the heads of the examples, one of them to be filled, and a torus, 100 000 points
+// each.
 namespace firn::bench
 {
 
@@ -21,7 +22,7 @@ void add_sampling(int threads)
                                      [=](benchmark::State& run) {
                                          std::size_t points = 0;
                                          for (auto _ : run) {
-                                             MeshInterior const solid(mesh);
+                                             MeshInterior const solid(mesh, Repair::fill, OpenMP{threads});
                                              points = sample(solid, OpenMP{threads}).points.size();
                                          }
                                          run.counters["points_per_second"] = benchmark::Counter(
@@ -31,8 +32,9 @@ void add_sampling(int threads)
             ->UseRealTime();
     };
     constexpr std::size_t count = 100000;
-    for (auto const& [name, mesh] :
-         {std::pair{"head", examples::head()}, {"torus", examples::torus(1, 0.4)}}) {
+    for (auto const& [name, mesh] : {std::pair{"head", examples::head()},
+                                     {"open_head", examples::open_head()},
+                                     {"torus", examples::torus(1, 0.4)}}) {
         std::string const of = name;
         add("lattice/" + of, mesh, [](auto const& solid, auto const& loop) {
             return lattice_points(solid, Count{count}, 0.5, 1, loop);

@@ -7,9 +7,9 @@
 
 #include <array>
 
-// Files that say they are meshes: refused, or triangles of finite corners. The importer is another project's
-// and crashes on some: run.sh lets the fuzzer go on in child processes, and tells those faults from ours by
-// where they happened.
+// Files that say they are meshes: refused, or triangles of finite corners. The importer of all kinds but OBJ
+// is another project's and crashes on some: run.sh lets the fuzzer go on in child processes, and tells those
+// faults from ours by where they happened.
 namespace firn::fuzz
 {
 
