@@ -329,9 +329,9 @@ TEMPLATE_LIST_TEST_CASE("Of the first integers the last is there once more in ea
         std::vector<std::uint32_t> from(static_cast<std::size_t>(count)); // no more: see above
         std::iota(from.begin(), from.end(), 7u);
         std::uint32_t to[width];
-        openmp::copy_first(from.data(), count, to);
+        openmp::copy_first<width>(from.data(), count, to);
         for (int l = 0; l < width; ++l) CHECK(to[l] == 7u + std::uint32_t(std::min(l, count - 1)));
-        openmp::count_up(7u, to);
+        openmp::count_up<width>(7u, to);
         for (int l = 0; l < width; ++l) CHECK(to[l] == 7u + std::uint32_t(l));
     }
 }

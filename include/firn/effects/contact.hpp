@@ -23,13 +23,17 @@ struct Contact
     bool separates = true; ///< whether material may move away from the surface
     bool sticks = false;   ///< no relative velocity at all, approaching or not
 
-    static Contact sticky()
+    FIRN_HOST_DEVICE static Contact sticky()
     {
         return {.friction = std::numeric_limits<double>::infinity(), .separates = false, .sticks = true};
     }
     FIRN_HOST_DEVICE static Contact slip() { return {}; }
-    static Contact bound_slip() { return {.separates = false}; } ///< slips, and never lets go
-    static Contact coulomb(double friction_coefficient) { return {.friction = friction_coefficient}; }
+    /// Slips, and never lets go.
+    FIRN_HOST_DEVICE static Contact bound_slip() { return {.separates = false}; }
+    FIRN_HOST_DEVICE static Contact coulomb(double friction_coefficient)
+    {
+        return {.friction = friction_coefficient};
+    }
 
     void validate(char const* where) const
     {
