@@ -3,15 +3,13 @@
 
 #include <firn/firn.hpp>
 
-#include <cmath>
-
 struct RisingWind // along x; its drag grows with height, and is exact for steps of any length
 {
     double speed = 10, rate = 0.5; // of the wind [m/s]; of the drag one metre above y = 0 [1/s]
 
     void validate() const
     {
-        firn::require(std::isfinite(speed) && rate >= 0 && rate < 1e15,
+        firn::require(firn::is_finite(speed) && rate >= 0 && rate < 1e15,
                       "the speed is not finite, or the rate is outside [0, 1e15)", "RisingWind",
                       "Pass m/s and 1/s.");
     }

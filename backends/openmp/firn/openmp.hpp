@@ -54,6 +54,11 @@ struct BasicOpenMP
         // OpenMP ends the process where the system gives it fewer threads than it asks for
         require(threads >= 0 && threads <= most_threads, "the number of threads is outside [0, 1024]",
                 "OpenMP", "Pass the number of cores or less, or 0 for as many as OpenMP would use.");
+#if defined(__clang__) && defined(FIRN_HAS_XSIMD)
+        require(openmp::functions_hold<float>() && openmp::functions_hold<double>(),
+                "exponentials of packs are wrong, as -fassociative-math makes them", "OpenMP",
+                "Compile with -fno-associative-math behind -ffast-math, or define FIRN_NO_XSIMD.");
+#endif
     }
 
     /// How many steps are worth while to queue before the host listens: it need not wait.

@@ -11,7 +11,9 @@
 #include <array>
 #include <bit>
 #include <cassert>
+#include <cmath>
 #include <cstring>
+#include <limits>
 #include <numeric>
 #include <span>
 #include <type_traits>
@@ -33,6 +35,33 @@ struct ScalarLanes
     template <class Number>
     using Lane = Number;
 };
+
+/// Whether exponentials, logarithms and roundings of packs are what they should be. clang has no macro by
+/// which -fassociative-math could be refused, and xsimd's do not bear it.
+template <class Number>
+bool functions_hold()
+{
+    using Real = NativeLane<Number>;
+    static bool const hold = [] {
+        bool all = true;
+        for (double const number : {0.3, 1.7, 5.7, 40.1}) {
+            Number volatile const unknown = Number(number); // to the compiler
+            Number const x = unknown;
+            auto const is = [&](Real lanes, Number should) {
+                Number found[lane_width<Real>];
+                LaneTraits<Real>::store(lanes, found);
+                all = all && std::abs(found[0] - should) <=
+                                 256 * std::numeric_limits<Number>::epsilon() * std::abs(should);
+            };
+            using firn::exp, firn::floor, firn::log;
+            is(exp(Real(x)), std::exp(x));
+            is(log(Real(x)), std::log(x));
+            is(floor(Real(x)), std::floor(x));
+        }
+        return all;
+    }();
+    return hold;
+}
 
 template <class Body>
 void for_each(Threads const& threads, std::size_t count, Body const& body)
