@@ -492,7 +492,7 @@ TEMPLATE_TEST_CASE("sand with cohesion that is pulled reaches c / tan(phi) or it
     auto& model = material.model;
     model.cohesion = c;
     double const expansion = d * model.elasticity.lambda + 2 * model.elasticity.mu;
-    for (double cutoff : {model.tension_cutoff, 2e3, 0.0}) {
+    for (double const cutoff : std::array{double(model.tension_cutoff), 2e3, 0.0}) { // a list stops nvcc
         model.tension_cutoff = cutoff;
         double const most = std::min(cutoff, c / std::tan(phi));
         auto state = material.at_rest(1).front();
