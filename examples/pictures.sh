@@ -34,7 +34,6 @@ need_room 500 "$root"
     stop "the examples could not be built."
 need_renderer "$root"
 
-export OMP_WAIT_POLICY="${OMP_WAIT_POLICY:-passive}"
 for name in "${names[@]}"; do
     out="$root/out/$name"
     "$root/build/examples/examples/$name" "$out" || stop "$name did not run to its end."

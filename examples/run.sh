@@ -65,9 +65,9 @@ if [ -n "$help" ]; then
     exec "$program" --help
 fi
 
-# threads that wait sleep: on a machine with other work, spinning costs more than waking up
-export OMP_WAIT_POLICY="${OMP_WAIT_POLICY:-passive}"
-echo "with its defaults snow_on_moving_ball takes at most two minutes of two quiet cores; what this run takes is said after its first frame"
+[ $scene != snow_on_moving_ball ] || [ -n "$on_gpu" ] ||
+    echo "with its defaults $scene takes at most two minutes of two quiet cores"
+echo "how long this run will take is said after its first frame"
 echo "running: $program --out $out ${arguments[*]-}"
 mkdir -p "$out" || stop "the folder $out cannot be made."
 "$program" --out "$out" "${arguments[@]}" || stop "the example did not run to its end (exit code $?); bash examples/run.sh --help lists its options."

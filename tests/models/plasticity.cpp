@@ -3,6 +3,8 @@
 #include "support/long_double.hpp"
 #include "support/one_element.hpp"
 
+#include <array>
+
 using namespace firn;
 using namespace firn::test;
 

@@ -153,4 +153,11 @@ TEST_CASE("what is read in single precision is refused where that would bend it"
     CHECK_NOTHROW(firn::read_mesh(folder.file("c.ply", ascii(meshes::moved(unit, {10, 0, 0})))));
     CHECK_NOTHROW(firn::read_mesh(folder.file("b.stl", meshes::stl(meshes::moved(unit, {1000, 0, 0})))));
     check_refused(folder.file("d.ply", ascii(meshes::moved(unit, {1000, 0, 0}))));
+    // a vertex that no face names changes nothing
+    auto stray = cube;
+    stray.vertices.push_back({0, 0, 0});
+    check_refused(folder.file("e.ply", ascii(stray)));
+    stray = unit;
+    stray.vertices.push_back({1e7, 0, 0});
+    CHECK_NOTHROW(firn::read_mesh(folder.file("f.ply", ascii(stray))));
 }

@@ -9,6 +9,7 @@
 #include <cmath>
 #include <csignal>
 #include <cstdint>
+#include <cstdlib>
 #include <functional>
 #include <memory>
 #include <mutex>
@@ -171,23 +172,35 @@ TEST_CASE("a loop within a parallel region of the host's own has one thread, as 
     CHECK(sum > 0);
 }
 
-TEST_CASE("a loop does not wait for threads that have not begun")
+TEST_CASE("a child of fork() has threads of its own, and a program may end within a loop")
 {
-    // a process that was forked has none of the team's threads: they never begin
+    // a child of fork() has none of its parent's threads, and makes its own
     std::atomic<int> sum = 0;
     auto const count = [&] {
         openmp::share(4, 1000, 1, [&](int) { return [&](int) { ++sum; }; });
         return sum.exchange(0);
     };
     REQUIRE(count() == 1000);
-    pid_t const child = fork();
-    REQUIRE(child >= 0);
-    if (child == 0) _exit(count() == 1000 && count() == 1000 ? 0 : 1);
-    int status = -1;
-    for (int waits = 0; waits < 5000 && waitpid(child, &status, WNOHANG) == 0; ++waits)
-        std::this_thread::sleep_for(std::chrono::milliseconds(1));
-    if (status == -1) kill(child, SIGKILL), waitpid(child, nullptr, 0);
-    CHECK(status == 0);
+    auto const status_of = [](auto const& work) { // of a child that does it; SIGKILL if it hangs
+        pid_t const child = fork();
+        REQUIRE(child >= 0);
+        if (child == 0) _exit(work());
+        int status = -1;
+        for (int waits = 0; waits < 5000 && waitpid(child, &status, WNOHANG) == 0; ++waits)
+            std::this_thread::sleep_for(std::chrono::milliseconds(1));
+        if (status == -1) kill(child, SIGKILL), waitpid(child, &status, 0);
+        return status;
+    };
+    CHECK(status_of([&] { return count() == 1000 && count() == 1000 ? 0 : 1; }) == 0);
+    CHECK(WEXITSTATUS(status_of([&] { // while others are at work
+              openmp::share(4, 1000, 1, [&](int thread) {
+                  return [thread](int) {
+                      if (thread == 0) std::exit(7);
+                      std::this_thread::sleep_for(std::chrono::milliseconds(1));
+                  };
+              });
+              return 0;
+          })) == 7);
     CHECK(count() == 1000);
 }
 

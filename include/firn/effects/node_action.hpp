@@ -257,10 +257,8 @@ concept IsValidatedInPlane = requires(Effect const effect)
 template <class Effect, int d>
 constexpr bool all_is_called()
 {
-    if constexpr (!std::is_class_v<Effect>)
-        return false;
-    else if constexpr (std::is_final_v<Effect>)
-        return true; // it cannot be told
+    if constexpr (!std::is_class_v<Effect> || std::is_final_v<Effect>)
+        return false; // what a final class has cannot be told
     else {
         bool called = true;
         if constexpr (has_plain<Effect>) called = called && IsMadePlain<Effect>;
@@ -294,7 +292,9 @@ using ActionOf =
 template <class T, class Number, int d>
 concept DescribesEffect = requires(T const effect)
 {
-    effect.validate();
+    {
+        effect.validate()
+        } -> std::same_as<void>;
     typename ActionOf<T, Number, d>;
 };
 
@@ -357,7 +357,9 @@ struct CheckedEffect<T, Real, d, true>
         "velocity) const' [m/s] and contact, 'firn::ContactResult<Real, d> touch(firn::LanePosition<Real, d> "
         "const& place, firn::Vector<Real, d> const& velocity, firn::Contact const& rule) const' beside a "
         "'firn::Contact contact'; each for the lanes Real that the backend computes with (template "
-        "<firn::Lane Real>), none of these names with another signature, in a plain class that is not final: "
+        "<firn::Lane Real>), none of these names with another signature or as data, nor hold, carried, "
+        "reference, "
+        "overlap or lost_beyond, which are those of obstacles, in a plain class that is not final: "
         "see firn/effects/node_action.hpp");
     static constexpr bool is_plain = std::is_trivially_destructible_v<PlainEffect<T>>;
     static_assert(is_plain, "the effect owns something, and steps know it as a plain value: it lacks 'auto "
@@ -374,10 +376,11 @@ struct CheckedEffect<T, Real, d, true>
                   "the effect lacks what bounds the time step: 'double largest_acceleration() const' [m/s^2] "
                   "where its action has an acceleration, 'double largest_speed() const' [m/s] where it has "
                   "contact; or, where it holds particles, 'bool on_particles'");
-    static_assert(
-        all_is_called<T, d>(),
-        "the effect has a member by the name of plain, validate_in_plane, largest_acceleration or "
-        "largest_speed that cannot be called as the library does: see firn/effects/node_action.hpp");
+    static_assert(all_is_called<T, d>(),
+                  "the effect has a member by the name of plain, validate_in_plane, largest_acceleration or "
+                  "largest_speed that cannot be called as the library does, or it is a final class, of which "
+                  "that cannot "
+                  "be told: see firn/effects/node_action.hpp");
     static constexpr bool value = NodeEffect<T, Real, d>;
 };
 

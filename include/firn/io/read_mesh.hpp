@@ -99,9 +99,6 @@ private:
                                 "' is not finite",
                             path_.string(), "Repair the file: every coordinate must be a finite number."};
             file_.vertices.push_back(in_file);
-            box_.extend(in_file);
-            largest_ = std::max({largest_, in_file.cwiseAbs().maxCoeff(), shift.cwiseAbs().maxCoeff(),
-                                 (linear.cwiseAbs() * in_part.cwiseAbs()).maxCoeff()});
         }
         for (unsigned i = 0; i < part.mNumFaces; ++i) {
             auto const& face = part.mFaces[i];
@@ -114,6 +111,13 @@ private:
                                     std::to_string(corner) + " of " + std::to_string(part.mNumVertices),
                                 path_.string(), "The file is damaged: export it again."};
                 file_.corners.push_back(base + corner);
+                // vertices that no face names say nothing about the surface
+                Eigen::Vector3d const& in_file = file_.vertices[base + corner];
+                auto const& v = part.mVertices[corner];
+                box_.extend(in_file);
+                largest_ =
+                    std::max({largest_, in_file.cwiseAbs().maxCoeff(), shift.cwiseAbs().maxCoeff(),
+                              (linear.cwiseAbs() * Eigen::Vector3d(v.x, v.y, v.z).cwiseAbs()).maxCoeff()});
             }
         }
     }
@@ -128,8 +132,8 @@ private:
         double const wanted = exact ? 1e3 : 1e5;
         if (exactly_equal(extent, 0) || extent >= wanted * spacing) return;
         std::ostringstream what;
-        what << "the mesh is " << extent << " large but lies " << largest_
-             << " from the file's origin, where single precision tells only multiples of " << spacing
+        what << "the mesh measures " << extent << " in the file's units but lies " << largest_
+             << " from its origin, where single precision tells only multiples of " << spacing
              << (exact ? " apart, and the file holds no more than that" : " apart");
         throw Error{what.str(), path_.string(),
                     "Move the mesh to its origin before it is exported, and give the place as "
@@ -256,19 +260,37 @@ inline std::string check_mesh_file(std::filesystem::path const& path)
     return extension;
 }
 
+/// Refuses what is no STL file, in words of its own: the importer has none. Tells whether it is a binary one.
+inline bool check_stl(std::filesystem::path const& path, std::uintmax_t size)
+{
+    std::ifstream file(path, std::ios::binary);
+    std::string start(4096, '\0');
+    file.read(start.data(), std::streamsize(start.size()));
+    start.resize(std::size_t(file.gcount()));
+    std::uint32_t triangles = 0; // of a binary file
+    for (std::size_t i = 84; start.size() >= 84 && i > 80; --i)
+        triangles = triangles << 8 | static_cast<unsigned char>(start[i - 1]);
+    auto const promised = 84 + 50 * std::uintmax_t(triangles);
+    if (start.size() >= 84 && size == promised) return true;
+    if (start.starts_with("solid") &&
+        (start.find("facet") != std::string::npos || start.find("endsolid") != std::string::npos))
+        return false;
+    bool const is_text = std::ranges::none_of(start, [](char c) { return c == '\0'; });
+    if (is_text || start.size() < 84)
+        throw Error{"this is neither an ASCII STL file, which begins with 'solid' and has a 'facet', nor a "
+                    "binary one",
+                    path.string(), "Export it again, or give it the extension of its kind."};
+    throw Error{"its header promises " + std::to_string(triangles) + " triangles, which are " +
+                    std::to_string(promised) + " bytes, and the file has " + std::to_string(size),
+                path.string(), "The file is damaged or truncated: export it again."};
+}
+
 /// Whether a file of this kind, which is not OBJ, holds its coordinates in single precision.
 inline bool holds_single_precision(std::filesystem::path const& path, std::string const& extension)
 {
     auto const size = std::filesystem::file_size(path);
     if (extension == ".ply") return check_ply_header(path, size);
-    if (extension != ".stl") return true; // glTF knows no other
-    std::ifstream file(path, std::ios::binary);
-    std::array<char, 84> header{};
-    file.read(header.data(), header.size());
-    std::uint32_t triangles = 0; // of a binary file
-    for (int i = 3; i >= 0; --i)
-        triangles = triangles << 8 | static_cast<unsigned char>(header[static_cast<std::size_t>(80 + i)]);
-    return size == 84 + 50 * std::uintmax_t(triangles);
+    return extension != ".stl" || check_stl(path, size); // glTF knows no other
 }
 
 } // namespace detail

@@ -63,7 +63,9 @@ private:
             rest = end == std::string_view::npos ? std::string_view{} : rest.substr(end + 1);
             ++line;
             while (!piece.empty() && is_space(piece.back())) piece.remove_suffix(1);
-            bool const goes_on = !piece.empty() && piece.back() == '\\' && !rest.empty();
+            // a comment does not go on: it may end with a folder's name
+            bool const goes_on = !piece.empty() && piece.back() == '\\' && !rest.empty() &&
+                                 piece.find('#') == std::string_view::npos;
             if (!goes_on && joined_.empty()) return piece;
             joined_ += piece.substr(0, piece.size() - goes_on);
             joined_ += ' ';

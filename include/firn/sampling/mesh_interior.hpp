@@ -4,11 +4,11 @@
 // LICENCE: including this file makes your binary GPL-3, unless you hold a commercial CGAL licence. This text
 // itself is under the licence named above. It takes 20 s to compile: include it from one translation unit.
 
-#if (defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__)) && !defined(FIRN_ALLOW_FAST_MATH)
+#if (defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__)) && !defined(FIRN_ALLOW_FAST_MATH_IN_CGAL)
 // clang-format off
 #error "Firn: CGAL tells inside from outside by intervals whose ends are rounded exactly, which -ffast-math (or \
 -fassociative-math) breaks. Compile the file that includes mesh_interior.hpp without it, or define \
-FIRN_ALLOW_FAST_MATH."
+FIRN_ALLOW_FAST_MATH_IN_CGAL."
 // clang-format on
 #endif
 

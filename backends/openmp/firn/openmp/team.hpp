@@ -13,8 +13,8 @@
 #include <memory>
 #include <mutex>
 #include <omp.h>
+#include <pthread.h>
 #include <thread>
-#include <unistd.h>
 #include <utility>
 #include <vector>
 
@@ -108,7 +108,7 @@ public:
         work.run(work.context, indices, 0, 1);
     }
 
-    explicit ThreadTeam(int threads) : workers_(static_cast<std::size_t>(threads - 1)), process_(getpid())
+    explicit ThreadTeam(int threads) : workers_(static_cast<std::size_t>(threads - 1))
     {
         region_ = std::thread([this, threads] {
 #pragma omp parallel num_threads(threads)
@@ -118,10 +118,6 @@ public:
     }
     ~ThreadTeam()
     {
-        if (getpid() != process_) { // after fork() they are not here
-            region_.detach();
-            return;
-        }
         for (Worker& worker : workers_) {
             worker.state.store(dismissed);
             worker.state.notify_one();
@@ -159,10 +155,21 @@ private:
         struct Owner
         {
             std::unique_ptr<ThreadTeam> team;
-            ~Owner() { is_over_ = true; }
+            int process = processes();
+            ~Owner()
+            {
+                forget_after_fork();
+                is_over_ = true;
+            }
+            /// The threads are those of another process: their team is left as it is.
+            void forget_after_fork()
+            {
+                if (std::exchange(process, processes()) != processes()) static_cast<void>(team.release());
+            }
         };
         if (is_in_loop || is_over_ || omp_get_active_level() >= omp_get_max_active_levels()) return nullptr;
         thread_local Owner owner;
+        owner.forget_after_fork();
         if (owner.team == nullptr || owner.team->size() < threads) try {
                 owner.team.reset(); // before others take its place
                 owner.team = std::make_unique<ThreadTeam>(threads);
@@ -227,8 +234,8 @@ private:
         }
         if (active > 1 && share > 0) efficiency_.add(active, done - begin, now - done, share);
         if (have_stalled && efficiency_.is_low()) {
-            for (Worker& one : workers_)
-                if (one.has_stalled) one.bench.sit(now);
+            for (int i = 0; i + 1 < threads; ++i)
+                if (Worker& one = workers_[static_cast<std::size_t>(i)]; one.has_stalled) one.bench.sit(now);
             efficiency_.forget();
         }
         failure_.rethrow();
@@ -249,7 +256,9 @@ private:
                     InLoop const mark;
                     work_.run(work_.context, *indices_, thread, threads_);
                 });
-                own.state.store(idle, std::memory_order_release);
+                // unless it was dismissed meanwhile: work of the leader's may have ended the program
+                seen = taken;
+                own.state.compare_exchange_strong(seen, idle, std::memory_order_acq_rel);
                 std::atomic_thread_fence(std::memory_order_seq_cst);
                 if (leader_sleeps_.load(std::memory_order_relaxed)) own.state.notify_one();
             }
@@ -261,6 +270,15 @@ private:
                 break;
         }
         awake_.fetch_sub(1, std::memory_order_relaxed);
+    }
+
+    /// Changes where this process is a child of fork(), which has the thread that called it and no others.
+    static int processes()
+    {
+        static std::atomic<int> forks{0};
+        static int const watched = pthread_atfork(nullptr, nullptr, [] { ++forks; });
+        static_cast<void>(watched);
+        return forks.load(std::memory_order_relaxed);
     }
 
     /// How many threads may be awake while they wait: one for each core, or none where the environment asks
@@ -282,6 +300,8 @@ private:
             if (state.load(std::memory_order_acquire) != old) return true;
 #if defined(__x86_64__)
             __builtin_ia32_pause();
+#elif defined(__aarch64__)
+            asm volatile("isb");
 #endif
         }
         return false;
@@ -301,7 +321,6 @@ private:
 
     std::vector<Worker> workers_;
     std::thread region_;
-    pid_t process_;
     Efficiency efficiency_;
     FirstFailure failure_;
     // What threads read when they have taken an offer: written before it is made.
@@ -320,7 +339,9 @@ inline void run_on(Executor const& executor, int threads, ThreadWork const& work
     }
     FirstFailure failure;
     std::atomic<int> through = 0;
+    std::vector<std::atomic<bool>> begun(static_cast<std::size_t>(threads));
     executor(threads, [&](int thread) {
+        if (thread < 0 || thread >= threads || begun[static_cast<std::size_t>(thread)].exchange(true)) return;
         failure.guard([&] {
             InLoop const mark;
             work.run(work.context, indices, thread, threads);
@@ -329,8 +350,8 @@ inline void run_on(Executor const& executor, int threads, ThreadWork const& work
     });
     failure.rethrow();
     require(through.load(std::memory_order_acquire) == threads,
-            "the executor returned before it had called each job once", "OpenMP",
-            "Let it call job(i) for every i in [0, count), and return when all of these calls have.");
+            "the executor returned before it had called each job", "OpenMP",
+            "Let it call job(i) once for every i in [0, count), and return when all of these calls have.");
 }
 
 } // namespace detail

@@ -36,7 +36,9 @@ inline double slope_of_cone(int d, double angle, char const* where)
 ///
 /// sin psi = e_v / (e_v - 2 e_1) for the plastic change e_v of volume and e_1 of the most compressed axis, in
 /// the plane and in triaxial compression (Vermeer & de Borst 1984, *Non-associated plasticity for soils,
-/// concrete and rock*). The measure is that of friction_cone: flow is associated where psi is phi.
+/// concrete and rock*). The measure is that of a standing friction_cone: flow is associated where psi is its
+/// phi, or where the dilatancy is the cone itself. In space psi, of triaxial compression, is less than that
+/// of plane strain.
 inline double dilatancy_cone(int d, double dilatancy_angle)
 {
     require(dilatancy_angle >= 0 && dilatancy_angle < 1.5707, "the angle of dilatancy is outside [0, pi/2)",
@@ -131,7 +133,7 @@ struct DruckerPragerFlow
         require(cone >= 0 && is_finite(cone), "the slope of the cone is not a finite number, 0 or above",
                 name, "Pass friction_cone(dimension, angle).");
         // with more, flow would yield energy: it dissipates (k - (alpha - beta) tr tau) m
-        require(dilatancy >= 0 && dilatancy <= cone,
+        require(dilatancy >= 0 && dilatancy <= cone * (1 + 8 * std::numeric_limits<Number>::epsilon()),
                 "the slope of the dilatancy is not between 0 and that of the cone", name,
                 "Pass dilatancy_cone(dimension, angle), the angle no larger than that of friction; 0 keeps "
                 "the volume.");
@@ -139,7 +141,7 @@ struct DruckerPragerFlow
                 "Pass Pa, e.g. 1e3 for moist sand, 0 for dry sand.");
         require(tension_cutoff >= 0 && is_finite(tension_cutoff),
                 "the cut-off of tension is not a finite number, 0 or above", name,
-                "Pass Pa, e.g. 0 for none; by default the tip of the cone limits tension.");
+                "Pass Pa, e.g. 0 for no tension; left out, the tip of the cone limits it.");
         if (!(cohesion > 0)) return;
         require(sine_of_friction() < 1,
                 "a cone so steep is that of no angle of friction, to which cohesion belongs", name,
