@@ -15,7 +15,3 @@
 #error "firn: it is written in C++20: compile with -std=c++20 or newer."
 #endif
 #endif
-
-#if defined(__GNUC__) && !defined(__EXCEPTIONS) && !defined(__CUDACC__)
-#error "firn: it throws errors, which -fno-exceptions forbids: compile without that flag."
-#endif

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/core/compiler.hpp>
+#include <firn/core/host_device.hpp>
 
 #include <stdexcept>
 #include <string>

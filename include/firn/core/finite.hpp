@@ -41,7 +41,7 @@ namespace detail
 template <class Value>
 FIRN_HOST_DEVICE inline Value opaque(Value value)
 {
-#if defined(FIRN_FINITE_MATH_ONLY) && !defined(__CUDA_ARCH__)
+#if defined(FIRN_FINITE_MATH_ONLY) && !defined(FIRN_FOR_DEVICE)
     asm("" : "+m"(value));
 #endif
     return value;

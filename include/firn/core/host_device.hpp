@@ -3,6 +3,15 @@
 
 #include <firn/core/compiler.hpp>
 
+#if defined(__GNUC__) && !defined(__EXCEPTIONS) && !defined(__CUDACC__)
+#error "firn: it throws errors, which -fno-exceptions forbids: compile without that flag."
+#endif
+
+// In what is compiled for a device.
+#if defined(__CUDA_ARCH__)
+#define FIRN_FOR_DEVICE
+#endif
+
 /// Marks what runs both on the host and on a device.
 #if defined(__CUDACC__)
 #define FIRN_HOST_DEVICE __host__ __device__

@@ -100,8 +100,7 @@ struct Motion
     void validate_in_plane(char const* where) const
     {
         bool const in_plane = exactly_equal(velocity.z(), 0) && std::abs(angular_velocity.x()) <= 1e-6 &&
-                              std::abs(angular_velocity.y()) <= 1e-6 &&
-                              std::abs(rotation()(2, 2)) > 1 - 1e-9;
+                              std::abs(angular_velocity.y()) <= 1e-6 && std::abs(rotation()(2, 2)) > 1 - 1e-9;
         require(in_plane, "a body leaves the plane of a scene in two dimensions", where,
                 "Keep z out of its velocity, and let it turn about z alone.");
     }
