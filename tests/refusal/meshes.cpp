@@ -295,7 +295,7 @@ TEST_CASE("a point cloud, and a file of another kind, get a sentence that fits")
         folder.file("c.ply", "ply\nformat ascii 1.0\nelement vertex 1\nelement tristrips 1\nend_header\n"),
         "triangle strips");
     check_refused(folder.file("c.stl", "SOLID a\nENDSOLID a\n"), "neither an ASCII STL file");
-    auto const stl = meshes::stl(meshes::ball(1, 8));
+    auto const stl = meshes::stl(meshes::sphere(1, 8));
     check_refused(folder.file("d.stl", stl + "tail"), "its header promises");
     check_refused(folder.file("e.stl", stl.substr(0, stl.size() - 50)), "its header promises");
     CHECK_THAT(remedy_of(folder.file("a.step", "ISO-10303-21;")), Contains("CAD"));
