@@ -66,7 +66,7 @@ if [ -n "$help" ]; then
 fi
 
 [ $scene != snow_on_moving_ball ] || [ -n "$on_gpu" ] ||
-    echo "with its defaults $scene takes at most two minutes of two quiet cores"
+    echo "with its defaults $scene takes about two minutes of two quiet cores"
 echo "how long this run will take is said after its first frame"
 echo "running: $program --out $out ${arguments[*]-}"
 mkdir -p "$out" || stop "the folder $out cannot be made."
