@@ -49,14 +49,14 @@ while read -r times sentence; do
     said_times=$(grep 'error' "$said" | grep -cF "$sentence" || true)
     [ "$said_times" = "$times" ] || { cat "$said"; echo "it is said $said_times times, not $times: $sentence"; exit 1; }
 done <<'END'
-17 the action that the effect's over() returns is to have at least one of 'firn::Vector<Real, d> acceleration(
+19 the action that the effect's over() returns is to have at least one of 'firn::Vector<Real, d> acceleration(
 2 what was passed is no effect of this scene
 1 the effect owns something, and steps know it as a plain value
-2 the effect lacks what bounds the time step
+3 the effect lacks what bounds the time step
 2 the effect has a member by the name of plain, validate_in_plane, largest_acceleration or largest_speed
 END
 errors=$(grep -cE '(error: |: error)' "$said" || true)
-[ "$errors" = 24 ] || { cat "$said"; echo "there are $errors errors, not one for each effect."; exit 1; }
+[ "$errors" = 27 ] || { cat "$said"; echo "there are $errors errors, not one for each effect."; exit 1; }
 unit=incomplete_model.cpp
 if [[ $(basename "$compiler") == nvcc* ]]; then # or it would compile into nothing
     if compiles -DUNMARKED; then echo "a model that a device cannot call compiles."; exit 1; fi

@@ -197,9 +197,19 @@ struct Wrong<14> : OnNode // a value by the name of a hook
 {
     Vec<float> acceleration;
 };
+template <>
+struct Wrong<15> : Touches // would act on particles, and cannot
+{
+    bool on_particles;
+};
+template <>
+struct Wrong<16> : OnNode // says that it is a wall, and is none
+{
+    static constexpr bool mirrors = true;
+};
 struct Final final : OnNode
 {};
-static constexpr int wrong_actions = 15;
+static constexpr int wrong_actions = 17;
 
 struct WithoutValidate
 {
@@ -228,6 +238,10 @@ struct SpeedOfTime : ByItself<OnNode>
 {
     double largest_speed(double, double) const;
 };
+struct HoldsNothing : ByItself<OnNode>
+{
+    bool on_particles;
+};
 
 template <int... way>
 void step(Solver& solver, std::integer_sequence<int, way...>)
@@ -247,4 +261,5 @@ void step(Solver& solver)
     solver.step(1e-4, BoundOfTime{});
     solver.step(1e-4, ByItself<Touches>{});
     solver.step(1e-4, SpeedOfTime{});
+    solver.step(1e-4, HoldsNothing{});
 }

@@ -17,7 +17,8 @@ namespace detail
 /// The names of all hooks. A member of an action has one of them if it is ambiguous with this one.
 struct HookNames
 {
-    int acceleration, on_momentum, on_node, touch, hold, overlap, lost_beyond, carried, reference;
+    int acceleration, on_momentum, on_node, touch, hold, on_particles, overlap, lost_beyond, carried,
+        reference;
 };
 template <class Action>
 struct NamesOf : Action, HookNames
@@ -47,11 +48,12 @@ inline constexpr bool has_hold = !requires
 {
     &NamesOf<Action>::hold;
 };
-template <class Action> // the others that only particle contact calls
+template <class Action> // the others that only particle contact asks for
 inline constexpr bool has_other_contact = !requires
 {
-    &NamesOf<Action>::overlap;
+    &NamesOf<Action>::on_particles;
 }
+|| !requires { &NamesOf<Action>::overlap; }
 || !requires { &NamesOf<Action>::lost_beyond; }
 || !requires { &NamesOf<Action>::carried; }
 || !requires { &NamesOf<Action>::reference; };
@@ -131,15 +133,11 @@ concept TouchesNodes = requires(Action const action, LanePosition<Real, d> const
         } -> std::same_as<ContactResult<Real, d>>;
 };
 
-/// An action that holds lanes of particles, too, if its member `on_particles` says so: what each of the calls
-/// tells is said at Obstacle's.
+/// An action that can hold lanes of particles, too: what each of the calls tells is said at Obstacle's.
 template <class Action, class Real, int d>
 concept HoldsParticles = requires(Action const action, LanePosition<Real, d> const place,
                                   Vector<Real, d> const vector, Contact const rule, Real const dt)
 {
-    {
-        action.on_particles
-        } -> std::convertible_to<bool>;
     {
         action.hold(place, vector, vector, rule)
         } -> std::same_as<ContactResult<Real, d>>;
@@ -157,6 +155,30 @@ concept HoldsParticles = requires(Action const action, LanePosition<Real, d> con
         } -> std::convertible_to<Eigen::Vector3d>;
 };
 
+/// The same of an obstacle, whose member `on_particles` says whether it does.
+template <class Action, class Real, int d>
+concept MayHoldParticles = HoldsParticles<Action, Real, d> && requires(Action const action)
+{
+    {
+        action.on_particles
+        } -> std::convertible_to<bool>;
+};
+
+/// An action that mirrors all that is on one side of a plane of nodes: see ReflectingWall.
+template <class Action, class Real, int d>
+concept MirrorsNodes = HoldsParticles<Action, Real, d> && requires(Action const action)
+{
+    {
+        action.axis
+        } -> std::convertible_to<int>;
+    {
+        action.node
+        } -> std::convertible_to<int>;
+    {
+        action.side
+        } -> std::convertible_to<int>;
+};
+
 namespace detail
 {
 /// Whether an action has a hook, and each member by the name of one is called as it is.
@@ -167,10 +189,12 @@ constexpr bool has_only_hooks_that_are_called()
     if constexpr (has_acceleration<Action>) has = true, called = called && AcceleratesNodes<Action, Real, d>;
     if constexpr (has_on_momentum<Action>) has = true, called = called && ChangesMomentum<Action, Real, d>;
     if constexpr (has_on_node<Action>) has = true, called = called && ChangesVelocity<Action, Real, d>;
-    if constexpr (!is_wall<Action>) {
+    if constexpr (is_wall<Action>)
+        called = called && !has_touch<Action> && MirrorsNodes<Action, Real, d>;
+    else {
         if constexpr (has_touch<Action>) called = called && TouchesNodes<Action, Real, d>;
         if constexpr (has_hold<Action>)
-            called = called && has_touch<Action> && HoldsParticles<Action, Real, d>;
+            called = called && has_touch<Action> && MayHoldParticles<Action, Real, d>;
         else
             called = called && !has_other_contact<Action>;
     }
@@ -195,7 +219,7 @@ namespace detail
 /// The names of what an effect may say beside its action.
 struct NamesOfEffects
 {
-    int plain, validate_in_plane, largest_acceleration, largest_speed;
+    int plain, validate_in_plane, largest_acceleration, largest_speed, on_particles;
 };
 template <class Effect>
 struct WithNamesOfEffects : Effect, NamesOfEffects
@@ -219,6 +243,12 @@ template <class Effect>
 inline constexpr bool has_largest_speed = !requires
 {
     &WithNamesOfEffects<Effect>::largest_speed;
+};
+
+template <class Effect>
+inline constexpr bool has_on_particles = !requires
+{
+    &WithNamesOfEffects<Effect>::on_particles;
 };
 
 template <class Effect>
@@ -298,8 +328,8 @@ concept DescribesEffect = requires(T const effect)
     typename ActionOf<T, Number, d>;
 };
 
-/// Whether an effect bounds the time step where its action may outrun it, and says that it acts on particles
-/// where its action does.
+/// Whether an effect bounds the time step where its action may outrun it, and says whether it acts on
+/// particles where its action may, and only there.
 template <class T, class Action, int d>
 constexpr bool says_what_steps_need()
 {
@@ -310,6 +340,8 @@ constexpr bool says_what_steps_need()
         {
             bool(plain.on_particles);
         };
+    else if constexpr (!std::is_final_v<PlainEffect<T>>)
+        says = says && !has_on_particles<PlainEffect<T>>;
     return says;
 }
 } // namespace detail
@@ -357,10 +389,9 @@ struct CheckedEffect<T, Real, d, true>
         "velocity) const' [m/s] and contact, 'firn::ContactResult<Real, d> touch(firn::LanePosition<Real, d> "
         "const& place, firn::Vector<Real, d> const& velocity, firn::Contact const& rule) const' beside a "
         "'firn::Contact contact'; each for the lanes Real that the backend computes with (template "
-        "<firn::Lane Real>), none of these names with another signature or as data, nor hold, carried, "
-        "reference, "
-        "overlap or lost_beyond, which are those of obstacles, in a plain class that is not final: "
-        "see firn/effects/node_action.hpp");
+        "<firn::Lane Real>), none of these names with another signature or as data, nor hold, on_particles, "
+        "carried, reference, overlap, lost_beyond or mirrors, which are those of obstacles and walls, in a "
+        "plain class that is not final: see firn/effects/node_action.hpp");
     static constexpr bool is_plain = std::is_trivially_destructible_v<PlainEffect<T>>;
     static_assert(is_plain, "the effect owns something, and steps know it as a plain value: it lacks 'auto "
                             "plain() const', which returns an effect that is one");
@@ -375,7 +406,8 @@ struct CheckedEffect<T, Real, d, true>
     static_assert(bounds<ActionOf<T, Scalar<Real>, d>>(),
                   "the effect lacks what bounds the time step: 'double largest_acceleration() const' [m/s^2] "
                   "where its action has an acceleration, 'double largest_speed() const' [m/s] where it has "
-                  "contact; or, where it holds particles, 'bool on_particles'");
+                  "contact, 'bool on_particles' where its action has 'hold'; or it says on_particles where "
+                  "nothing holds them");
     static_assert(all_is_called<T, d>(),
                   "the effect has a member by the name of plain, validate_in_plane, largest_acceleration or "
                   "largest_speed that cannot be called as the library does, or it is a final class, of which "
