@@ -4,6 +4,8 @@
 //     busy_cores [--busy MOST] [--rounds N] [--seconds PER_RUN] [--particles N] [--gate]
 // Prints a table of medians. With --gate the exit status is 1 if the default is slower than 0.9 of one
 // thread.
+#include "timing.hpp"
+
 #include <firn/firn.hpp>
 #include <firn/openmp.hpp>
 
@@ -14,7 +16,6 @@
 #include <csignal>
 #include <cstdio>
 #include <cstdlib>
-#include <ctime>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -26,6 +27,7 @@
 namespace
 {
 
+using firn::bench::median, firn::bench::processor_seconds;
 using Space = firn::Space<3, float>;
 using Solver = firn::Solver<firn::OpenMP, firn::Snow<Space>, firn::QuadraticBSpline, firn::Mls>;
 
@@ -56,19 +58,6 @@ public:
 private:
     std::vector<pid_t> children_;
 };
-
-double processor_seconds()
-{
-    timespec used{};
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &used);
-    return double(used.tv_sec) + 1e-9 * double(used.tv_nsec);
-}
-
-double median(std::vector<double> of)
-{
-    std::sort(of.begin(), of.end());
-    return of[of.size() / 2];
-}
 
 /// Particle-steps per second, and the processors that it took.
 struct Speed

@@ -3,12 +3,13 @@
 // with them and without, for either backend, and run by turns: fast_math [THREADS [RUNS]]. One value a line.
 #include "problems/manufactured.hpp"
 #include "problems/snow_block.hpp"
+#include "timing.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
-#include <ctime>
 #include <random>
 #include <vector>
 
@@ -27,13 +28,11 @@ Backend backend_with(int threads) { return {.threads = threads}; }
 /// Of the processor, or with a device, for which the host waits, of the clock.
 double seconds()
 {
-    timespec used{};
 #if defined(__CUDACC__)
-    clock_gettime(CLOCK_MONOTONIC, &used);
+    return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 #else
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &used);
+    return bench::processor_seconds();
 #endif
-    return double(used.tv_sec) + 1e-9 * double(used.tv_nsec);
 }
 
 /// A number that differs where one bit of any position does (FNV-1a).

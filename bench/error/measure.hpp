@@ -2,6 +2,7 @@
 #pragma once
 
 #include "settings.hpp"
+#include "timing.hpp"
 
 #include "problems/column.hpp"
 #include "problems/disks.hpp"
@@ -12,21 +13,12 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <ctime>
 
 namespace firn::bench
 {
 
 namespace detail
 {
-/// The processor time of this program, all threads together [s].
-inline double processor_seconds()
-{
-    timespec used{};
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &used);
-    return double(used.tv_sec) + 1e-9 * double(used.tv_nsec);
-}
-
 template <class Backend>
 Backend backend_of(Patience const& patience)
 {
@@ -63,11 +55,11 @@ Row measure(Setting const& setting, Patience const& patience, typename Scene::Tr
             double wall = 0, processor = 0;
             AdvanceReport report;
             for (int piece = 0; piece < Problem<Scene>::pieces; ++piece) {
-                double const processor_before = detail::processor_seconds();
+                double const processor_before = processor_seconds();
                 auto const before = Clock::now();
                 report.merge(problem.advance(piece));
                 wall += std::chrono::duration<double>(Clock::now() - before).count();
-                processor += detail::processor_seconds() - processor_before;
+                processor += processor_seconds() - processor_before;
                 if (row.runs == 0) problem.observe(piece);
             }
             if (row.runs == 0) {

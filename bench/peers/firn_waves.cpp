@@ -2,11 +2,11 @@
 // Problem P1 of speed_against_error with MLS in float, in steps of one length as its peers take them and in
 // those of advance: firn_waves [--kernel quadratic|cubic] [--runs N] [--threads N] [--out TABLE]. See
 // waves.py, which runs it.
+#include "../timing.hpp"
 #include "problems/manufactured.hpp"
 
 #include <algorithm>
 #include <chrono>
-#include <ctime>
 #include <fstream>
 #include <iostream>
 #include <map>
@@ -18,6 +18,8 @@ namespace
 {
 
 using namespace firn;
+using bench::median, bench::processor_seconds;
+
 template <class Kernel>
 using Waves = test::ManufacturedSolution<test::Scene<NeoHookean<test::PlaneFloat>, Kernel, Mls>>;
 
@@ -27,19 +29,6 @@ template <class Kernel>
 StepsOfCells const steps_of =
     std::is_same_v<Kernel, CubicBSpline> ? StepsOfCells{{8, 15}, {16, 25}, {32, 50}, {64, 95}, {128, 190}}
                                          : StepsOfCells{{8, 15}, {16, 30}, {32, 55}, {64, 110}, {128, 215}};
-
-double processor_seconds()
-{
-    timespec used{};
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &used);
-    return double(used.tv_sec) + 1e-9 * double(used.tv_nsec);
-}
-
-double median(std::vector<double> of)
-{
-    std::sort(of.begin(), of.end());
-    return of[of.size() / 2];
-}
 
 /// Solves it several times, the first of which only warms up, and writes a row.
 template <class Kernel>
