@@ -51,7 +51,10 @@ struct Counted
     friend bool operator>=(Counted a, Counted b) { return a.value >= b.value; }
     friend bool operator==(Counted a, Counted b) { return a.value == b.value; }
     friend bool operator!=(Counted a, Counted b) { return a.value != b.value; }
-    friend bool is_below(Counted magnitude, Counted bound) { return firn::is_below(magnitude.value, bound.value); }
+    friend bool is_below(Counted magnitude, Counted bound)
+    {
+        return firn::is_below(magnitude.value, bound.value);
+    }
     friend Counted select(bool condition, Counted a, Counted b) { return condition ? a : b; }
     friend Counted min(Counted a, Counted b) { return firn::min(a.value, b.value); }
     friend Counted max(Counted a, Counted b) { return firn::max(a.value, b.value); }
