@@ -92,7 +92,7 @@ done
 wait "$build" || { build=""; not_built; }
 build=""
 part memory ./cuda_device '[memory]' || failed=yes # by itself: it fills the device's
-part hard_cases bash "$root/tests/hard/table.sh" hard_cases.csv || failed=yes
+part hard_cases bash "$root/tests/limits/table.sh" hard_cases.csv || failed=yes
 part host_engine ../examples/host_engine || failed=yes
 cd "$root"
 

@@ -18,7 +18,7 @@ pass() { # UNIT [TESTS]
     echo "$1"
     OMP_NUM_THREADS=2 OMP_WAIT_POLICY=passive qemu-aarch64-static "$program" "${@:2}"
 }
-pass parts/lanes.cpp
-pass parts/singular_values.cpp
-pass parts/principal_axes.cpp
+pass unit/lanes.cpp
+pass unit/singular_values.cpp
+pass unit/principal_axes.cpp
 pass physics/conservation.cpp "packs of lanes*"

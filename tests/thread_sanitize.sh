@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Looks for data races of the OpenMP backend: thread_sanitize.sh [test file]..., hard/load.cpp and hard/races.cpp if none is named. With clang's
+# Looks for data races of the OpenMP backend: thread_sanitize.sh [test file]..., limits/load.cpp and limits/races.cpp if none is named. With clang's
 # ThreadSanitizer and Archer, the tool of LLVM's OpenMP that tells it what a barrier is. (g++'s OpenMP tells it nothing, and
 # all would be a race.) Builds each file of tests (minutes) in build/thread_sanitize and runs it with four threads. The exit
 # status is 1 if there is a race, or a test fails.
@@ -13,7 +13,7 @@ need_packages "clang-$version" "libclang-rt-$version-dev" "libomp-$version-dev" 
 archer=$(find "/usr/lib/llvm-$version/lib" -name libarcher.so -print -quit)
 [ -n "$archer" ] || stop "libarcher.so of LLVM $version was not found."
 
-[ $# -gt 0 ] || set -- hard/load.cpp hard/races.cpp
+[ $# -gt 0 ] || set -- limits/load.cpp limits/races.cpp
 folder=build/thread_sanitize
 mkdir -p $folder
 failed=0

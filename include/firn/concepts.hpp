@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/parameters.hpp>
 #include <firn/effects/effect.hpp>
 #include <firn/models/response.hpp>
-#include <firn/parameters.hpp>
 #include <firn/transfer/transfer.hpp>
 
 #include <array>

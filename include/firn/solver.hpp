@@ -2,21 +2,21 @@
 #pragma once
 
 #include <firn/concepts.hpp>
-#include <firn/core/entrance.hpp>
+#include <firn/core/access_guard.hpp>
 #include <firn/core/exactly_equal.hpp>
 #include <firn/core/finite.hpp>
 #include <firn/effects/reflecting_wall.hpp>
+#include <firn/effects/wall_check.hpp>
 #include <firn/interpolation/quadratic_b_spline.hpp>
-#include <firn/known_walls.hpp>
 #include <firn/models/several_materials.hpp>
-#include <firn/occupancy.hpp>
-#include <firn/report.hpp>
-#include <firn/restoring.hpp>
-#include <firn/scene_bounds.hpp>
-#include <firn/scene_parts.hpp>
-#include <firn/snapshot.hpp>
-#include <firn/step_failures.hpp>
-#include <firn/step_runs.hpp>
+#include <firn/particles/material_sets.hpp>
+#include <firn/particles/occupancy.hpp>
+#include <firn/state/restore.hpp>
+#include <firn/state/snapshot.hpp>
+#include <firn/time_stepping/bounds.hpp>
+#include <firn/time_stepping/failures.hpp>
+#include <firn/time_stepping/report.hpp>
+#include <firn/time_stepping/step_queue.hpp>
 #include <firn/transfer/mls.hpp>
 
 #include <algorithm>

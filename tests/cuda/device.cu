@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
-#include "parts/bytes_of_materials.hpp"
 #include "support/policies.hpp"
+#include "unit/bytes_of_materials.hpp"
 
 #include <array>
 #include <functional>

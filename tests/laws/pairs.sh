@@ -34,4 +34,4 @@ perl -e '
             }
         }
     }
-    exit($missing > 0);' "${2:-}" physics/*.cpp models/*.cpp hard/*.cpp refusal/*.cpp
+    exit($missing > 0);' "${2:-}" physics/*.cpp models/*.cpp limits/*.cpp refusal/*.cpp

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
-#include "hard/hard_case.hpp"
+#include "limits/hard_case.hpp"
 #include "support/meshes.hpp"
 #include "support/policies.hpp"
 

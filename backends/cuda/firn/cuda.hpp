@@ -3,7 +3,7 @@
 
 #include <firn/core/error.hpp>
 #include <firn/cuda/array.hpp>
-#include <firn/cuda/cells.hpp>
+#include <firn/cuda/cell_order.hpp>
 #include <firn/cuda/grid.hpp>
 #include <firn/cuda/loops.hpp>
 

@@ -7,7 +7,7 @@
 
 #include <firn/core/error.hpp>
 #include <firn/openmp/array.hpp>
-#include <firn/openmp/cells.hpp>
+#include <firn/openmp/cell_order.hpp>
 #include <firn/openmp/grid.hpp>
 #include <firn/openmp/lanes.hpp>
 #include <firn/openmp/loops.hpp>

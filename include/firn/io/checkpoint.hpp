@@ -5,7 +5,7 @@
 #include <firn/effects/rigid_body.hpp>
 #include <firn/io/checksum.hpp>
 #include <firn/io/replace_file.hpp>
-#include <firn/snapshot.hpp>
+#include <firn/state/snapshot.hpp>
 
 #include <algorithm>
 #include <array>

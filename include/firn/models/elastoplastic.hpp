@@ -3,10 +3,10 @@
 
 #include <firn/core/exactly_equal.hpp>
 #include <firn/core/fields.hpp>
+#include <firn/core/parameters.hpp>
 #include <firn/math/principal_axes.hpp>
 #include <firn/models/lame.hpp>
 #include <firn/models/response.hpp>
-#include <firn/parameters.hpp>
 
 #include <type_traits>
 

@@ -3,7 +3,7 @@
 
 #include <firn/grid/stencil.hpp>
 #include <firn/models/response.hpp>
-#include <firn/phases/table_view.hpp>
+#include <firn/particles/table_view.hpp>
 #include <firn/transfer/transfer.hpp>
 
 namespace firn

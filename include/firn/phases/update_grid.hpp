@@ -5,7 +5,7 @@
 #include <firn/effects/chain.hpp>
 #include <firn/phases/mirrored_node.hpp>
 #include <firn/phases/particles_to_grid.hpp>
-#include <firn/phases/step_now.hpp>
+#include <firn/phases/step_context.hpp>
 
 #include <cassert>
 #include <cstdint>

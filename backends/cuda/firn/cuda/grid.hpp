@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/cuda/cells.hpp>
-#include <firn/cuda/results.hpp>
+#include <firn/cuda/cell_order.hpp>
+#include <firn/cuda/readback.hpp>
 
 #include <array>
 #include <utility>

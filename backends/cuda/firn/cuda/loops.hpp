@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/cuda/cell.hpp>
+#include <firn/cuda/cell_group.hpp>
 #include <firn/cuda/shared_memory.hpp>
 
 #include <algorithm>

@@ -3,7 +3,7 @@
 
 #include <firn/core/cell_offset.hpp>
 #include <firn/cuda/block_set.hpp>
-#include <firn/cuda/conclusion.hpp>
+#include <firn/cuda/finish_step.hpp>
 #include <firn/cuda/shared_memory.hpp>
 #include <firn/cuda/signal.hpp>
 #include <firn/cuda/tuning.hpp>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/openmp/cells.hpp>
+#include <firn/openmp/cell_order.hpp>
 
 #include <algorithm>
 #include <array>

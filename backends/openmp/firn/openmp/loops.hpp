@@ -1,12 +1,12 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/openmp/cell.hpp>
-#include <firn/openmp/kept.hpp>
+#include <firn/openmp/cell_group.hpp>
 #include <firn/openmp/lanes.hpp>
 #include <firn/openmp/node_rows.hpp>
 #include <firn/openmp/share.hpp>
 #include <firn/openmp/tuning.hpp>
+#include <firn/openmp/workspace.hpp>
 
 #include <array>
 #include <bit>

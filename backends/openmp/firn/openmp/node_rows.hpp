@@ -2,7 +2,7 @@
 #pragma once
 
 #include <firn/core/exactly_equal.hpp>
-#include <firn/openmp/cell.hpp>
+#include <firn/openmp/cell_group.hpp>
 #include <firn/openmp/grid.hpp>
 #include <firn/openmp/lanes.hpp>
 

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/core/mishap.hpp>
+#include <firn/core/failure_cause.hpp>
+#include <firn/phases/gather.hpp>
 #include <firn/phases/particles_to_grid.hpp>
-#include <firn/phases/taking.hpp>
 
 #include <cassert>
 #include <limits>

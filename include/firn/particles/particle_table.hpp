@@ -6,9 +6,9 @@
 #include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/grid/lattice.hpp>
-#include <firn/particle_storage.hpp>
-#include <firn/portion_list.hpp>
-#include <firn/snapshot.hpp>
+#include <firn/particles/mass_groups.hpp>
+#include <firn/particles/storage.hpp>
+#include <firn/state/snapshot.hpp>
 
 #include <algorithm>
 #include <limits>

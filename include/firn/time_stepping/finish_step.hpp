@@ -1,10 +1,10 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/core/mishap.hpp>
+#include <firn/core/failure_cause.hpp>
 #include <firn/effects/chain.hpp>
-#include <firn/phases/plan_steps.hpp>
-#include <firn/phases/step_now.hpp>
+#include <firn/phases/step_context.hpp>
+#include <firn/time_stepping/step_controller.hpp>
 
 #include <array>
 #include <cstddef>

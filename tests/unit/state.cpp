@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
-#include "parts/bytes_of_materials.hpp"
+#include "unit/bytes_of_materials.hpp"
 
 using namespace firn;
 using namespace firn::test;

@@ -2,7 +2,7 @@
 #pragma once
 
 #include <firn/grid/expansion.hpp>
-#include <firn/phases/table_view.hpp>
+#include <firn/particles/table_view.hpp>
 #include <firn/phases/update_grid.hpp>
 
 namespace firn

@@ -5,12 +5,12 @@
 #include <firn/core/components.hpp>
 #include <firn/openmp/array.hpp>
 #include <firn/openmp/block_map.hpp>
-#include <firn/openmp/kept.hpp>
 #include <firn/openmp/lanes.hpp>
 #include <firn/openmp/leavers.hpp>
 #include <firn/openmp/ranks.hpp>
 #include <firn/openmp/share.hpp>
 #include <firn/openmp/tuning.hpp>
+#include <firn/openmp/workspace.hpp>
 
 #include <algorithm>
 #include <array>

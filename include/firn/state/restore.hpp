@@ -5,9 +5,9 @@
 #include <firn/core/error.hpp>
 #include <firn/core/exactly_equal.hpp>
 #include <firn/core/finite.hpp>
+#include <firn/core/parameters.hpp>
 #include <firn/models/response.hpp>
-#include <firn/parameters.hpp>
-#include <firn/snapshot.hpp>
+#include <firn/state/snapshot.hpp>
 
 #include <algorithm>
 #include <cmath>

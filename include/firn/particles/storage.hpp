@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/phases/table_view.hpp>
+#include <firn/particles/table_view.hpp>
 
 #include <array>
 #include <cstddef>

@@ -2,10 +2,10 @@
 #pragma once
 
 #include <firn/core/host_device.hpp>
+#include <firn/core/step_error.hpp>
 #include <firn/models/response.hpp>
 #include <firn/models/several_materials.hpp>
-#include <firn/particle_table.hpp>
-#include <firn/step_error.hpp>
+#include <firn/particles/particle_table.hpp>
 
 #include <array>
 #include <cmath>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/cuda/results.hpp>
+#include <firn/cuda/readback.hpp>
 #include <firn/cuda/signal.hpp>
 
 #include <array>

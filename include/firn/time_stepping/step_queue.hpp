@@ -2,10 +2,10 @@
 #pragma once
 
 #include <firn/core/host_device.hpp>
-#include <firn/grid_exchange.hpp>
-#include <firn/phases/conclude_step.hpp>
-#include <firn/phases/move_particles.hpp>
-#include <firn/scene_parts.hpp>
+#include <firn/particles/material_sets.hpp>
+#include <firn/phases/g2p2g.hpp>
+#include <firn/time_stepping/finish_step.hpp>
+#include <firn/time_stepping/grid_state.hpp>
 
 #include <algorithm>
 #include <array>

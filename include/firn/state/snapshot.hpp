@@ -5,11 +5,11 @@
 #include <firn/core/error.hpp>
 #include <firn/core/exactly_equal.hpp>
 #include <firn/core/finite.hpp>
+#include <firn/core/parameters.hpp>
+#include <firn/core/step_error.hpp>
 #include <firn/grid/lattice.hpp>
-#include <firn/parameters.hpp>
-#include <firn/phases/stable_time_step.hpp>
-#include <firn/phases/table_view.hpp>
-#include <firn/step_error.hpp>
+#include <firn/particles/table_view.hpp>
+#include <firn/time_stepping/stable_time_step.hpp>
 
 #include <algorithm>
 #include <array>

@@ -6,7 +6,7 @@
 #include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/math/product.hpp>
-#include <firn/phases/plan_steps.hpp>
+#include <firn/time_stepping/step_controller.hpp>
 
 #include <algorithm>
 #include <cstdint>

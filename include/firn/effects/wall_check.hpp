@@ -2,9 +2,9 @@
 #pragma once
 
 #include <firn/core/components.hpp>
+#include <firn/core/step_error.hpp>
 #include <firn/effects/reflecting_wall.hpp>
 #include <firn/grid/lattice.hpp>
-#include <firn/step_error.hpp>
 
 #include <algorithm>
 #include <array>

@@ -2,7 +2,7 @@
 #pragma once
 
 #include <firn/core/error.hpp>
-#include <firn/core/mishap.hpp>
+#include <firn/core/failure_cause.hpp>
 #include <firn/core/space.hpp>
 
 #include <cstddef>

@@ -4,9 +4,9 @@
 #include <firn/core/components.hpp>
 #include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
+#include <firn/core/step_error.hpp>
 #include <firn/math/product.hpp>
-#include <firn/phases/conclude_step.hpp>
-#include <firn/step_error.hpp>
+#include <firn/time_stepping/finish_step.hpp>
 
 #include <algorithm>
 #include <cmath>

@@ -5,9 +5,9 @@
 #include <firn/core/host_device.hpp>
 #include <firn/effects/chain.hpp>
 #include <firn/phases/extend_velocities.hpp>
+#include <firn/phases/gather.hpp>
 #include <firn/phases/particles_to_grid.hpp>
-#include <firn/phases/step_now.hpp>
-#include <firn/phases/taking.hpp>
+#include <firn/phases/step_context.hpp>
 #include <firn/phases/update_grid.hpp>
 
 #include <cstddef>

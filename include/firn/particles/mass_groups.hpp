@@ -4,8 +4,8 @@
 #include <firn/core/error.hpp>
 #include <firn/core/exactly_equal.hpp>
 #include <firn/core/finite.hpp>
-#include <firn/phases/table_view.hpp>
-#include <firn/snapshot.hpp>
+#include <firn/particles/table_view.hpp>
+#include <firn/state/snapshot.hpp>
 
 #include <cstddef>
 #include <cstdint>

@@ -4,7 +4,7 @@
 #include <firn/core/exactly_equal.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/effects/effect.hpp>
-#include <firn/phases/stable_time_step.hpp>
+#include <firn/time_stepping/stable_time_step.hpp>
 
 #include <array>
 #include <cmath>

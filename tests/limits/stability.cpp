@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-#include "hard/hard_case.hpp"
+#include "limits/hard_case.hpp"
 #include "support/one_element.hpp"
 
 #include <algorithm>

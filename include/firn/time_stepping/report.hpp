@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/step_error.hpp>
 #include <firn/effects/effect.hpp>
-#include <firn/phases/stable_time_step.hpp>
-#include <firn/step_error.hpp>
+#include <firn/time_stepping/stable_time_step.hpp>
 
 #include <cstdint>
 #include <limits>

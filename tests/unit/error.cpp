@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
 
-#include <firn/core/entrance.hpp>
+#include <firn/core/access_guard.hpp>
 
 #include <atomic>
 
