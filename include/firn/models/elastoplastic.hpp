@@ -2,7 +2,7 @@
 #pragma once
 
 #include <firn/core/exactly_equal.hpp>
-#include <firn/core/fields.hpp>
+#include <firn/core/field_sets.hpp>
 #include <firn/core/parameters.hpp>
 #include <firn/math/principal_axes.hpp>
 #include <firn/models/lame.hpp>

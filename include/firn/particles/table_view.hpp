@@ -2,7 +2,7 @@
 #pragma once
 
 #include <firn/core/cell_offset.hpp>
-#include <firn/core/fields.hpp>
+#include <firn/core/field_sets.hpp>
 #include <firn/grid/lattice.hpp>
 
 #include <array>

@@ -2,7 +2,7 @@
 #pragma once
 
 #include <firn/phases/gather.hpp>
-#include <firn/phases/particles_to_grid.hpp>
+#include <firn/phases/scatter.hpp>
 
 // What comes before the nodes' update where a transfer extends their velocities, see Xpic: with S+ and S from
 // particles to nodes and back, the extended ones are

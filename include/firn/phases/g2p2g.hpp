@@ -3,7 +3,7 @@
 
 #include <firn/core/failure_cause.hpp>
 #include <firn/phases/gather.hpp>
-#include <firn/phases/particles_to_grid.hpp>
+#include <firn/phases/scatter.hpp>
 
 #include <cassert>
 #include <limits>

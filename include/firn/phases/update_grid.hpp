@@ -4,7 +4,7 @@
 #include <firn/core/exactly_equal.hpp>
 #include <firn/effects/chain.hpp>
 #include <firn/phases/mirrored_node.hpp>
-#include <firn/phases/particles_to_grid.hpp>
+#include <firn/phases/scatter.hpp>
 #include <firn/phases/step_context.hpp>
 
 #include <cassert>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/core/fields.hpp>
+#include <firn/core/field_sets.hpp>
 #include <firn/core/lane.hpp>
 
 #include <concepts>

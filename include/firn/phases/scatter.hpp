@@ -1,0 +1,199 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/grid/stencil.hpp>
+#include <firn/models/response.hpp>
+#include <firn/particles/table_view.hpp>
+#include <firn/transfer/transfer.hpp>
+
+namespace firn
+{
+
+/// What a node holds between the scatter and its update: mass, momentum, and the forces' impulse if kept
+/// apart.
+template <int d, bool forces_apart>
+struct NodeSums
+{
+    static constexpr int mass = 0;
+    static constexpr int momentum = 1;
+    static constexpr int impulse =
+        forces_apart ? 1 + d : momentum; ///< of the material's forces during the step
+    static constexpr int channels = 1 + d + (forces_apart ? d : 0);
+    static constexpr bool forces_are_apart = forces_apart;
+};
+
+/// How particles give to the grid.
+///
+///   m_i      = sum_p w_ip m_p
+///   (m v)_i  = sum_p w_ip (m_p v_p + A_p (x_i - x_p))            A_p: the transfer's affine term
+///   (dt f)_i = - dt sum_p V0_p tau_p grad w_ip                    or the transfer's own form of it
+///
+/// (Stomakhin et al. 2013, eq. 6 with V^n sigma = V0 tau; Jiang et al. 2015, eq. 8). First each particle's
+/// terms are found, particle by particle, and kept; then each cell sums what its particles give to each node
+/// of its stencil, and adds that to the grid once, whatever the number of its particles.
+template <class Space, class Kernel, class Transfer>
+struct Giving
+{
+    static constexpr int d = Space::dimension;
+    using Number = typename Space::Real;
+    using Sums = NodeSums<d, Transfer::keeps_old_velocity>;
+    static constexpr Terms terms = Transfer::template gives<Kernel>;
+    static constexpr int channels = Sums::channels;
+    static constexpr int width = Kernel::order + 1, rows = d == 3 ? width * width : width; ///< of a stencil
+
+    // What is kept of a particle.
+    static constexpr int position = 0, mass = d, momentum = d + 1, affine = 2 * d + 1;
+    static constexpr int gradient = affine + (terms.affine ? d * d : 0);
+    static constexpr int kept = gradient + (terms.gradient ? d * d : 0);
+
+    template <class Items, class Real>
+    FIRN_HOST_DEVICE static void keep(Items& items, Vector<Real, d> const& x, Real m,
+                                      Given<Real, d> const& given)
+    {
+        items.keep(mass, m);
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) {
+            items.keep(position + i, x[i]);
+            items.keep(momentum + i, given.momentum[i]);
+            FIRN_UNROLL
+            for (int j = 0; j < d; ++j) {
+                if constexpr (terms.affine) items.keep(affine + i * d + j, given.affine(i, j));
+                if constexpr (terms.gradient) items.keep(gradient + i * d + j, given.gradient(i, j));
+            }
+        }
+    }
+
+    /// What a particle gives, in the form that the rows of its stencil ask for.
+    template <class Real>
+    struct Spread
+    {
+        Real mass;
+        Vector<Real, d> momentum;
+        /// affine (x_i - x_p) is linear in the node's indices: its value at the first node of each layer
+        /// across the first axis, and its change from node to node along the others. Momentum stays apart:
+        /// beside it, small differences would be rounded away, in steady motion the same in every step.
+        Vector<Real, d> affine[std::size_t(terms.affine ? width : 1)];
+        Vector<Real, d> change[std::size_t(d)]; ///< of axis a: [a], from 1 on
+        Vector<Real, d> gradient[std::size_t(terms.gradient ? d : 1)];
+        std::array<Real, std::size_t(width)> weight[std::size_t(d)];
+        std::array<Real, std::size_t(width)> derivative[std::size_t(terms.gradient ? d : 1)];
+    };
+
+    /// Makes ready what the row's particles give, one per cell.
+    template <class Row, class Real = typename Row::Real>
+    FIRN_HOST_DEVICE static void make_ready(Row const& row_of_cells, Spread<Real>& spread)
+    {
+        Stencil<Kernel, Real, d> const nodes(kept_vector<Real>(row_of_cells, position));
+        spread.mass = row_of_cells.kept(mass);
+        spread.momentum = kept_vector<Real>(row_of_cells, momentum);
+        FIRN_UNROLL
+        for (int a = 0; a < d; ++a) FIRN_UNROLL
+        for (int i = 0; i < width; ++i)
+            spread.weight[a][std::size_t(i)] =
+                nodes.weight[std::size_t(a)][std::size_t(i)]; // one by one: see copy_of()
+        if constexpr (terms.affine) {
+            Matrix<Real, d> const A = kept_matrix<Real>(row_of_cells, affine);
+            FIRN_UNROLL
+            for (int i = 0; i < width; ++i) {
+                spread.affine[i] = column<Real, d>(A, 0) * nodes.distance[0][std::size_t(i)];
+                FIRN_UNROLL
+                for (int a = 1; a < d; ++a)
+                    spread.affine[i] += column<Real, d>(A, a) * nodes.distance[std::size_t(a)][0];
+            }
+            FIRN_UNROLL
+            for (int a = 1; a < d; ++a) spread.change[a] = column<Real, d>(A, a);
+        }
+        if constexpr (terms.gradient) {
+            Matrix<Real, d> const G = kept_matrix<Real>(row_of_cells, gradient);
+            FIRN_UNROLL
+            for (int a = 0; a < d; ++a) {
+                spread.gradient[a] = column<Real, d>(G, a);
+                FIRN_UNROLL
+                for (int i = 0; i < width; ++i)
+                    spread.derivative[a][std::size_t(i)] = nodes.derivative[std::size_t(a)][std::size_t(i)];
+            }
+        }
+    }
+
+    /// Adds what particles give to the nodes of one row of their stencils: to `nodes[k][channel]`.
+    template <class Real, class NodesOfRow>
+    FIRN_HOST_DEVICE static void give(Spread<Real> const& spread, int row, NodesOfRow&& nodes)
+    {
+        using Nodes = Stencil<Kernel, Real, d>;
+        int const first = Nodes::index(row, 0), second = Nodes::index(row, 1);
+        Real w_row = spread.weight[0][std::size_t(first)];
+        if constexpr (d == 3) w_row = w_row * spread.weight[1][std::size_t(second)];
+        Vector<Real, d> affine, force, along;
+        if constexpr (terms.affine) {
+            affine = spread.affine[first];
+            if constexpr (d == 3) affine += spread.change[1] * Real(Scalar<Real>(second));
+        }
+        if constexpr (terms.gradient) {
+            if constexpr (d == 3)
+                force =
+                    spread.gradient[0] *
+                        (spread.derivative[0][std::size_t(first)] * spread.weight[1][std::size_t(second)]) +
+                    spread.gradient[1] *
+                        (spread.weight[0][std::size_t(first)] * spread.derivative[1][std::size_t(second)]);
+            else
+                force = spread.gradient[0] * spread.derivative[0][std::size_t(first)];
+            along = spread.gradient[Nodes::last] * w_row;
+        }
+        FIRN_UNROLL
+        for (int k = 0; k < width; ++k) {
+            Real const w_k = spread.weight[Nodes::last][std::size_t(k)], w = w_row * w_k;
+            auto&& sums = nodes[k];
+            sums[Sums::mass] += spread.mass * w;
+            FIRN_UNROLL
+            for (int a = 0; a < d; ++a) {
+                sums[Sums::momentum + a] += spread.momentum[a] * w;
+                if constexpr (terms.affine) sums[Sums::momentum + a] += affine[a] * w;
+                if constexpr (terms.gradient)
+                    sums[Sums::impulse + a] +=
+                        force[a] * w_k + along[a] * spread.derivative[Nodes::last][std::size_t(k)];
+            }
+            if constexpr (terms.affine)
+                if (k + 1 < width) affine += spread.change[Nodes::last];
+        }
+    }
+
+    /// Adds what the row's particles give, one per cell, to the sums of their cells: to
+    /// `sums[k][row][channel]`.
+    template <class Row, class SumsOfCells, class Real = typename Row::Real>
+    FIRN_HOST_DEVICE static void give(Row const& row_of_cells, SumsOfCells& sums)
+    {
+        Spread<Real> spread;
+        make_ready(row_of_cells, spread);
+        FIRN_UNROLL_ON_DEVICE
+        for (int row = 0; row < rows; ++row) give(spread, row, RowOfSums<SumsOfCells>{sums, row});
+    }
+
+private:
+    template <class SumsOfCells>
+    struct RowOfSums
+    {
+        SumsOfCells& sums;
+        int row;
+        FIRN_HOST_DEVICE decltype(auto) operator[](int k) const { return sums[k][row]; }
+    };
+
+    template <class Real, class Row>
+    FIRN_HOST_DEVICE static Vector<Real, d> kept_vector(Row const& row, int channel)
+    {
+        Vector<Real, d> vector;
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) vector[i] = row.kept(channel + i);
+        return vector;
+    }
+    template <class Real, class Row>
+    FIRN_HOST_DEVICE static Matrix<Real, d> kept_matrix(Row const& row, int channel)
+    {
+        Matrix<Real, d> matrix;
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) FIRN_UNROLL
+        for (int j = 0; j < d; ++j) matrix(i, j) = row.kept(channel + i * d + j);
+        return matrix;
+    }
+};
+
+} // namespace firn
