@@ -191,7 +191,7 @@ double flops_per_particle_step()
     using Real = Counted<Number>;
     struct Sums
     {
-        Real of_cell[Move::Gives::width][Move::Gives::rows][Move::Gives::channels];
+        Real of_cell[Move::Scatter::width][Move::Scatter::rows][Move::Scatter::channels];
     };
     auto const sums = std::make_unique<Sums>();
     Real::operations = 0;
@@ -202,10 +202,10 @@ double flops_per_particle_step()
         auto const before = Real::operations;
         nodes.read(particle, channel);
         of_cell += double(Real::operations - before);
-        Move::Takes::take(particle, nodes, channel);
+        Move::Gather::gather(particle, nodes, channel);
     }
     move.answer(particle, result);
-    Move::give(particle, sums->of_cell);
+    Move::scatter(particle, sums->of_cell);
     return double(Real::operations) - of_cell + of_cell / particles_per_cell;
 }
 

@@ -49,10 +49,10 @@ concept TransferScheme = Lane<Real> &&
              Matrix<Real, d> stress_impulse, Real number, typename T::Stored stored)
 {
     {
-        T::template gives<Kernel>
+        T::template scatter_terms<Kernel>
         } -> std::convertible_to<Terms>;
     {
-        T::template takes<Kernel>
+        T::template gather_terms<Kernel>
         } -> std::convertible_to<Terms>;
     {
         T::keeps_old_velocity
@@ -63,10 +63,10 @@ concept TransferScheme = Lane<Real> &&
         } -> std::convertible_to<bool>;
     requires !ExtendsVelocities<T> || T::keeps_old_velocity; // what is held in its place: see Xpic
     {
-        transfer.template give<Kernel, Real, d>(particle, number, stress_impulse, number)
-        } -> std::same_as<Given<Real, d>>;
+        transfer.template scatter<Kernel, Real, d>(particle, number, stress_impulse, number)
+        } -> std::same_as<ParticleContribution<Real, d>>;
     {
-        transfer.template take<Kernel, Real, d>(particle, gathered, number)
+        transfer.template gather<Kernel, Real, d>(particle, gathered, number)
         } -> std::same_as<Matrix<Real, d>>;
 };
 

@@ -89,7 +89,7 @@ public:
     static_assert(detail::are_materials<Real, List>,
                   "what is said to be a material is none: see ConstitutiveModel in firn/concepts.hpp");
     static_assert(TransferScheme<Transfer, Kernel, Real, d>,
-                  "the transfer scheme lacks give or take: see firn/concepts.hpp");
+                  "the transfer scheme lacks scatter or gather: see firn/concepts.hpp");
 
     /// How many materials there are.
     static constexpr std::size_t materials = Parts::count;
@@ -619,7 +619,7 @@ public:
     }
 
 private:
-    using Exchange = GridExchange<Backend, Parts, Kernel, Transfer>;
+    using Exchange = GridState<Backend, Parts, Kernel, Transfer>;
     using Runs = StepRuns<Backend, Parts, Kernel, Transfer>;
     using Cells = typename Parts::Cells;
     using Rule = typename Runs::Rule;
@@ -729,7 +729,8 @@ private:
     /// Chooses the next step, by what the host knows.
     void choose(Rule const& rule)
     {
-        if (!exactly_equal(course_.given.interval.forces, exchange_.given_for())) course_.given = {};
+        if (!exactly_equal(course_.scattered.interval.forces, exchange_.scattered_dt()))
+            course_.scattered = {};
         rule.choose(course_);
     }
 
@@ -791,7 +792,7 @@ private:
     /// Holds what particles take from the grid beside them, before what they are taken from changes.
     void hold_taken() { exchange_.hold_taken(parts_); }
 
-    /// After a step that went wrong: see GridExchange::regain_velocities.
+    /// After a step that went wrong: see GridState::regain_velocities.
     [[gnu::cold]] void regain_velocities()
     {
         if (!runs_.has_spoiled_nodes()) return;

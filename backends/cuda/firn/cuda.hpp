@@ -121,7 +121,8 @@ struct Cuda
                              cells.blocks(), 1, 0, cells.signal(), visit, cells.view(), cells.settled());
     }
 
-    /// All items give to the grid, by `phase.prepare` and `give` (see Giving): afresh, or onto what is there.
+    /// All items give to the grid, by `phase.prepare` and `give` (see Scatter): afresh, or onto what is
+    /// there.
     template <class CellOrder, class GridType, class Phase>
     void scatter(CellOrder const& cells, GridType& grid, Phase const& phase, bool afresh) const
     {
@@ -138,8 +139,8 @@ struct Cuda
     {
         if (grid.blocks() == 0) return;
         cuda::OnDevice const here(device);
-        cuda::detail::GiveArrivals<CellOrder, GridType, Phase> const give{cells.view(), cells.arrived(),
-                                                                          cells.movers(), grid.view()};
+        cuda::detail::ScatterArrivals<CellOrder, GridType, Phase> const scatter{cells.view(), cells.arrived(),
+                                                                                cells.movers(), grid.view()};
         using Tiles = cuda::detail::SharedTiles<GridType>;
         // as follow() has it where it lets them give, since sums are added up team by team
         unsigned const teams = Tiles::teams_that_follow(cells.followed_blocks());
@@ -147,7 +148,7 @@ struct Cuda
                                       : cuda::detail::scatter_movers<cuda::detail::most_teams_that_follow,
                                                                      CellOrder, GridType, Phase>;
         cuda::detail::launch("scatter_movers", queue(), loop, std::min(grid.blocks(), 4096u), teams,
-                             Tiles::bytes(false, true, teams), cells.signal(), grid.blocks(), give);
+                             Tiles::bytes(false, true, teams), cells.signal(), grid.blocks(), scatter);
     }
 
     /// Calls `phase(node, result)` for every node that was added to, in whatever layer; what it found becomes
@@ -178,22 +179,23 @@ struct Cuda
 
     /// All items take from the grid and, where they are, give to what accept() makes its sums.
     template <class CellOrder, class GridType, class Phase>
-    void give_back(CellOrder const& cells, GridType& grid, Phase const& phase) const
+    void scatter_velocities(CellOrder const& cells, GridType& grid, Phase const& phase) const
     {
         if (grid.blocks() == 0) return;
         cuda::OnDevice const here(device);
-        cuda::detail::launch("give_back", queue(), cuda::detail::give_back<CellOrder, GridType, Phase>,
-                             grid.blocks(), 1, cuda::detail::SharedTiles<GridType>::bytes(true, true),
-                             cells.signal(), phase, cells.view(), grid.view());
+        cuda::detail::launch("give_back", queue(),
+                             cuda::detail::scatter_velocities<CellOrder, GridType, Phase>, grid.blocks(), 1,
+                             cuda::detail::SharedTiles<GridType>::bytes(true, true), cells.signal(), phase,
+                             cells.view(), grid.view());
     }
 
     /// All items take from the grid as they did when they moved last; the phase stores what it wants of that.
     template <class CellOrder, class GridType, class Phase>
-    void take(CellOrder const& cells, GridType const& grid, Phase const& phase) const
+    void gather(CellOrder const& cells, GridType const& grid, Phase const& phase) const
     {
         if (grid.blocks() == 0) return;
         cuda::OnDevice const here(device);
-        cuda::detail::launch("take", queue(), cuda::detail::take<CellOrder, GridType, Phase>, grid.blocks(),
+        cuda::detail::launch("take", queue(), cuda::detail::gather<CellOrder, GridType, Phase>, grid.blocks(),
                              1, cuda::detail::SharedTiles<GridType>::bytes(true, false), cells.signal(),
                              phase, cells.view(), grid.view());
     }
@@ -284,8 +286,8 @@ struct Cuda
         cells.follow_early(
             offsets, followed.conclusion,
             [&](auto const& view, auto const& arrived) {
-                return cuda::detail::GiveArrivals<CellOrder, GridType, Phase>{view, arrived, cells.movers(),
-                                                                              grid.view()};
+                return cuda::detail::ScatterArrivals<CellOrder, GridType, Phase>{view, arrived,
+                                                                                 cells.movers(), grid.view()};
             },
             teams, Tiles::bytes(false, true, teams));
     }

@@ -95,8 +95,8 @@ struct BasicOpenMP
         cells.for_each(visit);
     }
 
-    /// All items give to the grid, by `phase.prepare`, `give` and `add` (see Giving): afresh, or onto what is
-    /// there.
+    /// All items give to the grid, by `phase.prepare`, `give` and `add` (see Scatter): afresh, or onto what
+    /// is there.
     template <class CellOrder, class GridType, class Phase>
     void scatter(CellOrder& cells, GridType& grid, Phase const& phase, bool afresh) const
     {
@@ -121,16 +121,17 @@ struct BasicOpenMP
 
     /// All items take from the grid and, where they are, give to what accept() makes its sums.
     template <class CellOrder, class GridType, class Phase>
-    void give_back(CellOrder const& cells, GridType& grid, Phase const& phase) const
+    void scatter_velocities(CellOrder const& cells, GridType& grid, Phase const& phase) const
     {
-        openmp::give_back<Lane<typename Phase::Number>>(threads_for(cells.size()), cells, grid, phase);
+        openmp::scatter_velocities<Lane<typename Phase::Number>>(threads_for(cells.size()), cells, grid,
+                                                                 phase);
     }
 
     /// All items take from the grid as they did when they moved last; the phase stores what it wants of that.
     template <class CellOrder, class GridType, class Phase>
-    void take(CellOrder const& cells, GridType const& grid, Phase const& phase) const
+    void gather(CellOrder const& cells, GridType const& grid, Phase const& phase) const
     {
-        openmp::take<Lane<typename Phase::Number>>(threads_for(cells.size()), cells, grid, phase);
+        openmp::gather<Lane<typename Phase::Number>>(threads_for(cells.size()), cells, grid, phase);
     }
 
     /// The items of all orders of cells, each with its layer and its phase, take from the grid, move, and

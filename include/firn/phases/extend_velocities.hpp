@@ -58,19 +58,19 @@ struct ReturnVelocities
     struct Transfer
     {
         template <class>
-        static constexpr Terms gives{};
+        static constexpr Terms scatter_terms{};
         template <class>
-        static constexpr Terms takes{};
+        static constexpr Terms gather_terms{};
         static constexpr bool keeps_old_velocity = false;
     };
-    using Gives = Giving<Space, Kernel, Transfer>;
-    using Takes = Taking<Space, Kernel, Transfer>;
+    using Scatter = firn::Scatter<Space, Kernel, Transfer>;
+    using Gather = firn::Gather<Space, Kernel, Transfer>;
     static constexpr int d = Space::dimension;
     using Number = typename Space::Real;
-    static constexpr int node_channels = Takes::node_channels, channels = Gives::channels;
-    static constexpr int kept = Takes::kept > Gives::kept ? Takes::kept : Gives::kept;
+    static constexpr int node_channels = Gather::node_channels, channels = Scatter::channels;
+    static constexpr int kept = Gather::kept > Scatter::kept ? Gather::kept : Scatter::kept;
     template <class Real>
-    using CellNodes = typename Takes::template CellNodes<Real>;
+    using CellNodes = typename Gather::template CellNodes<Real>;
     struct Result
     {
         FIRN_HOST_DEVICE void merge(Result const&) {}
@@ -82,30 +82,30 @@ struct ReturnVelocities
     template <class Items>
     FIRN_HOST_DEVICE void locate(Items& items) const
     {
-        Takes::template keep_position<typename Items::Real>(items, particles.position(items));
+        Gather::template keep_position<typename Items::Real>(items, particles.position(items));
     }
 
     template <class Row>
-    FIRN_HOST_DEVICE static void take(Row& row_of_cells)
+    FIRN_HOST_DEVICE static void gather(Row& row_of_cells)
     {
-        Takes::take(row_of_cells);
+        Gather::gather(row_of_cells);
     }
 
     template <class Items>
     FIRN_HOST_DEVICE void answer(Items& items, Result&) const
     {
         using Real = typename Items::Real;
-        Vector<Real, d> const x = Takes::template kept_position<Real>(items);
+        Vector<Real, d> const x = Gather::template kept_position<Real>(items);
         Real const mass = portions.find(items, particles.id).mass;
-        Given<Real, d> given;
-        given.momentum = Takes::template taken<Real>(items).velocity * mass;
-        Gives::keep(items, x, mass, given);
+        ParticleContribution<Real, d> contribution;
+        contribution.momentum = Gather::template gathered<Real>(items).velocity * mass;
+        Scatter::keep(items, x, mass, contribution);
     }
 
     template <class Row, class SumsOfCells>
-    FIRN_HOST_DEVICE static void give(Row const& row_of_cells, SumsOfCells& sums)
+    FIRN_HOST_DEVICE static void scatter(Row const& row_of_cells, SumsOfCells& sums)
     {
-        Gives::give(row_of_cells, sums);
+        Scatter::scatter(row_of_cells, sums);
     }
 };
 

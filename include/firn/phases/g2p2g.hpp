@@ -52,20 +52,20 @@ template <class Space, class Model, class Kernel, class TransferType, class Effe
 struct MoveParticles
 {
     using Transfer = TransferType;
-    using Gives = Giving<Space, Kernel, Transfer>;
-    using Takes = Taking<Space, Kernel, Transfer>;
+    using Scatter = firn::Scatter<Space, Kernel, Transfer>;
+    using Gather = firn::Gather<Space, Kernel, Transfer>;
     static constexpr int d = Space::dimension;
     using Number = typename Space::Real;
     using Result = MoveResult<Number, Effects::touching>;
     static constexpr int order = Kernel::order;
-    static constexpr int node_channels = Takes::node_channels, channels = Gives::channels;
-    static constexpr int kept = Takes::kept > Gives::kept ? Takes::kept : Gives::kept;
+    static constexpr int node_channels = Gather::node_channels, channels = Scatter::channels;
+    static constexpr int kept = Gather::kept > Scatter::kept ? Gather::kept : Scatter::kept;
     /// Contact is called while much is held, all that a particle took from the grid: a device needs more
     /// registers there.
     static constexpr bool calls_amid_much =
         d == 3 && (Effects::touching > 1 || (Effects::lookups > 0 && !Transfer::moves_with_grid));
     template <class Real>
-    using CellNodes = typename Takes::template CellNodes<Real>;
+    using CellNodes = typename Gather::template CellNodes<Real>;
 
     Model model;
     Transfer transfer;
@@ -82,15 +82,15 @@ struct MoveParticles
     {
         auto const x = before.position(items);
         assert(inside_the_cell(x) && "a particle lies in the cell in whose order it is");
-        Takes::template keep_position<typename Items::Real>(items, x);
+        Gather::template keep_position<typename Items::Real>(items, x);
         before.expect_load(items);
         after.expect_store(items);
     }
 
     template <class Row>
-    FIRN_HOST_DEVICE static void take(Row& row_of_cells)
+    FIRN_HOST_DEVICE static void gather(Row& row_of_cells)
     {
-        Takes::take(row_of_cells);
+        Gather::gather(row_of_cells);
     }
 
     /// Moves and deforms some particles by what they took, and keeps what they give to the next step.
@@ -107,14 +107,14 @@ struct MoveParticles
     FIRN_HOST_DEVICE void answer(Items& items, Result& result, Result& rare) const
     {
         using Real = typename Items::Real;
-        Vector<Real, d> x = Takes::template kept_position<Real>(items);
-        Gathered<Real, d> const gathered = Takes::template taken<Real>(items);
+        Vector<Real, d> x = Gather::template kept_position<Real>(items);
+        Gathered<Real, d> const gathered = Gather::template gathered<Real>(items);
         Record<Real, d, Join<StoredSet, TakenSet>> particle;
         before.load(items, particle);
 
         Real const inverse_h(static_cast<Number>(1 / lattice.cell_size));
         Vector<Real, d> displacement = motion<Real>(particle, gathered) * Real(now->dt);
-        Matrix<Real, d> const L = transfer.template take<Kernel, Real, d>(particle, gathered, inverse_h);
+        Matrix<Real, d> const L = transfer.template gather<Kernel, Real, d>(particle, gathered, inverse_h);
         touch_obstacles<Real>(items, x, particle, displacement, rare.reactions);
         displacement = displacement * inverse_h;
 
@@ -137,13 +137,13 @@ struct MoveParticles
         keep_given<Real>(items, particle, x, response.kirchhoff_stress);
         // Who has left its cell gives from the new one, and nothing here.
         Mask<Real> const left = items.here() & !stays;
-        if (any(left)) items.depart(left, Gives::mass, Gives::kept);
+        if (any(left)) items.depart(left, Scatter::mass, Scatter::kept);
     }
 
     template <class Row, class SumsOfCells>
-    FIRN_HOST_DEVICE static void give(Row const& row_of_cells, SumsOfCells& sums)
+    FIRN_HOST_DEVICE static void scatter(Row const& row_of_cells, SumsOfCells& sums)
     {
-        Gives::give(row_of_cells, sums);
+        Scatter::scatter(row_of_cells, sums);
     }
 
 private:
@@ -166,8 +166,8 @@ private:
         auto const [mass, volume] = portions.find(items, before.id);
         assert(all(mass >= Real(0)) && "the mass of a particle is not below 0");
         Matrix<Real, d> const impulse = stress * (volume * Real(-now->next_forces / h));
-        Gives::keep(items, x, mass,
-                    transfer.template give<Kernel, Real, d>(particle, mass, impulse, Real(h)));
+        Scatter::keep(items, x, mass,
+                      transfer.template scatter<Kernel, Real, d>(particle, mass, impulse, Real(h)));
     }
 
     template <class Real>

@@ -13,13 +13,13 @@ namespace firn
 /// Nodes are read once for all particles of a cell (`CellNodes`), particles take from that (`take`); what was
 /// taken is kept of each particle until it is asked for, particle by particle (`taken`).
 template <class Space, class Kernel, class Transfer>
-struct Taking
+struct Gather
 {
     static constexpr int d = Space::dimension;
     using Number = typename Space::Real;
     using Velocities = NodeVelocities<d, Transfer::keeps_old_velocity>;
     static constexpr int node_channels = Velocities::channels;
-    static constexpr Terms terms = Transfer::template takes<Kernel>;
+    static constexpr Terms terms = Transfer::template gather_terms<Kernel>;
 
     // What is kept of a particle: its position, and what it took.
     static constexpr int velocity = d, old_velocity = 2 * d;
@@ -52,7 +52,7 @@ struct Taking
     /// cell is, each particle knows: `row.of_cells(value)` has what is of the cells in the lanes of the
     /// particles.
     template <class Row, class Real = typename Row::Real>
-    FIRN_HOST_DEVICE static void take(Row& row_of_cells, CellNodes<Real> const& nodes, int first)
+    FIRN_HOST_DEVICE static void gather(Row& row_of_cells, CellNodes<Real> const& nodes, int first)
     {
         Powers<Kernel, Real, d> const powers(kept_position<Real>(row_of_cells));
         auto const of_cells = [&](Real const& term) { return row_of_cells.of_cells(term); };
@@ -79,7 +79,7 @@ struct Taking
 
     /// The same with each particle reading the nodes for itself: for who has no room to keep them.
     template <class Row, class Real = typename Row::Real>
-    FIRN_HOST_DEVICE static void take(Row& row_of_cells)
+    FIRN_HOST_DEVICE static void gather(Row& row_of_cells)
     {
         Gathered<Real, d> const sum = gather<Real>(row_of_cells, kept_position<Real>(row_of_cells));
         FIRN_UNROLL
@@ -97,7 +97,7 @@ struct Taking
 
     /// What some particles took.
     template <class Real, class Items>
-    FIRN_HOST_DEVICE static Gathered<Real, d> taken(Items const& items)
+    FIRN_HOST_DEVICE static Gathered<Real, d> gathered(Items const& items)
     {
         Gathered<Real, d> sum;
         FIRN_UNROLL
@@ -176,11 +176,11 @@ private:
 /// Particles take their velocities once more, by id: for somebody who asks. Positions are those from which
 /// they took last, nodes still hold what they held then.
 template <class Space, class Kernel, class TransferType, class StoredSet, class TakenSet>
-struct TakeVelocities : Taking<Space, Kernel, TransferType>
+struct GatherVelocities : Gather<Space, Kernel, TransferType>
 {
     using Transfer = TransferType;
-    using Takes = Taking<Space, Kernel, Transfer>;
-    using Takes::d;
+    using Gather = firn::Gather<Space, Kernel, Transfer>;
+    using Gather::d;
     using Number = typename Space::Real;
     struct Result
     {
@@ -195,7 +195,7 @@ struct TakeVelocities : Taking<Space, Kernel, TransferType>
     template <class Items>
     FIRN_HOST_DEVICE void locate(Items& items) const
     {
-        Takes::template keep_position<typename Items::Real>(items, particles.position(items));
+        Gather::template keep_position<typename Items::Real>(items, particles.position(items));
     }
 
     template <class Items>
@@ -203,8 +203,8 @@ struct TakeVelocities : Taking<Space, Kernel, TransferType>
     {
         using Real = typename Items::Real;
         Record<Real, d, TakenSet> particle;
-        transfer.template take<Kernel, Real, d>(particle, Takes::template taken<Real>(items),
-                                                Real(1 / cell_size));
+        transfer.template gather<Kernel, Real, d>(particle, Gather::template gathered<Real>(items),
+                                                  Real(1 / cell_size));
         velocities.store(items, particles.id, particle);
     }
 };

@@ -12,11 +12,11 @@ namespace firn
 /// A step that moves particles gives to the next one's grid in the same pass; what is left for this phase is
 /// the first step, and the correction where a step gets another length than was guessed.
 template <class Space, class Model, class Kernel, class TransferType, class StoredSet, class TakenSet>
-struct ParticlesToGrid : Giving<Space, Kernel, TransferType>
+struct ParticlesToGrid : Scatter<Space, Kernel, TransferType>
 {
     using Transfer = TransferType;
-    using Gives = Giving<Space, Kernel, Transfer>;
-    using Gives::d, Gives::kept;
+    using Scatter = firn::Scatter<Space, Kernel, Transfer>;
+    using Scatter::d, Scatter::kept;
     using Number = typename Space::Real;
 
     Model model;
@@ -44,9 +44,9 @@ struct ParticlesToGrid : Giving<Space, Kernel, TransferType>
         auto const response = model.template respond<Real>(particle, L, Real(0));
         // dt f_i = -dt V0 tau grad w_i, with the gradient taken per cell
         Matrix<Real, d> const impulse = response.kirchhoff_stress * (own.volume * Real(-dt / cell_size));
-        Real const given_mass = impulse_only ? Real(0) : own.mass;
-        Gives::keep(items, particles.position(items), given_mass,
-                    transfer.template give<Kernel, Real, d>(particle, given_mass, impulse, Real(cell_size)));
+        Real const mass = impulse_only ? Real(0) : own.mass;
+        Scatter::keep(items, particles.position(items), mass,
+                      transfer.template scatter<Kernel, Real, d>(particle, mass, impulse, Real(cell_size)));
     }
 };
 

@@ -32,12 +32,12 @@ struct NodeSums
 /// terms are found, particle by particle, and kept; then each cell sums what its particles give to each node
 /// of its stencil, and adds that to the grid once, whatever the number of its particles.
 template <class Space, class Kernel, class Transfer>
-struct Giving
+struct Scatter
 {
     static constexpr int d = Space::dimension;
     using Number = typename Space::Real;
     using Sums = NodeSums<d, Transfer::keeps_old_velocity>;
-    static constexpr Terms terms = Transfer::template gives<Kernel>;
+    static constexpr Terms terms = Transfer::template scatter_terms<Kernel>;
     static constexpr int channels = Sums::channels;
     static constexpr int width = Kernel::order + 1, rows = d == 3 ? width * width : width; ///< of a stencil
 
@@ -48,17 +48,17 @@ struct Giving
 
     template <class Items, class Real>
     FIRN_HOST_DEVICE static void keep(Items& items, Vector<Real, d> const& x, Real m,
-                                      Given<Real, d> const& given)
+                                      ParticleContribution<Real, d> const& contribution)
     {
         items.keep(mass, m);
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) {
             items.keep(position + i, x[i]);
-            items.keep(momentum + i, given.momentum[i]);
+            items.keep(momentum + i, contribution.momentum[i]);
             FIRN_UNROLL
             for (int j = 0; j < d; ++j) {
-                if constexpr (terms.affine) items.keep(affine + i * d + j, given.affine(i, j));
-                if constexpr (terms.gradient) items.keep(gradient + i * d + j, given.gradient(i, j));
+                if constexpr (terms.affine) items.keep(affine + i * d + j, contribution.affine(i, j));
+                if constexpr (terms.gradient) items.keep(gradient + i * d + j, contribution.gradient(i, j));
             }
         }
     }
@@ -117,7 +117,7 @@ struct Giving
 
     /// Adds what particles give to the nodes of one row of their stencils: to `nodes[k][channel]`.
     template <class Real, class NodesOfRow>
-    FIRN_HOST_DEVICE static void give(Spread<Real> const& spread, int row, NodesOfRow&& nodes)
+    FIRN_HOST_DEVICE static void scatter(Spread<Real> const& spread, int row, NodesOfRow&& nodes)
     {
         using Nodes = Stencil<Kernel, Real, d>;
         int const first = Nodes::index(row, 0), second = Nodes::index(row, 1);
@@ -160,12 +160,12 @@ struct Giving
     /// Adds what the row's particles give, one per cell, to the sums of their cells: to
     /// `sums[k][row][channel]`.
     template <class Row, class SumsOfCells, class Real = typename Row::Real>
-    FIRN_HOST_DEVICE static void give(Row const& row_of_cells, SumsOfCells& sums)
+    FIRN_HOST_DEVICE static void scatter(Row const& row_of_cells, SumsOfCells& sums)
     {
         Spread<Real> spread;
         make_ready(row_of_cells, spread);
         FIRN_UNROLL_ON_DEVICE
-        for (int row = 0; row < rows; ++row) give(spread, row, RowOfSums<SumsOfCells>{sums, row});
+        for (int row = 0; row < rows; ++row) scatter(spread, row, RowOfSums<SumsOfCells>{sums, row});
     }
 
 private:

@@ -20,7 +20,7 @@ namespace firn
 /// The grid of a scene, what its particles have given to it, and what they take from it between steps.
 /// `parts` are the SceneParts of the scene, the same in every call.
 template <class Backend, class Parts, class Kernel, class Transfer>
-class GridExchange
+class GridState
 {
 public:
     using Space = typename Parts::Space;
@@ -33,10 +33,10 @@ public:
     using Of = typename Parts::template Of<k>;
     /// How particles of a material give.
     template <std::size_t k>
-    using Scatter = ParticlesToGrid<Space, typename Of<k>::Model, Kernel, Transfer, typename Of<k>::Stored,
-                                    typename Of<k>::Taken>;
+    using P2g = ParticlesToGrid<Space, typename Of<k>::Model, Kernel, Transfer, typename Of<k>::Stored,
+                                typename Of<k>::Taken>;
 
-    GridExchange(Lattice lattice, Transfer const& transfer, Backend const& backend)
+    GridState(Lattice lattice, Transfer const& transfer, Backend const& backend)
         : lattice_(lattice), transfer_(transfer), backend_(backend), grid_(backend_)
     {}
 
@@ -44,34 +44,33 @@ public:
     Grid const& grid() const { return grid_; }
 
     /// The grid holds what particles give to a step in which stresses act for so long [s]; 0: nothing.
-    double given_for() const { return given_for_; }
+    double scattered_dt() const { return scattered_dt_; }
     /// What particles give is to be given afresh: they have changed.
-    void forget() { given_for_ = 0; }
+    void forget() { scattered_dt_ = 0; }
     /// After steps: for how long [s] particles have given to the next one, and whether those that changed
     /// their cells since have, too.
-    void gave(double dt, bool movers_gave)
+    void set_scattered(double dt, bool movers_scattered)
     {
-        given_for_ = dt;
-        movers_gave_ = movers_gave;
+        scattered_dt_ = dt;
+        movers_scattered_ = movers_scattered;
     }
 
     /// Brings the sums on the grid to what particles give to a step in which stresses act for so long [s]:
     /// they may have given already, and for another time.
-    void give_for(double dt, Parts& parts)
+    void scatter_missing(double dt, Parts& parts)
     {
         Parts::for_each([&](auto k) {
-            if (exactly_equal(given_for_, 0))
+            if (exactly_equal(scattered_dt_, 0))
                 scatter<k>(dt, false, parts);
             else {
                 auto layer = grid_.layer(k);
-                if (!movers_gave_)
-                    backend_.template scatter_movers<Scatter<k>>(parts.template particles<k>().cells(),
-                                                                 layer);
-                if (!exactly_equal(given_for_, dt)) scatter<k>(dt - given_for_, true, parts);
+                if (!movers_scattered_)
+                    backend_.template scatter_movers<P2g<k>>(parts.template particles<k>().cells(), layer);
+                if (!exactly_equal(scattered_dt_, dt)) scatter<k>(dt - scattered_dt_, true, parts);
             }
         });
-        movers_gave_ = true;
-        given_for_ = dt;
+        movers_scattered_ = true;
+        scattered_dt_ = dt;
     }
 
     /// Extends the velocities of nodes before their update, where the transfer does so: what particles give
@@ -88,9 +87,9 @@ public:
                 Parts::for_each([&](auto k) {
                     auto& table = parts.template particles<k>();
                     auto layer = grid_.layer(k);
-                    backend_.give_back(table.cells(), layer,
-                                       ReturnVelocities<Space, Kernel, typename Of<k>::Stored>{
-                                           table.current(), table.portions()});
+                    backend_.scatter_velocities(table.cells(), layer,
+                                                ReturnVelocities<Space, Kernel, typename Of<k>::Stored>{
+                                                    table.current(), table.portions()});
                 });
                 grid_.accept();
                 on_nodes(false);
@@ -106,9 +105,9 @@ public:
         if constexpr (Of<k>::Taken::components(d) > 0) {
             auto const& table = parts.template particles<k>();
             auto const layer = const_cast<Grid&>(grid_).layer(k); // it is only read
-            backend_.take(
+            backend_.gather(
                 table.cells(), layer,
-                TakeVelocities<Space, Kernel, Transfer, typename Of<k>::Stored, typename Of<k>::Taken>{
+                GatherVelocities<Space, Kernel, Transfer, typename Of<k>::Stored, typename Of<k>::Taken>{
                     {}, transfer_, table.ordered(), taken, static_cast<Number>(lattice_.cell_size)});
         }
     }
@@ -158,8 +157,8 @@ public:
     /// what they gave. They take from that, without the forces of the step. `now` is any step's.
     void regain_velocities(Parts& parts, Number smallest_node_mass, StepNow<Number, Chain<>> const* now)
     {
-        Parts::for_each([&](auto k) { scatter<k>(-given_for_, true, parts); });
-        given_for_ = 0;
+        Parts::for_each([&](auto k) { scatter<k>(-scattered_dt_, true, parts); });
+        scattered_dt_ = 0;
         extend_velocities(parts, smallest_node_mass);
         backend_.for_each_node(
             parts.orders(), grid_,
@@ -200,15 +199,15 @@ private:
         auto& table = parts.template particles<k>();
         auto layer = grid_.layer(k);
         backend_.scatter(table.cells(), layer,
-                         Scatter<k>{{},
-                                    parts.template model<k>(),
-                                    transfer_,
-                                    table.current(),
-                                    table.taken(),
-                                    table.portions(),
-                                    static_cast<Number>(dt),
-                                    static_cast<Number>(lattice_.cell_size),
-                                    impulse_only},
+                         P2g<k>{{},
+                                parts.template model<k>(),
+                                transfer_,
+                                table.current(),
+                                table.taken(),
+                                table.portions(),
+                                static_cast<Number>(dt),
+                                static_cast<Number>(lattice_.cell_size),
+                                impulse_only},
                          !impulse_only);
     }
 
@@ -216,8 +215,8 @@ private:
     Transfer transfer_;
     Backend backend_;
     Grid grid_;
-    double given_for_ = 0;
-    bool movers_gave_ = false;
+    double scattered_dt_ = 0;
+    bool movers_scattered_ = false;
 };
 
 } // namespace firn

@@ -108,8 +108,8 @@ double isolated_limit(double expansion_ratio)
     double inverse_inertia = 4;
     if constexpr (HasConstantInertia<Kernel>) inverse_inertia = Kernel::inverse_inertia;
     double const R =
-        Transfer::template gives<Kernel>.gradient ? Kernel::gradient_bound / inverse_inertia : 1.0;
-    double const K = Transfer::template gives<Kernel>.affine ? 1.0 : 0.0;
+        Transfer::template scatter_terms<Kernel>.gradient ? Kernel::gradient_bound / inverse_inertia : 1.0;
+    double const K = Transfer::template scatter_terms<Kernel>.affine ? 1.0 : 0.0;
     return std::sqrt(2.0 / (expansion_ratio * inverse_inertia * (R - K / 2)));
 }
 

@@ -29,9 +29,9 @@ struct Course
     double previous = 0; ///< what the last step might have been that filled no duration alone [s]; 0: none
     double last = 0;     ///< the last step [s]; 0: there was none
     int retries = 0;     ///< how many times the step that begins now was tried in vain
-    PlannedStep given{}; ///< that for which particles have given to the grid already
-    PlannedStep now{};   ///< that which is taken
-    PlannedStep next{};  ///< the one after it, for which they give as they take it
+    PlannedStep scattered{}; ///< that for which particles have given to the grid already
+    PlannedStep now{};       ///< that which is taken
+    PlannedStep next{};      ///< the one after it, for which they give as they take it
     bool ready =
         false; ///< `now` and `next` are those of the step that begins now, of the same call as that before
     double stable = 0; ///< length that is stable in it [s]
@@ -90,15 +90,15 @@ struct StepRule
             course.now.interval.forces = forces(course.now, course.last, 0);
             course.next = {{course.now.interval.end, course.now.interval.end + equal}, StepLimit::duration};
             course.next.interval.forces = forces(course.next, course.now.interval.length(), 0);
-            return exactly_equal(course.given.interval.forces, course.now.interval.forces);
+            return exactly_equal(course.scattered.interval.forces, course.now.interval.forces);
         }
         PlannedStep best = plan(longest_now, course.time, end, course.previous, course.retries);
         best.interval.forces = forces(best, course.last, course.retries);
-        double const planned = course.given.interval.length(), longest = best.interval.length();
-        bool const fits = planned > 0 && exactly_equal(course.given.interval.begin, course.time) &&
-                          course.given.interval.end <= end && planned <= longest_plan * longest &&
+        double const planned = course.scattered.interval.length(), longest = best.interval.length();
+        bool const fits = planned > 0 && exactly_equal(course.scattered.interval.begin, course.time) &&
+                          course.scattered.interval.end <= end && planned <= longest_plan * longest &&
                           planned >= shortest_plan * longest && course.retries == 0;
-        course.now = fits ? course.given : best;
+        course.now = fits ? course.scattered : best;
         // the one after it, as far as it can be told from the state before this one
         double const next_end = course.now.interval.end < end ? end : end + duration;
         double const previous =
@@ -129,7 +129,7 @@ struct StepRule
         else if (course.now.limit != StepLimit::duration)
             course.previous = course.now.longest;
         course.retries = 0;
-        course.given = course.next;
+        course.scattered = course.next;
     }
 
     /// For how long forces act in a step of a length, behind one of another; 0: behind none [s].

@@ -31,7 +31,7 @@ public:
     using Number = typename Space::Real;
     static constexpr int d = Space::dimension, materials = static_cast<int>(Parts::count);
     using Rule = StepRule<materials>;
-    using Exchange = GridExchange<Backend, Parts, Kernel, Transfer>;
+    using Exchange = GridState<Backend, Parts, Kernel, Transfer>;
 
     /// What steps change, and what they need to know of it.
     struct Scene
@@ -67,7 +67,7 @@ public:
                 [](auto& cells, auto const& offsets) { cells.begin_to_follow(offsets); });
         });
         grid.follow(orders); // blocks under them
-        scene.exchange.give_for(scene.course.now.interval.forces, scene.parts);
+        scene.exchange.scatter_missing(scene.course.now.interval.forces, scene.parts);
         run.begin(rule, effects);
         auto const layers = run.layers();
         auto reacted = run.update_nodes(0);
@@ -81,10 +81,10 @@ public:
             }
         backend_.move(orders, layers, run.move(queued - 1), reacted, run.conclude(queued - 1));
         run.look();
-        bool lacked = false, gave_early = false;
+        bool lacked = false, scattered_early = false;
         if constexpr (Backend::queues) {
             lacked = backend_.listen(orders);
-            gave_early = !lacked && backend_.follows_early(orders) && run.taken() < queued;
+            scattered_early = !lacked && backend_.follows_early(orders) && run.taken() < queued;
             if (lacked) { // a step lacked room, and those after it did nothing
                 int const lacking = run.taken() - (run.went_wrong() ? 0 : 1);
                 run.take_back(queued - 1 - lacking, queued - 1 - lacking);
@@ -103,7 +103,7 @@ public:
         else if constexpr (Backend::queues)
             run.take_back(queued - 1 - taken, queued - 1 - taken + (spoiled_ ? 0 : 1));
         int const last = taken + (spoiled_ ? 1 : 0);
-        run.adopt(last, taken, spoiled_ || gave_early);
+        run.adopt(last, taken, spoiled_ || scattered_early);
         turn_ = (turn_ + taken) % 2;
         learn(taken, taken == expected && !lacked);
         for (int i = 0; i < taken; ++i) visit(run.heard().records[i]);
@@ -232,12 +232,13 @@ private:
 
         /// Takes over what is known behind some steps; `movers_gave` says whether who came to another cell in
         /// the last one has given there.
-        void adopt(int place, int taken, bool movers_gave)
+        void adopt(int place, int taken, bool movers_scattered)
         {
             scene_.course = heard_.at[place].course;
             Parts::for_each(
                 [&](auto k) { particles<k>().set_held(taken > 0 ? pushed_[k] : held_[k], held_[k]); });
-            if (taken > 0) scene_.exchange.gave(scene_.course.given.interval.forces, movers_gave);
+            if (taken > 0)
+                scene_.exchange.set_scattered(scene_.course.scattered.interval.forces, movers_scattered);
         }
 
     private:

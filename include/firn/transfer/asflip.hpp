@@ -25,9 +25,9 @@ struct Asflip
     using Stored = Fields<Velocity>;
 
     template <class Kernel>
-    static constexpr Terms gives{.affine = true, .gradient = true};
+    static constexpr Terms scatter_terms{.affine = true, .gradient = true};
     template <class Kernel>
-    static constexpr Terms takes = Apic::takes<Kernel>;
+    static constexpr Terms gather_terms = Apic::gather_terms<Kernel>;
     static constexpr bool keeps_old_velocity = true;
     static constexpr bool moves_with_grid = false;
 
@@ -47,10 +47,10 @@ struct Asflip
 
     /// m (v + C (x_i - x_p)), and (apart from it) the force -V0 tau dw_i.
     template <class Kernel, Lane Real, int d, class Particle>
-    FIRN_HOST_DEVICE Given<Real, d> give(Particle const& particle, Real mass,
-                                         Matrix<Real, d> const& stress_impulse, Real cell_size) const
+    FIRN_HOST_DEVICE ParticleContribution<Real, d>
+    scatter(Particle const& particle, Real mass, Matrix<Real, d> const& stress_impulse, Real cell_size) const
     {
-        return Apic{}.give<Kernel, Real, d>(particle, mass, stress_impulse, cell_size);
+        return Apic{}.scatter<Kernel, Real, d>(particle, mass, stress_impulse, cell_size);
     }
 
     /// The velocity [m/s] by which a particle moves, asked before it takes: sum w v_i + gamma alpha (v - sum
@@ -66,8 +66,8 @@ struct Asflip
 
     /// v = sum w v_i + alpha (v - sum w v_i^n), C as APIC's; returns L = sum of v_i dw_i^T [1/s].
     template <class Kernel, Lane Real, int d, class Particle>
-    FIRN_HOST_DEVICE Matrix<Real, d> take(Particle& particle, Gathered<Real, d> const& gathered,
-                                          Real inverse_cell_size) const
+    FIRN_HOST_DEVICE Matrix<Real, d> gather(Particle& particle, Gathered<Real, d> const& gathered,
+                                            Real inverse_cell_size) const
     {
         // Who only asks for what is not stored has no velocity of its own.
         if constexpr (requires { particle[Velocity{}]; }) {

@@ -20,9 +20,9 @@ struct Flip
     using Stored = Fields<Velocity>;
 
     template <class Kernel>
-    static constexpr Terms gives{.gradient = true};
+    static constexpr Terms scatter_terms{.gradient = true};
     template <class Kernel>
-    static constexpr Terms takes{.gradient = true};
+    static constexpr Terms gather_terms{.gradient = true};
     static constexpr bool keeps_old_velocity = true;
     static constexpr bool moves_with_grid = true;
 
@@ -36,16 +36,16 @@ struct Flip
 
     /// m v, and (apart from it) the force -V0 tau dw_i.
     template <class Kernel, Lane Real, int d, class Particle>
-    FIRN_HOST_DEVICE Given<Real, d> give(Particle const& particle, Real mass,
-                                         Matrix<Real, d> const& stress_impulse, Real cell_size) const
+    FIRN_HOST_DEVICE ParticleContribution<Real, d>
+    scatter(Particle const& particle, Real mass, Matrix<Real, d> const& stress_impulse, Real cell_size) const
     {
-        return Pic{}.give<Kernel, Real, d>(particle, mass, stress_impulse, cell_size);
+        return Pic{}.scatter<Kernel, Real, d>(particle, mass, stress_impulse, cell_size);
     }
 
     /// v = (1 - beta) sum w v_i + beta (v + sum w (v_i - v_i^n)); returns L = sum of v_i dw_i^T [1/s].
     template <class Kernel, Lane Real, int d, class Particle>
-    FIRN_HOST_DEVICE Matrix<Real, d> take(Particle& particle, Gathered<Real, d> const& gathered,
-                                          Real inverse_cell_size) const
+    FIRN_HOST_DEVICE Matrix<Real, d> gather(Particle& particle, Gathered<Real, d> const& gathered,
+                                            Real inverse_cell_size) const
     {
         Vector<Real, d>& v = particle[Velocity{}];
         v = gathered.velocity + (v - gathered.old_velocity) * Real(Scalar<Real>(fraction));

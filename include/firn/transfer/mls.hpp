@@ -16,36 +16,36 @@ struct Mls
     using Stored = Apic::Stored;
 
     template <class Kernel>
-    static constexpr Terms gives{.affine = true, .gradient = !HasConstantInertia<Kernel>};
+    static constexpr Terms scatter_terms{.affine = true, .gradient = !HasConstantInertia<Kernel>};
     template <class Kernel>
-    static constexpr Terms takes{.affine = HasConstantInertia<Kernel>,
-                                 .gradient = !HasConstantInertia<Kernel>};
+    static constexpr Terms gather_terms{.affine = HasConstantInertia<Kernel>,
+                                        .gradient = !HasConstantInertia<Kernel>};
     static constexpr bool keeps_old_velocity = false;
     static constexpr bool moves_with_grid = true;
 
     /// m v + (m C - dt V0 D^-1 tau) (x_i - x_p) (Hu et al. 2018, eq. 18).
     template <class Kernel, Lane Real, int d, class Particle>
-    FIRN_HOST_DEVICE Given<Real, d> give(Particle const& particle, Real mass,
-                                         Matrix<Real, d> const& stress_impulse, Real cell_size) const
+    FIRN_HOST_DEVICE ParticleContribution<Real, d>
+    scatter(Particle const& particle, Real mass, Matrix<Real, d> const& stress_impulse, Real cell_size) const
     {
         if constexpr (!HasConstantInertia<Kernel>)
-            return Apic{}.give<Kernel, Real, d>(particle, mass, stress_impulse, cell_size);
+            return Apic{}.scatter<Kernel, Real, d>(particle, mass, stress_impulse, cell_size);
         else {
-            Given<Real, d> given;
-            given.momentum = particle[Velocity{}] * mass;
-            given.affine = particle[AffineVelocity{}] * (mass * cell_size) +
-                           stress_impulse * Real(Scalar<Real>(Kernel::inverse_inertia));
-            return given;
+            ParticleContribution<Real, d> contribution;
+            contribution.momentum = particle[Velocity{}] * mass;
+            contribution.affine = particle[AffineVelocity{}] * (mass * cell_size) +
+                                  stress_impulse * Real(Scalar<Real>(Kernel::inverse_inertia));
+            return contribution;
         }
     }
 
     /// v = sum w v_i, C = (sum w v_i (x_i - x_p)^T) D^-1; returns L = C [1/s].
     template <class Kernel, Lane Real, int d, class Particle>
-    FIRN_HOST_DEVICE Matrix<Real, d> take(Particle& particle, Gathered<Real, d> const& gathered,
-                                          Real inverse_cell_size) const
+    FIRN_HOST_DEVICE Matrix<Real, d> gather(Particle& particle, Gathered<Real, d> const& gathered,
+                                            Real inverse_cell_size) const
     {
         if constexpr (!HasConstantInertia<Kernel>)
-            return Apic{}.take<Kernel, Real, d>(particle, gathered, inverse_cell_size);
+            return Apic{}.gather<Kernel, Real, d>(particle, gathered, inverse_cell_size);
         else {
             particle[Velocity{}] = gathered.velocity;
             particle[AffineVelocity{}] = gathered.affine * inverse_cell_size;

@@ -23,7 +23,7 @@ struct Terms
 
 /// What a particle gives to node i: w_i (momentum + affine (x_i - x_p)) + gradient dw_i, distances in cells.
 template <class Real, int d>
-struct Given
+struct ParticleContribution
 {
     Vector<Real, d> momentum; ///< [kg m/s]
     Matrix<Real, d> affine;   ///< [kg m/s per cell]; set if the scheme gives Terms::affine

@@ -24,9 +24,9 @@ struct Xpic
     using Stored = Fields<>;
 
     template <class Kernel>
-    static constexpr Terms gives{.gradient = true};
+    static constexpr Terms scatter_terms{.gradient = true};
     template <class Kernel>
-    static constexpr Terms takes{.gradient = true};
+    static constexpr Terms gather_terms{.gradient = true};
     static constexpr bool keeps_old_velocity = true;
     static constexpr bool moves_with_grid = true;
     static constexpr double fraction = 0; ///< of its own velocity a particle keeps what the grid tells it
@@ -43,17 +43,17 @@ struct Xpic
 
     /// m v, and (apart from it) the force -V0 tau dw_i.
     template <class Kernel, Lane Real, int d, class Particle>
-    FIRN_HOST_DEVICE Given<Real, d> give(Particle const& particle, Real mass,
-                                         Matrix<Real, d> const& stress_impulse, Real cell_size) const
+    FIRN_HOST_DEVICE ParticleContribution<Real, d>
+    scatter(Particle const& particle, Real mass, Matrix<Real, d> const& stress_impulse, Real cell_size) const
     {
-        return Pic{}.give<Kernel, Real, d>(particle, mass, stress_impulse, cell_size);
+        return Pic{}.scatter<Kernel, Real, d>(particle, mass, stress_impulse, cell_size);
     }
 
     /// v = sum w (v_i - (v_i^n - v_i*)), v_i* being the extended velocity: what the nodes hold in place of
     /// the old one is v_i^n - v_i*. Returns L = sum of v_i dw_i^T [1/s].
     template <class Kernel, Lane Real, int d, class Particle>
-    FIRN_HOST_DEVICE Matrix<Real, d> take(Particle& particle, Gathered<Real, d> const& gathered,
-                                          Real inverse_cell_size) const
+    FIRN_HOST_DEVICE Matrix<Real, d> gather(Particle& particle, Gathered<Real, d> const& gathered,
+                                            Real inverse_cell_size) const
     {
         particle[Velocity{}] = gathered.velocity - gathered.old_velocity;
         return gathered.gradient * inverse_cell_size;

@@ -116,7 +116,7 @@ public:
         movers.way[i] = static_cast<std::uint8_t>(way_);
 #pragma unroll
         for (int c = d; c < Phase::kept; ++c)
-            movers.given[std::size_t(i) * movers.channels + c - d] = kept_[c];
+            movers.contribution[std::size_t(i) * movers.channels + c - d] = kept_[c];
     }
     __device__ void forget_given()
     {
@@ -133,7 +133,7 @@ public:
         for (int a = 0; a < d; ++a) kept_[a] = CellOffset<Number>::value(offset[a][slot]);
 #pragma unroll
         for (int c = d; c < Phase::kept; ++c)
-            kept_[c] = movers.given[std::size_t(i) * movers.channels + c - d];
+            kept_[c] = movers.contribution[std::size_t(i) * movers.channels + c - d];
     }
 
     /// Channel c of the node at place k in a row of the cell's stencil.

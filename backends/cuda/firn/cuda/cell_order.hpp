@@ -153,7 +153,7 @@ public:
     /// for each block by so many teams (see detail::conclude_and_rearrange) with so much shared memory. The
     /// order before is kept, for take_back().
     template <class Conclude, class Give>
-    void follow_early(std::array<Offset*, d> const& offset, Conclude const& conclude, Give const& give,
+    void follow_early(std::array<Offset*, d> const& offset, Conclude const& conclude, Give const& scatter,
                       unsigned teams, std::size_t shared)
     {
         OnDevice const here(queue_);
@@ -166,7 +166,7 @@ public:
         detail::NewOrder const to{
             nullptr,         left_.data(),         new_begin_.data(),  arrived_begin_.data(),
             arrived_.data(), order_before_.data(), movers_.cell.data()};
-        auto const then = give(view(), arrived());
+        auto const then = scatter(view(), arrived());
         using Then = std::remove_cv_t<decltype(then)>;
         std::uint32_t const number = early_ = early_ % (1u << 31) + 1;
         launch_behind("conclude_and_rearrange", queue_,
@@ -364,10 +364,10 @@ private:
         Array<detail::Rendezvous> meet;
         Array<std::uint32_t> slot, cell, next;
         Array<std::uint8_t> way;
-        Array<Number> given;
+        Array<Number> contribution;
 
         explicit MoverArrays(Queue queue)
-            : meet(queue), slot(queue), cell(queue), next(queue), way(queue), given(queue)
+            : meet(queue), slot(queue), cell(queue), next(queue), way(queue), contribution(queue)
         {}
 
         void renew(std::size_t room, int channels)
@@ -379,7 +379,7 @@ private:
             }
             for (auto* const array : {&slot, &cell, &next}) make_room(*array, room);
             make_room(way, channels > 0 ? room : 0);
-            make_room(given, room * static_cast<std::size_t>(channels));
+            make_room(contribution, room * static_cast<std::size_t>(channels));
         }
 
         /// For so many and not more: who asks has added what there is to spare.
@@ -401,12 +401,12 @@ private:
                     at(cell),
                     at(way),
                     at(next),
-                    const_cast<Number*>(given.data())};
+                    const_cast<Number*>(contribution.data())};
         }
 
         std::size_t memory() const
         {
-            return slot.memory() + cell.memory() + way.memory() + next.memory() + given.memory();
+            return slot.memory() + cell.memory() + way.memory() + next.memory() + contribution.memory();
         }
     };
 

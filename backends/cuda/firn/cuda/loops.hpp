@@ -204,7 +204,7 @@ __global__ void __launch_bounds__(block_threads, enough_groups)
             cell.enter(cells.order[cells.begin[c] + rank], slot);
             phase.prepare(cell);
         }
-        Phase::give(cell, sums);
+        Phase::scatter(cell, sums);
     });
     __syncthreads();
     typename GridType::Sums* const tile = grid.tiles + std::size_t(blockIdx.x) * GridType::TileShape::nodes;
@@ -216,7 +216,7 @@ __global__ void __launch_bounds__(block_threads, enough_groups)
 
 /// Items that came into the cells of a block give what they kept when they departed.
 template <class CellOrder, class GridType, class Phase>
-struct GiveArrivals
+struct ScatterArrivals
 {
     typename CellOrder::View cells;
     typename CellOrder::Arrived arrived;
@@ -243,7 +243,7 @@ struct GiveArrivals
                 cell.read_departure(movers, arrived.offset, next);
                 if (rank + teams < came.count) next = of_cell[rank + teams];
             }
-            Phase::give(cell, sums);
+            Phase::scatter(cell, sums);
         };
         Ranks(came).for_each(use, team, teams);
         __syncthreads();
@@ -258,13 +258,14 @@ struct GiveArrivals
 template <unsigned most, class CellOrder, class GridType, class Phase>
 __global__ void __launch_bounds__(most* block_threads,
                                   most > 1 && sizeof(typename GridType::Number) == sizeof(float) ? 1 : 0)
-    scatter_movers(Signal signal, std::uint32_t blocks, GiveArrivals<CellOrder, GridType, Phase> give)
+    scatter_movers(Signal signal, std::uint32_t blocks, ScatterArrivals<CellOrder, GridType, Phase> scatter)
 {
     if (signal.stops()) return;
     for (std::uint32_t block = blockIdx.x; block < blocks; block += gridDim.x) {
         std::uint32_t const c = block * block_threads + threadIdx.x % block_threads,
-                            begin = give.arrived.begin[c];
-        give(block, {begin, give.arrived.begin[c + 1] - begin}, most == 1 ? 1 : blockDim.x / block_threads);
+                            begin = scatter.arrived.begin[c];
+        scatter(block, {begin, scatter.arrived.begin[c + 1] - begin},
+                most == 1 ? 1 : blockDim.x / block_threads);
     }
 }
 
@@ -444,7 +445,7 @@ __global__ void __launch_bounds__(most_teams_that_move<Phase>* block_threads, 1)
             cell.enter(next_source, slot);
             if (rank + teams < count) next_source = sources[rank + teams];
             phase.locate(cell);
-            Phase::take(cell);
+            Phase::gather(cell);
             phase.answer(cell, result, rare);
             moved.left[slot] = cell.departed();
         }
@@ -464,7 +465,7 @@ __global__ void __launch_bounds__(most_teams_that_move<Phase>* block_threads, 1)
                 cell.forget_given();
             }
         }
-        Phase::give(cell, sums);
+        Phase::scatter(cell, sums);
     };
     ranks.for_each(use, team, teams);
     __syncthreads();
@@ -487,7 +488,8 @@ __global__ void __launch_bounds__(most_teams_that_move<Phase>* block_threads, 1)
 /// All items take and give, where they are, to the tile of the next sums of their block.
 template <class CellOrder, class GridType, class Phase>
 __global__ void __launch_bounds__(block_threads)
-    give_back(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid)
+    scatter_velocities(Signal signal, Phase phase, typename CellOrder::View cells,
+                       typename GridType::View grid)
 {
     if (signal.stops()) return;
     SharedTiles<GridType> const tiles(shared_memory(), true);
@@ -504,10 +506,10 @@ __global__ void __launch_bounds__(block_threads)
         if (here) {
             cell.enter(cells.order[cells.begin[c] + rank], slot);
             phase.locate(cell);
-            Phase::take(cell);
+            Phase::gather(cell);
             phase.answer(cell, result);
         }
-        Phase::give(cell, sums);
+        Phase::scatter(cell, sums);
     });
     __syncthreads();
     tiles.write_sums(grid.next_tiles + std::size_t(blockIdx.x) * GridType::TileShape::nodes);
@@ -518,7 +520,7 @@ __global__ void __launch_bounds__(block_threads)
 template <class CellOrder, class GridType, class Phase>
 __global__ void __launch_bounds__(block_threads,
                                   sizeof(typename GridType::Number) == sizeof(float) ? enough_groups : 10)
-    take(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid)
+    gather(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid)
 {
     if (signal.stops()) return;
     SharedTiles<GridType> const tiles(shared_memory(), true);
@@ -532,7 +534,7 @@ __global__ void __launch_bounds__(block_threads,
         if (!here) return;
         cell.enter(cells.order[cells.begin[c] + rank], slot);
         phase.locate(cell);
-        Phase::take(cell);
+        Phase::gather(cell);
         phase.answer(cell, result);
     });
 }

@@ -32,13 +32,13 @@ template <class Number>
 struct Movers
 {
     Rendezvous* meet;
-    std::uint32_t most;  ///< there is room for so many
-    int channels;        ///< of what a departed item gives
-    std::uint32_t* slot; ///< where the item lies
-    std::uint32_t* cell; ///< where it was
-    std::uint8_t* way;   ///< to which neighbour it goes: three digits of base 3, first axis highest
-    std::uint32_t* next; ///< another one that comes into the same cell, or absent
-    Number* given;       ///< what a departed item gives to the grid, one after the other, but for its offset
+    std::uint32_t most;   ///< there is room for so many
+    int channels;         ///< of what a departed item gives
+    std::uint32_t* slot;  ///< where the item lies
+    std::uint32_t* cell;  ///< where it was
+    std::uint8_t* way;    ///< to which neighbour it goes: three digits of base 3, first axis highest
+    std::uint32_t* next;  ///< another one that comes into the same cell, or absent
+    Number* contribution; ///< what a departed item gives to the grid, one after the other, but for its offset
 };
 
 /// What changes about cells when items move.

@@ -126,7 +126,8 @@ public:
                             of(stay_) + of(old_block_) + of(arrival_begin_) + of(departures_) +
                             of(outflows_) + of(flows_) + of(flow_begin_) + of(flow_order_);
         for (auto const& of_block : departures_)
-            lists += of(of_block.from) + of(of_block.given_inside) + of(of_block.movers) + of(of_block.given);
+            lists += of(of_block.from) + of(of_block.scattered_inside) + of(of_block.movers) +
+                     of(of_block.contribution);
         return lists + source_.memory() + new_source_.memory() + counts_.memory() + new_counts_.memory() +
                group_begin_.memory() + new_group_begin_.memory() + map_.memory();
     }
@@ -271,14 +272,14 @@ public:
         outflow.departures = static_cast<std::uint32_t>(leavers.count);
         for (Mover const& mover : all) ++outflow.to[mover.direction];
         bool const are_many = outflow.to[here<d>] * share_to_keep > blocks_[b].end - blocks_[b].begin;
-        Number const* given = leavers.given.data();
+        Number const* contribution = leavers.contribution.data();
         if (are_many) {
             outflow.inside = std::exchange(outflow.to[here<d>], 0);
             leavers.inside.clear();
         }
         else {
-            append(given, leavers.count * channels, departures.given);
-            given = departures.given.data();
+            append(contribution, leavers.count * channels, departures.contribution);
+            contribution = departures.contribution.data();
         }
         std::array<std::uint32_t, directions<d>> next;
         std::exclusive_scan(outflow.to.begin(), outflow.to.end(), next.begin(), std::uint32_t(0));
@@ -287,8 +288,8 @@ public:
         outflow.movers = departures.movers.data();
         for (Mover const& mover : all) {
             // made of its parts: read as a whole, what was just written in parts would be waited for
-            Mover const gives{mover.source, mover.place, mover.direction, given};
-            given += channels;
+            Mover const gives{mover.source, mover.place, mover.direction, contribution};
+            contribution += channels;
             if (are_many && mover.direction == here<d>)
                 leavers.inside.push_back(gives);
             else
@@ -296,15 +297,15 @@ public:
         }
         if (!are_many) return {};
 
-        make_room(departures.given, listed * channels);
+        make_room(departures.contribution, listed * channels);
         for (Mover& mover : departures.movers) {
-            append(mover.given, channels, departures.given);
-            mover.given = departures.given.data() + departures.given.size() - channels;
+            append(mover.contribution, channels, departures.contribution);
+            mover.contribution = departures.contribution.data() + departures.contribution.size() - channels;
         }
         std::array<std::uint32_t, Shape::cells> counts{};
         leavers.in_order.resize(leavers.inside.size());
         sort_by_cell(std::array{std::span<Mover const>(leavers.inside)}, leavers.in_order.data(), counts);
-        append(leavers.in_order.data(), leavers.in_order.size(), departures.given_inside);
+        append(leavers.in_order.data(), leavers.in_order.size(), departures.scattered_inside);
         return leavers.in_order;
     }
 
@@ -565,7 +566,8 @@ private:
         std::span<Departure const> gone;
         std::span<Mover const> inside;
         if (!is_new)
-            gone = departures_[std::size_t(old)].from, inside = departures_[std::size_t(old)].given_inside;
+            gone = departures_[std::size_t(old)].from,
+            inside = departures_[std::size_t(old)].scattered_inside;
         std::array<std::uint32_t, Shape::cells> came;
         came.fill(0);
         for (Mover const& mover : inside) ++came[mover.place];

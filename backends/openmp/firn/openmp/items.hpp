@@ -343,17 +343,18 @@ public:
             int const lane = std::countr_zero(rest);
             auto const slot = static_cast<std::uint32_t>(this->slot_) + static_cast<std::uint32_t>(lane);
             find_group(slot);
-            Number* const given = leavers_.given.data() + count * static_cast<std::size_t>(kept);
+            Number* const contribution =
+                leavers_.contribution.data() + count * static_cast<std::size_t>(kept);
             for (int c = d; c < kept; ++c) {
                 auto& value = *this->scratch_.at(c, this->item_ + static_cast<std::size_t>(lane));
-                given[c] = value;
+                contribution[c] = value;
                 if (c >= zero_from) value = 0;
             }
             std::array<int, std::size_t(d)> steps;
             for (int a = 0; a < d; ++a) {
                 Offset offset = moved_[a][slot];
                 steps[static_cast<std::size_t>(a)] = CellOffset<Number>::wrap(offset);
-                given[a] = CellOffset<Number>::value(offset);
+                contribution[a] = CellOffset<Number>::value(offset);
             }
             std::uint32_t const at = leavers_.at[slot - first_slot_];
             leavers_.from[count] = {slot, at};

@@ -52,10 +52,10 @@ void append(T const* from, std::size_t count, std::vector<T>& list)
 template <class Number>
 struct Mover
 {
-    std::uint32_t source;    ///< where the item lies
-    std::uint16_t place;     ///< its cell now, in the block where that is
-    std::uint16_t direction; ///< in which that block lies, see neighbour()
-    Number const* given;     ///< what it gives, its offset in the new cell first
+    std::uint32_t source;       ///< where the item lies
+    std::uint16_t place;        ///< its cell now, in the block where that is
+    std::uint16_t direction;    ///< in which that block lies, see neighbour()
+    Number const* contribution; ///< what it gives, its offset in the new cell first
 };
 
 /// Where an item was that has left its cell.
@@ -70,17 +70,18 @@ struct Departure
 template <class Number>
 struct Departures
 {
-    std::vector<Departure> from;             ///< of all, in the order of slots
-    std::vector<Mover<Number>> given_inside; ///< who is in another cell of the block and gave there, by cell
-    std::vector<Mover<Number>> movers;       ///< the others, by direction
-    std::vector<Number> given;               ///< by them
+    std::vector<Departure> from; ///< of all, in the order of slots
+    std::vector<Mover<Number>>
+        scattered_inside;              ///< who is in another cell of the block and gave there, by cell
+    std::vector<Mover<Number>> movers; ///< the others, by direction
+    std::vector<Number> contribution;  ///< by them
 
     void clear()
     {
         from.clear();
-        given_inside.clear();
+        scattered_inside.clear();
         movers.clear();
-        given.clear();
+        contribution.clear();
     }
 };
 
@@ -103,7 +104,7 @@ struct Leavers
     std::size_t count = 0, channels = 0;
     std::vector<Departure> from;
     std::vector<Mover<Number>> movers;
-    std::vector<Number> given;                   ///< so many channels of each, see Mover
+    std::vector<Number> contribution;            ///< so many channels of each, see Mover
     std::vector<std::uint32_t> at;               ///< of all items of a group, see Departure
     std::vector<Mover<Number>> inside, in_order; ///< who gives at once, as they left and by cell
 
@@ -117,7 +118,8 @@ struct Leavers
     void expect(std::size_t more, std::size_t of)
     {
         channels = of;
-        if (given.size() < (count + more) * channels) given.resize(2 * (count + more) * channels);
+        if (contribution.size() < (count + more) * channels)
+            contribution.resize(2 * (count + more) * channels);
     }
 };
 

@@ -142,8 +142,8 @@ void for_each_group(CellOrder const& cells, std::size_t b, int first, int behind
 
 /// What some items keep, given by the cells of their group: row by row of their stencils, so that the sums of
 /// a row stay in registers.
-template <class Gives, class Group, class Spreads>
-FIRN_INLINE_WHOLE void give(Group& group, Spreads& spreads)
+template <class Scatter, class Group, class Spreads>
+FIRN_INLINE_WHOLE void scatter(Group& group, Spreads& spreads)
 {
     using Real = typename Group::Real;
     group.restart();
@@ -151,28 +151,28 @@ FIRN_INLINE_WHOLE void give(Group& group, Spreads& spreads)
         int here = 0;
         for (; here < static_cast<int>(spreads.size()) && rank < ranks; ++here, ++rank) {
             group.enter(rank);
-            Gives::make_ready(group, spreads[static_cast<std::size_t>(here)]);
+            Scatter::make_ready(group, spreads[static_cast<std::size_t>(here)]);
         }
-        for (int row = 0; row < Gives::rows; ++row) {
-            Real sums[Gives::width][Gives::channels];
+        for (int row = 0; row < Scatter::rows; ++row) {
+            Real sums[Scatter::width][Scatter::channels];
             for (auto& node : sums)
                 for (auto& sum : node) sum = Real(typename Group::Number(0));
-            for (int i = 0; i < here; ++i) Gives::give(spreads[static_cast<std::size_t>(i)], row, sums);
-            group.template add<Gives::width, Gives::channels>(row, sums);
+            for (int i = 0; i < here; ++i) Scatter::scatter(spreads[static_cast<std::size_t>(i)], row, sums);
+            group.template add<Scatter::width, Scatter::channels>(row, sums);
         }
     }
 }
 
 /// What as many ranks give as are summed at once.
-template <class Lane, class Gives>
-using Spreads = std::array<typename Gives::template Spread<Lane>, ranks_at_once>;
+template <class Lane, class Scatter>
+using Spreads = std::array<typename Scatter::template Spread<Lane>, ranks_at_once>;
 
 /// What a thread gives with.
-template <class Lane, class Gives>
-struct Giver
+template <class Lane, class Scatter>
+struct ScatterBuffers
 {
-    Scratch<Lane, Gives::d> scratch;
-    Spreads<Lane, Gives> spreads;
+    Scratch<Lane, Scatter::d> scratch;
+    Spreads<Lane, Scatter> spreads;
 };
 
 template <class Phase, class Items>
@@ -190,19 +190,19 @@ FIRN_INLINE_WHOLE void locate(Phase const& phase, Items& items)
 /// What a group's items take from its nodes. (Like give(), named after what is taken, not after the phase
 /// that takes: phases share the code.) Where few cells are left that have so many items, these go side by
 /// side, whatever their cells. The group's items end before number `end` of those that the scratch has.
-template <class Takes, class Group, class Nodes>
-FIRN_INLINE_WHOLE void take(Group& group, std::size_t end, Nodes& nodes)
+template <class Gather, class Group, class Nodes>
+FIRN_INLINE_WHOLE void gather(Group& group, std::size_t end, Nodes& nodes)
 {
-    for (int channel = 0; channel < Takes::node_channels; channel += Nodes::channels) {
+    for (int channel = 0; channel < Gather::node_channels; channel += Nodes::channels) {
         nodes.read(group, channel);
         group.restart();
         for (int rank = 0, ranks = group.ranks(); rank < ranks; ++rank) {
             group.enter(rank);
             if (group.is_sparse(ranks - rank, end)) {
-                group.side_by_side(rank, end, [&](auto& some) { Takes::take(some, nodes, channel); });
+                group.side_by_side(rank, end, [&](auto& some) { Gather::gather(some, nodes, channel); });
                 break;
             }
-            Takes::take(group, nodes, channel);
+            Gather::gather(group, nodes, channel);
         }
     }
 }
@@ -249,12 +249,12 @@ template <class Lane, class CellOrder, class GridType, class Phase>
 void scatter(Threads const& threads, CellOrder const& cells, GridType& grid, Phase const& phase, bool afresh)
 {
     constexpr int d = Phase::d, lanes = lane_width<Lane>;
-    using Giver = detail::Giver<Lane, typename Phase::Gives>;
+    using ScatterBuffers = detail::ScatterBuffers<Lane, typename Phase::Scatter>;
     int const blocks = static_cast<int>(cells.blocks().size());
     Kept& kept = cells.kept().for_threads(threads.count);
     share(threads, blocks, cells.parts(), [&](int thread) {
-        return [&, &giver = kept.of<Giver>(thread)](int b) {
-            auto& [scratch, spreads] = giver;
+        return [&, &buffers = kept.of<ScatterBuffers>(thread)](int b) {
+            auto& [scratch, spreads] = buffers;
             if (afresh) grid.touched(std::size_t(b)) = 0;
             std::uint64_t const rows = detail::touched_by_items<GridType>(cells, std::size_t(b));
             detail::clear_rows<GridType, Phase::channels>(grid.tile(std::size_t(b)),
@@ -272,7 +272,7 @@ void scatter(Threads const& threads, CellOrder const& cells, GridType& grid, Pha
                 }
                 detail::GroupOf<Lane, GridType> group(cells.counts(std::size_t(b), g), g, scratch, 0, nullptr,
                                                       grid.tile(std::size_t(b)));
-                detail::give<typename Phase::Gives>(group, spreads);
+                detail::scatter<typename Phase::Scatter>(group, spreads);
             }
         };
     });
@@ -294,18 +294,18 @@ void copy_given(Mover const* movers, std::uint32_t const* counts, Scratch<Lane, 
         std::uint64_t pattern = lanes_above<lanes>(counts, rank);
         if (pattern == 0) break;
         for (; pattern != 0; pattern &= pattern - 1, ++item) {
-            Number const* const given = movers[first[std::countr_zero(pattern)] + rank].given;
-            for (int c = 0; c < channels; ++c) *scratch.at(c, item) = given[c];
+            Number const* const contribution = movers[first[std::countr_zero(pattern)] + rank].contribution;
+            for (int c = 0; c < channels; ++c) *scratch.at(c, item) = contribution[c];
         }
     }
 }
 
 /// What some items give to the tile of their block, listed in the order of their cells.
-template <class Lane, class Gives, class Layer, class Mover>
-void give_listed(std::span<Mover const> movers, Layer const&, typename Gives::Number* tile,
-                 std::uint64_t& touched, Giver<Lane, Gives>& giver)
+template <class Lane, class Scatter, class Layer, class Mover>
+void scatter_listed(std::span<Mover const> movers, Layer const&, typename Scatter::Number* tile,
+                    std::uint64_t& touched, ScatterBuffers<Lane, Scatter>& buffers)
 {
-    auto& [scratch, spreads] = giver;
+    auto& [scratch, spreads] = buffers;
     using Shape = typename Layer::Shape;
     constexpr int lanes = lane_width<Lane>;
     if (movers.empty()) return;
@@ -322,32 +322,33 @@ void give_listed(std::span<Mover const> movers, Layer const&, typename Gives::Nu
         rows |= Layer::touched_by(count, g);
         ++filled;
     }
-    clear_rows<Layer, Gives::channels>(tile, rows & ~touched);
+    clear_rows<Layer, Scatter::channels>(tile, rows & ~touched);
     touched |= rows;
 
     auto const* next = movers.data();
     if constexpr (may_go_alone<Layer::dimension, lanes>)
         if (go_alone((movers.size() + lanes - 1) / lanes, filled)) {
-            scratch.reserve(Gives::kept, lanes);
+            scratch.reserve(Scatter::kept, lanes);
             for (auto const* const end = next + movers.size(); next < end; next += lanes) {
                 int const count = static_cast<int>(std::min<std::ptrdiff_t>(lanes, end - next));
                 int places[std::size_t(lanes)];
                 for (int l = 0; l < count; ++l) {
                     places[l] = next[l].place;
-                    for (int c = 0; c < Gives::kept; ++c) *scratch.at(c, std::size_t(l)) = next[l].given[c];
+                    for (int c = 0; c < Scatter::kept; ++c)
+                        *scratch.at(c, std::size_t(l)) = next[l].contribution[c];
                 }
                 LoneItems<Lane, Layer> items(places, count, scratch, nullptr, tile);
-                give<Gives>(items, spreads);
+                scatter<Scatter>(items, spreads);
             }
             return;
         }
     for (int g = 0; g < Shape::groups; next += of_group[std::size_t(g++)]) {
         if (of_group[std::size_t(g)] == 0) continue;
         std::uint32_t const* const count = &counts[std::size_t(g * lanes)];
-        scratch.reserve(Gives::kept, of_group[std::size_t(g)]);
-        copy_given<Gives::kept>(next, count, scratch);
+        scratch.reserve(Scatter::kept, of_group[std::size_t(g)]);
+        copy_given<Scatter::kept>(next, count, scratch);
         GroupOf<Lane, Layer> group(count, g, scratch, 0, nullptr, tile);
-        give<Gives>(group, spreads);
+        scatter<Scatter>(group, spreads);
     }
 }
 } // namespace detail
@@ -357,12 +358,12 @@ void give_listed(std::span<Mover const> movers, Layer const&, typename Gives::Nu
 template <class Lane, class Phase, class CellOrder, class GridType>
 void scatter_movers(CellOrder& cells, GridType& grid)
 {
-    using Giver = detail::Giver<Lane, typename Phase::Gives>;
+    using ScatterBuffers = detail::ScatterBuffers<Lane, typename Phase::Scatter>;
     cells.complete([&](int thread) {
-        return [&, &giver = cells.kept().template of<Giver>(thread)](int b) {
-            detail::give_listed<Lane, typename Phase::Gives>(cells.movers(std::size_t(b)), grid,
-                                                             grid.tile(std::size_t(b)),
-                                                             grid.touched(std::size_t(b)), giver);
+        return [&, &buffers = cells.kept().template of<ScatterBuffers>(thread)](int b) {
+            detail::scatter_listed<Lane, typename Phase::Scatter>(cells.movers(std::size_t(b)), grid,
+                                                                  grid.tile(std::size_t(b)),
+                                                                  grid.touched(std::size_t(b)), buffers);
         };
     });
 }
@@ -475,11 +476,11 @@ struct GiveToNext
 {
     using ItemsType = Items<Lane, CellOrder, Phase::d>;
     using ScratchType = Scratch<Lane, Phase::d>;
-    using Gives = typename Phase::Gives;
+    using Scatter = typename Phase::Scatter;
 
     CellOrder const& cells;
     GridType& grid;
-    Giver<Lane, Gives>& giver;
+    ScatterBuffers<Lane, Scatter>& buffers;
 
     ItemsType begin(std::size_t block, std::uint64_t rows, ScratchType& scratch)
     {
@@ -487,12 +488,12 @@ struct GiveToNext
         grid.next_touched(block) = rows;
         return {cells, block, scratch};
     }
-    void give(std::size_t block, int first, int behind, ScratchType& scratch)
+    void scatter(std::size_t block, int first, int behind, ScratchType& scratch)
     {
         typename Phase::Number const* const nothing = nullptr;
         for_each_group<Lane, GridType>(
             cells, block, first, behind, scratch, nothing, grid.next_tile(block),
-            [&](auto& group, std::size_t) { detail::give<Gives>(group, giver.spreads); });
+            [&](auto& group, std::size_t) { detail::scatter<Scatter>(group, buffers.spreads); });
     }
     void end(std::size_t) {}
 };
@@ -515,15 +516,15 @@ struct MoveAndGive
         stay.begin(block, rows, scratch);
         return {cells, block, scratch, leavers};
     }
-    void give(std::size_t block, int first, int behind, ScratchType& scratch)
+    void scatter(std::size_t block, int first, int behind, ScratchType& scratch)
     {
-        stay.give(block, first, behind, scratch);
+        stay.scatter(block, first, behind, scratch);
     }
     void end(std::size_t block)
     {
-        give_listed<Lane, typename Phase::Gives>(cells.note_departures(block, leavers), stay.grid,
-                                                 stay.grid.next_tile(block), stay.grid.next_touched(block),
-                                                 stay.giver);
+        scatter_listed<Lane, typename Phase::Scatter>(cells.note_departures(block, leavers), stay.grid,
+                                                      stay.grid.next_tile(block),
+                                                      stay.grid.next_touched(block), stay.buffers);
     }
 };
 
@@ -540,7 +541,7 @@ struct GiveNothing
     {
         return {cells, block, scratch};
     }
-    void give(std::size_t, int, int, ScratchType&) {}
+    void scatter(std::size_t, int, int, ScratchType&) {}
     void end(std::size_t) {}
 };
 
@@ -560,7 +561,7 @@ typename Phase::Result take_and_answer(Threads const& threads, CellOrder& cells,
         // Not on the stack: compilers would take it apart and copy it for every group.
         auto& taker = kept.of<Taker<Lane, GridType, Phase>>(thread);
         taker.nodes.resize(Phase::node_channels * GridType::tile_channel);
-        return [&, found = Result{}, giver = make_giver(thread)](int b) mutable {
+        return [&, found = Result{}, buffers = make_giver(thread)](int b) mutable {
             Result& result = results.begin(static_cast<std::size_t>(b));
             // no structured binding: clang's OpenMP lets no function object have one
             auto& nodes = taker.nodes;
@@ -569,7 +570,7 @@ typename Phase::Result take_and_answer(Threads const& threads, CellOrder& cells,
             typename Phase::Number* const nowhere = nullptr;
             std::uint64_t const rows = touched_by_items<GridType>(cells, std::size_t(b));
             fill_tile<GridType, Phase::node_channels>(grid, std::size_t(b), rows, nodes.data());
-            auto items = giver.begin(std::size_t(b), rows, scratch);
+            auto items = buffers.begin(std::size_t(b), rows, scratch);
             for (int g = 0, next; g < GridType::Shape::groups; g = next) {
                 next = cells.end_of_groups(std::size_t(b), g);
                 std::size_t const begin = cells.group_begin(std::size_t(b), g),
@@ -580,19 +581,19 @@ typename Phase::Result take_and_answer(Threads const& threads, CellOrder& cells,
                     items.enter(slot, end, slot - begin);
                     locate(phase, items);
                 }
-                for_each_group<Lane, GridType>(cells, std::size_t(b), g, next, scratch,
-                                               std::as_const(nodes).data(), nowhere,
-                                               [&](auto& group, std::size_t behind) {
-                                                   take<typename Phase::Takes>(group, behind, nodes_of_cells);
-                                               });
+                for_each_group<Lane, GridType>(
+                    cells, std::size_t(b), g, next, scratch, std::as_const(nodes).data(), nowhere,
+                    [&](auto& group, std::size_t behind) {
+                        gather<typename Phase::Gather>(group, behind, nodes_of_cells);
+                    });
                 for (std::size_t slot = begin; slot < end; slot += lanes) {
                     items.enter_again(slot, slot - begin);
                     answer(phase, items, found, result);
                 }
-                giver.give(std::size_t(b), g, next, scratch);
+                buffers.scatter(std::size_t(b), g, next, scratch);
             }
             result.merge(found);
-            giver.end(std::size_t(b));
+            buffers.end(std::size_t(b));
         };
     });
     return results.merged();
@@ -609,25 +610,25 @@ typename Phase::Result move(Threads const& threads, CellOrder& cells, GridType& 
         return detail::MoveAndGive<Lane, CellOrder, GridType, Phase>{
             cells,
             kept.of<typename CellOrder::Leavers>(thread),
-            {cells, grid, kept.of<detail::Giver<Lane, typename Phase::Gives>>(thread)}};
+            {cells, grid, kept.of<detail::ScatterBuffers<Lane, typename Phase::Scatter>>(thread)}};
     });
 }
 
 /// Items take from the nodes and give, where they are, to what will be the next sums.
 template <class Lane, class CellOrder, class GridType, class Phase>
-void give_back(Threads const& threads, CellOrder const& cells, GridType& grid, Phase const& phase)
+void scatter_velocities(Threads const& threads, CellOrder const& cells, GridType& grid, Phase const& phase)
 {
     Kept& kept = cells.kept();
     detail::take_and_answer<Lane>(threads, cells, grid, phase, kept, [&](int thread) {
         return detail::GiveToNext<Lane, CellOrder, GridType, Phase>{
-            cells, grid, kept.of<detail::Giver<Lane, typename Phase::Gives>>(thread)};
+            cells, grid, kept.of<detail::ScatterBuffers<Lane, typename Phase::Scatter>>(thread)};
     });
 }
 
 /// Items take from the nodes as they did when they moved last, and the phase keeps what they took. (Several
 /// threads of the host may do so at the same time: none of them works with what the cells keep for loops.)
 template <class Lane, class CellOrder, class GridType, class Phase>
-void take(Threads const& threads, CellOrder const& cells, GridType const& grid, Phase const& phase)
+void gather(Threads const& threads, CellOrder const& cells, GridType const& grid, Phase const& phase)
 {
     Kept own;
     detail::take_and_answer<Lane>(threads, cells, grid, phase, own,
