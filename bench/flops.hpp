@@ -160,7 +160,7 @@ struct OneParticle
 template <class Solver>
 using MoveOf = MoveParticles<typename Solver::Space, typename Solver::Model, typename Solver::kernel,
                              typename Solver::Transfer, Chain<>, typename Solver::template Of<>::Stored,
-                             typename Solver::template Of<>::Taken>;
+                             typename Solver::template Of<>::Derived>;
 
 /// The operations of one particle in one step that takes, answers and gives, with its share of what is done
 /// once per cell; the grid is left out.

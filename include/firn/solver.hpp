@@ -149,7 +149,7 @@ public:
         constexpr std::size_t k = Of<Which>::place;
         static_assert(std::remove_cvref_t<decltype(*std::begin(points))>::SizeAtCompileTime == d,
                       "points have as many coordinates as the scene has dimensions");
-        hold_taken();
+        cache_grid_fields();
         bool const is_first = size() == 0; // there is nobody to be compared with
         if (is_first) masses_ = {};
         std::uint32_t const first = next_id_;
@@ -188,7 +188,7 @@ public:
                           "the shape lies in memory of the host: pass shape.on(backend)");
         if constexpr (requires { is_doomed.validate(); }) is_doomed.validate();
         if constexpr (d == 2 && requires { is_doomed.validate_in_plane(); }) is_doomed.validate_in_plane();
-        if constexpr (!TellsByPosition<IsDoomed, d>) hold_taken();
+        if constexpr (!TellsByPosition<IsDoomed, d>) cache_grid_fields();
         std::vector<Doomed<Backend>> doomed;
         std::size_t count = 0;
         for_each_material([&](auto k) {
@@ -205,7 +205,7 @@ public:
             count += doomed.back().count;
         });
         if (count == 0) return 0;
-        hold_taken();
+        cache_grid_fields();
         bool has_begun = false;
         or_break_off(
             [&] {
@@ -238,7 +238,7 @@ public:
                     number, [&] { return "Solver::upload, value " + std::to_string(i); },
                     "Pass finite values that the field may have.");
             });
-        hold_taken();
+        cache_grid_fields();
         auto const change = [&](auto const& set) {
             or_break_off([&] {
                 set();
@@ -255,7 +255,7 @@ public:
             change([&] { particles<k>().set(changed); });
         }
         else
-            change([&] { particles<k>().held().template set<Tag>(by_id); });
+            change([&] { particles<k>().cached().template set<Tag>(by_id); });
     }
 
     /// From now on up to `most` particles in all, one after another, may be taken out of the scene where a
@@ -269,7 +269,7 @@ public:
     void quarantine(std::size_t most)
     {
         auto const visit = entrance_.to_change("Solver::quarantine");
-        hold_taken();
+        cache_grid_fields();
         quarantine_.most = most;
         isolate_ = &Solver::isolate;
     }
@@ -312,7 +312,7 @@ public:
             require_to_last(dt, "Solver::step"); // time has gone on
             if (!course_.ready) choose(rule);
             bool const beyond_stable = dt > course_.stable;
-            if (beyond_stable) hold_taken(); // it may go wrong
+            if (beyond_stable) cache_grid_fields(); // it may go wrong
             std::size_t const most = beyond_stable ? 1 : count - reports.size();
             StepLog const& log = run(rule, most, plain, [&](auto const& record) {
                 StepReport report;
@@ -548,7 +548,7 @@ public:
     Snapshot<Number, d> snapshot()
     {
         auto const visit = entrance_.to_change("Solver::snapshot");
-        hold_taken();
+        cache_grid_fields();
         Snapshot<Number, d> to{.kernel = detail::name_of_policy<Kernel>(),
                                .transfer = detail::name_of_policy<Transfer>(),
                                .kernel_order = Kernel::order,
@@ -790,13 +790,13 @@ private:
     }
 
     /// Holds what particles take from the grid beside them, before what they are taken from changes.
-    void hold_taken() { exchange_.hold_taken(parts_); }
+    void cache_grid_fields() { exchange_.cache_grid_fields(parts_); }
 
     /// After a step that went wrong: see GridState::regain_velocities.
     [[gnu::cold]] void regain_velocities()
     {
         if (!runs_.has_spoiled_nodes()) return;
-        if (parts_.holds_taken())
+        if (parts_.has_grid_fields())
             // the sums have the forces of the step that went wrong, which may be larger than rounding bears
             exchange_.forget();
         else
@@ -983,10 +983,10 @@ private:
 
     [[noreturn, gnu::cold]] void fail(StepLog const log, double dt) // a copy: what follows is logged, too
     {
-        bool const held = parts_.holds_taken();
+        bool const cached = parts_.has_grid_fields();
         regain_velocities(); // before anything that may lack memory
         std::string kept = "The state is that of the last good step";
-        if (!held) kept += ", but for velocities, which were taken anew (see Solver::step)";
+        if (!cached) kept += ", but for velocities, which were taken anew (see Solver::step)";
         if (isolate_ != nullptr)
             kept += "; of " + std::to_string(quarantine_.most) +
                     " particles that may be in quarantine there are " +

@@ -41,8 +41,8 @@ public:
         /// Those that are stored from step to step, and those that particles take from the grid when asked
         /// for.
         using Stored = Join<typename Transfer::Stored, typename Model::State>;
-        using Taken = Without<typename Transfer::State, Stored>;
-        using Table = ParticleTable<Backend, Space, Stored, Taken>;
+        using Derived = Without<typename Transfer::State, Stored>;
+        using Table = ParticleTable<Backend, Space, Stored, Derived>;
 
         /// The bytes of what is stored of one particle: its position, its fields and its row.
         static constexpr std::size_t state_bytes_per_particle = Table::state_bytes;
@@ -145,10 +145,10 @@ public:
     }
 
     /// Whether what particles take from the grid is held beside them.
-    bool holds_taken() const
+    bool has_grid_fields() const
     {
         bool holds = true;
-        for_each([&](auto k) { holds = holds && particles<k>().holds_taken(); });
+        for_each([&](auto k) { holds = holds && particles<k>().has_grid_fields(); });
         return holds;
     }
 

@@ -35,26 +35,26 @@ struct Doomed
 ///
 /// A step reads the current buffer through the cell order and writes the next one in that order; accepting
 /// the step swaps them. Only add(), remove() and accept() change what the table holds. Fields that particles
-/// take from the grid have a place here only while somebody has set them (see hold_taken).
+/// take from the grid have a place here only while somebody has set them (see cache_grid_fields).
 ///
 /// Particles are numbered by *rows*, from 0 on, in the order of their permanent ids: what is asked for comes
 /// row by row. Rows are ids until a particle is removed, or one of another material is added between.
-template <class Backend, class Space, class StoredSet, class TakenSet>
+template <class Backend, class Space, class PersistentFields, class DerivedFields>
 class ParticleTable
 {
 public:
     static constexpr int d = Space::dimension;
     using Number = typename Space::Real;
-    using View = TableView<Number, d, StoredSet>;
-    using Taken = TakenFields<Backend, Space, TakenSet>;
-    using TakenView = typename Taken::View;
+    using View = TableView<Number, d, PersistentFields>;
+    using Derived = DerivedStorage<Backend, Space, DerivedFields>;
+    using DerivedView = typename Derived::View;
     using Cells = typename Backend::template Cells<Number, d>;
     template <class T>
     using Array = typename Backend::template Array<T>;
 
     using Offset = typename View::Offset;
     static constexpr std::size_t state_bytes =
-        d * sizeof(Offset) + StoredSet::components(d) * sizeof(Number) + sizeof(std::uint32_t);
+        d * sizeof(Offset) + PersistentFields::components(d) * sizeof(Number) + sizeof(std::uint32_t);
     static constexpr std::size_t resident_bytes = 2 * state_bytes + Cells::bytes_per_item;
 
     ParticleTable(Lattice lattice, int kernel_order, Backend const& backend)
@@ -71,23 +71,23 @@ public:
     View ordered() const { return buffer_[moved_ ? 1 : 0].view(); }
 
     /// Whether the fields that are taken from the grid are held here; with no such fields, always.
-    bool holds_taken() const { return TakenSet::components(d) == 0 || held_; }
-    TakenView taken() const { return held_ ? taken_->view() : TakenView{}; }
+    bool has_grid_fields() const { return DerivedFields::components(d) == 0 || has_cached_; }
+    DerivedView derived() const { return has_cached_ ? cached_->view() : DerivedView{}; }
     /// Where they are written before they are held: from now on, or from the next accept() on.
-    TakenView place_for_taken() { return place(taken_); }
-    TakenView next_taken() { return place(next_taken_); }
-    void hold_taken() { held_ = taken_.has_value(); }
+    DerivedView place_for_derived() { return place(cached_); }
+    DerivedView next_derived() { return place(next_cached_); }
+    void cache_grid_fields() { has_cached_ = cached_.has_value(); }
     /// Says whether they are held after some steps, and were before: places that nobody used are given back.
-    void set_held(bool now, bool before)
+    void set_cached(bool now, bool before)
     {
-        held_ = now && taken_;
-        if (held_ || before) return;
-        taken_.reset();
-        next_taken_.reset();
+        has_cached_ = now && cached_;
+        if (has_cached_ || before) return;
+        cached_.reset();
+        next_cached_.reset();
     }
-    Taken& held() { return *taken_; } ///< if holds_taken()
-    Taken const& held() const { return *taken_; }
-    Taken new_taken() const { return Taken(backend_, size_); }
+    Derived& cached() { return *cached_; } ///< if has_grid_fields()
+    Derived const& cached() const { return *cached_; }
+    Derived new_derived() const { return Derived(backend_, size_); }
     Portions<Number> portions() const { return portions_.there(); }
 
     /// Adds particles at rest but for a velocity, whose ids begin with `first_id`; see Solver::add. Returns
@@ -114,10 +114,10 @@ public:
         sort(); // inserting is for items whose cells are up to date
 
         resize_buffers(count);
-        if (!taken_) taken_.emplace(backend_, count);
-        next_taken_.reset();
-        taken_->resize(count);
-        held_ = true;
+        if (!cached_) cached_.emplace(backend_, count);
+        next_cached_.reset();
+        cached_->resize(count);
+        has_cached_ = true;
         place(located, first, same_velocity);
         std::vector<Coordinates<d>> cells(located.size());
         for (std::size_t i = 0; i < located.size(); ++i) cells[i] = located[i].cell;
@@ -147,8 +147,8 @@ public:
         if (size_ == 0) return doomed;
         doomed.there.resize(size_);
         backend_.for_each_place(
-            cells_, FindParticles<Number, d, StoredSet, TakenSet, IsDoomed>{
-                        buffer_[0].view(), taken(), lattice_, order_, is_doomed, doomed.there.data()});
+            cells_, FindParticles<Number, d, PersistentFields, DerivedFields, IsDoomed>{
+                        buffer_[0].view(), derived(), lattice_, order_, is_doomed, doomed.there.data()});
         doomed.here = detail::downloaded(doomed.there);
         doomed.count = static_cast<std::size_t>(std::count(doomed.here.begin(), doomed.here.end(), 1));
         return doomed;
@@ -181,7 +181,7 @@ public:
     }
 
     /// Removes the particles that find() has found, nothing having happened since but sort() and
-    /// hold_taken(). The others keep all they have, and their order.
+    /// cache_grid_fields(). The others keep all they have, and their order.
     void remove(Doomed<Backend> const& doomed)
     {
         if (doomed.count == 0) return;
@@ -210,10 +210,10 @@ public:
         };
         Array<std::uint32_t> const from_there = on_backend(from), rows_there = on_backend(rows),
                                    new_place_there = on_backend(new_place);
-        std::optional<Taken> taken;
-        if (held_) {
-            taken.emplace(backend_, kept);
-            taken->gather(backend_, *taken_, rows_there.data());
+        std::optional<Derived> derived;
+        if (has_cached_) {
+            derived.emplace(backend_, kept);
+            derived->gather(backend_, *cached_, rows_there.data());
         }
         buffer_[1].gather(backend_, buffer_[0], from_there.data(), kept);
         for (auto& place : from) place = new_row[row_at[place]];
@@ -222,8 +222,8 @@ public:
         half_changed_ = true; // until here nothing was
         buffer_[0].swap(buffer_[1]);
         resize_buffers(kept);
-        next_taken_.reset();
-        std::swap(taken_, taken);
+        next_cached_.reset();
+        std::swap(cached_, derived);
         cells_.erase(doomed.there.data(), new_place_there.data(), kept);
 
         name_rows();
@@ -234,8 +234,8 @@ public:
         half_changed_ = false;
     }
 
-    /// All particles as they are, in memory of the host: if holds_taken(). (What the model is called and how
-    /// stiff it is is for others to say.)
+    /// All particles as they are, in memory of the host: if has_grid_fields(). (What the model is called and
+    /// how stiff it is is for others to say.)
     MaterialSnapshot<Number, d> snapshot()
     {
         sort();
@@ -249,17 +249,17 @@ public:
             to.offsets[a] = listed(buffer_[0].offset[a], places);
         std::vector<std::uint32_t> const rows = listed(buffer_[0].id, places);
         for (std::uint32_t const row : rows) to.ids.push_back(id(row));
-        for_each_tag(StoredSet{}, [&](auto tag) {
+        for_each_tag(PersistentFields{}, [&](auto tag) {
             to.fields.push_back({decltype(tag)::name, {}});
-            for_each_column<StoredSet>(tag, [&](int, int c) {
+            for_each_column<PersistentFields>(tag, [&](int, int c) {
                 auto const& column = buffer_[0].component[static_cast<std::size_t>(c)];
                 to.fields.back().components.push_back(listed(column, places));
             });
         });
-        for_each_tag(TakenSet{}, [&](auto tag) {
+        for_each_tag(DerivedFields{}, [&](auto tag) {
             to.fields.push_back({decltype(tag)::name, {}});
-            for_each_column<TakenSet>(tag, [&](int, int c) {
-                to.fields.back().components.push_back(listed(taken_->column(c), rows));
+            for_each_column<DerivedFields>(tag, [&](int, int c) {
+                to.fields.back().components.push_back(listed(cached_->column(c), rows));
             });
         });
         to.portions = portions_.all();
@@ -290,28 +290,28 @@ public:
         for (std::size_t row = 0; row < count; ++row) rows[at_row[row]] = static_cast<std::uint32_t>(row);
 
         resize_buffers(count);
-        if (!taken_) taken_.emplace(backend_, count);
-        taken_->resize(count);
-        next_taken_.reset();
+        if (!cached_) cached_.emplace(backend_, count);
+        cached_->resize(count);
+        next_cached_.reset();
         for (std::size_t a = 0; a < from.offsets.size(); ++a) buffer_[0].offset[a].upload(0, from.offsets[a]);
         buffer_[0].id.upload(0, rows);
-        for_each_tag(StoredSet{}, [&](auto tag) {
+        for_each_tag(PersistentFields{}, [&](auto tag) {
             auto const& field = field_of<decltype(tag)>(from);
-            for_each_column<StoredSet>(tag, [&](std::size_t i, std::size_t c) {
+            for_each_column<PersistentFields>(tag, [&](std::size_t i, std::size_t c) {
                 buffer_[0].component[c].upload(0, field.components[i]);
             });
         });
-        for_each_tag(TakenSet{}, [&](auto tag) {
+        for_each_tag(DerivedFields{}, [&](auto tag) {
             auto const& field = field_of<decltype(tag)>(from);
-            for_each_column<TakenSet>(tag, [&](std::size_t i, int c) {
-                taken_->column(c).upload(0, listed(field.components[i], at_row));
+            for_each_column<DerivedFields>(tag, [&](std::size_t i, int c) {
+                cached_->column(c).upload(0, listed(field.components[i], at_row));
             });
         });
         ids_ = listed(from.ids, at_row);
         named_ = count > 0 && ids_.back() != count - 1;
         if (!named_) ids_.clear();
         portions_.set(from.portions);
-        held_ = true;
+        has_cached_ = true;
         moved_ = false;
         size_ = count;
         cells_ = std::move(cells);
@@ -320,7 +320,7 @@ public:
     /// Refuses a snapshot whose particles have other fields; `where` is the material.
     static void require_same_fields(MaterialSnapshot<Number, d> const& from, std::string const& where)
     {
-        using All = Join<StoredSet, TakenSet>;
+        using All = Join<PersistentFields, DerivedFields>;
         auto const refuse = [&](std::string what) {
             throw Error{std::move(what), "Solver::restore, " + where,
                         "Restore into a solver of the same model and transfer."};
@@ -384,30 +384,30 @@ public:
     }
 
     /// Takes the next buffer for the current one; also what was taken, if the step wrote it.
-    void accept(bool wrote_taken)
+    void accept(bool wrote_derived)
     {
         buffer_[0].swap(buffer_[1]);
-        if (wrote_taken) std::swap(taken_, next_taken_);
-        held_ = wrote_taken;
+        if (wrote_derived) std::swap(cached_, next_cached_);
+        has_cached_ = wrote_derived;
         cells_.settle();
         moved_ = true;
     }
 
     /// Undoes the last calls of accept() and sort(), which were for steps that were then not made: as many
     /// of both, or one sort() more.
-    void take_back(int accepted, int sorted, bool wrote_taken) requires Backend::queues
+    void take_back(int accepted, int sorted, bool wrote_derived) requires Backend::queues
     {
         if (sorted == 0) return;
         if (accepted % 2 != 0) {
             buffer_[0].swap(buffer_[1]);
-            if (wrote_taken) std::swap(taken_, next_taken_);
+            if (wrote_derived) std::swap(cached_, next_cached_);
         }
         moved_ = sorted > accepted;
         cells_.take_back(sorted, moved_, current().offset);
     }
 
     /// The fields of all particles, one column per component, in memory of the host.
-    using Columns = std::array<std::vector<Number>, StoredSet::components(d)>;
+    using Columns = std::array<std::vector<Number>, PersistentFields::components(d)>;
 
     /// What `change(row, record)` makes of the fields of every particle, one after the other.
     template <class Change>
@@ -416,7 +416,7 @@ public:
         Columns component = columns();
         auto const row = detail::downloaded(buffer_[0].id);
         for (std::size_t i = 0; i < size_; ++i) {
-            Record<Number, d, StoredSet> record;
+            Record<Number, d, PersistentFields> record;
             record.for_each([&](int c, Number& value) { value = component[std::size_t(c)][i]; });
             change(row[i], record);
             record.for_each([&](int c, Number const& value) { component[std::size_t(c)][i] = value; });
@@ -436,7 +436,7 @@ public:
         auto const component = columns();
         auto const row = detail::downloaded(buffer_[0].id);
         for (std::size_t i = 0; i < size_; ++i) {
-            Record<Number, d, StoredSet> record;
+            Record<Number, d, PersistentFields> record;
             record.for_each([&](int c, Number& value) { value = component[std::size_t(c)][i]; });
             visit(row[i], record);
         }
@@ -450,7 +450,7 @@ public:
     }
 
     /// What writes world positions by row; see Solver::write_positions.
-    WritePositions<Number, d, StoredSet> position_writer(Number* to, std::size_t stride) const
+    WritePositions<Number, d, PersistentFields> position_writer(Number* to, std::size_t stride) const
     {
         return {buffer_[0].view(), lattice_, order_, to, stride};
     }
@@ -469,7 +469,7 @@ public:
     {
         FieldView<Number, component_count<Tag>(d)> field{
             .component = {}, .row = buffer_[0].id.data(), .count = size_};
-        constexpr int first = StoredSet::template first_component<Tag>(d);
+        constexpr int first = PersistentFields::template first_component<Tag>(d);
         for (int c = 0; c < component_count<Tag>(d); ++c)
             field.component[std::size_t(c)] = buffer_[0].component[std::size_t(first + c)].data();
         return field;
@@ -478,7 +478,7 @@ public:
     template <class Tag>
     std::vector<FieldValue<Tag, Number, d>> download() const
     {
-        constexpr int first = StoredSet::template first_component<Tag>(d);
+        constexpr int first = PersistentFields::template first_component<Tag>(d);
         std::vector<FieldValue<Tag, Number, d>> by_row(size_, value_at_rest<Tag, Number, d>());
         auto const row = detail::downloaded(buffer_[0].id);
         for (int c = 0; c < component_count<Tag>(d); ++c) {
@@ -525,11 +525,11 @@ public:
     std::size_t memory() const
     {
         std::size_t bytes = buffer_[0].memory() + buffer_[1].memory() + cells_.memory();
-        return bytes + (taken_ ? taken_->memory() : 0) + (next_taken_ ? next_taken_->memory() : 0);
+        return bytes + (cached_ ? cached_->memory() : 0) + (next_cached_ ? next_cached_->memory() : 0);
     }
 
 private:
-    using Buffer = StoredFields<Backend, Space, StoredSet>;
+    using Buffer = PersistentStorage<Backend, Space, PersistentFields>;
 
     /// Makes room for as many particles, and keeps those that are there. The other buffer is for the next
     /// step to write, unless the order of cells still refers to it.
@@ -539,10 +539,10 @@ private:
         buffer_[1].resize(count, moved_ ? size_ : 0);
     }
 
-    TakenView place(std::optional<Taken>& taken)
+    DerivedView place(std::optional<Derived>& derived)
     {
-        if (!taken) taken.emplace(backend_, size_);
-        return taken->view();
+        if (!derived) derived.emplace(backend_, size_);
+        return derived->view();
     }
 
     /// Writes new particles behind those that are there: at rest but for a velocity.
@@ -561,14 +561,14 @@ private:
         std::vector<std::uint32_t> ids(count);
         std::iota(ids.begin(), ids.end(), first);
         buffer.id.upload(first, ids);
-        auto stored = Record<Number, d, StoredSet>::at_rest();
-        auto taken = Record<Number, d, TakenSet>::at_rest();
-        if constexpr (StoredSet::template contains<Velocity>)
+        auto stored = Record<Number, d, PersistentFields>::at_rest();
+        auto derived = Record<Number, d, DerivedFields>::at_rest();
+        if constexpr (PersistentFields::template contains<Velocity>)
             stored[Velocity{}] = velocity;
         else
-            taken[Velocity{}] = velocity;
+            derived[Velocity{}] = velocity;
         stored.for_each([&](int c, Number const& value) { columns[c].fill(first, count, value); });
-        taken_->fill(first, taken);
+        cached_->fill(first, derived);
     }
 
     Columns columns() const
@@ -662,12 +662,12 @@ private:
     Backend backend_;
     std::size_t size_ = 0;
     bool moved_ = false;
-    bool half_changed_ = false;               ///< in the middle of add(), remove() or sort()
-    bool named_ = false;                      ///< whether rows are no ids
-    std::vector<std::uint32_t> ids_;          ///< then those of all rows, in rising order
-    std::array<Buffer, 2> buffer_;            ///< the current one, and the next
-    std::optional<Taken> taken_, next_taken_; ///< places for them; see holds_taken()
-    bool held_ = false;                       ///< there is something in the first
+    bool half_changed_ = false;                   ///< in the middle of add(), remove() or sort()
+    bool named_ = false;                          ///< whether rows are no ids
+    std::vector<std::uint32_t> ids_;              ///< then those of all rows, in rising order
+    std::array<Buffer, 2> buffer_;                ///< the current one, and the next
+    std::optional<Derived> cached_, next_cached_; ///< places for them; see has_grid_fields()
+    bool has_cached_ = false;                     ///< there is something in the first
     PortionList<Backend, Number> portions_;
     Cells cells_;
 };

@@ -39,7 +39,7 @@ auto downloaded(Array const& array)
 /// One array per component of the fields that are stored from step to step, positions and rows among them, in
 /// any order of particles.
 template <class Backend, class Space, class Set>
-struct StoredFields
+struct PersistentStorage
 {
     static constexpr int d = Space::dimension;
     using Number = typename Space::Real;
@@ -52,7 +52,7 @@ struct StoredFields
     std::array<Array<Number>, Set::components(d)> component;
     Array<std::uint32_t> id;
 
-    explicit StoredFields(Backend const& backend)
+    explicit PersistentStorage(Backend const& backend)
         : offset(detail::arrays_of<Array<Offset>, d>(backend)),
           component(detail::arrays_of<Array<Number>, Set::components(d)>(backend)), id(backend)
     {}
@@ -65,7 +65,7 @@ struct StoredFields
         id.resize(count, kept);
     }
 
-    void swap(StoredFields& other) noexcept
+    void swap(PersistentStorage& other) noexcept
     {
         for (std::size_t a = 0; a < offset.size(); ++a) offset[a].swap(other.offset[a]);
         for (std::size_t c = 0; c < component.size(); ++c) component[c].swap(other.component[c]);
@@ -73,7 +73,7 @@ struct StoredFields
     }
 
     /// Takes the particles of another one that lie where `places` says, but for their rows.
-    void gather(Backend const& backend, StoredFields const& from, std::uint32_t const* places,
+    void gather(Backend const& backend, PersistentStorage const& from, std::uint32_t const* places,
                 std::size_t count)
     {
         resize(count, 0);
@@ -106,7 +106,7 @@ struct StoredFields
 
 /// One array per component of the fields that are taken from the grid, by row.
 template <class Backend, class Space, class Set>
-class TakenFields
+class DerivedStorage
 {
     static constexpr int d = Space::dimension;
     using Number = typename Space::Real;
@@ -115,7 +115,7 @@ class TakenFields
 public:
     using View = FieldsById<Number, d, Set>;
 
-    TakenFields(Backend const& backend, std::size_t count)
+    DerivedStorage(Backend const& backend, std::size_t count)
         : component_(detail::arrays_of<Array, Set::components(d)>(backend))
     {
         resize(count);
@@ -182,7 +182,7 @@ public:
     Array& column(int c) { return component_[static_cast<std::size_t>(c)]; }
 
     /// Takes the rows of another one that are listed at `rows`.
-    void gather(Backend const& backend, TakenFields const& from, std::uint32_t const* rows)
+    void gather(Backend const& backend, DerivedStorage const& from, std::uint32_t const* rows)
     {
         for (std::size_t c = 0; c < component_.size(); ++c)
             backend.for_each(component_[c].size(),

@@ -178,14 +178,14 @@ concept TellsByFields = std::is_invocable_r_v < bool,
 const&, Particle const& > ;
 
 /// Finds particles by a call that tells: called for every particle with where it lies and its cell.
-template <class Number, int d, class StoredSet, class TakenSet, class IsWanted>
+template <class Number, int d, class PersistentFields, class DerivedFields, class IsWanted>
 struct FindParticles
 {
-    using Particle = Record<Number, d, Join<StoredSet, TakenSet>>;
+    using Particle = Record<Number, d, Join<PersistentFields, DerivedFields>>;
     static constexpr bool by_position = TellsByPosition<IsWanted, d>;
 
-    TableView<Number, d, StoredSet> particles;
-    FieldsById<Number, d, TakenSet> velocities; ///< if it asks for fields
+    TableView<Number, d, PersistentFields> particles;
+    FieldsById<Number, d, DerivedFields> velocities; ///< if it asks for fields
     Lattice lattice;
     int kernel_order;
     IsWanted is_wanted;
@@ -202,9 +202,9 @@ struct FindParticles
             found[particle] = is_wanted(x) ? 1 : 0;
         else {
             Particle fields;
-            for_each_component_of<StoredSet, d>(
+            for_each_component_of<PersistentFields, d>(
                 fields, [&](int c, Number& value) { value = particles.component[c][particle]; });
-            for_each_component_of<TakenSet, d>(fields, [&](int c, Number& value) {
+            for_each_component_of<DerivedFields, d>(fields, [&](int c, Number& value) {
                 value = velocities.component[c][particles.id[particle]];
             });
             found[particle] = is_wanted(x, fields) ? 1 : 0;

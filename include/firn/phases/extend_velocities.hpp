@@ -51,7 +51,7 @@ struct ExtendVelocities
 };
 
 /// On particles: they take u_k from the nodes, and give it back with their mass.
-template <class Space, class Kernel, class StoredSet>
+template <class Space, class Kernel, class PersistentFields>
 struct ReturnVelocities
 {
     /// Nothing but velocities.
@@ -76,7 +76,7 @@ struct ReturnVelocities
         FIRN_HOST_DEVICE void merge(Result const&) {}
     };
 
-    TableView<Number, d, StoredSet> particles;
+    TableView<Number, d, PersistentFields> particles;
     Portions<Number> portions;
 
     template <class Items>

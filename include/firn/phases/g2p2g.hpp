@@ -47,8 +47,8 @@ struct MoveResult
 ///
 /// What is done particle by particle (`locate`, `answer`) and what is done cell by cell (`take`, `give`) are
 /// separate functions, so that a backend may put different particles side by side for each.
-template <class Space, class Model, class Kernel, class TransferType, class Effects, class StoredSet,
-          class TakenSet>
+template <class Space, class Model, class Kernel, class TransferType, class Effects, class PersistentFields,
+          class DerivedFields>
 struct MoveParticles
 {
     using Transfer = TransferType;
@@ -70,8 +70,8 @@ struct MoveParticles
     Model model;
     Transfer transfer;
     StepNow<Number, Effects> const* now;
-    TableView<Number, d, StoredSet> before, after;
-    FieldsById<Number, d, TakenSet> velocities; ///< written if present
+    TableView<Number, d, PersistentFields> before, after;
+    FieldsById<Number, d, DerivedFields> velocities; ///< written if present
     Portions<Number> portions;
     Lattice lattice;
     Number largest_deformation; ///< dt |L| beyond which the step is rejected
@@ -109,7 +109,7 @@ struct MoveParticles
         using Real = typename Items::Real;
         Vector<Real, d> x = Gather::template kept_position<Real>(items);
         Gathered<Real, d> const gathered = Gather::template gathered<Real>(items);
-        Record<Real, d, Join<StoredSet, TakenSet>> particle;
+        Record<Real, d, Join<PersistentFields, DerivedFields>> particle;
         before.load(items, particle);
 
         Real const inverse_h(static_cast<Number>(1 / lattice.cell_size));

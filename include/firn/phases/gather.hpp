@@ -175,7 +175,7 @@ private:
 
 /// Particles take their velocities once more, by id: for somebody who asks. Positions are those from which
 /// they took last, nodes still hold what they held then.
-template <class Space, class Kernel, class TransferType, class StoredSet, class TakenSet>
+template <class Space, class Kernel, class TransferType, class PersistentFields, class DerivedFields>
 struct GatherVelocities : Gather<Space, Kernel, TransferType>
 {
     using Transfer = TransferType;
@@ -188,8 +188,8 @@ struct GatherVelocities : Gather<Space, Kernel, TransferType>
     };
 
     Transfer transfer;
-    TableView<Number, d, StoredSet> particles;
-    FieldsById<Number, d, TakenSet> velocities;
+    TableView<Number, d, PersistentFields> particles;
+    FieldsById<Number, d, DerivedFields> velocities;
     Number cell_size; ///< [m]
 
     template <class Items>
@@ -202,7 +202,7 @@ struct GatherVelocities : Gather<Space, Kernel, TransferType>
     FIRN_HOST_DEVICE void answer(Items& items, Result&) const
     {
         using Real = typename Items::Real;
-        Record<Real, d, TakenSet> particle;
+        Record<Real, d, DerivedFields> particle;
         transfer.template gather<Kernel, Real, d>(particle, Gather::template gathered<Real>(items),
                                                   Real(1 / cell_size));
         velocities.store(items, particles.id, particle);

@@ -11,7 +11,8 @@ namespace firn
 ///
 /// A step that moves particles gives to the next one's grid in the same pass; what is left for this phase is
 /// the first step, and the correction where a step gets another length than was guessed.
-template <class Space, class Model, class Kernel, class TransferType, class StoredSet, class TakenSet>
+template <class Space, class Model, class Kernel, class TransferType, class PersistentFields,
+          class DerivedFields>
 struct ParticlesToGrid : Scatter<Space, Kernel, TransferType>
 {
     using Transfer = TransferType;
@@ -21,8 +22,8 @@ struct ParticlesToGrid : Scatter<Space, Kernel, TransferType>
 
     Model model;
     Transfer transfer;
-    TableView<Number, d, StoredSet> particles;
-    FieldsById<Number, d, TakenSet> velocities;
+    TableView<Number, d, PersistentFields> particles;
+    FieldsById<Number, d, DerivedFields> velocities;
     Portions<Number> portions;
     Number dt;         ///< [s]; of the impulse alone: the difference to what was given
     Number cell_size;  ///< [m]
@@ -33,13 +34,14 @@ struct ParticlesToGrid : Scatter<Space, Kernel, TransferType>
     FIRN_HOST_DEVICE void prepare(Items& items) const
     {
         using Real = typename Items::Real;
-        auto particle = Record<Real, d, Join<StoredSet, TakenSet>>::at_rest();
+        auto particle = Record<Real, d, Join<PersistentFields, DerivedFields>>::at_rest();
         particles.load(items, particle);
         if (!impulse_only) velocities.load(items, particles.id, particle);
         auto const own = portions.find(items, particles.id);
         Matrix<Real, d> L = zeros<Matrix<Real, d>>();
         // Viscous stress is that of the last step's motion, as far as particles carry it.
-        if constexpr (Viscous<Model> && Join<StoredSet, TakenSet>::template contains<AffineVelocity>)
+        if constexpr (Viscous<Model> &&
+                      Join<PersistentFields, DerivedFields>::template contains<AffineVelocity>)
             L = particle[AffineVelocity{}];
         auto const response = model.template respond<Real>(particle, L, Real(0));
         // dt f_i = -dt V0 tau grad w_i, with the gradient taken per cell

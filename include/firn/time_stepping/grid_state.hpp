@@ -34,7 +34,7 @@ public:
     /// How particles of a material give.
     template <std::size_t k>
     using P2g = ParticlesToGrid<Space, typename Of<k>::Model, Kernel, Transfer, typename Of<k>::Stored,
-                                typename Of<k>::Taken>;
+                                typename Of<k>::Derived>;
 
     GridState(Lattice lattice, Transfer const& transfer, Backend const& backend)
         : lattice_(lattice), transfer_(transfer), backend_(backend), grid_(backend_)
@@ -100,26 +100,26 @@ public:
 
     /// The fields that particles take from the grid, as they took them in the last step.
     template <std::size_t k>
-    FIRN_SELDOM void take_again(Parts const& parts, typename Of<k>::Table::TakenView const& taken) const
+    FIRN_SELDOM void regather(Parts const& parts, typename Of<k>::Table::DerivedView const& derived) const
     {
-        if constexpr (Of<k>::Taken::components(d) > 0) {
+        if constexpr (Of<k>::Derived::components(d) > 0) {
             auto const& table = parts.template particles<k>();
             auto const layer = const_cast<Grid&>(grid_).layer(k); // it is only read
             backend_.gather(
                 table.cells(), layer,
-                GatherVelocities<Space, Kernel, Transfer, typename Of<k>::Stored, typename Of<k>::Taken>{
-                    {}, transfer_, table.ordered(), taken, static_cast<Number>(lattice_.cell_size)});
+                GatherVelocities<Space, Kernel, Transfer, typename Of<k>::Stored, typename Of<k>::Derived>{
+                    {}, transfer_, table.ordered(), derived, static_cast<Number>(lattice_.cell_size)});
         }
     }
 
     /// Holds them beside the particles, before what they are taken from changes.
-    void hold_taken(Parts& parts) const
+    void cache_grid_fields(Parts& parts) const
     {
         Parts::for_each([&](auto k) {
             auto& table = parts.template particles<k>();
-            if (table.holds_taken()) return;
-            take_again<k>(parts, table.place_for_taken());
-            table.hold_taken();
+            if (table.has_grid_fields()) return;
+            regather<k>(parts, table.place_for_derived());
+            table.cache_grid_fields();
         });
     }
 
@@ -132,8 +132,8 @@ public:
         if constexpr (Of<k>::Stored::template contains<Tag>)
             return table.template download<Tag>();
         else {
-            std::optional<TakenOf<k>> again;
-            return taken<k>(parts, again).template by_row<Tag>(table.size());
+            std::optional<DerivedOf<k>> again;
+            return derived<k>(parts, again).template by_row<Tag>(table.size());
         }
     }
 
@@ -148,8 +148,8 @@ public:
         if constexpr (Of<k>::Stored::template contains<Tag>)
             write_by(table);
         else {
-            std::optional<TakenOf<k>> again;
-            write_by(taken<k>(parts, again));
+            std::optional<DerivedOf<k>> again;
+            write_by(derived<k>(parts, again));
         }
     }
 
@@ -163,7 +163,7 @@ public:
         backend_.for_each_node(
             parts.orders(), grid_,
             UpdateGrid<Space, Kernel, Transfer, Chain<>>{now, lattice_, smallest_node_mass, kept_share()});
-        hold_taken(parts);
+        cache_grid_fields(parts);
     }
 
     /// Of its own velocity that a particle keeps beside the grid's.
@@ -177,18 +177,18 @@ public:
 
 private:
     template <std::size_t k>
-    using TakenOf = typename Of<k>::Table::Taken;
+    using DerivedOf = typename Of<k>::Table::Derived;
 
     /// What a material's particles took from the grid: what they hold or, for `again` to hold, taken once
     /// more.
     template <std::size_t k>
-    FIRN_SELDOM [[gnu::noinline]] TakenOf<k> const& taken(Parts const& parts,
-                                                          std::optional<TakenOf<k>>& again) const
+    FIRN_SELDOM [[gnu::noinline]] DerivedOf<k> const& derived(Parts const& parts,
+                                                              std::optional<DerivedOf<k>>& again) const
     {
         auto const& table = parts.template particles<k>();
-        if (table.holds_taken()) return table.held();
-        again.emplace(table.new_taken());
-        take_again<k>(parts, again->view());
+        if (table.has_grid_fields()) return table.cached();
+        again.emplace(table.new_derived());
+        regather<k>(parts, again->view());
         return *again;
     }
 
@@ -203,7 +203,7 @@ private:
                                 parts.template model<k>(),
                                 transfer_,
                                 table.current(),
-                                table.taken(),
+                                table.derived(),
                                 table.portions(),
                                 static_cast<Number>(dt),
                                 static_cast<Number>(lattice_.cell_size),

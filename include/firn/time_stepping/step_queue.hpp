@@ -149,9 +149,9 @@ private:
             kept_rule_ = reinterpret_cast<KeptRule*>(runs_.now_.data() + rule_at);
             log_ = Log::over(runs_.log_.data(), std::size_t(expected));
             Parts::for_each([&](auto k) {
-                held_[k] = particles<k>().holds_taken();
-                pushed_[k] = Of<k>::Taken::components(d) > 0 &&
-                             (effects.touch_particles() || scene.may_lose_particles);
+                had_cached_[k] = particles<k>().has_grid_fields();
+                wrote_derived_[k] = Of<k>::Derived::components(d) > 0 &&
+                                    (effects.touch_particles() || scene.may_lose_particles);
             });
         }
 
@@ -219,14 +219,14 @@ private:
         /// Takes a step that was made, or soon will be, for done.
         void accept()
         {
-            Parts::for_each([&](auto k) { particles<k>().accept(pushed_[k]); });
+            Parts::for_each([&](auto k) { particles<k>().accept(wrote_derived_[k]); });
             scene_.exchange.grid().accept();
         }
 
         /// Undoes that, and follow(), for steps that were queued and then not made.
         void take_back(int accepted, int followed) requires Backend::queues
         {
-            Parts::for_each([&](auto k) { particles<k>().take_back(accepted, followed, pushed_[k]); });
+            Parts::for_each([&](auto k) { particles<k>().take_back(accepted, followed, wrote_derived_[k]); });
             if (accepted % 2 != 0) scene_.exchange.grid().accept(); // what was swapped is swapped back
         }
 
@@ -235,8 +235,9 @@ private:
         void adopt(int place, int taken, bool movers_scattered)
         {
             scene_.course = heard_.at[place].course;
-            Parts::for_each(
-                [&](auto k) { particles<k>().set_held(taken > 0 ? pushed_[k] : held_[k], held_[k]); });
+            Parts::for_each([&](auto k) {
+                particles<k>().set_cached(taken > 0 ? wrote_derived_[k] : had_cached_[k], had_cached_[k]);
+            });
             if (taken > 0)
                 scene_.exchange.set_scattered(scene_.course.scattered.interval.forces, movers_scattered);
         }
@@ -259,13 +260,13 @@ private:
         {
             auto& table = particles<k>();
             return MoveParticles<Space, typename Of<k>::Model, Kernel, Transfer, Actions,
-                                 typename Of<k>::Stored, typename Of<k>::Taken>{
+                                 typename Of<k>::Stored, typename Of<k>::Derived>{
                 scene_.parts.template model<k>(),
                 runs_.transfer_,
                 now(step),
                 table.current(),
                 table.next(),
-                pushed_[k] ? table.next_taken() : typename Of<k>::Table::TakenView{},
+                wrote_derived_[k] ? table.next_derived() : typename Of<k>::Table::DerivedView{},
                 table.portions(),
                 runs_.lattice_,
                 largest_deformation_};
@@ -287,7 +288,7 @@ private:
         /// and whether its steps write it. Obstacles that push particles set what cannot be taken again, and
         /// where particles may be taken out after a step that went wrong, the grid is no longer there to take
         /// from.
-        std::array<bool, Parts::count> held_{}, pushed_{};
+        std::array<bool, Parts::count> had_cached_{}, wrote_derived_{};
     };
 
     /// Learns from a run of so many steps how many to queue next time.
