@@ -79,12 +79,19 @@ class Solver
     using Kernel = typename detail::KernelFor<Backend, KernelType>::Type;
 
 public:
+    /// The material, or Materials<...>.
     using Model = ModelType;
+    /// How particles and grid exchange what they hold.
     using Transfer = TransferType;
+    /// Dimension and precision.
     using Space = typename Model::Space;
+    /// float or double.
     using Number = typename Space::Real;
+    /// The interpolation kernel.
     using kernel = Kernel;
+    /// 2 or 3.
     static constexpr int d = Space::dimension;
+    /// What a loop of the backend computes with at once.
     using Real = typename Backend::template Lane<Number>;
     static_assert(detail::are_materials<Real, List>,
                   "what is said to be a material is none: see ConstitutiveModel in firn/concepts.hpp");
@@ -98,6 +105,7 @@ public:
     template <class Which = Every>
     struct Of : Parts::template Of<detail::PlaceOf<Which, List>::value>
     {
+        /// Which of the materials it is, from 0 on.
         static constexpr std::size_t place = detail::PlaceOf<Which, List>::value;
     };
 
@@ -121,8 +129,10 @@ public:
     using State = typename decltype(common_state(Places{}))::Type;
     /// Of's bytes, of several materials those of the one that has most.
     static constexpr std::size_t state_bytes_per_particle = most_state_bytes(Places{});
+    /// With both buffers and the order of cells.
     static constexpr std::size_t bytes_per_particle = most_bytes(Places{});
 
+    /// An empty scene. Throws an Error if a parameter is outside its range, or the backend cannot work here.
     explicit Solver(Lattice lattice, Model model = {}, Transfer transfer = {}, StepControl control = {},
                     Backend backend = {})
         : lattice_(lattice_for<Number>(lattice)), transfer_(transfer), control_(control),
@@ -436,9 +446,13 @@ public:
     AdvanceReport const& until_error() const { return until_error_; }
 
     double time() const { return course_.time; } ///< [s]
+    /// Where cells lie, and how large they are.
     Lattice const& lattice() const { return lattice_; }
+    /// The transfer scheme with its parameters.
     Transfer const& transfer() const { return transfer_; }
+    /// The backend that runs its loops.
     Backend const& backend() const { return backend_; }
+    /// The parameters of a material.
     template <class Which = Every>
     typename Of<Which>::Model const& model() const
     {

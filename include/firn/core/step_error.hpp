@@ -17,6 +17,7 @@ namespace firn
 /// What went wrong in a step, and with whom.
 struct StepFailure
 {
+    /// What went wrong.
     Mishap cause = Mishap::none;
     std::uint32_t particle = 0;        ///< its permanent id
     std::size_t material = 0;          ///< its material's place in the scene
@@ -31,10 +32,12 @@ struct StepFailure
 class StepError : public Error
 {
 public:
+    /// The numbers, and the sentences of an Error.
     StepError(StepFailure const& failure, std::string what_is_wrong, std::string where, std::string remedy)
         : Error(std::move(what_is_wrong), std::move(where), std::move(remedy)), failure_(failure)
     {}
 
+    /// The numbers.
     StepFailure const& failure() const noexcept { return failure_; }
 
 private:

@@ -49,11 +49,15 @@ struct NoPose
 template <class ShapeType>
 struct Obstacle
 {
+    /// Where its surface is, in the frame of the body.
     ShapeType shape{};
+    /// What happens where material touches it.
     Contact contact{};
+    /// Where it is and how it moves.
     Motion motion{};
     bool on_particles = false; ///< also act on particles after they were moved, and push them out
 
+    /// Throws an Error unless shape, contact and motion make sense.
     void validate() const
     {
         if constexpr (requires { shape.validate(); }) shape.validate();
@@ -61,6 +65,7 @@ struct Obstacle
         motion.validate("Obstacle");
     }
 
+    /// Throws an Error if it leaves the plane, in a scene of two dimensions.
     void validate_in_plane() const
     {
         motion.validate_in_plane("Obstacle");
@@ -78,8 +83,10 @@ struct Obstacle
     /// Where its values lie: see SignedDistanceGrid::on.
     static constexpr bool in_host_memory = requires { requires ShapeType::in_host_memory; };
 
+    /// What it does to nodes and particles in a step.
     template <class Number, int d>
     struct Action;
+    /// Where the surface was when the step began, for a shell.
     template <class Number, int d>
     using Earlier = std::conditional_t<is_two_sided<ShapeType>, detail::Pose<Number, d>, detail::NoPose>;
 

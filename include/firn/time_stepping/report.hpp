@@ -28,6 +28,7 @@ struct StepReport
 /// What a call of Solver::advance did.
 struct AdvanceReport
 {
+    /// How many steps were taken.
     std::uint64_t substeps = 0;
     std::uint64_t rejected = 0; ///< attempts that went wrong and were repeated with half the step
     double smallest_dt = std::numeric_limits<double>::infinity(); ///< [s]
@@ -63,6 +64,7 @@ struct AdvanceReport
         add_isolated(step.isolated);
     }
 
+    /// Adds the report of another call.
     void merge(AdvanceReport const& other)
     {
         substeps += other.substeps;
