@@ -154,6 +154,7 @@ struct BasicOpenMP
     }
 };
 
+/// The OpenMP backend with lanes as wide as the processor compiled for.
 using OpenMP = BasicOpenMP<>;
 
 /// What the backend works with here, in one sentence: "OpenMP, 2 threads, 16 float or 8 double lanes".

@@ -15,9 +15,11 @@ namespace firn
 
 // What CellOffset asks of whole numbers, here of one; a pack of them brings its own.
 
+/// The same number as a float, rounded.
 FIRN_HOST_DEVICE inline float as_number(std::int32_t whole) { return static_cast<float>(whole); }
 /// Towards zero.
 FIRN_HOST_DEVICE inline std::int32_t as_whole(float number) { return static_cast<std::int32_t>(number); }
+/// 1 where the mask holds, and else 0.
 FIRN_HOST_DEVICE inline std::int32_t one_where(bool mask) { return mask; }
 
 /// How an offset from the centre of a cell, in cells, is stored.
@@ -73,6 +75,7 @@ struct CellOffset
     }
 };
 
+/// Single precision: multiples of 2^-30 cells.
 template <>
 struct CellOffset<float>
 {

@@ -136,6 +136,7 @@ FIRN_HOST_DEVICE inline void for_each_component_of(Record& record, Use const& us
 template <class Real, int d, class Set>
 struct Record;
 
+/// The values of one field at least.
 template <class Real, int d, class... Tags>
 struct Record<Real, d, Fields<Tags...>> : detail::Slot<Tags, Real, d>...
 {
@@ -157,6 +158,7 @@ struct Record<Real, d, Fields<Tags...>> : detail::Slot<Tags, Real, d>...
     }
 };
 
+/// No values.
 template <class Real, int d>
 struct Record<Real, d, Fields<>>
 {

@@ -20,6 +20,7 @@ namespace firn
 template <class Real>
 struct LaneTraits;
 
+/// A number is a lane of one.
 template <std::floating_point Number>
 struct LaneTraits<Number>
 {
@@ -46,13 +47,16 @@ inline constexpr int lane_width = LaneTraits<Real>::width;
 // ---- the scalar lane
 // -------------------------------------------------------------------------------------------
 
+/// `if_true` where the condition holds, and else `if_false`.
 template <std::floating_point Number>
 FIRN_HOST_DEVICE constexpr Number select(bool condition, Number if_true, Number if_false)
 {
     return condition ? if_true : if_false;
 }
 
+/// Whether a mask holds in any lane.
 FIRN_HOST_DEVICE constexpr bool any(bool mask) { return mask; }
+/// Whether a mask holds in all lanes.
 FIRN_HOST_DEVICE constexpr bool all(bool mask) { return mask; }
 
 /// One bit per lane, lane 0 lowest.
@@ -88,13 +92,21 @@ FIRN_HOST_DEVICE constexpr Number largest(Number x)
 }
 
 // clang-format off
+/// The square root.
 template <std::floating_point Number> FIRN_HOST_DEVICE inline Number sqrt(Number x) { return std::sqrt(x); }
+/// The magnitude.
 template <std::floating_point Number> FIRN_HOST_DEVICE inline Number abs(Number x) { return std::abs(x); }
+/// The exponential.
 template <std::floating_point Number> FIRN_HOST_DEVICE inline Number exp(Number x) { return std::exp(x); }
+/// The natural logarithm.
 template <std::floating_point Number> FIRN_HOST_DEVICE inline Number log(Number x) { return std::log(x); }
+/// The largest whole number that is not above x.
 template <std::floating_point Number> FIRN_HOST_DEVICE inline Number floor(Number x) { return std::floor(x); }
+/// The smaller one, or `a` if one of them is NaN.
 template <std::floating_point Number> FIRN_HOST_DEVICE inline Number min(Number a, Number b) { return b < a ? b : a; }
+/// The larger one, or `a` if one of them is NaN.
 template <std::floating_point Number> FIRN_HOST_DEVICE inline Number max(Number a, Number b) { return a < b ? b : a; }
+/// One over the square root.
 template <std::floating_point Number> FIRN_HOST_DEVICE inline Number inverse_sqrt(Number x) { return Number(1) / std::sqrt(x); }
 // clang-format on
 

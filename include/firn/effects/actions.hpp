@@ -41,6 +41,7 @@ inline constexpr bool looks_up = requires
 template <class... Actions>
 struct Chain;
 
+/// The end of a chain.
 template <>
 struct Chain<>
 {
@@ -51,6 +52,7 @@ struct Chain<>
     {}
 };
 
+/// A chain of one action at least.
 template <class First, class... Rest>
 struct Chain<First, Rest...>
 {
@@ -103,6 +105,7 @@ FIRN_HOST_DEVICE Chain<Action, Actions...> linked(Action const& first, Chain<Act
 template <class... Effects>
 struct PlainEffects;
 
+/// No effect, or none that is left.
 template <>
 struct PlainEffects<>
 {
@@ -114,6 +117,7 @@ struct PlainEffects<>
     bool touch_particles() const { return false; }
 };
 
+/// One effect at least.
 template <class First, class... Rest>
 struct PlainEffects<First, Rest...>
 {
@@ -140,6 +144,7 @@ struct PlainEffects<First, Rest...>
 /// The effects of a call that begins at a time [s] as plain values.
 inline PlainEffects<> plain_effects(double) { return {}; }
 
+/// The effects of a call that begins at a time [s] as plain values.
 template <class First, class... Rest>
 auto plain_effects(double begin, First const& first, Rest const&... rest)
 {

@@ -163,6 +163,7 @@ void require_apart(First const& a, Second const& b)
 /// Throws an Error if two of the effects are walls that share nodes.
 inline void require_walls_apart() {}
 
+/// Throws an Error if two of the effects are walls that share nodes.
 template <class First, class... Rest>
 void require_walls_apart(First const& first, Rest const&... rest)
 {

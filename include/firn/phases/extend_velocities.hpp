@@ -24,6 +24,7 @@ struct ExtendVelocities
     using Sums = NodeSums<d, true>;
     using Velocities = NodeVelocities<d, true>;
     static constexpr bool looks_around = false;
+    /// The loop has nothing to tell.
     struct Result
     {
         std::uint32_t nothing = 0;
@@ -71,6 +72,7 @@ struct ReturnVelocities
     static constexpr int kept = Gather::kept > Scatter::kept ? Gather::kept : Scatter::kept;
     template <class Real>
     using CellNodes = typename Gather::template CellNodes<Real>;
+    /// The loop has nothing to tell.
     struct Result
     {
         FIRN_HOST_DEVICE void merge(Result const&) {}

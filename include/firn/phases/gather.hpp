@@ -182,6 +182,7 @@ struct GatherVelocities : Gather<Space, Kernel, TransferType>
     using Gather = firn::Gather<Space, Kernel, Transfer>;
     using Gather::d;
     using Number = typename Space::Real;
+    /// The loop has nothing to tell.
     struct Result
     {
         FIRN_HOST_DEVICE void merge(Result const&) {}

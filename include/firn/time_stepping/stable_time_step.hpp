@@ -25,6 +25,7 @@ enum class StepLimit
     growth,       ///< the step before: steps grow by at most a tenth
     duration,     ///< what is left of the time asked for
 };
+/// How many kinds of StepLimit there are.
 inline constexpr int step_limit_count = 8;
 
 /// The limit in one word.

@@ -9,6 +9,7 @@
 namespace firn::cuda
 {
 
+/// The index of a block that is not there.
 inline constexpr std::uint32_t absent = ~std::uint32_t(0);
 
 /// A set of blocks on a device, from their keys to their indices: open addressing, at most half full.

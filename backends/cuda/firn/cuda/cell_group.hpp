@@ -161,6 +161,7 @@ struct SumsInTile
 {
     using Sums = typename GridType::Sums;
 
+    /// A node while it is added to.
     struct Node
     {
         Sums* to;
@@ -176,6 +177,7 @@ struct SumsInTile
         __device__ auto& operator[](int channel) { return sums.of[channel]; }
     };
 
+    /// The nodes of a stencil that share a `k`.
     struct Column
     {
         Sums* first;

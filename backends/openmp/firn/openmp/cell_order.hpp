@@ -47,6 +47,7 @@ public:
     /// Bytes per item: its source in the order that holds and in the one being written.
     static constexpr std::size_t bytes_per_item = 2 * sizeof(std::uint32_t);
 
+    /// A block of cells with the items in it.
     struct Block
     {
         Coordinates<d> coordinates;

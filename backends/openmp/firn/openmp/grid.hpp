@@ -156,6 +156,7 @@ public:
     explicit Grid(Backend const&)
     {}
 
+    /// A block of nodes with the blocks of cells that add to it.
     struct NodeBlock
     {
         Coordinates<d> coordinates;

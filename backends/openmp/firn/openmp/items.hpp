@@ -90,6 +90,7 @@ class Scratch
 
 public:
     using Offset = typename CellOffset<Number>::Stored;
+    /// Where a pack of items lies, and the offsets that were loaded.
     struct Pack
     {
         Places<Lane> places;

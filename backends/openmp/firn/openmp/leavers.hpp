@@ -17,6 +17,7 @@ namespace firn::openmp
 /// The blocks about one, and itself: -1, 0 or 1 along each axis, the first one's place value the highest.
 template <int d>
 inline constexpr int directions = 3 * directions<d - 1>;
+/// The end of the product: a point has itself alone.
 template <>
 inline constexpr int directions<0> = 1;
 /// The direction of the block itself.

@@ -63,6 +63,7 @@ bool functions_hold()
     return hold;
 }
 
+/// Calls `body(i)` for each i below `count`, in any order and on several threads.
 template <class Body>
 void for_each(Threads const& threads, std::size_t count, Body const& body)
 {

@@ -24,6 +24,7 @@ struct OffsetLane
     static Lane bits(Stored const& stored) { return stored; }
 };
 
+/// A single offset in single precision.
 template <>
 struct OffsetLane<float>
 {
