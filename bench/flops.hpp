@@ -158,9 +158,9 @@ struct OneParticle
 
 /// The phase that moves a solver's particles, without obstacles.
 template <class Solver>
-using MoveOf = MoveParticles<typename Solver::Space, typename Solver::Model, typename Solver::kernel,
-                             typename Solver::Transfer, Chain<>, typename Solver::template Of<>::Stored,
-                             typename Solver::template Of<>::Derived>;
+using MoveOf =
+    G2p2g<typename Solver::Space, typename Solver::Model, typename Solver::kernel, typename Solver::Transfer,
+          Chain<>, typename Solver::template Of<>::Stored, typename Solver::template Of<>::Derived>;
 
 /// The operations of one particle in one step that takes, answers and gives, with its share of what is done
 /// once per cell; the grid is left out.
@@ -197,14 +197,14 @@ double flops_per_particle_step()
     Real::operations = 0;
     typename Move::template CellNodes<Real> nodes;
     double of_cell = 0;
-    move.locate(particle);
+    move.begin(particle);
     for (int channel = 0; channel < Move::node_channels; channel += nodes.channels) {
         auto const before = Real::operations;
         nodes.read(particle, channel);
         of_cell += double(Real::operations - before);
         Move::Gather::gather(particle, nodes, channel);
     }
-    move.answer(particle, result);
+    move.update(particle, result);
     Move::scatter(particle, sums->of_cell);
     return double(Real::operations) - of_cell + of_cell / particles_per_cell;
 }

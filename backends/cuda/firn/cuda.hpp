@@ -201,7 +201,7 @@ struct Cuda
     }
 
     /// The items of all orders of cells, each with its layer and its phase, take from the grid, move, and
-    /// give to the grid of the next step (see MoveParticles); then calls `conclude(merged results of the
+    /// give to the grid of the next step (see G2p2g); then calls `conclude(merged results of the
     /// nodes, and of the items of each order)` on the device. Where that is false, or there was no room for
     /// what moved, later loops do nothing until the host has listened.
     template <class CellOrder, class LayerType, std::size_t orders, class... Phase, class OfNodes,

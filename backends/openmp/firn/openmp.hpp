@@ -135,7 +135,7 @@ struct BasicOpenMP
     }
 
     /// The items of all orders of cells, each with its layer and its phase, take from the grid, move, and
-    /// give to the grid of the next step (see MoveParticles); then calls `conclude(results of the nodes,
+    /// give to the grid of the next step (see G2p2g); then calls `conclude(results of the nodes,
     /// merged results of each order)`.
     template <std::size_t orders, class CellOrder, class LayerType, class... Phase, class OfNodes,
               class Conclude>

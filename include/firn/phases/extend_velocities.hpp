@@ -82,7 +82,7 @@ struct ReturnVelocities
     Portions<Number> portions;
 
     template <class Items>
-    FIRN_HOST_DEVICE void locate(Items& items) const
+    FIRN_HOST_DEVICE void begin(Items& items) const
     {
         Gather::template keep_position<typename Items::Real>(items, particles.position(items));
     }
@@ -94,7 +94,7 @@ struct ReturnVelocities
     }
 
     template <class Items>
-    FIRN_HOST_DEVICE void answer(Items& items, Result&) const
+    FIRN_HOST_DEVICE void update(Items& items, Result&) const
     {
         using Real = typename Items::Real;
         Vector<Real, d> const x = Gather::template kept_position<Real>(items);

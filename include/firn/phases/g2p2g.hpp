@@ -13,7 +13,7 @@ namespace firn
 
 /// What moving the particles found out: the bounds of the next step, and what went wrong in this one.
 template <class Number, int obstacles>
-struct MoveResult
+struct G2p2gResult
 {
     Number wave_modulus = 0; ///< largest rho_0 c^2 [Pa]
     Number speed2 = 0;       ///< largest squared speed [m^2/s^2]
@@ -24,7 +24,7 @@ struct MoveResult
     std::uint32_t particle = 0;   ///< its id
     Reactions<obstacles> reactions{};
 
-    FIRN_HOST_DEVICE void merge(MoveResult const& other)
+    FIRN_HOST_DEVICE void merge(G2p2gResult const& other)
     {
         wave_modulus = max(wave_modulus, other.wave_modulus);
         speed2 = max(speed2, other.speed2);
@@ -49,14 +49,14 @@ struct MoveResult
 /// separate functions, so that a backend may put different particles side by side for each.
 template <class Space, class Model, class Kernel, class TransferType, class Effects, class PersistentFields,
           class DerivedFields>
-struct MoveParticles
+struct G2p2g
 {
     using Transfer = TransferType;
     using Scatter = firn::Scatter<Space, Kernel, Transfer>;
     using Gather = firn::Gather<Space, Kernel, Transfer>;
     static constexpr int d = Space::dimension;
     using Number = typename Space::Real;
-    using Result = MoveResult<Number, Effects::touching>;
+    using Result = G2p2gResult<Number, Effects::touching>;
     static constexpr int order = Kernel::order;
     static constexpr int node_channels = Gather::node_channels, channels = Scatter::channels;
     static constexpr int kept = Gather::kept > Scatter::kept ? Gather::kept : Scatter::kept;
@@ -78,7 +78,7 @@ struct MoveParticles
 
     /// Keeps where some particles are.
     template <class Items>
-    FIRN_HOST_DEVICE void locate(Items& items) const
+    FIRN_HOST_DEVICE void begin(Items& items) const
     {
         auto const x = before.position(items);
         assert(inside_the_cell(x) && "a particle lies in the cell in whose order it is");
@@ -95,16 +95,16 @@ struct MoveParticles
 
     /// Moves and deforms some particles by what they took, and keeps what they give to the next step.
     template <class Items>
-    FIRN_HOST_DEVICE void answer(Items& items, Result& result) const
+    FIRN_HOST_DEVICE void update(Items& items, Result& result) const
     {
-        answer(items, result, result);
+        update(items, result, result);
     }
 
     /// The same with what few particles have a part in, mishaps and reactions of obstacles, in another
     /// result: a device has that in memory, and its registers for the rest, which are bounds; a processor's
     /// thread has one result of bounds for all that it does.
     template <class Items>
-    FIRN_HOST_DEVICE void answer(Items& items, Result& result, Result& rare) const
+    FIRN_HOST_DEVICE void update(Items& items, Result& result, Result& rare) const
     {
         using Real = typename Items::Real;
         Vector<Real, d> x = Gather::template kept_position<Real>(items);

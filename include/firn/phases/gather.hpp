@@ -194,13 +194,13 @@ struct GatherVelocities : Gather<Space, Kernel, TransferType>
     Number cell_size; ///< [m]
 
     template <class Items>
-    FIRN_HOST_DEVICE void locate(Items& items) const
+    FIRN_HOST_DEVICE void begin(Items& items) const
     {
         Gather::template keep_position<typename Items::Real>(items, particles.position(items));
     }
 
     template <class Items>
-    FIRN_HOST_DEVICE void answer(Items& items, Result&) const
+    FIRN_HOST_DEVICE void update(Items& items, Result&) const
     {
         using Real = typename Items::Real;
         Record<Real, d, DerivedFields> particle;

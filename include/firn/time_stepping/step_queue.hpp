@@ -259,17 +259,17 @@ private:
         auto move_material(int step) const
         {
             auto& table = particles<k>();
-            return MoveParticles<Space, typename Of<k>::Model, Kernel, Transfer, Actions,
-                                 typename Of<k>::Stored, typename Of<k>::Derived>{
-                scene_.parts.template model<k>(),
-                runs_.transfer_,
-                now(step),
-                table.current(),
-                table.next(),
-                wrote_derived_[k] ? table.next_derived() : typename Of<k>::Table::DerivedView{},
-                table.portions(),
-                runs_.lattice_,
-                largest_deformation_};
+            return G2p2g<Space, typename Of<k>::Model, Kernel, Transfer, Actions, typename Of<k>::Stored,
+                         typename Of<k>::Derived>{scene_.parts.template model<k>(),
+                                                  runs_.transfer_,
+                                                  now(step),
+                                                  table.current(),
+                                                  table.next(),
+                                                  wrote_derived_[k] ? table.next_derived()
+                                                                    : typename Of<k>::Table::DerivedView{},
+                                                  table.portions(),
+                                                  runs_.lattice_,
+                                                  largest_deformation_};
         }
         template <std::size_t... k>
         auto layers(std::index_sequence<k...>) const

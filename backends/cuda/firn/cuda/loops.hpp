@@ -444,9 +444,9 @@ __global__ void __launch_bounds__(most_teams_that_move<Phase>* block_threads, 1)
         if (here) {
             cell.enter(next_source, slot);
             if (rank + teams < count) next_source = sources[rank + teams];
-            phase.locate(cell);
+            phase.begin(cell);
             Phase::gather(cell);
-            phase.answer(cell, result, rare);
+            phase.update(cell, result, rare);
             moved.left[slot] = cell.departed();
         }
         if (std::uint32_t const left = __ballot_sync(~0u, cell.departed())) {
@@ -505,9 +505,9 @@ __global__ void __launch_bounds__(block_threads)
         cell.forget();
         if (here) {
             cell.enter(cells.order[cells.begin[c] + rank], slot);
-            phase.locate(cell);
+            phase.begin(cell);
             Phase::gather(cell);
-            phase.answer(cell, result);
+            phase.update(cell, result);
         }
         Phase::scatter(cell, sums);
     });
@@ -533,9 +533,9 @@ __global__ void __launch_bounds__(block_threads,
     Ranks(cells.begin, c).for_each([&](std::uint32_t rank, bool here, std::uint32_t slot) {
         if (!here) return;
         cell.enter(cells.order[cells.begin[c] + rank], slot);
-        phase.locate(cell);
+        phase.begin(cell);
         Phase::gather(cell);
-        phase.answer(cell, result);
+        phase.update(cell, result);
     });
 }
 

@@ -183,9 +183,9 @@ FIRN_INLINE_WHOLE void prepare(Phase const& phase, Items& items)
 }
 
 template <class Phase, class Items>
-FIRN_INLINE_WHOLE void locate(Phase const& phase, Items& items)
+FIRN_INLINE_WHOLE void begin(Phase const& phase, Items& items)
 {
-    phase.locate(items);
+    phase.begin(items);
 }
 
 /// What a group's items take from its nodes. (Like give(), named after what is taken, not after the phase
@@ -235,13 +235,13 @@ private:
 /// A phase that finds out bounds has them in a result of the thread's: who starts each block at zero finds a
 /// new largest value many times over.
 template <class Phase, class Items>
-FIRN_INLINE_WHOLE void answer(Phase const& phase, Items& items, typename Phase::Result& of_thread,
+FIRN_INLINE_WHOLE void update(Phase const& phase, Items& items, typename Phase::Result& of_thread,
                               typename Phase::Result& of_block)
 {
-    if constexpr (requires { phase.answer(items, of_thread, of_block); })
-        phase.answer(items, of_thread, of_block);
+    if constexpr (requires { phase.update(items, of_thread, of_block); })
+        phase.update(items, of_thread, of_block);
     else
-        phase.answer(items, of_block);
+        phase.update(items, of_block);
 }
 } // namespace detail
 
@@ -580,7 +580,7 @@ typename Phase::Result take_and_answer(Threads const& threads, CellOrder& cells,
                 scratch.reserve(Phase::kept, end - begin);
                 for (std::size_t slot = begin; slot < end; slot += lanes) {
                     items.enter(slot, end, slot - begin);
-                    locate(phase, items);
+                    begin(phase, items);
                 }
                 for_each_group<Lane, GridType>(
                     cells, std::size_t(b), g, next, scratch, std::as_const(nodes).data(), nowhere,
@@ -589,7 +589,7 @@ typename Phase::Result take_and_answer(Threads const& threads, CellOrder& cells,
                     });
                 for (std::size_t slot = begin; slot < end; slot += lanes) {
                     items.enter_again(slot, slot - begin);
-                    answer(phase, items, found, result);
+                    update(phase, items, found, result);
                 }
                 buffers.scatter(std::size_t(b), g, next, scratch);
             }
