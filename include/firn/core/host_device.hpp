@@ -36,9 +36,9 @@
 // For a function that few need, called in a loop that needs all of its registers: within it, it would have
 // them spilt for everybody.
 #if defined(__CUDA_ARCH__)
-#define FIRN_CALLED_ON_DEVICE __noinline__
+#define FIRN_NOINLINE_ON_DEVICE __noinline__
 #else
-#define FIRN_CALLED_ON_DEVICE
+#define FIRN_NOINLINE_ON_DEVICE
 #endif
 
 // Before a loop over the nodes of a stencil: a device has no memory near enough for arrays that are indexed
@@ -60,7 +60,7 @@
 // For a function of the host outside the loops of a step, called once in it at most: to compile it for its
 // size takes a compiler less time. (With nvcc that time is the device's functions'.)
 #if defined(__GNUC__) && !defined(__CUDACC__)
-#define FIRN_SELDOM [[gnu::cold]]
+#define FIRN_COLD [[gnu::cold]]
 #else
-#define FIRN_SELDOM
+#define FIRN_COLD
 #endif

@@ -114,7 +114,7 @@ apply_on_particles(Chain<Actions...> const& chain, LanePosition<Real, d> const& 
 /// The same where it is too much for a loop's registers beside the rest. What is passed by reference a device
 /// keeps in memory: a copy, made where this is called, or something that nobody else needs.
 template <Lane Real, int d, class... Actions>
-FIRN_HOST_DEVICE FIRN_CALLED_ON_DEVICE Vector<Real, d>
+FIRN_HOST_DEVICE FIRN_NOINLINE_ON_DEVICE Vector<Real, d>
 call_on_particles(Chain<Actions...> const& chain, LanePosition<Real, d> const& place,
                   Vector<Real, d> const& moved, Mask<Real> const& here, Real mass, Real dt,
                   Vector<Real, d>& velocity, Reactions<Chain<Actions...>::obstacles>& reactions)

@@ -185,8 +185,8 @@ private:
     static std::tuple<Part<k>...> tuple_of_parts(std::index_sequence<k...>);
 
     template <std::size_t... k>
-    FIRN_SELDOM SceneParts(List list, Lattice lattice, int kernel_order, Backend const& backend,
-                           std::index_sequence<k...>)
+    FIRN_COLD SceneParts(List list, Lattice lattice, int kernel_order, Backend const& backend,
+                         std::index_sequence<k...>)
         : parts_{Part<k>{std::move(std::get<k>(list.of)),
                          typename Of<k>::Table(lattice, kernel_order, backend)}...}
     {}

@@ -93,8 +93,8 @@ public:
     /// Adds particles at rest but for a velocity, whose ids begin with `first_id`; see Solver::add. Returns
     /// how many.
     template <class Points>
-    FIRN_SELDOM std::size_t add(Points const& points, double volume, double density,
-                                Vector<double, d> const& velocity, std::uint32_t first_id, MassScale& scale)
+    FIRN_COLD std::size_t add(Points const& points, double volume, double density,
+                              Vector<double, d> const& velocity, std::uint32_t first_id, MassScale& scale)
     {
         std::vector<CellPosition<d>> const located = locate_all(points);
         require(is_finite(volume) && volume > 0, "the volume per point is not a finite number above 0",

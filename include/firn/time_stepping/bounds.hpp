@@ -75,8 +75,8 @@ void admit_effect(Rule& rule, Effect const& effect)
 /// is for a step to find: it stays what the last one found, where somebody is left, an affine velocity aside.
 /// `values(tag, k)` are those of a field and a material.
 template <class Parts, class Rule, class Values>
-FIRN_SELDOM StepBounds bounds_of(Parts const& parts, Rule const& rule, StepBounds const& found,
-                                 Values const& values)
+FIRN_COLD StepBounds bounds_of(Parts const& parts, Rule const& rule, StepBounds const& found,
+                               Values const& values)
 {
     StepBounds bounds;
     Parts::for_each([&](auto k) {

@@ -57,8 +57,8 @@ StepFailure failure_of(Parts const& parts, StepLog const& log, double time, doub
 /// Particles whose own state has no stress, at rest, `most` of them and one more: they spoil what others take
 /// from the grid, so that the first one for which a step goes wrong may be another.
 template <class Parts>
-FIRN_SELDOM std::vector<StepFailure> without_stress(Parts const& parts, std::size_t most, double time,
-                                                    double dt)
+FIRN_COLD std::vector<StepFailure> without_stress(Parts const& parts, std::size_t most, double time,
+                                                  double dt)
 {
     std::vector<StepFailure> found;
     Parts::for_each([&](auto k) {

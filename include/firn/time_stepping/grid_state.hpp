@@ -100,7 +100,7 @@ public:
 
     /// The fields that particles take from the grid, as they took them in the last step.
     template <std::size_t k>
-    FIRN_SELDOM void regather(Parts const& parts, typename Of<k>::Table::DerivedView const& derived) const
+    FIRN_COLD void regather(Parts const& parts, typename Of<k>::Table::DerivedView const& derived) const
     {
         if constexpr (Of<k>::Derived::components(d) > 0) {
             auto const& table = parts.template particles<k>();
@@ -182,8 +182,8 @@ private:
     /// What a material's particles took from the grid: what they hold or, for `again` to hold, taken once
     /// more.
     template <std::size_t k>
-    FIRN_SELDOM [[gnu::noinline]] DerivedOf<k> const& derived(Parts const& parts,
-                                                              std::optional<DerivedOf<k>>& again) const
+    FIRN_COLD [[gnu::noinline]] DerivedOf<k> const& derived(Parts const& parts,
+                                                            std::optional<DerivedOf<k>>& again) const
     {
         auto const& table = parts.template particles<k>();
         if (table.has_grid_fields()) return table.cached();
@@ -194,7 +194,7 @@ private:
 
     /// All particles of a material give to the grid: all they have, or the impulse of a step alone.
     template <std::size_t k>
-    FIRN_SELDOM void scatter(double dt, bool impulse_only, Parts& parts)
+    FIRN_COLD void scatter(double dt, bool impulse_only, Parts& parts)
     {
         auto& table = parts.template particles<k>();
         auto layer = grid_.layer(k);

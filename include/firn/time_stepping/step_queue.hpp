@@ -55,8 +55,8 @@ public:
     ///
     /// Where memory runs short or a device fails in the middle, there is no state to go on from.
     template <class Effects, class Visit>
-    FIRN_SELDOM StepLog const& take(Scene const& scene, Rule const& rule, std::size_t most,
-                                    Effects const& effects, Visit const& visit)
+    FIRN_COLD StepLog const& take(Scene const& scene, Rule const& rule, std::size_t most,
+                                  Effects const& effects, Visit const& visit)
     {
         auto const orders = scene.parts.orders();
         int const expected = static_cast<int>(std::min(most, backend_.steps_to_queue(orders, queue_)));
