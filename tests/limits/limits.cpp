@@ -330,7 +330,7 @@ TEST_CASE("H5: particles on the walls, edges and corners of a box fly at them")
 
 // The plan's 1e-6 is not reached by forces of the kernel's gradient (APIC, not MLS) in single precision. A
 // node at the rim of the kernel, a distance t from it, gets a velocity of 3 / t times what moves the
-// particle; what the particle takes of it would be small, but Expansion sums it about the cell's middle,
+// particle; what the particle takes of it would be small, but CellPolynomial sums it about the cell's middle,
 // where it is not, and leaves a rounding of it. Nodes below 1e-20 of the mass, t = 4e-7, do not count.
 TEST_CASE("H6: a strained particle with no neighbours, wherever it is in its cell")
 {

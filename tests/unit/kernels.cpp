@@ -132,7 +132,7 @@ TEMPLATE_TEST_CASE("what particles find by the expansion of their cell is what t
     for (auto& row : field.value)
         for (auto& value : row) value = Real(anywhere(random));
 
-    Expansion<Kernel, Real, d, 1> expansion;
+    CellPolynomial<Kernel, Real, d, 1> expansion;
     double worst = 0;
     expansion.read(field, 7);
     for (int sample = 0; sample < 200; ++sample) {
@@ -153,7 +153,7 @@ TEMPLATE_TEST_CASE("what particles find by the expansion of their cell is what t
                 affine[d - 1] += v * w * nodes.distance[d - 1][k];
                 gradient[d - 1] += v * nodes.row_weight(row) * nodes.derivative[d - 1][k];
             }
-        auto const found = expansion.template at<has_inertia, true>(Powers<Kernel, Real, d>(offset));
+        auto const found = expansion.template at<has_inertia, true>(Monomials<Kernel, Real, d>(offset));
         worst = std::max(worst, std::abs(found.value[0] - value));
         for (int a = 0; a < d; ++a) {
             worst = std::max(worst, std::abs(found.gradient[0][a] - gradient[a]));
@@ -167,7 +167,7 @@ TEMPLATE_TEST_CASE("what particles find by the expansion of their cell is what t
         for (auto& value : row) value = Real(0.1);
     expansion.read(field, 7);
     Vector<Real, d> offset = Vector<Real, d>::Constant(Real(0.3));
-    auto const found = expansion.template at<has_inertia, true>(Powers<Kernel, Real, d>(offset));
+    auto const found = expansion.template at<has_inertia, true>(Monomials<Kernel, Real, d>(offset));
     CHECK(found.value[0] == Real(0.1)); // exactly: a body in free flight keeps its velocity
     for (int a = 0; a < d; ++a) {
         CHECK(found.gradient[0][a] == 0);

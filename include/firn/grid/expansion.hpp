@@ -9,17 +9,17 @@
 namespace firn
 {
 
-/// What a particle at a place within its cell multiplies the terms of an Expansion with: along each axis the
-/// powers t^m / m! of its offset from the cell's centre, and the kernel's spreads.
+/// What a particle at a place within its cell multiplies the terms of an CellPolynomial with: along each axis
+/// the powers t^m / m! of its offset from the cell's centre, and the kernel's spreads.
 template <class Kernel, Lane Real, int d>
-struct Powers
+struct Monomials
 {
     static constexpr int order = Kernel::order;
 
     std::array<std::array<Real, std::size_t(order)>, std::size_t(d)> power; ///< t^m / m!, m = 1, 2, …
     std::array<std::array<Real, std::size_t(order)>, std::size_t(d)> spread; ///< Kernel::spreads: m = 1, 2, …
 
-    FIRN_HOST_DEVICE explicit Powers(Vector<Real, d> const& offset)
+    FIRN_HOST_DEVICE explicit Monomials(Vector<Real, d> const& offset)
     {
         FIRN_UNROLL
         for (int a = 0; a < d; ++a) {
@@ -41,7 +41,7 @@ struct Powers
 /// the weights. A field that is the same on all nodes has no term but the first, so its gradient is exactly
 /// zero.
 template <class Kernel, Lane RealType, int d, int channel_count>
-class Expansion
+class CellPolynomial
 {
     static constexpr int order = Kernel::order, width = order + 1;
     static constexpr int rows = d == 3 ? width * width : width, terms = rows * width;
@@ -78,14 +78,14 @@ public:
     };
 
     template <bool has_affine, bool has_gradient>
-    FIRN_HOST_DEVICE Found at(Powers<Kernel, Real, d> const& powers) const
+    FIRN_HOST_DEVICE Found at(Monomials<Kernel, Real, d> const& powers) const
     {
         return at<has_affine, has_gradient>(powers, [](Real const& term) { return term; });
     }
     /// The same of particles whose cells lie in other lanes: `pick(term)` has each particle's term in its
     /// own.
     template <bool has_affine, bool has_gradient, class Pick>
-    FIRN_HOST_DEVICE Found at(Powers<Kernel, Real, d> const& powers, Pick const& pick) const
+    FIRN_HOST_DEVICE Found at(Monomials<Kernel, Real, d> const& powers, Pick const& pick) const
     {
         Found found;
         sum<0, has_affine, has_gradient>(powers, 0, pick, found);
@@ -118,7 +118,7 @@ private:
 
     /// The sum over the axes from `axis` on of the terms from `first` on.
     template <int axis, bool has_affine, bool has_gradient, class Pick>
-    FIRN_HOST_DEVICE void sum(Powers<Kernel, Real, d> const& powers, int first, Pick const& pick,
+    FIRN_HOST_DEVICE void sum(Monomials<Kernel, Real, d> const& powers, int first, Pick const& pick,
                               Found& found) const
     {
         if constexpr (axis == d) {

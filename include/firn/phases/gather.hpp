@@ -46,7 +46,7 @@ struct Gather
     /// What the nodes of a row of cells hold for all of its particles: some channels at a time, no more than
     /// stay in the fastest cache.
     template <class Real>
-    using CellNodes = Expansion<Kernel, Real, d, Kernel::order <= 2 ? d : 1>;
+    using CellNodes = CellPolynomial<Kernel, Real, d, Kernel::order <= 2 ? d : 1>;
 
     /// Keeps what a row of particles takes from some channels of the nodes of its cells; in which lane its
     /// cell is, each particle knows: `row.of_cells(value)` has what is of the cells in the lanes of the
@@ -54,7 +54,7 @@ struct Gather
     template <class Row, class Real = typename Row::Real>
     FIRN_HOST_DEVICE static void gather(Row& row_of_cells, CellNodes<Real> const& nodes, int first)
     {
-        Powers<Kernel, Real, d> const powers(kept_position<Real>(row_of_cells));
+        Monomials<Kernel, Real, d> const powers(kept_position<Real>(row_of_cells));
         auto const of_cells = [&](Real const& term) { return row_of_cells.of_cells(term); };
         if (Transfer::keeps_old_velocity && first >= Velocities::old_velocity) {
             auto const found = nodes.template at<false, false>(powers, of_cells);
