@@ -24,10 +24,10 @@ struct Cracking
     using Number = typename Space::Real;
     using Kept = firn::Fields<firn::EquivalentPlasticStrain>;
     static constexpr auto name = "cracking";
-    static constexpr Number usual_density = 2000;
+    static constexpr Number default_density = 2000;
     static firn::Lame<Number> usual_elasticity() { return firn::lame<Number>(1e5, 0.2); }
     template <class Law>
-    static constexpr bool suits = std::is_same_v<Law, firn::HenckyLaw>;
+    static constexpr bool supports = std::is_same_v<Law, firn::HenckyLaw>;
     Number limit = Number(0.01); // logarithmic strain
 
     void validate() const { firn::require(limit > 0, "the limit is not above 0", name, "Pass a strain."); }
@@ -51,7 +51,7 @@ TEST_CASE("a user's own plastic flow composes with an elastic law of the library
 {
     using Ice = firn::Elastoplastic<firn::HenckyLaw, Cracking<Solid>>;
     STATIC_REQUIRE(firn::ConstitutiveModel<Ice, TestLane<double>>);
-    STATIC_REQUIRE(!Cracking<Solid>::suits<firn::FixedCorotatedLaw>);
+    STATIC_REQUIRE(!Cracking<Solid>::supports<firn::FixedCorotatedLaw>);
     Ice const ice;
     ice.validate();
     auto state = firn::Record<double, 3, Ice::State>::at_rest();

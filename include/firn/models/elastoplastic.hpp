@@ -34,7 +34,7 @@
 // particle (`Kept`), defaults of density and elasticity, validate(), or validate(Lame) if its bounds depend
 // on the moduli, and
 //
-// - suits<Law>: whether it is stated in the measure of this law
+// - supports<Law>: whether it is stated in the measure of this law
 //
 // - flow(trial, Lame<Real>, state, dt): PlasticFlow; evolves what is kept
 //
@@ -100,10 +100,10 @@ struct NoFlow
     using Space = SpaceType;
     using Number = typename Space::Real;
     using Kept = Fields<>;
-    static constexpr Number usual_density = 1000;
+    static constexpr Number default_density = 1000;
     static Lame<Number> usual_elasticity() { return lame<Number>(1e5, 0.3); }
     template <class Law>
-    static constexpr bool suits = true;
+    static constexpr bool supports = true;
 
     void validate() const {}
 };
@@ -136,9 +136,9 @@ struct Elastoplastic : FlowType
     using State = Join<Fields<DisplacementGradient>, typename Flow::Kept>;
     static constexpr auto name = detail::name_of_solid<Law, Flow>();
     static constexpr bool yields = !std::is_same_v<Flow, NoFlow<Space>>;
-    static_assert(Flow::template suits<Law>, "this plastic flow is stated in the strains of another law");
+    static_assert(Flow::template supports<Law>, "this plastic flow is stated in the strains of another law");
 
-    Number density = Flow::usual_density;               ///< [kg/m^3]
+    Number density = Flow::default_density;             ///< [kg/m^3]
     Lame<Number> elasticity = Flow::usual_elasticity(); ///< of the state that has not hardened [Pa]
 
     void for_each_parameter(auto const& use) const

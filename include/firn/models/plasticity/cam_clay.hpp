@@ -45,10 +45,10 @@ struct CamClayFlow
     using Number = typename Space::Real;
     using Kept = Fields<LogPlasticVolumeRatio>;
     static constexpr auto name = "cam_clay";
-    static constexpr Number usual_density = 250;
+    static constexpr Number default_density = 250;
     static Lame<Number> usual_elasticity() { return lame<Number>(2e6, 0.3); }
     template <class Law>
-    static constexpr bool suits = std::is_same_v<Law, SplitNeoHookeanLaw>;
+    static constexpr bool supports = std::is_same_v<Law, SplitNeoHookeanLaw>;
 
     Number slope = Number(critical_slope(Space::dimension, 0.5235987755982988)); ///< M; here of 30 degrees
     Number cohesion = Number(0.5); ///< beta: the share of p0 that it bears in tension

@@ -108,10 +108,10 @@ struct DruckerPragerFlow
     using Number = typename Space::Real;
     using Kept = Fields<LooseVolume>;
     static constexpr auto name = "sand";
-    static constexpr Number usual_density = 1600;
+    static constexpr Number default_density = 1600;
     static Lame<Number> usual_elasticity() { return lame<Number>(1e6, 0.3); }
     template <class Law>
-    static constexpr bool suits = std::is_same_v<Law, HenckyLaw>;
+    static constexpr bool supports = std::is_same_v<Law, HenckyLaw>;
 
     Number cone =
         Number(friction_cone(Space::dimension, 0.6108652381980153)); ///< alpha; here phi is 35 degrees

@@ -22,10 +22,10 @@ struct HerschelBulkleyFlow
     using Number = typename Space::Real;
     using Kept = Fields<>;
     static constexpr auto name = "herschel_bulkley";
-    static constexpr Number usual_density = 1000;
+    static constexpr Number default_density = 1000;
     static Lame<Number> usual_elasticity() { return lame<Number>(1e4, 0.45); }
     template <class Law>
-    static constexpr bool suits = std::is_same_v<Law, SplitNeoHookeanLaw>;
+    static constexpr bool supports = std::is_same_v<Law, SplitNeoHookeanLaw>;
 
     Number yield_stress = 30; ///< in uniaxial tension, slowly [Pa]
     Number consistency = 30;  ///< eta [Pa s^power]

@@ -23,10 +23,10 @@ struct VonMisesFlow
     using Number = typename Space::Real;
     using Kept = Fields<>;
     static constexpr auto name = "von_mises";
-    static constexpr Number usual_density = 1800;
+    static constexpr Number default_density = 1800;
     static Lame<Number> usual_elasticity() { return lame<Number>(1e6, 0.3); }
     template <class Law>
-    static constexpr bool suits = std::is_same_v<Law, HenckyLaw>;
+    static constexpr bool supports = std::is_same_v<Law, HenckyLaw>;
 
     Number yield_stress = 1e4; ///< Kirchhoff stress in uniaxial tension at which it yields [Pa]
 
