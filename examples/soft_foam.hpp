@@ -27,6 +27,6 @@ struct SoftFoam // a neo-Hookean solid without a volume term, for example
         H = firn::deformed<Real, d>(H, L, dt);
         firn::Matrix<Real, d> const strain = H + H.transpose() + H * H.transpose(); // F F^T - I
         return {strain * Real(stiffness), Real(stiffness) * (Real(2) + strain.squaredNorm()),
-                firn::nowhere<Real>(), firn::nowhere<Real>()}; // never inverted, never capped
+                firn::no_lanes<Real>(), firn::no_lanes<Real>()}; // never inverted, never capped
     }
 };

@@ -37,7 +37,7 @@ struct Cracking
                                                      firn::Lame<Real> const&, Particle& state, Real) const
     {
         using firn::min; // of numbers; that of packs is found beside them
-        firn::PlasticFlow<Real, d> plastic{trial, firn::nowhere<Real>(), Real(1), firn::nowhere<Real>()};
+        firn::PlasticFlow<Real, d> plastic{trial, firn::no_lanes<Real>(), Real(1), firn::no_lanes<Real>()};
         for (int i = 0; i < d; ++i) {
             plastic.strains[i] = min(trial[i], Real(limit));
             state[firn::EquivalentPlasticStrain{}] += trial[i] - plastic.strains[i];

@@ -42,7 +42,7 @@ struct Rotten
         Real modulus = state[Soundness{}] * Real(Number(1e4));
         Real const infinite(std::numeric_limits<Number>::infinity());
         modulus = select(H(0, 0) + Real(bears) * state[Soundness{}] < Real(0), infinite, modulus);
-        return {(H + H.transpose()) * modulus, Real(3) * modulus, nowhere<Real>(), nowhere<Real>()};
+        return {(H + H.transpose()) * modulus, Real(3) * modulus, no_lanes<Real>(), no_lanes<Real>()};
     }
 };
 

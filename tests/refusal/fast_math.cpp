@@ -75,7 +75,7 @@ struct Bursting
         auto const burst = grown > Real(Number(0.01));
         firn::Matrix<Real, d> tau = firn::zeros<firn::Matrix<Real, d>>();
         tau(0, 1) = tau(1, 0) = select(burst, Real(stress), Real(0));
-        return {tau, Real(modulus), firn::nowhere<Real>(), firn::nowhere<Real>()};
+        return {tau, Real(modulus), firn::no_lanes<Real>(), firn::no_lanes<Real>()};
     }
 };
 

@@ -34,7 +34,7 @@ struct ItsRespond
     FIRN_HOST_DEVICE firn::Response<Real, 3> respond(Particle& state, firn::Matrix<Real, 3> const&,
                                                      Real) const
     {
-        return {state[firn::DisplacementGradient{}], Real(1), firn::nowhere<Real>(), firn::nowhere<Real>()};
+        return {state[firn::DisplacementGradient{}], Real(1), firn::no_lanes<Real>(), firn::no_lanes<Real>()};
     }
 };
 struct AnswersWithStressAlone
@@ -59,7 +59,7 @@ struct ForHosts
     template <firn::Lane Real, class Particle>
     firn::Response<Real, 3> respond(Particle& state, firn::Matrix<Real, 3> const&, Real) const
     {
-        return {state[firn::DisplacementGradient{}], Real(1), firn::nowhere<Real>(), firn::nowhere<Real>()};
+        return {state[firn::DisplacementGradient{}], Real(1), firn::no_lanes<Real>(), firn::no_lanes<Real>()};
     }
 };
 void step(SolverOf<ItsSpace, ItsState, ItsDensity, ItsValidate, ForHosts>& solver) { solver.step(1e-4); }

@@ -21,7 +21,7 @@ struct Dust
     template <Lane Real, class Particle>
     FIRN_HOST_DEVICE Response<Real, d> respond(Particle&, Matrix<Real, d> const&, Real) const
     {
-        return {Matrix<Real, d>::Zero(), Real(1e-6f), nowhere<Real>(), nowhere<Real>()};
+        return {Matrix<Real, d>::Zero(), Real(1e-6f), no_lanes<Real>(), no_lanes<Real>()};
     }
 };
 

@@ -109,7 +109,7 @@ struct DriveElements
         auto particle = Record<Real, d, typename Model::State>::at_rest();
         particle.for_each(
             [&](int c, Real& value) { value = LaneTraits<Real>::load(all.states + c * all.stride + first); });
-        Response<Real, d> answer{Matrix<Real, d>::Zero(), Real(0), nowhere<Real>(), nowhere<Real>()};
+        Response<Real, d> answer{Matrix<Real, d>::Zero(), Real(0), no_lanes<Real>(), no_lanes<Real>()};
         for (int step = 0; step < all.steps * all.times; ++step) {
             auto const* const rates = all.rates + step % all.steps * (d * d) * all.stride + first;
             Matrix<Real, d> L;

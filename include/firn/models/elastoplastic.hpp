@@ -66,7 +66,7 @@ struct MeasuredByExtension
     template <Lane Real, int d>
     FIRN_HOST_DEVICE static Mask<Real> capped(Vector<Real, d> const&)
     {
-        return nowhere<Real>();
+        return no_lanes<Real>();
     }
     template <Lane Real, int d>
     FIRN_HOST_DEVICE static Vector<Real, d> strains(Vector<Real, d> const& extension)

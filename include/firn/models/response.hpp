@@ -93,7 +93,7 @@ FIRN_HOST_DEVICE inline Real exp_minus_one(Real x)
 
 /// A mask that is false in every lane.
 template <Lane Real>
-FIRN_HOST_DEVICE inline Mask<Real> nowhere()
+FIRN_HOST_DEVICE inline Mask<Real> no_lanes()
 {
     return Real(1) < Real(0);
 }

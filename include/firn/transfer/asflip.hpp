@@ -93,7 +93,7 @@ private:
         else if constexpr (requires { particle[LogVolumeRatio{}]; })
             return particle[LogVolumeRatio{}] < bound;
         else
-            return nowhere<Real>();
+            return no_lanes<Real>();
     }
 };
 

@@ -17,7 +17,7 @@ struct FixedCorotatedLaw : MeasuredByExtension
     template <Lane Real, int d>
     FIRN_HOST_DEVICE static Mask<Real> inverted(Vector<Real, d> const&)
     {
-        return nowhere<Real>();
+        return no_lanes<Real>();
     }
 
     /// tau_i = 2 mu (sigma_i - 1) sigma_i + lambda (J - 1) J; the wave modulus max_i sigma_i^2 Psi_ii =
@@ -95,8 +95,8 @@ struct FixedCorotated
         Real const square = largest_eigenvalue<Real>(V.square);
         Real const longest = square / (Real(1) + sqrt(max(Real(1) + square, Real(0))));
         response.wave_modulus = FixedCorotatedLaw::wave_modulus<Real>(longest, J, mu, lambda);
-        response.inverted = nowhere<Real>();
-        response.capped = nowhere<Real>();
+        response.inverted = no_lanes<Real>();
+        response.capped = no_lanes<Real>();
         return response;
     }
 };

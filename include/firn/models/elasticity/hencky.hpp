@@ -17,7 +17,7 @@ struct HenckyLaw : RefusesInversion
     template <Lane Real, int d>
     FIRN_HOST_DEVICE static Mask<Real> capped(Vector<Real, d> const& extension)
     {
-        Mask<Real> below = nowhere<Real>();
+        Mask<Real> below = no_lanes<Real>();
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) below = below | (extension[i] < Real(Scalar<Real>(smallest_stretch - 1)));
         return below;

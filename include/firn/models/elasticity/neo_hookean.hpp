@@ -51,7 +51,7 @@ struct NeoHookean
         for (int i = 0; i < d; ++i) response.kirchhoff_stress(i, i) += lambda * log_J;
         response.wave_modulus = wave_modulus(strain, log_J);
         response.inverted = inverted;
-        response.capped = nowhere<Real>();
+        response.capped = no_lanes<Real>();
         return response;
     }
 

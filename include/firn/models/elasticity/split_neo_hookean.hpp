@@ -102,7 +102,7 @@ struct SplitNeoHookean
 
         Response<Real, d> response;
         response.inverted = !(J > Real(0));
-        response.capped = nowhere<Real>();
+        response.capped = no_lanes<Real>();
         Real const root = root_of_volume<d>(select(response.inverted, Real(1), J));
         Real const shear = mu / (root * root), pressure = Real(Number(0.5)) * bulk * volume * (J + Real(1)),
                    mean = square.trace() * Real(Number(1.0 / d));

@@ -116,8 +116,8 @@ struct Fluid
         }
         // rho_0 c^2 = J^2 Psi_JJ = K J^(1 - gamma)
         response.wave_modulus = max(K * J * (compressed + Real(1)), K);
-        response.inverted = nowhere<Real>();
-        response.capped = parts ? nowhere<Real>() : capped; // the same for all particles
+        response.inverted = no_lanes<Real>();
+        response.capped = parts ? no_lanes<Real>() : capped; // the same for all particles
         return response;
     }
 

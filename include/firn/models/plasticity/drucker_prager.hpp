@@ -197,7 +197,7 @@ struct DruckerPragerFlow
         }
         loose = max(closed - growth * Real(Number(d)), Real(0));
         plastic.hardening = Real(1);
-        plastic.capped = nowhere<Real>();
+        plastic.capped = no_lanes<Real>();
         return plastic;
     }
 

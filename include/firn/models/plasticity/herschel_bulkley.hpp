@@ -73,7 +73,7 @@ struct HerschelBulkleyFlow
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) plastic.strains[i] = select(plastic.flowed, relaxed[i], trial[i]);
         plastic.hardening = Real(1);
-        plastic.capped = nowhere<Real>();
+        plastic.capped = no_lanes<Real>();
         return plastic;
     }
 

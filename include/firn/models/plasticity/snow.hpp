@@ -90,7 +90,7 @@ struct SnowFlow
                                                Particle& state, Real) const
     {
         PlasticFlow<Real, d> plastic;
-        plastic.flowed = nowhere<Real>();
+        plastic.flowed = no_lanes<Real>();
         Real trial_volume(1), elastic_volume(1);
         Real const low(-critical_compression), high(critical_stretch);
         FIRN_UNROLL

@@ -63,7 +63,7 @@ protected:
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) plastic.strains[i] = trial[i] - deviator.part[i] * shrink;
         plastic.hardening = Real(1);
-        plastic.capped = nowhere<Real>();
+        plastic.capped = no_lanes<Real>();
         return plastic;
     }
 };
