@@ -36,7 +36,7 @@ struct Cuda
     using Array = cuda::Array<T>;
     using SharedCount = std::atomic<int>; ///< threads of the host may change it at the same time
     template <class T>
-    using Outbox = cuda::Outbox<T>;
+    using ReadbackBuffer = cuda::ReadbackBuffer<T>;
     template <class Number, int d>
     using Cells = cuda::Cells<Number, d>;
     static constexpr int largest_degree = 3; ///< of a stencil, which has one node more along each axis

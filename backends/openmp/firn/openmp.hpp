@@ -42,7 +42,7 @@ struct BasicOpenMP
     using Array = openmp::Array<T>;
     using SharedCount = std::atomic<int>; ///< threads of the host may change it at the same time
     template <class T>
-    using Outbox = openmp::Outbox<T>;
+    using ReadbackBuffer = openmp::ReadbackBuffer<T>;
     template <class Number, int d>
     using Cells = openmp::Cells<Number, d, lane_width<Lane<Number>>>;
     static constexpr int largest_degree = 3; ///< of a stencil, which has one node more along each axis

@@ -209,7 +209,7 @@ private:
         /// Waits for the steps, and reads what became of them.
         void look()
         {
-            heard_ = Log::over(const_cast<unsigned char*>(runs_.log_.fetch()), std::size_t(expected_));
+            heard_ = Log::over(const_cast<unsigned char*>(runs_.log_.read()), std::size_t(expected_));
         }
         Log const& heard() const { return heard_; }
         int taken() const { return static_cast<int>(*heard_.taken); }
@@ -307,9 +307,9 @@ private:
     Transfer transfer_;
     Backend backend_;
     /// Two StepNow and a RunRule, of whatever effects. (As zeros at first: it is copied when it grows.)
-    typename Backend::template Outbox<unsigned char> now_;
-    typename Backend::template Outbox<unsigned char> log_; ///< a RunLog
-    int turn_ = 0;                                         ///< which StepNow it is that the next step finds
+    typename Backend::template ReadbackBuffer<unsigned char> now_;
+    typename Backend::template ReadbackBuffer<unsigned char> log_; ///< a RunLog
+    int turn_ = 0;              ///< which StepNow it is that the next step finds
     std::size_t queue_ = 1;     ///< as many steps may be queued blindly: it went well with half as many
     std::size_t unstopped_ = 0; ///< steps since queued ones were stopped
     bool spoiled_ = false;      ///< see has_spoiled_nodes()

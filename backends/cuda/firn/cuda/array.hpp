@@ -213,11 +213,11 @@ private:
 
 /// Values that loops write and the host reads when they are through.
 template <class T>
-class Outbox
+class ReadbackBuffer
 {
 public:
     template <class Backend>
-    explicit Outbox(Backend const& backend) : there_(backend), here_(backend.queue())
+    explicit ReadbackBuffer(Backend const& backend) : there_(backend), here_(backend.queue())
     {}
 
     /// Makes room for so many values at least; zeros, until loops write others.
@@ -231,7 +231,7 @@ public:
     T* data() { return there_.data(); }
 
     /// Waits for all loops; what they wrote, in memory of the host.
-    T const* fetch()
+    T const* read()
     {
         T* const here = here_.template as<T>(there_.size());
         there_.download(0, {here, there_.size()});

@@ -128,11 +128,11 @@ private:
 
 /// Values that loops write and the host reads when they are through: here, in one memory.
 template <class T>
-class Outbox : public Array<T>
+class ReadbackBuffer : public Array<T>
 {
 public:
     using Array<T>::Array;
-    T const* fetch() const { return this->data(); }
+    T const* read() const { return this->data(); }
 };
 
 } // namespace firn::openmp
