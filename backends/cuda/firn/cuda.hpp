@@ -47,7 +47,7 @@ struct Cuda
 
     /// How many steps are worth while to queue. Where there are many blocks, loops that were queued in vain
     /// take longer, the host that listens holds up less, and it went well with half of `blindly`; else
-    /// keeps_up() finds out in time.
+    /// throttle() finds out in time.
     template <class CellOrder, std::size_t orders>
     std::size_t steps_to_queue(std::array<CellOrder*, orders> const& cells, std::size_t blindly) const
     {
@@ -60,9 +60,9 @@ struct Cuda
     /// Waits until the device is about to need another step, where it is told how far it is; false if steps
     /// that were queued have stopped.
     template <class CellOrder, std::size_t orders>
-    bool keeps_up(std::array<CellOrder*, orders> const& cells) const
+    bool throttle(std::array<CellOrder*, orders> const& cells) const
     {
-        return !follows_early(cells) || cells[0]->keeps_up();
+        return !follows_early(cells) || cells[0]->throttle();
     }
 
     /// Whether loops reach what lies there: memory of a device, of the host where it is mapped for devices,
@@ -249,10 +249,10 @@ struct Cuda
     /// When the host has waited: lets loops work again if they have stopped, and says whether they did so
     /// because there was no room for all that moved.
     template <class CellOrder, std::size_t orders>
-    bool listen(std::array<CellOrder*, orders> const& cells) const
+    bool poll(std::array<CellOrder*, orders> const& cells) const
     {
         bool lacks_room = false;
-        for (CellOrder* const order : cells) lacks_room = order->listen() || lacks_room;
+        for (CellOrder* const order : cells) lacks_room = order->poll() || lacks_room;
         return lacks_room;
     }
 

@@ -73,17 +73,17 @@ public:
         auto reacted = run.update_nodes(0);
         int queued = 1;
         if constexpr (Backend::queues)
-            for (; queued < expected && backend_.keeps_up(orders); reacted = run.update_nodes(queued++)) {
+            for (; queued < expected && backend_.throttle(orders); reacted = run.update_nodes(queued++)) {
                 auto const choice =
                     backend_.move_on(orders, layers, run.move(queued - 1), reacted, run.conclude(queued - 1));
                 run.accept(); // as is to be expected
                 run.follow(choice);
             }
         backend_.move(orders, layers, run.move(queued - 1), reacted, run.conclude(queued - 1));
-        run.look();
+        run.read_log();
         bool lacked = false, scattered_early = false;
         if constexpr (Backend::queues) {
-            lacked = backend_.listen(orders);
+            lacked = backend_.poll(orders);
             scattered_early = !lacked && backend_.follows_early(orders) && run.taken() < queued;
             if (lacked) { // a step lacked room, and those after it did nothing
                 int const lacking = run.taken() - (run.went_wrong() ? 0 : 1);
@@ -92,8 +92,8 @@ public:
                 do {
                     run.adopt(lacking, lacking, true);
                     backend_.complete(orders, layers, run.move(lacking), reacted, run.conclude(lacking));
-                    run.look();
-                } while (backend_.listen(orders));
+                    run.read_log();
+                } while (backend_.poll(orders));
             }
         }
         int const taken = run.taken();
@@ -207,7 +207,7 @@ private:
         }
 
         /// Waits for the steps, and reads what became of them.
-        void look()
+        void read_log()
         {
             heard_ = Log::over(const_cast<unsigned char*>(runs_.log_.read()), std::size_t(expected_));
         }

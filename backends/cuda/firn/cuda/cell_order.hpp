@@ -269,7 +269,7 @@ public:
     /// follow_early() was called; false if they have stopped: what is queued behind that is queued in vain.
     /// After a hundredth of a second it is not worth while to wait: steps are long, or a device has failed,
     /// which the next call of it tells.
-    bool keeps_up() const
+    bool throttle() const
     {
         constexpr std::uint32_t few = 2;
         using Clock = std::chrono::steady_clock;
@@ -289,7 +289,7 @@ public:
 
     /// When the host has waited: lets loops work again if they have stopped, and says whether they did so
     /// because there was no room for all that moved.
-    bool listen()
+    bool poll()
     {
         auto* const told = told_.template as<detail::Told>();
         told->chosen = early_; // what was stopped did not
@@ -361,7 +361,7 @@ private:
     struct MoverArrays
     {
         std::size_t most = 0;
-        Array<detail::Rendezvous> meet;
+        Array<detail::LeaverCounters> meet;
         Array<std::uint32_t> slot, cell, next;
         Array<std::uint8_t> way;
         Array<Number> contribution;
@@ -394,7 +394,7 @@ private:
         Movers view(int channels) const
         {
             auto const at = []<class T>(Array<T> const& array) { return const_cast<T*>(array.data()); };
-            return {const_cast<detail::Rendezvous*>(meet.data()),
+            return {const_cast<detail::LeaverCounters*>(meet.data()),
                     static_cast<std::uint32_t>(most),
                     channels,
                     at(slot),

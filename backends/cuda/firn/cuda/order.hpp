@@ -19,7 +19,7 @@ namespace firn::cuda::detail
 inline constexpr unsigned most_teams_that_follow = 4;
 
 /// What groups of threads that work side by side tell each other about items that move.
-struct Rendezvous
+struct LeaverCounters
 {
     std::uint32_t departed; ///< items
     std::uint32_t searched; ///< groups of threads that have found new cells
@@ -31,7 +31,7 @@ struct Rendezvous
 template <class Number>
 struct Movers
 {
-    Rendezvous* meet;
+    LeaverCounters* meet;
     std::uint32_t most;   ///< there is room for so many
     int channels;         ///< of what a departed item gives
     std::uint32_t* slot;  ///< where the item lies
@@ -66,7 +66,7 @@ struct ArrivalsToForget
 {
     Changes changes;
     std::uint32_t blocks;
-    Rendezvous* meet; ///< none: nobody ever departed
+    LeaverCounters* meet; ///< none: nobody ever departed
 
     /// Called by groups of 64 threads, as many as there are blocks, or more.
     __device__ void forget(std::uint32_t group) const
