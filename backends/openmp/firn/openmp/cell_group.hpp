@@ -19,14 +19,14 @@ namespace firn::openmp
 
 /// Items of a group of cells side by side, whatever their cells, as what takes from nodes sees them.
 template <class Lane, int d>
-class ItemsOfCells
+class PackedItems
 {
 public:
     using Real = Lane;
     static constexpr int lanes = lane_width<Lane>;
 
     /// Goes to the items from number `item` on, up to `end`; the scratch tells their cells.
-    ItemsOfCells(Scratch<Lane, d>& scratch, std::size_t item, std::size_t end)
+    PackedItems(Scratch<Lane, d>& scratch, std::size_t item, std::size_t end)
         : scratch_(scratch), item_(item), count_(static_cast<int>(std::min<std::size_t>(lanes, end - item)))
     {
         from_.follow(scratch.cell(item));
@@ -50,7 +50,7 @@ private:
 /// A group of neighbouring cells as a phase sees it: lane l is cell l. It goes through the items of its cells
 /// rank by rank: the first of each cell, then the second ones.
 template <class Lane, class GridType>
-class GroupOfCells
+class CellGroup
 {
 public:
     using Real = Lane;
@@ -60,8 +60,8 @@ public:
 
     /// `counts` has the number of items of each cell, `scratch` what they keep, from number `first` on;
     /// `read` is a tile of node values, `write` one of sums: a phase that does not need one is given none.
-    GroupOfCells(std::uint32_t const* counts, int group, Scratch<Lane, GridType::dimension>& scratch,
-                 std::size_t first, Number const* read, Number* write)
+    CellGroup(std::uint32_t const* counts, int group, Scratch<Lane, GridType::dimension>& scratch,
+              std::size_t first, Number const* read, Number* write)
         : count_(counts), scratch_(scratch), group_(group), place_(group % Shape::groups_per_row * lanes),
           read_(read), write_(write), first_(first), item_(first)
     {}
@@ -118,7 +118,7 @@ public:
                 item += static_cast<std::size_t>(std::popcount(pattern));
             }
             for (item = item_; item < end; item += lanes) {
-                ItemsOfCells<Lane, GridType::dimension> some(scratch_, item, end);
+                PackedItems<Lane, GridType::dimension> some(scratch_, item, end);
                 use(some);
             }
         }
@@ -198,7 +198,7 @@ private:
 /// itself, and adds to them when those in the lanes before it have. For few items in several groups; a lane
 /// is a pack.
 template <class Lane, class GridType>
-class LoneItems
+class ScatteredItems
 {
 public:
     using Real = Lane;
@@ -206,9 +206,9 @@ public:
     static constexpr int lanes = lane_width<Lane>;
 
     /// There are `count` of them, one or more, whose cells are at some places in the block, and no others in
-    /// the scratch; for the rest see GroupOfCells. (Further lanes read what the last one does.)
-    LoneItems(int const* places, int count, Scratch<Lane, GridType::dimension>& scratch, Number const* read,
-              Number* write)
+    /// the scratch; for the rest see CellGroup. (Further lanes read what the last one does.)
+    ScatteredItems(int const* places, int count, Scratch<Lane, GridType::dimension>& scratch,
+                   Number const* read, Number* write)
         : count_(count), scratch_(scratch), read_(read), write_(write)
     {
         for (int l = 0; l < lanes; ++l) stencil_[l] = GridType::tile_place(places[std::min(l, count - 1)]);

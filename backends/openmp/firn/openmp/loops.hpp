@@ -99,7 +99,7 @@ std::uint64_t touched_by_items(CellOrder const& cells, std::size_t b)
 /// A group of cells, of one type whether or not the grid may change: what is inlined into it is compiled
 /// once.
 template <class Lane, class GridType>
-using GroupOf = GroupOfCells<Lane, std::remove_const_t<GridType>>;
+using GroupOf = CellGroup<Lane, std::remove_const_t<GridType>>;
 
 /// Calls `use(items, how many)` for the items of some groups of cells, each for itself. (Out of line: it is
 /// seldom, and between loops that are not.)
@@ -111,14 +111,14 @@ template <class Lane, class GridType, class CellOrder, class Number, class Use>
     assert(count > 0 && count <= lane_width<Lane> && "items that go alone are one pack");
     int places[lane_width<Lane>];
     cells.find_places(b, slot, static_cast<int>(count), places);
-    LoneItems<Lane, std::remove_const_t<GridType>> items(places, static_cast<int>(count), scratch, read,
-                                                         write);
+    ScatteredItems<Lane, std::remove_const_t<GridType>> items(places, static_cast<int>(count), scratch, read,
+                                                              write);
     use(items, count);
 }
 
 /// Calls `use(group, number behind its last item)` for groups of cells whose items go side by side, from one
 /// up to another: for each that has some, or for all of these at once if they are few in many groups. `read`
-/// and `write` as in GroupOfCells.
+/// and `write` as in CellGroup.
 template <class Lane, class GridType, class CellOrder, class Number, class Use>
 void for_each_group(CellOrder const& cells, std::size_t b, int first, int behind,
                     Scratch<Lane, GridType::dimension>& scratch, Number const* read, Number* write,
@@ -338,7 +338,7 @@ void scatter_listed(std::span<Mover const> movers, Layer const&, typename Scatte
                     for (int c = 0; c < Scatter::kept; ++c)
                         *scratch.at(c, std::size_t(l)) = next[l].contribution[c];
                 }
-                LoneItems<Lane, Layer> items(places, count, scratch, nullptr, tile);
+                ScatteredItems<Lane, Layer> items(places, count, scratch, nullptr, tile);
                 scatter<Scatter>(items, spreads);
             }
             return;

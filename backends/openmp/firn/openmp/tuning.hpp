@@ -62,8 +62,8 @@ struct BlockShape
 /// of nodes in registers. (Measured on quadratic kernels: 8 and 16 are one or two per cent slower.)
 inline constexpr int ranks_at_once = 12;
 
-/// Whether items that are few in some groups of cells may go each for itself (see LoneItems): a group's cells
-/// read all their nodes, and add to all, whoever is in them. (Measured with 16 lanes on standing waves
+/// Whether items that are few in some groups of cells may go each for itself (see ScatteredItems): a group's
+/// cells read all their nodes, and add to all, whoever is in them. (Measured with 16 lanes on standing waves
 /// between walls, where one column of cells is left over: 2 % less for a step. In space, where each item has
 /// three times the nodes, nothing.)
 template <int d, int lanes>
