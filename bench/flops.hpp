@@ -184,7 +184,7 @@ double flops_per_particle_step()
     table.id = &id;
     Portion<Number> const portion{0, Number(1), Number(1e-3)};
 
-    StepNow<Number, Chain<>> const now{Number(1e-5), Number(1e-5), Number(1e-5), {}};
+    StepContext<Number, Chain<>> const now{Number(1e-5), Number(1e-5), Number(1e-5), {}};
     Move const move{{}, {}, &now, table, table, {}, {&portion, 1}, lattice(0.01), Number(1)};
     OneParticle<Number, d, Move::kept> particle;
     typename Move::Result result;

@@ -634,7 +634,7 @@ public:
 
 private:
     using Exchange = GridState<Backend, Parts, Kernel, Transfer>;
-    using Runs = StepRuns<Backend, Parts, Kernel, Transfer>;
+    using Runs = StepDriver<Backend, Parts, Kernel, Transfer>;
     using Cells = typename Parts::Cells;
     using Rule = typename Runs::Rule;
     using Failures = std::vector<StepFailure>;
@@ -748,7 +748,7 @@ private:
         rule.choose(course_);
     }
 
-    /// Takes the step that was chosen and some of those after it: see StepRuns::take.
+    /// Takes the step that was chosen and some of those after it: see StepDriver::take.
     template <class Effects, class Visit>
     StepLog const& run(Rule const& rule, std::size_t most, Effects const& effects, Visit const& visit)
     {
@@ -836,7 +836,7 @@ private:
     bool forgets_bounds(Rule const& rule)
     {
         if (!bounds_are_old_) return false;
-        Course const kept = course_;
+        TimeState const kept = course_;
         for (int k = 0; k < 2 && !rule.gets_on(course_); ++k) {
             if (course_.now.limit == StepLimit::deformation)
                 course_.bounds.deformation_rate = 0;
@@ -1024,7 +1024,7 @@ private:
     Runs runs_;
     MassScale masses_;
     std::uint32_t next_id_ = 0;
-    Course course_;
+    TimeState course_;
     bool bounds_are_old_ = false; ///< some of them a step found, for particles that were changed since
     detail::Quarantine quarantine_;
     bool (Solver::*isolate_)(StepLog, double, bool, Failures&, std::optional<StepFailure> const&) = nullptr;

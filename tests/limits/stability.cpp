@@ -376,10 +376,11 @@ TEST_CASE("H14: pure FLIP's noise for 10 000 steps", "[.full]")
                             checkerboard<Lively>(10000, Flip{.fraction = 1}).most, 1.01);
 }
 
-// One period of n such steps is, where velocities belong to the middles of steps (StepRule::time_of_forces),
-// M(a/10)^n M(a)^n with matrices of the leapfrog, a = omega dt. Their largest eigenvalue is above 1 for 4 %
-// of all a in (0.3, 1.05) at n = 20, by up to 1.13 a turn: parametric resonance, as in Skeel 1993 (BIT 33,
-// 172). Of symplectic Euler, whose forces act for the step's own length, it would be 17 % and 1.57.
+// One period of n such steps is, where velocities belong to the middles of steps
+// (TimeStepController::time_of_forces), M(a/10)^n M(a)^n with matrices of the leapfrog, a = omega dt. Their
+// largest eigenvalue is above 1 for 4 % of all a in (0.3, 1.05) at n = 20, by up to 1.13 a turn: parametric
+// resonance, as in Skeel 1993 (BIT 33, 172). Of symplectic Euler, whose forces act for the step's own length,
+// it would be 17 % and 1.57.
 TEST_CASE("H21: steps of 1 and 0.1 by turns make nothing grow") { alternate_all<Smooth>("cubic APIC", 2000); }
 
 TEST_CASE("H21: nor do 10 000 of them", "[.full]")

@@ -18,7 +18,7 @@ struct Interval
 {
     double begin, end;
     /// For how long forces act, those of stresses and of gravity: of the length unless the step before it had
-    /// another, see StepRule::time_of_forces.
+    /// another, see TimeStepController::time_of_forces.
     double forces = end - begin;
     FIRN_HOST_DEVICE double length() const { return end - begin; }
 };

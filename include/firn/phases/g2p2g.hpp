@@ -69,7 +69,7 @@ struct G2p2g
 
     Model model;
     Transfer transfer;
-    StepNow<Number, Effects> const* now;
+    StepContext<Number, Effects> const* now;
     TableView<Number, d, PersistentFields> before, after;
     FieldsById<Number, d, DerivedFields> velocities; ///< written if present
     Portions<Number> portions;

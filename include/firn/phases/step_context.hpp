@@ -5,9 +5,9 @@ namespace firn
 {
 
 /// What phases know of the step that they take. It lies where they run, for it is found there when the step
-/// before is through (see ConcludeStep), and the phases may be queued before.
+/// before is through (see FinishStep), and the phases may be queued before.
 template <class Number, class Actions>
-struct StepNow
+struct StepContext
 {
     Number dt;          ///< [s]
     Number forces;      ///< for how long they act in it [s]

@@ -46,7 +46,7 @@ struct UpdateGrid
     static_assert(!(ExtendsVelocities<Transfer> && looks_around),
                   "Xpic knows no ReflectingWall: choose another transfer, or an Obstacle for a wall");
 
-    StepNow<Number, Effects> const* now;
+    StepContext<Number, Effects> const* now;
     Lattice lattice;
     Number smallest_mass;
     Number kept_share;    ///< of its own velocity that a particle keeps: see Flip

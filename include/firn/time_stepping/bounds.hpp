@@ -20,10 +20,10 @@ namespace firn::detail
 /// How steps are chosen, as far as the materials alone say. The viscosity of one of which nothing is there
 /// bounds none.
 template <class Kernel, class Transfer, class Parts>
-StepRule<static_cast<int>(Parts::count)> rule_of_materials(Parts const& parts, StepControl const& control,
-                                                           double cell_size)
+TimeStepController<static_cast<int>(Parts::count)>
+rule_of_materials(Parts const& parts, StepControl const& control, double cell_size)
 {
-    StepRule<static_cast<int>(Parts::count)> rule{.control = control, .cell_size = cell_size};
+    TimeStepController<static_cast<int>(Parts::count)> rule{.control = control, .cell_size = cell_size};
     Parts::for_each([&](auto k) {
         auto const& model = parts.template model<k>();
         double expansion_ratio = Parts::d; // the largest there is, for models that do not say

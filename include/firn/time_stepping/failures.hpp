@@ -157,7 +157,7 @@ template <class Parts, class Rule, class Values>
 
 /// Stops where no step gets on any more, as one that was chosen shows; `since` is for whom, if that is known,
 /// and the rest as for throw_step_error.
-[[noreturn, gnu::cold]] inline void throw_no_step(Course const& course,
+[[noreturn, gnu::cold]] inline void throw_no_step(TimeState const& course,
                                                   std::optional<StepFailure> const& since,
                                                   std::string const& material, int d)
 {

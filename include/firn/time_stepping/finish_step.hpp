@@ -17,7 +17,7 @@ namespace firn
 /// Where a run of steps stands behind a step, or where one went wrong.
 struct StepLog
 {
-    Course course;
+    TimeState course;
     std::uint64_t wrong = 0;      ///< particles with a mishap in the step; if any, it changed nothing
     Mishap mishap = Mishap::none; ///< of the first of them
     int material = 0;             ///< which is of this material
@@ -67,7 +67,7 @@ struct RunLog
 template <class Effects, int materials>
 struct RunRule
 {
-    StepRule<materials> steps;
+    TimeStepController<materials> steps;
     std::array<double, std::size_t(materials)> density; ///< of each at rest [kg/m^3]
     Effects effects;
 };
@@ -76,7 +76,7 @@ struct RunRule
 template <int obstacles, int materials>
 struct BeginRun
 {
-    Course course;
+    TimeState course;
     RunLog<obstacles, materials> log;
 
     FIRN_HOST_DEVICE void operator()(std::size_t place) const
@@ -96,7 +96,7 @@ struct BeginSteps
     BeginRun<Actions::obstacles, materials> run;
     RunRule<Effects, materials> rule;
     RunRule<Effects, materials>* kept_rule;
-    StepNow<Number, Actions>* now;
+    StepContext<Number, Actions>* now;
 
     FIRN_HOST_DEVICE void operator()(std::size_t place) const
     {
@@ -104,7 +104,7 @@ struct BeginSteps
         if (place > 0) return;
         // padding too, or who watches what is read before it was written has something to say
         std::memcpy(static_cast<void*>(kept_rule), &rule, sizeof rule);
-        Course const& course = run.course;
+        TimeState const& course = run.course;
         now->dt = static_cast<Number>(course.now.interval.length());
         now->forces = static_cast<Number>(course.now.interval.forces);
         now->next_forces = static_cast<Number>(course.next.interval.forces);
@@ -116,12 +116,12 @@ struct BeginSteps
 /// where they are then. Called once, when the others are through; once more if the step is repeated. A
 /// backend may at the same time bring particles to where the next step would find them.
 template <class Number, int d, int materials, class Effects, class Actions>
-struct ConcludeStep
+struct FinishStep
 {
     RunRule<Effects, materials> const* kept_rule;
     RunLog<Actions::obstacles, materials> log;
-    int step;                        ///< of the run
-    StepNow<Number, Actions>* after; ///< where the next step finds what it knows
+    int step;                            ///< of the run
+    StepContext<Number, Actions>* after; ///< where the next step finds what it knows
 
     /// `reactions` are those of the obstacles to nodes, `found` is what moving the particles found out, of
     /// each material. False if the next step is not to be taken as things stand.
@@ -152,9 +152,9 @@ private:
     template <class... Found>
     FIRN_HOST_DEVICE bool goes_on(Reactions<Actions::obstacles> reactions, Found const&... found) const
     {
-        Course course = log.at[step].course; // copies, loaded at once
+        TimeState course = log.at[step].course; // copies, loaded at once
         RunRule<Effects, materials> const run = *kept_rule;
-        StepRule<materials> const& rule = run.steps;
+        TimeStepController<materials> const& rule = run.steps;
         course.ready = false;
         StepBounds bounds;
         StepRecord<Actions::obstacles, materials> record{course.now.interval.length(),

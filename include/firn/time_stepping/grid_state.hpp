@@ -155,7 +155,7 @@ public:
 
     /// After a step that went wrong: the grid no longer has the velocities that particles took, but still
     /// what they gave. They take from that, without the forces of the step. `now` is any step's.
-    void regain_velocities(Parts& parts, Number smallest_node_mass, StepNow<Number, Chain<>> const* now)
+    void regain_velocities(Parts& parts, Number smallest_node_mass, StepContext<Number, Chain<>> const* now)
     {
         Parts::for_each([&](auto k) { scatter<k>(-scattered_dt_, true, parts); });
         scattered_dt_ = 0;

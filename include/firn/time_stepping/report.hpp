@@ -15,11 +15,11 @@ namespace firn
 /// What one step did.
 struct StepReport
 {
-    double dt = 0;                        ///< [s]
-    double time_of_forces = 0;            ///< for how long stresses and gravity acted [s]: see StepRule
-    double stable_dt = 0;                 ///< the bound before the step [s]
-    bool beyond_stable = false;           ///< a warning: dt was larger than stable_dt
-    std::uint64_t capped = 0;             ///< particles whose model is at a cap
+    double dt = 0;              ///< [s]
+    double time_of_forces = 0;  ///< for how long stresses and gravity acted [s]: see TimeStepController
+    double stable_dt = 0;       ///< the bound before the step [s]
+    bool beyond_stable = false; ///< a warning: dt was larger than stable_dt
+    std::uint64_t capped = 0;   ///< particles whose model is at a cap
     std::vector<std::uint64_t> capped_of; ///< the same of each material, in their order
     std::vector<Reaction> reactions;      ///< one per obstacle, in the order of the arguments
     std::vector<StepFailure> isolated;    ///< who was taken out of the scene, and why: Solver::quarantine
@@ -33,7 +33,7 @@ struct AdvanceReport
     std::uint64_t rejected = 0; ///< attempts that went wrong and were repeated with half the step
     double smallest_dt = std::numeric_limits<double>::infinity(); ///< [s]
     double largest_dt = 0;                                        ///< [s]
-    double time_of_forces = 0; ///< for how long stresses and gravity acted [s]: see StepRule
+    double time_of_forces = 0; ///< for how long stresses and gravity acted [s]: see TimeStepController
     std::array<std::uint64_t, step_limit_count> limited_by{}; ///< substeps by what bounded them: a StepLimit
     std::uint64_t capped = 0;             ///< the most particles at a cap of their model in any substep
     std::vector<std::uint64_t> capped_of; ///< the same of each material, in their order

@@ -22,7 +22,7 @@ struct PlannedStep
 };
 
 /// Where a run of steps stands.
-struct Course
+struct TimeState
 {
     double time = 0;     ///< [s]
     StepBounds bounds{}; ///< of the step that begins now
@@ -39,7 +39,7 @@ struct Course
 
 /// How the steps of one call are chosen: what stays the same from step to step.
 template <int materials>
-struct StepRule
+struct TimeStepController
 {
     StepControl control{};
     double cell_size = 0;                                        ///< [m]
@@ -77,7 +77,7 @@ struct StepRule
 
     /// Chooses the step that begins now, and plans the one after it. False if it is not that for which
     /// particles have given.
-    FIRN_HOST_DEVICE bool choose(Course& course) const
+    FIRN_HOST_DEVICE bool choose(TimeState& course) const
     {
         ChosenStep const longest_now = stable(course.bounds);
         course.stable = longest_now.dt;
@@ -109,17 +109,17 @@ struct StepRule
     }
 
     /// Whether the step that was chosen gets on.
-    FIRN_HOST_DEVICE bool gets_on(Course const& course) const
+    FIRN_HOST_DEVICE bool gets_on(TimeState const& course) const
     {
         return course.now.interval.length() > control.smallest * duration &&
                course.now.interval.end > course.time;
     }
 
     /// Whether there is something left to do.
-    FIRN_HOST_DEVICE bool goes_on(Course const& course) const { return equal > 0 || course.time < end; }
+    FIRN_HOST_DEVICE bool goes_on(TimeState const& course) const { return equal > 0 || course.time < end; }
 
     /// Goes to the end of the step that was taken, whose bounds were found.
-    FIRN_HOST_DEVICE static void finish(Course& course, StepBounds const& found)
+    FIRN_HOST_DEVICE static void finish(TimeState& course, StepBounds const& found)
     {
         course.time = course.now.interval.end;
         course.bounds = found.finite();

@@ -22,15 +22,15 @@ namespace firn
 ///
 /// A step is: particles in the order of cells, blocks of nodes under them, what particles give (which those
 /// that moved in the step before have given already); then nodes are updated, particles take from them, move
-/// and give to the next step; and that is chosen by what they found out. See StepRun, and the phases.
+/// and give to the next step; and that is chosen by what they found out. See StepBatch, and the phases.
 template <class Backend, class Parts, class Kernel, class Transfer>
-class StepRuns
+class StepDriver
 {
 public:
     using Space = typename Parts::Space;
     using Number = typename Space::Real;
     static constexpr int d = Space::dimension, materials = static_cast<int>(Parts::count);
-    using Rule = StepRule<materials>;
+    using Rule = TimeStepController<materials>;
     using Exchange = GridState<Backend, Parts, Kernel, Transfer>;
 
     /// What steps change, and what they need to know of it.
@@ -38,13 +38,13 @@ public:
     {
         Parts& parts;
         Exchange& exchange;
-        Course& course;
+        TimeState& course;
         double mass_unit;          ///< of masses [kg]
         Number smallest_node_mass; ///< below it a node's momentum is rounding alone [mass units]
         bool may_lose_particles;   ///< after a step that went wrong for them
     };
 
-    StepRuns(Lattice lattice, Transfer const& transfer, Backend const& backend)
+    StepDriver(Lattice lattice, Transfer const& transfer, Backend const& backend)
         : lattice_(lattice), transfer_(transfer), backend_(backend), now_(backend_), log_(backend_)
     {}
 
@@ -60,7 +60,7 @@ public:
     {
         auto const orders = scene.parts.orders();
         int const expected = static_cast<int>(std::min(most, backend_.steps_to_queue(orders, queue_)));
-        StepRun<Effects> run(*this, scene, rule, effects, expected);
+        StepBatch<Effects> run(*this, scene, rule, effects, expected);
         auto& grid = scene.exchange.grid();
         Parts::for_each([&](auto k) { // in the order of cells, which giving may complete
             scene.parts.template particles<k>().sort(
@@ -115,9 +115,9 @@ public:
     void forget_spoiled_nodes() { spoiled_ = false; }
 
     /// What is known of some step, whatever its effects.
-    StepNow<Number, Chain<>> const* any_step()
+    StepContext<Number, Chain<>> const* any_step()
     {
-        return reinterpret_cast<StepNow<Number, Chain<>> const*>(now_.data());
+        return reinterpret_cast<StepContext<Number, Chain<>> const*>(now_.data());
     }
 
 private:
@@ -126,10 +126,10 @@ private:
 
     /// The steps of one run: what their phases are made of, and what the host does about them.
     template <class Effects>
-    class StepRun
+    class StepBatch
     {
         using Actions = decltype(std::declval<Effects const&>().template over<Number, d>(Interval{}));
-        using Now = StepNow<Number, Actions>;
+        using Now = StepContext<Number, Actions>;
         using KeptRule = RunRule<Effects, materials>;
         using Log = RunLog<Actions::obstacles, materials>;
         static_assert(std::is_trivially_destructible_v<Now>, "an effect's action is a plain value");
@@ -139,7 +139,8 @@ private:
             (2 * sizeof(Now) + alignof(KeptRule) - 1) / alignof(KeptRule) * alignof(KeptRule);
 
     public:
-        StepRun(StepRuns& runs, Scene const& scene, Rule const& rule, Effects const& effects, int expected)
+        StepBatch(StepDriver& runs, Scene const& scene, Rule const& rule, Effects const& effects,
+                  int expected)
             : runs_(runs), scene_(scene), largest_deformation_(static_cast<Number>(rule.control.rejection)),
               expected_(expected)
         {
@@ -185,8 +186,7 @@ private:
         /// The phase that chooses the step behind this one.
         auto conclude(int step) const
         {
-            return ConcludeStep<Number, d, materials, Effects, Actions>{kept_rule_, log_, step,
-                                                                        now(step + 1)};
+            return FinishStep<Number, d, materials, Effects, Actions>{kept_rule_, log_, step, now(step + 1)};
         }
 
         /// The grid's layers of all materials.
@@ -277,7 +277,7 @@ private:
             return std::array{scene_.exchange.grid().layer(k)...};
         }
 
-        StepRuns& runs_;
+        StepDriver& runs_;
         Scene const& scene_;
         Number largest_deformation_;
         int expected_; ///< steps at most
@@ -306,10 +306,10 @@ private:
     Lattice lattice_;
     Transfer transfer_;
     Backend backend_;
-    /// Two StepNow and a RunRule, of whatever effects. (As zeros at first: it is copied when it grows.)
+    /// Two StepContext and a RunRule, of whatever effects. (As zeros at first: it is copied when it grows.)
     typename Backend::template ReadbackBuffer<unsigned char> now_;
     typename Backend::template ReadbackBuffer<unsigned char> log_; ///< a RunLog
-    int turn_ = 0;              ///< which StepNow it is that the next step finds
+    int turn_ = 0;              ///< which StepContext it is that the next step finds
     std::size_t queue_ = 1;     ///< as many steps may be queued blindly: it went well with half as many
     std::size_t unstopped_ = 0; ///< steps since queued ones were stopped
     bool spoiled_ = false;      ///< see has_spoiled_nodes()
