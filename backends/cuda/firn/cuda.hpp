@@ -179,14 +179,13 @@ struct Cuda
 
     /// All items take from the grid and, where they are, give to what accept() makes its sums.
     template <class CellOrder, class GridType, class Phase>
-    void scatter_velocities(CellOrder const& cells, GridType& grid, Phase const& phase) const
+    void scatter_back(CellOrder const& cells, GridType& grid, Phase const& phase) const
     {
         if (grid.blocks() == 0) return;
         cuda::OnDevice const here(device);
-        cuda::detail::launch("give_back", queue(),
-                             cuda::detail::scatter_velocities<CellOrder, GridType, Phase>, grid.blocks(), 1,
-                             cuda::detail::SharedTiles<GridType>::bytes(true, true), cells.signal(), phase,
-                             cells.view(), grid.view());
+        cuda::detail::launch("give_back", queue(), cuda::detail::scatter_back<CellOrder, GridType, Phase>,
+                             grid.blocks(), 1, cuda::detail::SharedTiles<GridType>::bytes(true, true),
+                             cells.signal(), phase, cells.view(), grid.view());
     }
 
     /// All items take from the grid as they did when they moved last; the phase stores what it wants of that.

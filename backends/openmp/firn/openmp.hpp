@@ -121,10 +121,9 @@ struct BasicOpenMP
 
     /// All items take from the grid and, where they are, give to what accept() makes its sums.
     template <class CellOrder, class GridType, class Phase>
-    void scatter_velocities(CellOrder const& cells, GridType& grid, Phase const& phase) const
+    void scatter_back(CellOrder const& cells, GridType& grid, Phase const& phase) const
     {
-        openmp::scatter_velocities<Lane<typename Phase::Number>>(threads_for(cells.size()), cells, grid,
-                                                                 phase);
+        openmp::scatter_back<Lane<typename Phase::Number>>(threads_for(cells.size()), cells, grid, phase);
     }
 
     /// All items take from the grid as they did when they moved last; the phase stores what it wants of that.

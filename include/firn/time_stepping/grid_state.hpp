@@ -87,9 +87,9 @@ public:
                 Parts::for_each([&](auto k) {
                     auto& table = parts.template particles<k>();
                     auto layer = grid_.layer(k);
-                    backend_.scatter_velocities(table.cells(), layer,
-                                                ReturnVelocities<Space, Kernel, typename Of<k>::Stored>{
-                                                    table.current(), table.portions()});
+                    backend_.scatter_back(table.cells(), layer,
+                                          ReturnVelocities<Space, Kernel, typename Of<k>::Stored>{
+                                              table.current(), table.portions()});
                 });
                 grid_.accept();
                 on_nodes(false);

@@ -488,8 +488,7 @@ __global__ void __launch_bounds__(most_teams_that_move<Phase>* block_threads, 1)
 /// All items take and give, where they are, to the tile of the next sums of their block.
 template <class CellOrder, class GridType, class Phase>
 __global__ void __launch_bounds__(block_threads)
-    scatter_velocities(Signal signal, Phase phase, typename CellOrder::View cells,
-                       typename GridType::View grid)
+    scatter_back(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid)
 {
     if (signal.stops()) return;
     SharedTiles<GridType> const tiles(shared_memory(), true);

@@ -183,7 +183,7 @@ FIRN_INLINE_WHOLE void prepare(Phase const& phase, Items& items)
 }
 
 template <class Phase, class Items>
-FIRN_INLINE_WHOLE void begin(Phase const& phase, Items& items)
+FIRN_INLINE_WHOLE void begin_items(Phase const& phase, Items& items)
 {
     phase.begin(items);
 }
@@ -235,8 +235,8 @@ private:
 /// A phase that finds out bounds has them in a result of the thread's: who starts each block at zero finds a
 /// new largest value many times over.
 template <class Phase, class Items>
-FIRN_INLINE_WHOLE void update(Phase const& phase, Items& items, typename Phase::Result& of_thread,
-                              typename Phase::Result& of_block)
+FIRN_INLINE_WHOLE void update_items(Phase const& phase, Items& items, typename Phase::Result& of_thread,
+                                    typename Phase::Result& of_block)
 {
     if constexpr (requires { phase.update(items, of_thread, of_block); })
         phase.update(items, of_thread, of_block);
@@ -580,7 +580,7 @@ typename Phase::Result take_and_answer(Threads const& threads, CellOrder& cells,
                 scratch.reserve(Phase::kept, end - begin);
                 for (std::size_t slot = begin; slot < end; slot += lanes) {
                     items.enter(slot, end, slot - begin);
-                    begin(phase, items);
+                    begin_items(phase, items);
                 }
                 for_each_group<Lane, GridType>(
                     cells, std::size_t(b), g, next, scratch, std::as_const(nodes).data(), nowhere,
@@ -589,7 +589,7 @@ typename Phase::Result take_and_answer(Threads const& threads, CellOrder& cells,
                     });
                 for (std::size_t slot = begin; slot < end; slot += lanes) {
                     items.enter_again(slot, slot - begin);
-                    update(phase, items, found, result);
+                    update_items(phase, items, found, result);
                 }
                 buffers.scatter(std::size_t(b), g, next, scratch);
             }
@@ -617,7 +617,7 @@ typename Phase::Result move(Threads const& threads, CellOrder& cells, GridType& 
 
 /// Items take from the nodes and give, where they are, to what will be the next sums.
 template <class Lane, class CellOrder, class GridType, class Phase>
-void scatter_velocities(Threads const& threads, CellOrder const& cells, GridType& grid, Phase const& phase)
+void scatter_back(Threads const& threads, CellOrder const& cells, GridType& grid, Phase const& phase)
 {
     Kept& kept = cells.kept();
     detail::take_and_answer<Lane>(threads, cells, grid, phase, kept, [&](int thread) {
