@@ -71,11 +71,12 @@ case $law in
             xargs -0 -r clang-format --dry-run --Werror
         ;;
     quotes)
-        # from the first line of their code on, these are what the README shows
-        for header in soft_foam rising_wind; do
-            code=$(sed -n '/^\(template\|struct\)/,$p' "examples/$header.hpp")
-            [ -n "$code" ] && [[ $(<README.md) == *$'\n```cpp\n'"$code"$'\n```\n'* ]] ||
-                { echo "README.md shows other code than examples/$header.hpp."; exit 1; }
+        # from the first line of their code on, these are what the guides show
+        for quoted in soft_foam:models rising_wind:effects; do
+            header=examples/${quoted%:*}.hpp guide=include/firn/${quoted#*:}/README.md
+            code=$(sed -n '/^\(template\|struct\)/,$p' "$header")
+            [ -n "$code" ] && [[ $(<"$guide") == *$'\n```cpp\n'"$code"$'\n```\n'* ]] ||
+                { echo "$guide shows other code than $header."; exit 1; }
         done
         ;;
     can_fail)
@@ -85,7 +86,7 @@ case $law in
         breaks() {
             local law=$1 file=$2 text=$3 name
             rm -rf "${copy:?}"/*
-            mkdir -p "$copy"/{include/firn/core,backends/openmp,examples,tests}
+            mkdir -p "$copy"/{include/firn/{core,models,effects},backends/openmp,examples,tests}
             for name in CMakeLists.txt README.md LICENSE CMakePresets.json; do touch "$copy/$name"; done
             cp .clang-format "$copy/"
             for name in include/firn/core/host_device.hpp include/firn/lawful.hpp backends/openmp/lawful.hpp examples/lawful.hpp \
@@ -94,8 +95,8 @@ case $law in
             done
             printf '%s\n' '// SPDX-License-Identifier: MIT' '#pragma once' '' 'template <class T>' 'struct Foam;' >"$copy/examples/soft_foam.hpp"
             printf '%s\n' '// SPDX-License-Identifier: MIT' '#pragma once' '' 'struct Wind;' >"$copy/examples/rising_wind.hpp"
-            printf '%s\n' 'Text.' '' '```cpp' 'template <class T>' 'struct Foam;' '```' 'Text.' '```cpp' 'struct Wind;' '```' \
-                'Text.' >"$copy/README.md"
+            printf '%s\n' 'Text.' '' '```cpp' 'template <class T>' 'struct Foam;' '```' 'Text.' >"$copy/include/firn/models/README.md"
+            printf '%s\n' 'Text.' '```cpp' 'struct Wind;' '```' 'Text.' >"$copy/include/firn/effects/README.md"
             bash "$self" "$law" "$copy" >/dev/null || { echo "$law refuses a lawful house."; exit 1; }
             mkdir -p "$(dirname "$copy/$file")"
             printf '%s\n' "$text" >>"$copy/$file"

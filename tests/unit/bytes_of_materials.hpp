@@ -45,7 +45,7 @@ static_assert(keeps<HerschelBulkley>(9));
 static_assert(keeps<Fluid>(1)); // no deformation gradient
 static_assert(keeps<HeterogeneousSnow>(9 + 1 + 1));
 
-// what the README says
+// what the guide to materials says
 static_assert(resident<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>> ==
               (TestedBackend::reaches_host_memory ? 112 : 109));
 static_assert(resident<Scene<Snow<SolidFloat>, QuadraticBSpline, Mls>> ==

@@ -13,9 +13,10 @@ using namespace firn;
 namespace
 {
 
-std::string readme()
+std::string guide()
 {
-    std::ifstream in(std::filesystem::path(__FILE__).parent_path().parent_path().parent_path() / "README.md");
+    auto const project = std::filesystem::path(__FILE__).parent_path().parent_path().parent_path();
+    std::ifstream in(project / "include/firn/models/README.md");
     std::ostringstream text;
     text << in.rdbuf();
     return text.str();
@@ -35,7 +36,7 @@ std::string name_of_transfer(Flip const& flip)
     return name.str();
 }
 
-/// Whether the README has the row of a material as the code has it.
+/// Whether the guide to materials has the row of a material as the code has it.
 template <class Model>
 void check_row(std::string const& name)
 {
@@ -43,8 +44,8 @@ void check_row(std::string const& name)
     std::string const row = "| `" + name + "` | `" + name_of_kernel<typename Choice::Kernel>() + "` | `" +
                             name_of_transfer(Choice::transfer) + "` | " +
                             std::to_string(Choice::per_axis * Choice::per_axis) + " | ";
-    static std::string const text = readme();
-    INFO("README.md lacks: " << row);
+    static std::string const text = guide();
+    INFO("include/firn/models/README.md lacks: " << row);
     auto const at = text.find(row);
     CHECK(at != std::string::npos);
     if (at == std::string::npos) return;
@@ -55,7 +56,7 @@ void check_row(std::string const& name)
 
 } // namespace
 
-TEST_CASE("the README recommends for each material what the code does")
+TEST_CASE("the guide to materials recommends for each material what the code does")
 {
     using Plane = Space<2, float>;
     check_row<NeoHookean<Plane>>("NeoHookean");
