@@ -1,0 +1,31 @@
+#!/usr/bin/env bash
+# SPDX-License-Identifier: MIT
+# programs.sh FOLDER COMPILER [flags]: compiles every whole program of the guides, which is each block of C++ that has a main.
+# Names the first that does not compile and exits with 1.
+set -euo pipefail
+folder=$1
+shift
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+cd "$folder"
+find README.md include backends examples -name '*.md' -print0 | sort -z | xargs -0 -r perl -e '
+    my $work = shift;
+    for my $file (@ARGV) {
+        open my $in, "<", $file or die "$file: $!";
+        my $text = do { local $/; <$in> };
+        while ($text =~ /^```cpp\n(.*?)^```$/gms) {
+            my ($program, $line) = ($1, 2 + (substr($text, 0, $-[0]) =~ tr/\n//));
+            next unless $program =~ /^int main\(/m;
+            (my $name = "$file-$line") =~ s{[/.]}{_}g;
+            open my $out, ">", "$work/$name.cpp" or die;
+            print $out "#line $line \"$file\"\n$program";
+        }
+    }' "$work"
+count=0
+for program in "$work"/*.cpp; do
+    [ -e "$program" ] || break
+    "$@" "$program" || { echo "this program of the guides does not compile: $(sed -n '1s/#line //p' "$program")"; exit 1; }
+    count=$((count + 1))
+done
+[ "$count" -ge 5 ] || { echo "the guides have $count whole programs, and not five"; exit 1; }
+echo "the guides' programs compile, $count of them"
