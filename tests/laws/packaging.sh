@@ -108,7 +108,7 @@ case $case in
         fi
         echo "components have their names in any case, and all of them come unless some are named"
         ;;
-    by_hand) # the lines in README that begin with g++ -std: with the program that it shows, or the host's
+    by_hand) # the lines in examples/README.md that begin with g++ -std: with README's program, or the host's
         for tool in g++ pkg-config; do
             command -v "$tool" >/dev/null || { echo "skipped: there is no $tool"; exit 77; }
         done
@@ -130,8 +130,8 @@ case $case in
             { echo '#define HOST_HAS_OPENMP'; cat "$source/tests/host/main.cpp"; } >engine.cpp
             cheaper=-O0
             count=$((count + 1))
-        done < <(grep '^g++ -std' "$source/README.md")
-        [ "$count" -ge 4 ] || fail "README has $count lines for g++, and not four"
+        done < <(grep '^g++ -std' "$source/examples/README.md")
+        [ "$count" -ge 4 ] || fail "examples/README.md has $count lines for g++, and not four"
         export PKG_CONFIG_PATH=$work/P/share/pkgconfig
         version=$(printf '#include <firn/version.hpp>\nFIRN_VERSION_MAJOR.FIRN_VERSION_MINOR.FIRN_VERSION_PATCH' |
             g++ -E -P $(pkg-config --cflags firn) -x c++ - | tr -d ' \n')
@@ -140,7 +140,7 @@ case $case in
             flags=$(pkg-config --cflags firn-cuda)
             [[ $flags == *--expt-relaxed-constexpr* && $flags == *"$work/P"* ]] || fail "firn-cuda has the flags: $flags"
         fi
-        echo "README's lines for g++ compile, $count of them"
+        echo "the lines for g++ in examples/README.md compile, $count of them"
         ;;
     *) fail "there is no case '$case'" ;;
 esac
