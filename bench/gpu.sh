@@ -5,18 +5,19 @@
 # processor included), runs compute-sanitizer on a step of every kind, and times steps; in seven to nine minutes with
 # 16 cores, most of which are nvcc's. The last lines are a table of the timings; if a test failed, one that says so.
 #
-#     bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--large] [--materials] [--errors]
+#     bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--large] [--materials] [--errors] [--record ID]
 #
 #   --out FOLDER      where logs and bench_cuda.json go (build/cuda)
 #   --prefix FOLDER   where Eigen, Catch2 and Google Benchmark are, if not in the usual places
 #   --large           64 million particles too: 60 GB of memory of the machine, two minutes more
 #   --materials       every material and transfer too, a million particles each, in a table relative to neo-Hookean
 #   --errors          and what an error costs: speed_against_error.csv of the short grid, four minutes more
+#   --record ID       appends the results to bench/results, as of the machine with this id in machines.csv
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 stop() { echo "stop: $*" >&2; exit 1; }
 
-out="$root/build/cuda" prefix="" materials="" errors="" without=64000000
+out="$root/build/cuda" prefix="" materials="" errors="" record="" without=64000000
 while [ $# -gt 0 ]; do
     case $1 in
         --out) [ $# -ge 2 ] || stop "--out needs a folder."; out=$2; shift ;;
@@ -24,8 +25,9 @@ while [ $# -gt 0 ]; do
         --large) without=random/64000000 ;;
         --materials) materials=benchmarks_cuda_materials ;;
         --errors) errors=speed_against_error_cuda ;;
-        --help | -h) sed -n '/^# On a machine/,/^#   --errors/s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit ;;
-        *) stop "unknown argument '$1': bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--large] [--materials] [--errors]." ;;
+        --record) [ $# -ge 2 ] || stop "--record needs the id of a machine."; record=$2; shift ;;
+        --help | -h) sed -n '/^# On a machine/,/^#   --record/s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit ;;
+        *) stop "unknown argument '$1': bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--large] [--materials] [--errors] [--record ID]." ;;
     esac
     shift
 done
@@ -36,6 +38,11 @@ mkdir -p "$out"
 out=$(cd "$out" && pwd)
 cd "$root"
 command -v compute-sanitizer >/dev/null || stop "there is no compute-sanitizer: it comes with the CUDA toolkit."
+
+record() { # [FILE]: appends its results, if --record is given; without FILE only the id is checked
+    [ -z "$record" ] || python3 "$root/bench/results.py" --machine "$record" "$@" || stop "the results cannot be recorded."
+}
+record
 
 cmake --preset cuda -DFIRN_TESTS_IN_TURN=ON ${prefix:+-DCMAKE_PREFIX_PATH="$prefix"} >"$out/configure.log" || { cat "$out/configure.log"; exit 1; }
 tests=$root/build/cuda/tests
@@ -110,7 +117,7 @@ entries = json.load(open(sys.argv[1]))["benchmarks"]
 print("empty loops one behind another, microseconds each (the host's share):",
       ", ".join(f"{entry['name'].split('/')[1]} of {entry['name'].split('/')[2]} groups {entry['us_per_loop']:.2f}"
                 f" ({entry['host_us_per_loop']:.2f})" for entry in entries if entry["name"].startswith("launches/")))
-print("deterministic: always; 0 to 1 % of a step, measured on 2026-11-23 (bench/README.md, What the fixed order costs)")
+print("deterministic: always; 0 to 1 % of a step, measured on 2026-11-23 (bench/notes/2026-11-23-fixed-order-on-a-gpu.md)")
 print(f"{'step/cuda/…':66}{'ms/step':>9}{'G/s':>7}{'B/p':>6}{'leave':>7}{'momentum':>10}")
 for entry in entries:
     if entry["name"].startswith("launches/"):
@@ -124,16 +131,19 @@ for entry in entries:
           f"{entry['memory_per_particle']:6.0f}{leavers:>7}{entry['momentum_error']:10.1e}")
 PYTHON
 
+record "$out/bench_cuda.json"
 if [ -n "$errors" ]; then
     commit=$(git describe --always --dirty 2>/dev/null) || commit=unknown
     "build/cuda/bench/$errors" --grid short --runs 2 --commit "$commit" --out "$out/speed_against_error.csv" || stop "the errors were not measured."
     echo "python3 bench/plot.py $out/speed_against_error.csv draws it."
+    record "$out/speed_against_error.csv"
 fi
 
 [ -n "$materials" ] || exit 0
 "build/cuda/bench/$materials" --benchmark_out="$out/bench_materials.json" --benchmark_out_format=json \
     >"$out/bench_materials.log" 2>&1 || { tail -n 20 "$out/bench_materials.log"; stop "the benchmark of materials failed."; }
 
+record "$out/bench_materials.json"
 python3 - "$out/bench_materials.json" <<'PYTHON'
 import json, sys
 entries = json.load(open(sys.argv[1]))["benchmarks"]

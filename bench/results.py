@@ -25,7 +25,8 @@ PROGRAMS = ("firn", "firn_advance", "taichi", "taichi_private", "warp")  # of wa
 # Counters of Google Benchmark that are kept: (factor, unit)
 COUNTERS = {
     "openmp": {"particle_steps_per_second": (1e-6, "M/s"), "per_second_of_user_time": (1e-6, "M/s/core"),
-               "memory_per_particle": (1, "B"), "user_nanoseconds_per_particle": (1, "ns")},
+               "memory_per_particle": (1, "B"), "user_nanoseconds_per_particle": (1, "ns"),
+               "ns_per_particle": (1, "ns")},
     "cuda": {"particle_steps_per_second": (1e-9, "G/s"), "ms_per_step": (1e3, "us"),
              "memory_per_particle": (1, "B"), "us_per_loop": (1, "us")},
 }
@@ -61,10 +62,11 @@ def of_benchmarks(found):
     cuda = any(name.startswith(("step/cuda/", "launches/")) for name in runs)
     rows = []
     for name, entries in runs.items():
-        of = {unit: [factor * entry[counter] for entry in entries if counter in entry]
-              for counter, (factor, unit) in COUNTERS["cuda" if cuda else "openmp"].items()}
+        of = collections.defaultdict(list)
+        for counter, (factor, unit) in COUNTERS["cuda" if cuda else "openmp"].items():
+            of[unit] += [factor * entry[counter] for entry in entries if counter in entry]
         if not any(of.values()):  # nothing is counted but time
-            of = {"s": [entry["real_time"] * TO_SECONDS[entry.get("time_unit", "ns")] for entry in entries]}
+            of["s"] = [entry["real_time"] * TO_SECONDS[entry.get("time_unit", "ns")] for entry in entries]
         for unit, values in of.items():
             if values:
                 median = statistics.median(values)
@@ -76,7 +78,8 @@ def of_benchmarks(found):
 def of_errors(lines):
     """Rows of speed_against_error or of the waves of several programs."""
     waves = any(line["backend"] in PROGRAMS for line in lines)
-    most = max(int(line["threads"]) for line in lines)  # Warp has one thread, and is compared with as many as others have
+    # Warp has one thread, and is compared with as many as the others have.
+    most = max((int(line["threads"]) for line in lines), default=1)
     rows, cheaper = [], {}
     for line in lines:
         if line["status"] != "ok":
@@ -115,7 +118,8 @@ def of_peers(found):
             rows.append(row(entry, program[clock], "ns", spread, found["date"]))
         for key, best in case["summary"].items():
             threads = 1 if key.startswith("per_core") else found["threads"]
-            rows.append(row(with_threads(f"peers/{case['case']}/{key}", threads), best["ratio"], "x", "", found["date"]))
+            entry = with_threads(f"peers/{case['case']}/{key}", threads)
+            rows.append(row(entry, best["ratio"], "x", "", found["date"]))
     return "peers.csv", rows
 
 
@@ -172,9 +176,9 @@ def append(path, rows):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("files", nargs="+", type=pathlib.Path)
+    parser.add_argument("files", nargs="*", type=pathlib.Path, help="none: checks the machine alone")
     parser.add_argument("--machine", required=True, help="its id in results/machines.csv")
-    parser.add_argument("--commit", help="of what was measured, where the file does not say it; else that of this folder")
+    parser.add_argument("--commit", help="what was measured, where the file does not say it; else this folder's")
     parser.add_argument("--date", help="the same; else today's")
     parser.add_argument("--results", type=pathlib.Path, default=RESULTS, help="folder of the CSVs")
     options = parser.parse_args()

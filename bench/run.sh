@@ -4,19 +4,20 @@
 # Sets the machine up, builds the benchmarks and writes bench.json (Google Benchmark's format) or a table of errors and
 # their costs, speed_against_error.csv, with its drawings beside it:
 #
-#     bash bench/run.sh --short | --long [--threads N] [--out FILE]
-#     bash bench/run.sh --error short | --error long | --error gate [--threads N] [--out FILE]
+#     bash bench/run.sh --short | --long [--threads N] [--out FILE] [--record ID]
+#     bash bench/run.sh --error short | --error long | --error gate [--threads N] [--out FILE] [--record ID]
 #
 #   --short         100 000 particles and the phases of one step, 3 minutes after building
 #   --long          up to 10 million particles, about an hour
 #   --error short   six problems by kernels, transfers and precisions, three to five minutes after building
 #   --error long    the same, finer, with more lengths of steps and numbers of particles, half an hour
 #   --error gate    P1 and P2 of the short one, once each, and stops with 1 where an error is 2 % above error/gate.csv
+#   --record ID     appends the results to bench/results, as of the machine with this id in machines.csv
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 source "$root/examples/set_up.sh"
 
-size="" error="" threads=1 out=""
+size="" error="" threads=1 out="" record=""
 while [ $# -gt 0 ]; do
     case $1 in
         --short | --long) size=${1#--} ;;
@@ -27,7 +28,8 @@ while [ $# -gt 0 ]; do
             ;;
         --threads) [ $# -ge 2 ] || stop "--threads needs a number."; threads=$2; shift ;;
         --out) [ $# -ge 2 ] || stop "--out needs a file."; out=$2; shift ;;
-        --help | -h) sed -n '/^# Sets/,/^#   --error gate/s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit ;;
+        --record) [ $# -ge 2 ] || stop "--record needs the id of a machine."; record=$2; shift ;;
+        --help | -h) sed -n '/^# Sets/,/^#   --record/s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit ;;
         *) stop "unknown argument '$1': bash bench/run.sh --short or --long." ;;
     esac
     shift
@@ -35,6 +37,12 @@ done
 [ -n "$size$error" ] || stop "choose --short (3 minutes), --long (an hour), --error short (5 minutes), --error long (half an hour) or --error gate (two minutes)."
 [ -z "$size" ] || [ -z "$error" ] || stop "choose speeds (--$size) or errors (--error $error), not both."
 case $threads in '' | *[!0-9]* | 0) stop "--threads needs a number above 0, not '$threads'." ;; esac
+
+record() { # [FILE]: appends its results, if --record is given; without FILE only the id is checked
+    [ -z "$record" ] || python3 "$root/bench/results.py" --machine "$record" "$@" || stop "the results cannot be recorded."
+}
+[ -z "$record" ] || [ "$error" != gate ] || stop "--error gate compares errors, and records none."
+record
 
 packages=(g++ cmake ninja-build libeigen3-dev libxsimd-dev libcgal-dev libbenchmark-dev)
 export OMP_WAIT_POLICY="${OMP_WAIT_POLICY:-passive}"
@@ -54,6 +62,7 @@ if [ -n "$error" ]; then
         stop "the benchmark failed."
     /usr/bin/python3 "$root/bench/plot.py" "$out" --out "$(dirname "$out")" || stop "the drawings failed."
     echo "results in $out"
+    record "$out"
     exit
 fi
 
@@ -70,3 +79,4 @@ filter='.*' seconds=1
     --benchmark_out="$out" --benchmark_out_format=json --benchmark_counters_tabular=true ||
     stop "the benchmark failed."
 echo "results in $out"
+record "$out"

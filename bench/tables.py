@@ -125,7 +125,8 @@ def steps(figures):
 
 def steps_cuda(figures):
     of = "step/cuda/neo_hookean/quadratic/mls/float/"
-    lines = [(f"neo-Hookean, {scene}", "h200", of + scene + "/{}", "G/s") for scene in ("lattice", "jittered", "random")]
+    scenes = ("lattice", "jittered", "random")
+    lines = [(f"neo-Hookean, {scene}", "h200", of + scene + "/{}", "G/s") for scene in scenes]
     lines += [("neo-Hookean, jittered, steps of `advance`", "h200", of + "jittered/advance/{}", "G/s"),
               ("fixed corotated, jittered", "h200", "step/cuda/fixed_corotated/quadratic/mls/float/jittered/{}", "G/s"),
               ("snow, jittered", "h200", "step/cuda/snow/quadratic/mls/float/jittered/{}", "G/s"),
@@ -146,10 +147,16 @@ def busy_cores(figures):
 
 def errors(figures):
     sizes = ["8", "16", "32", "64", "128"]
-    settings = [("P1", "openmp", "cubic", "mls", 4, "epyc-25-17"), ("P1", "openmp", "quadratic", "mls", 4, "epyc-25-17"),
-                ("P1", "cuda", "cubic", "mls", 4, "h200"), ("P1", "cuda", "quadratic", "mls", 4, "h200"),
-                ("P2", "openmp", "cubic", "mls", 4, "epyc-25-17"), ("P2", "openmp", "quadratic", "mls", 4, "epyc-25-17"),
-                ("P4", "cuda", "quadratic", "flip_1", 4, "h100"), ("P6", "cuda", "quadratic", "mls", 8, "h200")]
+    settings = [
+        ("P1", "openmp", "cubic", "mls", 4, "epyc-25-17"),
+        ("P1", "openmp", "quadratic", "mls", 4, "epyc-25-17"),
+        ("P1", "cuda", "cubic", "mls", 4, "h200"),
+        ("P1", "cuda", "quadratic", "mls", 4, "h200"),
+        ("P2", "openmp", "cubic", "mls", 4, "epyc-25-17"),
+        ("P2", "openmp", "quadratic", "mls", 4, "epyc-25-17"),
+        ("P4", "cuda", "quadratic", "flip_1", 4, "h100"),
+        ("P6", "cuda", "quadratic", "mls", 8, "h200"),
+    ]
     rows = []
     for problem, backend, kernel, transfer, ppc, machine in settings:
         cells = []
@@ -162,8 +169,13 @@ def errors(figures):
     return table(["cells", *sizes, "measured on"], rows)
 
 
-CASES = {"neo_hookean_early": "neo-Hookean, at the start", "neo_hookean": "neo-Hookean, deformed",
-         "fixed_corotated": "fixed corotated, deformed", "snow_early": "snow, at the start", "snow_packed": "snow, packed"}
+CASES = {
+    "neo_hookean_early": "neo-Hookean, at the start",
+    "neo_hookean": "neo-Hookean, deformed",
+    "fixed_corotated": "fixed corotated, deformed",
+    "snow_early": "snow, at the start",
+    "snow_packed": "snow, packed",
+}
 
 
 def peers(figures):
@@ -207,7 +219,7 @@ def rewritten(text, figures):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--check", action="store_true", help="writes nothing, and exits with 1 if the page would change")
+    parser.add_argument("--check", action="store_true", help="writes nothing; exits with 1 if the page would change")
     parser.add_argument("--page", type=pathlib.Path, default=HERE / "README.md")
     parser.add_argument("--results", type=pathlib.Path, default=RESULTS, help="folder of the CSVs")
     options = parser.parse_args()
@@ -216,7 +228,8 @@ def main():
     if not options.check:
         options.page.write_text(after, encoding="utf-8")
     elif after != before:
-        sys.stdout.writelines(difflib.unified_diff(before.splitlines(True), after.splitlines(True), "the page", "the CSVs"))
+        lines = before.splitlines(True), after.splitlines(True)
+        sys.stdout.writelines(difflib.unified_diff(*lines, "the page", "the CSVs"))
         stop("the tables of the page are not those of the CSVs: python3 bench/tables.py writes them.")
 
 
