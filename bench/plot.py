@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: MIT
 """Error against cost, and error against cell size, as drawings: `plot.py TABLE.csv [TABLE.csv ...] [--out FOLDER]`.
 
-Of each problem in the tables (of speed_against_error, see README.md) two SVGs: `P1_cost.svg`, every setting a point,
-those that failed as crosses on top, the Pareto front a line; and `P1_convergence.svg`. What no other setting beats,
-what is beaten, and how far float is from double are printed.
+Of each problem in the tables (of speed_against_error, see notes/2026-11-23-how-it-is-measured.md) two SVGs:
+`P1_cost.svg`, every setting a point, those that failed as crosses on top, the Pareto front a line; and
+`P1_convergence.svg`. What no other setting beats, what is beaten, and how far float is from double are printed.
 """
 
 import argparse

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
-// What an error costs: speed_against_error --grid short|long [options], see README.md.
+// What an error costs: speed_against_error --grid short|long [options], see
+// notes/2026-11-23-how-it-is-measured.md.
 #include "error/grids.hpp"
 
 #include <firn/firn.hpp>

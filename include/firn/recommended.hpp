@@ -10,8 +10,8 @@
 #include <utility>
 
 // Which kernel, transfer and number of particles to take for a material, by error against cost as measured in
-// the plane (bench/README.md, *Error against cost*; in space quadratic kernels cost the least for large
-// waves, as everywhere by default, and cubic ones are not far behind):
+// the plane (bench/notes/2026-11-23-which-settings-are-on-the-front.md; in space quadratic kernels cost the
+// least for large waves, as everywhere by default, and cubic ones are not far behind):
 //
 //     auto solver = firn::recommended_solver<firn::OpenMP>(firn::lattice(0.02),
 //     firn::materials::dry_sand<Space>());
