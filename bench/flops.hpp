@@ -158,9 +158,9 @@ struct OneParticle
 
 /// The phase that moves a solver's particles, without obstacles.
 template <class Solver>
-using MoveOf =
-    G2p2g<typename Solver::Space, typename Solver::Model, typename Solver::kernel, typename Solver::Transfer,
-          Chain<>, typename Solver::template Of<>::Stored, typename Solver::template Of<>::Derived>;
+using MoveOf = G2p2g<typename Solver::Space, typename Solver::Model, typename Solver::kernel,
+                     typename Solver::Transfer, Chain<>, typename Solver::template MaterialTraits<>::Stored,
+                     typename Solver::template MaterialTraits<>::Derived>;
 
 /// The operations of one particle in one step that takes, answers and gives, with its share of what is done
 /// once per cell; the grid is left out.
@@ -170,7 +170,7 @@ double flops_per_particle_step()
     using Space = typename Model::Space;
     using Number = typename Space::Real;
     constexpr int d = Space::dimension, particles_per_cell = 1 << d;
-    using Set = typename Solver<OpenMP, Model, Kernel, Transfer>::template Of<>::Stored;
+    using Set = typename Solver<OpenMP, Model, Kernel, Transfer>::template MaterialTraits<>::Stored;
     using Move = MoveOf<Solver<OpenMP, Model, Kernel, Transfer>>;
 
     typename CellOffset<Number>::Stored offset[d]{};

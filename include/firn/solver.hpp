@@ -75,7 +75,7 @@ class Solver
                   "the model lacks 'using Space = firn::Space<d, number>', its dimension and precision");
     using List = typename detail::MaterialsOf<ModelType>::Type;
     using Every = EveryMaterial;
-    using Parts = SceneParts<Backend, List, TransferType>;
+    using Sets = MaterialSets<Backend, List, TransferType>;
     using Kernel = typename detail::KernelFor<Backend, KernelType>::Type;
 
 public:
@@ -99,11 +99,11 @@ public:
                   "the transfer scheme lacks scatter or gather: see firn/concepts.hpp");
 
     /// How many materials there are.
-    static constexpr std::size_t materials = Parts::count;
+    static constexpr std::size_t materials = Sets::count;
 
-    /// What there is of one material: see SceneParts::Of.
+    /// What there is of one material: see MaterialSets::MaterialTraits.
     template <class Which = Every>
-    struct Of : Parts::template Of<detail::PlaceOf<Which, List>::value>
+    struct MaterialTraits : Sets::template MaterialTraits<detail::PlaceOf<Which, List>::value>
     {
         /// Which of the materials it is, from 0 on.
         static constexpr std::size_t place = detail::PlaceOf<Which, List>::value;
@@ -112,16 +112,17 @@ public:
 private:
     using Places = std::make_index_sequence<materials>;
     template <std::size_t... k>
-    static CommonToAll<typename Of<Material<k>>::State...> common_state(std::index_sequence<k...>);
+    static CommonToAll<typename MaterialTraits<Material<k>>::State...>
+        common_state(std::index_sequence<k...>);
     template <std::size_t... k>
     static constexpr std::size_t most_state_bytes(std::index_sequence<k...>)
     {
-        return std::max({Of<Material<k>>::state_bytes_per_particle...});
+        return std::max({MaterialTraits<Material<k>>::state_bytes_per_particle...});
     }
     template <std::size_t... k>
     static constexpr std::size_t most_bytes(std::index_sequence<k...>)
     {
-        return std::max({Of<Material<k>>::bytes_per_particle...});
+        return std::max({MaterialTraits<Material<k>>::bytes_per_particle...});
     }
 
 public:
@@ -136,7 +137,7 @@ public:
     explicit Solver(Lattice lattice, Model model = {}, Transfer transfer = {}, StepControl control = {},
                     Backend backend = {})
         : lattice_(lattice_for<Number>(lattice)), transfer_(transfer), control_(control),
-          backend_(std::move(backend)), parts_(List(std::move(model)), lattice_, Kernel::order, backend_),
+          backend_(std::move(backend)), sets_(List(std::move(model)), lattice_, Kernel::order, backend_),
           exchange_(lattice_, transfer_, backend_), runs_(lattice_, transfer_, backend_)
     {
         for_each_material([&](auto k) { model_of<k>().validate(); });
@@ -156,7 +157,7 @@ public:
                       Vector<double, d> const& velocity = zeros<Vector<double, d>>())
     {
         auto const visit = entrance_.to_change("Solver::add");
-        constexpr std::size_t k = Of<Which>::place;
+        constexpr std::size_t k = MaterialTraits<Which>::place;
         static_assert(std::remove_cvref_t<decltype(*std::begin(points))>::SizeAtCompileTime == d,
                       "points have as many coordinates as the scene has dimensions");
         cache_grid_fields();
@@ -174,9 +175,8 @@ public:
         next_id_ += static_cast<std::uint32_t>(added);
         exchange_.forget();
         walls_.forget();
-        double const modulus = parts_.template response_at_rest<k>().wave_modulus;
-        rule_of_materials().admit(course_.bounds, static_cast<int>(k),
-                                  parts_.template wave_speed<k>(modulus));
+        double const modulus = sets_.template response_at_rest<k>().wave_modulus;
+        rule_of_materials().admit(course_.bounds, static_cast<int>(k), sets_.template wave_speed<k>(modulus));
         course_.bounds.speed = std::max(course_.bounds.speed, norm(velocity));
         course_.bounds = course_.bounds.finite();
         return first;
@@ -202,7 +202,7 @@ public:
         std::vector<Doomed<Backend>> doomed;
         std::size_t count = 0;
         for_each_material([&](auto k) {
-            using Particle = Record<Number, d, typename Of<Material<k>>::State>;
+            using Particle = Record<Number, d, typename MaterialTraits<Material<k>>::State>;
             if constexpr (is_about<Which, k>) {
                 static_assert(
                     TellsByPosition<IsDoomed, d> || TellsByFields<IsDoomed, d, Particle>,
@@ -237,8 +237,8 @@ public:
     void upload(std::vector<FieldValue<Tag, Number, d>> const& by_id)
     {
         auto const visit = entrance_.to_change("Solver::upload");
-        constexpr std::size_t k = Of<Which>::place;
-        static_assert(Of<Which>::State::template contains<Tag>,
+        constexpr std::size_t k = MaterialTraits<Which>::place;
+        static_assert(MaterialTraits<Which>::State::template contains<Tag>,
                       "the scene's particles have no such field, or it follows from others");
         require(by_id.size() == size<Material<k>>(), "there is not one value per particle", "Solver::upload",
                 "Pass size() values, by id.");
@@ -256,11 +256,12 @@ public:
                 find_bounds();
             });
         };
-        if constexpr (Of<Which>::Stored::template contains<Tag>) {
+        if constexpr (MaterialTraits<Which>::Stored::template contains<Tag>) {
             auto const changed = particles<k>().changed([&](std::uint32_t row, auto& particle) {
                 particle[Tag{}] = by_id[row];
-                if constexpr (detail::may_object<k, Parts> && Of<Which>::Model::State::template contains<Tag>)
-                    detail::require_bearable<k>(parts_, particles<k>(), row, particle, "Solver::upload");
+                if constexpr (detail::may_object<k, Sets> &&
+                              MaterialTraits<Which>::Model::State::template contains<Tag>)
+                    detail::require_bearable<k>(sets_, particles<k>(), row, particle, "Solver::upload");
             });
             change([&] { particles<k>().set(changed); });
         }
@@ -402,7 +403,7 @@ public:
                 // it was halved before what goes wrong however short it is, or somebody's state allows none
                 bool const repeated = course_.retries > 0;
                 auto const who =
-                    repeated ? detail::failure_of(parts_, wrong, course_.time, tried) : slowest(rule, tried);
+                    repeated ? detail::failure_of(sets_, wrong, course_.time, tried) : slowest(rule, tried);
                 if (!repeated && !who && forgets_bounds(rule)) return;
                 if (!isolates(repeated ? wrong : StepLog{}, tried, who.has_value(), all.isolated, who))
                     fail_to_get_on(who);
@@ -454,9 +455,9 @@ public:
     Backend const& backend() const { return backend_; }
     /// The parameters of a material.
     template <class Which = Every>
-    typename Of<Which>::Model const& model() const
+    typename MaterialTraits<Which>::Model const& model() const
     {
-        return model_of<Of<Which>::place>();
+        return model_of<MaterialTraits<Which>::place>();
     }
 
     /// How many particles there are.
@@ -496,7 +497,7 @@ public:
     std::vector<FieldValue<Tag, Number, d>> download() const
     {
         return by_id<Which, FieldValue<Tag, Number, d>>(
-            [&](auto k) { return exchange_.template download<Tag, k>(parts_); });
+            [&](auto k) { return exchange_.template download<Tag, k>(sets_); });
     }
 
     /// A stored field where it lies, in memory of the backend: `view<DisplacementGradient>()`. Nothing is
@@ -504,11 +505,11 @@ public:
     template <class Tag, class Which = Every>
     auto view() const
     {
-        static_assert(Of<Which>::Stored::template contains<Tag>,
+        static_assert(MaterialTraits<Which>::Stored::template contains<Tag>,
                       "this field is not stored: ask for it with download(), and for positions with "
                       "write_positions()");
         auto const visit = entrance_.to_look("Solver::view");
-        return particles<Of<Which>::place>().template view<Tag>();
+        return particles<MaterialTraits<Which>::place>().template view<Tag>();
     }
 
     /// Writes world positions [m], by rising id, to memory that the backend's loops reach: axis a of the i-th
@@ -518,7 +519,7 @@ public:
     void write_positions(Number* to, std::size_t stride = d) const
     {
         auto const visit = entrance_.to_look("Solver::write_positions");
-        auto const& table = particles<Of<Which>::place>();
+        auto const& table = particles<MaterialTraits<Which>::place>();
         require_room(to, table.size(), stride, d, "Solver::write_positions");
         if (table.size() > 0) backend_.for_each_place(table.cells(), table.position_writer(to, stride));
     }
@@ -530,11 +531,11 @@ public:
     void write(Number* to, std::size_t stride = component_count<Tag>(d)) const
     {
         auto const visit = entrance_.to_look("Solver::write");
-        static_assert(Of<Which>::State::template contains<Tag>,
+        static_assert(MaterialTraits<Which>::State::template contains<Tag>,
                       "the scene's particles have no such field, or it follows from others");
-        constexpr std::size_t k = Of<Which>::place;
+        constexpr std::size_t k = MaterialTraits<Which>::place;
         require_room(to, particles<k>().size(), stride, component_count<Tag>(d), "Solver::write");
-        if (particles<k>().size() > 0) exchange_.template write<Tag, k>(parts_, to, stride);
+        if (particles<k>().size() > 0) exchange_.template write<Tag, k>(sets_, to, stride);
     }
 
     /// Masses [kg], by rising id.
@@ -580,7 +581,7 @@ public:
             [&] {
                 for_each_material([&](auto k) {
                     to.materials.push_back(particles<k>().snapshot());
-                    detail::name_material<k>(parts_, to.materials.back());
+                    detail::name_material<k>(sets_, to.materials.back());
                 });
             },
             [&] { return is_half_changed(); });
@@ -605,21 +606,21 @@ public:
     void restore(Snapshot<Number, d> const& from)
     {
         auto const visit = entrance_.to_change("Solver::restore");
-        bool const same_bounds = detail::require_fits<Kernel>(from, parts_, lattice_, transfer_);
+        bool const same_bounds = detail::require_fits<Kernel>(from, sets_, lattice_, transfer_);
         detail::require_whole(from, Cells::largest_coordinate);
-        Parts parts = parts_.emptied(lattice_, Kernel::order, backend_);
+        Sets sets = sets_.emptied(lattice_, Kernel::order, backend_);
         for_each_material([&](auto k) {
-            auto& table = parts.template particles<k>();
+            auto& table = sets.template particles<k>();
             table.restore(from.materials[k]);
-            if constexpr (detail::may_object<k, Parts>)
+            if constexpr (detail::may_object<k, Sets>)
                 table.for_each([&](std::uint32_t row, auto const& particle) {
-                    detail::require_bearable<k>(parts, table, row, particle, "Solver::restore");
+                    detail::require_bearable<k>(sets, table, row, particle, "Solver::restore");
                 });
         });
-        StepBounds const bounds = same_bounds ? from.bounds : bounds_of(parts, from.bounds);
+        StepBounds const bounds = same_bounds ? from.bounds : bounds_of(sets, from.bounds);
         auto isolated = from.isolated;
         Exchange exchange(lattice_, transfer_, backend_);
-        parts_ = std::move(parts); // from here on nothing can fail
+        sets_ = std::move(sets); // from here on nothing can fail
         go_on_from(from, bounds, std::move(exchange), std::move(isolated));
     }
 
@@ -633,9 +634,9 @@ public:
     }
 
 private:
-    using Exchange = GridState<Backend, Parts, Kernel, Transfer>;
-    using Runs = StepDriver<Backend, Parts, Kernel, Transfer>;
-    using Cells = typename Parts::Cells;
+    using Exchange = GridState<Backend, Sets, Kernel, Transfer>;
+    using Runs = StepDriver<Backend, Sets, Kernel, Transfer>;
+    using Cells = typename Sets::Cells;
     using Rule = typename Runs::Rule;
     using Failures = std::vector<StepFailure>;
 
@@ -671,22 +672,22 @@ private:
     template <std::size_t k>
     auto& particles()
     {
-        return parts_.template particles<k>();
+        return sets_.template particles<k>();
     }
     template <std::size_t k>
     auto const& particles() const
     {
-        return parts_.template particles<k>();
+        return sets_.template particles<k>();
     }
     template <std::size_t k>
     auto const& model_of() const
     {
-        return parts_.template model<k>();
+        return sets_.template model<k>();
     }
     template <class Use>
     static void for_each_material(Use const& use)
     {
-        Parts::for_each(use);
+        Sets::for_each(use);
     }
 
     /// Whether a call with `Which` is about this material.
@@ -716,10 +717,10 @@ private:
         }
     }
 
-    Rule rule_of_materials() const { return rule_of(parts_); }
-    Rule rule_of(Parts const& parts) const
+    Rule rule_of_materials() const { return rule_of(sets_); }
+    Rule rule_of(Sets const& sets) const
     {
-        return detail::rule_of_materials<Kernel, Transfer>(parts, control_, lattice_.cell_size);
+        return detail::rule_of_materials<Kernel, Transfer>(sets, control_, lattice_.cell_size);
     }
 
     /// The same after some were taken out: who is gone bounds no step.
@@ -753,7 +754,7 @@ private:
     StepLog const& run(Rule const& rule, std::size_t most, Effects const& effects, Visit const& visit)
     {
         typename Runs::Scene const scene{
-            parts_, exchange_, course_, masses_.unit, smallest_node_mass(), quarantine_.most > 0};
+            sets_, exchange_, course_, masses_.unit, smallest_node_mass(), quarantine_.most > 0};
         StepLog const& log = *or_break_off([&] { return &runs_.take(scene, rule, most, effects, visit); });
         if (log.wrong == 0) bounds_are_old_ = false;
         return log;
@@ -804,31 +805,30 @@ private:
     }
 
     /// Holds what particles take from the grid beside them, before what they are taken from changes.
-    void cache_grid_fields() { exchange_.cache_grid_fields(parts_); }
+    void cache_grid_fields() { exchange_.cache_grid_fields(sets_); }
 
     /// After a step that went wrong: see GridState::regain_velocities.
     [[gnu::cold]] void regain_velocities()
     {
         if (!runs_.has_spoiled_nodes()) return;
-        if (parts_.has_grid_fields())
+        if (sets_.has_grid_fields())
             // the sums have the forces of the step that went wrong, which may be larger than rounding bears
             exchange_.forget();
         else
-            or_break_off(
-                [&] { exchange_.regain_velocities(parts_, smallest_node_mass(), runs_.any_step()); });
+            or_break_off([&] { exchange_.regain_velocities(sets_, smallest_node_mass(), runs_.any_step()); });
         runs_.forget_spoiled_nodes();
     }
 
     /// Finds the bounds of the next step, for states set from outside.
     void find_bounds()
     {
-        course_.bounds = bounds_of(parts_, course_.bounds);
+        course_.bounds = bounds_of(sets_, course_.bounds);
         bounds_are_old_ = true;
     }
     /// Those of particles, this scene's or to be, of what was found before.
-    StepBounds bounds_of(Parts const& parts, StepBounds const& found) const
+    StepBounds bounds_of(Sets const& sets, StepBounds const& found) const
     {
-        return detail::bounds_of(parts, rule_of(parts), found, values(parts));
+        return detail::bounds_of(sets, rule_of(sets), found, values(sets));
     }
 
     /// Lets go of those bounds that a step found before particles were changed or taken out, if no step gets
@@ -866,18 +866,18 @@ private:
         StepBounds at_rest;
         for_each_material([&](auto k) {
             if (particles<k>().size() == 0) return;
-            double const modulus = parts_.template response_at_rest<k>().wave_modulus;
-            rule.admit(at_rest, static_cast<int>(k), parts_.template wave_speed<k>(modulus));
+            double const modulus = sets_.template response_at_rest<k>().wave_modulus;
+            rule.admit(at_rest, static_cast<int>(k), sets_.template wave_speed<k>(modulus));
         });
         return rule.stable(course_.bounds).dt < 0.5 * rule.stable(at_rest).dt;
     }
 
     /// What tells a field's values of a material, by row.
-    auto values() const { return values(parts_); }
-    auto values(Parts const& parts) const
+    auto values() const { return values(sets_); }
+    auto values(Sets const& sets) const
     {
-        return [this, &parts]<class Tag, std::size_t k>(Tag, std::integral_constant<std::size_t, k>) {
-            return exchange_.template download<Tag, k>(parts);
+        return [this, &sets]<class Tag, std::size_t k>(Tag, std::integral_constant<std::size_t, k>) {
+            return exchange_.template download<Tag, k>(sets);
         };
     }
 
@@ -885,7 +885,7 @@ private:
     std::optional<StepFailure> slowest(Rule const& rule, double dt) const
     {
         if (course_.now.limit > StepLimit::deformation) return {}; // effects, or the steps before
-        return detail::slowest_in(parts_, rule, values(), course_.stable, course_.time, dt);
+        return detail::slowest_in(sets_, rule, values(), course_.stable, course_.time, dt);
     }
 
     /// Below this share of a particle's mass, a node's momentum is rounding alone.
@@ -952,7 +952,7 @@ private:
     {
         // who moves by velocities of its own may swing a little beyond, where kernels still reach mirrored
         // nodes alone
-        walls_.look(parts_, lattice_, Transfer::moves_with_grid ? 1e-3 : 0.5, effects...);
+        walls_.look(sets_, lattice_, Transfer::moves_with_grid ? 1e-3 : 0.5, effects...);
     }
 
     /// Takes out of the scene, after a step that went wrong, whose own state has no stress or, if it is not
@@ -963,16 +963,15 @@ private:
         if (!quarantine_.has_room_for(1)) return false;
         Failures culprits;
         if (log.mishap != Mishap::rejected || last) // of those without stress one too many will do
-            culprits = detail::without_stress(parts_, quarantine_.most, course_.time, dt);
+            culprits = detail::without_stress(sets_, quarantine_.most, course_.time, dt);
         if (culprits.empty() && last)
             culprits.push_back(
-                who ? *who
-                    : detail::furthest_in(parts_, log, values(), lattice_.cell_size, course_.time, dt));
+                who ? *who : detail::furthest_in(sets_, log, values(), lattice_.cell_size, course_.time, dt));
         if (culprits.empty() || !quarantine_.has_room_for(culprits.size())) return false;
         auto& all = quarantine_.isolated;
         all.reserve(all.size() + culprits.size()); // before anything changes: nobody goes untold
         isolated.reserve(isolated.size() + culprits.size());
-        or_break_off([&] { parts_.remove(culprits); });
+        or_break_off([&] { sets_.remove(culprits); });
         all.insert(all.end(), culprits.begin(), culprits.end());
         isolated.insert(isolated.end(), culprits.begin(), culprits.end());
         exchange_.forget();
@@ -992,12 +991,12 @@ private:
     [[noreturn, gnu::cold]] void fail_to_get_on(std::optional<StepFailure> const& since)
     {
         regain_velocities();
-        detail::throw_no_step(course_, since, since ? Parts::name(since->material) : "", d);
+        detail::throw_no_step(course_, since, since ? Sets::name(since->material) : "", d);
     }
 
     [[noreturn, gnu::cold]] void fail(StepLog const log, double dt) // a copy: what follows is logged, too
     {
-        bool const cached = parts_.has_grid_fields();
+        bool const cached = sets_.has_grid_fields();
         regain_velocities(); // before anything that may lack memory
         std::string kept = "The state is that of the last good step";
         if (!cached) kept += ", but for velocities, which were taken anew (see Solver::step)";
@@ -1005,13 +1004,13 @@ private:
             kept += "; of " + std::to_string(quarantine_.most) +
                     " particles that may be in quarantine there are " +
                     std::to_string(quarantine_.isolated.size()) + ", who stay out (Solver::isolated)";
-        StepFailure failure = detail::failure_of(parts_, log, course_.time, dt);
-        auto const spoilers = detail::without_stress(parts_, 0, course_.time, dt);
+        StepFailure failure = detail::failure_of(sets_, log, course_.time, dt);
+        auto const spoilers = detail::without_stress(sets_, 0, course_.time, dt);
         if (!spoilers.empty()) { // whom others go wrong by
             failure = spoilers.front();
             failure.count = log.wrong;
         }
-        detail::throw_step_error(failure, course_.stable, Parts::name(failure.material), kept, d);
+        detail::throw_step_error(failure, course_.stable, Sets::name(failure.material), kept, d);
     }
 
     detail::Entrance<typename Backend::SharedCount> entrance_;
@@ -1019,7 +1018,7 @@ private:
     Transfer transfer_;
     StepControl control_;
     Backend backend_;
-    Parts parts_;
+    Sets sets_;
     Exchange exchange_;
     Runs runs_;
     MassScale masses_;

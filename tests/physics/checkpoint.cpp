@@ -27,7 +27,7 @@ bool same(Solver const& a, Solver const& b)
           p.obstacle_speed == q.obstacle_speed;
     auto const compare = [&](auto k) {
         using Which = Material<k>;
-        for_each_tag(typename Solver::template Of<Which>::State{}, [&](auto tag) {
+        for_each_tag(typename Solver::template MaterialTraits<Which>::State{}, [&](auto tag) {
             using Tag = decltype(tag);
             all = all && a.template download<Tag, Which>() == b.template download<Tag, Which>();
         });
@@ -76,7 +76,7 @@ typename SceneType::Solver scene(int threads)
     for (auto& x : other) x += across;
     solver.template add<Material<0>>(box, std::pow(h / 2, d), v);
     solver.template add<Last<Solver>>(other, 2 * std::pow(h / 2, d), -0.5 * v);
-    using Stored = typename Solver::template Of<Material<0>>::State;
+    using Stored = typename Solver::template MaterialTraits<Material<0>>::State;
     if constexpr (Stored::template contains<Stiffness>) {
         std::vector<typename SceneType::Number> factors(solver.size());
         for (std::size_t i = 0; i < factors.size(); ++i)

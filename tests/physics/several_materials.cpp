@@ -55,8 +55,8 @@ TEMPLATE_LIST_TEST_CASE("what one body gains in a collision of two materials the
 {
     constexpr int d = TestType::d;
     using Solver = typename TestType::Solver;
-    using A = typename Solver::template Of<First>::Model;
-    using B = typename Solver::template Of<Second>::Model;
+    using A = typename Solver::template MaterialTraits<First>::Model;
+    using B = typename Solver::template MaterialTraits<Second>::Model;
     double const h = 0.05, volume = std::pow(h / 2, d);
     Solver solver(lattice(h), {solid<A>(1000), solid<B>(3000)});
     Vector<double, d> low = Vector<double, d>::Constant(0.01), high = low, v = Vector<double, d>::Zero(),
@@ -204,8 +204,8 @@ TEST_CASE("the step that is stable is the smallest of those of all materials")
 TEST_CASE("ids are permanent and count the particles of all materials; what is told comes in their order")
 {
     using Solver = Scene<Materials<Snow<Plane>, Fluid<Plane>>, QuadraticBSpline, Mls>::Solver;
-    STATIC_REQUIRE(Solver::Of<Snow<Plane>>::state_bytes_per_particle == 8 * (2 + 4 + 1) + 4);
-    STATIC_REQUIRE(Solver::Of<Fluid<Plane>>::state_bytes_per_particle == 8 * (2 + 1) + 4);
+    STATIC_REQUIRE(Solver::MaterialTraits<Snow<Plane>>::state_bytes_per_particle == 8 * (2 + 4 + 1) + 4);
+    STATIC_REQUIRE(Solver::MaterialTraits<Fluid<Plane>>::state_bytes_per_particle == 8 * (2 + 1) + 4);
     STATIC_REQUIRE(Solver::State::contains<Velocity> && !Solver::State::contains<DisplacementGradient>);
     using Points = std::vector<Eigen::Vector2d>;
     using Ids = std::vector<std::uint32_t>;

@@ -42,10 +42,10 @@ public:
     /// When particles are there that were not.
     void forget() { walls_.clear(); }
 
-    /// Refuses those among some effects that have particles of a scene's `parts` behind them, unless it knows
+    /// Refuses those among some effects that have particles of a scene's `sets` behind them, unless it knows
     /// of all that they have none. `spared` [cells] beyond one is no harm.
-    template <class Parts, class... Effects>
-    void look(Parts const& parts, Lattice const& lattice, double spared, Effects const&... effects)
+    template <class Sets, class... Effects>
+    void look(Sets const& sets, Lattice const& lattice, double spared, Effects const&... effects)
     {
         constexpr std::size_t count = (std::size_t{0} + ... + std::is_same_v<Effects, ReflectingWall>);
         if constexpr (count > 0) {
@@ -60,9 +60,9 @@ public:
                 walls, [&](auto const& wall) { return std::ranges::find(walls_, wall) != walls_.end(); });
             if (!knows_all) {
                 auto const of_any = behind_any(walls, lattice, spared, std::make_index_sequence<count>{});
-                Parts::for_each([&](auto k) {
-                    if (parts.template particles<k>().find(of_any).count == 0) return;
-                    for (auto const& wall : walls) require_before<k>(parts, lattice, spared, wall);
+                Sets::for_each([&](auto k) {
+                    if (sets.template particles<k>().find(of_any).count == 0) return;
+                    for (auto const& wall : walls) require_before<k>(sets, lattice, spared, wall);
                 });
             }
             walls_.assign(walls.begin(), walls.end());
@@ -79,16 +79,16 @@ private:
         return {{BehindWall(walls[i], lattice, spared)...}};
     }
 
-    template <std::size_t k, class Parts>
-    static void require_before(Parts const& parts, Lattice const& lattice, double spared,
+    template <std::size_t k, class Sets>
+    static void require_before(Sets const& sets, Lattice const& lattice, double spared,
                                ReflectingWall const& wall)
     {
-        auto const& particles = parts.template particles<k>();
+        auto const& particles = sets.template particles<k>();
         auto const found = particles.find(BehindWall(wall, lattice, spared));
         if (found.count == 0) return;
         auto const row = particles.first_row(found);
-        throw_behind_wall(particles.id(row), Parts::name(k), found.count,
-                          in_space<Parts::d>(particles.position(row)), Parts::d, wall);
+        throw_behind_wall(particles.id(row), Sets::name(k), found.count,
+                          in_space<Sets::d>(particles.position(row)), Sets::d, wall);
     }
 
     std::vector<ReflectingWall> walls_;

@@ -20,7 +20,7 @@ namespace firn
 
 /// The materials of a scene, each with its particles. They have a layer of the grid each, in the same order.
 template <class Backend, class List, class Transfer>
-class SceneParts
+class MaterialSets
 {
 public:
     using Space = typename List::Space;
@@ -32,7 +32,7 @@ public:
 
     /// What there is of one material.
     template <std::size_t place>
-    struct Of
+    struct MaterialTraits
     {
         static_assert(place < count, "say which material: its type, or Material<place>");
         using Model = std::tuple_element_t<place, decltype(List::of)>;
@@ -50,18 +50,18 @@ public:
         /// keeps four more where ids are no rows.)
         static constexpr std::size_t bytes_per_particle = Table::resident_bytes;
     };
-    using Cells = typename Of<0>::Table::Cells;
+    using Cells = typename MaterialTraits<0>::Table::Cells;
 
-    SceneParts(List list, Lattice lattice, int kernel_order, Backend const& backend)
-        : SceneParts(std::move(list), lattice, kernel_order, backend, Places{})
+    MaterialSets(List list, Lattice lattice, int kernel_order, Backend const& backend)
+        : MaterialSets(std::move(list), lattice, kernel_order, backend, Places{})
     {}
 
     /// The same materials without particles.
-    SceneParts emptied(Lattice lattice, int kernel_order, Backend const& backend) const
+    MaterialSets emptied(Lattice lattice, int kernel_order, Backend const& backend) const
     {
         return [&]<std::size_t... k>(std::index_sequence<k...>)
         {
-            return SceneParts(List{model<k>()...}, lattice, kernel_order, backend);
+            return MaterialSets(List{model<k>()...}, lattice, kernel_order, backend);
         }
         (Places{});
     }
@@ -80,17 +80,17 @@ public:
     template <std::size_t k>
     auto& particles()
     {
-        return std::get<k>(parts_).particles;
+        return std::get<k>(sets_).particles;
     }
     template <std::size_t k>
     auto const& particles() const
     {
-        return std::get<k>(parts_).particles;
+        return std::get<k>(sets_).particles;
     }
     template <std::size_t k>
     auto const& model() const
     {
-        return std::get<k>(parts_).model;
+        return std::get<k>(sets_).model;
     }
 
     /// " of snow (material 1)" and so on, for errors; nothing in a scene of one.
@@ -100,8 +100,8 @@ public:
         for_each([&](auto k) {
             if (count == 1 || k != material) return;
             name = " of ";
-            if constexpr (requires { std::string(Of<k>::Model::name); })
-                name += std::string(Of<k>::Model::name) + " (material " + std::to_string(k) + ")";
+            if constexpr (requires { std::string(MaterialTraits<k>::Model::name); })
+                name += std::string(MaterialTraits<k>::Model::name) + " (material " + std::to_string(k) + ")";
             else
                 name += "material " + std::to_string(k);
         });
@@ -113,7 +113,8 @@ public:
     Response<Number, d> response(Particle const& particle) const
     {
         auto state = StateOf<k>::at_rest();
-        for_each_tag(typename Of<k>::Model::State{}, [&](auto tag) { state[tag] = particle[tag]; });
+        for_each_tag(typename MaterialTraits<k>::Model::State{},
+                     [&](auto tag) { state[tag] = particle[tag]; });
         return response_of<k>(state);
     }
     template <std::size_t k>
@@ -165,7 +166,7 @@ public:
 
 private:
     template <std::size_t k>
-    using StateOf = Record<Number, d, typename Of<k>::Model::State>;
+    using StateOf = Record<Number, d, typename MaterialTraits<k>::Model::State>;
 
     /// In one place, whatever else particles have and whoever asks: a material's answer takes long to
     /// compile.
@@ -178,20 +179,20 @@ private:
     template <std::size_t k>
     struct Part
     {
-        typename Of<k>::Model model;
-        typename Of<k>::Table particles;
+        typename MaterialTraits<k>::Model model;
+        typename MaterialTraits<k>::Table particles;
     };
     template <std::size_t... k>
     static std::tuple<Part<k>...> tuple_of_parts(std::index_sequence<k...>);
 
     template <std::size_t... k>
-    FIRN_COLD SceneParts(List list, Lattice lattice, int kernel_order, Backend const& backend,
-                         std::index_sequence<k...>)
-        : parts_{Part<k>{std::move(std::get<k>(list.of)),
-                         typename Of<k>::Table(lattice, kernel_order, backend)}...}
+    FIRN_COLD MaterialSets(List list, Lattice lattice, int kernel_order, Backend const& backend,
+                           std::index_sequence<k...>)
+        : sets_{Part<k>{std::move(std::get<k>(list.of)),
+                        typename MaterialTraits<k>::Table(lattice, kernel_order, backend)}...}
     {}
 
-    decltype(tuple_of_parts(Places{})) parts_;
+    decltype(tuple_of_parts(Places{})) sets_;
 };
 
 } // namespace firn

@@ -18,18 +18,18 @@
 #include <string>
 #include <vector>
 
-// Whether a state from outside is one that a scene can go on from. `parts` are its SceneParts.
+// Whether a state from outside is one that a scene can go on from. `sets` are its MaterialSets.
 namespace firn::detail
 {
 
 /// Says in a snapshot what the model of a material is.
-template <std::size_t k, class Parts>
-void name_material(Parts const& parts, MaterialSnapshot<typename Parts::Number, Parts::d>& material)
+template <std::size_t k, class Sets>
+void name_material(Sets const& sets, MaterialSnapshot<typename Sets::Number, Sets::d>& material)
 {
-    material.name = name_of_policy<typename Parts::template Of<k>::Model>();
-    material.density = double(parts.template model<k>().density);
-    material.wave_modulus = double(parts.template response_at_rest<k>().wave_modulus);
-    material.parameters = parameters_of(parts.template model<k>());
+    material.name = name_of_policy<typename Sets::template MaterialTraits<k>::Model>();
+    material.density = double(sets.template model<k>().density);
+    material.wave_modulus = double(sets.template response_at_rest<k>().wave_modulus);
+    material.parameters = parameters_of(sets.template model<k>());
 }
 
 /// Refuses a snapshot for what it has and this solver has otherwise.
@@ -82,8 +82,8 @@ bool compare_parameters(std::string const& owner, std::vector<Parameter> const& 
 
 /// Refuses the snapshot of another kind of solver. Returns whether it was made with all of the parameters of
 /// this one, so that what bounds its next step bounds it here.
-template <class Kernel, class Transfer, class Parts, class Number, int d>
-bool require_fits(Snapshot<Number, d> const& from, Parts const& parts, Lattice const& lattice,
+template <class Kernel, class Transfer, class Sets, class Number, int d>
+bool require_fits(Snapshot<Number, d> const& from, Sets const& sets, Lattice const& lattice,
                   Transfer const& transfer)
 {
     auto const compare = [&]<class Value>(std::string const& what, Value const& theirs, Value const& ours) {
@@ -104,10 +104,10 @@ bool require_fits(Snapshot<Number, d> const& from, Parts const& parts, Lattice c
                                                 from.transfer_parameters, parameters_of(transfer));
     compare("a cell size [m] of", from.lattice.cell_size, lattice.cell_size);
     compare("the origin [m]", from.lattice.origin.transpose().eval(), lattice.origin.transpose().eval());
-    compare("this many materials:", from.materials.size(), Parts::count + 0);
-    Parts::for_each([&](auto k) {
+    compare("this many materials:", from.materials.size(), Sets::count + 0);
+    Sets::for_each([&](auto k) {
         MaterialSnapshot<Number, d> ours;
-        name_material<k>(parts, ours);
+        name_material<k>(sets, ours);
         auto const& theirs = from.materials[k];
         std::string const place = "material " + std::to_string(k);
         compare("for " + place, theirs.name, ours.name);
@@ -121,28 +121,28 @@ bool require_fits(Snapshot<Number, d> const& from, Parts const& parts, Lattice c
         if (!any_modulus && !(is_finite(difference) && difference <= 1e-5 * ours.wave_modulus))
             refuse_snapshot(owner + " the wave modulus at rest [Pa]", theirs.wave_modulus, ours.wave_modulus,
                             remedy_of_parameters);
-        Parts::template Of<k>::Table::require_same_fields(theirs, named);
+        Sets::template MaterialTraits<k>::Table::require_same_fields(theirs, named);
         all_known = all_known && names_all && !any_modulus;
     });
     return all_known;
 }
 
 /// Whether the model of a material may object to a state from outside.
-template <std::size_t k, class Parts>
-inline constexpr bool may_object =
-    ObjectsToStates<typename Parts::template Of<k>::Model,
-                    Record<typename Parts::Number, Parts::d, typename Parts::template Of<k>::Stored>>;
+template <std::size_t k, class Sets>
+inline constexpr bool may_object = ObjectsToStates<
+    typename Sets::template MaterialTraits<k>::Model,
+    Record<typename Sets::Number, Sets::d, typename Sets::template MaterialTraits<k>::Stored>>;
 
 /// Throws an Error if it does, for the particle of a row of a table: the scene's own, or one to come.
-template <std::size_t k, class Parts, class Table, class Particle>
-void require_bearable(Parts const& parts, Table const& table, std::uint32_t row, Particle const& particle,
+template <std::size_t k, class Sets, class Table, class Particle>
+void require_bearable(Sets const& sets, Table const& table, std::uint32_t row, Particle const& particle,
                       char const* call)
 {
-    std::string const objection = parts.template model<k>().objection(particle);
+    std::string const objection = sets.template model<k>().objection(particle);
     if (objection.empty()) return;
     throw Error{objection,
                 std::string(call) + ", value " + std::to_string(row) + ", particle " +
-                    std::to_string(table.id(row)) + Parts::name(k),
+                    std::to_string(table.id(row)) + Sets::name(k),
                 "Pass a state that the material could have come to."};
 }
 

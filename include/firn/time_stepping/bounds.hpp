@@ -12,27 +12,27 @@
 #include <cstdint>
 #include <limits>
 
-// What of the length of time steps the materials, the effects and the state of a scene decide. `parts` are
-// its SceneParts.
+// What of the length of time steps the materials, the effects and the state of a scene decide. `sets` are
+// its MaterialSets.
 namespace firn::detail
 {
 
 /// How steps are chosen, as far as the materials alone say. The viscosity of one of which nothing is there
 /// bounds none.
-template <class Kernel, class Transfer, class Parts>
-TimeStepController<static_cast<int>(Parts::count)>
-rule_of_materials(Parts const& parts, StepControl const& control, double cell_size)
+template <class Kernel, class Transfer, class Sets>
+TimeStepController<static_cast<int>(Sets::count)>
+rule_of_materials(Sets const& sets, StepControl const& control, double cell_size)
 {
-    TimeStepController<static_cast<int>(Parts::count)> rule{.control = control, .cell_size = cell_size};
-    Parts::for_each([&](auto k) {
-        auto const& model = parts.template model<k>();
-        double expansion_ratio = Parts::d; // the largest there is, for models that do not say
-        if constexpr (requires { model.elasticity.expansion_ratio(Parts::d); })
-            expansion_ratio = model.elasticity.expansion_ratio(Parts::d);
+    TimeStepController<static_cast<int>(Sets::count)> rule{.control = control, .cell_size = cell_size};
+    Sets::for_each([&](auto k) {
+        auto const& model = sets.template model<k>();
+        double expansion_ratio = Sets::d; // the largest there is, for models that do not say
+        if constexpr (requires { model.elasticity.expansion_ratio(Sets::d); })
+            expansion_ratio = model.elasticity.expansion_ratio(Sets::d);
         MaterialLimits& limits = rule.limits[k];
         limits.wave = isolated_limit<Kernel, Transfer>(expansion_ratio);
-        if constexpr (Viscous<typename Parts::template Of<k>::Model>)
-            if (parts.template particles<k>().size() > 0)
+        if constexpr (Viscous<typename Sets::template MaterialTraits<k>::Model>)
+            if (sets.template particles<k>().size() > 0)
                 limits.shear =
                     shear_limit(limits.wave, model.kinematic_viscosity(), cell_size, expansion_ratio);
     });
@@ -74,24 +74,24 @@ void admit_effect(Rule& rule, Effect const& effect)
 /// The bounds of the next step, for states set from outside. How fast particles deform, and what they touch,
 /// is for a step to find: it stays what the last one found, where somebody is left, an affine velocity aside.
 /// `values(tag, k)` are those of a field and a material.
-template <class Parts, class Rule, class Values>
-FIRN_COLD StepBounds bounds_of(Parts const& parts, Rule const& rule, StepBounds const& found,
+template <class Sets, class Rule, class Values>
+FIRN_COLD StepBounds bounds_of(Sets const& sets, Rule const& rule, StepBounds const& found,
                                Values const& values)
 {
     StepBounds bounds;
-    Parts::for_each([&](auto k) {
-        if (parts.template particles<k>().size() == 0) return;
+    Sets::for_each([&](auto k) {
+        if (sets.template particles<k>().size() == 0) return;
         bounds.deformation_rate = std::max(bounds.deformation_rate, found.deformation_rate);
         bounds.obstacle_speed = found.obstacle_speed;
         double modulus = 0;
-        parts.template particles<k>().for_each([&](std::uint32_t, auto& particle) {
-            double const own = parts.template response<k>(particle).wave_modulus;
+        sets.template particles<k>().for_each([&](std::uint32_t, auto& particle) {
+            double const own = sets.template response<k>(particle).wave_modulus;
             modulus = is_finite(own) ? std::max(modulus, own) : std::numeric_limits<double>::infinity();
         });
-        rule.admit(bounds, static_cast<int>(k), parts.template wave_speed<k>(modulus));
+        rule.admit(bounds, static_cast<int>(k), sets.template wave_speed<k>(modulus));
         for (auto const& velocity : values(Velocity{}, k))
             bounds.speed = std::max(bounds.speed, double(norm(velocity)));
-        if constexpr (Parts::template Of<k>::State::template contains<AffineVelocity>)
+        if constexpr (Sets::template MaterialTraits<k>::State::template contains<AffineVelocity>)
             for (auto const& rate : values(AffineVelocity{}, k))
                 bounds.deformation_rate = std::max(bounds.deformation_rate, double(norm(rate)));
     });

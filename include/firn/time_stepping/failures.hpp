@@ -16,8 +16,8 @@
 #include <string>
 #include <vector>
 
-// Who went wrong in a step, and what is said of it. `parts` are the SceneParts of a scene whose state is that
-// before the step, which began at `time` [s] and was `dt` [s] long.
+// Who went wrong in a step, and what is said of it. `sets` are the MaterialSets of a scene whose state is
+// that before the step, which began at `time` [s] and was `dt` [s] long.
 namespace firn::detail
 {
 
@@ -31,44 +31,43 @@ struct Quarantine
 };
 
 /// What is wrong with the particle of a row.
-template <std::size_t k, class Parts>
-StepFailure failure_of(Parts const& parts, std::uint32_t row, Mishap cause, double time, double dt,
+template <std::size_t k, class Sets>
+StepFailure failure_of(Sets const& sets, std::uint32_t row, Mishap cause, double time, double dt,
                        std::uint64_t count)
 {
-    auto const& particles = parts.template particles<k>();
+    auto const& particles = sets.template particles<k>();
     StepFailure failure{
         .cause = cause, .particle = particles.id(row), .material = k, .time = time, .dt = dt, .count = count};
-    failure.position = in_space<Parts::d>(particles.position(row));
+    failure.position = in_space<Sets::d>(particles.position(row));
     return failure;
 }
 
 /// What the log of a step says.
-template <class Parts>
-StepFailure failure_of(Parts const& parts, StepLog const& log, double time, double dt)
+template <class Sets>
+StepFailure failure_of(Sets const& sets, StepLog const& log, double time, double dt)
 {
     StepFailure failure;
-    Parts::for_each([&](auto k) {
+    Sets::for_each([&](auto k) {
         if (static_cast<std::size_t>(log.material) == k)
-            failure = failure_of<k>(parts, log.particle, log.mishap, time, dt, log.wrong);
+            failure = failure_of<k>(sets, log.particle, log.mishap, time, dt, log.wrong);
     });
     return failure;
 }
 
 /// Particles whose own state has no stress, at rest, `most` of them and one more: they spoil what others take
 /// from the grid, so that the first one for which a step goes wrong may be another.
-template <class Parts>
-FIRN_COLD std::vector<StepFailure> without_stress(Parts const& parts, std::size_t most, double time,
-                                                  double dt)
+template <class Sets>
+FIRN_COLD std::vector<StepFailure> without_stress(Sets const& sets, std::size_t most, double time, double dt)
 {
     std::vector<StepFailure> found;
-    Parts::for_each([&](auto k) {
-        parts.template particles<k>().for_each([&](std::uint32_t row, auto& particle) {
-            auto const response = parts.template response<k>(particle);
+    Sets::for_each([&](auto k) {
+        sets.template particles<k>().for_each([&](std::uint32_t row, auto& particle) {
+            auto const response = sets.template response<k>(particle);
             bool const finite =
                 all_finite(response.kirchhoff_stress) && is_finite(double(response.wave_modulus));
             if ((response.inverted || !finite) && found.size() <= most)
                 found.push_back(
-                    failure_of<k>(parts, row, finite ? Mishap::inverted : Mishap::not_finite, time, dt, 1));
+                    failure_of<k>(sets, row, finite ? Mishap::inverted : Mishap::not_finite, time, dt, 1));
         });
     });
     for (auto& failure : found) failure.count = found.size();
@@ -78,50 +77,50 @@ FIRN_COLD std::vector<StepFailure> without_stress(Parts const& parts, std::size_
 /// The particle that goes furthest in a step by itself, by its own velocity or by the waves in it, if that is
 /// more than a cell: by way of the grid others go wrong with it. Else the one that the log names.
 /// `values(tag, k)` are those of a field and a material, by row.
-template <class Parts, class Values>
-[[gnu::cold]] StepFailure furthest_in(Parts const& parts, StepLog const& log, Values const& values,
+template <class Sets, class Values>
+[[gnu::cold]] StepFailure furthest_in(Sets const& sets, StepLog const& log, Values const& values,
                                       double cell_size, double time, double dt)
 {
-    StepFailure found = failure_of(parts, log, time, dt);
+    StepFailure found = failure_of(sets, log, time, dt);
     double furthest = cell_size;
-    Parts::for_each([&](auto k) {
+    Sets::for_each([&](auto k) {
         auto const velocities = values(Velocity{}, k);
         std::optional<std::uint32_t> worst;
-        parts.template particles<k>().for_each([&](std::uint32_t row, auto& particle) {
-            auto const response = parts.template response<k>(particle);
+        sets.template particles<k>().for_each([&](std::uint32_t row, auto& particle) {
+            auto const response = sets.template response<k>(particle);
             double const way = dt * std::max(double(norm(velocities[row])),
-                                             parts.template wave_speed<k>(double(response.wave_modulus)));
+                                             sets.template wave_speed<k>(double(response.wave_modulus)));
             if (!(way > furthest)) return;
             furthest = way;
             worst = row;
         });
-        if (worst) found = failure_of<k>(parts, *worst, log.mishap, time, dt, log.wrong);
+        if (worst) found = failure_of<k>(sets, *worst, log.mishap, time, dt, log.wrong);
     });
     return found;
 }
 
 /// The particle whose own state bounds the step to `stable` [s], but for roundings; if one is so.
-template <class Parts, class Rule, class Values>
-[[gnu::cold]] std::optional<StepFailure> slowest_in(Parts const& parts, Rule rule, Values const& values,
+template <class Sets, class Rule, class Values>
+[[gnu::cold]] std::optional<StepFailure> slowest_in(Sets const& sets, Rule rule, Values const& values,
                                                     double stable, double time, double dt)
 {
     rule.acceleration = rule.obstacle_speed = 0;
     double shortest = 1.001 * stable;
     std::optional<StepFailure> found;
-    Parts::for_each([&](auto k) {
+    Sets::for_each([&](auto k) {
         std::vector<StepBounds> bounds;
         for (auto const& velocity : values(Velocity{}, k))
             bounds.push_back({.material = static_cast<int>(k), .speed = double(norm(velocity))});
-        if constexpr (Parts::template Of<k>::State::template contains<AffineVelocity>) {
+        if constexpr (Sets::template MaterialTraits<k>::State::template contains<AffineVelocity>) {
             auto const rates = values(AffineVelocity{}, k);
             for (std::size_t row = 0; row < rates.size(); ++row)
                 bounds[row].deformation_rate = double(norm(rates[row]));
         }
         std::optional<std::uint32_t> slowest;
         Mishap cause{};
-        parts.template particles<k>().for_each([&](std::uint32_t row, auto& particle) {
-            auto const response = parts.template response<k>(particle);
-            bounds[row].wave_speed = parts.template wave_speed<k>(double(response.wave_modulus));
+        sets.template particles<k>().for_each([&](std::uint32_t row, auto& particle) {
+            auto const response = sets.template response<k>(particle);
+            bounds[row].wave_speed = sets.template wave_speed<k>(double(response.wave_modulus));
             double const step = rule.stable(bounds[row].finite()).dt;
             if (!(step < shortest)) return;
             shortest = step;
@@ -130,12 +129,12 @@ template <class Parts, class Rule, class Values>
                     : !is_finite(double(response.wave_modulus)) ? Mishap::not_finite
                                                                 : Mishap::stalled;
         });
-        if (slowest) found = failure_of<k>(parts, *slowest, cause, time, dt, 1);
+        if (slowest) found = failure_of<k>(sets, *slowest, cause, time, dt, 1);
     });
     return found;
 }
 
-/// Stops with a step that went wrong where the stable one is `stable` [s]; `material` is what SceneParts
+/// Stops with a step that went wrong where the stable one is `stable` [s]; `material` is what MaterialSets
 /// calls that of the particle, `kept` says what state there is, `d` how many of its coordinates there are.
 [[noreturn, gnu::cold]] inline void throw_step_error(StepFailure const& failure, double stable,
                                                      std::string const& material, std::string const& kept,

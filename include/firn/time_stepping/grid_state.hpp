@@ -18,23 +18,23 @@ namespace firn
 {
 
 /// The grid of a scene, what its particles have given to it, and what they take from it between steps.
-/// `parts` are the SceneParts of the scene, the same in every call.
-template <class Backend, class Parts, class Kernel, class Transfer>
+/// `sets` are the MaterialSets of the scene, the same in every call.
+template <class Backend, class Sets, class Kernel, class Transfer>
 class GridState
 {
 public:
-    using Space = typename Parts::Space;
+    using Space = typename Sets::Space;
     using Number = typename Space::Real;
     static constexpr int d = Space::dimension;
     using Grid = typename Backend::template Grid<
         Number, d, Kernel::order, NodeSums<d, Transfer::keeps_old_velocity>::channels,
-        NodeVelocities<d, Transfer::keeps_old_velocity>::channels, static_cast<int>(Parts::count)>;
+        NodeVelocities<d, Transfer::keeps_old_velocity>::channels, static_cast<int>(Sets::count)>;
     template <std::size_t k>
-    using Of = typename Parts::template Of<k>;
+    using MaterialTraits = typename Sets::template MaterialTraits<k>;
     /// How particles of a material give.
     template <std::size_t k>
-    using P2g = ParticlesToGrid<Space, typename Of<k>::Model, Kernel, Transfer, typename Of<k>::Stored,
-                                typename Of<k>::Derived>;
+    using P2g = ParticlesToGrid<Space, typename MaterialTraits<k>::Model, Kernel, Transfer,
+                                typename MaterialTraits<k>::Stored, typename MaterialTraits<k>::Derived>;
 
     GridState(Lattice lattice, Transfer const& transfer, Backend const& backend)
         : lattice_(lattice), transfer_(transfer), backend_(backend), grid_(backend_)
@@ -57,16 +57,16 @@ public:
 
     /// Brings the sums on the grid to what particles give to a step in which stresses act for so long [s]:
     /// they may have given already, and for another time.
-    void scatter_missing(double dt, Parts& parts)
+    void scatter_missing(double dt, Sets& sets)
     {
-        Parts::for_each([&](auto k) {
+        Sets::for_each([&](auto k) {
             if (exactly_equal(scattered_dt_, 0))
-                scatter<k>(dt, false, parts);
+                scatter<k>(dt, false, sets);
             else {
                 auto layer = grid_.layer(k);
                 if (!movers_scattered_)
-                    backend_.template scatter_movers<P2g<k>>(parts.template particles<k>().cells(), layer);
-                if (!exactly_equal(scattered_dt_, dt)) scatter<k>(dt - scattered_dt_, true, parts);
+                    backend_.template scatter_movers<P2g<k>>(sets.template particles<k>().cells(), layer);
+                if (!exactly_equal(scattered_dt_, dt)) scatter<k>(dt - scattered_dt_, true, sets);
             }
         });
         movers_scattered_ = true;
@@ -75,20 +75,20 @@ public:
 
     /// Extends the velocities of nodes before their update, where the transfer does so: what particles give
     /// back lies where the next step's sums will, and those of this one come back.
-    void extend_velocities([[maybe_unused]] Parts& parts, [[maybe_unused]] Number smallest_node_mass)
+    void extend_velocities([[maybe_unused]] Sets& sets, [[maybe_unused]] Number smallest_node_mass)
     {
         if constexpr (ExtendsVelocities<Transfer>) {
             auto const on_nodes = [&](bool first) {
-                backend_.for_each_node(parts.orders(), grid_,
+                backend_.for_each_node(sets.orders(), grid_,
                                        ExtendVelocities<Space>{smallest_node_mass, first});
             };
             on_nodes(true);
             for (int pass = 0; pass < transfer_.passes(); ++pass) {
-                Parts::for_each([&](auto k) {
-                    auto& table = parts.template particles<k>();
+                Sets::for_each([&](auto k) {
+                    auto& table = sets.template particles<k>();
                     auto layer = grid_.layer(k);
                     backend_.scatter_back(table.cells(), layer,
-                                          ReturnVelocities<Space, Kernel, typename Of<k>::Stored>{
+                                          ReturnVelocities<Space, Kernel, typename MaterialTraits<k>::Stored>{
                                               table.current(), table.portions()});
                 });
                 grid_.accept();
@@ -100,25 +100,27 @@ public:
 
     /// The fields that particles take from the grid, as they took them in the last step.
     template <std::size_t k>
-    FIRN_COLD void regather(Parts const& parts, typename Of<k>::Table::DerivedView const& derived) const
+    FIRN_COLD void regather(Sets const& sets,
+                            typename MaterialTraits<k>::Table::DerivedView const& derived) const
     {
-        if constexpr (Of<k>::Derived::components(d) > 0) {
-            auto const& table = parts.template particles<k>();
+        if constexpr (MaterialTraits<k>::Derived::components(d) > 0) {
+            auto const& table = sets.template particles<k>();
             auto const layer = const_cast<Grid&>(grid_).layer(k); // it is only read
             backend_.gather(
                 table.cells(), layer,
-                GatherVelocities<Space, Kernel, Transfer, typename Of<k>::Stored, typename Of<k>::Derived>{
+                GatherVelocities<Space, Kernel, Transfer, typename MaterialTraits<k>::Stored,
+                                 typename MaterialTraits<k>::Derived>{
                     {}, transfer_, table.ordered(), derived, static_cast<Number>(lattice_.cell_size)});
         }
     }
 
     /// Holds them beside the particles, before what they are taken from changes.
-    void cache_grid_fields(Parts& parts) const
+    void cache_grid_fields(Sets& sets) const
     {
-        Parts::for_each([&](auto k) {
-            auto& table = parts.template particles<k>();
+        Sets::for_each([&](auto k) {
+            auto& table = sets.template particles<k>();
             if (table.has_grid_fields()) return;
-            regather<k>(parts, table.place_for_derived());
+            regather<k>(sets, table.place_for_derived());
             table.cache_grid_fields();
         });
     }
@@ -126,44 +128,44 @@ public:
     /// A field of a material's particles, by row: stored, held, or taken again. (Out of line: it is much code
     /// for what several seldom ask for.)
     template <class Tag, std::size_t k>
-    [[gnu::noinline]] std::vector<FieldValue<Tag, Number, d>> download(Parts const& parts) const
+    [[gnu::noinline]] std::vector<FieldValue<Tag, Number, d>> download(Sets const& sets) const
     {
-        auto const& table = parts.template particles<k>();
-        if constexpr (Of<k>::Stored::template contains<Tag>)
+        auto const& table = sets.template particles<k>();
+        if constexpr (MaterialTraits<k>::Stored::template contains<Tag>)
             return table.template download<Tag>();
         else {
             std::optional<DerivedOf<k>> again;
-            return derived<k>(parts, again).template by_row<Tag>(table.size());
+            return derived<k>(sets, again).template by_row<Tag>(table.size());
         }
     }
 
     /// Writes it where the backend's loops reach; see Solver::write.
     template <class Tag, std::size_t k>
-    void write(Parts const& parts, Number* to, std::size_t stride) const
+    void write(Sets const& sets, Number* to, std::size_t stride) const
     {
-        auto const& table = parts.template particles<k>();
+        auto const& table = sets.template particles<k>();
         auto const write_by = [&](auto const& fields) {
             backend_.for_each(table.size(), fields.template writer<Tag>(to, stride));
         };
-        if constexpr (Of<k>::Stored::template contains<Tag>)
+        if constexpr (MaterialTraits<k>::Stored::template contains<Tag>)
             write_by(table);
         else {
             std::optional<DerivedOf<k>> again;
-            write_by(derived<k>(parts, again));
+            write_by(derived<k>(sets, again));
         }
     }
 
     /// After a step that went wrong: the grid no longer has the velocities that particles took, but still
     /// what they gave. They take from that, without the forces of the step. `now` is any step's.
-    void regain_velocities(Parts& parts, Number smallest_node_mass, StepContext<Number, Chain<>> const* now)
+    void regain_velocities(Sets& sets, Number smallest_node_mass, StepContext<Number, Chain<>> const* now)
     {
-        Parts::for_each([&](auto k) { scatter<k>(-scattered_dt_, true, parts); });
+        Sets::for_each([&](auto k) { scatter<k>(-scattered_dt_, true, sets); });
         scattered_dt_ = 0;
-        extend_velocities(parts, smallest_node_mass);
+        extend_velocities(sets, smallest_node_mass);
         backend_.for_each_node(
-            parts.orders(), grid_,
+            sets.orders(), grid_,
             UpdateGrid<Space, Kernel, Transfer, Chain<>>{now, lattice_, smallest_node_mass, kept_share()});
-        cache_grid_fields(parts);
+        cache_grid_fields(sets);
     }
 
     /// Of its own velocity that a particle keeps beside the grid's.
@@ -177,30 +179,30 @@ public:
 
 private:
     template <std::size_t k>
-    using DerivedOf = typename Of<k>::Table::Derived;
+    using DerivedOf = typename MaterialTraits<k>::Table::Derived;
 
     /// What a material's particles took from the grid: what they hold or, for `again` to hold, taken once
     /// more.
     template <std::size_t k>
-    FIRN_COLD [[gnu::noinline]] DerivedOf<k> const& derived(Parts const& parts,
+    FIRN_COLD [[gnu::noinline]] DerivedOf<k> const& derived(Sets const& sets,
                                                             std::optional<DerivedOf<k>>& again) const
     {
-        auto const& table = parts.template particles<k>();
+        auto const& table = sets.template particles<k>();
         if (table.has_grid_fields()) return table.cached();
         again.emplace(table.new_derived());
-        regather<k>(parts, again->view());
+        regather<k>(sets, again->view());
         return *again;
     }
 
     /// All particles of a material give to the grid: all they have, or the impulse of a step alone.
     template <std::size_t k>
-    FIRN_COLD void scatter(double dt, bool impulse_only, Parts& parts)
+    FIRN_COLD void scatter(double dt, bool impulse_only, Sets& sets)
     {
-        auto& table = parts.template particles<k>();
+        auto& table = sets.template particles<k>();
         auto layer = grid_.layer(k);
         backend_.scatter(table.cells(), layer,
                          P2g<k>{{},
-                                parts.template model<k>(),
+                                sets.template model<k>(),
                                 transfer_,
                                 table.current(),
                                 table.derived(),

@@ -23,20 +23,20 @@ namespace firn
 /// A step is: particles in the order of cells, blocks of nodes under them, what particles give (which those
 /// that moved in the step before have given already); then nodes are updated, particles take from them, move
 /// and give to the next step; and that is chosen by what they found out. See StepBatch, and the phases.
-template <class Backend, class Parts, class Kernel, class Transfer>
+template <class Backend, class Sets, class Kernel, class Transfer>
 class StepDriver
 {
 public:
-    using Space = typename Parts::Space;
+    using Space = typename Sets::Space;
     using Number = typename Space::Real;
-    static constexpr int d = Space::dimension, materials = static_cast<int>(Parts::count);
+    static constexpr int d = Space::dimension, materials = static_cast<int>(Sets::count);
     using Rule = TimeStepController<materials>;
-    using Exchange = GridState<Backend, Parts, Kernel, Transfer>;
+    using Exchange = GridState<Backend, Sets, Kernel, Transfer>;
 
     /// What steps change, and what they need to know of it.
     struct Scene
     {
-        Parts& parts;
+        Sets& sets;
         Exchange& exchange;
         TimeState& course;
         double mass_unit;          ///< of masses [kg]
@@ -58,16 +58,16 @@ public:
     FIRN_COLD StepLog const& take(Scene const& scene, Rule const& rule, std::size_t most,
                                   Effects const& effects, Visit const& visit)
     {
-        auto const orders = scene.parts.orders();
+        auto const orders = scene.sets.orders();
         int const expected = static_cast<int>(std::min(most, backend_.steps_to_queue(orders, queue_)));
         StepBatch<Effects> run(*this, scene, rule, effects, expected);
         auto& grid = scene.exchange.grid();
-        Parts::for_each([&](auto k) { // in the order of cells, which giving may complete
-            scene.parts.template particles<k>().sort(
+        Sets::for_each([&](auto k) { // in the order of cells, which giving may complete
+            scene.sets.template particles<k>().sort(
                 [](auto& cells, auto const& offsets) { cells.begin_to_follow(offsets); });
         });
         grid.follow(orders); // blocks under them
-        scene.exchange.scatter_missing(scene.course.now.interval.forces, scene.parts);
+        scene.exchange.scatter_missing(scene.course.now.interval.forces, scene.sets);
         run.begin(rule, effects);
         auto const layers = run.layers();
         auto reacted = run.update_nodes(0);
@@ -122,7 +122,7 @@ public:
 
 private:
     template <std::size_t k>
-    using Of = typename Parts::template Of<k>;
+    using MaterialTraits = typename Sets::template MaterialTraits<k>;
 
     /// The steps of one run: what their phases are made of, and what the host does about them.
     template <class Effects>
@@ -149,9 +149,9 @@ private:
             now_ = reinterpret_cast<Now*>(runs_.now_.data());
             kept_rule_ = reinterpret_cast<KeptRule*>(runs_.now_.data() + rule_at);
             log_ = Log::over(runs_.log_.data(), std::size_t(expected));
-            Parts::for_each([&](auto k) {
+            Sets::for_each([&](auto k) {
                 had_cached_[k] = particles<k>().has_grid_fields();
-                wrote_derived_[k] = Of<k>::Derived::components(d) > 0 &&
+                wrote_derived_[k] = MaterialTraits<k>::Derived::components(d) > 0 &&
                                     (effects.touch_particles() || scene.may_lose_particles);
             });
         }
@@ -166,14 +166,14 @@ private:
                 runs_.backend_.for_each(
                     Log::places(std::size_t(expected_)),
                     BeginSteps<Number, d, materials, Effects, Actions>{
-                        run, {rule, scene_.parts.densities(), effects}, kept_rule_, now(0)});
+                        run, {rule, scene_.sets.densities(), effects}, kept_rule_, now(0)});
         }
 
         /// Nodes find their velocities. Returns the reactions of obstacles.
         auto update_nodes(int step)
         {
-            scene_.exchange.extend_velocities(scene_.parts, scene_.smallest_node_mass);
-            return runs_.backend_.for_each_node(scene_.parts.orders(), scene_.exchange.grid(),
+            scene_.exchange.extend_velocities(scene_.sets, scene_.smallest_node_mass);
+            return runs_.backend_.for_each_node(scene_.sets.orders(), scene_.exchange.grid(),
                                                 UpdateGrid<Space, Kernel, Transfer, Actions>{
                                                     now(step), runs_.lattice_, scene_.smallest_node_mass,
                                                     scene_.exchange.kept_share(),
@@ -181,7 +181,7 @@ private:
         }
 
         /// The phase in which particles of all materials move.
-        auto move(int step) const { return move(step, typename Parts::Places{}); }
+        auto move(int step) const { return move(step, typename Sets::Places{}); }
 
         /// The phase that chooses the step behind this one.
         auto conclude(int step) const
@@ -190,14 +190,14 @@ private:
         }
 
         /// The grid's layers of all materials.
-        auto layers() const { return layers(typename Parts::Places{}); }
+        auto layers() const { return layers(typename Sets::Places{}); }
 
         /// Particles go into the order of cells that they have moved to, and who changed its cell gives
         /// there.
         template <class Choice>
         void follow(Choice const& choice)
         {
-            Parts::for_each([&](auto k) {
+            Sets::for_each([&](auto k) {
                 particles<k>().sort([&](auto& cells, auto const& offsets) {
                     auto layer = scene_.exchange.grid().layer(k);
                     runs_.backend_.template follow<typename Exchange::template Scatter<k>>(cells, layer,
@@ -219,14 +219,14 @@ private:
         /// Takes a step that was made, or soon will be, for done.
         void accept()
         {
-            Parts::for_each([&](auto k) { particles<k>().accept(wrote_derived_[k]); });
+            Sets::for_each([&](auto k) { particles<k>().accept(wrote_derived_[k]); });
             scene_.exchange.grid().accept();
         }
 
         /// Undoes that, and follow(), for steps that were queued and then not made.
         void take_back(int accepted, int followed) requires Backend::queues
         {
-            Parts::for_each([&](auto k) { particles<k>().take_back(accepted, followed, wrote_derived_[k]); });
+            Sets::for_each([&](auto k) { particles<k>().take_back(accepted, followed, wrote_derived_[k]); });
             if (accepted % 2 != 0) scene_.exchange.grid().accept(); // what was swapped is swapped back
         }
 
@@ -235,7 +235,7 @@ private:
         void adopt(int place, int taken, bool movers_scattered)
         {
             scene_.course = heard_.at[place].course;
-            Parts::for_each([&](auto k) {
+            Sets::for_each([&](auto k) {
                 particles<k>().set_cached(taken > 0 ? wrote_derived_[k] : had_cached_[k], had_cached_[k]);
             });
             if (taken > 0)
@@ -246,7 +246,7 @@ private:
         template <std::size_t k>
         auto& particles() const
         {
-            return scene_.parts.template particles<k>();
+            return scene_.sets.template particles<k>();
         }
         Now* now(int step) const { return now_ + (runs_.turn_ + step) % 2; }
 
@@ -259,17 +259,17 @@ private:
         auto move_material(int step) const
         {
             auto& table = particles<k>();
-            return G2p2g<Space, typename Of<k>::Model, Kernel, Transfer, Actions, typename Of<k>::Stored,
-                         typename Of<k>::Derived>{scene_.parts.template model<k>(),
-                                                  runs_.transfer_,
-                                                  now(step),
-                                                  table.current(),
-                                                  table.next(),
-                                                  wrote_derived_[k] ? table.next_derived()
-                                                                    : typename Of<k>::Table::DerivedView{},
-                                                  table.portions(),
-                                                  runs_.lattice_,
-                                                  largest_deformation_};
+            return G2p2g<Space, typename MaterialTraits<k>::Model, Kernel, Transfer, Actions,
+                         typename MaterialTraits<k>::Stored, typename MaterialTraits<k>::Derived>{
+                scene_.sets.template model<k>(),
+                runs_.transfer_,
+                now(step),
+                table.current(),
+                table.next(),
+                wrote_derived_[k] ? table.next_derived() : typename MaterialTraits<k>::Table::DerivedView{},
+                table.portions(),
+                runs_.lattice_,
+                largest_deformation_};
         }
         template <std::size_t... k>
         auto layers(std::index_sequence<k...>) const
@@ -288,7 +288,7 @@ private:
         /// and whether its steps write it. Obstacles that push particles set what cannot be taken again, and
         /// where particles may be taken out after a step that went wrong, the grid is no longer there to take
         /// from.
-        std::array<bool, Parts::count> had_cached_{}, wrote_derived_{};
+        std::array<bool, Sets::count> had_cached_{}, wrote_derived_{};
     };
 
     /// Learns from a run of so many steps how many to queue next time.
