@@ -182,10 +182,10 @@ double flops_per_particle_step()
     for (int a = 0; a < d; ++a) table.offset[a] = &offset[a];
     for (std::size_t c = 0; c < state.size(); ++c) table.component[c] = &state[c];
     table.id = &id;
-    Portion<Number> const portion{0, Number(1), Number(1e-3)};
+    MassGroup<Number> const group{0, Number(1), Number(1e-3)};
 
     StepContext<Number, Chain<>> const now{Number(1e-5), Number(1e-5), Number(1e-5), {}};
-    Move const move{{}, {}, &now, table, table, {}, {&portion, 1}, lattice(0.01), Number(1)};
+    Move const move{{}, {}, &now, table, table, {}, {&group, 1}, lattice(0.01), Number(1)};
     OneParticle<Number, d, Move::kept> particle;
     typename Move::Result result;
     using Real = Counted<Number>;

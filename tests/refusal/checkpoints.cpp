@@ -522,11 +522,11 @@ TEST_CASE("a snapshot that was changed by hand to what cannot be is refused")
     refuses([](auto&, auto& snow) { snow.fields[0].components.pop_back(); });
     refuses([](auto&, auto& snow) { snow.fields[0].components[0].pop_back(); });
     refuses([](auto&, auto& snow) { snow.fields.push_back(snow.fields[0]); });
-    refuses([](auto&, auto& snow) { snow.portions.clear(); });
-    refuses([](auto&, auto& snow) { snow.portions[0].first_row = 1; });
-    refuses([](auto&, auto& snow) { snow.portions[1].first_row = 100; });
-    refuses([](auto&, auto& snow) { snow.portions[0].mass = 0; });
-    refuses([](auto&, auto& snow) { snow.portions[0].volume = -1; });
+    refuses([](auto&, auto& snow) { snow.mass_groups.clear(); });
+    refuses([](auto&, auto& snow) { snow.mass_groups[0].first_row = 1; });
+    refuses([](auto&, auto& snow) { snow.mass_groups[1].first_row = 100; });
+    refuses([](auto&, auto& snow) { snow.mass_groups[0].mass = 0; });
+    refuses([](auto&, auto& snow) { snow.mass_groups[0].volume = -1; });
     refuses([](auto& all, auto&) { all.masses.unit = 0; });
     refuses([](auto& all, auto&) { all.masses.largest = 1e25; }); // nodes would take all others for none
     refuses([](auto& all, auto&) { all.bounds.material = 1; });

@@ -53,9 +53,9 @@
 //         | u8 whether it has a time | f64 time [s], or 0
 //     u32 number of materials, and of each:
 //       text name | its parameters | f64 density [kg/m^3] | f64 wave modulus at rest [Pa]
-//       u64 particles | u32 fields | u64 portions
+//       u64 particles | u32 fields | u64 mass groups
 //       of each field: text name | u32 components
-//       of each portion: u32 first row (rank of the id) | f64 mass in units | f64 volume per unit [m^3/kg]
+//       of each mass group: u32 first row (rank of the id) | f64 mass in units | f64 volume per unit [m^3/kg]
 //       u32 id of each particle, in the order of cells
 //       i32 cell of each, axis after axis (kernels of even order: that centred on this node of the lattice,
 //         else that behind it)
@@ -319,13 +319,14 @@ void put_material(CheckpointWriter& out, MaterialSnapshot<Number, d> const& mate
     out.text(material.name);
     put_parameters(out, material.parameters);
     out.values(material.density, material.wave_modulus, std::uint64_t(material.ids.size()),
-               static_cast<std::uint32_t>(material.fields.size()), std::uint64_t(material.portions.size()));
+               static_cast<std::uint32_t>(material.fields.size()),
+               std::uint64_t(material.mass_groups.size()));
     for (auto const& field : material.fields) {
         out.text(field.name);
         out.values(static_cast<std::uint32_t>(field.components.size()));
     }
-    for (auto const& portion : material.portions)
-        out.values(portion.first_row, double(portion.mass), double(portion.volume));
+    for (auto const& group : material.mass_groups)
+        out.values(group.first_row, double(group.mass), double(group.volume));
     out.all(material.ids);
     for (int a = 0; a < d; ++a) {
         std::vector<std::int32_t> along;
@@ -343,11 +344,11 @@ MaterialSnapshot<Number, d> get_material(CheckpointReader& in)
 {
     MaterialSnapshot<Number, d> material;
     using Offset = typename MaterialSnapshot<Number, d>::Offset;
-    std::uint64_t particles = 0, portions = 0;
+    std::uint64_t particles = 0, mass_groups = 0;
     std::uint32_t fields = 0;
     material.name = in.text();
     material.parameters = get_parameters(in);
-    in.values(material.density, material.wave_modulus, particles, fields, portions);
+    in.values(material.density, material.wave_modulus, particles, fields, mass_groups);
     in.expect(fields, 8);
     for (std::uint32_t i = 0; i < fields; ++i) {
         std::uint32_t components = 0;
@@ -357,8 +358,8 @@ MaterialSnapshot<Number, d> get_material(CheckpointReader& in)
                 "The file was not written by this library: pass another one.");
         material.fields.back().components.resize(components);
     }
-    in.expect(portions, sizeof(std::uint32_t) + 2 * sizeof(double));
-    for (std::uint64_t i = 0; i < portions; ++i) {
+    in.expect(mass_groups, sizeof(std::uint32_t) + 2 * sizeof(double));
+    for (std::uint64_t i = 0; i < mass_groups; ++i) {
         std::uint32_t first = 0;
         double mass = 0, volume = 0;
         in.values(first, mass, volume);
@@ -367,7 +368,7 @@ MaterialSnapshot<Number, d> get_material(CheckpointReader& in)
                     volume > 0,
                 "a mass or volume is out of range", "read_checkpoint",
                 "The file was not written by this library: pass another one.");
-        material.portions.push_back({first, static_cast<Number>(mass), static_cast<Number>(volume)});
+        material.mass_groups.push_back({first, static_cast<Number>(mass), static_cast<Number>(volume)});
     }
     material.ids = in.all<std::uint32_t>(particles);
     material.cells.resize(particles);

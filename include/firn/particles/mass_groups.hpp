@@ -16,18 +16,18 @@
 namespace firn
 {
 
-/// Masses and volumes of the particles of a table, one of each per portion (see Portions), here and where
-/// loops reach them.
+/// Masses and volumes of the particles of a table, one of each per mass group (see MassGroups), here and
+/// where loops reach them.
 template <class Backend, class Number>
-class PortionList
+class MassGroupList
 {
 public:
-    explicit PortionList(Backend const& backend) : there_(backend) {}
+    explicit MassGroupList(Backend const& backend) : there_(backend) {}
 
     /// As loops see them, and as the host does.
-    Portions<Number> there() const { return {there_.data(), static_cast<int>(here_.size())}; }
-    Portions<Number> here() const { return {here_.data(), static_cast<int>(here_.size())}; }
-    std::vector<Portion<Number>> const& all() const { return here_; }
+    MassGroups<Number> there() const { return {there_.data(), static_cast<int>(here_.size())}; }
+    MassGroups<Number> here() const { return {here_.data(), static_cast<int>(here_.size())}; }
+    std::vector<MassGroup<Number>> const& all() const { return here_; }
 
     /// Refuses particles of a volume [m^3] and a density [kg/m^3] beside which others of the scene are lost
     /// to rounding.
@@ -42,25 +42,25 @@ public:
     }
 
     /// From a row on particles have this volume and density: if both are those of the particles before them,
-    /// they belong to the same portion.
+    /// they belong to the same mass group.
     void add(std::uint32_t first_row, double volume, double density, MassScale& scale)
     {
         if (exactly_equal(scale.unit, 0)) scale.unit = volume * density;
-        Portion<Number> const portion{first_row, Number(volume * density / scale.unit),
+        MassGroup<Number> const group{first_row, Number(volume * density / scale.unit),
                                       Number(volume / scale.unit)};
-        scale.admit(portion.mass);
+        scale.admit(group.mass);
         if (here_.size() > 0) {
             auto const& last = here_.back();
-            if (exactly_equal(last.mass, portion.mass) && exactly_equal(last.volume, portion.volume)) return;
+            if (exactly_equal(last.mass, group.mass) && exactly_equal(last.volume, group.volume)) return;
         }
-        here_.push_back(portion);
+        here_.push_back(group);
         upload();
     }
 
-    /// Renumbers the rows, and forgets portions of which nobody is left.
+    /// Renumbers the rows, and forgets mass groups of which nobody is left.
     void keep(std::vector<std::uint32_t> const& new_row, std::size_t kept)
     {
-        std::vector<Portion<Number>> left;
+        std::vector<MassGroup<Number>> left;
         for (std::size_t i = 0; i < here_.size(); ++i) {
             std::size_t const begin = new_row[here_[i].first_row],
                               end = i + 1 < here_.size() ? new_row[here_[i + 1].first_row] : kept;
@@ -71,9 +71,9 @@ public:
         set(std::move(left));
     }
 
-    void set(std::vector<Portion<Number>> portions)
+    void set(std::vector<MassGroup<Number>> mass_groups)
     {
-        here_ = std::move(portions);
+        here_ = std::move(mass_groups);
         upload();
     }
 
@@ -84,8 +84,8 @@ private:
         there_.upload(0, here_);
     }
 
-    std::vector<Portion<Number>> here_;
-    typename Backend::template Array<Portion<Number>> there_;
+    std::vector<MassGroup<Number>> here_;
+    typename Backend::template Array<MassGroup<Number>> there_;
 };
 
 } // namespace firn

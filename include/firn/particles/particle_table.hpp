@@ -59,7 +59,7 @@ public:
 
     ParticleTable(Lattice lattice, int kernel_order, Backend const& backend)
         : lattice_(lattice), order_(kernel_order),
-          backend_(backend), buffer_{Buffer(backend), Buffer(backend)}, portions_(backend), cells_(backend)
+          backend_(backend), buffer_{Buffer(backend), Buffer(backend)}, mass_groups_(backend), cells_(backend)
     {}
 
     std::size_t size() const { return size_; }
@@ -88,7 +88,7 @@ public:
     Derived& cached() { return *cached_; } ///< if has_grid_fields()
     Derived const& cached() const { return *cached_; }
     Derived new_derived() const { return Derived(backend_, size_); }
-    Portions<Number> portions() const { return portions_.there(); }
+    MassGroups<Number> mass_groups() const { return mass_groups_.there(); }
 
     /// Adds particles at rest but for a velocity, whose ids begin with `first_id`; see Solver::add. Returns
     /// how many.
@@ -110,7 +110,7 @@ public:
                 "Use fewer particles, or several solvers.");
         auto const first = static_cast<std::uint32_t>(size_);
         if (located.empty()) return 0;
-        portions_.require_comparable(volume, density, scale);
+        mass_groups_.require_comparable(volume, density, scale);
         sort(); // inserting is for items whose cells are up to date
 
         resize_buffers(count);
@@ -125,7 +125,7 @@ public:
         if (named_) ids_.reserve(count);
 
         half_changed_ = true; // until here nothing was
-        portions_.add(first, volume, density, scale);
+        mass_groups_.add(first, volume, density, scale);
         cells_.insert(cells, first);
         if (named_) {
             ids_.resize(count);
@@ -229,7 +229,7 @@ public:
         name_rows();
         for (std::size_t row = 0; row < kept; ++row) ids_[row] = ids_[rows[row]];
         ids_.resize(kept);
-        portions_.keep(new_row, kept);
+        mass_groups_.keep(new_row, kept);
         size_ = kept;
         half_changed_ = false;
     }
@@ -262,7 +262,7 @@ public:
                 to.fields.back().components.push_back(listed(cached_->column(c), rows));
             });
         });
-        to.portions = portions_.all();
+        to.mass_groups = mass_groups_.all();
         return to;
     }
 
@@ -310,7 +310,7 @@ public:
         ids_ = listed(from.ids, at_row);
         named_ = count > 0 && ids_.back() != count - 1;
         if (!named_) ids_.clear();
-        portions_.set(from.portions);
+        mass_groups_.set(from.mass_groups);
         has_cached_ = true;
         moved_ = false;
         size_ = count;
@@ -491,7 +491,7 @@ public:
     /// `mass_unit` is that of the scene [kg].
     std::vector<double> masses(double mass_unit) const
     {
-        Portions<Number> const here = portions_.here();
+        MassGroups<Number> const here = mass_groups_.here();
         std::vector<double> by_row(size_);
         for (std::size_t row = 0; row < size_; ++row)
             by_row[row] = mass_unit * here.of[here.index(static_cast<std::uint32_t>(row))].mass;
@@ -668,7 +668,7 @@ private:
     std::array<Buffer, 2> buffer_;                ///< the current one, and the next
     std::optional<Derived> cached_, next_cached_; ///< places for them; see has_grid_fields()
     bool has_cached_ = false;                     ///< there is something in the first
-    PortionList<Backend, Number> portions_;
+    MassGroupList<Backend, Number> mass_groups_;
     Cells cells_;
 };
 

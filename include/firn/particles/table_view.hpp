@@ -225,19 +225,19 @@ struct GatherValues
 
 /// The particles added by one call: rows from `first_row` on have this mass and volume.
 template <class Number>
-struct Portion
+struct MassGroup
 {
     std::uint32_t first_row;
     Number mass;   ///< in units of the scene's mass unit
     Number volume; ///< V0 [m^3] per mass unit [kg]
 };
 
-/// Mass and volume of every particle: one value per portion, found by the particle's row, so that none is
+/// Mass and volume of every particle: one value per mass group, found by the particle's row, so that none is
 /// stored.
 template <class Number>
-struct Portions
+struct MassGroups
 {
-    Portion<Number> const* of;
+    MassGroup<Number> const* of;
     int count;
 
     /// The lanes' masses and volumes: both zero in lanes without an item.

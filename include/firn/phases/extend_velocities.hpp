@@ -79,7 +79,7 @@ struct ReturnVelocities
     };
 
     TableView<Number, d, PersistentFields> particles;
-    Portions<Number> portions;
+    MassGroups<Number> mass_groups;
 
     template <class Items>
     FIRN_HOST_DEVICE void begin(Items& items) const
@@ -98,7 +98,7 @@ struct ReturnVelocities
     {
         using Real = typename Items::Real;
         Vector<Real, d> const x = Gather::template kept_position<Real>(items);
-        Real const mass = portions.find(items, particles.id).mass;
+        Real const mass = mass_groups.find(items, particles.id).mass;
         ParticleContribution<Real, d> contribution;
         contribution.momentum = Gather::template gathered<Real>(items).velocity * mass;
         Scatter::keep(items, x, mass, contribution);

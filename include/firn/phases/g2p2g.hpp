@@ -72,7 +72,7 @@ struct G2p2g
     StepContext<Number, Effects> const* now;
     TableView<Number, d, PersistentFields> before, after;
     FieldsById<Number, d, DerivedFields> velocities; ///< written if present
-    Portions<Number> portions;
+    MassGroups<Number> mass_groups;
     Lattice lattice;
     Number largest_deformation; ///< dt |L| beyond which the step is rejected
 
@@ -163,7 +163,7 @@ private:
                                      Matrix<Real, d> const& stress) const
     {
         Number const h = static_cast<Number>(lattice.cell_size);
-        auto const [mass, volume] = portions.find(items, before.id);
+        auto const [mass, volume] = mass_groups.find(items, before.id);
         assert(all(mass >= Real(0)) && "the mass of a particle is not below 0");
         Matrix<Real, d> const impulse = stress * (volume * Real(-now->next_forces / h));
         Scatter::keep(items, x, mass,
@@ -207,7 +207,7 @@ private:
             FIRN_UNROLL
             for (int a = 0; a < d; ++a) where[a] += Real(to_node);
             LanePosition<Real, d> const place{lattice, items.first(), where, kernel_reach(order)};
-            Real const mass = portions.find(items, before.id).mass, dt(now->dt);
+            Real const mass = mass_groups.find(items, before.id).mass, dt(now->dt);
             // Beside a velocity of the particle's own, or where it is more than the distance from one solid
             // by a formula:
             if constexpr (Effects::obstacles > 1 || Effects::shells > 0 || Effects::lookups > 0 ||

@@ -24,7 +24,7 @@ struct ParticlesToGrid : Scatter<Space, Kernel, TransferType>
     Transfer transfer;
     TableView<Number, d, PersistentFields> particles;
     FieldsById<Number, d, DerivedFields> velocities;
-    Portions<Number> portions;
+    MassGroups<Number> mass_groups;
     Number dt;         ///< [s]; of the impulse alone: the difference to what was given
     Number cell_size;  ///< [m]
     bool impulse_only; ///< mass and momentum have been given
@@ -37,7 +37,7 @@ struct ParticlesToGrid : Scatter<Space, Kernel, TransferType>
         auto particle = Record<Real, d, Join<PersistentFields, DerivedFields>>::at_rest();
         particles.load(items, particle);
         if (!impulse_only) velocities.load(items, particles.id, particle);
-        auto const own = portions.find(items, particles.id);
+        auto const own = mass_groups.find(items, particles.id);
         Matrix<Real, d> L = zeros<Matrix<Real, d>>();
         // Viscous stress is that of the last step's motion, as far as particles carry it.
         if constexpr (Viscous<Model> &&

@@ -68,9 +68,9 @@ struct MaterialSnapshot
     std::vector<std::uint32_t> ids{};    ///< permanent
     std::vector<Coordinates<d>> cells{}; ///< in which they are
     std::array<std::vector<Offset>, std::size_t(d)>
-        offsets{};                               ///< from the centres of these, as CellOffset stores them
-    std::vector<FieldSnapshot<Number>> fields{}; ///< what else they have
-    std::vector<Portion<Number>> portions{};     ///< mass and volume, by row: the rank of the id
+        offsets{};                                ///< from the centres of these, as CellOffset stores them
+    std::vector<FieldSnapshot<Number>> fields{};  ///< what else they have
+    std::vector<MassGroup<Number>> mass_groups{}; ///< mass and volume, by row: the rank of the id
 
     /// See that of Snapshot.
     void forget_parameters()
@@ -150,11 +150,11 @@ void require_whole(MaterialSnapshot<Number, d> const& material, MassScale const&
             for (Number const value : component) whole(is_finite(value), "a field is not finite");
         }
     for (auto const id : material.ids) whole(id < next_id, "an id was never given");
-    whole(material.portions.empty() == (count == 0), "there are particles without a mass");
-    for (std::size_t i = 0; i < material.portions.size(); ++i) {
-        auto const& [first, mass, volume] = material.portions[i];
-        whole(i == 0 ? first == 0 : first > material.portions[i - 1].first_row && first < count,
-              "the portions of equal particles are out of order");
+    whole(material.mass_groups.empty() == (count == 0), "there are particles without a mass");
+    for (std::size_t i = 0; i < material.mass_groups.size(); ++i) {
+        auto const& [first, mass, volume] = material.mass_groups[i];
+        whole(i == 0 ? first == 0 : first > material.mass_groups[i - 1].first_row && first < count,
+              "the mass groups of equal particles are out of order");
         whole(is_finite(mass) && mass >= Number(masses.smallest) && mass <= Number(masses.largest) &&
                   volume > 0 && is_finite(volume),
               "a mass or volume is out of range");

@@ -89,7 +89,7 @@ public:
                     auto layer = grid_.layer(k);
                     backend_.scatter_back(table.cells(), layer,
                                           ReturnVelocities<Space, Kernel, typename MaterialTraits<k>::Stored>{
-                                              table.current(), table.portions()});
+                                              table.current(), table.mass_groups()});
                 });
                 grid_.accept();
                 on_nodes(false);
@@ -206,7 +206,7 @@ private:
                                 transfer_,
                                 table.current(),
                                 table.derived(),
-                                table.portions(),
+                                table.mass_groups(),
                                 static_cast<Number>(dt),
                                 static_cast<Number>(lattice_.cell_size),
                                 impulse_only},

@@ -267,7 +267,7 @@ private:
                 table.current(),
                 table.next(),
                 wrote_derived_[k] ? table.next_derived() : typename MaterialTraits<k>::Table::DerivedView{},
-                table.portions(),
+                table.mass_groups(),
                 runs_.lattice_,
                 largest_deformation_};
         }
