@@ -182,37 +182,37 @@ public:
         return first;
     }
 
-    /// Removes the particles of which a call says so: `is_doomed(position)` [m], or `is_doomed(position,
+    /// Removes the particles of which a call says so: `predicate(position)` [m], or `predicate(position,
     /// particle)` with `particle[Velocity{}]` and what else it has. Returns how many. The others keep their
     /// ids and, bit by bit, all they have.
     ///
-    /// `is_doomed` is a function object that may be called where the backend's loops run: Inside{shape} or
+    /// `predicate` is a function object that may be called where the backend's loops run: Inside{shape} or
     /// Outside{shape}, for example, or for a device one of your own that is FIRN_HOST_DEVICE. It throws
     /// nothing: exceptions cannot leave the loops.
-    template <class Which = Every, class IsDoomed>
-    std::size_t remove_if(IsDoomed const& is_doomed)
+    template <class Which = Every, class Predicate>
+    std::size_t remove_if(Predicate const& predicate)
     {
         auto const visit = entrance_.to_change("Solver::remove_if");
-        if constexpr (requires { IsDoomed::in_host_memory; })
-            static_assert(Backend::reaches_host_memory || !IsDoomed::in_host_memory,
+        if constexpr (requires { Predicate::in_host_memory; })
+            static_assert(Backend::reaches_host_memory || !Predicate::in_host_memory,
                           "the shape lies in memory of the host: pass shape.on(backend)");
-        if constexpr (requires { is_doomed.validate(); }) is_doomed.validate();
-        if constexpr (d == 2 && requires { is_doomed.validate_in_plane(); }) is_doomed.validate_in_plane();
-        if constexpr (!TellsByPosition<IsDoomed, d>) cache_grid_fields();
-        std::vector<Doomed<Backend>> doomed;
+        if constexpr (requires { predicate.validate(); }) predicate.validate();
+        if constexpr (d == 2 && requires { predicate.validate_in_plane(); }) predicate.validate_in_plane();
+        if constexpr (!TellsByPosition<Predicate, d>) cache_grid_fields();
+        std::vector<RemovalMask<Backend>> masks;
         std::size_t count = 0;
         for_each_material([&](auto k) {
             using Particle = Record<Number, d, typename MaterialTraits<Material<k>>::State>;
             if constexpr (is_about<Which, k>) {
                 static_assert(
-                    TellsByPosition<IsDoomed, d> || TellsByFields<IsDoomed, d, Particle>,
-                    "is_doomed is to take a position, or a position and a particle, and tell yes or "
+                    TellsByPosition<Predicate, d> || TellsByFields<Predicate, d, Particle>,
+                    "predicate is to take a position, or a position and a particle, and tell yes or "
                     "no");
-                doomed.push_back(particles<k>().find(is_doomed));
+                masks.push_back(particles<k>().find(predicate));
             }
             else
-                doomed.push_back({typename Backend::template Array<unsigned char>(backend_)});
-            count += doomed.back().count;
+                masks.push_back({typename Backend::template Array<unsigned char>(backend_)});
+            count += masks.back().count;
         });
         if (count == 0) return 0;
         cache_grid_fields();
@@ -220,8 +220,8 @@ public:
         or_break_off(
             [&] {
                 for_each_material([&](auto k) {
-                    particles<k>().remove(doomed[k]);
-                    has_begun = has_begun || doomed[k].count > 0;
+                    particles<k>().remove(masks[k]);
+                    has_begun = has_begun || masks[k].count > 0;
                 });
                 exchange_.forget();
                 if (is_held_up() || !has_particles(course_.bounds.material)) find_bounds(); // of who is left

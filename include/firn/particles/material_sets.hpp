@@ -160,7 +160,7 @@ public:
             std::vector<std::uint32_t> rows;
             for (auto const& failure : failures)
                 if (failure.material == k) rows.push_back(particles<k>().row(failure.particle));
-            particles<k>().remove(particles<k>().doomed(rows));
+            particles<k>().remove(particles<k>().removal_mask(rows));
         });
     }
 

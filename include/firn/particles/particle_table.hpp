@@ -23,7 +23,7 @@ namespace firn
 
 /// Which particles of a table are to be removed, by where they lie.
 template <class Backend>
-struct Doomed
+struct RemovalMask
 {
     typename Backend::template Array<unsigned char> there; ///< where loops reach it
     std::vector<unsigned char> here{};                     ///< the same
@@ -139,39 +139,39 @@ public:
     /// Whether add(), remove() or sort() broke off where the particles that stay had changed, too.
     bool is_half_changed() const { return half_changed_; }
 
-    /// Finds the particles of which `is_doomed` says so; see Solver::remove_if. Changes nothing.
-    template <class IsDoomed>
-    Doomed<Backend> find(IsDoomed const& is_doomed) const
+    /// Finds the particles of which `predicate` says so; see Solver::remove_if. Changes nothing.
+    template <class Predicate>
+    RemovalMask<Backend> find(Predicate const& predicate) const
     {
-        Doomed<Backend> doomed{.there = Array<unsigned char>(backend_)};
-        if (size_ == 0) return doomed;
-        doomed.there.resize(size_);
+        RemovalMask<Backend> mask{.there = Array<unsigned char>(backend_)};
+        if (size_ == 0) return mask;
+        mask.there.resize(size_);
         backend_.for_each_place(
-            cells_, FindParticles<Number, d, PersistentFields, DerivedFields, IsDoomed>{
-                        buffer_[0].view(), derived(), lattice_, order_, is_doomed, doomed.there.data()});
-        doomed.here = detail::downloaded(doomed.there);
-        doomed.count = static_cast<std::size_t>(std::count(doomed.here.begin(), doomed.here.end(), 1));
-        return doomed;
+            cells_, FindParticles<Number, d, PersistentFields, DerivedFields, Predicate>{
+                        buffer_[0].view(), derived(), lattice_, order_, predicate, mask.there.data()});
+        mask.here = detail::downloaded(mask.there);
+        mask.count = static_cast<std::size_t>(std::count(mask.here.begin(), mask.here.end(), 1));
+        return mask;
     }
 
     /// The particles of some rows, as find() tells them.
-    Doomed<Backend> doomed(std::vector<std::uint32_t> const& rows) const
+    RemovalMask<Backend> removal_mask(std::vector<std::uint32_t> const& rows) const
     {
-        Doomed<Backend> doomed{.there = Array<unsigned char>(backend_)};
-        if (rows.empty()) return doomed;
+        RemovalMask<Backend> mask{.there = Array<unsigned char>(backend_)};
+        if (rows.empty()) return mask;
         auto const row_at = detail::downloaded(buffer_[0].id);
         std::vector<unsigned char> goes(size_, 0);
         for (auto const row : rows) goes[row] = 1;
-        doomed.here.resize(size_);
-        for (std::size_t place = 0; place < size_; ++place) doomed.here[place] = goes[row_at[place]];
-        doomed.there.resize(size_);
-        doomed.there.upload(0, doomed.here);
-        doomed.count = rows.size();
-        return doomed;
+        mask.here.resize(size_);
+        for (std::size_t place = 0; place < size_; ++place) mask.here[place] = goes[row_at[place]];
+        mask.there.resize(size_);
+        mask.there.upload(0, mask.here);
+        mask.count = rows.size();
+        return mask;
     }
 
     /// The first row of those that find() has found, if it has found any.
-    std::uint32_t first_row(Doomed<Backend> const& found) const
+    std::uint32_t first_row(RemovalMask<Backend> const& found) const
     {
         auto const row = detail::downloaded(buffer_[0].id);
         auto first = static_cast<std::uint32_t>(size_);
@@ -182,16 +182,16 @@ public:
 
     /// Removes the particles that find() has found, nothing having happened since but sort() and
     /// cache_grid_fields(). The others keep all they have, and their order.
-    void remove(Doomed<Backend> const& doomed)
+    void remove(RemovalMask<Backend> const& mask)
     {
-        if (doomed.count == 0) return;
+        if (mask.count == 0) return;
         sort();
-        std::size_t const kept = size_ - doomed.count;
+        std::size_t const kept = size_ - mask.count;
         auto const row_at = detail::downloaded(buffer_[0].id);
         std::vector<std::uint32_t> from, new_place(size_), rows;
         std::vector<char> keeps_row(size_, 0);
         for (std::uint32_t place = 0; place < size_; ++place) {
-            if (doomed.here[place]) continue;
+            if (mask.here[place]) continue;
             keeps_row[row_at[place]] = 1;
             new_place[place] = static_cast<std::uint32_t>(from.size());
             from.push_back(place);
@@ -224,7 +224,7 @@ public:
         resize_buffers(kept);
         next_cached_.reset();
         std::swap(cached_, derived);
-        cells_.erase(doomed.there.data(), new_place_there.data(), kept);
+        cells_.erase(mask.there.data(), new_place_there.data(), kept);
 
         name_rows();
         for (std::size_t row = 0; row < kept; ++row) ids_[row] = ids_[rows[row]];
