@@ -36,10 +36,10 @@ struct TimedOpenMP : OpenMP
     std::shared_ptr<Times> times = std::make_shared<Times>();
 
     template <class Number, int d>
-    struct Cells : OpenMP::Cells<Number, d>
+    struct CellOrder : OpenMP::CellOrder<Number, d>
     {
-        using Base = OpenMP::Cells<Number, d>;
-        explicit Cells(TimedOpenMP const& backend) : Base(backend), times(backend.times) {}
+        using Base = OpenMP::CellOrder<Number, d>;
+        explicit CellOrder(TimedOpenMP const& backend) : Base(backend), times(backend.times) {}
 
         /// All of it, so that it is told apart from what those who moved give next.
         template <class Offsets>
@@ -51,14 +51,14 @@ struct TimedOpenMP : OpenMP
         std::shared_ptr<Times> times;
     };
 
-    template <class CellOrder, class GridType, class Phase>
-    void scatter(CellOrder& cells, GridType& grid, Phase const& phase, bool afresh) const
+    template <class Order, class GridType, class Phase>
+    void scatter(Order& cells, GridType& grid, Phase const& phase, bool afresh) const
     {
         times->take("scatter", [&] { OpenMP::scatter(cells, grid, phase, afresh); });
     }
 
-    template <class Phase, class CellOrder, class GridType>
-    void scatter_movers(CellOrder& cells, GridType& grid) const
+    template <class Phase, class Order, class GridType>
+    void scatter_movers(Order& cells, GridType& grid) const
     {
         times->take("scatter_movers", [&] { OpenMP::scatter_movers<Phase>(cells, grid); });
     }
@@ -69,8 +69,8 @@ struct TimedOpenMP : OpenMP
         return times->take("grid", [&] { return OpenMP::for_each_node(cells, grid, phase); });
     }
 
-    template <class CellOrder, class LayerType, class Phase, class OfNodes, class Conclude>
-    void move(std::array<CellOrder*, 1> const& cells, std::array<LayerType, 1> const& layers,
+    template <class Order, class LayerType, class Phase, class OfNodes, class Conclude>
+    void move(std::array<Order*, 1> const& cells, std::array<LayerType, 1> const& layers,
               std::tuple<Phase> const& phases, OfNodes const& of_nodes, Conclude const& conclude) const
     {
         // These tiles are about to be cleared anyway.

@@ -585,7 +585,7 @@ public:
                 });
             },
             [&] { return is_half_changed(); });
-        std::vector<Cells> orders; // they take memory, before anything changes
+        std::vector<CellOrder> orders; // they take memory, before anything changes
         for_each_material([&](auto k) { orders.push_back(particles<k>().order_of(to.materials[k])); });
         Exchange exchange(lattice_, transfer_, backend_);
         or_break_off([&] {
@@ -607,7 +607,7 @@ public:
     {
         auto const visit = entrance_.to_change("Solver::restore");
         bool const same_bounds = detail::require_fits<Kernel>(from, sets_, lattice_, transfer_);
-        detail::require_whole(from, Cells::largest_coordinate);
+        detail::require_whole(from, CellOrder::largest_coordinate);
         Sets sets = sets_.emptied(lattice_, Kernel::order, backend_);
         for_each_material([&](auto k) {
             auto& table = sets.template particles<k>();
@@ -636,7 +636,7 @@ public:
 private:
     using Exchange = GridState<Backend, Sets, Kernel, Transfer>;
     using Runs = StepDriver<Backend, Sets, Kernel, Transfer>;
-    using Cells = typename Sets::Cells;
+    using CellOrder = typename Sets::CellOrder;
     using Rule = typename Runs::Rule;
     using Failures = std::vector<StepFailure>;
 

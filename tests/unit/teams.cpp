@@ -70,7 +70,7 @@ TEST_CASE("parts of threads may have bounds of their own, which count if they ar
 TEST_CASE("threads have equal numbers of items, as nearly as blocks allow")
 {
     int const threads = GENERATE(1, 2, 3, 7), crowd = GENERATE(0, 5000);
-    openmp::Cells<float, 2, 4> cells(OpenMP{threads});
+    openmp::CellOrder<float, 2, 4> cells(OpenMP{threads});
     std::vector<Coordinates<2>> places;
     for (int i = 0; i < 600; ++i) // 8 in each block
         for (int k = 0; k < 8; ++k) places.push_back({i / 20 * 8, i % 20 * 8 + k});

@@ -38,7 +38,7 @@ struct Cuda
     template <class T>
     using ReadbackBuffer = cuda::ReadbackBuffer<T>;
     template <class Number, int d>
-    using Cells = cuda::Cells<Number, d>;
+    using CellOrder = cuda::CellOrder<Number, d>;
     static constexpr int largest_degree = 3; ///< of a stencil, which has one node more along each axis
     template <class Number, int d, int order, int sums, int values, int layers>
     using Grid = cuda::Grid<Number, d, order, sums, values, layers>;
@@ -48,19 +48,19 @@ struct Cuda
     /// How many steps are worth while to queue. Where there are many blocks, loops that were queued in vain
     /// take longer, the host that listens holds up less, and it went well with half of `blindly`; else
     /// throttle() finds out in time.
-    template <class CellOrder, std::size_t orders>
-    std::size_t steps_to_queue(std::array<CellOrder*, orders> const& cells, std::size_t blindly) const
+    template <class Order, std::size_t orders>
+    std::size_t steps_to_queue(std::array<Order*, orders> const& cells, std::size_t blindly) const
     {
         if (orders == 1 && cells[0]->follows_early()) return batch;
         std::size_t blocks = 0;
-        for (CellOrder const* const order : cells) blocks += order->blocks();
+        for (Order const* const order : cells) blocks += order->blocks();
         return std::min({batch, blindly, 2 + 10000 / (1000 + blocks)});
     }
 
     /// Waits until the device is about to need another step, where it is told how far it is; false if steps
     /// that were queued have stopped.
-    template <class CellOrder, std::size_t orders>
-    bool throttle(std::array<CellOrder*, orders> const& cells) const
+    template <class Order, std::size_t orders>
+    bool throttle(std::array<Order*, orders> const& cells) const
     {
         return !follows_early(cells) || cells[0]->throttle();
     }
@@ -112,49 +112,50 @@ struct Cuda
     }
 
     /// Calls `visit(where it lies, coordinates of its cell)` for every item, on the device.
-    template <class CellOrder, class Visit>
-    void for_each_place(CellOrder const& cells, Visit const& visit) const
+    template <class Order, class Visit>
+    void for_each_place(Order const& cells, Visit const& visit) const
     {
         if (cells.size() == 0) return;
         cuda::OnDevice const here(device);
-        cuda::detail::launch("for_each_place", queue(), cuda::detail::for_each_place<CellOrder, Visit>,
+        cuda::detail::launch("for_each_place", queue(), cuda::detail::for_each_place<Order, Visit>,
                              cells.blocks(), 1, 0, cells.signal(), visit, cells.view(), cells.settled());
     }
 
     /// All items give to the grid, by `phase.prepare` and `give` (see Scatter): afresh, or onto what is
     /// there.
-    template <class CellOrder, class GridType, class Phase>
-    void scatter(CellOrder const& cells, GridType& grid, Phase const& phase, bool afresh) const
+    template <class Order, class GridType, class Phase>
+    void scatter(Order const& cells, GridType& grid, Phase const& phase, bool afresh) const
     {
         if (grid.blocks() == 0) return;
         cuda::OnDevice const here(device);
-        cuda::detail::launch("scatter", queue(), cuda::detail::scatter<CellOrder, GridType, Phase>,
-                             grid.blocks(), 1, cuda::detail::SharedTiles<GridType>::bytes(false, true),
-                             cells.signal(), phase, cells.view(), grid.view(), afresh);
+        cuda::detail::launch("scatter", queue(), cuda::detail::scatter<Order, GridType, Phase>, grid.blocks(),
+                             1, cuda::detail::SharedTiles<GridType>::bytes(false, true), cells.signal(),
+                             phase, cells.view(), grid.view(), afresh);
     }
 
     /// Items that changed their cells when they moved give to the grid, to which the others already gave.
-    template <class Phase, class CellOrder, class GridType>
-    void scatter_movers(CellOrder const& cells, GridType& grid) const
+    template <class Phase, class Order, class GridType>
+    void scatter_movers(Order const& cells, GridType& grid) const
     {
         if (grid.blocks() == 0) return;
         cuda::OnDevice const here(device);
-        cuda::detail::ScatterArrivals<CellOrder, GridType, Phase> const scatter{cells.view(), cells.arrived(),
-                                                                                cells.movers(), grid.view()};
+        cuda::detail::ScatterArrivals<Order, GridType, Phase> const scatter{cells.view(), cells.arrived(),
+                                                                            cells.movers(), grid.view()};
         using Tiles = cuda::detail::SharedTiles<GridType>;
         // as follow() has it where it lets them give, since sums are added up team by team
         unsigned const teams = Tiles::teams_that_follow(cells.followed_blocks());
-        auto* const loop = teams == 1 ? cuda::detail::scatter_movers<1, CellOrder, GridType, Phase>
-                                      : cuda::detail::scatter_movers<cuda::detail::most_teams_that_follow,
-                                                                     CellOrder, GridType, Phase>;
+        auto* const loop =
+            teams == 1
+                ? cuda::detail::scatter_movers<1, Order, GridType, Phase>
+                : cuda::detail::scatter_movers<cuda::detail::most_teams_that_follow, Order, GridType, Phase>;
         cuda::detail::launch("scatter_movers", queue(), loop, std::min(grid.blocks(), 4096u), teams,
                              Tiles::bytes(false, true, teams), cells.signal(), grid.blocks(), scatter);
     }
 
     /// Calls `phase(node, result)` for every node that was added to, in whatever layer; what it found becomes
     /// known when the items have moved.
-    template <class CellOrder, std::size_t orders, class GridType, class Phase>
-    cuda::Partial<typename Phase::Result> for_each_node(std::array<CellOrder*, orders> const& cells,
+    template <class Order, std::size_t orders, class GridType, class Phase>
+    cuda::Partial<typename Phase::Result> for_each_node(std::array<Order*, orders> const& cells,
                                                         GridType& grid, Phase const& phase) const
     {
         using Result = typename Phase::Result;
@@ -178,34 +179,33 @@ struct Cuda
     }
 
     /// All items take from the grid and, where they are, give to what accept() makes its sums.
-    template <class CellOrder, class GridType, class Phase>
-    void scatter_back(CellOrder const& cells, GridType& grid, Phase const& phase) const
+    template <class Order, class GridType, class Phase>
+    void scatter_back(Order const& cells, GridType& grid, Phase const& phase) const
     {
         if (grid.blocks() == 0) return;
         cuda::OnDevice const here(device);
-        cuda::detail::launch("give_back", queue(), cuda::detail::scatter_back<CellOrder, GridType, Phase>,
+        cuda::detail::launch("give_back", queue(), cuda::detail::scatter_back<Order, GridType, Phase>,
                              grid.blocks(), 1, cuda::detail::SharedTiles<GridType>::bytes(true, true),
                              cells.signal(), phase, cells.view(), grid.view());
     }
 
     /// All items take from the grid as they did when they moved last; the phase stores what it wants of that.
-    template <class CellOrder, class GridType, class Phase>
-    void gather(CellOrder const& cells, GridType const& grid, Phase const& phase) const
+    template <class Order, class GridType, class Phase>
+    void gather(Order const& cells, GridType const& grid, Phase const& phase) const
     {
         if (grid.blocks() == 0) return;
         cuda::OnDevice const here(device);
-        cuda::detail::launch("take", queue(), cuda::detail::gather<CellOrder, GridType, Phase>, grid.blocks(),
-                             1, cuda::detail::SharedTiles<GridType>::bytes(true, false), cells.signal(),
-                             phase, cells.view(), grid.view());
+        cuda::detail::launch("take", queue(), cuda::detail::gather<Order, GridType, Phase>, grid.blocks(), 1,
+                             cuda::detail::SharedTiles<GridType>::bytes(true, false), cells.signal(), phase,
+                             cells.view(), grid.view());
     }
 
     /// The items of all orders of cells, each with its layer and its phase, take from the grid, move, and
     /// give to the grid of the next step (see G2p2g); then calls `conclude(merged results of the
     /// nodes, and of the items of each order)` on the device. Where that is false, or there was no room for
     /// what moved, later loops do nothing until the host has listened.
-    template <class CellOrder, class LayerType, std::size_t orders, class... Phase, class OfNodes,
-              class Conclude>
-    void move(std::array<CellOrder*, orders> const& cells, std::array<LayerType, orders> const& layers,
+    template <class Order, class LayerType, std::size_t orders, class... Phase, class OfNodes, class Conclude>
+    void move(std::array<Order*, orders> const& cells, std::array<LayerType, orders> const& layers,
               std::tuple<Phase...> const& phases, cuda::Partial<OfNodes> const& of_nodes,
               Conclude const& conclude) const
     {
@@ -224,9 +224,8 @@ struct Cuda
 
     /// The same where the next step is queued at once: returns what follow() is to be called with before
     /// that. Where there are few blocks, the step is concluded while they are followed.
-    template <class CellOrder, class LayerType, std::size_t orders, class... Phase, class OfNodes,
-              class Conclude>
-    auto move_on(std::array<CellOrder*, orders> const& cells, std::array<LayerType, orders> const& layers,
+    template <class Order, class LayerType, std::size_t orders, class... Phase, class OfNodes, class Conclude>
+    auto move_on(std::array<Order*, orders> const& cells, std::array<LayerType, orders> const& layers,
                  std::tuple<Phase...> const& phases, cuda::Partial<OfNodes> const& of_nodes,
                  Conclude const& conclude) const
     {
@@ -239,26 +238,25 @@ struct Cuda
     }
 
     /// Whether follow() lets items give, and leaves the order before to be brought back.
-    template <class CellOrder, std::size_t orders>
-    bool follows_early(std::array<CellOrder*, orders> const& cells) const
+    template <class Order, std::size_t orders>
+    bool follows_early(std::array<Order*, orders> const& cells) const
     {
         return orders == 1 && cells[0]->blocks() > 0 && cells[0]->follows_early();
     }
 
     /// When the host has waited: lets loops work again if they have stopped, and says whether they did so
     /// because there was no room for all that moved.
-    template <class CellOrder, std::size_t orders>
-    bool poll(std::array<CellOrder*, orders> const& cells) const
+    template <class Order, std::size_t orders>
+    bool poll(std::array<Order*, orders> const& cells) const
     {
         bool lacks_room = false;
-        for (CellOrder* const order : cells) lacks_room = order->poll() || lacks_room;
+        for (Order* const order : cells) lacks_room = order->poll() || lacks_room;
         return lacks_room;
     }
 
     /// Then makes room, and repeats what is to be repeated of move().
-    template <class CellOrder, class LayerType, std::size_t orders, class... Phase, class OfNodes,
-              class Conclude>
-    void complete(std::array<CellOrder*, orders> const& cells, std::array<LayerType, orders> const& layers,
+    template <class Order, class LayerType, std::size_t orders, class... Phase, class OfNodes, class Conclude>
+    void complete(std::array<Order*, orders> const& cells, std::array<LayerType, orders> const& layers,
                   std::tuple<Phase...> const& phases, cuda::Partial<OfNodes> const& of_nodes,
                   Conclude const& conclude) const
     {
@@ -271,8 +269,8 @@ struct Cuda
 
     /// Brings the order of cells up to date with items that have moved, and lets those that came to another
     /// cell give there.
-    template <class Phase, class CellOrder, class GridType, class Offsets, class Conclusion>
-    void follow(CellOrder& cells, GridType& grid, Offsets const& offsets,
+    template <class Phase, class Order, class GridType, class Offsets, class Conclusion>
+    void follow(Order& cells, GridType& grid, Offsets const& offsets,
                 Followed<Conclusion> const& followed) const
     {
         if (!followed.early) {
@@ -285,8 +283,8 @@ struct Cuda
         cells.follow_early(
             offsets, followed.conclusion,
             [&](auto const& view, auto const& arrived) {
-                return cuda::detail::ScatterArrivals<CellOrder, GridType, Phase>{view, arrived,
-                                                                                 cells.movers(), grid.view()};
+                return cuda::detail::ScatterArrivals<Order, GridType, Phase>{view, arrived, cells.movers(),
+                                                                             grid.view()};
             },
             teams, Tiles::bytes(false, true, teams));
     }
@@ -320,24 +318,24 @@ private:
     }
 
     /// Queues the loop that ends a step when all items have moved.
-    template <class CellOrder, std::size_t orders, class Conclusion>
-    void end_step(std::array<CellOrder*, orders> const& cells, Conclusion const& conclude) const
+    template <class Order, std::size_t orders, class Conclusion>
+    void end_step(std::array<Order*, orders> const& cells, Conclusion const& conclude) const
     {
         constexpr int count = static_cast<int>(orders);
         unsigned groups = 1; // for each order
-        for (CellOrder const* const order : cells) groups = std::max(groups, order->groups_that_find());
-        using Order = decltype(cells[0]->moved());
-        std::array<Order, orders> moved;
+        for (Order const* const order : cells) groups = std::max(groups, order->groups_that_find());
+        using Moved = decltype(cells[0]->moved());
+        std::array<Moved, orders> moved;
         for (std::size_t k = 0; k < orders; ++k) moved[k] = cells[k]->moved();
         // Made ready early however large the scene: they are soon through, and take nobody's place for long.
-        cuda::launch_behind("end_step", queue(), cuda::detail::end_step<Order, count, Conclusion>,
+        cuda::launch_behind("end_step", queue(), cuda::detail::end_step<Moved, count, Conclusion>,
                             cuda::Groups{1 + count * groups, true}, cuda::detail::scanning_threads,
                             Conclusion::bytes, cells[0]->signal(), moved, conclude);
     }
 
     /// Queues the loop that moves items.
-    template <class CellOrder, class LayerType, class Phase>
-    void start_moving(CellOrder& cells, LayerType const& layer, Phase const& phase) const
+    template <class Order, class LayerType, class Phase>
+    void start_moving(Order& cells, LayerType const& layer, Phase const& phase) const
     {
         if (layer.blocks() == 0) return;
         using Result = typename Phase::Result;
@@ -347,7 +345,7 @@ private:
         constexpr unsigned most_teams = cuda::detail::most_teams_that_move<Phase>;
         unsigned const teams = Tiles::teams(layer.blocks(), most_teams);
         auto const results = layer.item_results().template expect<Result>(layer.blocks());
-        auto* const loop = cuda::detail::move<CellOrder, LayerType, Phase>;
+        auto* const loop = cuda::detail::move<Order, LayerType, Phase>;
         std::size_t const shared = Tiles::bytes(true, true, teams);
         constexpr std::size_t declared = cuda::detail::declared_by_move<Phase>; // grows with the obstacles
         static_assert(

@@ -44,7 +44,7 @@ struct BasicOpenMP
     template <class T>
     using ReadbackBuffer = openmp::ReadbackBuffer<T>;
     template <class Number, int d>
-    using Cells = openmp::Cells<Number, d, lane_width<Lane<Number>>>;
+    using CellOrder = openmp::CellOrder<Number, d, lane_width<Lane<Number>>>;
     static constexpr int largest_degree = 3; ///< of a stencil, which has one node more along each axis
     template <class Number, int d, int order, int sums, int values, int layers>
     using Grid = openmp::Grid<Number, d, order, sums, values, lane_width<Lane<Number>>, layers>;
@@ -89,24 +89,24 @@ struct BasicOpenMP
     }
 
     /// Calls `visit(where it lies, coordinates of its cell)` for every item.
-    template <class CellOrder, class Visit>
-    void for_each_place(CellOrder const& cells, Visit const& visit) const
+    template <class Order, class Visit>
+    void for_each_place(Order const& cells, Visit const& visit) const
     {
         cells.for_each(visit);
     }
 
     /// All items give to the grid, by `phase.prepare`, `give` and `add` (see Scatter): afresh, or onto what
     /// is there.
-    template <class CellOrder, class GridType, class Phase>
-    void scatter(CellOrder& cells, GridType& grid, Phase const& phase, bool afresh) const
+    template <class Order, class GridType, class Phase>
+    void scatter(Order& cells, GridType& grid, Phase const& phase, bool afresh) const
     {
         cells.complete();
         openmp::scatter<Lane<typename Phase::Number>>(threads_for(cells.size()), cells, grid, phase, afresh);
     }
 
     /// Items that changed their cells when they moved give to the grid, to which the others already gave.
-    template <class Phase, class CellOrder, class GridType>
-    void scatter_movers(CellOrder& cells, GridType& grid) const
+    template <class Phase, class Order, class GridType>
+    void scatter_movers(Order& cells, GridType& grid) const
     {
         openmp::scatter_movers<Lane<typename Phase::Number>, Phase>(cells, grid);
     }
@@ -120,15 +120,15 @@ struct BasicOpenMP
     }
 
     /// All items take from the grid and, where they are, give to what accept() makes its sums.
-    template <class CellOrder, class GridType, class Phase>
-    void scatter_back(CellOrder const& cells, GridType& grid, Phase const& phase) const
+    template <class Order, class GridType, class Phase>
+    void scatter_back(Order const& cells, GridType& grid, Phase const& phase) const
     {
         openmp::scatter_back<Lane<typename Phase::Number>>(threads_for(cells.size()), cells, grid, phase);
     }
 
     /// All items take from the grid as they did when they moved last; the phase stores what it wants of that.
-    template <class CellOrder, class GridType, class Phase>
-    void gather(CellOrder const& cells, GridType const& grid, Phase const& phase) const
+    template <class Order, class GridType, class Phase>
+    void gather(Order const& cells, GridType const& grid, Phase const& phase) const
     {
         openmp::gather<Lane<typename Phase::Number>>(threads_for(cells.size()), cells, grid, phase);
     }
@@ -136,9 +136,8 @@ struct BasicOpenMP
     /// The items of all orders of cells, each with its layer and its phase, take from the grid, move, and
     /// give to the grid of the next step (see G2p2g); then calls `conclude(results of the nodes,
     /// merged results of each order)`.
-    template <std::size_t orders, class CellOrder, class LayerType, class... Phase, class OfNodes,
-              class Conclude>
-    void move(std::array<CellOrder*, orders> const& cells, std::array<LayerType, orders> const& layers,
+    template <std::size_t orders, class Order, class LayerType, class... Phase, class OfNodes, class Conclude>
+    void move(std::array<Order*, orders> const& cells, std::array<LayerType, orders> const& layers,
               std::tuple<Phase...> const& phases, OfNodes const& of_nodes, Conclude const& conclude) const
     {
         [&]<std::size_t... k>(std::index_sequence<k...>)

@@ -50,7 +50,7 @@ public:
         /// keeps four more where ids are no rows.)
         static constexpr std::size_t bytes_per_particle = Table::resident_bytes;
     };
-    using Cells = typename MaterialTraits<0>::Table::Cells;
+    using CellOrder = typename MaterialTraits<0>::Table::CellOrder;
 
     MaterialSets(List list, Lattice lattice, int kernel_order, Backend const& backend)
         : MaterialSets(std::move(list), lattice, kernel_order, backend, Places{})
@@ -138,9 +138,9 @@ public:
     }
 
     /// The cells of all materials.
-    std::array<Cells*, count> orders()
+    std::array<CellOrder*, count> orders()
     {
-        std::array<Cells*, count> orders{};
+        std::array<CellOrder*, count> orders{};
         for_each([&](auto k) { orders[k] = &particles<k>().cells(); });
         return orders;
     }

@@ -48,14 +48,14 @@ public:
     using View = TableView<Number, d, PersistentFields>;
     using Derived = DerivedStorage<Backend, Space, DerivedFields>;
     using DerivedView = typename Derived::View;
-    using Cells = typename Backend::template Cells<Number, d>;
+    using CellOrder = typename Backend::template CellOrder<Number, d>;
     template <class T>
     using Array = typename Backend::template Array<T>;
 
     using Offset = typename View::Offset;
     static constexpr std::size_t state_bytes =
         d * sizeof(Offset) + PersistentFields::components(d) * sizeof(Number) + sizeof(std::uint32_t);
-    static constexpr std::size_t resident_bytes = 2 * state_bytes + Cells::bytes_per_item;
+    static constexpr std::size_t resident_bytes = 2 * state_bytes + CellOrder::bytes_per_item;
 
     ParticleTable(Lattice lattice, int kernel_order, Backend const& backend)
         : lattice_(lattice), order_(kernel_order),
@@ -63,8 +63,8 @@ public:
     {}
 
     std::size_t size() const { return size_; }
-    Cells const& cells() const { return cells_; }
-    Cells& cells() { return cells_; }
+    CellOrder const& cells() const { return cells_; }
+    CellOrder& cells() { return cells_; }
     View current() { return buffer_[0].view(); }
     View next() { return buffer_[1].view(); }
     /// The buffer that the order of cells refers to: after a step that of before it, until the next sort().
@@ -272,15 +272,15 @@ public:
 
     /// The order of cells of a snapshot's particles: afresh, all else about it follows from what is there.
     /// This is what takes memory where as many particles are there already.
-    Cells order_of(MaterialSnapshot<Number, d> const& from) const
+    CellOrder order_of(MaterialSnapshot<Number, d> const& from) const
     {
-        Cells cells(backend_);
+        CellOrder cells(backend_);
         if (!from.ids.empty()) cells.insert(from.cells, 0);
         return cells;
     }
 
     /// The same with that order.
-    void restore(MaterialSnapshot<Number, d> const& from, Cells cells)
+    void restore(MaterialSnapshot<Number, d> const& from, CellOrder cells)
     {
         std::size_t const count = from.ids.size();
         std::vector<std::uint32_t> at_row(count), rows(count);
@@ -367,10 +367,10 @@ public:
     /// Brings the cell order up to date with positions that have moved.
     void sort()
     {
-        sort([](Cells& cells, auto const& offsets) { cells.follow(offsets); });
+        sort([](CellOrder& cells, auto const& offsets) { cells.follow(offsets); });
     }
 
-    /// The same by somebody who calls Cells::follow.
+    /// The same by somebody who calls CellOrder::follow.
     template <class Follow>
     void sort(Follow const& follow)
     {
@@ -606,13 +606,13 @@ private:
             for (int a = 0; a < d; ++a)
                 is_near =
                     is_near && is_finite(x[a]) &&
-                    std::abs(x[a] - lattice_.origin[a]) / lattice_.cell_size < Cells::largest_coordinate;
+                    std::abs(x[a] - lattice_.origin[a]) / lattice_.cell_size < CellOrder::largest_coordinate;
             if (!is_near)
                 throw Error{"point " + std::to_string(located.size()) +
                                 " is not finite or too far from the lattice's origin",
                             "Solver::add",
                             "Pass finite positions in metres, within " +
-                                std::to_string(static_cast<long>(Cells::largest_coordinate)) +
+                                std::to_string(static_cast<long>(CellOrder::largest_coordinate)) +
                                 " cells of the origin: use a larger cell or move the lattice's origin."};
             located.push_back(locate<d>(lattice_, order_, x));
         }
@@ -669,7 +669,7 @@ private:
     std::optional<Derived> cached_, next_cached_; ///< places for them; see has_grid_fields()
     bool has_cached_ = false;                     ///< there is something in the first
     MassGroupList<Backend, Number> mass_groups_;
-    Cells cells_;
+    CellOrder cells_;
 };
 
 } // namespace firn

@@ -10,13 +10,13 @@ namespace firn::cuda
 
 /// One cell and one of its items at a time, as a phase sees them: a device thread takes both parts, that of
 /// items side by side and that of a group of cells, and keeps in registers what goes from one to the other.
-template <class CellOrder, class GridType, class Phase, int d>
+template <class Order, class GridType, class Phase, int d>
 class CellOfThread
 {
 public:
     using Real = typename GridType::Number;
     using Number = Real;
-    using Offset = typename CellOrder::Offset;
+    using Offset = typename Order::Offset;
     using TileShape = typename GridType::TileShape;
 
     /// `read` is the first node of the cell's stencil in a tile of node values; a phase that needs none is
@@ -100,7 +100,7 @@ public:
     __device__ bool at_the_edge() const
     {
         for (int a = 0; a < d; ++a)
-            if (abs(static_cast<double>(cell_[a])) > CellOrder::largest_coordinate) return true;
+            if (abs(static_cast<double>(cell_[a])) > Order::largest_coordinate) return true;
         return false;
     }
 

@@ -21,7 +21,7 @@ namespace firn::cuda
 /// can work on cell l and read one run of memory. Items are not moved: `order` says, cell by cell, where they
 /// lie. Blocks that have lost all of their items stay until there are too many of them.
 template <class Number, int d>
-class Cells
+class CellOrder
 {
 public:
     using Shape = BlockShape<d>;
@@ -49,7 +49,7 @@ public:
     };
 
     template <class Backend>
-    explicit Cells(Backend const& backend)
+    explicit CellOrder(Backend const& backend)
         : queue_(backend.queue()), set_(queue_), begin_(queue_), new_begin_(queue_), order_(queue_),
           order_before_(queue_), left_(queue_), stay_(queue_), arrivals_(queue_), first_arrival_(queue_),
           group_left_(queue_), block_stay_(queue_), block_arrived_(queue_), block_begin_(queue_),

@@ -159,8 +159,8 @@ public:
 
     /// Brings blocks up to date with the orders of cells, one per layer; a block that was there before keeps
     /// its sums.
-    template <class CellOrder>
-    void follow(std::array<CellOrder*, layers> const& orders)
+    template <class Order>
+    void follow(std::array<Order*, layers> const& orders)
     {
         OnDevice const here(queue_);
         forget_empty_blocks(orders);
@@ -205,17 +205,17 @@ private:
           node_results_(queue)
     {}
 
-    template <class CellOrder>
-    static std::size_t all_blocks(std::array<CellOrder*, layers> const& orders)
+    template <class Order>
+    static std::size_t all_blocks(std::array<Order*, layers> const& orders)
     {
         std::size_t blocks = 0;
-        for (CellOrder const* const cells : orders) blocks += cells->blocks();
+        for (Order const* const cells : orders) blocks += cells->blocks();
         return blocks;
     }
 
     /// Where blocks of cells were numbered anew, those of nodes begin anew.
-    template <class CellOrder>
-    void forget_empty_blocks(std::array<CellOrder*, layers> const& orders)
+    template <class Order>
+    void forget_empty_blocks(std::array<Order*, layers> const& orders)
     {
         bool any = false;
         for (std::size_t l = 0; l < layers; ++l) {
@@ -242,8 +242,8 @@ private:
     static constexpr unsigned threads = 128;
 
     /// Numbers the blocks of nodes under new blocks of cells.
-    template <class CellOrder>
-    void find_nodes(Tiles const& tiles, CellOrder const& cells)
+    template <class Order>
+    void find_nodes(Tiles const& tiles, Order const& cells)
     {
         std::uint32_t const before = tiles.blocks, blocks = cells.blocks();
         if (before == blocks) return;
@@ -261,8 +261,8 @@ private:
     }
 
     /// Ties a layer's new blocks to those of nodes, and makes room for their tiles.
-    template <class CellOrder>
-    void tie(Tiles& tiles, CellOrder const& cells)
+    template <class Order>
+    void tie(Tiles& tiles, Order const& cells)
     {
         std::uint32_t const before = tiles.blocks, blocks = cells.blocks();
         std::size_t const covered_before = before == 0 ? 0 : tiles.covered_by.size();

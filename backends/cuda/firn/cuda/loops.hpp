@@ -186,17 +186,16 @@ private:
 };
 
 /// All items give, cell by cell, to the tile of their block.
-template <class CellOrder, class GridType, class Phase>
+template <class Order, class GridType, class Phase>
 __global__ void __launch_bounds__(block_threads, enough_groups)
-    scatter(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid,
-            bool afresh)
+    scatter(Signal signal, Phase phase, typename Order::View cells, typename GridType::View grid, bool afresh)
 {
     if (signal.stops()) return;
     SharedTiles<GridType> const tiles(shared_memory(), false);
     tiles.clear_sums();
     __syncthreads();
     std::uint32_t const c = blockIdx.x * block_threads + threadIdx.x;
-    CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(cells.cell(c), nullptr);
+    CellOfThread<Order, GridType, Phase, Phase::d> cell(cells.cell(c), nullptr);
     SumsInTile<GridType> sums{tiles.own_sums(int(threadIdx.x))};
     Ranks(cells.begin, c).for_each([&](std::uint32_t rank, bool here, std::uint32_t slot) {
         cell.forget();
@@ -215,12 +214,12 @@ __global__ void __launch_bounds__(block_threads, enough_groups)
 }
 
 /// Items that came into the cells of a block give what they kept when they departed.
-template <class CellOrder, class GridType, class Phase>
+template <class Order, class GridType, class Phase>
 struct ScatterArrivals
 {
-    typename CellOrder::View cells;
-    typename CellOrder::Arrived arrived;
-    typename CellOrder::Movers movers;
+    typename Order::View cells;
+    typename Order::Arrived arrived;
+    typename Order::Movers movers;
     typename GridType::View grid;
 
     /// Called by all threads of a group, so many teams, with shared memory for the sums of each.
@@ -232,8 +231,8 @@ struct ScatterArrivals
         __syncthreads();
         std::uint32_t const team = teams == 1 ? 0 : threadIdx.x / block_threads,
                             place = threadIdx.x % block_threads;
-        CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(cells.cell(block * block_threads + place),
-                                                                nullptr);
+        CellOfThread<Order, GridType, Phase, Phase::d> cell(cells.cell(block * block_threads + place),
+                                                            nullptr);
         SumsInTile<GridType> sums{tiles.own_sums(int(place))};
         std::uint32_t const* const of_cell = arrived.arrived + came.begin;
         std::uint32_t next = team < came.count ? of_cell[team] : 0; // loaded one rank ahead
@@ -255,10 +254,10 @@ struct ScatterArrivals
 /// The same for all blocks, once their order is written, by so many teams at most: a thread that is one of
 /// few takes more registers, and where there are many blocks that costs more than it gains. (Of numbers in
 /// double precision the compiler would take more than there are, were it told that a group has them all.)
-template <unsigned most, class CellOrder, class GridType, class Phase>
+template <unsigned most, class Order, class GridType, class Phase>
 __global__ void __launch_bounds__(most* block_threads,
                                   most > 1 && sizeof(typename GridType::Number) == sizeof(float) ? 1 : 0)
-    scatter_movers(Signal signal, std::uint32_t blocks, ScatterArrivals<CellOrder, GridType, Phase> scatter)
+    scatter_movers(Signal signal, std::uint32_t blocks, ScatterArrivals<Order, GridType, Phase> scatter)
 {
     if (signal.stops()) return;
     for (std::uint32_t block = blockIdx.x; block < blocks; block += gridDim.x) {
@@ -411,9 +410,9 @@ struct Moved
 
 /// All items take, answer, and give to the tile of the next step; those that depart are put on a list, and in
 /// that of their new cell.
-template <class CellOrder, class GridType, class Phase>
+template <class Order, class GridType, class Phase>
 __global__ void __launch_bounds__(most_teams_that_move<Phase>* block_threads, 1)
-    move(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid,
+    move(Signal signal, Phase phase, typename Order::View cells, typename GridType::View grid,
          Moved<typename GridType::Number, typename Phase::Result> moved)
 {
     using Tile = typename GridType::TileShape;
@@ -435,7 +434,7 @@ __global__ void __launch_bounds__(most_teams_that_move<Phase>* block_threads, 1)
     if (threadIdx.x < 2) left_group[threadIdx.x] = 0;
     __syncthreads();
 
-    CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(
+    CellOfThread<Order, GridType, Phase, Phase::d> cell(
         cells.cell(c), tiles.values + Tile::at(GridType::Shape::cell(int(place))));
     SumsInTile<GridType> sums{tiles.own_sums(int(place))};
     typename Phase::Result result{}, rare{};
@@ -486,9 +485,9 @@ __global__ void __launch_bounds__(most_teams_that_move<Phase>* block_threads, 1)
 }
 
 /// All items take and give, where they are, to the tile of the next sums of their block.
-template <class CellOrder, class GridType, class Phase>
+template <class Order, class GridType, class Phase>
 __global__ void __launch_bounds__(block_threads)
-    scatter_back(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid)
+    scatter_back(Signal signal, Phase phase, typename Order::View cells, typename GridType::View grid)
 {
     if (signal.stops()) return;
     SharedTiles<GridType> const tiles(shared_memory(), true);
@@ -496,7 +495,7 @@ __global__ void __launch_bounds__(block_threads)
     tiles.clear_sums();
     __syncthreads();
     std::uint32_t const c = blockIdx.x * block_threads + threadIdx.x;
-    CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(
+    CellOfThread<Order, GridType, Phase, Phase::d> cell(
         cells.cell(c), tiles.values + GridType::TileShape::at(GridType::Shape::cell(int(threadIdx.x))));
     SumsInTile<GridType> sums{tiles.own_sums(int(threadIdx.x))};
     typename Phase::Result result{};
@@ -516,17 +515,17 @@ __global__ void __launch_bounds__(block_threads)
 
 /// All items take, and the phase keeps what it wants of that. (Of numbers in double precision the compiler
 /// spills where it may have 128 or 168 registers, and where it has the choice; not with 96.)
-template <class CellOrder, class GridType, class Phase>
+template <class Order, class GridType, class Phase>
 __global__ void __launch_bounds__(block_threads,
                                   sizeof(typename GridType::Number) == sizeof(float) ? enough_groups : 10)
-    gather(Signal signal, Phase phase, typename CellOrder::View cells, typename GridType::View grid)
+    gather(Signal signal, Phase phase, typename Order::View cells, typename GridType::View grid)
 {
     if (signal.stops()) return;
     SharedTiles<GridType> const tiles(shared_memory(), true);
     tiles.read_values(grid, blockIdx.x);
     __syncthreads();
     std::uint32_t const c = blockIdx.x * block_threads + threadIdx.x;
-    CellOfThread<CellOrder, GridType, Phase, Phase::d> cell(
+    CellOfThread<Order, GridType, Phase, Phase::d> cell(
         cells.cell(c), tiles.values + GridType::TileShape::at(GridType::Shape::cell(int(threadIdx.x))));
     typename Phase::Result result{};
     Ranks(cells.begin, c).for_each([&](std::uint32_t rank, bool here, std::uint32_t slot) {
@@ -539,9 +538,9 @@ __global__ void __launch_bounds__(block_threads,
 }
 
 /// Visits all items: at their slots, or where the order says.
-template <class CellOrder, class Visit>
+template <class Order, class Visit>
 __global__ void __launch_bounds__(block_threads)
-    for_each_place(Signal signal, Visit visit, typename CellOrder::View cells, bool at_slots)
+    for_each_place(Signal signal, Visit visit, typename Order::View cells, bool at_slots)
 {
     if (signal.stops()) return;
     std::uint32_t const c = blockIdx.x * block_threads + threadIdx.x;

@@ -102,7 +102,7 @@ __device__ void arrive(Movers<Number> const& movers, Changes const& changes, std
 }
 
 /// How many blocks may be empty where so many are not: where they are many memory counts, and in a `small`
-/// scene (see Cells::is_small) the host is to listen seldom.
+/// scene (see CellOrder::is_small) the host is to listen seldom.
 __device__ inline std::uint32_t most_empty_blocks(std::uint32_t live, bool small)
 {
     return small ? 32 + 2 * live : live <= 4096 ? 8 + live / 8 : live / 32;
@@ -373,9 +373,9 @@ struct MovedOrder
 /// order find new cells of those that departed, if that is to be done; who of these is through last finds
 /// where its blocks begin. Who is through last of all stops later loops where steps do not go on, or where
 /// there was no room for all that moved.
-template <class Order, int orders, class Conclude>
+template <class Moved, int orders, class Conclude>
 __global__ void __launch_bounds__(scanning_threads)
-    end_step(Signal signal, std::array<Order, orders> of, Conclude conclude)
+    end_step(Signal signal, std::array<Moved, orders> of, Conclude conclude)
 {
     if (signal.stops()) return;
     if (blockIdx.x == 0) {
@@ -387,12 +387,12 @@ __global__ void __launch_bounds__(scanning_threads)
     for (unsigned k = 0; k < orders; ++k) {
         std::uint32_t const first = 1 + k * each;
         if (blockIdx.x < first || blockIdx.x >= first + each) continue;
-        Order const& mine = of[k];
+        Moved const& mine = of[k];
         if (mine.begins.blocks == 0) {
             if (blockIdx.x > first) return;
             continue;
         }
-        if (mine.is_to_find) find_new_cells<Order::d>(mine.movers, mine.to, blockIdx.x - first, each);
+        if (mine.is_to_find) find_new_cells<Moved::d>(mine.movers, mine.to, blockIdx.x - first, each);
         __syncthreads();
         if (each > 1) {
             __shared__ bool last;
@@ -659,8 +659,8 @@ __device__ inline std::uint32_t count_live_blocks(std::uint32_t blocks, Changes 
 
 /// What ends a step and follows its items at once, where there are few blocks: the first group of threads
 /// concludes; the others, one for each block, write the new order as if the step went well (see
-/// Cells::take_back), by teams, and call `then(block, who came into the thread's cell, teams)`. The loop's
-/// number is above 0 and that of no other one nearby.
+/// CellOrder::take_back), by teams, and call `then(block, who came into the thread's cell, teams)`. The
+/// loop's number is above 0 and that of no other one nearby.
 template <int d, class Number, class Conclude, class Then>
 __global__ void __launch_bounds__(most_teams_that_follow * 64, 1)
     conclude_and_rearrange(MovedOrder<d, Number> order, std::uint32_t number, std::uint32_t const* begin,

@@ -32,7 +32,7 @@ namespace firn::openmp
 /// can work on cell l and read one run of memory. Items are not moved: `source` says where the item of each
 /// slot lies. No result depends on the number of threads.
 template <class Number, int d, int lanes>
-class Cells
+class CellOrder
 {
 public:
     using Shape = BlockShape<d, lanes>;
@@ -56,7 +56,7 @@ public:
 
     /// `backend` says how many threads work.
     template <class Backend>
-    explicit Cells(Backend const& backend) : threads_(backend.all_threads())
+    explicit CellOrder(Backend const& backend) : threads_(backend.all_threads())
     {}
 
     std::size_t size() const { return blocks_.empty() ? 0 : blocks_.back().end; }

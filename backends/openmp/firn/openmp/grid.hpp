@@ -200,13 +200,13 @@ public:
 
     /// Brings blocks up to date with the orders of cells, one per layer; a block that was there before keeps
     /// its sums.
-    template <class CellOrder>
-    void follow(std::array<CellOrder*, std::size_t(layers)> const& orders)
+    template <class Order>
+    void follow(std::array<Order*, std::size_t(layers)> const& orders)
     {
         bool changed = false;
         std::size_t blocks = 0;
         for (int l = 0; l < layers; ++l) {
-            CellOrder const& cells = *orders[std::size_t(l)];
+            Order const& cells = *orders[std::size_t(l)];
             Tiles& tiles = tiles_[std::size_t(l)];
             blocks += cells.blocks().size();
             bool const missed_none = cells.generation() <= tiles.generation + 1;
@@ -303,8 +303,8 @@ private:
     }
 
     /// Finds each block its tile: the one it had, or one that is free.
-    template <class CellOrder>
-    void follow_tiles(Tiles& tiles, CellOrder const& cells, bool have_history)
+    template <class Order>
+    void follow_tiles(Tiles& tiles, Order const& cells, bool have_history)
     {
         std::size_t const blocks = cells.blocks().size();
         std::vector<std::size_t> next(blocks, blocks);
@@ -330,8 +330,8 @@ private:
     }
 
     /// Finds the blocks of nodes under those of an order of cells, and the homes of new ones.
-    template <class CellOrder>
-    void find_nodes(Tiles& tiles, CellOrder const& cells, std::vector<std::uint32_t>& homes)
+    template <class Order>
+    void find_nodes(Tiles& tiles, Order const& cells, std::vector<std::uint32_t>& homes)
     {
         tiles.nodes_of.resize(cells.blocks().size());
         for (std::size_t b = 0; b < cells.blocks().size(); ++b)

@@ -127,16 +127,16 @@ private:
 /// Some items side by side, whatever their cells, as a phase sees them. What it loads comes from where they
 /// lie (`source`), what it stores goes to their slots. Lanes beyond the last item repeat what is loaded for
 /// it, and have zeros of what was kept, so that they are harmless; their place in here() is false.
-template <class Lane, class CellOrder, int d>
+template <class Lane, class Order, int d>
 class Items
 {
 public:
     using Real = Lane;
     using Number = Scalar<Lane>;
-    using Offset = typename CellOrder::Offset;
+    using Offset = typename Order::Offset;
     static constexpr int lanes = lane_width<Lane>;
 
-    Items(CellOrder const& cells, std::size_t block, Scratch<Lane, d>& scratch)
+    Items(Order const& cells, std::size_t block, Scratch<Lane, d>& scratch)
         : scratch_(scratch), cells_(cells), block_(block)
     {}
 
@@ -261,14 +261,14 @@ public:
     }
 
     /// The coordinates of a cell, and how far the lanes' own cells are from it along the axes.
-    Coordinates<d> first() const { return CellOrder::cell_at(cells_.blocks()[block_].coordinates, 0); }
+    Coordinates<d> first() const { return Order::cell_at(cells_.blocks()[block_].coordinates, 0); }
     Vector<Lane, d> along() const
     {
         int place[std::size_t(lanes)];
         cells_.find_places(block_, slot_, entered_, place);
         Number steps[std::size_t(d)][std::size_t(lanes)];
         for (int l = 0; l < lanes; ++l) {
-            auto const cell = CellOrder::cell_at(zeros<Coordinates<d>>(), place[std::min(l, entered_ - 1)]);
+            auto const cell = Order::cell_at(zeros<Coordinates<d>>(), place[std::min(l, entered_ - 1)]);
             for (int a = 0; a < d; ++a) steps[a][l] = Number(cell[a]);
         }
         Vector<Lane, d> along;
@@ -281,13 +281,13 @@ public:
     {
         auto const cell = first();
         for (int a = 0; a < d; ++a)
-            if (std::abs(double(cell[a])) > CellOrder::largest_coordinate) return true;
+            if (std::abs(double(cell[a])) > Order::largest_coordinate) return true;
         return false;
     }
 
 protected:
     Scratch<Lane, d>& scratch_;
-    CellOrder const& cells_;
+    Order const& cells_;
     std::size_t block_;
     std::size_t slot_ = 0, item_ = 0;
 
@@ -308,17 +308,16 @@ private:
 };
 
 /// Items that move and may depart from their cells.
-template <class Lane, class CellOrder, int d>
-class MovingItems : public Items<Lane, CellOrder, d>
+template <class Lane, class Order, int d>
+class MovingItems : public Items<Lane, Order, d>
 {
-    using Base = Items<Lane, CellOrder, d>;
+    using Base = Items<Lane, Order, d>;
 
 public:
     using Base::lanes;
     using typename Base::Number, typename Base::Offset;
 
-    MovingItems(CellOrder& cells, std::size_t block, Scratch<Lane, d>& scratch,
-                typename CellOrder::Leavers& leavers)
+    MovingItems(Order& cells, std::size_t block, Scratch<Lane, d>& scratch, typename Order::Leavers& leavers)
         : Base(cells, block, scratch), leavers_(leavers)
     {
         leavers.start(cells.blocks()[block].end - cells.blocks()[block].begin);
@@ -359,7 +358,7 @@ public:
             }
             std::uint32_t const at = leavers_.at[slot - first_slot_];
             leavers_.from[count] = {slot, at};
-            leavers_.movers[count] = CellOrder::moved(slot, group_ * lanes + int(at % lanes), steps);
+            leavers_.movers[count] = Order::moved(slot, group_ * lanes + int(at % lanes), steps);
         }
         leavers_.count = count;
     }
@@ -377,7 +376,7 @@ private:
         this->cells_.list_places(this->block_, group_, leavers_.at);
     }
 
-    typename CellOrder::Leavers& leavers_;
+    typename Order::Leavers& leavers_;
     int group_ = -1; ///< of the last who left, and its slots
     std::uint32_t first_slot_ = 0, end_slot_ = 0;
     mutable Offset* moved_[std::size_t(d)]{}; ///< where offsets were written, along each axis

@@ -86,8 +86,8 @@ void clear_rows(Number* tile, std::uint64_t rows)
 }
 
 /// What of a block's tile its items touch: rows, and `ends` (see touched_by).
-template <class GridType, class CellOrder>
-std::uint64_t touched_by_items(CellOrder const& cells, std::size_t b)
+template <class GridType, class Order>
+std::uint64_t touched_by_items(Order const& cells, std::size_t b)
 {
     std::uint64_t rows = 0;
     for (int group = 0; group < GridType::Shape::groups; ++group)
@@ -103,8 +103,8 @@ using GroupOf = CellGroup<Lane, std::remove_const_t<GridType>>;
 
 /// Calls `use(items, how many)` for the items of some groups of cells, each for itself. (Out of line: it is
 /// seldom, and between loops that are not.)
-template <class Lane, class GridType, class CellOrder, class Number, class Use>
-[[gnu::noinline]] void use_alone(CellOrder const& cells, std::size_t b, std::size_t slot, std::size_t count,
+template <class Lane, class GridType, class Order, class Number, class Use>
+[[gnu::noinline]] void use_alone(Order const& cells, std::size_t b, std::size_t slot, std::size_t count,
                                  Scratch<Lane, GridType::dimension>& scratch, Number const* read,
                                  Number* write, Use const& use)
 {
@@ -119,8 +119,8 @@ template <class Lane, class GridType, class CellOrder, class Number, class Use>
 /// Calls `use(group, number behind its last item)` for groups of cells whose items go side by side, from one
 /// up to another: for each that has some, or for all of these at once if they are few in many groups. `read`
 /// and `write` as in CellGroup.
-template <class Lane, class GridType, class CellOrder, class Number, class Use>
-void for_each_group(CellOrder const& cells, std::size_t b, int first, int behind,
+template <class Lane, class GridType, class Order, class Number, class Use>
+void for_each_group(Order const& cells, std::size_t b, int first, int behind,
                     Scratch<Lane, GridType::dimension>& scratch, Number const* read, Number* write,
                     Use const& use)
 {
@@ -246,8 +246,8 @@ FIRN_INLINE_WHOLE void update_items(Phase const& phase, Items& items, typename P
 } // namespace detail
 
 /// Each block of cells sums what its items give into its own tile: afresh, or onto what is there.
-template <class Lane, class CellOrder, class GridType, class Phase>
-void scatter(Threads const& threads, CellOrder const& cells, GridType& grid, Phase const& phase, bool afresh)
+template <class Lane, class Order, class GridType, class Phase>
+void scatter(Threads const& threads, Order const& cells, GridType& grid, Phase const& phase, bool afresh)
 {
     constexpr int d = Phase::d, lanes = lane_width<Lane>;
     using ScatterBuffers = detail::ScatterBuffers<Lane, typename Phase::Scatter>;
@@ -261,7 +261,7 @@ void scatter(Threads const& threads, CellOrder const& cells, GridType& grid, Pha
             detail::clear_rows<GridType, Phase::channels>(grid.tile(std::size_t(b)),
                                                           rows & ~grid.touched(std::size_t(b)));
             grid.touched(std::size_t(b)) |= rows;
-            Items<Lane, CellOrder, d> items(cells, std::size_t(b), scratch);
+            Items<Lane, Order, d> items(cells, std::size_t(b), scratch);
             for (int g = 0; g < GridType::Shape::groups; ++g) {
                 std::size_t const begin = cells.group_begin(std::size_t(b), g),
                                   end = cells.group_end(std::size_t(b), g);
@@ -356,8 +356,8 @@ void scatter_listed(std::span<Mover const> movers, Layer const&, typename Scatte
 
 /// Completes the order of cells, where that is to be done, and sums that were given by items in the blocks
 /// where they were: those that departed from them give where they are now.
-template <class Lane, class Phase, class CellOrder, class GridType>
-void scatter_movers(CellOrder& cells, GridType& grid)
+template <class Lane, class Phase, class Order, class GridType>
+void scatter_movers(Order& cells, GridType& grid)
 {
     using ScatterBuffers = detail::ScatterBuffers<Lane, typename Phase::Scatter>;
     cells.complete([&](int thread) {
@@ -384,8 +384,8 @@ auto surroundings(Phase const& phase)
 
 /// Nodes add up the tiles that cover them and are updated, row by row, home by home. Threads have the parts
 /// that they have of `cells` if these are the only order, as a rule (see share).
-template <class Lane, class CellOrder, class GridType, class Phase>
-typename Phase::Result for_each_node(Threads const& threads, CellOrder const& cells, GridType& grid,
+template <class Lane, class Order, class GridType, class Phase>
+typename Phase::Result for_each_node(Threads const& threads, Order const& cells, GridType& grid,
                                      Phase const& phase)
 {
     constexpr int d = Phase::d;
@@ -472,14 +472,14 @@ struct Taker
 };
 
 /// One thread's giving to the next step's grid, block by block and group by group.
-template <class Lane, class CellOrder, class GridType, class Phase>
+template <class Lane, class Order, class GridType, class Phase>
 struct GiveToNext
 {
-    using ItemsType = Items<Lane, CellOrder, Phase::d>;
+    using ItemsType = Items<Lane, Order, Phase::d>;
     using ScratchType = Scratch<Lane, Phase::d>;
     using Scatter = typename Phase::Scatter;
 
-    CellOrder const& cells;
+    Order const& cells;
     GridType& grid;
     ScatterBuffers<Lane, Scatter>& buffers;
 
@@ -500,16 +500,16 @@ struct GiveToNext
 };
 
 /// The same of items that move: of those who leave their cells some give when the others have (see
-/// Cells::note_departures).
-template <class Lane, class CellOrder, class GridType, class Phase>
+/// CellOrder::note_departures).
+template <class Lane, class Order, class GridType, class Phase>
 struct MoveAndGive
 {
-    using ItemsType = MovingItems<Lane, CellOrder, Phase::d>;
-    using Stay = GiveToNext<Lane, CellOrder, GridType, Phase>;
+    using ItemsType = MovingItems<Lane, Order, Phase::d>;
+    using Stay = GiveToNext<Lane, Order, GridType, Phase>;
     using ScratchType = typename Stay::ScratchType;
 
-    CellOrder& cells;
-    typename CellOrder::Leavers& leavers;
+    Order& cells;
+    typename Order::Leavers& leavers;
     Stay stay;
 
     ItemsType begin(std::size_t block, std::uint64_t rows, ScratchType& scratch)
@@ -530,13 +530,13 @@ struct MoveAndGive
 };
 
 /// For who only takes.
-template <class Lane, class CellOrder, class Phase>
+template <class Lane, class Order, class Phase>
 struct GiveNothing
 {
-    using ItemsType = Items<Lane, CellOrder, Phase::d>;
+    using ItemsType = Items<Lane, Order, Phase::d>;
     using ScratchType = Scratch<Lane, Phase::d>;
 
-    CellOrder const& cells;
+    Order const& cells;
 
     ItemsType begin(std::size_t block, std::uint64_t, ScratchType& scratch)
     {
@@ -549,8 +549,8 @@ struct GiveNothing
 /// Each block of cells copies the nodes it needs side by side; its items take from them and answer, and what
 /// they keep then is given on, by what each thread makes for itself: `make_giver(its number)`. Cells take and
 /// give group by group; in between their items answer in whole packs, which few of several groups share.
-template <class Lane, class CellOrder, class GridType, class Phase, class MakeGiver>
-typename Phase::Result take_and_answer(Threads const& threads, CellOrder& cells, GridType& grid,
+template <class Lane, class Order, class GridType, class Phase, class MakeGiver>
+typename Phase::Result take_and_answer(Threads const& threads, Order& cells, GridType& grid,
                                        Phase const& phase, Kept& kept, MakeGiver const& make_giver)
 {
     constexpr int lanes = lane_width<Lane>;
@@ -602,38 +602,38 @@ typename Phase::Result take_and_answer(Threads const& threads, CellOrder& cells,
 } // namespace detail
 
 /// Items take from the nodes, move, and give to their block's tile for the next step.
-template <class Lane, class CellOrder, class GridType, class Phase>
-typename Phase::Result move(Threads const& threads, CellOrder& cells, GridType& grid, Phase const& phase)
+template <class Lane, class Order, class GridType, class Phase>
+typename Phase::Result move(Threads const& threads, Order& cells, GridType& grid, Phase const& phase)
 {
     cells.expect_departures();
     Kept& kept = cells.kept();
     return detail::take_and_answer<Lane>(threads, cells, grid, phase, kept, [&](int thread) {
-        return detail::MoveAndGive<Lane, CellOrder, GridType, Phase>{
+        return detail::MoveAndGive<Lane, Order, GridType, Phase>{
             cells,
-            kept.of<typename CellOrder::Leavers>(thread),
+            kept.of<typename Order::Leavers>(thread),
             {cells, grid, kept.of<detail::ScatterBuffers<Lane, typename Phase::Scatter>>(thread)}};
     });
 }
 
 /// Items take from the nodes and give, where they are, to what will be the next sums.
-template <class Lane, class CellOrder, class GridType, class Phase>
-void scatter_back(Threads const& threads, CellOrder const& cells, GridType& grid, Phase const& phase)
+template <class Lane, class Order, class GridType, class Phase>
+void scatter_back(Threads const& threads, Order const& cells, GridType& grid, Phase const& phase)
 {
     Kept& kept = cells.kept();
     detail::take_and_answer<Lane>(threads, cells, grid, phase, kept, [&](int thread) {
-        return detail::GiveToNext<Lane, CellOrder, GridType, Phase>{
+        return detail::GiveToNext<Lane, Order, GridType, Phase>{
             cells, grid, kept.of<detail::ScatterBuffers<Lane, typename Phase::Scatter>>(thread)};
     });
 }
 
 /// Items take from the nodes as they did when they moved last, and the phase keeps what they took. (Several
 /// threads of the host may do so at the same time: none of them works with what the cells keep for loops.)
-template <class Lane, class CellOrder, class GridType, class Phase>
-void gather(Threads const& threads, CellOrder const& cells, GridType const& grid, Phase const& phase)
+template <class Lane, class Order, class GridType, class Phase>
+void gather(Threads const& threads, Order const& cells, GridType const& grid, Phase const& phase)
 {
     Kept own;
     detail::take_and_answer<Lane>(threads, cells, grid, phase, own,
-                                  [&](int) { return detail::GiveNothing<Lane, CellOrder, Phase>{cells}; });
+                                  [&](int) { return detail::GiveNothing<Lane, Order, Phase>{cells}; });
 }
 
 } // namespace firn::openmp
