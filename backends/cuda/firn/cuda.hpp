@@ -184,7 +184,7 @@ struct Cuda
     {
         if (grid.blocks() == 0) return;
         cuda::OnDevice const here(device);
-        cuda::detail::launch("give_back", queue(), cuda::detail::scatter_back<Order, GridType, Phase>,
+        cuda::detail::launch("scatter_back", queue(), cuda::detail::scatter_back<Order, GridType, Phase>,
                              grid.blocks(), 1, cuda::detail::SharedTiles<GridType>::bytes(true, true),
                              cells.signal(), phase, cells.view(), grid.view());
     }
@@ -195,9 +195,9 @@ struct Cuda
     {
         if (grid.blocks() == 0) return;
         cuda::OnDevice const here(device);
-        cuda::detail::launch("take", queue(), cuda::detail::gather<Order, GridType, Phase>, grid.blocks(), 1,
-                             cuda::detail::SharedTiles<GridType>::bytes(true, false), cells.signal(), phase,
-                             cells.view(), grid.view());
+        cuda::detail::launch("gather", queue(), cuda::detail::gather<Order, GridType, Phase>, grid.blocks(),
+                             1, cuda::detail::SharedTiles<GridType>::bytes(true, false), cells.signal(),
+                             phase, cells.view(), grid.view());
     }
 
     /// The items of all orders of cells, each with its layer and its phase, take from the grid, move, and

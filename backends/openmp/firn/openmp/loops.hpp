@@ -473,7 +473,7 @@ struct Taker
 
 /// One thread's giving to the next step's grid, block by block and group by group.
 template <class Lane, class Order, class GridType, class Phase>
-struct GiveToNext
+struct ScatterToNext
 {
     using ItemsType = Items<Lane, Order, Phase::d>;
     using ScratchType = Scratch<Lane, Phase::d>;
@@ -502,10 +502,10 @@ struct GiveToNext
 /// The same of items that move: of those who leave their cells some give when the others have (see
 /// CellOrder::note_departures).
 template <class Lane, class Order, class GridType, class Phase>
-struct MoveAndGive
+struct MoveAndScatter
 {
     using ItemsType = MovingItems<Lane, Order, Phase::d>;
-    using Stay = GiveToNext<Lane, Order, GridType, Phase>;
+    using Stay = ScatterToNext<Lane, Order, GridType, Phase>;
     using ScratchType = typename Stay::ScratchType;
 
     Order& cells;
@@ -531,7 +531,7 @@ struct MoveAndGive
 
 /// For who only takes.
 template <class Lane, class Order, class Phase>
-struct GiveNothing
+struct ScatterNothing
 {
     using ItemsType = Items<Lane, Order, Phase::d>;
     using ScratchType = Scratch<Lane, Phase::d>;
@@ -549,9 +549,9 @@ struct GiveNothing
 /// Each block of cells copies the nodes it needs side by side; its items take from them and answer, and what
 /// they keep then is given on, by what each thread makes for itself: `make_giver(its number)`. Cells take and
 /// give group by group; in between their items answer in whole packs, which few of several groups share.
-template <class Lane, class Order, class GridType, class Phase, class MakeGiver>
-typename Phase::Result take_and_answer(Threads const& threads, Order& cells, GridType& grid,
-                                       Phase const& phase, Kept& kept, MakeGiver const& make_giver)
+template <class Lane, class Order, class GridType, class Phase, class MakeBuffers>
+typename Phase::Result gather_and_update(Threads const& threads, Order& cells, GridType& grid,
+                                         Phase const& phase, Kept& kept, MakeBuffers const& make_buffers)
 {
     constexpr int lanes = lane_width<Lane>;
     int const blocks = static_cast<int>(cells.blocks().size());
@@ -562,7 +562,7 @@ typename Phase::Result take_and_answer(Threads const& threads, Order& cells, Gri
         // Not on the stack: compilers would take it apart and copy it for every group.
         auto& taker = kept.of<Taker<Lane, GridType, Phase>>(thread);
         taker.nodes.resize(Phase::node_channels * GridType::tile_channel);
-        return [&, found = Result{}, buffers = make_giver(thread)](int b) mutable {
+        return [&, found = Result{}, buffers = make_buffers(thread)](int b) mutable {
             Result& result = results.begin(static_cast<std::size_t>(b));
             // no structured binding: clang's OpenMP lets no function object have one
             auto& nodes = taker.nodes;
@@ -607,8 +607,8 @@ typename Phase::Result move(Threads const& threads, Order& cells, GridType& grid
 {
     cells.expect_departures();
     Kept& kept = cells.kept();
-    return detail::take_and_answer<Lane>(threads, cells, grid, phase, kept, [&](int thread) {
-        return detail::MoveAndGive<Lane, Order, GridType, Phase>{
+    return detail::gather_and_update<Lane>(threads, cells, grid, phase, kept, [&](int thread) {
+        return detail::MoveAndScatter<Lane, Order, GridType, Phase>{
             cells,
             kept.of<typename Order::Leavers>(thread),
             {cells, grid, kept.of<detail::ScatterBuffers<Lane, typename Phase::Scatter>>(thread)}};
@@ -620,8 +620,8 @@ template <class Lane, class Order, class GridType, class Phase>
 void scatter_back(Threads const& threads, Order const& cells, GridType& grid, Phase const& phase)
 {
     Kept& kept = cells.kept();
-    detail::take_and_answer<Lane>(threads, cells, grid, phase, kept, [&](int thread) {
-        return detail::GiveToNext<Lane, Order, GridType, Phase>{
+    detail::gather_and_update<Lane>(threads, cells, grid, phase, kept, [&](int thread) {
+        return detail::ScatterToNext<Lane, Order, GridType, Phase>{
             cells, grid, kept.of<detail::ScatterBuffers<Lane, typename Phase::Scatter>>(thread)};
     });
 }
@@ -632,8 +632,8 @@ template <class Lane, class Order, class GridType, class Phase>
 void gather(Threads const& threads, Order const& cells, GridType const& grid, Phase const& phase)
 {
     Kept own;
-    detail::take_and_answer<Lane>(threads, cells, grid, phase, own,
-                                  [&](int) { return detail::GiveNothing<Lane, Order, Phase>{cells}; });
+    detail::gather_and_update<Lane>(threads, cells, grid, phase, own,
+                                    [&](int) { return detail::ScatterNothing<Lane, Order, Phase>{cells}; });
 }
 
 } // namespace firn::openmp
