@@ -156,7 +156,7 @@ public:
     std::uint32_t add(Points const& points, double volume_per_point,
                       Vector<double, d> const& velocity = zeros<Vector<double, d>>())
     {
-        auto const visit = entrance_.to_change("Solver::add");
+        auto const access = guard_.write("Solver::add");
         constexpr std::size_t k = MaterialTraits<Which>::place;
         static_assert(std::remove_cvref_t<decltype(*std::begin(points))>::SizeAtCompileTime == d,
                       "points have as many coordinates as the scene has dimensions");
@@ -192,7 +192,7 @@ public:
     template <class Which = Every, class Predicate>
     std::size_t remove_if(Predicate const& predicate)
     {
-        auto const visit = entrance_.to_change("Solver::remove_if");
+        auto const access = guard_.write("Solver::remove_if");
         if constexpr (requires { Predicate::in_host_memory; })
             static_assert(Backend::reaches_host_memory || !Predicate::in_host_memory,
                           "the shape lies in memory of the host: pass shape.on(backend)");
@@ -236,7 +236,7 @@ public:
     template <class Tag, class Which = Every>
     void upload(std::vector<FieldValue<Tag, Number, d>> const& by_id)
     {
-        auto const visit = entrance_.to_change("Solver::upload");
+        auto const access = guard_.write("Solver::upload");
         constexpr std::size_t k = MaterialTraits<Which>::place;
         static_assert(MaterialTraits<Which>::State::template contains<Tag>,
                       "the scene's particles have no such field, or it follows from others");
@@ -279,7 +279,7 @@ public:
     /// are left as are not on it.
     void quarantine(std::size_t most)
     {
-        auto const visit = entrance_.to_change("Solver::quarantine");
+        auto const access = guard_.write("Solver::quarantine");
         cache_grid_fields();
         quarantine_.most = most;
         isolate_ = &Solver::isolate;
@@ -304,7 +304,7 @@ public:
     template <NodeEffect<Real, d>... Effects>
     std::vector<StepReport> steps(std::size_t count, double dt, Effects const&... effects)
     {
-        auto const visit = entrance_.to_change("Solver::step");
+        auto const access = guard_.write("Solver::step");
         require(is_finite(dt) && dt > 0, "the time step is not a finite number above 0", "Solver::step",
                 "Pass seconds.");
         require(count <= std::vector<StepReport>().max_size(),
@@ -382,7 +382,7 @@ public:
     template <NodeEffect<Real, d>... Effects>
     AdvanceReport advance(double duration, Effects const&... effects)
     {
-        auto const visit = entrance_.to_change("Solver::advance");
+        auto const access = guard_.write("Solver::advance");
         require(is_finite(duration) && duration >= 0, "the duration is not a finite number, 0 or above",
                 "Solver::advance", "Pass seconds, e.g. 1.0 / 24.");
         if (duration > 0) require_to_last(duration, "Solver::advance");
@@ -508,7 +508,7 @@ public:
         static_assert(MaterialTraits<Which>::Stored::template contains<Tag>,
                       "this field is not stored: ask for it with download(), and for positions with "
                       "write_positions()");
-        auto const visit = entrance_.to_look("Solver::view");
+        auto const access = guard_.read("Solver::view");
         return particles<MaterialTraits<Which>::place>().template view<Tag>();
     }
 
@@ -518,7 +518,7 @@ public:
     template <class Which = Every>
     void write_positions(Number* to, std::size_t stride = d) const
     {
-        auto const visit = entrance_.to_look("Solver::write_positions");
+        auto const access = guard_.read("Solver::write_positions");
         auto const& table = particles<MaterialTraits<Which>::place>();
         require_room(to, table.size(), stride, d, "Solver::write_positions");
         if (table.size() > 0) backend_.for_each_place(table.cells(), table.position_writer(to, stride));
@@ -530,7 +530,7 @@ public:
     template <class Tag, class Which = Every>
     void write(Number* to, std::size_t stride = component_count<Tag>(d)) const
     {
-        auto const visit = entrance_.to_look("Solver::write");
+        auto const access = guard_.read("Solver::write");
         static_assert(MaterialTraits<Which>::State::template contains<Tag>,
                       "the scene's particles have no such field, or it follows from others");
         constexpr std::size_t k = MaterialTraits<Which>::place;
@@ -549,7 +549,7 @@ public:
     /// it is asked for, by the host, in the time of some steps; steps compute nothing for it.
     Occupancy occupancy() const
     {
-        auto const visit = entrance_.to_look("Solver::occupancy");
+        auto const access = guard_.read("Solver::occupancy");
         std::vector<Coordinates<d>> cells;
         for_each_material([&](auto k) { particles<k>().add_cells(cells); });
         return detail::CellNeighbours<d>(std::move(cells), Kernel::order).occupancy();
@@ -562,7 +562,7 @@ public:
     /// is; steps that follow differ by a rounding from those without a snapshot.
     Snapshot<Number, d> snapshot()
     {
-        auto const visit = entrance_.to_change("Solver::snapshot");
+        auto const access = guard_.write("Solver::snapshot");
         cache_grid_fields();
         Snapshot<Number, d> to{.kernel = detail::name_of_policy<Kernel>(),
                                .transfer = detail::name_of_policy<Transfer>(),
@@ -605,7 +605,7 @@ public:
     /// middle of one may have left more undone than particles, so that a new solver is to take the snapshot.
     void restore(Snapshot<Number, d> const& from)
     {
-        auto const visit = entrance_.to_change("Solver::restore");
+        auto const access = guard_.write("Solver::restore");
         bool const same_bounds = detail::require_fits<Kernel>(from, sets_, lattice_, transfer_);
         detail::require_whole(from, CellOrder::largest_coordinate);
         Sets sets = sets_.emptied(lattice_, Kernel::order, backend_);
@@ -699,7 +699,7 @@ private:
     template <class Which, class Value, class Ask>
     std::vector<Value> by_id(Ask const& ask) const
     {
-        auto const visit = entrance_.to_look("Solver::download");
+        auto const access = guard_.read("Solver::download");
         constexpr std::size_t place = detail::PlaceOf<Which, List>::value;
         if constexpr (place < materials)
             return ask(std::integral_constant<std::size_t, place>{});
@@ -769,11 +769,11 @@ private:
             return work();
         }
         catch (Error const& error) {
-            if (is_half_done()) entrance_.break_off(&error);
+            if (is_half_done()) guard_.break_off(&error);
             throw;
         }
         catch (...) { // no memory, most likely
-            if (is_half_done()) entrance_.break_off(nullptr);
+            if (is_half_done()) guard_.break_off(nullptr);
             throw;
         }
     }
@@ -1013,7 +1013,7 @@ private:
         detail::throw_step_error(failure, course_.stable, Sets::name(failure.material), kept, d);
     }
 
-    detail::Entrance<typename Backend::SharedCount> entrance_;
+    detail::AccessGuard<typename Backend::SharedCount> guard_;
     Lattice lattice_;
     Transfer transfer_;
     StepControl control_;

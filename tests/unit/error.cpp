@@ -16,21 +16,21 @@ TEST_CASE("an error says what is wrong, where, and what to do about it")
 
 TEST_CASE("after a call that broke off in the middle all others are refused, and told why")
 {
-    firn::detail::Entrance<std::atomic<int>> entrance;
-    CHECK_NOTHROW(entrance.to_change("Solver::step"));
+    firn::detail::AccessGuard<std::atomic<int>> entrance;
+    CHECK_NOTHROW(entrance.write("Solver::step"));
     firn::Error const why{"memory is short", "cudaMalloc", "Free memory."};
     entrance.break_off(&why);
-    CHECK_THROWS_WITH(entrance.to_change("Solver::step"),
-                      Contains("broke off") && Contains("memory is short") && Contains("Solver::step") &&
-                          Contains("Free memory."));
-    CHECK_THROWS_WITH(entrance.to_look("Solver::positions"), Contains("Solver::positions"));
+    CHECK_THROWS_WITH(entrance.write("Solver::step"), Contains("broke off") && Contains("memory is short") &&
+                                                          Contains("Solver::step") &&
+                                                          Contains("Free memory."));
+    CHECK_THROWS_WITH(entrance.read("Solver::positions"), Contains("Solver::positions"));
     auto const moved = std::move(entrance);
-    CHECK_THROWS_WITH(moved.to_look("Solver::positions"), Contains("memory is short"));
-    CHECK_THROWS_WITH(entrance.to_look("Solver::positions"), Contains("moved to another"));
+    CHECK_THROWS_WITH(moved.read("Solver::positions"), Contains("memory is short"));
+    CHECK_THROWS_WITH(entrance.read("Solver::positions"), Contains("moved to another"));
     entrance = {};
-    CHECK_NOTHROW(entrance.to_look("Solver::positions"));
-    firn::detail::Entrance<std::atomic<int>> unexplained;
+    CHECK_NOTHROW(entrance.read("Solver::positions"));
+    firn::detail::AccessGuard<std::atomic<int>> unexplained;
     unexplained.break_off(nullptr);
-    CHECK_THROWS_WITH(unexplained.to_look("Solver::positions"),
+    CHECK_THROWS_WITH(unexplained.read("Solver::positions"),
                       Contains("no memory left, or what it was given"));
 }

@@ -16,17 +16,17 @@ namespace firn::detail
 ///
 /// `Count` is the backend's: an integer that may be changed from several sides at the same time.
 template <class Count>
-class Entrance
+class AccessGuard
 {
 public:
     /// Lasts as long as a call does.
-    class Visit
+    class Access
     {
     public:
-        Visit(Count* inside, int as) : inside_(inside), as_(as) {}
-        Visit(Visit const&) = delete;
-        Visit& operator=(Visit const&) = delete;
-        ~Visit()
+        Access(Count* inside, int as) : inside_(inside), as_(as) {}
+        Access(Access const&) = delete;
+        Access& operator=(Access const&) = delete;
+        ~Access()
         {
             if (inside_) inside_->fetch_sub(as_); // the same where only some files define NDEBUG
         }
@@ -36,12 +36,12 @@ public:
         int as_;
     };
 
-    Entrance() = default;
+    AccessGuard() = default;
     // who is inside one is not inside the other
-    Entrance(Entrance&& other) noexcept
+    AccessGuard(AccessGuard&& other) noexcept
         : state_(std::exchange(other.state_, State::moved_away)), why_(std::move(other.why_))
     {}
-    Entrance& operator=(Entrance&& other) noexcept
+    AccessGuard& operator=(AccessGuard&& other) noexcept
     {
         state_ = std::exchange(other.state_, State::moved_away);
         why_ = std::move(other.why_);
@@ -59,7 +59,7 @@ public:
         }
     }
 
-    [[nodiscard]] Visit to_change(char const* where) const
+    [[nodiscard]] Access write(char const* where) const
     {
         if (state_ != State::sound) refuse_for_good(where);
 #ifdef NDEBUG
@@ -71,7 +71,7 @@ public:
 #endif
     }
 
-    [[nodiscard]] Visit to_look(char const* where) const
+    [[nodiscard]] Access read(char const* where) const
     {
         if (state_ != State::sound) refuse_for_good(where);
 #ifdef NDEBUG
