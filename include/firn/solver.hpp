@@ -332,7 +332,7 @@ public:
                 reports.back().beyond_stable = dt > record.stable;
                 std::swap(reports.back().isolated, isolated); // before that step
             });
-            if (log.wrong == 0) return;
+            if (log.failed == 0) return;
             if (!isolates(log, dt, true, isolated)) fail(log, dt);
             release(rule);
         };
@@ -395,7 +395,7 @@ public:
         auto const plain = plain_effects(course_.time, effects...);
         AdvanceReport all;
         StepReport of_step; // its lists serve all steps
-        StepLog wrong;      // the step that is repeated, if one is: course_.retries
+        StepLog failed;     // the step that is repeated, if one is: course_.retries
         auto const get_on = [&] {
             if (!course_.ready) choose(rule);
             double const tried = course_.now.interval.length();
@@ -403,9 +403,9 @@ public:
                 // it was halved before what goes wrong however short it is, or somebody's state allows none
                 bool const repeated = course_.retries > 0;
                 auto const who =
-                    repeated ? detail::failure_of(sets_, wrong, course_.time, tried) : slowest(rule, tried);
+                    repeated ? detail::failure_of(sets_, failed, course_.time, tried) : slowest(rule, tried);
                 if (!repeated && !who && forgets_bounds(rule)) return;
-                if (!isolates(repeated ? wrong : StepLog{}, tried, who.has_value(), all.isolated, who))
+                if (!isolates(repeated ? failed : StepLog{}, tried, who.has_value(), all.isolated, who))
                     fail_to_get_on(who);
                 release(rule);
                 return;
@@ -417,8 +417,8 @@ public:
                 describe(record, of_step);
                 all.add(of_step, record.limit);
             });
-            if (log.wrong == 0) return;
-            wrong = log;
+            if (log.failed == 0) return;
+            failed = log;
             ++all.rejected;
             // So often in a row, or as short by what went wrong before: a step now and then that goes well,
             // and shorter ones behind it that do not, would never end.
@@ -756,7 +756,7 @@ private:
         typename Runs::Scene const scene{
             sets_, exchange_, course_, masses_.unit, smallest_node_mass(), quarantine_.most > 0};
         StepLog const& log = *or_break_off([&] { return &runs_.take(scene, rule, most, effects, visit); });
-        if (log.wrong == 0) bounds_are_old_ = false;
+        if (log.failed == 0) bounds_are_old_ = false;
         return log;
     }
 
@@ -962,7 +962,7 @@ private:
     {
         if (!quarantine_.has_room_for(1)) return false;
         Failures culprits;
-        if (log.mishap != Mishap::rejected || last) // of those without stress one too many will do
+        if (log.cause != FailureCause::rejected || last) // of those without stress one too many will do
             culprits = detail::without_stress(sets_, quarantine_.most, course_.time, dt);
         if (culprits.empty() && last)
             culprits.push_back(
@@ -1008,7 +1008,7 @@ private:
         auto const spoilers = detail::without_stress(sets_, 0, course_.time, dt);
         if (!spoilers.empty()) { // whom others go wrong by
             failure = spoilers.front();
-            failure.count = log.wrong;
+            failure.count = log.failed;
         }
         detail::throw_step_error(failure, course_.stable, Sets::name(failure.material), kept, d);
     }

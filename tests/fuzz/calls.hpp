@@ -120,7 +120,7 @@ private:
             auto const at = std::ranges::lower_bound(ids_, failure.particle);
             expect(at != ids_.end() && *at == failure.particle, "somebody was taken out who was not there");
             expect(failure.position.allFinite() && failure.material < Solver::materials &&
-                       failure.cause != Mishap::none && failure.count > 0,
+                       failure.cause != FailureCause::none && failure.count > 0,
                    "who was taken out is not told");
             masses_.erase(masses_.begin() + (at - ids_.begin()));
             ids_.erase(at);

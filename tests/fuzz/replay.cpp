@@ -48,7 +48,7 @@ Solver some_snow()
     solver.step(1e-4, firn::Gravity{});
     solver.remove_if(OnTheLeft{0.01});
     auto snapshot = solver.snapshot();
-    snapshot.isolated.push_back({.cause = firn::Mishap::rejected, .time = 1e-4, .dt = 1e-4});
+    snapshot.isolated.push_back({.cause = firn::FailureCause::rejected, .time = 1e-4, .dt = 1e-4});
     solver.restore(snapshot);
     return solver;
 }

@@ -320,7 +320,7 @@ TEST_CASE("what went wrong in a step can be read as numbers")
     auto const x = solver.positions();
     spoil(solver, 17, -0.5);
     StepFailure const turned = failed([&] { solver.step(1e-4, Gravity{}); });
-    CHECK(turned.cause == Mishap::inverted);
+    CHECK(turned.cause == FailureCause::inverted);
     CHECK(turned.particle == 17);
     CHECK(turned.material == 0);
     CHECK(turned.position.head<2>() == x[17]);
@@ -332,7 +332,7 @@ TEST_CASE("what went wrong in a step can be read as numbers")
 
     auto other = running_scene();
     StepFailure const thrown = failed([&] { other.step(100, Gravity{}); });
-    CHECK(thrown.cause == Mishap::rejected);
+    CHECK(thrown.cause == FailureCause::rejected);
     CHECK(thrown.dt == 100);
     CHECK(thrown.count == other.size());
 }
@@ -349,18 +349,21 @@ TEST_CASE("without a limit to deformation steps are taken that would be rejected
         return solver;
     };
     StepControl const off{.rejection = infinite};
-    CHECK(failed([&] { shearing(700, {}).step(1e-3); }).cause == Mishap::rejected); // dt |L| = 0.7, 0.9 cells
+    CHECK(failed([&] { shearing(700, {}).step(1e-3); }).cause ==
+          FailureCause::rejected); // dt |L| = 0.7, 0.9 cells
     auto solver = shearing(700, off);
     CHECK(solver.step(1e-3).beyond_stable);
-    CHECK(failed([&] { shearing(7000, off).step(1e-3); }).cause == Mishap::rejected); // by more than a cell
+    CHECK(failed([&] { shearing(7000, off).step(1e-3); }).cause ==
+          FailureCause::rejected); // by more than a cell
     spoil(solver, 3, 1, 1e200);
-    CHECK(failed([&] { solver.step(1e-3); }).cause == Mishap::not_finite);
+    CHECK(failed([&] { solver.step(1e-3); }).cause == FailureCause::not_finite);
 }
 
 TEST_CASE("a particle in quarantine is gone, and all others are, bit by bit, as if it had been removed")
 {
     for (auto const& [stretch, shear, cause] :
-         {std::tuple(-0.5, 0.0, Mishap::inverted), std::tuple(1.0, 1e200, Mishap::not_finite)}) { // no stress
+         {std::tuple(-0.5, 0.0, FailureCause::inverted),
+          std::tuple(1.0, 1e200, FailureCause::not_finite)}) { // no stress
         auto isolates = running_scene(), removes = running_scene();
         isolates.quarantine(1);
         CHECK(same(isolates, removes)); // and before it makes no difference
@@ -407,11 +410,11 @@ TEST_CASE("more than may be in quarantine are an error: a scene does not evapora
     solver.quarantine(3);
     auto const before = solver.size();
     StepFailure const last = failed([&] { solver.step(100, Gravity{}); }); // all of them are wrong
-    CHECK(last.cause == Mishap::rejected);
+    CHECK(last.cause == FailureCause::rejected);
     CHECK(solver.until_error().substeps == 0);
     CHECK(solver.size() == before - 3);
     REQUIRE(solver.isolated().size() == 3);
-    for (auto const& failure : solver.isolated()) CHECK(failure.cause == Mishap::rejected);
+    for (auto const& failure : solver.isolated()) CHECK(failure.cause == FailureCause::rejected);
     CHECK_NOTHROW(solver.step(1e-3, Gravity{}));
     CHECK_THAT(refused([&] { solver.step(100, Gravity{}); }).remedy(),
                Contains("of 3 particles that may be in quarantine there are 3"));

@@ -342,7 +342,7 @@ TEST_CASE("who gets a stress that is no number is named before it spoils what ot
     CHECK(before > 1);
     REQUIRE(isolates.isolated().size() == 1);
     CHECK(isolates.isolated()[0].particle == weakest);
-    CHECK(isolates.isolated()[0].cause == Mishap::not_finite);
+    CHECK(isolates.isolated()[0].cause == FailureCause::not_finite);
     CHECK(isolates.isolated()[0].time == Approx(before * 1e-3));
     for (int i = 0; i < before; ++i) removes.step(1e-3);
     removes.remove_if(Inside<Sphere>{.shape = {1e-6}, .pose = {.position = isolates.isolated()[0].position}});
@@ -431,7 +431,7 @@ TEST_CASE("who is so fast that no step gets on is named, or taken out")
             CHECK_THAT(error.what_is_wrong(),
                        Contains("bounded by advection, since particle 17 is too fast"));
         }
-        CHECK(failure.cause == Mishap::stalled);
+        CHECK(failure.cause == FailureCause::stalled);
         CHECK(failure.particle == 17);
         CHECK(failure.position.head<2>() == x[17]);
         CHECK(failure.time == time);

@@ -22,7 +22,7 @@ namespace
 
 using Sheet = Scene<Snow<PlaneFloat>, QuadraticBSpline, Mls>::Solver;
 
-StepFailure const gone{.cause = Mishap::not_finite,
+StepFailure const gone{.cause = FailureCause::not_finite,
                        .particle = 0,
                        .position = {0.0125, 0.0125, 0},
                        .time = 1e-4,
@@ -536,7 +536,7 @@ TEST_CASE("a snapshot that was changed by hand to what cannot be is refused")
     refuses([](auto& all, auto&) { all.isolated[0].particle = all.next_id; });
     refuses([](auto& all, auto&) { all.isolated.push_back(all.isolated[0]); });
     refuses([](auto& all, auto&) { all.isolated[0].material = 1; });
-    refuses([](auto& all, auto&) { all.isolated[0].cause = static_cast<Mishap>(200); });
+    refuses([](auto& all, auto&) { all.isolated[0].cause = static_cast<FailureCause>(200); });
     refuses([](auto& all, auto&) { all.isolated[0].position.y() = std::nan(""); });
     refuses([](auto& all, auto&) { all.isolated[0].dt = -1; });
     solver.restore(good);

@@ -142,7 +142,7 @@ bool positions_are_finite(Solver const& solver)
 }
 
 /// Whether a call ends in a StepError of this cause, and leaves positions that are numbers.
-bool fails(Solver& solver, firn::Mishap cause, std::function<void()> const& call)
+bool fails(Solver& solver, firn::FailureCause cause, std::function<void()> const& call)
 {
     try {
         call();
@@ -283,9 +283,9 @@ void check_steps()
     for (double const stress : {nan, infinity}) {
         auto solver = solver_of(stress);
         tear(solver);
-        check(fails(solver, firn::Mishap::not_finite, [&] { step(solver, h), step(solver, h); }),
+        check(fails(solver, firn::FailureCause::not_finite, [&] { step(solver, h), step(solver, h); }),
               "a step that makes NaN or infinity is rejected");
-        check(fails(solver, firn::Mishap::not_finite, [&] { advance(solver, 1); }),
+        check(fails(solver, firn::FailureCause::not_finite, [&] { advance(solver, 1); }),
               "no shorter step makes it better");
     }
     {

@@ -214,10 +214,10 @@ TEST_CASE("particles of several materials are taken out, and all others are as i
     REQUIRE(isolated.size() == 2);
     CHECK(isolated[0].material == 0);
     CHECK(isolated[0].particle == 30);
-    CHECK(isolated[0].cause == Mishap::not_finite);
+    CHECK(isolated[0].cause == FailureCause::not_finite);
     CHECK(isolated[1].material == 1);
     CHECK(isolated[1].particle == rubber + 17);
-    CHECK(isolated[1].cause == Mishap::inverted);
+    CHECK(isolated[1].cause == FailureCause::inverted);
     CHECK(isolated[1].position.head<2>() == x[rubber + 17]);
     CHECK(same(isolates, removes));
     for (auto* of : {&isolates, &removes}) {
@@ -243,7 +243,7 @@ TEST_CASE("particles of several materials are taken out, and all others are as i
     auto const report = fast.advance(0.01);
     without.advance(0.01);
     REQUIRE(report.isolated.size() == 1);
-    CHECK(report.isolated[0].cause == Mishap::stalled);
+    CHECK(report.isolated[0].cause == FailureCause::stalled);
     CHECK(report.isolated[0].material == 1);
     CHECK(report.isolated[0].particle == rubber + 5);
     CHECK(same(fast, without));

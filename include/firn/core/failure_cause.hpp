@@ -7,7 +7,7 @@ namespace firn
 {
 
 /// What may happen to a particle or a step. Nothing else does, and none of it happens in silence.
-enum class Mishap : std::uint8_t
+enum class FailureCause : std::uint8_t
 {
     none,
     lost,       ///< a particle vanished from the table
@@ -20,24 +20,24 @@ enum class Mishap : std::uint8_t
 };
 
 /// The mishap in words.
-constexpr char const* describe(Mishap mishap)
+constexpr char const* describe(FailureCause cause)
 {
-    switch (mishap) {
-    case Mishap::none:
+    switch (cause) {
+    case FailureCause::none:
         return "nothing happened";
-    case Mishap::lost:
+    case FailureCause::lost:
         return "was lost";
-    case Mishap::escaped:
+    case FailureCause::escaped:
         return "left the range of cell coordinates";
-    case Mishap::inverted:
+    case FailureCause::inverted:
         return "was turned inside out (det F <= 0)";
-    case Mishap::capped:
+    case FailureCause::capped:
         return "reached a cap of its model";
-    case Mishap::not_finite:
+    case FailureCause::not_finite:
         return "has a state that is not finite";
-    case Mishap::rejected:
+    case FailureCause::rejected:
         return "moved by a cell or more, or deformed by more than a step may";
-    case Mishap::stalled:
+    case FailureCause::stalled:
         return "is too fast, or its waves are, for any time step that gets on";
     }
     return "";

@@ -18,7 +18,7 @@ namespace firn
 struct StepFailure
 {
     /// What went wrong.
-    Mishap cause = Mishap::none;
+    FailureCause cause = FailureCause::none;
     std::uint32_t particle = 0;        ///< its permanent id
     std::size_t material = 0;          ///< its material's place in the scene
     Eigen::Vector3d position{0, 0, 0}; ///< before the step [m]; in the plane z is 0

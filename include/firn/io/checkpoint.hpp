@@ -62,8 +62,8 @@
 //       offset of each from the centre of its cell, axis after axis [cells]: f64, or i32 in 2^-30
 //       real values of each, component after component of field after field
 //     u32 number of particles that were taken out of the scene (see Solver::quarantine), and of each:
-//       u8 cause (a Mishap) | u32 id | u32 its material | 3 f64 position [m] | f64 time [s] | f64 step [s]
-//       u64 how many went wrong with it
+//       u8 cause (a FailureCause) | u32 id | u32 its material | 3 f64 position [m] | f64 time [s] | f64 step
+//       [s] u64 how many went wrong with it
 //
 // Parameters are u32 their number, and of each: text name | f64 value, in its SI unit.
 namespace firn
@@ -402,7 +402,7 @@ inline std::vector<StepFailure> get_isolated(CheckpointReader& in)
         std::uint32_t material = 0;
         in.values(cause, gone.particle, material, gone.position.x(), gone.position.y(), gone.position.z(),
                   gone.time, gone.dt, gone.count);
-        gone.cause = static_cast<Mishap>(cause);
+        gone.cause = static_cast<FailureCause>(cause);
         gone.material = material;
     }
     return isolated;

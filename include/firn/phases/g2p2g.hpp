@@ -19,9 +19,9 @@ struct G2p2gResult
     Number speed2 = 0;       ///< largest squared speed [m^2/s^2]
     Number deformation = 0;  ///< largest Frobenius norm of the velocity gradient, squared [1/s^2]
     std::uint64_t capped = 0;
-    std::uint64_t wrong = 0;      ///< particles with a mishap that rejects the step
-    Mishap mishap = Mishap::none; ///< of the first of them
-    std::uint32_t particle = 0;   ///< its id
+    std::uint64_t failed = 0;                ///< particles with a mishap that rejects the step
+    FailureCause cause = FailureCause::none; ///< of the first of them
+    std::uint32_t particle = 0;              ///< its id
     Reactions<obstacles> reactions{};
 
     FIRN_HOST_DEVICE void merge(G2p2gResult const& other)
@@ -30,8 +30,8 @@ struct G2p2gResult
         speed2 = max(speed2, other.speed2);
         deformation = max(deformation, other.deformation);
         capped += other.capped;
-        if (wrong == 0) mishap = other.mishap, particle = other.particle;
-        wrong += other.wrong;
+        if (failed == 0) cause = other.cause, particle = other.particle;
+        failed += other.failed;
         reactions.merge(other.reactions);
     }
 };
@@ -244,21 +244,21 @@ private:
         Mask<Real> const finite = is_below(size + answered, Real(std::numeric_limits<Number>::max()));
         Real const bound(largest_deformation * largest_deformation);
         Mask<Real> const calm = is_below(moved, Real(1)) & is_below(rate2 * Real(now->dt * now->dt), bound);
-        Mask<Real> wrong = items.here() & ((!finite) | response.inverted | (!calm));
-        if (items.at_the_edge()) wrong = items.here();
+        Mask<Real> failed = items.here() & ((!finite) | response.inverted | (!calm));
+        if (items.at_the_edge()) failed = items.here();
         Mask<Real> const capped = items.here() & response.capped;
-        if (!any(wrong | capped)) return;
+        if (!any(failed | capped)) return;
 
         for (std::uint64_t rest = bits(capped); rest != 0; rest &= rest - 1) ++result.capped;
-        for (std::uint64_t rest = bits(wrong), lane = 0; rest != 0; rest >>= 1, ++lane) {
+        for (std::uint64_t rest = bits(failed), lane = 0; rest != 0; rest >>= 1, ++lane) {
             if ((rest & 1) == 0) continue;
-            if (result.wrong++ > 0) continue;
+            if (result.failed++ > 0) continue;
             result.particle = items.value(before.id, int(lane));
             auto const holds = [&](Mask<Real> const& mask) { return ((bits(mask) >> lane) & 1) != 0; };
-            result.mishap = holds(!finite)             ? Mishap::not_finite
-                            : holds(response.inverted) ? Mishap::inverted
-                            : holds(calm)              ? Mishap::escaped
-                                                       : Mishap::rejected;
+            result.cause = holds(!finite)             ? FailureCause::not_finite
+                           : holds(response.inverted) ? FailureCause::inverted
+                           : holds(calm)              ? FailureCause::escaped
+                                                      : FailureCause::rejected;
         }
     }
 };

@@ -32,7 +32,7 @@ struct Quarantine
 
 /// What is wrong with the particle of a row.
 template <std::size_t k, class Sets>
-StepFailure failure_of(Sets const& sets, std::uint32_t row, Mishap cause, double time, double dt,
+StepFailure failure_of(Sets const& sets, std::uint32_t row, FailureCause cause, double time, double dt,
                        std::uint64_t count)
 {
     auto const& particles = sets.template particles<k>();
@@ -49,7 +49,7 @@ StepFailure failure_of(Sets const& sets, StepLog const& log, double time, double
     StepFailure failure;
     Sets::for_each([&](auto k) {
         if (static_cast<std::size_t>(log.material) == k)
-            failure = failure_of<k>(sets, log.particle, log.mishap, time, dt, log.wrong);
+            failure = failure_of<k>(sets, log.particle, log.cause, time, dt, log.failed);
     });
     return failure;
 }
@@ -66,8 +66,8 @@ FIRN_COLD std::vector<StepFailure> without_stress(Sets const& sets, std::size_t 
             bool const finite =
                 all_finite(response.kirchhoff_stress) && is_finite(double(response.wave_modulus));
             if ((response.inverted || !finite) && found.size() <= most)
-                found.push_back(
-                    failure_of<k>(sets, row, finite ? Mishap::inverted : Mishap::not_finite, time, dt, 1));
+                found.push_back(failure_of<k>(
+                    sets, row, finite ? FailureCause::inverted : FailureCause::not_finite, time, dt, 1));
         });
     });
     for (auto& failure : found) failure.count = found.size();
@@ -94,7 +94,7 @@ template <class Sets, class Values>
             furthest = way;
             worst = row;
         });
-        if (worst) found = failure_of<k>(sets, *worst, log.mishap, time, dt, log.wrong);
+        if (worst) found = failure_of<k>(sets, *worst, log.cause, time, dt, log.failed);
     });
     return found;
 }
@@ -117,7 +117,7 @@ template <class Sets, class Rule, class Values>
                 bounds[row].deformation_rate = double(norm(rates[row]));
         }
         std::optional<std::uint32_t> slowest;
-        Mishap cause{};
+        FailureCause cause{};
         sets.template particles<k>().for_each([&](std::uint32_t row, auto& particle) {
             auto const response = sets.template response<k>(particle);
             bounds[row].wave_speed = sets.template wave_speed<k>(double(response.wave_modulus));
@@ -125,9 +125,9 @@ template <class Sets, class Rule, class Values>
             if (!(step < shortest)) return;
             shortest = step;
             slowest = row;
-            cause = response.inverted                           ? Mishap::inverted
-                    : !is_finite(double(response.wave_modulus)) ? Mishap::not_finite
-                                                                : Mishap::stalled;
+            cause = response.inverted                           ? FailureCause::inverted
+                    : !is_finite(double(response.wave_modulus)) ? FailureCause::not_finite
+                                                                : FailureCause::stalled;
         });
         if (slowest) found = failure_of<k>(sets, *slowest, cause, time, dt, 1);
     });

@@ -18,10 +18,10 @@ namespace firn
 struct StepLog
 {
     TimeState course;
-    std::uint64_t wrong = 0;      ///< particles with a mishap in the step; if any, it changed nothing
-    Mishap mishap = Mishap::none; ///< of the first of them
-    int material = 0;             ///< which is of this material
-    std::uint32_t particle = 0;   ///< its row in the material's table
+    std::uint64_t failed = 0; ///< particles with a mishap in the step; if any, it changed nothing
+    FailureCause cause = FailureCause::none; ///< of the first of them
+    int material = 0;                        ///< which is of this material
+    std::uint32_t particle = 0;              ///< its row in the material's table
 };
 
 /// What one step of a run did.
@@ -81,7 +81,7 @@ struct BeginRun
 
     FIRN_HOST_DEVICE void operator()(std::size_t place) const
     {
-        log.at[place].wrong = 0;
+        log.at[place].failed = 0;
         if (place > 0) return;
         *log.taken = 0;
         log.at[0].course = course;
@@ -138,9 +138,9 @@ private:
     FIRN_HOST_DEVICE bool went_well(Found const&... found) const
     {
         static_assert(sizeof...(Found) == materials);
-        bool const wrong = note_mishaps(log.at[step + 1], found...);
-        *log.taken = std::uint64_t(step + (wrong ? 0 : 1));
-        if (!wrong) return true;
+        bool const failed = note_failures(log.at[step + 1], found...);
+        *log.taken = std::uint64_t(step + (failed ? 0 : 1));
+        if (!failed) return true;
         log.at[step + 1].course = log.at[step].course;
         log.at[step + 1].course.ready = false;
         return false;
@@ -190,21 +190,21 @@ private:
 
     /// Writes down what went wrong; true if something did.
     template <class... Found>
-    FIRN_HOST_DEVICE static bool note_mishaps(StepLog& note, Found const&... found)
+    FIRN_HOST_DEVICE static bool note_failures(StepLog& note, Found const&... found)
     {
-        note.wrong = 0;
+        note.failed = 0;
         int material = 0;
         auto const ask = [&](auto const& of) {
-            if (note.wrong == 0) {
-                note.mishap = of.mishap;
+            if (note.failed == 0) {
+                note.cause = of.cause;
                 note.material = material;
                 note.particle = of.particle;
             }
-            note.wrong += of.wrong;
+            note.failed += of.failed;
             ++material;
         };
         (ask(found), ...);
-        return note.wrong > 0;
+        return note.failed > 0;
     }
 };
 

@@ -86,7 +86,7 @@ public:
             lacked = backend_.poll(orders);
             scattered_early = !lacked && backend_.follows_early(orders) && run.taken() < queued;
             if (lacked) { // a step lacked room, and those after it did nothing
-                int const lacking = run.taken() - (run.went_wrong() ? 0 : 1);
+                int const lacking = run.taken() - (run.has_failed() ? 0 : 1);
                 run.take_back(queued - 1 - lacking, queued - 1 - lacking);
                 queued = lacking + 1;
                 do {
@@ -97,7 +97,7 @@ public:
             }
         }
         int const taken = run.taken();
-        spoiled_ = taken < queued && run.went_wrong();
+        spoiled_ = taken < queued && run.has_failed();
         if (taken == queued)
             run.accept();
         else if constexpr (Backend::queues)
@@ -214,7 +214,7 @@ private:
         Log const& heard() const { return heard_; }
         int taken() const { return static_cast<int>(*heard_.taken); }
         /// Whether the step after those that were taken went wrong.
-        bool went_wrong() const { return heard_.at[taken() + 1].wrong > 0; }
+        bool has_failed() const { return heard_.at[taken() + 1].failed > 0; }
 
         /// Takes a step that was made, or soon will be, for done.
         void accept()
