@@ -58,9 +58,9 @@ struct TimedOpenMP : OpenMP
     }
 
     template <class Phase, class Order, class GridType>
-    void scatter_movers(Order& cells, GridType& grid) const
+    void scatter_leavers(Order& cells, GridType& grid) const
     {
-        times->take("scatter_movers", [&] { OpenMP::scatter_movers<Phase>(cells, grid); });
+        times->take("scatter_leavers", [&] { OpenMP::scatter_leavers<Phase>(cells, grid); });
     }
 
     template <class CellOrders, class GridType, class Phase>
@@ -111,7 +111,7 @@ void add(int threads)
     for (Layout layout : {Layout::lattice, Layout::random, Layout::splash})
         for (auto [name, equal_steps] : {std::pair{"clear", true},
                                          {"order", true},
-                                         {"scatter_movers", true},
+                                         {"scatter_leavers", true},
                                          {"grid", true},
                                          {"gather_and_scatter", true},
                                          {"scatter", false}}) {

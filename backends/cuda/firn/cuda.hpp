@@ -135,20 +135,20 @@ struct Cuda
 
     /// Items that changed their cells when they moved give to the grid, to which the others already gave.
     template <class Phase, class Order, class GridType>
-    void scatter_movers(Order const& cells, GridType& grid) const
+    void scatter_leavers(Order const& cells, GridType& grid) const
     {
         if (grid.blocks() == 0) return;
         cuda::OnDevice const here(device);
-        cuda::detail::ScatterArrivals<Order, GridType, Phase> const scatter{cells.view(), cells.arrived(),
-                                                                            cells.movers(), grid.view()};
+        cuda::detail::ScatterIncoming<Order, GridType, Phase> const scatter{cells.view(), cells.arrived(),
+                                                                            cells.leavers(), grid.view()};
         using Tiles = cuda::detail::SharedTiles<GridType>;
         // as follow() has it where it lets them give, since sums are added up team by team
         unsigned const teams = Tiles::teams_that_follow(cells.followed_blocks());
         auto* const loop =
             teams == 1
-                ? cuda::detail::scatter_movers<1, Order, GridType, Phase>
-                : cuda::detail::scatter_movers<cuda::detail::most_teams_that_follow, Order, GridType, Phase>;
-        cuda::detail::launch("scatter_movers", queue(), loop, std::min(grid.blocks(), 4096u), teams,
+                ? cuda::detail::scatter_leavers<1, Order, GridType, Phase>
+                : cuda::detail::scatter_leavers<cuda::detail::most_teams_that_follow, Order, GridType, Phase>;
+        cuda::detail::launch("scatter_leavers", queue(), loop, std::min(grid.blocks(), 4096u), teams,
                              Tiles::bytes(false, true, teams), cells.signal(), grid.blocks(), scatter);
     }
 
@@ -164,7 +164,7 @@ struct Cuda
         auto const results = grid.node_results().template expect<Result>(grid.node_blocks());
         std::array<cuda::detail::ArrivalsToForget, orders> to_forget;
         for (std::size_t k = 0; k < orders; ++k)
-            to_forget[k] = cells[k]->forget_arrivals_on_the_way(grid.node_blocks());
+            to_forget[k] = cells[k]->forget_incoming_on_the_way(grid.node_blocks());
         auto const loop = [&](auto const& blocks) {
             using Blocks = std::remove_cvref_t<decltype(blocks)>;
             cuda::detail::launch("for_each_node", queue(),
@@ -275,7 +275,7 @@ struct Cuda
     {
         if (!followed.early) {
             cells.follow(offsets);
-            scatter_movers<Phase>(cells, grid);
+            scatter_leavers<Phase>(cells, grid);
             return;
         }
         using Tiles = cuda::detail::SharedTiles<GridType>;
@@ -283,7 +283,7 @@ struct Cuda
         cells.follow_early(
             offsets, followed.conclusion,
             [&](auto const& view, auto const& arrived) {
-                return cuda::detail::ScatterArrivals<Order, GridType, Phase>{view, arrived, cells.movers(),
+                return cuda::detail::ScatterIncoming<Order, GridType, Phase>{view, arrived, cells.leavers(),
                                                                              grid.view()};
             },
             teams, Tiles::bytes(false, true, teams));
@@ -341,7 +341,7 @@ private:
         using Result = typename Phase::Result;
         using Tiles = cuda::detail::SharedTiles<LayerType>;
         auto const signal = cells.signal();
-        auto const movers = cells.expect_departures(Phase::kept - Phase::d); // an offset lies with its item
+        auto const leavers = cells.expect_outgoing(Phase::kept - Phase::d); // an offset lies with its item
         constexpr unsigned most_teams = cuda::detail::most_teams_that_move<Phase>;
         unsigned const teams = Tiles::teams(layer.blocks(), most_teams);
         auto const results = layer.item_results().template expect<Result>(layer.blocks());
@@ -355,7 +355,7 @@ private:
         // the most that this loop is ever started with: several threads of the host may do so at a time
         constexpr std::size_t most = Tiles::bytes(true, true, Tiles::teams(0, most_teams));
         if constexpr (most + declared > cuda::detail::given_shared) cuda::detail::allow_shared(loop, most);
-        cuda::detail::Moved<typename LayerType::Number, Result> const moved{movers, cells.destinations(),
+        cuda::detail::Moved<typename LayerType::Number, Result> const moved{leavers, cells.destinations(),
                                                                             cells.left(), results};
         cuda::detail::launch("move", queue(), loop, layer.blocks(), teams, shared, signal, phase,
                              cells.view(), layer.view(), moved);

@@ -106,9 +106,9 @@ struct BasicOpenMP
 
     /// Items that changed their cells when they moved give to the grid, to which the others already gave.
     template <class Phase, class Order, class GridType>
-    void scatter_movers(Order& cells, GridType& grid) const
+    void scatter_leavers(Order& cells, GridType& grid) const
     {
-        openmp::scatter_movers<Lane<typename Phase::Number>, Phase>(cells, grid);
+        openmp::scatter_leavers<Lane<typename Phase::Number>, Phase>(cells, grid);
     }
 
     /// Calls `phase(node, result)` for every lane of nodes that was added to, in whatever layer; returns the

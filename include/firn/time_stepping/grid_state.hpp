@@ -49,10 +49,10 @@ public:
     void forget() { scattered_dt_ = 0; }
     /// After steps: for how long [s] particles have given to the next one, and whether those that changed
     /// their cells since have, too.
-    void set_scattered(double dt, bool movers_scattered)
+    void set_scattered(double dt, bool leavers_scattered)
     {
         scattered_dt_ = dt;
-        movers_scattered_ = movers_scattered;
+        leavers_scattered_ = leavers_scattered;
     }
 
     /// Brings the sums on the grid to what particles give to a step in which stresses act for so long [s]:
@@ -64,12 +64,12 @@ public:
                 scatter<k>(dt, false, sets);
             else {
                 auto layer = grid_.layer(k);
-                if (!movers_scattered_)
-                    backend_.template scatter_movers<P2g<k>>(sets.template particles<k>().cells(), layer);
+                if (!leavers_scattered_)
+                    backend_.template scatter_leavers<P2g<k>>(sets.template particles<k>().cells(), layer);
                 if (!exactly_equal(scattered_dt_, dt)) scatter<k>(dt - scattered_dt_, true, sets);
             }
         });
-        movers_scattered_ = true;
+        leavers_scattered_ = true;
         scattered_dt_ = dt;
     }
 
@@ -218,7 +218,7 @@ private:
     Backend backend_;
     Grid grid_;
     double scattered_dt_ = 0;
-    bool movers_scattered_ = false;
+    bool leavers_scattered_ = false;
 };
 
 } // namespace firn

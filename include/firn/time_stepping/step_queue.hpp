@@ -230,16 +230,16 @@ private:
             if (accepted % 2 != 0) scene_.exchange.grid().accept(); // what was swapped is swapped back
         }
 
-        /// Takes over what is known behind some steps; `movers_gave` says whether who came to another cell in
-        /// the last one has given there.
-        void adopt(int place, int taken, bool movers_scattered)
+        /// Takes over what is known behind some steps; `leavers_scattered` says whether who came to another
+        /// cell in the last one has given there.
+        void adopt(int place, int taken, bool leavers_scattered)
         {
             scene_.course = heard_.at[place].course;
             Sets::for_each([&](auto k) {
                 particles<k>().set_cached(taken > 0 ? wrote_derived_[k] : had_cached_[k], had_cached_[k]);
             });
             if (taken > 0)
-                scene_.exchange.set_scattered(scene_.course.scattered.interval.forces, movers_scattered);
+                scene_.exchange.set_scattered(scene_.course.scattered.interval.forces, leavers_scattered);
         }
 
     private:

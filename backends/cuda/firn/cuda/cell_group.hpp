@@ -108,15 +108,16 @@ public:
     /// where it is.
     __device__ void depart(bool, int zero_from, int) { departed_ = true, zero_from_ = zero_from; }
     __device__ bool departed() const { return departed_; }
-    __device__ std::uint32_t way() const { return way_; } ///< to which neighbour, as Movers have it
-    __device__ void write_departure(detail::Movers<Number> const& movers, std::uint32_t i, std::uint32_t cell)
+    __device__ std::uint32_t way() const { return way_; } ///< to which neighbour, as Leavers have it
+    __device__ void write_outgoing(detail::Leavers<Number> const& leavers, std::uint32_t i,
+                                   std::uint32_t cell)
     {
-        movers.slot[i] = slot_;
-        movers.cell[i] = cell;
-        movers.way[i] = static_cast<std::uint8_t>(way_);
+        leavers.slot[i] = slot_;
+        leavers.cell[i] = cell;
+        leavers.way[i] = static_cast<std::uint8_t>(way_);
 #pragma unroll
         for (int c = d; c < Phase::kept; ++c)
-            movers.contribution[std::size_t(i) * movers.channels + c - d] = kept_[c];
+            leavers.contribution[std::size_t(i) * leavers.channels + c - d] = kept_[c];
     }
     __device__ void forget_given()
     {
@@ -125,15 +126,15 @@ public:
             if (c >= zero_from_) kept_[c] = 0;
     }
     /// Keeps what an item gave when it departed, and its offset now.
-    __device__ void read_departure(detail::Movers<Number> const& movers, std::array<Offset*, d> const& offset,
-                                   std::uint32_t i)
+    __device__ void read_outgoing(detail::Leavers<Number> const& leavers,
+                                  std::array<Offset*, d> const& offset, std::uint32_t i)
     {
-        std::uint32_t const slot = movers.slot[i];
+        std::uint32_t const slot = leavers.slot[i];
 #pragma unroll
         for (int a = 0; a < d; ++a) kept_[a] = CellOffset<Number>::value(offset[a][slot]);
 #pragma unroll
         for (int c = d; c < Phase::kept; ++c)
-            kept_[c] = movers.contribution[std::size_t(i) * movers.channels + c - d];
+            kept_[c] = leavers.contribution[std::size_t(i) * leavers.channels + c - d];
     }
 
     /// Channel c of the node at place k in a row of the cell's stencil.

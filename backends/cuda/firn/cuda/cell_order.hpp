@@ -26,7 +26,7 @@ class CellOrder
 public:
     using Shape = BlockShape<d>;
     using Offset = typename CellOffset<Number>::Stored;
-    using Movers = detail::Movers<Number>;
+    using Leavers = detail::Leavers<Number>;
 
     /// Cells beyond this coordinate have no key (see block_key); one is kept in reserve for what is about to
     /// leave.
@@ -51,10 +51,10 @@ public:
     template <class Backend>
     explicit CellOrder(Backend const& backend)
         : queue_(backend.queue()), set_(queue_), begin_(queue_), new_begin_(queue_), order_(queue_),
-          order_before_(queue_), left_(queue_), stay_(queue_), arrivals_(queue_), first_arrival_(queue_),
+          order_before_(queue_), left_(queue_), stay_(queue_), incoming_(queue_), first_incoming_(queue_),
           group_left_(queue_), block_stay_(queue_), block_arrived_(queue_), block_begin_(queue_),
-          arrived_begin_(queue_), arrived_(queue_), movers_(queue_), blocks_before_(queue_), stopped_(queue_),
-          told_(queue_)
+          arrived_begin_(queue_), arrived_(queue_), leavers_(queue_), blocks_before_(queue_),
+          stopped_(queue_), told_(queue_)
     {}
 
     Queue const& queue() const { return queue_; }
@@ -65,10 +65,10 @@ public:
     std::size_t memory() const
     {
         return set_.memory() + begin_.memory() + new_begin_.memory() + order_.memory() +
-               order_before_.memory() + left_.memory() + stay_.memory() + arrivals_.memory() +
-               first_arrival_.memory() + group_left_.memory() + block_stay_.memory() +
+               order_before_.memory() + left_.memory() + stay_.memory() + incoming_.memory() +
+               first_incoming_.memory() + group_left_.memory() + block_stay_.memory() +
                block_arrived_.memory() + block_begin_.memory() + arrived_begin_.memory() + arrived_.memory() +
-               movers_.memory() + blocks_before_.memory();
+               leavers_.memory() + blocks_before_.memory();
     }
 
     /// Adds items that lie at first, first + 1, … in the given cells.
@@ -129,7 +129,7 @@ public:
         OnDevice const here(queue_);
         offset_ = offset;
         followed_blocks_ = blocks();
-        rearrange(movers_.view(channels_), movers_.most, left_.data(), offset);
+        rearrange(leavers_.view(channels_), leavers_.most, left_.data(), offset);
         kept_order_ = false;
         if (crowded_) forget_empty_blocks();
         crowded_ = false;
@@ -162,10 +162,10 @@ public:
         order_before_.renew(size_);
         new_begin_.renew(blocks() * Shape::cells + 1);
         arrived_begin_.renew(new_begin_.size());
-        arrived_.renew(movers_.most);
+        arrived_.renew(leavers_.most);
         detail::NewOrder const to{
-            nullptr,         left_.data(),         new_begin_.data(),  arrived_begin_.data(),
-            arrived_.data(), order_before_.data(), movers_.cell.data()};
+            nullptr,         left_.data(),         new_begin_.data(),   arrived_begin_.data(),
+            arrived_.data(), order_before_.data(), leavers_.cell.data()};
         auto const then = scatter(view(), arrived());
         using Then = std::remove_cv_t<decltype(then)>;
         std::uint32_t const number = early_ = early_ % (1u << 31) + 1;
@@ -190,8 +190,8 @@ public:
         settled_ = settled;
         if (!settled || !kept_order_) return;
         OnDevice const here(queue_);
-        launch_after("unwrap", queue_, detail::unwrap<d, Number>, groups_of(movers_.most, 256), 256,
-                     movers_.view(channels_), offset);
+        launch_after("unwrap", queue_, detail::unwrap<d, Number>, groups_of(leavers_.most, 256), 256,
+                     leavers_.view(channels_), offset);
         find_block_begins(); // for the next follow(): each block had found its own
     }
 
@@ -202,23 +202,23 @@ public:
 
     /// Makes room for items that depart, and forgets those before: the loop that follows notes them, and
     /// finds their cells.
-    Movers expect_departures(int channels)
+    Leavers expect_outgoing(int channels)
     {
         OnDevice const here(queue_);
         channels_ = channels;
         crowded_ = false; // if it was said of a step that was then not made
-        movers_.renew(std::max<std::size_t>(movers_.most, size_ / 32 + 256), channels);
+        leavers_.renew(std::max<std::size_t>(leavers_.most, size_ / 32 + 256), channels);
         if (may_have_arrived_)
-            launch_behind("forget_all_arrivals", queue_, detail::forget_all_arrivals, blocks(), 64, 0,
-                          signal(), detail::ArrivalsToForget{changes(), blocks(), movers_.meet.data()});
+            launch_behind("forget_all_incoming", queue_, detail::forget_all_incoming, blocks(), 64, 0,
+                          signal(), detail::ArrivalsToForget{changes(), blocks(), leavers_.meet.data()});
         may_have_arrived_ = true;
         is_to_find_ = !destinations().at_once;
-        return movers_.view(channels);
+        return leavers_.view(channels);
     }
     unsigned char* left() { return left_.data(); }
     detail::Changes changes()
     {
-        return {stay_.data(),       arrivals_.data(),   first_arrival_.data(),
+        return {stay_.data(),       incoming_.data(),   first_incoming_.data(),
                 group_left_.data(), block_stay_.data(), block_arrived_.data()};
     }
     detail::Destinations destinations()
@@ -229,24 +229,24 @@ public:
     /// Who came into cells is to be forgotten before others do: what a loop of so many groups of threads is
     /// to know that does so on its way. It is expected to be queued. (Blocks that are born in a step that
     /// then goes wrong have no nodes yet: a loop over those has too few groups.)
-    detail::ArrivalsToForget forget_arrivals_on_the_way(std::uint32_t groups)
+    detail::ArrivalsToForget forget_incoming_on_the_way(std::uint32_t groups)
     {
         bool const does = groups >= blocks() && std::exchange(may_have_arrived_, false);
-        return {changes(), does ? blocks() : 0, movers_.meet.data()};
+        return {changes(), does ? blocks() : 0, leavers_.meet.data()};
     }
 
     /// What the loop that ends a step is to know. It is expected to be queued.
     detail::MovedOrder<d, Number> moved()
     {
         OnDevice const here(queue_);
-        return {signal(),       movers_.view(channels_),
+        return {signal(),       leavers_.view(channels_),
                 destinations(), std::exchange(is_to_find_, false),
                 begins(),       is_small()};
     }
     /// How many groups of threads it takes to find what is then to be found.
     unsigned groups_that_find() const
     {
-        return is_to_find_ ? std::min(groups_of(movers_.most, detail::scanning_threads), 256u) : 1;
+        return is_to_find_ ? std::min(groups_of(leavers_.most, detail::scanning_threads), 256u) : 1;
     }
 
     /// Says to loops whether they have something to do.
@@ -299,7 +299,7 @@ public:
         may_have_arrived_ = true; // whatever was queued to forget them
         stopped_.fill_bytes(0, detail::Signal::count, 0);
         crowded_ = short_.crowded != 0;
-        return short_.births > 0 || short_.departed > movers_.most;
+        return short_.births > 0 || short_.departed > leavers_.most;
     }
 
     /// Makes room for what lacked it; those that departed are to find their cells once more, if there are new
@@ -307,8 +307,8 @@ public:
     bool make_room()
     {
         OnDevice const here(queue_);
-        if (short_.departed > movers_.most) {
-            movers_.most = short_.departed + short_.departed / 32;
+        if (short_.departed > leavers_.most) {
+            leavers_.most = short_.departed + short_.departed / 32;
             return true;
         }
         if (short_.births == 0) return false;
@@ -325,7 +325,7 @@ public:
         std::array<Offset*, d> offset; ///< of all items
     };
     Arrived arrived() const { return {arrived_begin_.data(), arrived_.data(), offset_}; }
-    Movers movers() const { return movers_.view(channels_); }
+    Leavers leavers() const { return leavers_.view(channels_); }
 
     /// Says that all items now lie at their slots.
     void settle() { settled_ = true; }
@@ -391,7 +391,7 @@ private:
             array.resize(room);
         }
 
-        Movers view(int channels) const
+        Leavers view(int channels) const
         {
             auto const at = []<class T>(Array<T> const& array) { return const_cast<T*>(array.data()); };
             return {const_cast<detail::LeaverCounters*>(meet.data()),
@@ -448,8 +448,8 @@ private:
         new_begin_.renew(begin_.size()); // loops that are stopped read it, too, but do not look at it
         new_begin_.fill_bytes(0, new_begin_.size(), 0);
         stay_.resize(cells);
-        arrivals_.resize(cells);
-        first_arrival_.resize(cells);
+        incoming_.resize(cells);
+        first_incoming_.resize(cells);
         group_left_.resize(blocks() * Shape::groups);
         block_stay_.resize(blocks());
         block_arrived_.resize(blocks());
@@ -468,14 +468,14 @@ private:
         std::uint32_t count = 0;
         blocks_before_.download(before, {&count, 1});
         new_begin_.renew(std::size_t(count) * Shape::cells + 1);
-        auto& new_arrived_begin = first_arrival_; // those of this step have come
+        auto& new_arrived_begin = first_incoming_; // those of this step have come
         may_have_arrived_ = true;
         new_arrived_begin.renew(new_begin_.size());
         launch_after("keep_blocks", queue_, detail::keep_blocks, count, 64, blocks_before_.data(),
                      begin_.data(), arrived_begin_.data(), new_begin_.data(), new_arrived_begin.data());
         std::swap(begin_, new_begin_);
         std::swap(arrived_begin_, new_arrived_begin);
-        first_arrival_.renew(std::size_t(count) * Shape::cells);
+        first_incoming_.renew(std::size_t(count) * Shape::cells);
         set_.keep(blocks_before_.data(), count);
         blocks_kept_ = count;
         ++generation_;
@@ -483,7 +483,7 @@ private:
 
     /// Writes the new order where blocks are known to begin: those that stay in their cells, and those that
     /// come, `count` at most.
-    void rearrange(Movers const& movers, std::uint32_t count, unsigned char const* left,
+    void rearrange(Leavers const& leavers, std::uint32_t count, unsigned char const* left,
                    std::array<Offset*, d> const& offset)
     {
         bool const comes_in = left == nullptr;
@@ -505,9 +505,9 @@ private:
                                   arrived_begin_.data(),
                                   arrived_.data(),
                                   in_place ? order_.data() : next.data(),
-                                  movers.cell};
+                                  leavers.cell};
         launch_behind("rearrange", queue_, detail::rearrange<d, Number>, blocks(), 64, 0, signal(),
-                      begin_.data(), changes(), block_begin_.data(), movers, to, offset);
+                      begin_.data(), changes(), block_begin_.data(), leavers, to, offset);
         std::swap(begin_, new_begin_);
         if (!in_place) std::swap(order_, next);
         size_ = items;
@@ -525,10 +525,10 @@ private:
     BlockSet set_;
     Array<std::uint32_t> begin_, new_begin_, order_, order_before_;
     Array<unsigned char> left_; ///< per slot: whether the item left its cell
-    Array<std::uint32_t> stay_, arrivals_, first_arrival_, group_left_, block_stay_, block_arrived_;
+    Array<std::uint32_t> stay_, incoming_, first_incoming_, group_left_, block_stay_, block_arrived_;
     Array<std::uint64_t> block_begin_;
     Array<std::uint32_t> arrived_begin_, arrived_;
-    MoverArrays movers_;
+    MoverArrays leavers_;
     int channels_ = 0;
     std::uint32_t generation_ = 0, blocks_kept_ = 0;
     Array<std::uint32_t> blocks_before_;

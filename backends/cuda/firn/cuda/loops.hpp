@@ -215,11 +215,11 @@ __global__ void __launch_bounds__(block_threads, enough_groups)
 
 /// Items that came into the cells of a block give what they kept when they departed.
 template <class Order, class GridType, class Phase>
-struct ScatterArrivals
+struct ScatterIncoming
 {
     typename Order::View cells;
     typename Order::Arrived arrived;
-    typename Order::Movers movers;
+    typename Order::Leavers leavers;
     typename GridType::View grid;
 
     /// Called by all threads of a group, so many teams, with shared memory for the sums of each.
@@ -239,7 +239,7 @@ struct ScatterArrivals
         auto const use = [&](std::uint32_t rank, bool here, std::uint32_t) {
             cell.forget();
             if (here) {
-                cell.read_departure(movers, arrived.offset, next);
+                cell.read_outgoing(leavers, arrived.offset, next);
                 if (rank + teams < came.count) next = of_cell[rank + teams];
             }
             Phase::scatter(cell, sums);
@@ -257,7 +257,7 @@ struct ScatterArrivals
 template <unsigned most, class Order, class GridType, class Phase>
 __global__ void __launch_bounds__(most* block_threads,
                                   most > 1 && sizeof(typename GridType::Number) == sizeof(float) ? 1 : 0)
-    scatter_movers(Signal signal, std::uint32_t blocks, ScatterArrivals<Order, GridType, Phase> scatter)
+    scatter_leavers(Signal signal, std::uint32_t blocks, ScatterIncoming<Order, GridType, Phase> scatter)
 {
     if (signal.stops()) return;
     for (std::uint32_t block = blockIdx.x; block < blocks; block += gridDim.x) {
@@ -402,7 +402,7 @@ __global__ void __launch_bounds__(block_threads)
 template <class Number, class Result>
 struct Moved
 {
-    Movers<Number> movers;
+    Leavers<Number> leavers;
     Destinations to;
     unsigned char* left;
     ResultsOfGroups<Result> results;
@@ -451,15 +451,15 @@ __global__ void __launch_bounds__(most_teams_that_move<Phase>* block_threads, 1)
         if (std::uint32_t const left = __ballot_sync(~0u, cell.departed())) {
             std::uint32_t first = 0;
             if (threadIdx.x % 32 == 0) {
-                first = atomicAdd(&moved.movers.meet->departed, static_cast<std::uint32_t>(__popc(left)));
+                first = atomicAdd(&moved.leavers.meet->departed, static_cast<std::uint32_t>(__popc(left)));
                 atomicAdd(left_group + place / 32, static_cast<std::uint32_t>(__popc(left)));
             }
             std::uint32_t const i = __shfl_sync(~0u, first, 0) + __popc(left & below);
             if (cell.departed()) {
                 atomicAdd(left_cell + place, 1u);
-                if (i < moved.movers.most) {
-                    cell.write_departure(moved.movers, i, c);
-                    if (moved.to.at_once) find_new_cell<Phase::d>(moved.movers, moved.to, i, c, cell.way());
+                if (i < moved.leavers.most) {
+                    cell.write_outgoing(moved.leavers, i, c);
+                    if (moved.to.at_once) find_new_cell<Phase::d>(moved.leavers, moved.to, i, c, cell.way());
                 }
                 cell.forget_given();
             }

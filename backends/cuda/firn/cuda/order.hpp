@@ -29,7 +29,7 @@ struct LeaverCounters
 
 /// Items on their way to other cells.
 template <class Number>
-struct Movers
+struct Leavers
 {
     LeaverCounters* meet;
     std::uint32_t most;   ///< there is room for so many
@@ -44,20 +44,20 @@ struct Movers
 /// What changes about cells when items move.
 struct Changes
 {
-    std::uint32_t* stay;          ///< per cell: items that stay
-    std::uint32_t* arrivals;      ///< per cell: items that come
-    std::uint32_t* first_arrival; ///< per cell: one of them, or absent
-    std::uint32_t* group_left;    ///< per group of cells: items that leave
-    std::uint32_t* block_stay;    ///< per block: items that stay in their cells
-    std::uint32_t* block_arrived; ///< per block: items that come into its cells
+    std::uint32_t* stay;           ///< per cell: items that stay
+    std::uint32_t* incoming;       ///< per cell: items that come
+    std::uint32_t* first_incoming; ///< per cell: one of them, or absent
+    std::uint32_t* group_left;     ///< per group of cells: items that leave
+    std::uint32_t* block_stay;     ///< per block: items that stay in their cells
+    std::uint32_t* block_arrived;  ///< per block: items that come into its cells
 };
 
 /// Forgets who came into the cells of a block; called by 64 threads.
-static __device__ void forget_arrivals(Changes const& changes, std::uint32_t block)
+static __device__ void forget_incoming(Changes const& changes, std::uint32_t block)
 {
     std::uint32_t const c = block * 64 + threadIdx.x;
-    changes.arrivals[c] = 0;
-    changes.first_arrival[c] = absent;
+    changes.incoming[c] = 0;
+    changes.first_incoming[c] = absent;
     if (threadIdx.x == 0) changes.block_arrived[block] = 0;
 }
 
@@ -72,7 +72,7 @@ struct ArrivalsToForget
     __device__ void forget(std::uint32_t group) const
     {
         if (group >= blocks) return;
-        forget_arrivals(changes, group);
+        forget_incoming(changes, group);
         if (group == 0 && threadIdx.x == 0 && meet != nullptr) meet->departed = 0;
     }
 };
@@ -89,12 +89,12 @@ struct Destinations
 
 /// Enters a mover in the list of its new cell, and counts it there and in the block.
 template <class Number>
-__device__ void arrive(Movers<Number> const& movers, Changes const& changes, std::uint32_t mover,
+__device__ void arrive(Leavers<Number> const& leavers, Changes const& changes, std::uint32_t leaver,
                        std::uint32_t block, std::uint32_t place)
 {
     std::uint32_t const cell = block * 64 + place;
-    movers.next[mover] = atomicExch(changes.first_arrival + cell, mover);
-    atomicAdd(changes.arrivals + cell, 1u);
+    leavers.next[leaver] = atomicExch(changes.first_incoming + cell, leaver);
+    atomicAdd(changes.incoming + cell, 1u);
     // movers that lie side by side come into the same few blocks
     std::uint32_t const with_me = __match_any_sync(__activemask(), block);
     if (static_cast<int>(threadIdx.x % 32) == __ffs(static_cast<int>(with_me)) - 1)
@@ -110,7 +110,7 @@ __device__ inline std::uint32_t most_empty_blocks(std::uint32_t live, bool small
 
 /// Finds the new cell of a departed item that was in the cell `from`, or wants its block.
 template <int d, class Number>
-__device__ void find_new_cell(Movers<Number> const& movers, Destinations const& to, std::uint32_t mover,
+__device__ void find_new_cell(Leavers<Number> const& leavers, Destinations const& to, std::uint32_t leaver,
                               std::uint32_t from, std::uint32_t way)
 {
     using Shape = BlockShape<d>;
@@ -133,12 +133,12 @@ __device__ void find_new_cell(Movers<Number> const& movers, Destinations const& 
             return;
         }
     }
-    arrive(movers, to.changes, mover, block, static_cast<std::uint32_t>(Shape::place(cell)));
+    arrive(leavers, to.changes, leaver, block, static_cast<std::uint32_t>(Shape::place(cell)));
 }
 
 /// The same for new items, which say where they are.
 template <int d, class Number>
-__global__ void find_cells(Movers<Number> movers, std::array<int, d> const* cells, std::uint32_t first,
+__global__ void find_cells(Leavers<Number> leavers, std::array<int, d> const* cells, std::uint32_t first,
                            std::uint32_t count, Changes changes, BlockSet::View set)
 {
     using Shape = BlockShape<d>;
@@ -155,12 +155,12 @@ __global__ void find_cells(Movers<Number> movers, std::array<int, d> const* cell
         set.want(key);
         return;
     }
-    movers.slot[i] = first + i;
-    arrive(movers, changes, i, block, static_cast<std::uint32_t>(Shape::place(in_block)));
+    leavers.slot[i] = first + i;
+    arrive(leavers, changes, i, block, static_cast<std::uint32_t>(Shape::place(in_block)));
 }
 
 /// Nobody has arrived anywhere, nor departed.
-static __global__ void __launch_bounds__(64) forget_all_arrivals(Signal signal, ArrivalsToForget to_forget)
+static __global__ void __launch_bounds__(64) forget_all_incoming(Signal signal, ArrivalsToForget to_forget)
 {
     if (signal.stops()) return;
     to_forget.forget(blockIdx.x);
@@ -172,8 +172,8 @@ static __global__ void clear_cells(std::uint32_t first, std::uint32_t cells, std
 {
     std::uint32_t const c = blockIdx.x * blockDim.x + threadIdx.x;
     if (c >= cells) return;
-    changes.arrivals[c] = 0;
-    changes.first_arrival[c] = absent;
+    changes.incoming[c] = 0;
+    changes.first_incoming[c] = absent;
     if (c % 64 == 0) changes.block_arrived[c / 64] = 0;
     if (c < first) return;
     if (c == 0) begin[0] = items;
@@ -189,8 +189,8 @@ static __global__ void stay_all(std::uint32_t const* begin, std::uint32_t cells,
     std::uint32_t const c = blockIdx.x * blockDim.x + threadIdx.x;
     if (c >= cells) return;
     changes.stay[c] = begin[c + 1] - begin[c];
-    changes.arrivals[c] = 0;
-    changes.first_arrival[c] = absent;
+    changes.incoming[c] = 0;
+    changes.first_incoming[c] = absent;
     if (c % 32 == 0) changes.group_left[c / 32] = 0;
     if (c % 64 != 0) return;
     changes.block_stay[c / 64] = begin[c + 64] - begin[c];
@@ -220,8 +220,8 @@ static __global__ void __launch_bounds__(64)
         stay -= leaves;
     }
     changes.stay[c] = stay;
-    changes.arrivals[c] = 0;
-    changes.first_arrival[c] = absent;
+    changes.incoming[c] = 0;
+    changes.first_incoming[c] = absent;
     bool const some_leave = __any_sync(~0u, stay < count);
     if (c % 32 == 0) changes.group_left[c / 32] = some_leave;
     atomicAdd(&block_stays, stay);
@@ -331,12 +331,13 @@ __device__ inline bool comes_last(std::uint32_t* arrived, std::uint32_t count)
 
 /// Finds the new cells of all departed items, by one of so many groups of threads.
 template <int d, class Number>
-__device__ void find_new_cells(Movers<Number> const& movers, Destinations const& to, std::uint32_t group,
+__device__ void find_new_cells(Leavers<Number> const& leavers, Destinations const& to, std::uint32_t group,
                                std::uint32_t groups)
 {
-    std::uint32_t const all = movers.meet->departed, noted = all < movers.most ? all : movers.most;
-    for (std::uint32_t mover = group * blockDim.x + threadIdx.x; mover < noted; mover += groups * blockDim.x)
-        find_new_cell<d>(movers, to, mover, movers.cell[mover], movers.way[mover]);
+    std::uint32_t const all = leavers.meet->departed, noted = all < leavers.most ? all : leavers.most;
+    for (std::uint32_t leaver = group * blockDim.x + threadIdx.x; leaver < noted;
+         leaver += groups * blockDim.x)
+        find_new_cell<d>(leavers, to, leaver, leavers.cell[leaver], leavers.way[leaver]);
 }
 
 /// An order of cells when its items have moved.
@@ -346,7 +347,7 @@ struct MovedOrder
     static constexpr int d = dimension;
 
     Signal signal;
-    Movers<Number> movers;
+    Leavers<Number> leavers;
     Destinations to;
     bool is_to_find;    ///< new cells of those that departed; the loop that moved them did not
     BlockBegins begins; ///< none: there are no items
@@ -356,11 +357,11 @@ struct MovedOrder
     __device__ Stop lacking() const
     {
         if (begins.blocks == 0) return {1, 0, 0, 0};
-        return {1, __ldcg(&movers.meet->departed), __ldcg(to.set.born_count), 0};
+        return {1, __ldcg(&leavers.meet->departed), __ldcg(to.set.born_count), 0};
     }
     __device__ bool lacks_room(Stop const& what) const
     {
-        return what.departed > movers.most || what.births > 0;
+        return what.departed > leavers.most || what.births > 0;
     }
     /// (Nobody is left where nothing lives: blocks are then kept for who comes.)
     __device__ bool is_crowded(std::uint32_t live) const
@@ -392,17 +393,17 @@ __global__ void __launch_bounds__(scanning_threads)
             if (blockIdx.x > first) return;
             continue;
         }
-        if (mine.is_to_find) find_new_cells<Moved::d>(mine.movers, mine.to, blockIdx.x - first, each);
+        if (mine.is_to_find) find_new_cells<Moved::d>(mine.leavers, mine.to, blockIdx.x - first, each);
         __syncthreads();
         if (each > 1) {
             __shared__ bool last;
-            if (threadIdx.x == 0) last = comes_last(&mine.movers.meet->searched, each);
+            if (threadIdx.x == 0) last = comes_last(&mine.leavers.meet->searched, each);
             __syncthreads();
             if (!last) return;
         }
         std::uint32_t const live =
             mine.lacks_room(mine.lacking()) ? 0 : find_block_begins(mine.begins, mine.to.changes);
-        if (threadIdx.x == 0) mine.movers.meet->live = live;
+        if (threadIdx.x == 0) mine.leavers.meet->live = live;
     }
     if (threadIdx.x != 0 || !comes_last(signal.words + 2, 1 + orders)) return;
 
@@ -416,8 +417,8 @@ __global__ void __launch_bounds__(scanning_threads)
 #pragma unroll
     for (int k = 0; k < orders; ++k) {
         if (of[k].begins.blocks == 0) continue;
-        of[k].movers.meet->followed = why[k].departed;
-        why[k].crowded = !lack && of[k].is_crowded(__ldcg(&of[k].movers.meet->live));
+        of[k].leavers.meet->followed = why[k].departed;
+        why[k].crowded = !lack && of[k].is_crowded(__ldcg(&of[k].leavers.meet->live));
         crowded = crowded || why[k].crowded != 0;
     }
     if (__ldcg(signal.words + 3) != 0 && !lack && !crowded) return;
@@ -458,13 +459,13 @@ static __global__ void keep_blocks(std::uint32_t const* blocks_before, std::uint
 
 /// Orders the arrivals of a cell by where they lie, a warp for a cell that has many.
 template <class Number>
-__device__ void sort_crowd(Movers<Number> const& movers, std::uint32_t* arrived, std::uint32_t* spare,
+__device__ void sort_crowd(Leavers<Number> const& leavers, std::uint32_t* arrived, std::uint32_t* spare,
                            std::uint32_t count)
 {
     for (std::uint32_t i = threadIdx.x % 32; i < count; i += 32) {
-        std::uint32_t const item = arrived[i], slot = movers.slot[item];
+        std::uint32_t const item = arrived[i], slot = leavers.slot[item];
         std::uint32_t rank = 0;
-        for (std::uint32_t j = 0; j < count; ++j) rank += movers.slot[arrived[j]] < slot;
+        for (std::uint32_t j = 0; j < count; ++j) rank += leavers.slot[arrived[j]] < slot;
         spare[rank] = item;
     }
     __syncwarp();
@@ -534,47 +535,47 @@ static __device__ void keep_those_who_stay(LayInCell const& lay, NewOrder const&
 /// from `first_arrived` on. They come as a chain in any order: each is put in its place among those before
 /// it, which lie near, while the next is asked for. Brings their offsets back into their cells.
 template <int d, class Number>
-__device__ void append_arrivals(std::uint32_t first_arrival, ArrivedInCell came, Movers<Number> const& movers,
-                                NewOrder const& to, std::uint32_t at,
+__device__ void append_incoming(std::uint32_t first_incoming, ArrivedInCell came,
+                                Leavers<Number> const& leavers, NewOrder const& to, std::uint32_t at,
                                 std::array<typename CellOffset<Number>::Stored*, d> const& offset)
 {
     constexpr std::uint32_t few = 12;
     __shared__ std::uint32_t near[2][few][64]; // movers that come into the thread's cell, and where they lie
     std::uint32_t const own = threadIdx.x % 64;
     std::uint32_t* const arrived = to.arrived + came.begin;
-    std::uint32_t mover = came.count == 0 ? absent : first_arrival, where = 0, next = absent;
-    if (mover != absent) where = movers.slot[mover], next = movers.next[mover];
-    for (std::uint32_t placed = 0; mover != absent; ++placed) {
+    std::uint32_t leaver = came.count == 0 ? absent : first_incoming, where = 0, next = absent;
+    if (leaver != absent) where = leavers.slot[leaver], next = leavers.next[leaver];
+    for (std::uint32_t placed = 0; leaver != absent; ++placed) {
         typename CellOffset<Number>::Stored stored[d];
         if (offset[0] != nullptr)
             for (int a = 0; a < d; ++a) stored[a] = offset[a][where];
         std::uint32_t where_next = 0, after = absent;
-        if (next != absent) where_next = movers.slot[next], after = movers.next[next];
+        if (next != absent) where_next = leavers.slot[next], after = leavers.next[next];
         if (came.count <= few) {
             std::uint32_t place = placed;
             for (; place > 0 && near[1][place - 1][own] > where; --place)
                 for (auto& of : near) of[place][own] = of[place - 1][own];
-            near[0][place][own] = mover;
+            near[0][place][own] = leaver;
             near[1][place][own] = where;
         }
         else
-            arrived[placed] = mover;
+            arrived[placed] = leaver;
         if (offset[0] != nullptr)
             for (int a = 0; a < d; ++a) {
                 CellOffset<Number>::wrap(stored[a]);
                 offset[a][where] = stored[a];
             }
-        mover = next, where = where_next, next = after;
+        leaver = next, where = where_next, next = after;
     }
     __syncwarp();
     for (std::uint32_t crowded = __ballot_sync(~0u, came.count > few); crowded != 0; crowded &= crowded - 1) {
         int const lane = __ffs(static_cast<int>(crowded)) - 1;
         std::uint32_t const from = __shfl_sync(~0u, came.begin, lane);
-        sort_crowd(movers, to.arrived + from, to.spare + from, __shfl_sync(~0u, came.count, lane));
+        sort_crowd(leavers, to.arrived + from, to.spare + from, __shfl_sync(~0u, came.count, lane));
     }
     for (std::uint32_t i = 0; i < came.count; ++i) {
         if (came.count <= few) arrived[i] = near[0][i][own];
-        to.order[at + i] = came.count <= few ? near[1][i][own] : movers.slot[arrived[i]];
+        to.order[at + i] = came.count <= few ? near[1][i][own] : leavers.slot[arrived[i]];
     }
 }
 
@@ -584,31 +585,31 @@ __device__ void append_arrivals(std::uint32_t first_arrival, ArrivedInCell came,
 template <int d, class Number, class FindBegin>
 __device__ ArrivedInCell rearrange_block(std::uint32_t block, std::uint32_t blocks,
                                          std::uint32_t const* begin, Changes const& changes,
-                                         FindBegin const& find_begin, Movers<Number> const& movers,
+                                         FindBegin const& find_begin, Leavers<Number> const& leavers,
                                          NewOrder const& to,
                                          std::array<typename CellOffset<Number>::Stored*, d> const& offset,
                                          std::uint32_t teams = 1)
 {
     std::uint32_t const team = teams == 1 ? 0 : threadIdx.x / 64, place = threadIdx.x % 64;
     std::uint32_t const c = block * 64 + place;
-    std::uint32_t const arrivals = changes.arrivals[c], stay = changes.stay[c],
-                        first_arrival = changes.first_arrival[c];
+    std::uint32_t const incoming = changes.incoming[c], stay = changes.stay[c],
+                        first_incoming = changes.first_incoming[c];
     LayInCell const lay(begin, c, changes, to.left == nullptr); // asked for before threads wait
     std::uint64_t total;
     std::uint64_t mine = find_begin(block);
-    mine += sum_before_in_block<64>((std::uint64_t(arrivals) << 32) | (stay + arrivals), total);
+    mine += sum_before_in_block<64>((std::uint64_t(incoming) << 32) | (stay + incoming), total);
     auto const first = static_cast<std::uint32_t>(mine);
-    ArrivedInCell const came{static_cast<std::uint32_t>(mine >> 32), arrivals};
+    ArrivedInCell const came{static_cast<std::uint32_t>(mine >> 32), incoming};
     if (team == 0) {
         to.begin[c] = first;
         to.arrived_begin[c] = came.begin;
         if (block + 1 == blocks && place == 63) {
-            to.begin[c + 1] = first + stay + arrivals;
-            to.arrived_begin[c + 1] = came.begin + arrivals;
+            to.begin[c + 1] = first + stay + incoming;
+            to.arrived_begin[c + 1] = came.begin + incoming;
         }
         keep_those_who_stay(lay, to, first);
     }
-    if (team == 1 || teams == 1) append_arrivals<d>(first_arrival, came, movers, to, first + stay, offset);
+    if (team == 1 || teams == 1) append_incoming<d>(first_incoming, came, leavers, to, first + stay, offset);
     return came;
 }
 
@@ -616,12 +617,13 @@ __device__ ArrivedInCell rearrange_block(std::uint32_t block, std::uint32_t bloc
 template <int d, class Number>
 __global__ void __launch_bounds__(64)
     rearrange(Signal signal, std::uint32_t const* begin, Changes changes, std::uint64_t const* block_begin,
-              Movers<Number> movers, NewOrder to, std::array<typename CellOffset<Number>::Stored*, d> offset)
+              Leavers<Number> leavers, NewOrder to,
+              std::array<typename CellOffset<Number>::Stored*, d> offset)
 {
     if (signal.stops()) return;
     rearrange_block<d>(
         blockIdx.x, gridDim.x, begin, changes, [&](std::uint32_t block) { return block_begin[block]; },
-        movers, to, offset);
+        leavers, to, offset);
 }
 
 /// Where a block's items and arrivals begin, found by all threads of a group where there are few blocks.
@@ -677,14 +679,14 @@ __global__ void __launch_bounds__(most_teams_that_follow * 64, 1)
         std::uint32_t const block = blockIdx.x - 1, teams = blockDim.x / 64;
         auto const find_begin = [&](std::uint32_t b) { return find_block_begin(b, order.to.changes); };
         ArrivedInCell const came = rearrange_block<d>(block, blocks, begin, order.to.changes, find_begin,
-                                                      order.movers, to, offset, teams);
+                                                      order.leavers, to, offset, teams);
         then(block, came, teams);
         return;
     }
     std::uint32_t const live = count_live_blocks(blocks, order.to.changes);
     bool const goes_on = conclude(shared_memory());
     if (threadIdx.x != 0) return;
-    order.movers.meet->followed = why.departed;
+    order.leavers.meet->followed = why.departed;
     why.crowded = !lacks && order.is_crowded(live);
     if (lacks)
         signal.stop(why);
@@ -695,13 +697,13 @@ __global__ void __launch_bounds__(most_teams_that_follow * 64, 1)
 
 /// Brings the offsets of arrivals back to what they were before that.
 template <int d, class Number>
-__global__ void unwrap(Movers<Number> movers, std::array<typename CellOffset<Number>::Stored*, d> offset)
+__global__ void unwrap(Leavers<Number> leavers, std::array<typename CellOffset<Number>::Stored*, d> offset)
 {
     std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
-    if (i >= movers.meet->followed) return;
-    std::uint32_t way = movers.way[i];
+    if (i >= leavers.meet->followed) return;
+    std::uint32_t way = leavers.way[i];
     for (int a = d - 1; a >= 0; --a, way /= 3)
-        CellOffset<Number>::unwrap(offset[a][movers.slot[i]], static_cast<int>(way % 3) - 1);
+        CellOffset<Number>::unwrap(offset[a][leavers.slot[i]], static_cast<int>(way % 3) - 1);
 }
 
 } // namespace firn::cuda::detail

@@ -37,9 +37,9 @@ class CellOrder
 public:
     using Shape = BlockShape<d, lanes>;
     using Offset = typename CellOffset<Number>::Stored;
-    using Mover = openmp::Mover<Number>;
-    using Departures = openmp::Departures<Number>;
-    using Leavers = openmp::Leavers<Number>;
+    using Leaver = openmp::Leaver<Number>;
+    using Outgoing = openmp::Outgoing<Number>;
+    using LeaverNotes = openmp::LeaverNotes<Number>;
 
     /// Cells beyond this coordinate have no key (see block_key); one is kept in reserve for what is about to
     /// leave.
@@ -84,10 +84,10 @@ public:
     }
     /// The items of a block that have come to it in the last follow() and not yet given, in the order of
     /// their cells.
-    std::span<Mover const> movers(std::size_t block) const
+    std::span<Leaver const> leavers(std::size_t block) const
     {
-        return std::span(arrivals_).subspan(arrival_begin_[block],
-                                            arrival_begin_[block + 1] - arrival_begin_[block]);
+        return std::span(incoming_).subspan(incoming_begin_[block],
+                                            incoming_begin_[block + 1] - incoming_begin_[block]);
     }
     /// What threads work with in loops that change something; the host calls these one at a time.
     Kept& kept() const { return kept_; }
@@ -123,11 +123,11 @@ public:
     std::size_t memory() const
     {
         auto const of = [](auto const& list) { return list.capacity() * sizeof(list[0]); };
-        std::size_t lists = of(blocks_) + of(old_blocks_) + of(fresh_) + of(parts_) + of(arrivals_) +
-                            of(stay_) + of(old_block_) + of(arrival_begin_) + of(departures_) +
-                            of(outflows_) + of(flows_) + of(flow_begin_) + of(flow_order_);
-        for (auto const& of_block : departures_)
-            lists += of(of_block.from) + of(of_block.scattered_inside) + of(of_block.movers) +
+        std::size_t lists = of(blocks_) + of(old_blocks_) + of(fresh_) + of(parts_) + of(incoming_) +
+                            of(stay_) + of(old_block_) + of(incoming_begin_) + of(outgoing_) + of(outflows_) +
+                            of(flows_) + of(flow_begin_) + of(flow_order_);
+        for (auto const& of_block : outgoing_)
+            lists += of(of_block.from) + of(of_block.scattered_inside) + of(of_block.leavers) +
                      of(of_block.contribution);
         return lists + source_.memory() + new_source_.memory() + counts_.memory() + new_counts_.memory() +
                group_begin_.memory() + new_group_begin_.memory() + map_.memory();
@@ -147,38 +147,38 @@ public:
     /// Adds items that lie at first, first + 1, … in the given cells.
     void insert(std::span<Coordinates<d> const> cells, std::uint32_t first)
     {
-        forget_departures();
-        std::vector<Mover> movers;
-        movers.reserve(cells.size());
+        forget_outgoing();
+        std::vector<Leaver> leavers;
+        leavers.reserve(cells.size());
         for (std::size_t i = 0; i < cells.size(); ++i) {
             auto const [block, place] = block_and_place(cells[i]);
             auto const key = block_key<d>(block);
             if (flows_.empty() || flows_.back().key != key)
-                flows_.push_back({key, movers.data() + i, 0, BlockMap::absent});
+                flows_.push_back({key, leavers.data() + i, 0, BlockMap::absent});
             ++flows_.back().count;
-            movers.push_back({static_cast<std::uint32_t>(first + i), place, here<d>, nullptr});
+            leavers.push_back({static_cast<std::uint32_t>(first + i), place, here<d>, nullptr});
         }
         rearrange(size() + cells.size());
         // Every new item was in these lists; they need not stay so large.
         decltype(flows_)().swap(flows_);
         decltype(flow_order_)().swap(flow_order_);
-        decltype(arrivals_)().swap(arrivals_);
-        arrival_begin_.assign(blocks_.size() + 1, 0);
+        decltype(incoming_)().swap(incoming_);
+        incoming_begin_.assign(blocks_.size() + 1, 0);
     }
 
     /// Forgets the items for which `gone[where it lies]` is not 0, `kept` being the others, which will lie at
     /// `place[where it lies]`; they keep the order of ranks but for holes, which the last of a cell fill.
     void erase(unsigned char const* gone, std::uint32_t const* place, std::size_t kept)
     {
-        forget_departures();
+        forget_outgoing();
         for (std::size_t b = 0; b < blocks_.size(); ++b)
             for (int group = 0; group < Shape::groups; ++group)
                 for_each_rank(b, group, [&](std::uint32_t slot, std::uint32_t rank, std::uint64_t pattern) {
                     for (; pattern != 0; pattern &= pattern - 1, ++slot)
                         if (gone[source(slot)]) {
-                            departures_[b].from.push_back(
+                            outgoing_[b].from.push_back(
                                 {slot, rank * lanes + std::uint32_t(std::countr_zero(pattern))});
-                            ++outflows_[b].departures;
+                            ++outflows_[b].outgoing;
                         }
                 });
         rearrange(kept);
@@ -212,7 +212,7 @@ public:
             return [&, &ranks = kept_.template of<Ranks<lanes>>(thread), then = make(thread)](int b) {
                 if (is_incomplete_) {
                     if (int const old = old_block_[std::size_t(b)]; old != BlockMap::absent)
-                        wrap(departures_[std::size_t(old)]);
+                        wrap(outgoing_[std::size_t(old)]);
                     sort_block(b, ranks);
                 }
                 then(b);
@@ -242,7 +242,7 @@ public:
     }
 
     /// An item of a block that goes from a cell so many cells along the axes: less than a block.
-    static Mover moved(std::uint32_t source, int place, std::array<int, std::size_t(d)> const& steps)
+    static Leaver moved(std::uint32_t source, int place, std::array<int, std::size_t(d)> const& steps)
     {
         int to = 0, direction = 0, stride = 1, turn = 1;
         for (int a = d - 1; a >= 0; --a) {
@@ -260,60 +260,60 @@ public:
     /// Takes over who has left its cell in a block, and returns those that are to give at once, in the order
     /// of their cells: who goes to another cell of the block, if they are many. Nothing need be kept of them
     /// but where they went. A few give together with those who come from other blocks, which takes less time.
-    std::span<Mover const> note_departures(std::size_t b, Leavers& leavers)
+    std::span<Leaver const> note_outgoing(std::size_t b, LeaverNotes& notes)
     {
-        Departures& departures = departures_[b];
+        Outgoing& outgoing = outgoing_[b];
         auto& outflow = outflows_[b];
-        departures.clear();
+        outgoing.clear();
         outflow = {};
-        if (leavers.count == 0) return {};
-        std::size_t const channels = leavers.channels;
-        std::span<Mover> const all(leavers.movers.data(), leavers.count);
-        append(leavers.from.data(), leavers.count, departures.from);
-        outflow.departures = static_cast<std::uint32_t>(leavers.count);
-        for (Mover const& mover : all) ++outflow.to[mover.direction];
+        if (notes.count == 0) return {};
+        std::size_t const channels = notes.channels;
+        std::span<Leaver> const all(notes.leavers.data(), notes.count);
+        append(notes.from.data(), notes.count, outgoing.from);
+        outflow.outgoing = static_cast<std::uint32_t>(notes.count);
+        for (Leaver const& leaver : all) ++outflow.to[leaver.direction];
         bool const are_many = outflow.to[here<d>] * share_to_keep > blocks_[b].end - blocks_[b].begin;
-        Number const* contribution = leavers.contribution.data();
+        Number const* contribution = notes.contribution.data();
         if (are_many) {
             outflow.inside = std::exchange(outflow.to[here<d>], 0);
-            leavers.inside.clear();
+            notes.inside.clear();
         }
         else {
-            append(contribution, leavers.count * channels, departures.contribution);
-            contribution = departures.contribution.data();
+            append(contribution, notes.count * channels, outgoing.contribution);
+            contribution = outgoing.contribution.data();
         }
         std::array<std::uint32_t, directions<d>> next;
         std::exclusive_scan(outflow.to.begin(), outflow.to.end(), next.begin(), std::uint32_t(0));
-        std::size_t const listed = leavers.count - outflow.inside;
-        append(all.data(), listed, departures.movers); // as many as there will be
-        outflow.movers = departures.movers.data();
-        for (Mover const& mover : all) {
+        std::size_t const listed = notes.count - outflow.inside;
+        append(all.data(), listed, outgoing.leavers); // as many as there will be
+        outflow.leavers = outgoing.leavers.data();
+        for (Leaver const& leaver : all) {
             // made of its parts: read as a whole, what was just written in parts would be waited for
-            Mover const gives{mover.source, mover.place, mover.direction, contribution};
+            Leaver const gives{leaver.source, leaver.place, leaver.direction, contribution};
             contribution += channels;
-            if (are_many && mover.direction == here<d>)
-                leavers.inside.push_back(gives);
+            if (are_many && leaver.direction == here<d>)
+                notes.inside.push_back(gives);
             else
-                departures.movers[next[mover.direction]++] = gives;
+                outgoing.leavers[next[leaver.direction]++] = gives;
         }
         if (!are_many) return {};
 
-        make_room(departures.contribution, listed * channels);
-        for (Mover& mover : departures.movers) {
-            append(mover.contribution, channels, departures.contribution);
-            mover.contribution = departures.contribution.data() + departures.contribution.size() - channels;
+        make_room(outgoing.contribution, listed * channels);
+        for (Leaver& leaver : outgoing.leavers) {
+            append(leaver.contribution, channels, outgoing.contribution);
+            leaver.contribution = outgoing.contribution.data() + outgoing.contribution.size() - channels;
         }
         std::array<std::uint32_t, Shape::cells> counts{};
-        leavers.in_order.resize(leavers.inside.size());
-        sort_by_cell(std::array{std::span<Mover const>(leavers.inside)}, leavers.in_order.data(), counts);
-        append(leavers.in_order.data(), leavers.in_order.size(), departures.scattered_inside);
-        return leavers.in_order;
+        notes.in_order.resize(notes.inside.size());
+        sort_by_cell(std::array{std::span<Leaver const>(notes.inside)}, notes.in_order.data(), counts);
+        append(notes.in_order.data(), notes.in_order.size(), outgoing.scattered_inside);
+        return notes.in_order;
     }
 
     /// Makes room for departures: a loop that moves items notes those of each block.
-    void expect_departures()
+    void expect_outgoing()
     {
-        departures_.resize(blocks_.size());
+        outgoing_.resize(blocks_.size());
         outflows_.resize(blocks_.size());
     }
 
@@ -346,7 +346,7 @@ private:
     struct Flow
     {
         std::uint64_t key; ///< of the block
-        Mover const* first;
+        Leaver const* first;
         std::uint32_t count;
         int to; ///< the block's index
     };
@@ -388,28 +388,28 @@ private:
     /// Sorts the items of some lists by cell, those of one cell in the order in which they are listed, and
     /// adds the number of each cell's to `counts`.
     template <class Lists>
-    static void sort_by_cell(Lists const& lists, Mover* sorted,
+    static void sort_by_cell(Lists const& lists, Leaver* sorted,
                              std::array<std::uint32_t, Shape::cells>& counts)
     {
         std::array<std::uint32_t, Shape::cells> next;
         next.fill(0);
         bool any = false;
-        for (std::span<Mover const> const list : lists)
-            for (Mover const& item : list) ++next[item.place], any = true;
+        for (std::span<Leaver const> const list : lists)
+            for (Leaver const& item : list) ++next[item.place], any = true;
         if (!any) return;
         std::uint32_t before = 0;
         for (int cell = 0; cell < Shape::cells; ++cell) {
             counts[std::size_t(cell)] += next[std::size_t(cell)];
             before += std::exchange(next[std::size_t(cell)], before);
         }
-        for (std::span<Mover const> const list : lists)
-            for (Mover const& item : list) sorted[next[item.place]++] = item;
+        for (std::span<Leaver const> const list : lists)
+            for (Leaver const& item : list) sorted[next[item.place]++] = item;
     }
 
-    void forget_departures()
+    void forget_outgoing()
     {
-        expect_departures();
-        for (auto& of_block : departures_) of_block.clear();
+        expect_outgoing();
+        for (auto& of_block : outgoing_) of_block.clear();
         outflows_.assign(blocks_.size(), {});
         flows_.clear();
     }
@@ -419,7 +419,7 @@ private:
     {
         flows_.clear();
         for (std::size_t b = 0; b < outflows_.size(); ++b) {
-            Mover const* first = outflows_[b].movers;
+            Leaver const* first = outflows_[b].leavers;
             if (first == nullptr) continue;
             for (int direction = 0; direction < directions<d>; ++direction) {
                 std::uint32_t const count = outflows_[b].to[std::size_t(direction)];
@@ -439,7 +439,7 @@ private:
         stay_.resize(old_blocks_.size());
         for (std::size_t b = 0; b < old_blocks_.size(); ++b)
             stay_[b] =
-                old_blocks_[b].end - old_blocks_[b].begin - outflows_[b].departures + outflows_[b].inside;
+                old_blocks_[b].end - old_blocks_[b].begin - outflows_[b].outgoing + outflows_[b].inside;
         list_blocks_with_items();
         bool same = blocks_.size() == old_blocks_.size();
         for (std::size_t b = 0; same && b < blocks_.size(); ++b)
@@ -454,11 +454,11 @@ private:
             for (Flow& flow : flows_) flow.to = map_.find(flow.key);
             // nobody asks for those of a block that is gone
             for (std::size_t b = 0; b < old_blocks_.size(); ++b)
-                if (stay_[b] == 0) wrap(departures_[b]);
+                if (stay_[b] == 0) wrap(outgoing_[b]);
             ++version_;
         }
         ++generation_;
-        deal_arrivals();
+        deal_incoming();
         new_source_.resize(count);
         new_counts_.resize(blocks_.size() * Shape::cells);
         new_group_begin_.resize(blocks_.size() * Shape::groups);
@@ -468,10 +468,10 @@ private:
 
     /// Makes the offsets of the items that departed from a block those in their new cells. Nobody moved, and
     /// there are none, where items were added or are gone (see rearrange).
-    void wrap(Departures const& departures) const
+    void wrap(Outgoing const& outgoing) const
     {
         if (offset_[0] == nullptr) return;
-        for (auto const& from : departures.from)
+        for (auto const& from : outgoing.from)
             for (int a = 0; a < d; ++a) CellOffset<Number>::wrap(offset_[std::size_t(a)][from.slot]);
     }
 
@@ -528,29 +528,29 @@ private:
     }
 
     /// Sorts flows by the block to which they come, and finds the slots of blocks and the places of arrivals.
-    void deal_arrivals()
+    void deal_incoming()
     {
-        arrival_begin_.assign(blocks_.size() + 1, 0);
+        incoming_begin_.assign(blocks_.size() + 1, 0);
         flow_begin_.assign(blocks_.size() + 2, 0); // those of block b begin at b + 1 until they are sorted
         for (Flow const& flow : flows_) {
-            arrival_begin_[std::size_t(flow.to + 1)] += flow.count;
+            incoming_begin_[std::size_t(flow.to + 1)] += flow.count;
             ++flow_begin_[std::size_t(flow.to + 2)];
         }
         std::uint32_t slot = 0;
         for (std::size_t b = 0; b < blocks_.size(); ++b) {
-            std::uint32_t const total =
-                old_block_[b] == BlockMap::absent ? arrival_begin_[b + 1] : stay_[std::size_t(old_block_[b])];
+            std::uint32_t const total = old_block_[b] == BlockMap::absent ? incoming_begin_[b + 1]
+                                                                          : stay_[std::size_t(old_block_[b])];
             blocks_[b].begin = slot;
             blocks_[b].end = slot += total;
-            arrival_begin_[b + 1] += arrival_begin_[b];
+            incoming_begin_[b + 1] += incoming_begin_[b];
             flow_begin_[b + 2] += flow_begin_[b + 1];
         }
         flow_order_.resize(flows_.size());
         for (Flow const& flow : flows_)
             flow_order_[flow_begin_[std::size_t(flow.to + 1)]++] = std::span(flow.first, flow.count);
-        arrivals_.clear();
-        make_room(arrivals_, arrival_begin_.back());
-        arrivals_.resize(arrival_begin_.back());
+        incoming_.clear();
+        make_room(incoming_, incoming_begin_.back());
+        incoming_.resize(incoming_begin_.back());
     }
 
     /// Orders a block's items by cell and rank, interleaved by rank within groups.
@@ -565,23 +565,22 @@ private:
         std::uint32_t const* const before = is_new ? none.data() : &counts_[std::size_t(old) * Shape::cells];
         std::uint32_t* const counts = &new_counts_[std::size_t(b) * Shape::cells];
         std::span<Departure const> gone;
-        std::span<Mover const> inside;
+        std::span<Leaver const> inside;
         if (!is_new)
-            gone = departures_[std::size_t(old)].from,
-            inside = departures_[std::size_t(old)].scattered_inside;
+            gone = outgoing_[std::size_t(old)].from, inside = outgoing_[std::size_t(old)].scattered_inside;
         std::array<std::uint32_t, Shape::cells> came;
         came.fill(0);
-        for (Mover const& mover : inside) ++came[mover.place];
+        for (Leaver const& leaver : inside) ++came[leaver.place];
         sort_by_cell(std::span(flow_order_)
                          .subspan(flow_begin_[std::size_t(b)],
                                   flow_begin_[std::size_t(b + 1)] - flow_begin_[std::size_t(b)]),
-                     arrivals_.data() + arrival_begin_[std::size_t(b)], came);
+                     incoming_.data() + incoming_begin_[std::size_t(b)], came);
         for (int cell = 0; cell < Shape::cells; ++cell) counts[cell] = before[cell] + came[std::size_t(cell)];
 
         auto left = gone.begin();
-        std::span<Mover const> const arrivals = movers(std::size_t(b));
-        auto mover = inside.begin();
-        auto arrival = arrivals.begin();
+        std::span<Leaver const> const incoming = leavers(std::size_t(b));
+        auto leaver = inside.begin();
+        auto arrival = incoming.begin();
         std::uint32_t slot = blocks_[std::size_t(b)].begin;
         for (int group = 0; group < Shape::groups; ++group) {
             int const first = group * lanes;
@@ -592,7 +591,7 @@ private:
             std::uint32_t const begin = is_new ? 0 : group_begin(std::size_t(old), group),
                                 end = is_new ? 0 : old_group_end(old, group);
             bool const stays_as_it_is = settled_ && (left == gone.end() || left->slot >= end) &&
-                                        !comes_here(mover, inside) && !comes_here(arrival, arrivals);
+                                        !comes_here(leaver, inside) && !comes_here(arrival, incoming);
             if (stays_as_it_is) {
                 std::iota(new_source_.data() + slot, new_source_.data() + slot + (end - begin), begin);
                 slot += end - begin;
@@ -611,8 +610,8 @@ private:
                 ranks.leave(left->at);
                 --counts[std::uint32_t(first) + left->at % lanes];
             }
-            for (; comes_here(mover, inside); ++mover) ranks.fill(mover->place - first, mover->source);
-            for (; comes_here(arrival, arrivals); ++arrival)
+            for (; comes_here(leaver, inside); ++leaver) ranks.fill(leaver->place - first, leaver->source);
+            for (; comes_here(arrival, incoming); ++arrival)
                 ranks.fill(arrival->place - first, arrival->source);
             ranks.close_holes();
             for (std::uint32_t rank = 0;; ++rank) {
@@ -633,14 +632,14 @@ private:
     std::vector<std::uint64_t> fresh_; ///< keys of blocks that were not there before
     BlockMap map_;
     Array<std::uint32_t> source_, new_source_, counts_, new_counts_, group_begin_, new_group_begin_;
-    std::vector<Departures> departures_;             ///< per block before
-    std::vector<Outflow<Number, d>> outflows_;       ///< the same
-    std::vector<Flow> flows_;                        ///< by block before
-    std::vector<std::span<Mover const>> flow_order_; ///< what they bring, by block now
-    std::vector<std::uint32_t> stay_;                ///< per block before
-    std::vector<int> old_block_;                     ///< of each block now its index before
-    std::vector<Mover> arrivals_;                    ///< by block now, and cell
-    std::vector<std::uint32_t> arrival_begin_, flow_begin_;
+    std::vector<Outgoing> outgoing_;                  ///< per block before
+    std::vector<Outflow<Number, d>> outflows_;        ///< the same
+    std::vector<Flow> flows_;                         ///< by block before
+    std::vector<std::span<Leaver const>> flow_order_; ///< what they bring, by block now
+    std::vector<std::uint32_t> stay_;                 ///< per block before
+    std::vector<int> old_block_;                      ///< of each block now its index before
+    std::vector<Leaver> incoming_;                    ///< by block now, and cell
+    std::vector<std::uint32_t> incoming_begin_, flow_begin_;
     std::vector<std::uint32_t> parts_; ///< see parts()
 };
 

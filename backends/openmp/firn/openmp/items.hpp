@@ -317,10 +317,11 @@ public:
     using Base::lanes;
     using typename Base::Number, typename Base::Offset;
 
-    MovingItems(Order& cells, std::size_t block, Scratch<Lane, d>& scratch, typename Order::Leavers& leavers)
-        : Base(cells, block, scratch), leavers_(leavers)
+    MovingItems(Order& cells, std::size_t block, Scratch<Lane, d>& scratch,
+                typename Order::LeaverNotes& notes)
+        : Base(cells, block, scratch), notes_(notes)
     {
-        leavers.start(cells.blocks()[block].end - cells.blocks()[block].begin);
+        notes.start(cells.blocks()[block].end - cells.blocks()[block].begin);
     }
 
     /// As Items do it.
@@ -337,14 +338,13 @@ public:
     void depart(Mask<Lane> const& which, int zero_from, int kept)
     {
         std::uint64_t rest = bits(which);
-        leavers_.expect(static_cast<std::size_t>(std::popcount(rest)), static_cast<std::size_t>(kept));
-        std::size_t count = leavers_.count;
+        notes_.expect(static_cast<std::size_t>(std::popcount(rest)), static_cast<std::size_t>(kept));
+        std::size_t count = notes_.count;
         for (; rest != 0; rest &= rest - 1, ++count) {
             int const lane = std::countr_zero(rest);
             auto const slot = static_cast<std::uint32_t>(this->slot_) + static_cast<std::uint32_t>(lane);
             find_group(slot);
-            Number* const contribution =
-                leavers_.contribution.data() + count * static_cast<std::size_t>(kept);
+            Number* const contribution = notes_.contribution.data() + count * static_cast<std::size_t>(kept);
             for (int c = d; c < kept; ++c) {
                 auto& value = *this->scratch_.at(c, this->item_ + static_cast<std::size_t>(lane));
                 contribution[c] = value;
@@ -356,11 +356,11 @@ public:
                 steps[static_cast<std::size_t>(a)] = CellOffset<Number>::wrap(offset);
                 contribution[a] = CellOffset<Number>::value(offset);
             }
-            std::uint32_t const at = leavers_.at[slot - first_slot_];
-            leavers_.from[count] = {slot, at};
-            leavers_.movers[count] = Order::moved(slot, group_ * lanes + int(at % lanes), steps);
+            std::uint32_t const at = notes_.at[slot - first_slot_];
+            notes_.from[count] = {slot, at};
+            notes_.leavers[count] = Order::moved(slot, group_ * lanes + int(at % lanes), steps);
         }
-        leavers_.count = count;
+        notes_.count = count;
     }
 
 private:
@@ -373,10 +373,10 @@ private:
         while (slot >= this->cells_.group_end(this->block_, group_));
         first_slot_ = this->cells_.group_begin(this->block_, group_);
         end_slot_ = this->cells_.group_end(this->block_, group_);
-        this->cells_.list_places(this->block_, group_, leavers_.at);
+        this->cells_.list_places(this->block_, group_, notes_.at);
     }
 
-    typename Order::Leavers& leavers_;
+    typename Order::LeaverNotes& notes_;
     int group_ = -1; ///< of the last who left, and its slots
     std::uint32_t first_slot_ = 0, end_slot_ = 0;
     mutable Offset* moved_[std::size_t(d)]{}; ///< where offsets were written, along each axis

@@ -10,7 +10,7 @@
 #include <vector>
 
 // What an order of cells knows of items that have left their cells: in one block while it is being worked on
-// (Leavers), and then of each block until all have their places (Departures, Outflow).
+// (LeaverNotes), and then of each block until all have their places (Outgoing, Outflow).
 namespace firn::openmp
 {
 
@@ -51,7 +51,7 @@ void append(T const* from, std::size_t count, std::vector<T>& list)
 
 /// An item that has changed its cell.
 template <class Number>
-struct Mover
+struct Leaver
 {
     std::uint32_t source;       ///< where the item lies
     std::uint16_t place;        ///< its cell now, in the block where that is
@@ -69,19 +69,19 @@ struct Departure
 /// Items of a block that have left their cells since the last follow(); the loops that move items write
 /// this.
 template <class Number>
-struct Departures
+struct Outgoing
 {
     std::vector<Departure> from; ///< of all, in the order of slots
-    std::vector<Mover<Number>>
-        scattered_inside;              ///< who is in another cell of the block and gave there, by cell
-    std::vector<Mover<Number>> movers; ///< the others, by direction
-    std::vector<Number> contribution;  ///< by them
+    std::vector<Leaver<Number>>
+        scattered_inside;                ///< who is in another cell of the block and gave there, by cell
+    std::vector<Leaver<Number>> leavers; ///< the others, by direction
+    std::vector<Number> contribution;    ///< by them
 
     void clear()
     {
         from.clear();
         scattered_inside.clear();
-        movers.clear();
+        leavers.clear();
         contribution.clear();
     }
 };
@@ -91,8 +91,8 @@ struct Departures
 template <class Number, int d>
 struct alignas(64) Outflow
 {
-    std::uint32_t departures = 0, inside = 0;      ///< how many there are in the first two lists
-    Mover<Number> const* movers = nullptr;         ///< the third list, and
+    std::uint32_t outgoing = 0, inside = 0;        ///< how many there are in the first two lists
+    Leaver<Number> const* leavers = nullptr;       ///< the third list, and
     std::array<std::uint32_t, directions<d>> to{}; ///< how many of it go in each direction
 };
 
@@ -100,20 +100,20 @@ struct alignas(64) Outflow
 /// them. (Lists of a thread, that stay as long as they once were: who leaves is noted without a
 /// question.)
 template <class Number>
-struct Leavers
+struct LeaverNotes
 {
     std::size_t count = 0, channels = 0;
     std::vector<Departure> from;
-    std::vector<Mover<Number>> movers;
-    std::vector<Number> contribution;            ///< so many channels of each, see Mover
-    std::vector<std::uint32_t> at;               ///< of all items of a group, see Departure
-    std::vector<Mover<Number>> inside, in_order; ///< who gives at once, as they left and by cell
+    std::vector<Leaver<Number>> leavers;
+    std::vector<Number> contribution;             ///< so many channels of each, see Leaver
+    std::vector<std::uint32_t> at;                ///< of all items of a group, see Departure
+    std::vector<Leaver<Number>> inside, in_order; ///< who gives at once, as they left and by cell
 
     /// Begins with a block of so many items.
     void start(std::size_t items)
     {
         count = 0;
-        if (from.size() < items) from.resize(items), movers.resize(items);
+        if (from.size() < items) from.resize(items), leavers.resize(items);
     }
     /// Makes room for some more that give so many channels.
     void expect(std::size_t more, std::size_t of)

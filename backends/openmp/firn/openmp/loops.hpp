@@ -283,8 +283,8 @@ namespace detail
 {
 /// Copies what some items of a group give, listed cell by cell, to where a group of cells looks for it: rank
 /// by rank.
-template <int channels, class Lane, int d, class Mover>
-void copy_given(Mover const* movers, std::uint32_t const* counts, Scratch<Lane, d>& scratch)
+template <int channels, class Lane, int d, class Leaver>
+void copy_contributions(Leaver const* leavers, std::uint32_t const* counts, Scratch<Lane, d>& scratch)
 {
     using Number = Scalar<Lane>;
     constexpr int lanes = lane_width<Lane>;
@@ -295,24 +295,24 @@ void copy_given(Mover const* movers, std::uint32_t const* counts, Scratch<Lane, 
         std::uint64_t pattern = lanes_above<lanes>(counts, rank);
         if (pattern == 0) break;
         for (; pattern != 0; pattern &= pattern - 1, ++item) {
-            Number const* const contribution = movers[first[std::countr_zero(pattern)] + rank].contribution;
+            Number const* const contribution = leavers[first[std::countr_zero(pattern)] + rank].contribution;
             for (int c = 0; c < channels; ++c) *scratch.at(c, item) = contribution[c];
         }
     }
 }
 
 /// What some items give to the tile of their block, listed in the order of their cells.
-template <class Lane, class Scatter, class Layer, class Mover>
-void scatter_listed(std::span<Mover const> movers, Layer const&, typename Scatter::Number* tile,
+template <class Lane, class Scatter, class Layer, class Leaver>
+void scatter_listed(std::span<Leaver const> leavers, Layer const&, typename Scatter::Number* tile,
                     std::uint64_t& touched, ScatterBuffers<Lane, Scatter>& buffers)
 {
     auto& [scratch, spreads] = buffers;
     using Shape = typename Layer::Shape;
     constexpr int lanes = lane_width<Lane>;
-    if (movers.empty()) return;
+    if (leavers.empty()) return;
     std::array<std::uint32_t, Shape::cells> counts;
     counts.fill(0);
-    for (auto const& mover : movers) ++counts[mover.place];
+    for (auto const& leaver : leavers) ++counts[leaver.place];
     std::array<std::size_t, Shape::groups> of_group;
     std::size_t filled = 0;
     std::uint64_t rows = 0;
@@ -326,11 +326,11 @@ void scatter_listed(std::span<Mover const> movers, Layer const&, typename Scatte
     clear_rows<Layer, Scatter::channels>(tile, rows & ~touched);
     touched |= rows;
 
-    auto const* next = movers.data();
+    auto const* next = leavers.data();
     if constexpr (may_go_alone<Layer::dimension, lanes>)
-        if (go_alone((movers.size() + lanes - 1) / lanes, filled)) {
+        if (go_alone((leavers.size() + lanes - 1) / lanes, filled)) {
             scratch.reserve(Scatter::kept, lanes);
-            for (auto const* const end = next + movers.size(); next < end; next += lanes) {
+            for (auto const* const end = next + leavers.size(); next < end; next += lanes) {
                 int const count = static_cast<int>(std::min<std::ptrdiff_t>(lanes, end - next));
                 int places[std::size_t(lanes)];
                 for (int l = 0; l < count; ++l) {
@@ -347,7 +347,7 @@ void scatter_listed(std::span<Mover const> movers, Layer const&, typename Scatte
         if (of_group[std::size_t(g)] == 0) continue;
         std::uint32_t const* const count = &counts[std::size_t(g * lanes)];
         scratch.reserve(Scatter::kept, of_group[std::size_t(g)]);
-        copy_given<Scatter::kept>(next, count, scratch);
+        copy_contributions<Scatter::kept>(next, count, scratch);
         GroupOf<Lane, Layer> group(count, g, scratch, 0, nullptr, tile);
         scatter<Scatter>(group, spreads);
     }
@@ -357,12 +357,12 @@ void scatter_listed(std::span<Mover const> movers, Layer const&, typename Scatte
 /// Completes the order of cells, where that is to be done, and sums that were given by items in the blocks
 /// where they were: those that departed from them give where they are now.
 template <class Lane, class Phase, class Order, class GridType>
-void scatter_movers(Order& cells, GridType& grid)
+void scatter_leavers(Order& cells, GridType& grid)
 {
     using ScatterBuffers = detail::ScatterBuffers<Lane, typename Phase::Scatter>;
     cells.complete([&](int thread) {
         return [&, &buffers = cells.kept().template of<ScatterBuffers>(thread)](int b) {
-            detail::scatter_listed<Lane, typename Phase::Scatter>(cells.movers(std::size_t(b)), grid,
+            detail::scatter_listed<Lane, typename Phase::Scatter>(cells.leavers(std::size_t(b)), grid,
                                                                   grid.tile(std::size_t(b)),
                                                                   grid.touched(std::size_t(b)), buffers);
         };
@@ -500,7 +500,7 @@ struct ScatterToNext
 };
 
 /// The same of items that move: of those who leave their cells some give when the others have (see
-/// CellOrder::note_departures).
+/// CellOrder::note_outgoing).
 template <class Lane, class Order, class GridType, class Phase>
 struct MoveAndScatter
 {
@@ -509,13 +509,13 @@ struct MoveAndScatter
     using ScratchType = typename Stay::ScratchType;
 
     Order& cells;
-    typename Order::Leavers& leavers;
+    typename Order::LeaverNotes& notes;
     Stay stay;
 
     ItemsType begin(std::size_t block, std::uint64_t rows, ScratchType& scratch)
     {
         stay.begin(block, rows, scratch);
-        return {cells, block, scratch, leavers};
+        return {cells, block, scratch, notes};
     }
     void scatter(std::size_t block, int first, int behind, ScratchType& scratch)
     {
@@ -523,7 +523,7 @@ struct MoveAndScatter
     }
     void end(std::size_t block)
     {
-        scatter_listed<Lane, typename Phase::Scatter>(cells.note_departures(block, leavers), stay.grid,
+        scatter_listed<Lane, typename Phase::Scatter>(cells.note_outgoing(block, notes), stay.grid,
                                                       stay.grid.next_tile(block),
                                                       stay.grid.next_touched(block), stay.buffers);
     }
@@ -605,12 +605,12 @@ typename Phase::Result gather_and_update(Threads const& threads, Order& cells, G
 template <class Lane, class Order, class GridType, class Phase>
 typename Phase::Result move(Threads const& threads, Order& cells, GridType& grid, Phase const& phase)
 {
-    cells.expect_departures();
+    cells.expect_outgoing();
     Kept& kept = cells.kept();
     return detail::gather_and_update<Lane>(threads, cells, grid, phase, kept, [&](int thread) {
         return detail::MoveAndScatter<Lane, Order, GridType, Phase>{
             cells,
-            kept.of<typename Order::Leavers>(thread),
+            kept.of<typename Order::LeaverNotes>(thread),
             {cells, grid, kept.of<detail::ScatterBuffers<Lane, typename Phase::Scatter>>(thread)}};
     });
 }
