@@ -43,9 +43,9 @@ struct TimedOpenMP : OpenMP
 
         /// All of it, so that it is told apart from what those who moved give next.
         template <class Offsets>
-        void begin_to_follow(Offsets const& offsets)
+        void begin_rebin(Offsets const& offsets)
         {
-            times->take("order", [&] { Base::follow(offsets); });
+            times->take("order", [&] { Base::rebin(offsets); });
         }
 
         std::shared_ptr<Times> times;

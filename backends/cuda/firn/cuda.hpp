@@ -51,7 +51,7 @@ struct Cuda
     template <class Order, std::size_t orders>
     std::size_t steps_to_queue(std::array<Order*, orders> const& cells, std::size_t blindly) const
     {
-        if (orders == 1 && cells[0]->follows_early()) return batch;
+        if (orders == 1 && cells[0]->rebins_early()) return batch;
         std::size_t blocks = 0;
         for (Order const* const order : cells) blocks += order->blocks();
         return std::min({batch, blindly, 2 + 10000 / (1000 + blocks)});
@@ -62,7 +62,7 @@ struct Cuda
     template <class Order, std::size_t orders>
     bool throttle(std::array<Order*, orders> const& cells) const
     {
-        return !follows_early(cells) || cells[0]->throttle();
+        return !rebins_early(cells) || cells[0]->throttle();
     }
 
     /// Whether loops reach what lies there: memory of a device, of the host where it is mapped for devices,
@@ -216,7 +216,7 @@ struct Cuda
 
     /// What is left to be asked of a step when its items are followed.
     template <class Conclusion>
-    struct Followed
+    struct Rebinned
     {
         Conclusion conclusion;
         bool early; ///< it is: they are followed at the same time
@@ -232,16 +232,16 @@ struct Cuda
         cuda::OnDevice const here(device);
         for_each_order<orders>([&](auto k) { start_moving(*cells[k], layers[k], std::get<k>(phases)); });
         auto const all = conclusion<Phase...>(layers, of_nodes, conclude);
-        Followed<std::remove_cv_t<decltype(all)>> const followed{all, follows_early(cells)};
-        if (!followed.early) end_step(cells, all);
-        return followed;
+        Rebinned<std::remove_cv_t<decltype(all)>> const rebinned{all, rebins_early(cells)};
+        if (!rebinned.early) end_step(cells, all);
+        return rebinned;
     }
 
     /// Whether follow() lets items give, and leaves the order before to be brought back.
     template <class Order, std::size_t orders>
-    bool follows_early(std::array<Order*, orders> const& cells) const
+    bool rebins_early(std::array<Order*, orders> const& cells) const
     {
-        return orders == 1 && cells[0]->blocks() > 0 && cells[0]->follows_early();
+        return orders == 1 && cells[0]->blocks() > 0 && cells[0]->rebins_early();
     }
 
     /// When the host has waited: lets loops work again if they have stopped, and says whether they did so
@@ -270,18 +270,18 @@ struct Cuda
     /// Brings the order of cells up to date with items that have moved, and lets those that came to another
     /// cell give there.
     template <class Phase, class Order, class GridType, class Offsets, class Conclusion>
-    void follow(Order& cells, GridType& grid, Offsets const& offsets,
-                Followed<Conclusion> const& followed) const
+    void rebin(Order& cells, GridType& grid, Offsets const& offsets,
+               Rebinned<Conclusion> const& rebinned) const
     {
-        if (!followed.early) {
-            cells.follow(offsets);
+        if (!rebinned.early) {
+            cells.rebin(offsets);
             scatter_leavers<Phase>(cells, grid);
             return;
         }
         using Tiles = cuda::detail::SharedTiles<GridType>;
         unsigned const teams = Tiles::teams_that_follow(cells.blocks());
-        cells.follow_early(
-            offsets, followed.conclusion,
+        cells.rebin_early(
+            offsets, rebinned.conclusion,
             [&](auto const& view, auto const& arrived) {
                 return cuda::detail::ScatterIncoming<Order, GridType, Phase>{view, arrived, cells.leavers(),
                                                                              grid.view()};

@@ -367,16 +367,16 @@ public:
     /// Brings the cell order up to date with positions that have moved.
     void sort()
     {
-        sort([](CellOrder& cells, auto const& offsets) { cells.follow(offsets); });
+        sort([](CellOrder& cells, auto const& offsets) { cells.rebin(offsets); });
     }
 
     /// The same by somebody who calls CellOrder::follow.
-    template <class Follow>
-    void sort(Follow const& follow)
+    template <class Rebin>
+    void sort(Rebin const& rebin)
     {
         if (!moved_) return;
         half_changed_ = true;
-        follow(cells_, current().offset);
+        rebin(cells_, current().offset);
         half_changed_ = false;
         moved_ = false;
         require(cells_.size() == size_, "particles were lost while they were sorted into cells",
@@ -384,18 +384,18 @@ public:
     }
 
     /// Takes the next buffer for the current one; also what was taken, if the step wrote it.
-    void accept(bool wrote_derived)
+    void swap(bool wrote_derived)
     {
         buffer_[0].swap(buffer_[1]);
         if (wrote_derived) std::swap(cached_, next_cached_);
         has_cached_ = wrote_derived;
-        cells_.settle();
+        cells_.commit();
         moved_ = true;
     }
 
     /// Undoes the last calls of accept() and sort(), which were for steps that were then not made: as many
     /// of both, or one sort() more.
-    void take_back(int accepted, int sorted, bool wrote_derived) requires Backend::queues
+    void rollback(int accepted, int sorted, bool wrote_derived) requires Backend::queues
     {
         if (sorted == 0) return;
         if (accepted % 2 != 0) {
@@ -403,7 +403,7 @@ public:
             if (wrote_derived) std::swap(cached_, next_cached_);
         }
         moved_ = sorted > accepted;
-        cells_.take_back(sorted, moved_, current().offset);
+        cells_.rollback(sorted, moved_, current().offset);
     }
 
     /// The fields of all particles, one column per component, in memory of the host.

@@ -91,9 +91,9 @@ public:
                                           ReturnVelocities<Space, Kernel, typename MaterialTraits<k>::Stored>{
                                               table.current(), table.mass_groups()});
                 });
-                grid_.accept();
+                grid_.swap();
                 on_nodes(false);
-                grid_.accept();
+                grid_.swap();
             }
         }
     }

@@ -64,9 +64,9 @@ public:
         auto& grid = scene.exchange.grid();
         Sets::for_each([&](auto k) { // in the order of cells, which giving may complete
             scene.sets.template particles<k>().sort(
-                [](auto& cells, auto const& offsets) { cells.begin_to_follow(offsets); });
+                [](auto& cells, auto const& offsets) { cells.begin_rebin(offsets); });
         });
-        grid.follow(orders); // blocks under them
+        grid.activate(orders); // blocks under them
         scene.exchange.scatter_missing(scene.course.now.interval.forces, scene.sets);
         run.begin(rule, effects);
         auto const layers = run.layers();
@@ -76,18 +76,18 @@ public:
             for (; queued < expected && backend_.throttle(orders); reacted = run.update_nodes(queued++)) {
                 auto const choice =
                     backend_.move_on(orders, layers, run.move(queued - 1), reacted, run.conclude(queued - 1));
-                run.accept(); // as is to be expected
-                run.follow(choice);
+                run.commit(); // as is to be expected
+                run.rebin(choice);
             }
         backend_.move(orders, layers, run.move(queued - 1), reacted, run.conclude(queued - 1));
         run.read_log();
         bool lacked = false, scattered_early = false;
         if constexpr (Backend::queues) {
             lacked = backend_.poll(orders);
-            scattered_early = !lacked && backend_.follows_early(orders) && run.taken() < queued;
+            scattered_early = !lacked && backend_.rebins_early(orders) && run.taken() < queued;
             if (lacked) { // a step lacked room, and those after it did nothing
                 int const lacking = run.taken() - (run.has_failed() ? 0 : 1);
-                run.take_back(queued - 1 - lacking, queued - 1 - lacking);
+                run.rollback(queued - 1 - lacking, queued - 1 - lacking);
                 queued = lacking + 1;
                 do {
                     run.adopt(lacking, lacking, true);
@@ -99,9 +99,9 @@ public:
         int const taken = run.taken();
         spoiled_ = taken < queued && run.has_failed();
         if (taken == queued)
-            run.accept();
+            run.commit();
         else if constexpr (Backend::queues)
-            run.take_back(queued - 1 - taken, queued - 1 - taken + (spoiled_ ? 0 : 1));
+            run.rollback(queued - 1 - taken, queued - 1 - taken + (spoiled_ ? 0 : 1));
         int const last = taken + (spoiled_ ? 1 : 0);
         run.adopt(last, taken, spoiled_ || scattered_early);
         turn_ = (turn_ + taken) % 2;
@@ -195,13 +195,13 @@ private:
         /// Particles go into the order of cells that they have moved to, and who changed its cell gives
         /// there.
         template <class Choice>
-        void follow(Choice const& choice)
+        void rebin(Choice const& choice)
         {
             Sets::for_each([&](auto k) {
                 particles<k>().sort([&](auto& cells, auto const& offsets) {
                     auto layer = scene_.exchange.grid().layer(k);
-                    runs_.backend_.template follow<typename Exchange::template Scatter<k>>(cells, layer,
-                                                                                           offsets, choice);
+                    runs_.backend_.template rebin<typename Exchange::template Scatter<k>>(cells, layer,
+                                                                                          offsets, choice);
                 });
             });
         }
@@ -217,17 +217,17 @@ private:
         bool has_failed() const { return heard_.at[taken() + 1].failed > 0; }
 
         /// Takes a step that was made, or soon will be, for done.
-        void accept()
+        void commit()
         {
-            Sets::for_each([&](auto k) { particles<k>().accept(wrote_derived_[k]); });
-            scene_.exchange.grid().accept();
+            Sets::for_each([&](auto k) { particles<k>().swap(wrote_derived_[k]); });
+            scene_.exchange.grid().swap();
         }
 
         /// Undoes that, and follow(), for steps that were queued and then not made.
-        void take_back(int accepted, int followed) requires Backend::queues
+        void rollback(int accepted, int rebinned) requires Backend::queues
         {
-            Sets::for_each([&](auto k) { particles<k>().take_back(accepted, followed, wrote_derived_[k]); });
-            if (accepted % 2 != 0) scene_.exchange.grid().accept(); // what was swapped is swapped back
+            Sets::for_each([&](auto k) { particles<k>().rollback(accepted, rebinned, wrote_derived_[k]); });
+            if (accepted % 2 != 0) scene_.exchange.grid().swap(); // what was swapped is swapped back
         }
 
         /// Takes over what is known behind some steps; `leavers_scattered` says whether who came to another

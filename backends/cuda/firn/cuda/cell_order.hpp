@@ -123,7 +123,7 @@ public:
 
     /// Moves the items that departed to their new cells, and wraps their offsets. An item lies at its slot
     /// (see settle).
-    void follow(std::array<Offset*, d> const& offset)
+    void rebin(std::array<Offset*, d> const& offset)
     {
         if (blocks() == 0) return;
         OnDevice const here(queue_);
@@ -136,7 +136,7 @@ public:
     }
 
     /// The same: who queues loops need not leave any of it to the next one.
-    void begin_to_follow(std::array<Offset*, d> const& offset) { follow(offset); }
+    void begin_rebin(std::array<Offset*, d> const& offset) { rebin(offset); }
 
     /// How many blocks there were when items were followed, and empty ones not yet forgotten.
     std::uint32_t followed_blocks() const { return followed_blocks_; }
@@ -147,14 +147,14 @@ public:
 
     /// Whether there are so few blocks that a device has them all at work at once: then who departs finds its
     /// new cell at once, and items are followed while it is yet to be found out how the step went.
-    bool follows_early() const { return blocks() <= 1024; }
+    bool rebins_early() const { return blocks() <= 1024; }
 
     /// The same while one group of threads calls `conclude`. What `give(cells, arrived)` returns is called
     /// for each block by so many teams (see detail::conclude_and_rearrange) with so much shared memory. The
     /// order before is kept, for take_back().
     template <class Conclude, class Give>
-    void follow_early(std::array<Offset*, d> const& offset, Conclude const& conclude, Give const& scatter,
-                      unsigned teams, std::size_t shared)
+    void rebin_early(std::array<Offset*, d> const& offset, Conclude const& conclude, Give const& scatter,
+                     unsigned teams, std::size_t shared)
     {
         OnDevice const here(queue_);
         offset_ = offset;
@@ -181,7 +181,7 @@ public:
     /// Undoes the last calls of follow(), on the host, where it was queued and then not done, or done early;
     /// and says whether items lie at their slots. Then the first of these calls was for items of which these
     /// are the offsets. (Else it was for items of a step that went wrong, which nobody looks at.)
-    void take_back(int follows, bool settled, std::array<Offset*, d> const& offset)
+    void rollback(int follows, bool settled, std::array<Offset*, d> const& offset)
     {
         if (follows % 2 != 0) {
             std::swap(begin_, new_begin_);
@@ -223,7 +223,7 @@ public:
     }
     detail::Destinations destinations()
     {
-        return {changes(), set_.view(), set_.keys(), is_small() ? 3 : 0, follows_early()};
+        return {changes(), set_.view(), set_.keys(), is_small() ? 3 : 0, rebins_early()};
     }
 
     /// Who came into cells is to be forgotten before others do: what a loop of so many groups of threads is
@@ -328,7 +328,7 @@ public:
     Leavers leavers() const { return leavers_.view(channels_); }
 
     /// Says that all items now lie at their slots.
-    void settle() { settled_ = true; }
+    void commit() { settled_ = true; }
     bool settled() const { return settled_; }
 
     /// Calls `visit(where it lies, coordinates of its cell)` for every item, on the host.

@@ -160,7 +160,7 @@ public:
     /// Brings blocks up to date with the orders of cells, one per layer; a block that was there before keeps
     /// its sums.
     template <class Order>
-    void follow(std::array<Order*, layers> const& orders)
+    void activate(std::array<Order*, layers> const& orders)
     {
         OnDevice const here(queue_);
         forget_empty_blocks(orders);
@@ -186,7 +186,7 @@ public:
     Results& node_results() { return node_results_; }
 
     /// Takes the sums for the next step for those of this one.
-    void accept()
+    void swap()
     {
         for (Tiles& tiles : tiles_) std::swap(tiles.of[0], tiles.of[1]);
     }

@@ -24,7 +24,7 @@ struct LeaverCounters
     std::uint32_t departed; ///< items
     std::uint32_t searched; ///< groups of threads that have found new cells
     std::uint32_t live;     ///< blocks that hold items
-    std::uint32_t followed; ///< items that departed last, and were found in their new cells
+    std::uint32_t rebinned; ///< items that departed last, and were found in their new cells
 };
 
 /// Items on their way to other cells.
@@ -417,7 +417,7 @@ __global__ void __launch_bounds__(scanning_threads)
 #pragma unroll
     for (int k = 0; k < orders; ++k) {
         if (of[k].begins.blocks == 0) continue;
-        of[k].leavers.meet->followed = why[k].departed;
+        of[k].leavers.meet->rebinned = why[k].departed;
         why[k].crowded = !lack && of[k].is_crowded(__ldcg(&of[k].leavers.meet->live));
         crowded = crowded || why[k].crowded != 0;
     }
@@ -686,7 +686,7 @@ __global__ void __launch_bounds__(most_teams_that_follow * 64, 1)
     std::uint32_t const live = count_live_blocks(blocks, order.to.changes);
     bool const goes_on = conclude(shared_memory());
     if (threadIdx.x != 0) return;
-    order.leavers.meet->followed = why.departed;
+    order.leavers.meet->rebinned = why.departed;
     why.crowded = !lacks && order.is_crowded(live);
     if (lacks)
         signal.stop(why);
@@ -700,7 +700,7 @@ template <int d, class Number>
 __global__ void unwrap(Leavers<Number> leavers, std::array<typename CellOffset<Number>::Stored*, d> offset)
 {
     std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
-    if (i >= leavers.meet->followed) return;
+    if (i >= leavers.meet->rebinned) return;
     std::uint32_t way = leavers.way[i];
     for (int a = d - 1; a >= 0; --a, way /= 3)
         CellOffset<Number>::unwrap(offset[a][leavers.slot[i]], static_cast<int>(way % 3) - 1);

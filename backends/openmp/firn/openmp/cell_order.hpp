@@ -187,15 +187,15 @@ public:
 
     /// Moves the items that departed to their new cells, and wraps their offsets. An item lies at its slot
     /// (see settle).
-    void follow(std::array<Offset*, std::size_t(d)> const& offset)
+    void rebin(std::array<Offset*, std::size_t(d)> const& offset)
     {
-        begin_to_follow(offset);
+        begin_rebin(offset);
         complete();
     }
 
     /// The host's part of that: blocks, and old_block(), version() and generation(), are those to be. What is
     /// in them nobody may ask before complete().
-    void begin_to_follow(std::array<Offset*, std::size_t(d)> const& offset)
+    void begin_rebin(std::array<Offset*, std::size_t(d)> const& offset)
     {
         list_flows();
         find_blocks(size(), offset);
@@ -318,7 +318,7 @@ public:
     }
 
     /// Says that all items now lie at their slots.
-    void settle() { settled_ = true; }
+    void commit() { settled_ = true; }
 
     /// Calls `visit(where it lies, coordinates of its cell)` for every item.
     template <class Visit>

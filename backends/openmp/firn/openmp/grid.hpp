@@ -201,7 +201,7 @@ public:
     /// Brings blocks up to date with the orders of cells, one per layer; a block that was there before keeps
     /// its sums.
     template <class Order>
-    void follow(std::array<Order*, std::size_t(layers)> const& orders)
+    void activate(std::array<Order*, std::size_t(layers)> const& orders)
     {
         bool changed = false;
         std::size_t blocks = 0;
@@ -213,7 +213,7 @@ public:
             tiles.generation = cells.generation();
             if (cells.version() == tiles.version) continue;
             tiles.version = cells.version();
-            follow_tiles(tiles, cells, missed_none);
+            activate_tiles(tiles, cells, missed_none);
             changed = true;
         }
         if (!changed) return;
@@ -262,7 +262,7 @@ public:
     }
 
     /// Takes the sums for the next step for those of this one.
-    void accept()
+    void swap()
     {
         for (Tiles& tiles : tiles_) {
             tiles.of[0].swap(tiles.of[1]);
@@ -304,7 +304,7 @@ private:
 
     /// Finds each block its tile: the one it had, or one that is free.
     template <class Order>
-    void follow_tiles(Tiles& tiles, Order const& cells, bool have_history)
+    void activate_tiles(Tiles& tiles, Order const& cells, bool have_history)
     {
         std::size_t const blocks = cells.blocks().size();
         std::vector<std::size_t> next(blocks, blocks);
