@@ -200,8 +200,8 @@ private:
             Sets::for_each([&](auto k) {
                 particles<k>().sort([&](auto& cells, auto const& offsets) {
                     auto layer = scene_.exchange.grid().layer(k);
-                    runs_.backend_.template rebin<typename Exchange::template Scatter<k>>(cells, layer,
-                                                                                          offsets, choice);
+                    runs_.backend_.template rebin<typename Exchange::template P2g<k>>(cells, layer, offsets,
+                                                                                      choice);
                 });
             });
         }
