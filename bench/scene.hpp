@@ -101,7 +101,7 @@ struct Scene
     {
         std::vector<Coordinates<3>> found;
         for (auto const& x : solver.positions())
-            found.push_back(locate<3>(solver.lattice(), Solver::kernel::order, x).cell);
+            found.push_back(locate<3>(solver.lattice(), Solver::kernel::degree, x).cell);
         return found;
     }
 

@@ -112,7 +112,7 @@ void offer(Offer& offers, std::string const& transfer_name, Transfer const& tran
     by("P3", measure<test::CollidingDisks, Elastic>);
     by("P4", measure<test::SandColumn, Grains>);
     by("P5", measure<test::SnowBlock, Snows>);
-    if constexpr (std::is_same_v<Number, float> && Kernel::order > 1)
+    if constexpr (std::is_same_v<Number, float> && Kernel::degree > 1)
         by("P6",
            measure<test::ManufacturedSolution, test::Scene<NeoHookean<Space<3, Number>>, Kernel, Transfer>>);
 }

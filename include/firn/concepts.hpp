@@ -18,26 +18,26 @@ namespace firn
 /// they are within a cell (see grid/expansion.hpp). With a constant inertia also `spreads(t)`: what each term
 /// of the polynomial contributes to the sum of w_i v_i (x_i - x_p) D^-1.
 template <class T, class Real = double>
-concept InterpolationKernel = Lane<Real> && requires(Real t, std::array<Real, T::order + 1> nodes)
+concept InterpolationKernel = Lane<Real> && requires(Real t, std::array<Real, T::degree + 1> nodes)
 {
-    requires T::order >= 1;
+    requires T::degree >= 1;
     {
         T::gradient_bound
         } -> std::convertible_to<double>;
     {
         T::weights(t)
-        } -> std::same_as<std::array<Real, T::order + 1>>;
+        } -> std::same_as<std::array<Real, T::degree + 1>>;
     {
         T::derivatives(t)
-        } -> std::same_as<std::array<Real, T::order + 1>>;
+        } -> std::same_as<std::array<Real, T::degree + 1>>;
     {
         T::expanded(nodes)
-        } -> std::same_as<std::array<Real, T::order + 1>>;
+        } -> std::same_as<std::array<Real, T::degree + 1>>;
     requires !HasConstantInertia<T> || requires
     {
         {
             T::spreads(t)
-            } -> std::same_as<std::array<Real, T::order>>;
+            } -> std::same_as<std::array<Real, T::degree>>;
     };
 };
 

@@ -45,8 +45,8 @@ inline constexpr bool are_materials<Real, Materials<Models...>> = (Complete<Mode
 template <class Backend, class Kernel>
 struct KernelFor
 {
-    static constexpr bool fits = Kernel::order <= Backend::largest_degree;
-    static_assert(fits, "the kernel's degree, its 'order', is beyond what the backend's tiles take "
+    static constexpr bool fits = Kernel::degree <= Backend::largest_degree;
+    static_assert(fits, "the kernel's degree is beyond what the backend's tiles take "
                         "(Backend::largest_degree): choose QuadraticBSpline, CubicBSpline or another one of "
                         "degree 3 or less");
     using Type = std::conditional_t<fits, Kernel, QuadraticBSpline>;
@@ -137,7 +137,7 @@ public:
     explicit Solver(Lattice lattice, Model model = {}, Transfer transfer = {}, StepControl control = {},
                     Backend backend = {})
         : lattice_(lattice_for<Number>(lattice)), transfer_(transfer), control_(control),
-          backend_(std::move(backend)), sets_(List(std::move(model)), lattice_, Kernel::order, backend_),
+          backend_(std::move(backend)), sets_(List(std::move(model)), lattice_, Kernel::degree, backend_),
           exchange_(lattice_, transfer_, backend_), runs_(lattice_, transfer_, backend_)
     {
         for_each_material([&](auto k) { model_of<k>().validate(); });
@@ -552,7 +552,7 @@ public:
         auto const access = guard_.read("Solver::occupancy");
         std::vector<Coordinates<d>> cells;
         for_each_material([&](auto k) { particles<k>().add_cells(cells); });
-        return detail::CellNeighbours<d>(std::move(cells), Kernel::order).occupancy();
+        return detail::CellNeighbours<d>(std::move(cells), Kernel::degree).occupancy();
     }
 
     /// All that the next steps depend on, in memory of the host.
@@ -566,7 +566,7 @@ public:
         cache_grid_fields();
         Snapshot<Number, d> to{.kernel = detail::name_of_policy<Kernel>(),
                                .transfer = detail::name_of_policy<Transfer>(),
-                               .kernel_order = Kernel::order,
+                               .kernel_degree = Kernel::degree,
                                .transfer_parameters = detail::parameters_of(transfer_),
                                .lattice = lattice_,
                                .time = course_.time,
@@ -608,7 +608,7 @@ public:
         auto const access = guard_.write("Solver::restore");
         bool const same_bounds = detail::require_fits<Kernel>(from, sets_, lattice_, transfer_);
         detail::require_whole(from, CellOrder::largest_coordinate);
-        Sets sets = sets_.emptied(lattice_, Kernel::order, backend_);
+        Sets sets = sets_.emptied(lattice_, Kernel::degree, backend_);
         for_each_material([&](auto k) {
             auto& table = sets.template particles<k>();
             table.restore(from.materials[k]);

@@ -243,9 +243,9 @@ void part(std::string const& name, double together, double apart)
     std::set<int> cells;
     int gaps = 0;
     for (auto const& at : solver.positions())
-        cells.insert(locate<3>(solver.lattice(), SceneType::Kernel::order, at).cell.x());
+        cells.insert(locate<3>(solver.lattice(), SceneType::Kernel::degree, at).cell.x());
     for (auto cell = cells.begin(); std::next(cell) != cells.end(); ++cell)
-        gaps += *std::next(cell) - *cell > SceneType::Kernel::order;
+        gaps += *std::next(cell) - *cell > SceneType::Kernel::degree;
     auto const after = solver.occupancy();
     H16.at_most(name + ": pieces of the sheet at the start", double(before.pieces), 1);
     H16.at_most(name + ": pieces of the stretched sheet but those between gaps",

@@ -12,16 +12,16 @@ namespace
 {
 
 /// The B-spline of this order and its derivative at a distance of r cells, from its definition.
-double spline(int order, double r)
+double spline(int degree, double r)
 {
     double const a = std::abs(r);
-    if (order == 2) return a < 0.5 ? 0.75 - a * a : a < 1.5 ? 0.5 * (1.5 - a) * (1.5 - a) : 0;
+    if (degree == 2) return a < 0.5 ? 0.75 - a * a : a < 1.5 ? 0.5 * (1.5 - a) * (1.5 - a) : 0;
     return a < 1 ? 2.0 / 3 - a * a + a * a * a / 2 : a < 2 ? std::pow(2 - a, 3) / 6 : 0;
 }
-double spline_slope(int order, double r)
+double spline_slope(int degree, double r)
 {
     double const a = std::abs(r), sign = r < 0 ? -1 : 1;
-    if (order == 2) return sign * (a < 0.5 ? -2 * a : a < 1.5 ? a - 1.5 : 0);
+    if (degree == 2) return sign * (a < 0.5 ? -2 * a : a < 1.5 ? a - 1.5 : 0);
     return sign * (a < 1 ? -2 * a + 1.5 * a * a : a < 2 ? -0.5 * (2 - a) * (2 - a) : 0);
 }
 
@@ -30,7 +30,7 @@ double spline_slope(int order, double r)
 template <class SceneType>
 struct Reference
 {
-    static constexpr int d = SceneType::d, order = SceneType::Kernel::order;
+    static constexpr int d = SceneType::d, degree = SceneType::Kernel::degree;
     using Points = std::vector<Vector<double, d>>;
     using Model = std::conditional_t<d == 2, NeoHookean<Plane>, NeoHookean<Solid>>;
     double h, volume;
@@ -54,7 +54,7 @@ struct Reference
                 for (int a = 0; a < d; ++a) {
                     key[std::size_t(a)] = int(std::floor(at[a] / h)) + away[std::size_t(a)];
                     place[a] = key[std::size_t(a)];
-                    w *= spline(order, at[a] / h - place[a]);
+                    w *= spline(degree, at[a] / h - place[a]);
                 }
                 if (w > 0 && index.emplace(key, int(nodes.size())).second) nodes.push_back(place);
             }
@@ -67,8 +67,8 @@ struct Reference
                 Vector<double, d> w, dw;
                 for (int a = 0; a < d; ++a) {
                     double const r = x[std::size_t(p)][a] / h - nodes[std::size_t(i)][a];
-                    w[a] = spline(order, r);
-                    dw[a] = spline_slope(order, r) / h;
+                    w[a] = spline(degree, r);
+                    dw[a] = spline_slope(degree, r) / h;
                 }
                 S(p, i) = w.prod();
                 for (int a = 0; a < d; ++a) {

@@ -89,7 +89,7 @@ std::size_t without_response =
 // of five nodes along each axis, whatever their weights
 struct Quartic
 {
-    static constexpr int order = 4;
+    static constexpr int degree = 4;
     static constexpr auto name = "quartic";
     static constexpr double gradient_bound = 3;
     template <class Real>

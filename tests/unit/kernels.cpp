@@ -182,7 +182,7 @@ TEMPLATE_TEST_CASE("derivatives of weights are those of the weights", "", Linear
     for (double t = -0.49; t < 0.49; t += 0.01) {
         auto const left = TestType::weights(t - step), right = TestType::weights(t + step),
                    slope = TestType::derivatives(t);
-        for (int i = 0; i <= TestType::order; ++i)
+        for (int i = 0; i <= TestType::degree; ++i)
             CHECK(std::abs((right[i] - left[i]) / (2 * step) - slope[i]) <= 1e-8);
     }
 }
@@ -192,9 +192,9 @@ TEMPLATE_TEST_CASE("weights are continuous from one cell to the next, and of spl
 {
     auto const end = TestType::weights(0.5), begin = TestType::weights(-0.5);
     auto const end_slope = TestType::derivatives(0.5), begin_slope = TestType::derivatives(-0.5);
-    for (int i = 0; i < TestType::order; ++i) {
+    for (int i = 0; i < TestType::degree; ++i) {
         CHECK(std::abs(end[i + 1] - begin[i]) <= 1e-15);
-        if (TestType::order > 1) CHECK(std::abs(end_slope[i + 1] - begin_slope[i]) <= 1e-15);
+        if (TestType::degree > 1) CHECK(std::abs(end_slope[i + 1] - begin_slope[i]) <= 1e-15);
     }
     CHECK(std::abs(end[0]) <= 1e-15);
 }
@@ -206,7 +206,7 @@ TEMPLATE_TEST_CASE("the gradient bound of a kernel is the largest sum of |dN|^2 
     for (double t = -0.5 + 1e-6; t < 0.5; t += 1e-5) {
         auto const w = TestType::weights(t), dw = TestType::derivatives(t);
         double sum = 0;
-        for (int i = 0; i <= TestType::order; ++i) sum += dw[i] * dw[i] / w[i];
+        for (int i = 0; i <= TestType::degree; ++i) sum += dw[i] * dw[i] / w[i];
         largest = std::max(largest, sum);
     }
     CHECK(largest <= TestType::gradient_bound);
@@ -220,7 +220,7 @@ TEMPLATE_TEST_CASE("a kernel gives a pack of numbers what it gives each number",
     STATIC_REQUIRE(InterpolationKernel<TestType, Pack>);
     double const t[]{-0.5, -0.123, 0.0, 0.4999};
     auto const packed = TestType::weights(LaneTraits<Pack>::load(t));
-    for (int i = 0; i <= TestType::order; ++i) {
+    for (int i = 0; i <= TestType::degree; ++i) {
         double lane[4];
         LaneTraits<Pack>::store(packed[i], lane);
         for (int l = 0; l < 4; ++l) CHECK(std::abs(lane[l] - TestType::weights(t[l])[i]) <= 1e-15);
@@ -232,14 +232,14 @@ TEST_CASE("a position is found again from its cell and offset, on both sides of 
     auto const grid = lattice(0.1, {0.03, -0.07, 1.0});
     std::mt19937 random(3);
     std::uniform_real_distribution<double> anywhere(-200, 200);
-    for (int order = 1; order <= 3; ++order)
+    for (int degree = 1; degree <= 3; ++degree)
         for (int i = 0; i < 2000; ++i) {
             Vector<double, 3> const x{anywhere(random), anywhere(random),
                                       i % 3 == 0 ? 1.0 : anywhere(random)};
-            auto const at = locate<3>(grid, order, x);
+            auto const at = locate<3>(grid, degree, x);
             CHECK(at.offset.minCoeff() >= -0.5);
             CHECK(at.offset.maxCoeff() < 0.5);
-            CHECK((world_position<3>(grid, order, at.cell, at.offset) - x).cwiseAbs().maxCoeff() <= 1e-13);
+            CHECK((world_position<3>(grid, degree, at.cell, at.offset) - x).cwiseAbs().maxCoeff() <= 1e-13);
         }
 }
 

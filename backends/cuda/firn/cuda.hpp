@@ -40,8 +40,8 @@ struct Cuda
     template <class Number, int d>
     using CellOrder = cuda::CellOrder<Number, d>;
     static constexpr int largest_degree = 3; ///< of a stencil, which has one node more along each axis
-    template <class Number, int d, int order, int sums, int values, int layers>
-    using Grid = cuda::Grid<Number, d, order, sums, values, layers>;
+    template <class Number, int d, int degree, int sums, int values, int layers>
+    using Grid = cuda::Grid<Number, d, degree, sums, values, layers>;
 
     cuda::Queue queue() const { return {device, stream}; }
 

@@ -46,8 +46,8 @@ struct BasicOpenMP
     template <class Number, int d>
     using CellOrder = openmp::CellOrder<Number, d, lane_width<Lane<Number>>>;
     static constexpr int largest_degree = 3; ///< of a stencil, which has one node more along each axis
-    template <class Number, int d, int order, int sums, int values, int layers>
-    using Grid = openmp::Grid<Number, d, order, sums, values, lane_width<Lane<Number>>, layers>;
+    template <class Number, int d, int degree, int sums, int values, int layers>
+    using Grid = openmp::Grid<Number, d, degree, sums, values, lane_width<Lane<Number>>, layers>;
 
     void validate() const
     {

@@ -14,10 +14,11 @@ namespace firn
 template <class Kernel, Lane Real, int d>
 struct Monomials
 {
-    static constexpr int order = Kernel::order;
+    static constexpr int degree = Kernel::degree;
 
-    std::array<std::array<Real, std::size_t(order)>, std::size_t(d)> power; ///< t^m / m!, m = 1, 2, …
-    std::array<std::array<Real, std::size_t(order)>, std::size_t(d)> spread; ///< Kernel::spreads: m = 1, 2, …
+    std::array<std::array<Real, std::size_t(degree)>, std::size_t(d)> power; ///< t^m / m!, m = 1, 2, …
+    std::array<std::array<Real, std::size_t(degree)>, std::size_t(d)>
+        spread; ///< Kernel::spreads: m = 1, 2, …
 
     FIRN_HOST_DEVICE explicit Monomials(Vector<Real, d> const& offset)
     {
@@ -25,7 +26,7 @@ struct Monomials
         for (int a = 0; a < d; ++a) {
             power[std::size_t(a)][0] = offset[a];
             FIRN_UNROLL
-            for (int m = 1; m < order; ++m)
+            for (int m = 1; m < degree; ++m)
                 power[std::size_t(a)][std::size_t(m)] =
                     power[std::size_t(a)][std::size_t(m - 1)] * offset[a] * Real(Scalar<Real>(1.0 / (m + 1)));
             if constexpr (requires { Kernel::spreads(offset[a]); })
@@ -43,7 +44,7 @@ struct Monomials
 template <class Kernel, Lane RealType, int d, int channel_count>
 class CellPolynomial
 {
-    static constexpr int order = Kernel::order, width = order + 1;
+    static constexpr int degree = Kernel::degree, width = degree + 1;
     static constexpr int rows = d == 3 ? width * width : width, terms = rows * width;
 
 public:
@@ -128,7 +129,7 @@ private:
         else {
             sum<axis + 1, has_affine, has_gradient>(powers, first * width, pick, found);
             FIRN_UNROLL
-            for (int m = 1; m <= order; ++m) {
+            for (int m = 1; m <= degree; ++m) {
                 Found part;
                 sum<axis + 1, has_affine, has_gradient>(powers, first * width + m, pick, part);
                 Real const power = powers.power[axis][std::size_t(m - 1)];

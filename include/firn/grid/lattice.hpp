@@ -61,21 +61,21 @@ struct CellPosition
 };
 
 /// Half a cell for kernels of even order, whose cells are centred on nodes.
-FIRN_HOST_DEVICE constexpr double cell_shift(int kernel_order) { return kernel_order % 2 == 0 ? 0.5 : 0.0; }
+FIRN_HOST_DEVICE constexpr double cell_shift(int kernel_degree) { return kernel_degree % 2 == 0 ? 0.5 : 0.0; }
 
 /// The first node of the stencil of cell k is k - stencil_reach(order).
-FIRN_HOST_DEVICE constexpr int stencil_reach(int kernel_order) { return kernel_order / 2; }
+FIRN_HOST_DEVICE constexpr int stencil_reach(int kernel_degree) { return kernel_degree / 2; }
 
 /// How far from a position the nodes of its stencil lie at most, along each axis [cells].
-FIRN_HOST_DEVICE constexpr double kernel_reach(int kernel_order) { return 0.5 * (kernel_order + 1); }
+FIRN_HOST_DEVICE constexpr double kernel_reach(int kernel_degree) { return 0.5 * (kernel_degree + 1); }
 
 /// The cell of a world position [m] and the offset in it. The cell must fit an int: see Solver::add.
 template <int d>
-CellPosition<d> locate(Lattice const& lattice, int kernel_order, Vector<double, d> const& position)
+CellPosition<d> locate(Lattice const& lattice, int kernel_degree, Vector<double, d> const& position)
 {
     CellPosition<d> located;
     for (int a = 0; a < d; ++a) {
-        double const x = (position[a] - lattice.origin[a]) / lattice.cell_size + cell_shift(kernel_order);
+        double const x = (position[a] - lattice.origin[a]) / lattice.cell_size + cell_shift(kernel_degree);
         double const cell = std::floor(x);
         located.cell[a] = static_cast<int>(cell);
         located.offset[a] = x - cell - 0.5;
@@ -85,12 +85,12 @@ CellPosition<d> locate(Lattice const& lattice, int kernel_order, Vector<double, 
 
 /// The world position [m] of an offset in a cell.
 template <int d>
-FIRN_HOST_DEVICE Vector<double, d> world_position(Lattice const& lattice, int kernel_order,
+FIRN_HOST_DEVICE Vector<double, d> world_position(Lattice const& lattice, int kernel_degree,
                                                   Coordinates<d> const& cell, Vector<double, d> const& offset)
 {
     Vector<double, d> position;
     for (int a = 0; a < d; ++a) {
-        double const in_cells = cell[a] + offset[a] + (0.5 - cell_shift(kernel_order));
+        double const in_cells = cell[a] + offset[a] + (0.5 - cell_shift(kernel_degree));
         position[a] = lattice.origin[a] + lattice.cell_size * in_cells;
     }
     return position;

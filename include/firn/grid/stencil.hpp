@@ -20,7 +20,7 @@ namespace firn
 template <class Kernel, Lane Real, int d>
 struct Stencil
 {
-    static constexpr int width = Kernel::order + 1; ///< nodes per axis
+    static constexpr int width = Kernel::degree + 1; ///< nodes per axis
     static constexpr int rows = d == 3 ? width * width : width;
     static constexpr int last = d - 1;
 
@@ -40,7 +40,7 @@ struct Stencil
                 weight[std::size_t(a)][std::size_t(i)] = weights[std::size_t(i)];
                 derivative[std::size_t(a)][std::size_t(i)] = derivatives[std::size_t(i)];
                 distance[std::size_t(a)][std::size_t(i)] =
-                    Real(Scalar<Real>(i) - Scalar<Real>(0.5) * Kernel::order) - offset[a];
+                    Real(Scalar<Real>(i) - Scalar<Real>(0.5) * Kernel::degree) - offset[a];
             }
         }
     }

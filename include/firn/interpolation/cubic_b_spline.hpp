@@ -11,7 +11,7 @@ namespace firn
 /// The cubic B-spline: four nodes per axis, continuous second derivative (Stomakhin et al. 2013, section 3).
 struct CubicBSpline
 {
-    static constexpr int order = 3;
+    static constexpr int degree = 3;
     static constexpr auto name = "cubic";
     /// D^-1 of APIC in units of 1/h^2: D = h^2/3 I at every position (Jiang et al. 2015, section 5.3).
     static constexpr double inverse_inertia = 3;

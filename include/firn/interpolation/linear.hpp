@@ -13,7 +13,7 @@ namespace firn
 /// scenes.
 struct Linear
 {
-    static constexpr int order = 1;
+    static constexpr int degree = 1;
     static constexpr auto name = "linear";
     /// sup of the sum over a stencil of |dN/dx|^2 / N [1/h^2] is unbounded: no time step is safe at a free
     /// surface.

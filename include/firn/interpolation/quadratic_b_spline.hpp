@@ -11,7 +11,7 @@ namespace firn
 /// The quadratic B-spline: three nodes per axis, continuous gradient (Steffen et al. 2008, eq. 15).
 struct QuadraticBSpline
 {
-    static constexpr int order = 2;
+    static constexpr int degree = 2;
     static constexpr auto name = "quadratic";
     /// D^-1 of APIC in units of 1/h^2: D = h^2/4 I at every position (Jiang et al. 2015, section 5.3).
     static constexpr double inverse_inertia = 4;

@@ -413,7 +413,7 @@ void put_checkpoint(CheckpointWriter& out, Snapshot<Number, d> const& from, Comp
 {
     out.values(std::uint32_t(d), std::uint32_t(sizeof(Number)));
     out.text(from.kernel);
-    out.values(std::uint32_t(from.kernel_order));
+    out.values(std::uint32_t(from.kernel_degree));
     out.text(from.transfer);
     put_parameters(out, from.transfer_parameters);
     auto const& origin = from.lattice.origin;
@@ -440,12 +440,12 @@ inline void require_compiled_for(char const* what, std::uint32_t theirs, std::ui
 template <class... Companions, class Number, int d>
 std::tuple<Companions...> get_checkpoint(CheckpointReader& in, Snapshot<Number, d>& to)
 {
-    std::uint32_t dimensions = 0, bytes = 0, order = 0, material = 0, companions = 0, materials = 0;
+    std::uint32_t dimensions = 0, bytes = 0, degree = 0, material = 0, companions = 0, materials = 0;
     in.values(dimensions, bytes);
     require_compiled_for("dimensions", dimensions, d);
     require_compiled_for("bytes to a number", bytes, sizeof(Number));
     to.kernel = in.text();
-    in.values(order);
+    in.values(degree);
     to.transfer = in.text();
     to.transfer_parameters = get_parameters(in);
     auto& origin = to.lattice.origin;
@@ -454,7 +454,7 @@ std::tuple<Companions...> get_checkpoint(CheckpointReader& in, Snapshot<Number, 
               bounds.wave_speed, material, bounds.speed, bounds.deformation_rate, bounds.acceleration,
               bounds.obstacle_speed, to.masses.unit, to.masses.largest, to.masses.smallest, to.next_id,
               companions);
-    to.kernel_order = static_cast<int>(order);
+    to.kernel_degree = static_cast<int>(degree);
     bounds.material = static_cast<int>(material);
     if (companions != sizeof...(Companions))
         throw Error{"the file has " + std::to_string(companions) + " companions, " +

@@ -52,16 +52,16 @@ public:
     };
     using CellOrder = typename MaterialTraits<0>::Table::CellOrder;
 
-    MaterialSets(List list, Lattice lattice, int kernel_order, Backend const& backend)
-        : MaterialSets(std::move(list), lattice, kernel_order, backend, Places{})
+    MaterialSets(List list, Lattice lattice, int kernel_degree, Backend const& backend)
+        : MaterialSets(std::move(list), lattice, kernel_degree, backend, Places{})
     {}
 
     /// The same materials without particles.
-    MaterialSets emptied(Lattice lattice, int kernel_order, Backend const& backend) const
+    MaterialSets emptied(Lattice lattice, int kernel_degree, Backend const& backend) const
     {
         return [&]<std::size_t... k>(std::index_sequence<k...>)
         {
-            return MaterialSets(List{model<k>()...}, lattice, kernel_order, backend);
+            return MaterialSets(List{model<k>()...}, lattice, kernel_degree, backend);
         }
         (Places{});
     }
@@ -186,10 +186,10 @@ private:
     static std::tuple<Part<k>...> tuple_of_parts(std::index_sequence<k...>);
 
     template <std::size_t... k>
-    FIRN_COLD MaterialSets(List list, Lattice lattice, int kernel_order, Backend const& backend,
+    FIRN_COLD MaterialSets(List list, Lattice lattice, int kernel_degree, Backend const& backend,
                            std::index_sequence<k...>)
         : sets_{Part<k>{std::move(std::get<k>(list.of)),
-                        typename MaterialTraits<k>::Table(lattice, kernel_order, backend)}...}
+                        typename MaterialTraits<k>::Table(lattice, kernel_degree, backend)}...}
     {}
 
     decltype(tuple_of_parts(Places{})) sets_;

@@ -40,7 +40,7 @@ class CellNeighbours
 {
 public:
     /// `cells` are those of the particles, each as often as it has some.
-    CellNeighbours(std::vector<Coordinates<d>> cells, int order) : order_(order)
+    CellNeighbours(std::vector<Coordinates<d>> cells, int degree) : degree_(degree)
     {
         auto const before = [](Coordinates<d> const& a, Coordinates<d> const& b) {
             return std::lexicographical_compare(a.data(), a.data() + d, b.data(), b.data() + d);
@@ -105,7 +105,7 @@ private:
     void visit_offsets(Across& offset, std::size_t axis)
     {
         if (axis < offset.size()) {
-            for (offset[axis] = -order_; offset[axis] <= order_; ++offset[axis])
+            for (offset[axis] = -degree_; offset[axis] <= degree_; ++offset[axis])
                 visit_offsets(offset, axis + 1);
             return;
         }
@@ -127,8 +127,8 @@ private:
         for (std::size_t i = rows_[row]; i < rows_[row + 1]; ++i) {
             int const at = cells_[i][d - 1];
             if (row == other) first = i + 1;
-            while (first < rows_[other + 1] && cells_[first][d - 1] < at - order_) ++first;
-            for (std::size_t j = first; j < rows_[other + 1] && cells_[j][d - 1] <= at + order_; ++j) {
+            while (first < rows_[other + 1] && cells_[first][d - 1] < at - degree_) ++first;
+            for (std::size_t j = first; j < rows_[other + 1] && cells_[j][d - 1] <= at + degree_; ++j) {
                 parent_[root(i)] = root(j);
                 if (!near || std::abs(cells_[j][d - 1] - at) > 1) continue;
                 ++adjacent_[i];
@@ -144,7 +144,7 @@ private:
         return i;
     }
 
-    int order_;
+    int degree_;
     std::vector<Coordinates<d>> cells_; ///< each once
     std::vector<std::uint64_t> count_;  ///< particles of each
     std::vector<int> adjacent_;         ///< of those around it how many have particles, too

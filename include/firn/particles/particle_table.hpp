@@ -57,8 +57,8 @@ public:
         d * sizeof(Offset) + PersistentFields::components(d) * sizeof(Number) + sizeof(std::uint32_t);
     static constexpr std::size_t resident_bytes = 2 * state_bytes + CellOrder::bytes_per_item;
 
-    ParticleTable(Lattice lattice, int kernel_order, Backend const& backend)
-        : lattice_(lattice), order_(kernel_order),
+    ParticleTable(Lattice lattice, int kernel_degree, Backend const& backend)
+        : lattice_(lattice), kernel_degree_(kernel_degree),
           backend_(backend), buffer_{Buffer(backend), Buffer(backend)}, mass_groups_(backend), cells_(backend)
     {}
 
@@ -146,9 +146,9 @@ public:
         RemovalMask<Backend> mask{.there = Array<unsigned char>(backend_)};
         if (size_ == 0) return mask;
         mask.there.resize(size_);
-        backend_.for_each_place(
-            cells_, FindParticles<Number, d, PersistentFields, DerivedFields, Predicate>{
-                        buffer_[0].view(), derived(), lattice_, order_, predicate, mask.there.data()});
+        backend_.for_each_place(cells_, FindParticles<Number, d, PersistentFields, DerivedFields, Predicate>{
+                                            buffer_[0].view(), derived(), lattice_, kernel_degree_, predicate,
+                                            mask.there.data()});
         mask.here = detail::downloaded(mask.there);
         mask.count = static_cast<std::size_t>(std::count(mask.here.begin(), mask.here.end(), 1));
         return mask;
@@ -452,7 +452,7 @@ public:
     /// What writes world positions by row; see Solver::write_positions.
     WritePositions<Number, d, PersistentFields> position_writer(Number* to, std::size_t stride) const
     {
-        return {buffer_[0].view(), lattice_, order_, to, stride};
+        return {buffer_[0].view(), lattice_, kernel_degree_, to, stride};
     }
 
     /// What writes a stored field by row; see Solver::write.
@@ -591,7 +591,7 @@ private:
             Vector<double, d> in_cell;
             for (int a = 0; a < d; ++a)
                 in_cell[a] = CellOffset<Number>::exact(offset[std::size_t(a)][particle]);
-            visit(row[particle], world_position<d>(lattice_, order_, cell, in_cell));
+            visit(row[particle], world_position<d>(lattice_, kernel_degree_, cell, in_cell));
         });
     }
 
@@ -614,7 +614,7 @@ private:
                             "Pass finite positions in metres, within " +
                                 std::to_string(static_cast<long>(CellOrder::largest_coordinate)) +
                                 " cells of the origin: use a larger cell or move the lattice's origin."};
-            located.push_back(locate<d>(lattice_, order_, x));
+            located.push_back(locate<d>(lattice_, kernel_degree_, x));
         }
         return located;
     }
@@ -658,7 +658,7 @@ private:
     }
 
     Lattice lattice_;
-    int order_;
+    int kernel_degree_;
     Backend backend_;
     std::size_t size_ = 0;
     bool moved_ = false;

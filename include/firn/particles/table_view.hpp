@@ -150,7 +150,7 @@ struct WritePositions
 {
     TableView<Number, d, Set> particles;
     Lattice lattice;
-    int kernel_order;
+    int kernel_degree;
     Number* to; ///< axis a of the particle in a row at to[row * stride + a] [m]
     std::size_t stride;
 
@@ -160,7 +160,7 @@ struct WritePositions
         FIRN_UNROLL
         for (int a = 0; a < d; ++a)
             in_cell[a] = CellOffset<Number>::exact(particles.offset[std::size_t(a)][particle]);
-        Vector<double, d> const x = world_position<d>(lattice, kernel_order, cell, in_cell);
+        Vector<double, d> const x = world_position<d>(lattice, kernel_degree, cell, in_cell);
         FIRN_UNROLL
         for (int a = 0; a < d; ++a)
             to[particles.id[particle] * stride + std::size_t(a)] = static_cast<Number>(x[a]);
@@ -187,7 +187,7 @@ struct FindParticles
     TableView<Number, d, PersistentFields> particles;
     FieldsById<Number, d, DerivedFields> velocities; ///< if it asks for fields
     Lattice lattice;
-    int kernel_order;
+    int kernel_degree;
     IsWanted is_wanted;
     unsigned char* found; ///< 1 or 0, by where particles lie
 
@@ -197,7 +197,7 @@ struct FindParticles
         FIRN_UNROLL
         for (int a = 0; a < d; ++a)
             in_cell[a] = CellOffset<Number>::exact(particles.offset[std::size_t(a)][particle]);
-        Vector<double, d> const x = world_position<d>(lattice, kernel_order, cell, in_cell);
+        Vector<double, d> const x = world_position<d>(lattice, kernel_degree, cell, in_cell);
         if constexpr (by_position)
             found[particle] = is_wanted(x) ? 1 : 0;
         else {

@@ -57,7 +57,7 @@ struct G2p2g
     static constexpr int d = Space::dimension;
     using Number = typename Space::Real;
     using Result = G2p2gResult<Number, Effects::touching>;
-    static constexpr int order = Kernel::order;
+    static constexpr int degree = Kernel::degree;
     static constexpr int node_channels = Gather::node_channels, channels = Scatter::channels;
     static constexpr int kept = Gather::kept > Scatter::kept ? Gather::kept : Scatter::kept;
     /// Contact is called while much is held, all that a particle took from the grid: a device needs more
@@ -201,12 +201,12 @@ private:
     {
         if constexpr (Effects::touching > 0) {
             if (!touches_particles(now->actions)) return;
-            Number const to_node = Number(0.5 - cell_shift(order));
+            Number const to_node = Number(0.5 - cell_shift(degree));
             Vector<Real, d> where =
                 position + displacement * Real(Number(1 / lattice.cell_size)) + items.along();
             FIRN_UNROLL
             for (int a = 0; a < d; ++a) where[a] += Real(to_node);
-            LanePosition<Real, d> const place{lattice, items.first(), where, kernel_reach(order)};
+            LanePosition<Real, d> const place{lattice, items.first(), where, kernel_reach(degree)};
             Real const mass = mass_groups.find(items, before.id).mass, dt(now->dt);
             // Beside a velocity of the particle's own, or where it is more than the distance from one solid
             // by a formula:

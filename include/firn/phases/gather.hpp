@@ -46,7 +46,7 @@ struct Gather
     /// What the nodes of a row of cells hold for all of its particles: some channels at a time, no more than
     /// stay in the fastest cache.
     template <class Real>
-    using CellNodes = CellPolynomial<Kernel, Real, d, Kernel::order <= 2 ? d : 1>;
+    using CellNodes = CellPolynomial<Kernel, Real, d, Kernel::degree <= 2 ? d : 1>;
 
     /// Keeps what a row of particles takes from some channels of the nodes of its cells; in which lane its
     /// cell is, each particle knows: `row.of_cells(value)` has what is of the cells in the lanes of the

@@ -39,7 +39,7 @@ struct Scatter
     using Sums = NodeSums<d, Transfer::keeps_old_velocity>;
     static constexpr Terms terms = Transfer::template scatter_terms<Kernel>;
     static constexpr int channels = Sums::channels;
-    static constexpr int width = Kernel::order + 1, rows = d == 3 ? width * width : width; ///< of a stencil
+    static constexpr int width = Kernel::degree + 1, rows = d == 3 ? width * width : width; ///< of a stencil
 
     // What is kept of a particle.
     static constexpr int position = 0, mass = d, momentum = d + 1, affine = 2 * d + 1;

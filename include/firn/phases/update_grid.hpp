@@ -56,7 +56,7 @@ struct UpdateGrid
     FIRN_HOST_DEVICE void operator()(Node& node, Result& reactions) const
     {
         using Real = typename Node::Real;
-        LanePosition<Real, d> const place{lattice, node.first(), node.offset(), kernel_reach(Kernel::order)};
+        LanePosition<Real, d> const place{lattice, node.first(), node.offset(), kernel_reach(Kernel::degree)};
         update<Real>(
             place, [&](int c) { return node.sum(c); }, [&](int a) { return withheld<Real>(node, a); },
             [&](int c, Real const& value) { node.set(c, value); }, exactly_equal(Real(0), Real(0)),
@@ -85,7 +85,7 @@ struct UpdateGrid
         using Real = typename Node::Real;
         MirroredNode<Sums, Real, d, Effects::walls> const mirrored(walls, node);
         LanePosition<Real, d> place{lattice, mirrored.first, zeros<Vector<Real, d>>(),
-                                    kernel_reach(Kernel::order)};
+                                    kernel_reach(Kernel::degree)};
         place.offset[d - 1] = mirrored.along;
         Mask<Real> const received = !mirrored.is_image(); // what a node receives its images do not once more
         Real velocity[std::size_t(channels)];

@@ -91,7 +91,7 @@ template <class Number, int d>
 struct Snapshot
 {
     std::string kernel, transfer; ///< their names
-    int kernel_order = 0;
+    int kernel_degree = 0;
     std::vector<Parameter> transfer_parameters{};
     Lattice lattice{};
     double time = 0;     ///< [s]

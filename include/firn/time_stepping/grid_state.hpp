@@ -27,7 +27,7 @@ public:
     using Number = typename Space::Real;
     static constexpr int d = Space::dimension;
     using Grid = typename Backend::template Grid<
-        Number, d, Kernel::order, NodeSums<d, Transfer::keeps_old_velocity>::channels,
+        Number, d, Kernel::degree, NodeSums<d, Transfer::keeps_old_velocity>::channels,
         NodeVelocities<d, Transfer::keeps_old_velocity>::channels, static_cast<int>(Sets::count)>;
     template <std::size_t k>
     using MaterialTraits = typename Sets::template MaterialTraits<k>;

@@ -57,17 +57,17 @@ __global__ void keep_tiles(std::uint32_t const* blocks_before, std::uint32_t kno
 /// A block of cells sums into a *tile* of its own: its nodes and `order` more per axis, so that blocks never
 /// write to the same place. Node n of the lattice is stored under n + reach: the stencil of cell k begins at
 /// node k here.
-template <class NumberType, int d, int order, int sums, int values>
+template <class NumberType, int d, int degree, int sums, int values>
 struct GridShape
 {
     using Number = NumberType;
     using Shape = BlockShape<d>;
-    using TileShape = Tile<d, order>;
+    using TileShape = Tile<d, degree>;
     using Sums = Channels<Number, sums>;
     using Values = Channels<Number, values>;
     static constexpr int corners = 1 << d;
-    static constexpr int reach = stencil_reach(order);
-    static_assert(order <= Shape::extent, "a stencil may reach into the next block only");
+    static constexpr int reach = stencil_reach(degree);
+    static_assert(degree <= Shape::extent, "a stencil may reach into the next block only");
 };
 
 /// Blocks of nodes under the blocks of cells: born with them.
@@ -75,10 +75,10 @@ struct GridShape
 /// Several orders of cells may share the nodes: each has a *layer* of the grid, the tiles that its blocks sum
 /// into. A node adds up the tiles that cover it in a fixed order, layer by layer: no atomics, and no result
 /// that depends on how a device schedules its work.
-template <class NumberType, int d, int order, int sums, int values, int layer_count = 1>
-class Grid : public GridShape<NumberType, d, order, sums, values>
+template <class NumberType, int d, int degree, int sums, int values, int layer_count = 1>
+class Grid : public GridShape<NumberType, d, degree, sums, values>
 {
-    using Base = GridShape<NumberType, d, order, sums, values>;
+    using Base = GridShape<NumberType, d, degree, sums, values>;
 
 public:
     using Base::corners;

@@ -41,16 +41,16 @@ struct BlockShape
 };
 
 /// The nodes under a block of cells: its own and `order` more per axis, as they lie in memory.
-template <int d, int order>
+template <int d, int degree>
 struct Tile
 {
     using Shape = BlockShape<d>;
-    static constexpr int width = Shape::extent + order; ///< nodes per axis
+    static constexpr int width = Shape::extent + degree; ///< nodes per axis
     /// From one plane (in two dimensions: row) to the next: 4 nodes more than a multiple of 8 in three
     /// dimensions, so that lanes of both planes read from different banks.
     static constexpr int plane = d == 3 ? (width * width + 3) / 8 * 8 + 4 : width;
     static constexpr int nodes = width * plane;
-    static constexpr int group_planes = Shape::group_extent + order;
+    static constexpr int group_planes = Shape::group_extent + degree;
     static constexpr int group_nodes = group_planes * plane; ///< under one group of cells
     static constexpr int group_offset =
         Shape::group_extent * plane; ///< where those of the second group begin
@@ -66,13 +66,13 @@ struct Tile
     /// Where the node at place k of a row of a stencil lies, counted from the stencil's first node.
     FIRN_HOST_DEVICE static constexpr int in_stencil(int row, int k)
     {
-        return d == 2 ? row * plane + k : row / (order + 1) * plane + row % (order + 1) * width + k;
+        return d == 2 ? row * plane + k : row / (degree + 1) * plane + row % (degree + 1) * width + k;
     }
 
     /// Whether a stencil has a node at place k of a row.
     FIRN_HOST_DEVICE static constexpr bool has(int row, int k)
     {
-        return row >= 0 && row < (d == 2 ? order + 1 : (order + 1) * (order + 1)) && k >= 0 && k <= order;
+        return row >= 0 && row < (d == 2 ? degree + 1 : (degree + 1) * (degree + 1)) && k >= 0 && k <= degree;
     }
 
     /// The node at a place, and whether there is one: planes are padded.

@@ -21,19 +21,19 @@ namespace firn::openmp
 /// A block of cells sums into a *tile* of its own: its nodes and `order` more per axis, so that blocks never
 /// write to the same place. Node n of the lattice is stored under n + reach: the stencil of cell k begins at
 /// node k here.
-template <int d, int order, int lanes>
+template <int d, int degree, int lanes>
 struct GridShape
 {
     using Shape = BlockShape<d, lanes>;
     static constexpr int dimension = d;
     static constexpr int corners = 1 << d;
-    static constexpr int reach = stencil_reach(order);
-    static constexpr int row_length = Shape::along + order;   ///< nodes in a row of a tile
-    static constexpr int rows_across = Shape::across + order; ///< rows of a tile per axis
+    static constexpr int reach = stencil_reach(degree);
+    static constexpr int row_length = Shape::along + degree;   ///< nodes in a row of a tile
+    static constexpr int rows_across = Shape::across + degree; ///< rows of a tile per axis
     static constexpr int rows = d == 3 ? rows_across * rows_across : rows_across;
     static constexpr int tile_channel = rows * row_length;
     static constexpr int block_channel = Shape::cells;
-    static_assert(order <= Shape::across && order <= Shape::along,
+    static_assert(degree <= Shape::across && degree <= Shape::along,
                   "a stencil may reach into the next block only");
     static_assert(rows < 64, "the touched rows of a tile are kept as bits");
     /// A bit beside those of the rows: that of all their ends, the nodes beyond the block's own.
@@ -91,7 +91,7 @@ struct GridShape
     {
         int const first = group % Shape::groups_per_row * lanes;
         std::uint32_t near_end = 0;
-        for (int lane = std::max(0, Shape::along - order - first); lane < lanes; ++lane)
+        for (int lane = std::max(0, Shape::along - degree - first); lane < lanes; ++lane)
             near_end |= counts[lane];
         return rows_of_group(group) | (near_end != 0 ? ends : 0);
     }
@@ -115,10 +115,10 @@ struct GridShape
     /// How many rows of a tile the i-th row of a stencil lies behind its first.
     static constexpr int stencil_row(int i)
     {
-        return d == 2 ? i : i / (order + 1) * rows_across + i % (order + 1);
+        return d == 2 ? i : i / (degree + 1) * rows_across + i % (degree + 1);
     }
 
-    static constexpr int stencil_rows = d == 3 ? (order + 1) * (order + 1) : order + 1;
+    static constexpr int stencil_rows = d == 3 ? (degree + 1) * (degree + 1) : degree + 1;
 };
 
 /// Blocks of nodes under the blocks of cells: born with them, gone with them.
@@ -126,10 +126,10 @@ struct GridShape
 /// Several orders of cells may share the nodes: each has a *layer* of the grid, the tiles that its blocks sum
 /// into. A node adds up the tiles that cover it in a fixed order, layer by layer, which makes the sums
 /// independent of the number of threads.
-template <class Number, int d, int order, int sums, int values, int lanes, int layer_count = 1>
-class Grid : public GridShape<d, order, lanes>
+template <class Number, int d, int degree, int sums, int values, int lanes, int layer_count = 1>
+class Grid : public GridShape<d, degree, lanes>
 {
-    using Base = GridShape<d, order, lanes>;
+    using Base = GridShape<d, degree, lanes>;
 
     /// What belongs to one order of cells.
     struct Tiles

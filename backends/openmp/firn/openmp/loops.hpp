@@ -430,7 +430,7 @@ template <class GridType, int channels, class Number>
 void fill_tile(GridType const& grid, std::size_t b, std::uint64_t rows, Number* tile)
 {
     using Shape = typename GridType::Shape;
-    constexpr int d = GridType::corners == 8 ? 3 : 2, order = GridType::row_length - Shape::along;
+    constexpr int d = GridType::corners == 8 ? 3 : 2, degree = GridType::row_length - Shape::along;
     auto const& nodes = grid.nodes_of(b);
     for (std::uint64_t rest = rows & ~GridType::ends; rest != 0; rest &= rest - 1) {
         int const tile_row = std::countr_zero(rest);
@@ -452,9 +452,9 @@ void fill_tile(GridType const& grid, std::size_t b, std::uint64_t rows, Number* 
             if ((rows & GridType::ends) != 0)
                 std::memcpy(to + Shape::along,
                             grid.node_values(std::size_t(nodes[std::size_t(corner + 1)])) + at,
-                            order * sizeof(Number));
+                            degree * sizeof(Number));
             else
-                std::fill(to + Shape::along, to + Shape::along + order, Number(0));
+                std::fill(to + Shape::along, to + Shape::along + degree, Number(0));
         }
     }
 }

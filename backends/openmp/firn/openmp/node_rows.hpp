@@ -22,7 +22,7 @@ void add_row(LayerType const& layer, std::array<int, LayerType::corners> const& 
              Number (&sums)[std::size_t(channels)][std::size_t(LayerType::Shape::along)], bool& any)
 {
     using Shape = typename LayerType::Shape;
-    constexpr int d = LayerType::corners == 8 ? 3 : 2, order = LayerType::row_length - Shape::along;
+    constexpr int d = LayerType::corners == 8 ? 3 : 2, degree = LayerType::row_length - Shape::along;
     for (int corner = 0; corner < LayerType::corners; ++corner) {
         int const b = covered_by[std::size_t(corner)];
         if (b == LayerType::absent) continue;
@@ -47,7 +47,7 @@ void add_row(LayerType const& layer, std::array<int, LayerType::corners> const& 
             if (o[d - 1] == 0)
                 for (int k = 0; k < Shape::along; ++k) sums[c][k] += from[k];
             else
-                for (int k = 0; k < order; ++k) sums[c][k] += from[Shape::along + k];
+                for (int k = 0; k < degree; ++k) sums[c][k] += from[Shape::along + k];
         }
     }
 }
