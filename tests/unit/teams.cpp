@@ -28,7 +28,7 @@ TEST_CASE("a team works on each index once, whatever its size and that of the ch
     for (int const count : {0, 1, 2, 5, 1000}) {
         std::vector<std::atomic<int>> visits(std::size_t(count) + 1);
         std::atomic<int> made = 0;
-        openmp::share(threads, count, chunk, [&](int thread) {
+        openmp::parallel_for(threads, count, chunk, [&](int thread) {
             ++made;
             if (thread < 0 || thread >= threads) throw std::logic_error("a thread of no team");
             return [&](int i) { ++visits[std::size_t(i)]; };
@@ -63,7 +63,7 @@ TEST_CASE("parts of threads may have bounds of their own, which count if they ar
 
     int const threads = GENERATE(1, 2, 3, 100), count = GENERATE(4, 5, 6);
     std::vector<std::atomic<int>> visits(8);
-    openmp::share(threads, count, bounds, [&](int) { return [&](int i) { ++visits[std::size_t(i)]; }; });
+    openmp::parallel_for(threads, count, bounds, [&](int) { return [&](int i) { ++visits[std::size_t(i)]; }; });
     for (int i = 0; i < 8; ++i) CHECK(visits[std::size_t(i)] == (i < count ? 1 : 0));
 }
 
@@ -76,7 +76,7 @@ TEST_CASE("threads have equal numbers of items, as nearly as blocks allow")
         for (int k = 0; k < 8; ++k) places.push_back({i / 20 * 8, i % 20 * 8 + k});
     for (int i = 0; i < crowd; ++i) places.push_back({80, 80}); // in one of them
     cells.insert(places, 0);
-    auto const parts = cells.parts();
+    auto const parts = cells.partitions();
     REQUIRE(parts.size() == std::size_t(threads) + 1);
     CHECK(parts.front() == 0);
     CHECK(parts.back() == cells.blocks().size());
@@ -94,7 +94,7 @@ TEST_CASE("what a thread of a team throws is thrown by the team, and what others
     int const threads = GENERATE(1, 2, 5);
     auto const no_memory = [&]() -> std::vector<int> { throw std::bad_alloc(); };
     CHECK_THROWS_AS(
-        openmp::share(threads, 100, 1, [&](int) { return [list = no_memory()](int) { (void)list; }; }),
+        openmp::parallel_for(threads, 100, 1, [&](int) { return [list = no_memory()](int) { (void)list; }; }),
         std::bad_alloc);
     std::atomic<int> alive = 0;
     struct Counted
@@ -108,7 +108,7 @@ TEST_CASE("what a thread of a team throws is thrown by the team, and what others
             if (i == 57) throw std::runtime_error("index 57");
         };
     };
-    CHECK_THROWS_WITH(openmp::share(threads, 100, 3, make), "index 57");
+    CHECK_THROWS_WITH(openmp::parallel_for(threads, 100, 3, make), "index 57");
     CHECK(alive == 0);
 }
 
@@ -117,10 +117,10 @@ TEST_CASE("one loop after another is done by threads that stay, and what is thro
     int const threads = GENERATE(1, 2, 5);
     std::atomic<long> sum = 0;
     auto const add = [&](int count) {
-        openmp::share(threads, count, 1, [&](int) { return [&](int i) { sum += i; }; });
+        openmp::parallel_for(threads, count, 1, [&](int) { return [&](int i) { sum += i; }; });
     };
     for (int loop = 0; loop < 1000; ++loop) add(loop % 10);
-    CHECK_THROWS_WITH(openmp::share(threads, 100, 1,
+    CHECK_THROWS_WITH(openmp::parallel_for(threads, 100, 1,
                                     [&](int) {
                                         return [](int i) {
                                             if (i == 57) throw std::runtime_error("index 57");
@@ -135,9 +135,9 @@ TEST_CASE("a loop within a loop is done by the thread that comes to it")
 {
     int const threads = GENERATE(1, 2, 5);
     std::atomic<long> sum = 0;
-    openmp::share(threads, 1000, 1, [&](int) {
+    openmp::parallel_for(threads, 1000, 1, [&](int) {
         return [&](int i) {
-            openmp::share(threads, 10, 1, [&](int) { return [&, i](int k) { sum += i * 10 + k; }; });
+            openmp::parallel_for(threads, 10, 1, [&](int) { return [&, i](int k) { sum += i * 10 + k; }; });
         };
     });
     CHECK(sum == 9999L * 10000 / 2);
@@ -147,7 +147,7 @@ TEST_CASE("a loop has no more threads than it asks for, whatever loops before it
 {
     for (int const threads : {5, 2, 3, 1, 2}) {
         std::atomic<int> largest = 0;
-        openmp::share(threads, 1000, 1, [&](int thread) {
+        openmp::parallel_for(threads, 1000, 1, [&](int thread) {
             if (thread >= threads) largest = thread;
             return [](int) {};
         });
@@ -163,7 +163,7 @@ TEST_CASE("a loop within a parallel region of the host's own has one thread, as 
 {
     std::atomic<int> others = 0, sum = 0;
 #pragma omp parallel num_threads(3)
-    openmp::share(4, 1000, 1, [&](int thread) {
+    openmp::parallel_for(4, 1000, 1, [&](int thread) {
         if (thread > 0) ++others;
         return [&](int) { ++sum; };
     });
@@ -177,7 +177,7 @@ TEST_CASE("a child of fork() has threads of its own, and a program may end withi
     // a child of fork() has none of its parent's threads, and makes its own
     std::atomic<int> sum = 0;
     auto const count = [&] {
-        openmp::share(4, 1000, 1, [&](int) { return [&](int) { ++sum; }; });
+        openmp::parallel_for(4, 1000, 1, [&](int) { return [&](int) { ++sum; }; });
         return sum.exchange(0);
     };
     REQUIRE(count() == 1000);
@@ -193,7 +193,7 @@ TEST_CASE("a child of fork() has threads of its own, and a program may end withi
     };
     CHECK(status_of([&] { return count() == 1000 && count() == 1000 ? 0 : 1; }) == 0);
     CHECK(WEXITSTATUS(status_of([&] { // while others are at work
-              openmp::share(4, 1000, 1, [&](int thread) {
+              openmp::parallel_for(4, 1000, 1, [&](int thread) {
                   return [thread](int) {
                       if (thread == 0) std::exit(7);
                       std::this_thread::sleep_for(std::chrono::milliseconds(1));
@@ -274,14 +274,14 @@ TEST_CASE("a host's own threads do the loops in place of OpenMP's, in whatever o
     for (Executor const& executor : {Executor(on_threads), Executor(backwards)}) {
         openmp::Threads const threads(3, executor);
         std::vector<std::atomic<int>> visits(1000);
-        openmp::share(threads, 1000, 7, [&](int) {
+        openmp::parallel_for(threads, 1000, 7, [&](int) {
             return [&](int i) {
                 ++visits[std::size_t(i)];
-                openmp::share(threads, 1, 1, [&](int) { return [](int) {}; }); // one within it
+                openmp::parallel_for(threads, 1, 1, [&](int) { return [](int) {}; }); // one within it
             };
         });
         for (auto const& visit : visits) CHECK(visit == 1);
-        CHECK_THROWS_WITH(openmp::share(threads, 100, 1,
+        CHECK_THROWS_WITH(openmp::parallel_for(threads, 100, 1,
                                         [](int) {
                                             return [](int i) {
                                                 if (i == 57) throw std::runtime_error("index 57");
@@ -294,7 +294,7 @@ TEST_CASE("a host's own threads do the loops in place of OpenMP's, in whatever o
     auto const forgetful = [](int count, auto const& job) {
         for (int i = 0; i + 1 < count; ++i) job(i);
     };
-    CHECK_THROWS_AS(openmp::share(openmp::Threads(3, forgetful), 100, 1, [](int) { return [](int) {}; }),
+    CHECK_THROWS_AS(openmp::parallel_for(openmp::Threads(3, forgetful), 100, 1, [](int) { return [](int) {}; }),
                     Error);
     CHECK_FALSE(Executor());
     CHECK_FALSE(Executor(std::function<void(int, Executor::Job const&)>())); // none, too

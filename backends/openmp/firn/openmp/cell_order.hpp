@@ -8,7 +8,7 @@
 #include <firn/openmp/lanes.hpp>
 #include <firn/openmp/leavers.hpp>
 #include <firn/openmp/ranks.hpp>
-#include <firn/openmp/share.hpp>
+#include <firn/openmp/parallel_for.hpp>
 #include <firn/openmp/tuning.hpp>
 #include <firn/openmp/workspace.hpp>
 
@@ -62,7 +62,7 @@ public:
     std::size_t size() const { return blocks_.empty() ? 0 : blocks_.back().end; }
     std::span<Block const> blocks() const { return blocks_; }
     /// The blocks of each thread, for share(): as many items for each as there can be.
-    std::span<std::uint32_t const> parts() const { return parts_; }
+    std::span<std::uint32_t const> partitions() const { return partitions_; }
     /// Changes whenever the set of blocks does.
     std::uint64_t version() const { return version_; }
     /// How many times the order was written anew.
@@ -123,7 +123,7 @@ public:
     std::size_t memory() const
     {
         auto const of = [](auto const& list) { return list.capacity() * sizeof(list[0]); };
-        std::size_t lists = of(blocks_) + of(old_blocks_) + of(fresh_) + of(parts_) + of(incoming_) +
+        std::size_t lists = of(blocks_) + of(old_blocks_) + of(fresh_) + of(partitions_) + of(incoming_) +
                             of(stay_) + of(old_block_) + of(incoming_begin_) + of(outgoing_) + of(outflows_) +
                             of(flows_) + of(flow_begin_) + of(flow_order_);
         for (auto const& of_block : outgoing_)
@@ -208,7 +208,7 @@ public:
     {
         int const threads = threads_for(size(), threads_.count);
         kept_.for_threads(threads);
-        share(threads_.limited_to(threads), static_cast<int>(blocks_.size()), parts(), [&](int thread) {
+        parallel_for(threads_.limited_to(threads), static_cast<int>(blocks_.size()), partitions(), [&](int thread) {
             return [&, &ranks = kept_.template of<Ranks<lanes>>(thread), then = make(thread)](int b) {
                 if (is_incomplete_) {
                     if (int const old = old_block_[std::size_t(b)]; old != BlockMap::absent)
@@ -485,16 +485,16 @@ private:
     /// Deals blocks to threads: each part ends at the bound of a block that is nearest to its share of items.
     void find_parts(int threads)
     {
-        parts_.assign(1, 0);
+        partitions_.assign(1, 0);
         std::uint64_t const of = static_cast<std::uint64_t>(threads);
         for (std::uint64_t part = 1; part < of; ++part) {
             auto const lies_before = [&](Block const& block) { // its middle
                 return (std::uint64_t{block.begin} + block.end) * of < 2 * size() * part;
             };
-            auto const at = std::partition_point(blocks_.begin() + parts_.back(), blocks_.end(), lies_before);
-            parts_.push_back(static_cast<std::uint32_t>(at - blocks_.begin()));
+            auto const at = std::partition_point(blocks_.begin() + partitions_.back(), blocks_.end(), lies_before);
+            partitions_.push_back(static_cast<std::uint32_t>(at - blocks_.begin()));
         }
-        parts_.push_back(static_cast<std::uint32_t>(blocks_.size()));
+        partitions_.push_back(static_cast<std::uint32_t>(blocks_.size()));
     }
 
     /// All blocks that will hold items, in the order of their keys; of those that are there `stay_` counts
@@ -640,7 +640,7 @@ private:
     std::vector<int> old_block_;                      ///< of each block now its index before
     std::vector<Leaver> incoming_;                    ///< by block now, and cell
     std::vector<std::uint32_t> incoming_begin_, flow_begin_;
-    std::vector<std::uint32_t> parts_; ///< see parts()
+    std::vector<std::uint32_t> partitions_; ///< see parts()
 };
 
 } // namespace firn::openmp

@@ -221,10 +221,10 @@ public:
         map_.clear(blocks * corners);
         for (int l = 0; l < layers; ++l)
             for (auto const& block : orders[std::size_t(l)]->blocks()) node_block(block.coordinates);
-        std::vector<std::uint32_t> homes(nodes_.size());
-        std::iota(homes.begin(), homes.end(), 0);
-        for (int l = 0; l < layers; ++l) find_nodes(tiles_[std::size_t(l)], *orders[std::size_t(l)], homes);
-        list_by_home(homes);
+        std::vector<std::uint32_t> owners(nodes_.size());
+        std::iota(owners.begin(), owners.end(), 0);
+        for (int l = 0; l < layers; ++l) find_nodes(tiles_[std::size_t(l)], *orders[std::size_t(l)], owners);
+        list_by_owner(owners);
         for (int l = 0; l < layers; ++l)
             for (std::size_t b = 0; b < tiles_[std::size_t(l)].nodes_of.size(); ++b)
                 for (int corner = 0; corner < corners; ++corner)
@@ -237,13 +237,13 @@ public:
     /// The homes of nodes: coordinates where a layer has a block of cells. With one layer they are its blocks
     /// in their order, so that who works on some of these, and then on the nodes at home there, finds most of
     /// the sums in its own cache.
-    int homes() const { return static_cast<int>(home_begin_.size()) - 1; }
+    int owners() const { return static_cast<int>(owner_begin_.size()) - 1; }
     /// The blocks of nodes at a home: that of the same coordinates, and those beside it that have no other.
-    std::span<std::uint32_t const> nodes_at(int home) const
+    std::span<std::uint32_t const> nodes_at(int owner) const
     {
-        return std::span(by_home_).subspan(home_begin_[std::size_t(home)],
-                                           home_begin_[std::size_t(home + 1)] -
-                                               home_begin_[std::size_t(home)]);
+        return std::span(by_owner_).subspan(owner_begin_[std::size_t(owner)],
+                                           owner_begin_[std::size_t(owner + 1)] -
+                                               owner_begin_[std::size_t(owner)]);
     }
     Number* node_values(std::size_t node_block) { return &values_[node_block * values * block_channel]; }
 
@@ -273,7 +273,7 @@ public:
     std::size_t memory() const
     {
         std::size_t bytes = values_.memory() + map_.memory() + nodes_.capacity() * sizeof(NodeBlock) +
-                            (by_home_.capacity() + home_begin_.capacity()) * sizeof(std::uint32_t);
+                            (by_owner_.capacity() + owner_begin_.capacity()) * sizeof(std::uint32_t);
         for (Tiles const& tiles : tiles_) bytes += tiles.memory();
         return bytes;
     }
@@ -331,7 +331,7 @@ private:
 
     /// Finds the blocks of nodes under those of an order of cells, and the homes of new ones.
     template <class Order>
-    void find_nodes(Tiles& tiles, Order const& cells, std::vector<std::uint32_t>& homes)
+    void find_nodes(Tiles& tiles, Order const& cells, std::vector<std::uint32_t>& owners)
     {
         tiles.nodes_of.resize(cells.blocks().size());
         for (std::size_t b = 0; b < cells.blocks().size(); ++b)
@@ -339,20 +339,20 @@ private:
                 Coordinates<d> at = cells.blocks()[b].coordinates;
                 for (int a = 0; a < d; ++a) at[a] += offset(corner)[a];
                 tiles.nodes_of[b][std::size_t(corner)] = node_block(at);
-                homes.resize(nodes_.size(), static_cast<std::uint32_t>(tiles.nodes_of[b][0]));
+                owners.resize(nodes_.size(), static_cast<std::uint32_t>(tiles.nodes_of[b][0]));
             }
     }
 
     /// Sorts the blocks of nodes by home.
-    void list_by_home(std::vector<std::uint32_t> const& homes)
+    void list_by_owner(std::vector<std::uint32_t> const& owners)
     {
-        std::size_t const count = homes.empty() ? 0 : *std::max_element(homes.begin(), homes.end()) + 1;
-        home_begin_.assign(count + 2, 0); // those of home h begin at h + 1 until they are sorted
-        for (std::uint32_t const home : homes) ++home_begin_[home + 2];
-        std::partial_sum(home_begin_.begin(), home_begin_.end(), home_begin_.begin());
-        by_home_.resize(homes.size());
-        for (std::uint32_t n = 0; n < homes.size(); ++n) by_home_[home_begin_[homes[n] + 1]++] = n;
-        home_begin_.pop_back();
+        std::size_t const count = owners.empty() ? 0 : *std::max_element(owners.begin(), owners.end()) + 1;
+        owner_begin_.assign(count + 2, 0); // those of home h begin at h + 1 until they are sorted
+        for (std::uint32_t const owner : owners) ++owner_begin_[owner + 2];
+        std::partial_sum(owner_begin_.begin(), owner_begin_.end(), owner_begin_.begin());
+        by_owner_.resize(owners.size());
+        for (std::uint32_t n = 0; n < owners.size(); ++n) by_owner_[owner_begin_[owners[n] + 1]++] = n;
+        owner_begin_.pop_back();
     }
 
     int node_block(Coordinates<d> const& coordinates)
@@ -369,7 +369,7 @@ private:
     }
 
     std::vector<NodeBlock> nodes_;
-    std::vector<std::uint32_t> by_home_, home_begin_{0};
+    std::vector<std::uint32_t> by_owner_, owner_begin_{0};
     BlockMap map_;
     std::array<Tiles, std::size_t(layers)> tiles_;
     Array<Number> values_; ///< per node block: [channel][row][place]

@@ -4,7 +4,7 @@
 #include <firn/openmp/cell_group.hpp>
 #include <firn/openmp/lanes.hpp>
 #include <firn/openmp/node_rows.hpp>
-#include <firn/openmp/share.hpp>
+#include <firn/openmp/parallel_for.hpp>
 #include <firn/openmp/tuning.hpp>
 #include <firn/openmp/workspace.hpp>
 
@@ -67,7 +67,7 @@ bool functions_hold()
 template <class Body>
 void for_each(Threads const& threads, std::size_t count, Body const& body)
 {
-    share(threads.limited_to(count > 256 ? threads.count : 1), static_cast<std::int64_t>(count), 256,
+    parallel_for(threads.limited_to(count > 256 ? threads.count : 1), static_cast<std::int64_t>(count), 256,
           [&](int) { return [&](std::int64_t i) { body(static_cast<std::size_t>(i)); }; });
 }
 
@@ -253,7 +253,7 @@ void scatter(Threads const& threads, Order const& cells, GridType& grid, Phase c
     using ScatterBuffers = detail::ScatterBuffers<Lane, typename Phase::Scatter>;
     int const blocks = static_cast<int>(cells.blocks().size());
     Kept& kept = cells.kept().for_threads(threads.count);
-    share(threads, blocks, cells.parts(), [&](int thread) {
+    parallel_for(threads, blocks, cells.partitions(), [&](int thread) {
         return [&, &buffers = kept.of<ScatterBuffers>(thread)](int b) {
             auto& [scratch, spreads] = buffers;
             if (afresh) grid.touched(std::size_t(b)) = 0;
@@ -393,9 +393,9 @@ typename Phase::Result for_each_node(Threads const& threads, Order const& cells,
     using Number = typename Phase::Number;
     using Result = typename Phase::Result;
     auto& results =
-        detail::ResultsOf<Result>::make_ready(cells.kept(), static_cast<std::size_t>(grid.homes()));
+        detail::ResultsOf<Result>::make_ready(cells.kept(), static_cast<std::size_t>(grid.owners()));
     int const most = threads_for(grid.nodes().size(), threads.count, node_blocks_per_thread);
-    share(threads.limited_to(most), grid.homes(), cells.parts(), [&](int) {
+    parallel_for(threads.limited_to(most), grid.owners(), cells.partitions(), [&](int) {
         auto const update = [&, around = detail::surroundings(phase)](int n, Result& result) {
             auto const& block = grid.nodes()[std::size_t(n)];
             alignas(64) Number sums[Phase::Sums::channels][Shape::along];
@@ -415,9 +415,9 @@ typename Phase::Result for_each_node(Threads const& threads, Order const& cells,
                 }
             }
         };
-        return [&, update](int home) {
-            Result& result = results.begin(static_cast<std::size_t>(home));
-            for (std::uint32_t const n : grid.nodes_at(home)) update(static_cast<int>(n), result);
+        return [&, update](int owner) {
+            Result& result = results.begin(static_cast<std::size_t>(owner));
+            for (std::uint32_t const n : grid.nodes_at(owner)) update(static_cast<int>(n), result);
         };
     });
     return results.merged();
@@ -558,7 +558,7 @@ typename Phase::Result gather_and_update(Threads const& threads, Order& cells, G
     using Result = typename Phase::Result;
     auto& results = ResultsOf<Result>::make_ready(kept, cells.blocks().size());
     kept.for_threads(threads.count);
-    share(threads, blocks, cells.parts(), [&](int thread) {
+    parallel_for(threads, blocks, cells.partitions(), [&](int thread) {
         // Not on the stack: compilers would take it apart and copy it for every group.
         auto& taker = kept.of<Taker<Lane, GridType, Phase>>(thread);
         taker.nodes.resize(Phase::node_channels * GridType::tile_channel);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/openmp/team.hpp>
+#include <firn/openmp/thread_team.hpp>
 
 #include <algorithm>
 #include <atomic>
@@ -26,17 +26,17 @@ public:
 
     /// `chunk` at a time, for so many threads.
     SharedIndices(std::int64_t count, std::int64_t chunk, int threads)
-        : count_(count), chunk_(chunk), parts_(std::clamp(threads, 1, most_parts))
+        : count_(count), chunk_(chunk), partitions_(std::clamp(threads, 1, most_parts))
     {
         std::int64_t const chunks = (count + chunk - 1) / chunk;
-        for (int part = 0; part < parts_; ++part)
-            set(part, std::uint32_t(chunks * part / parts_), std::uint32_t(chunks * (part + 1) / parts_));
+        for (int part = 0; part < partitions_; ++part)
+            set(part, std::uint32_t(chunks * part / partitions_), std::uint32_t(chunks * (part + 1) / partitions_));
     }
     /// One at a time; the parts begin at these indices, and before the last of them ends the last part.
     explicit SharedIndices(std::span<std::uint32_t const> bounds)
-        : count_(bounds.back()), chunk_(1), parts_(static_cast<int>(bounds.size()) - 1)
+        : count_(bounds.back()), chunk_(1), partitions_(static_cast<int>(bounds.size()) - 1)
     {
-        for (int part = 0; part < parts_; ++part)
+        for (int part = 0; part < partitions_; ++part)
             set(part, bounds[std::size_t(part)], bounds[std::size_t(part) + 1]);
     }
 
@@ -50,8 +50,8 @@ public:
     {
         int const own = own_part(thread, threads);
         std::int64_t done = 0;
-        for (int i = 0; i < parts_; ++i) {
-            int const part = (own + i) % parts_;
+        for (int i = 0; i < partitions_; ++i) {
+            int const part = (own + i) % partitions_;
             for (std::int64_t taken; (taken = take(part, i == 0, threads == 1)) >= 0;) {
                 std::int64_t const begin = taken * chunk_, end = std::min(begin + chunk_, count_);
                 for (std::int64_t at = begin; at < end; ++at) work(static_cast<Index>(at));
@@ -73,7 +73,7 @@ private:
 
     int own_part(int thread, int threads) const
     {
-        return static_cast<int>(std::int64_t(thread) * parts_ / threads);
+        return static_cast<int>(std::int64_t(thread) * partitions_ / threads);
     }
     void set(int part, std::uint32_t begin, std::uint32_t end)
     {
@@ -99,7 +99,7 @@ private:
     }
 
     std::int64_t count_, chunk_;
-    int parts_;
+    int partitions_;
     union // so that those beyond `parts_`, most of them, need not be made
     {
         Part part_[most_parts];
@@ -131,9 +131,9 @@ void share_out(Threads const& threads, SharedIndices& all, Make const& make)
 /// all: each calls `make(its number)` once and what that returns for every index it gets. If one of these
 /// calls throws, so does this, and work is undone.
 template <class Index, class Make>
-void share(Threads const& threads, Index count, int chunk, Make const& make)
+void parallel_for(Threads const& threads, Index count, int chunk, Make const& make)
 {
-    if (count <= 1 && threads.count > 1) return share(Threads(1), count, chunk, make);
+    if (count <= 1 && threads.count > 1) return parallel_for(Threads(1), count, chunk, make);
     // a thread that is late finds others that help
     Index const fair = count / Index(4 * threads.count);
     Index const at_once =
@@ -145,12 +145,12 @@ void share(Threads const& threads, Index count, int chunk, Make const& make)
 /// The same one at a time, in parts that begin at `bounds`, the last of which is where the last part ends; or
 /// in equal ones, if these are not for so many threads and indices.
 template <class Index, class Make>
-void share(Threads const& threads, Index count, std::span<std::uint32_t const> bounds, Make const& make)
+void parallel_for(Threads const& threads, Index count, std::span<std::uint32_t const> bounds, Make const& make)
 {
     bool const fit = threads.count <= detail::SharedIndices::most_parts &&
                      bounds.size() == static_cast<std::size_t>(threads.count) + 1 &&
                      bounds.back() == static_cast<std::uint32_t>(count);
-    if (threads.count == 1 || count <= 1 || !fit) return share(threads, count, 1, make);
+    if (threads.count == 1 || count <= 1 || !fit) return parallel_for(threads, count, 1, make);
     detail::SharedIndices all(bounds);
     detail::share_out<Index>(threads, all, make);
 }
