@@ -63,7 +63,8 @@ TEST_CASE("parts of threads may have bounds of their own, which count if they ar
 
     int const threads = GENERATE(1, 2, 3, 100), count = GENERATE(4, 5, 6);
     std::vector<std::atomic<int>> visits(8);
-    openmp::parallel_for(threads, count, bounds, [&](int) { return [&](int i) { ++visits[std::size_t(i)]; }; });
+    openmp::parallel_for(threads, count, bounds,
+                         [&](int) { return [&](int i) { ++visits[std::size_t(i)]; }; });
     for (int i = 0; i < 8; ++i) CHECK(visits[std::size_t(i)] == (i < count ? 1 : 0));
 }
 
@@ -121,11 +122,11 @@ TEST_CASE("one loop after another is done by threads that stay, and what is thro
     };
     for (int loop = 0; loop < 1000; ++loop) add(loop % 10);
     CHECK_THROWS_WITH(openmp::parallel_for(threads, 100, 1,
-                                    [&](int) {
-                                        return [](int i) {
-                                            if (i == 57) throw std::runtime_error("index 57");
-                                        };
-                                    }),
+                                           [&](int) {
+                                               return [](int i) {
+                                                   if (i == 57) throw std::runtime_error("index 57");
+                                               };
+                                           }),
                       "index 57");
     add(10);
     CHECK(sum == 100 * (0 + 0 + 1 + 3 + 6 + 10 + 15 + 21 + 28 + 36) + 45);
@@ -282,11 +283,11 @@ TEST_CASE("a host's own threads do the loops in place of OpenMP's, in whatever o
         });
         for (auto const& visit : visits) CHECK(visit == 1);
         CHECK_THROWS_WITH(openmp::parallel_for(threads, 100, 1,
-                                        [](int) {
-                                            return [](int i) {
-                                                if (i == 57) throw std::runtime_error("index 57");
-                                            };
-                                        }),
+                                               [](int) {
+                                                   return [](int i) {
+                                                       if (i == 57) throw std::runtime_error("index 57");
+                                                   };
+                                               }),
                           "index 57");
     }
     CHECK(of_jobs.size() == 6);
@@ -294,8 +295,8 @@ TEST_CASE("a host's own threads do the loops in place of OpenMP's, in whatever o
     auto const forgetful = [](int count, auto const& job) {
         for (int i = 0; i + 1 < count; ++i) job(i);
     };
-    CHECK_THROWS_AS(openmp::parallel_for(openmp::Threads(3, forgetful), 100, 1, [](int) { return [](int) {}; }),
-                    Error);
+    CHECK_THROWS_AS(
+        openmp::parallel_for(openmp::Threads(3, forgetful), 100, 1, [](int) { return [](int) {}; }), Error);
     CHECK_FALSE(Executor());
     CHECK_FALSE(Executor(std::function<void(int, Executor::Job const&)>())); // none, too
 }
@@ -324,16 +325,16 @@ TEST_CASE("a solver comes to the same bits on OpenMP's threads and on the host's
 
 TEST_CASE("what a thread works with is its own, one object of each type, and the same in the next loop")
 {
-    openmp::Kept kept;
-    kept.for_threads(2);
-    auto& first = kept.of<std::vector<int>>(0);
+    openmp::Workspace workspace;
+    workspace.for_threads(2);
+    auto& first = workspace.of<std::vector<int>>(0);
     first.push_back(7);
-    kept.of<std::vector<long>>(0);
-    CHECK(kept.of<std::vector<int>>(1).empty());
-    kept.for_threads(3);
-    CHECK(&kept.of<std::vector<int>>(0) == &first);
-    CHECK(kept.of<std::vector<int>>(0) == std::vector<int>{7});
-    CHECK(kept.of<std::vector<long>>(0).empty());
+    workspace.of<std::vector<long>>(0);
+    CHECK(workspace.of<std::vector<int>>(1).empty());
+    workspace.for_threads(3);
+    CHECK(&workspace.of<std::vector<int>>(0) == &first);
+    CHECK(workspace.of<std::vector<int>>(0) == std::vector<int>{7});
+    CHECK(workspace.of<std::vector<long>>(0).empty());
 }
 
 TEMPLATE_TEST_CASE_SIG("the key of a block is that of no other, in the order of coordinates, and leads back",

@@ -7,8 +7,8 @@
 #include <firn/openmp/block_map.hpp>
 #include <firn/openmp/lanes.hpp>
 #include <firn/openmp/leavers.hpp>
-#include <firn/openmp/ranks.hpp>
 #include <firn/openmp/parallel_for.hpp>
+#include <firn/openmp/ranks.hpp>
 #include <firn/openmp/tuning.hpp>
 #include <firn/openmp/workspace.hpp>
 
@@ -90,7 +90,7 @@ public:
                                             incoming_begin_[block + 1] - incoming_begin_[block]);
     }
     /// What threads work with in loops that change something; the host calls these one at a time.
-    Kept& kept() const { return kept_; }
+    Workspace& workspace() const { return workspace_; }
     /// The block's index before the last follow(), or absent.
     int old_block(std::size_t block) const { return old_block_[block]; }
     /// The cells of some slots of a block that lie side by side, counted along the last axis first.
@@ -207,17 +207,19 @@ public:
     void complete(Make const& make)
     {
         int const threads = threads_for(size(), threads_.count);
-        kept_.for_threads(threads);
-        parallel_for(threads_.limited_to(threads), static_cast<int>(blocks_.size()), partitions(), [&](int thread) {
-            return [&, &ranks = kept_.template of<Ranks<lanes>>(thread), then = make(thread)](int b) {
-                if (is_incomplete_) {
-                    if (int const old = old_block_[std::size_t(b)]; old != BlockMap::absent)
-                        wrap(outgoing_[std::size_t(old)]);
-                    sort_block(b, ranks);
-                }
-                then(b);
-            };
-        });
+        workspace_.for_threads(threads);
+        parallel_for(threads_.limited_to(threads), static_cast<int>(blocks_.size()), partitions(),
+                     [&](int thread) {
+                         return [&, &ranks = workspace_.template of<Ranks<lanes>>(thread),
+                                 then = make(thread)](int b) {
+                             if (is_incomplete_) {
+                                 if (int const old = old_block_[std::size_t(b)]; old != BlockMap::absent)
+                                     wrap(outgoing_[std::size_t(old)]);
+                                 sort_block(b, ranks);
+                             }
+                             then(b);
+                         };
+                     });
         if (!std::exchange(is_incomplete_, false)) return;
         source_.swap(new_source_);
         counts_.swap(new_counts_);
@@ -491,7 +493,8 @@ private:
             auto const lies_before = [&](Block const& block) { // its middle
                 return (std::uint64_t{block.begin} + block.end) * of < 2 * size() * part;
             };
-            auto const at = std::partition_point(blocks_.begin() + partitions_.back(), blocks_.end(), lies_before);
+            auto const at =
+                std::partition_point(blocks_.begin() + partitions_.back(), blocks_.end(), lies_before);
             partitions_.push_back(static_cast<std::uint32_t>(at - blocks_.begin()));
         }
         partitions_.push_back(static_cast<std::uint32_t>(blocks_.size()));
@@ -624,7 +627,7 @@ private:
     }
 
     Threads threads_;
-    mutable Kept kept_;
+    mutable Workspace workspace_;
     bool settled_ = true, is_incomplete_ = false;
     std::array<Offset*, std::size_t(d)> offset_{}; ///< of items, as they are being followed
     std::uint64_t version_ = 0, generation_ = 0;

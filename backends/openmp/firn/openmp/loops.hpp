@@ -68,7 +68,7 @@ template <class Body>
 void for_each(Threads const& threads, std::size_t count, Body const& body)
 {
     parallel_for(threads.limited_to(count > 256 ? threads.count : 1), static_cast<std::int64_t>(count), 256,
-          [&](int) { return [&](std::int64_t i) { body(static_cast<std::size_t>(i)); }; });
+                 [&](int) { return [&](std::int64_t i) { body(static_cast<std::size_t>(i)); }; });
 }
 
 namespace detail
@@ -214,9 +214,9 @@ template <class Result>
 class ResultsOf
 {
 public:
-    static ResultsOf& make_ready(Kept& kept, std::size_t parts)
+    static ResultsOf& make_ready(Workspace& workspace, std::size_t parts)
     {
-        auto& results = kept.for_threads(1).template of<ResultsOf>(0);
+        auto& results = workspace.for_threads(1).template of<ResultsOf>(0);
         results.of_.resize(parts);
         return results;
     }
@@ -252,9 +252,9 @@ void scatter(Threads const& threads, Order const& cells, GridType& grid, Phase c
     constexpr int d = Phase::d, lanes = lane_width<Lane>;
     using ScatterBuffers = detail::ScatterBuffers<Lane, typename Phase::Scatter>;
     int const blocks = static_cast<int>(cells.blocks().size());
-    Kept& kept = cells.kept().for_threads(threads.count);
+    Workspace& workspace = cells.workspace().for_threads(threads.count);
     parallel_for(threads, blocks, cells.partitions(), [&](int thread) {
-        return [&, &buffers = kept.of<ScatterBuffers>(thread)](int b) {
+        return [&, &buffers = workspace.of<ScatterBuffers>(thread)](int b) {
             auto& [scratch, spreads] = buffers;
             if (afresh) grid.touched(std::size_t(b)) = 0;
             std::uint64_t const rows = detail::touched_by_items<GridType>(cells, std::size_t(b));
@@ -361,7 +361,7 @@ void scatter_leavers(Order& cells, GridType& grid)
 {
     using ScatterBuffers = detail::ScatterBuffers<Lane, typename Phase::Scatter>;
     cells.complete([&](int thread) {
-        return [&, &buffers = cells.kept().template of<ScatterBuffers>(thread)](int b) {
+        return [&, &buffers = cells.workspace().template of<ScatterBuffers>(thread)](int b) {
             detail::scatter_listed<Lane, typename Phase::Scatter>(cells.leavers(std::size_t(b)), grid,
                                                                   grid.tile(std::size_t(b)),
                                                                   grid.touched(std::size_t(b)), buffers);
@@ -393,7 +393,7 @@ typename Phase::Result for_each_node(Threads const& threads, Order const& cells,
     using Number = typename Phase::Number;
     using Result = typename Phase::Result;
     auto& results =
-        detail::ResultsOf<Result>::make_ready(cells.kept(), static_cast<std::size_t>(grid.owners()));
+        detail::ResultsOf<Result>::make_ready(cells.workspace(), static_cast<std::size_t>(grid.owners()));
     int const most = threads_for(grid.nodes().size(), threads.count, node_blocks_per_thread);
     parallel_for(threads.limited_to(most), grid.owners(), cells.partitions(), [&](int) {
         auto const update = [&, around = detail::surroundings(phase)](int n, Result& result) {
@@ -551,16 +551,17 @@ struct ScatterNothing
 /// give group by group; in between their items answer in whole packs, which few of several groups share.
 template <class Lane, class Order, class GridType, class Phase, class MakeBuffers>
 typename Phase::Result gather_and_update(Threads const& threads, Order& cells, GridType& grid,
-                                         Phase const& phase, Kept& kept, MakeBuffers const& make_buffers)
+                                         Phase const& phase, Workspace& workspace,
+                                         MakeBuffers const& make_buffers)
 {
     constexpr int lanes = lane_width<Lane>;
     int const blocks = static_cast<int>(cells.blocks().size());
     using Result = typename Phase::Result;
-    auto& results = ResultsOf<Result>::make_ready(kept, cells.blocks().size());
-    kept.for_threads(threads.count);
+    auto& results = ResultsOf<Result>::make_ready(workspace, cells.blocks().size());
+    workspace.for_threads(threads.count);
     parallel_for(threads, blocks, cells.partitions(), [&](int thread) {
         // Not on the stack: compilers would take it apart and copy it for every group.
-        auto& taker = kept.of<Taker<Lane, GridType, Phase>>(thread);
+        auto& taker = workspace.of<Taker<Lane, GridType, Phase>>(thread);
         taker.nodes.resize(Phase::node_channels * GridType::tile_channel);
         return [&, found = Result{}, buffers = make_buffers(thread)](int b) mutable {
             Result& result = results.begin(static_cast<std::size_t>(b));
@@ -606,12 +607,12 @@ template <class Lane, class Order, class GridType, class Phase>
 typename Phase::Result move(Threads const& threads, Order& cells, GridType& grid, Phase const& phase)
 {
     cells.expect_outgoing();
-    Kept& kept = cells.kept();
-    return detail::gather_and_update<Lane>(threads, cells, grid, phase, kept, [&](int thread) {
+    Workspace& workspace = cells.workspace();
+    return detail::gather_and_update<Lane>(threads, cells, grid, phase, workspace, [&](int thread) {
         return detail::MoveAndScatter<Lane, Order, GridType, Phase>{
             cells,
-            kept.of<typename Order::LeaverNotes>(thread),
-            {cells, grid, kept.of<detail::ScatterBuffers<Lane, typename Phase::Scatter>>(thread)}};
+            workspace.of<typename Order::LeaverNotes>(thread),
+            {cells, grid, workspace.of<detail::ScatterBuffers<Lane, typename Phase::Scatter>>(thread)}};
     });
 }
 
@@ -619,10 +620,10 @@ typename Phase::Result move(Threads const& threads, Order& cells, GridType& grid
 template <class Lane, class Order, class GridType, class Phase>
 void scatter_back(Threads const& threads, Order const& cells, GridType& grid, Phase const& phase)
 {
-    Kept& kept = cells.kept();
-    detail::gather_and_update<Lane>(threads, cells, grid, phase, kept, [&](int thread) {
+    Workspace& workspace = cells.workspace();
+    detail::gather_and_update<Lane>(threads, cells, grid, phase, workspace, [&](int thread) {
         return detail::ScatterToNext<Lane, Order, GridType, Phase>{
-            cells, grid, kept.of<detail::ScatterBuffers<Lane, typename Phase::Scatter>>(thread)};
+            cells, grid, workspace.of<detail::ScatterBuffers<Lane, typename Phase::Scatter>>(thread)};
     });
 }
 
@@ -631,7 +632,7 @@ void scatter_back(Threads const& threads, Order const& cells, GridType& grid, Ph
 template <class Lane, class Order, class GridType, class Phase>
 void gather(Threads const& threads, Order const& cells, GridType const& grid, Phase const& phase)
 {
-    Kept own;
+    Workspace own;
     detail::gather_and_update<Lane>(threads, cells, grid, phase, own,
                                     [&](int) { return detail::ScatterNothing<Lane, Order, Phase>{cells}; });
 }

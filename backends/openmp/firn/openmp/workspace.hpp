@@ -12,11 +12,11 @@ namespace firn::openmp
 /// What the threads of a loop work with, kept for the next one: an allocator takes longer to give a dozen
 /// lists, and to take them back, than a thread to go through a small scene. Objects by their type, one for
 /// each thread; what they hold from before is to be overwritten.
-class Kept
+class Workspace
 {
 public:
     /// Makes room for so many threads, before they begin.
-    Kept& for_threads(int threads)
+    Workspace& for_threads(int threads)
     {
         if (of_threads_.size() < static_cast<std::size_t>(threads))
             of_threads_.resize(static_cast<std::size_t>(threads));
