@@ -103,15 +103,15 @@ namespace firn::bench
 
 /// One particle in one cell, as a phase sees it: it plays both the items and their row of cells. The nodes
 /// move as a linear field.
-template <class Number, int d, int kept_channels>
+template <class Number, int d, int scratch_channels>
 struct OneParticle
 {
     using Real = Counted<Number>;
-    std::array<Real, kept_channels> kept_{};
+    std::array<Real, scratch_channels> scratch_{};
 
     bool here() const { return true; }
-    void keep(int channel, Real value) { kept_[std::size_t(channel)] = value; }
-    Real kept(int channel) const { return kept_[std::size_t(channel)]; }
+    void set_scratch(int channel, Real value) { scratch_[std::size_t(channel)] = value; }
+    Real scratch(int channel) const { return scratch_[std::size_t(channel)]; }
     Real load(Number const* array) const { return *array; }
     void store(Number* array, Real value) const { *array = value.value; }
     template <class Offset>
@@ -186,7 +186,7 @@ double flops_per_particle_step()
 
     StepContext<Number, Chain<>> const now{Number(1e-5), Number(1e-5), Number(1e-5), {}};
     Move const move{{}, {}, &now, table, table, {}, {&group, 1}, lattice(0.01), Number(1)};
-    OneParticle<Number, d, Move::kept> particle;
+    OneParticle<Number, d, Move::scratch_channels> particle;
     typename Move::Result result;
     using Real = Counted<Number>;
     struct Sums

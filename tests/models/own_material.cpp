@@ -22,7 +22,7 @@ struct Cracking
 {
     using Space = SpaceType;
     using Number = typename Space::Real;
-    using Kept = firn::Fields<firn::EquivalentPlasticStrain>;
+    using State = firn::Fields<firn::EquivalentPlasticStrain>;
     static constexpr auto name = "cracking";
     static constexpr Number default_density = 2000;
     static firn::Lame<Number> usual_elasticity() { return firn::lame<Number>(1e5, 0.2); }

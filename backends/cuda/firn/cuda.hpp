@@ -341,7 +341,8 @@ private:
         using Result = typename Phase::Result;
         using Tiles = cuda::detail::SharedTiles<LayerType>;
         auto const signal = cells.signal();
-        auto const leavers = cells.expect_outgoing(Phase::kept - Phase::d); // an offset lies with its item
+        auto const leavers =
+            cells.expect_outgoing(Phase::scratch_channels - Phase::d); // an offset lies with its item
         constexpr unsigned most_teams = cuda::detail::most_teams_that_move<Phase>;
         unsigned const teams = Tiles::teams(layer.blocks(), most_teams);
         auto const results = layer.item_results().template expect<Result>(layer.blocks());

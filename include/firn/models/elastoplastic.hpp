@@ -31,7 +31,7 @@
 // Extensions rather than stretches: near rest, differences of stretches from one are rounding errors.
 //
 // A plastic flow (plasticity/) is a struct of parameters with its Space, a `name`, what it keeps of a
-// particle (`Kept`), defaults of density and elasticity, validate(), or validate(Lame) if its bounds depend
+// particle (`State`), defaults of density and elasticity, validate(), or validate(Lame) if its bounds depend
 // on the moduli, and
 //
 // - supports<Law>: whether it is stated in the measure of this law
@@ -99,7 +99,7 @@ struct NoFlow
 {
     using Space = SpaceType;
     using Number = typename Space::Real;
-    using Kept = Fields<>;
+    using State = Fields<>;
     static constexpr Number default_density = 1000;
     static Lame<Number> usual_elasticity() { return lame<Number>(1e5, 0.3); }
     template <class Law>
@@ -133,7 +133,7 @@ struct Elastoplastic : FlowType
     using Flow = FlowType;
     using Space = typename Flow::Space;
     using Number = typename Space::Real;
-    using State = Join<Fields<DisplacementGradient>, typename Flow::Kept>;
+    using State = Join<Fields<DisplacementGradient>, typename Flow::State>;
     static constexpr auto name = detail::name_of_solid<Law, Flow>();
     static constexpr bool yields = !std::is_same_v<Flow, NoFlow<Space>>;
     static_assert(Flow::template supports<Law>, "this plastic flow is stated in the strains of another law");

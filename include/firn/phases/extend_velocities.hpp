@@ -69,7 +69,9 @@ struct ReturnVelocities
     static constexpr int d = Space::dimension;
     using Number = typename Space::Real;
     static constexpr int node_channels = Gather::node_channels, channels = Scatter::channels;
-    static constexpr int kept = Gather::kept > Scatter::kept ? Gather::kept : Scatter::kept;
+    static constexpr int scratch_channels = Gather::scratch_channels > Scatter::scratch_channels
+                                                ? Gather::scratch_channels
+                                                : Scatter::scratch_channels;
     template <class Real>
     using CellNodes = typename Gather::template CellNodes<Real>;
     /// The loop has nothing to tell.
@@ -84,7 +86,7 @@ struct ReturnVelocities
     template <class Items>
     FIRN_HOST_DEVICE void begin(Items& items) const
     {
-        Gather::template keep_position<typename Items::Real>(items, particles.position(items));
+        Gather::template set_position<typename Items::Real>(items, particles.position(items));
     }
 
     template <class Row>
@@ -97,11 +99,11 @@ struct ReturnVelocities
     FIRN_HOST_DEVICE void update(Items& items, Result&) const
     {
         using Real = typename Items::Real;
-        Vector<Real, d> const x = Gather::template kept_position<Real>(items);
+        Vector<Real, d> const x = Gather::template position_of<Real>(items);
         Real const mass = mass_groups.find(items, particles.id).mass;
         ParticleContribution<Real, d> contribution;
         contribution.momentum = Gather::template gathered<Real>(items).velocity * mass;
-        Scatter::keep(items, x, mass, contribution);
+        Scatter::store(items, x, mass, contribution);
     }
 
     template <class Row, class SumsOfCells>

@@ -59,7 +59,9 @@ struct G2p2g
     using Result = G2p2gResult<Number, Effects::touching>;
     static constexpr int degree = Kernel::degree;
     static constexpr int node_channels = Gather::node_channels, channels = Scatter::channels;
-    static constexpr int kept = Gather::kept > Scatter::kept ? Gather::kept : Scatter::kept;
+    static constexpr int scratch_channels = Gather::scratch_channels > Scatter::scratch_channels
+                                                ? Gather::scratch_channels
+                                                : Scatter::scratch_channels;
     /// Contact is called while much is held, all that a particle took from the grid: a device needs more
     /// registers there.
     static constexpr bool calls_amid_much =
@@ -82,7 +84,7 @@ struct G2p2g
     {
         auto const x = before.position(items);
         assert(inside_the_cell(x) && "a particle lies in the cell in whose order it is");
-        Gather::template keep_position<typename Items::Real>(items, x);
+        Gather::template set_position<typename Items::Real>(items, x);
         before.expect_load(items);
         after.expect_store(items);
     }
@@ -107,7 +109,7 @@ struct G2p2g
     FIRN_HOST_DEVICE void update(Items& items, Result& result, Result& rare) const
     {
         using Real = typename Items::Real;
-        Vector<Real, d> x = Gather::template kept_position<Real>(items);
+        Vector<Real, d> x = Gather::template position_of<Real>(items);
         Gathered<Real, d> const gathered = Gather::template gathered<Real>(items);
         Record<Real, d, Join<PersistentFields, DerivedFields>> particle;
         before.load(items, particle);
@@ -137,7 +139,7 @@ struct G2p2g
         keep_given<Real>(items, particle, x, response.kirchhoff_stress);
         // Who has left its cell gives from the new one, and nothing here.
         Mask<Real> const left = items.here() & !stays;
-        if (any(left)) items.depart(left, Scatter::mass, Scatter::kept);
+        if (any(left)) items.depart(left, Scatter::mass, Scatter::scratch_channels);
     }
 
     template <class Row, class SumsOfCells>
@@ -166,8 +168,8 @@ private:
         auto const [mass, volume] = mass_groups.find(items, before.id);
         assert(all(mass >= Real(0)) && "the mass of a particle is not below 0");
         Matrix<Real, d> const impulse = stress * (volume * Real(-now->next_forces / h));
-        Scatter::keep(items, x, mass,
-                      transfer.template scatter<Kernel, Real, d>(particle, mass, impulse, Real(h)));
+        Scatter::store(items, x, mass,
+                       transfer.template scatter<Kernel, Real, d>(particle, mass, impulse, Real(h)));
     }
 
     template <class Real>

@@ -25,21 +25,21 @@ struct Gather
     static constexpr int velocity = d, old_velocity = 2 * d;
     static constexpr int affine = old_velocity + (Transfer::keeps_old_velocity ? d : 0);
     static constexpr int gradient = affine + (terms.affine ? d * d : 0);
-    static constexpr int kept = gradient + (terms.gradient ? d * d : 0);
+    static constexpr int scratch_channels = gradient + (terms.gradient ? d * d : 0);
 
     template <class Real, class Items>
-    FIRN_HOST_DEVICE static void keep_position(Items& items, Vector<Real, d> const& x)
+    FIRN_HOST_DEVICE static void set_position(Items& items, Vector<Real, d> const& x)
     {
         FIRN_UNROLL
-        for (int a = 0; a < d; ++a) items.keep(a, x[a]);
+        for (int a = 0; a < d; ++a) items.set_scratch(a, x[a]);
     }
 
     template <class Real, class Items>
-    FIRN_HOST_DEVICE static Vector<Real, d> kept_position(Items const& items)
+    FIRN_HOST_DEVICE static Vector<Real, d> position_of(Items const& items)
     {
         Vector<Real, d> x;
         FIRN_UNROLL
-        for (int a = 0; a < d; ++a) x[a] = items.kept(a);
+        for (int a = 0; a < d; ++a) x[a] = items.scratch(a);
         return x;
     }
 
@@ -54,25 +54,25 @@ struct Gather
     template <class Row, class Real = typename Row::Real>
     FIRN_HOST_DEVICE static void gather(Row& row_of_cells, CellNodes<Real> const& nodes, int first)
     {
-        Monomials<Kernel, Real, d> const powers(kept_position<Real>(row_of_cells));
+        Monomials<Kernel, Real, d> const powers(position_of<Real>(row_of_cells));
         auto const of_cells = [&](Real const& term) { return row_of_cells.of_cells(term); };
         if (Transfer::keeps_old_velocity && first >= Velocities::old_velocity) {
             auto const found = nodes.template at<false, false>(powers, of_cells);
             FIRN_UNROLL
             for (int c = 0; c < nodes.channels; ++c)
-                row_of_cells.keep(old_velocity + first - Velocities::old_velocity + c, found.value[c]);
+                row_of_cells.set_scratch(old_velocity + first - Velocities::old_velocity + c, found.value[c]);
             return;
         }
         auto const found = nodes.template at<terms.affine, terms.gradient>(powers, of_cells);
         FIRN_UNROLL
         for (int c = 0; c < nodes.channels; ++c) {
-            row_of_cells.keep(velocity + first + c, found.value[c]);
+            row_of_cells.set_scratch(velocity + first + c, found.value[c]);
             FIRN_UNROLL
             for (int j = 0; j < d; ++j) {
                 if constexpr (terms.affine)
-                    row_of_cells.keep(affine + (first + c) * d + j, found.affine[c][j]);
+                    row_of_cells.set_scratch(affine + (first + c) * d + j, found.affine[c][j]);
                 if constexpr (terms.gradient)
-                    row_of_cells.keep(gradient + (first + c) * d + j, found.gradient[c][j]);
+                    row_of_cells.set_scratch(gradient + (first + c) * d + j, found.gradient[c][j]);
             }
         }
     }
@@ -81,16 +81,17 @@ struct Gather
     template <class Row, class Real = typename Row::Real>
     FIRN_HOST_DEVICE static void gather(Row& row_of_cells)
     {
-        Gathered<Real, d> const sum = gather<Real>(row_of_cells, kept_position<Real>(row_of_cells));
+        Gathered<Real, d> const sum = gather<Real>(row_of_cells, position_of<Real>(row_of_cells));
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) {
-            row_of_cells.keep(velocity + i, sum.velocity[i]);
+            row_of_cells.set_scratch(velocity + i, sum.velocity[i]);
             if constexpr (Transfer::keeps_old_velocity)
-                row_of_cells.keep(old_velocity + i, sum.old_velocity[i]);
+                row_of_cells.set_scratch(old_velocity + i, sum.old_velocity[i]);
             FIRN_UNROLL
             for (int j = 0; j < d; ++j) {
-                if constexpr (terms.affine) row_of_cells.keep(affine + i * d + j, sum.affine(i, j));
-                if constexpr (terms.gradient) row_of_cells.keep(gradient + i * d + j, sum.gradient(i, j));
+                if constexpr (terms.affine) row_of_cells.set_scratch(affine + i * d + j, sum.affine(i, j));
+                if constexpr (terms.gradient)
+                    row_of_cells.set_scratch(gradient + i * d + j, sum.gradient(i, j));
             }
         }
     }
@@ -102,12 +103,12 @@ struct Gather
         Gathered<Real, d> sum;
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) {
-            sum.velocity[i] = items.kept(velocity + i);
-            if constexpr (Transfer::keeps_old_velocity) sum.old_velocity[i] = items.kept(old_velocity + i);
+            sum.velocity[i] = items.scratch(velocity + i);
+            if constexpr (Transfer::keeps_old_velocity) sum.old_velocity[i] = items.scratch(old_velocity + i);
             FIRN_UNROLL
             for (int j = 0; j < d; ++j) {
-                if constexpr (terms.affine) sum.affine(i, j) = items.kept(affine + i * d + j);
-                if constexpr (terms.gradient) sum.gradient(i, j) = items.kept(gradient + i * d + j);
+                if constexpr (terms.affine) sum.affine(i, j) = items.scratch(affine + i * d + j);
+                if constexpr (terms.gradient) sum.gradient(i, j) = items.scratch(gradient + i * d + j);
             }
         }
         return sum;
@@ -196,7 +197,7 @@ struct GatherVelocities : Gather<Space, Kernel, TransferType>
     template <class Items>
     FIRN_HOST_DEVICE void begin(Items& items) const
     {
-        Gather::template keep_position<typename Items::Real>(items, particles.position(items));
+        Gather::template set_position<typename Items::Real>(items, particles.position(items));
     }
 
     template <class Items>

@@ -17,7 +17,7 @@ struct ParticlesToGrid : Scatter<Space, Kernel, TransferType>
 {
     using Transfer = TransferType;
     using Scatter = firn::Scatter<Space, Kernel, Transfer>;
-    using Scatter::d, Scatter::kept;
+    using Scatter::d, Scatter::scratch_channels;
     using Number = typename Space::Real;
 
     Model model;
@@ -47,8 +47,8 @@ struct ParticlesToGrid : Scatter<Space, Kernel, TransferType>
         // dt f_i = -dt V0 tau grad w_i, with the gradient taken per cell
         Matrix<Real, d> const impulse = response.kirchhoff_stress * (own.volume * Real(-dt / cell_size));
         Real const mass = impulse_only ? Real(0) : own.mass;
-        Scatter::keep(items, particles.position(items), mass,
-                      transfer.template scatter<Kernel, Real, d>(particle, mass, impulse, Real(cell_size)));
+        Scatter::store(items, particles.position(items), mass,
+                       transfer.template scatter<Kernel, Real, d>(particle, mass, impulse, Real(cell_size)));
     }
 };
 

@@ -44,21 +44,22 @@ struct Scatter
     // What is kept of a particle.
     static constexpr int position = 0, mass = d, momentum = d + 1, affine = 2 * d + 1;
     static constexpr int gradient = affine + (terms.affine ? d * d : 0);
-    static constexpr int kept = gradient + (terms.gradient ? d * d : 0);
+    static constexpr int scratch_channels = gradient + (terms.gradient ? d * d : 0);
 
     template <class Items, class Real>
-    FIRN_HOST_DEVICE static void keep(Items& items, Vector<Real, d> const& x, Real m,
-                                      ParticleContribution<Real, d> const& contribution)
+    FIRN_HOST_DEVICE static void store(Items& items, Vector<Real, d> const& x, Real m,
+                                       ParticleContribution<Real, d> const& contribution)
     {
-        items.keep(mass, m);
+        items.set_scratch(mass, m);
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) {
-            items.keep(position + i, x[i]);
-            items.keep(momentum + i, contribution.momentum[i]);
+            items.set_scratch(position + i, x[i]);
+            items.set_scratch(momentum + i, contribution.momentum[i]);
             FIRN_UNROLL
             for (int j = 0; j < d; ++j) {
-                if constexpr (terms.affine) items.keep(affine + i * d + j, contribution.affine(i, j));
-                if constexpr (terms.gradient) items.keep(gradient + i * d + j, contribution.gradient(i, j));
+                if constexpr (terms.affine) items.set_scratch(affine + i * d + j, contribution.affine(i, j));
+                if constexpr (terms.gradient)
+                    items.set_scratch(gradient + i * d + j, contribution.gradient(i, j));
             }
         }
     }
@@ -84,7 +85,7 @@ struct Scatter
     FIRN_HOST_DEVICE static void make_ready(Row const& row_of_cells, Spread<Real>& spread)
     {
         Stencil<Kernel, Real, d> const nodes(kept_vector<Real>(row_of_cells, position));
-        spread.mass = row_of_cells.kept(mass);
+        spread.mass = row_of_cells.scratch(mass);
         spread.momentum = kept_vector<Real>(row_of_cells, momentum);
         FIRN_UNROLL
         for (int a = 0; a < d; ++a) FIRN_UNROLL
@@ -182,7 +183,7 @@ private:
     {
         Vector<Real, d> vector;
         FIRN_UNROLL
-        for (int i = 0; i < d; ++i) vector[i] = row.kept(channel + i);
+        for (int i = 0; i < d; ++i) vector[i] = row.scratch(channel + i);
         return vector;
     }
     template <class Real, class Row>
@@ -191,7 +192,7 @@ private:
         Matrix<Real, d> matrix;
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) FIRN_UNROLL
-        for (int j = 0; j < d; ++j) matrix(i, j) = row.kept(channel + i * d + j);
+        for (int j = 0; j < d; ++j) matrix(i, j) = row.scratch(channel + i * d + j);
         return matrix;
     }
 };

@@ -49,7 +49,7 @@ struct UpdateGrid
     StepContext<Number, Effects> const* now;
     Lattice lattice;
     Number smallest_mass;
-    Number kept_share;    ///< of its own velocity that a particle keeps: see Flip
+    Number flip_fraction; ///< of its own velocity that a particle keeps: see Flip
     Number mass_unit = 1; ///< of the scene's masses [kg], for effects that ask for it
 
     template <class Node>
@@ -151,7 +151,7 @@ private:
                                      Vector<Real, d> const& arm, Mask<Real> const& which,
                                      Result& reactions) const
     {
-        Real const two(2), kept(kept_share);
+        Real const two(2), kept(flip_fraction);
         for (std::size_t w = 0; w < mirrored.walls.size(); ++w) {
             WallPlane const& wall = mirrored.walls[w];
             int const a = wall.axis;

@@ -164,12 +164,12 @@ public:
         extend_velocities(sets, smallest_node_mass);
         backend_.for_each_node(
             sets.orders(), grid_,
-            UpdateGrid<Space, Kernel, Transfer, Chain<>>{now, lattice_, smallest_node_mass, kept_share()});
+            UpdateGrid<Space, Kernel, Transfer, Chain<>>{now, lattice_, smallest_node_mass, flip_fraction()});
         cache_grid_fields(sets);
     }
 
     /// Of its own velocity that a particle keeps beside the grid's.
-    Number kept_share() const
+    Number flip_fraction() const
     {
         if constexpr (Transfer::keeps_old_velocity)
             return static_cast<Number>(transfer_.fraction);

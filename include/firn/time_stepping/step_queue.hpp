@@ -176,7 +176,7 @@ private:
             return runs_.backend_.for_each_node(scene_.sets.orders(), scene_.exchange.grid(),
                                                 UpdateGrid<Space, Kernel, Transfer, Actions>{
                                                     now(step), runs_.lattice_, scene_.smallest_node_mass,
-                                                    scene_.exchange.kept_share(),
+                                                    scene_.exchange.flip_fraction(),
                                                     static_cast<Number>(scene_.mass_unit)});
         }
 

@@ -41,14 +41,14 @@ public:
     __device__ void forget()
     {
 #pragma unroll
-        for (int c = 0; c < Phase::kept; ++c) kept_[c] = 0;
+        for (int c = 0; c < Phase::scratch_channels; ++c) scratch_[c] = 0;
         departed_ = false;
     }
 
     __device__ bool here() const { return true; }
 
-    __device__ void keep(int channel, Number value) { kept_[channel] = value; }
-    __device__ Number kept(int channel) const { return kept_[channel]; }
+    __device__ void set_scratch(int channel, Number value) { scratch_[channel] = value; }
+    __device__ Number scratch(int channel) const { return scratch_[channel]; }
 
     __device__ Number load(Number const* array) const { return array[source_]; }
     __device__ void store(Number* array, Number value) const { array[slot_] = value; }
@@ -116,14 +116,14 @@ public:
         leavers.cell[i] = cell;
         leavers.way[i] = static_cast<std::uint8_t>(way_);
 #pragma unroll
-        for (int c = d; c < Phase::kept; ++c)
-            leavers.contribution[std::size_t(i) * leavers.channels + c - d] = kept_[c];
+        for (int c = d; c < Phase::scratch_channels; ++c)
+            leavers.contribution[std::size_t(i) * leavers.channels + c - d] = scratch_[c];
     }
     __device__ void forget_given()
     {
 #pragma unroll
-        for (int c = 0; c < Phase::kept; ++c)
-            if (c >= zero_from_) kept_[c] = 0;
+        for (int c = 0; c < Phase::scratch_channels; ++c)
+            if (c >= zero_from_) scratch_[c] = 0;
     }
     /// Keeps what an item gave when it departed, and its offset now.
     __device__ void read_outgoing(detail::Leavers<Number> const& leavers,
@@ -131,10 +131,10 @@ public:
     {
         std::uint32_t const slot = leavers.slot[i];
 #pragma unroll
-        for (int a = 0; a < d; ++a) kept_[a] = CellOffset<Number>::value(offset[a][slot]);
+        for (int a = 0; a < d; ++a) scratch_[a] = CellOffset<Number>::value(offset[a][slot]);
 #pragma unroll
-        for (int c = d; c < Phase::kept; ++c)
-            kept_[c] = leavers.contribution[std::size_t(i) * leavers.channels + c - d];
+        for (int c = d; c < Phase::scratch_channels; ++c)
+            scratch_[c] = leavers.contribution[std::size_t(i) * leavers.channels + c - d];
     }
 
     /// Channel c of the node at place k in a row of the cell's stencil.
@@ -151,7 +151,7 @@ private:
     mutable std::uint32_t way_ = 0;
     bool departed_ = false;
     int zero_from_ = 0;
-    Number kept_[Phase::kept];
+    Number scratch_[Phase::scratch_channels];
 };
 
 /// The sums of a cell's stencil where its group of cells adds them up: `sums[k][row]` is a node that is

@@ -33,9 +33,9 @@ public:
     }
 
     /// Behind the last item, too.
-    void keep(int channel, Lane const& value) { value.store(scratch_.at(channel, item_)); }
+    void set_scratch(int channel, Lane const& value) { value.store(scratch_.at(channel, item_)); }
     /// Lanes without an item are zero.
-    Lane kept(int channel) const { return Lane::load_first(count_, scratch_.at(channel, item_)); }
+    Lane scratch(int channel) const { return Lane::load_first(count_, scratch_.at(channel, item_)); }
 
     /// What is of the cells, in the lanes of their items.
     Lane of_cells(Lane const& value) const { return from_(value); }
@@ -80,7 +80,7 @@ public:
         active_ = static_cast<std::size_t>(std::popcount(pattern_));
     }
 
-    void keep(int channel, Lane const& value)
+    void set_scratch(int channel, Lane const& value)
     {
         Number* const to = scratch_.at(channel, item_);
         if constexpr (lanes == 1)
@@ -125,7 +125,7 @@ public:
     }
 
     /// Lanes without an item are zero.
-    Lane kept(int channel) const
+    Lane scratch(int channel) const
     {
         Number const* const from = scratch_.at(channel, item_);
         if constexpr (lanes == 1)
@@ -222,14 +222,14 @@ public:
     void side_by_side(int, std::size_t, Use const&)
     {}
 
-    void keep(int channel, Lane const& value)
+    void set_scratch(int channel, Lane const& value)
     {
         value.store(scratch_.at(channel, 0)); // behind the last item, too
     }
     Lane const& of_cells(Lane const& value) const { return value; }
 
     /// Lanes without an item are zero.
-    Lane kept(int channel) const { return Lane::load_first(count_, scratch_.at(channel, 0)); }
+    Lane scratch(int channel) const { return Lane::load_first(count_, scratch_.at(channel, 0)); }
 
     Lane node(int c, int row, int k) const { return Lane::gather(read_ + at(c, row, k), stencil_); }
 

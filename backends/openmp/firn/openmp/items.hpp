@@ -164,9 +164,12 @@ public:
 
     Mask<Lane> here() const { return here_; }
 
-    void keep(int channel, Lane const& value) { LaneTraits<Lane>::store(value, scratch_.at(channel, item_)); }
+    void set_scratch(int channel, Lane const& value)
+    {
+        LaneTraits<Lane>::store(value, scratch_.at(channel, item_));
+    }
     /// Lanes beyond the last item are zero: nobody may have written there.
-    Lane kept(int channel) const
+    Lane scratch(int channel) const
     {
         Number const* const from = scratch_.at(channel, item_);
         if constexpr (lanes == 1)

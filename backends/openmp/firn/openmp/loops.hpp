@@ -266,7 +266,7 @@ void scatter(Threads const& threads, Order const& cells, GridType& grid, Phase c
                 std::size_t const begin = cells.group_begin(std::size_t(b), g),
                                   end = cells.group_end(std::size_t(b), g);
                 if (begin == end) continue;
-                scratch.reserve(Phase::kept, end - begin);
+                scratch.reserve(Phase::scratch_channels, end - begin);
                 for (std::size_t slot = begin; slot < end; slot += lanes) {
                     items.enter(slot, end, slot - begin);
                     detail::prepare(phase, items);
@@ -329,13 +329,13 @@ void scatter_listed(std::span<Leaver const> leavers, Layer const&, typename Scat
     auto const* next = leavers.data();
     if constexpr (may_go_alone<Layer::dimension, lanes>)
         if (go_alone((leavers.size() + lanes - 1) / lanes, filled)) {
-            scratch.reserve(Scatter::kept, lanes);
+            scratch.reserve(Scatter::scratch_channels, lanes);
             for (auto const* const end = next + leavers.size(); next < end; next += lanes) {
                 int const count = static_cast<int>(std::min<std::ptrdiff_t>(lanes, end - next));
                 int places[std::size_t(lanes)];
                 for (int l = 0; l < count; ++l) {
                     places[l] = next[l].place;
-                    for (int c = 0; c < Scatter::kept; ++c)
+                    for (int c = 0; c < Scatter::scratch_channels; ++c)
                         *scratch.at(c, std::size_t(l)) = next[l].contribution[c];
                 }
                 ScatteredItems<Lane, Layer> items(places, count, scratch, nullptr, tile);
@@ -346,8 +346,8 @@ void scatter_listed(std::span<Leaver const> leavers, Layer const&, typename Scat
     for (int g = 0; g < Shape::groups; next += of_group[std::size_t(g++)]) {
         if (of_group[std::size_t(g)] == 0) continue;
         std::uint32_t const* const count = &counts[std::size_t(g * lanes)];
-        scratch.reserve(Scatter::kept, of_group[std::size_t(g)]);
-        copy_contributions<Scatter::kept>(next, count, scratch);
+        scratch.reserve(Scatter::scratch_channels, of_group[std::size_t(g)]);
+        copy_contributions<Scatter::scratch_channels>(next, count, scratch);
         GroupOf<Lane, Layer> group(count, g, scratch, 0, nullptr, tile);
         scatter<Scatter>(group, spreads);
     }
@@ -578,7 +578,7 @@ typename Phase::Result gather_and_update(Threads const& threads, Order& cells, G
                 std::size_t const begin = cells.group_begin(std::size_t(b), g),
                                   end = cells.group_end(std::size_t(b), next - 1);
                 if (begin == end) continue;
-                scratch.reserve(Phase::kept, end - begin);
+                scratch.reserve(Phase::scratch_channels, end - begin);
                 for (std::size_t slot = begin; slot < end; slot += lanes) {
                     items.enter(slot, end, slot - begin);
                     begin_items(phase, items);

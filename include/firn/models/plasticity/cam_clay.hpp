@@ -43,7 +43,7 @@ struct CamClayFlow
 {
     using Space = SpaceType;
     using Number = typename Space::Real;
-    using Kept = Fields<LogPlasticVolumeRatio>;
+    using State = Fields<LogPlasticVolumeRatio>;
     static constexpr auto name = "cam_clay";
     static constexpr Number default_density = 250;
     static Lame<Number> usual_elasticity() { return lame<Number>(2e6, 0.3); }

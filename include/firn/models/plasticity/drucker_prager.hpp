@@ -106,7 +106,7 @@ struct DruckerPragerFlow
 {
     using Space = SpaceType;
     using Number = typename Space::Real;
-    using Kept = Fields<LooseVolume>;
+    using State = Fields<LooseVolume>;
     static constexpr auto name = "sand";
     static constexpr Number default_density = 1600;
     static Lame<Number> usual_elasticity() { return lame<Number>(1e6, 0.3); }

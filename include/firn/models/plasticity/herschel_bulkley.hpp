@@ -20,7 +20,7 @@ struct HerschelBulkleyFlow
 {
     using Space = SpaceType;
     using Number = typename Space::Real;
-    using Kept = Fields<>;
+    using State = Fields<>;
     static constexpr auto name = "herschel_bulkley";
     static constexpr Number default_density = 1000;
     static Lame<Number> usual_elasticity() { return lame<Number>(1e4, 0.45); }

@@ -21,7 +21,7 @@ struct SnowFlow
 {
     using Space = SpaceType;
     using Number = typename Space::Real;
-    using Kept = Fields<PlasticVolumeRatio>;
+    using State = Fields<PlasticVolumeRatio>;
     static constexpr auto name = "snow";
     static constexpr Number default_density = 400;
     static Lame<Number> usual_elasticity() { return lame<Number>(1.4e5, 0.2); }

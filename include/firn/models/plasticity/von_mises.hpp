@@ -21,7 +21,7 @@ struct VonMisesFlow
 {
     using Space = SpaceType;
     using Number = typename Space::Real;
-    using Kept = Fields<>;
+    using State = Fields<>;
     static constexpr auto name = "von_mises";
     static constexpr Number default_density = 1800;
     static Lame<Number> usual_elasticity() { return lame<Number>(1e6, 0.3); }
@@ -74,7 +74,7 @@ template <class SpaceType>
 struct HardeningVonMisesFlow : VonMisesFlow<SpaceType>
 {
     using Number = typename SpaceType::Real;
-    using Kept = Fields<EquivalentPlasticStrain>;
+    using State = Fields<EquivalentPlasticStrain>;
     static constexpr auto name = "hardening_von_mises";
 
     Number hardening_modulus = 1e5; ///< H [Pa]
