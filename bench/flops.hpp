@@ -168,7 +168,7 @@ template <class Model, class Kernel, class Transfer>
 double flops_per_particle_step()
 {
     using Space = typename Model::Space;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     constexpr int d = Space::dimension, particles_per_cell = 1 << d;
     using Set = typename Solver<OpenMP, Model, Kernel, Transfer>::template MaterialTraits<>::Stored;
     using Move = MoveOf<Solver<OpenMP, Model, Kernel, Transfer>>;

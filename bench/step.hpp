@@ -85,7 +85,7 @@ void add_steps(int threads,
                std::initializer_list<Layout> layouts = {Layout::lattice, Layout::random, Layout::splash},
                std::initializer_list<int> counts = {10000, 100000, 1000000, 10000000})
 {
-    constexpr bool is_float = std::is_same_v<typename Model::Space::Real, float>;
+    constexpr bool is_float = std::is_same_v<typename Model::Space::Scalar, float>;
     for (Layout layout : layouts)
         for (int count : counts) {
             std::string const name = std::string("step/openmp/") + Model::name + "/" + Kernel::name + "/" +

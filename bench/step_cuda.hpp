@@ -96,7 +96,7 @@ template <class Model, class Kernel, class Transfer>
 void add_step(std::string const& scene, Layout layout, int count, double courant_number = courant,
               Length length = Length::equal)
 {
-    constexpr bool is_float = std::is_same_v<typename Model::Space::Real, float>;
+    constexpr bool is_float = std::is_same_v<typename Model::Space::Scalar, float>;
     std::string const name = std::string("step/cuda/") + Model::name + "/" + Kernel::name + "/" +
                              Transfer::name + "/" + (is_float ? "float" : "double") + "/" + scene + "/" +
                              std::to_string(count);

@@ -23,7 +23,7 @@ struct RisingWind // along x; its drag grows with height, and is exact for steps
                                                        firn::Vector<Real, d> const& velocity) const
         {
             using firn::exp, firn::max; // of numbers; those of packs are found beside them
-            using Number = firn::Scalar<Real>;
+            using Number = firn::ScalarOf<Real>;
             Real const height = max(node.position.relative_to({0, 0, 0})[1], Real(0));
             Real const wind(static_cast<Number>(speed)), slowness(static_cast<Number>(-rate));
             Real const keeps = exp(slowness * height * node.dt);

@@ -7,7 +7,7 @@ template <class SpaceType>
 struct SoftFoam // a neo-Hookean solid without a volume term, for example
 {
     using Space = SpaceType;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using State = firn::Fields<firn::DisplacementGradient>; // H = F - I
     static constexpr int d = Space::dimension;
     Number density = 60, stiffness = 2e4; // [kg/m^3], [Pa]

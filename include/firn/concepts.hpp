@@ -76,7 +76,7 @@ namespace detail
 template <class T>
 concept HasSpace = requires
 {
-    typename T::Space::Real;
+    typename T::Space::Scalar;
     {
         T::Space::dimension
         } -> std::convertible_to<int>;

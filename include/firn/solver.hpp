@@ -86,7 +86,7 @@ public:
     /// Dimension and precision.
     using Space = typename Model::Space;
     /// float or double.
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     /// The interpolation kernel.
     using kernel = Kernel;
     /// 2 or 3.

@@ -36,7 +36,7 @@ void use(Model const& model, Transfer const& transfer, Effects const&... effects
     solver.step(1e-5, effects...);
     solver.steps(3, 1e-5, effects...);
     solver.remove_if([](auto const& x) { return x[0] > 1; });
-    std::vector<typename Space::Real> numbers(3 * solver.size());
+    std::vector<typename Space::Scalar> numbers(3 * solver.size());
     solver.write_positions(numbers.data());
     solver.template upload<Velocity>(solver.template download<Velocity>());
     auto const snapshot = solver.snapshot();

@@ -12,8 +12,8 @@ template <class Space>
 OneElement<Fluid<Space>> tait(double exponent, double viscosity = 0)
 {
     OneElement<Fluid<Space>> fluid;
-    fluid.model.exponent = static_cast<typename Space::Real>(exponent);
-    fluid.model.viscosity = static_cast<typename Space::Real>(viscosity);
+    fluid.model.exponent = static_cast<typename Space::Scalar>(exponent);
+    fluid.model.viscosity = static_cast<typename Space::Scalar>(viscosity);
     fluid.model.parts = false;
     return fluid;
 }

@@ -11,7 +11,7 @@ namespace
 
 /// The largest difference between what the lanes of a backend answer and what each number is answered here:
 /// of stress and wave modulus over the scale of stresses, and of states.
-template <class Model, class LaneType = TestedLane<typename Model::Space::Real>>
+template <class Model, class LaneType = TestedLane<typename Model::Space::Scalar>>
 double difference_from_numbers(double size)
 {
     constexpr int d = Model::Space::dimension;
@@ -64,7 +64,7 @@ namespace
 template <class Model, int bytes>
 void check_packs(double tolerance)
 {
-    using Number = typename Model::Space::Real;
+    using Number = typename Model::Space::Scalar;
     using Lanes = typename PacksOf<bytes>::template Lane<Number>;
     for (double size : {0.2, 0.01}) CHECK(difference_from_numbers<Model, Lanes>(size) <= tolerance);
 }

@@ -21,7 +21,7 @@ template <class SpaceType>
 struct Cracking
 {
     using Space = SpaceType;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using State = firn::Fields<firn::EquivalentPlasticStrain>;
     static constexpr auto name = "cracking";
     static constexpr Number default_density = 2000;

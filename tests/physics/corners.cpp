@@ -85,7 +85,7 @@ struct Outcome
 template <class Space, class Transfer>
 Outcome drive(Corner const& corner, int count, int frames)
 {
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     constexpr int d = Space::dimension;
     typename Scene<Dust<Space>, QuadraticBSpline, Transfer>::Solver solver(lattice(cell));
     std::mt19937 random(6);
@@ -165,7 +165,7 @@ template <class Space, class Transfer>
 void check(Corner const& corner, int count, int frames, double within = 3)
 {
     auto const outcome = drive<Space, Transfer>(corner, count, frames);
-    bool const is_float = std::is_same_v<typename Space::Real, float>;
+    bool const is_float = std::is_same_v<typename Space::Scalar, float>;
     CAPTURE(corner.angle, int(corner.faces[0]), int(corner.faces[1]), int(corner.faces[2]), outcome.mean);
     CHECK(outcome.behind_a_wall == 0);
     CHECK(outcome.through_a_shell == 0);

@@ -49,7 +49,7 @@ struct WaveTime
 template <Lane Real>
 FIRN_HOST_DEVICE Real sine_of_half_periods(Real t)
 {
-    using Number = Scalar<Real>;
+    using Number = ScalarOf<Real>;
     constexpr int order = sizeof(Number) == 4 ? 12 : 18;
     Real const z = (t - Real(Number(0.5))) * Real(Number(M_PI)), z2 = z * z;
     Real sum(Number(1));
@@ -74,7 +74,7 @@ struct Driven : ModelType
     FIRN_HOST_DEVICE Response<Real, Space::dimension>
     respond(Particle& state, Matrix<Real, Space::dimension> const& velocity_gradient, Real dt) const
     {
-        using Number = Scalar<Real>;
+        using Number = ScalarOf<Real>;
         constexpr int d = Space::dimension;
         auto response = Model::template respond<Real>(state, velocity_gradient, dt);
         Real& time = state[WaveTime{}];

@@ -31,7 +31,7 @@ struct Vortex
 
         FIRN_HOST_DEVICE explicit Profile(Real R)
         {
-            using Number = Scalar<Real>;
+            using Number = ScalarOf<Real>;
             auto const number = [](double value) { return Real(static_cast<Number>(value)); };
             Real const q = (R - number(1)) * number(4), q2 = q * q;
             h = (number(1) - q2) * (number(1) - q2);
@@ -45,7 +45,7 @@ struct Vortex
     template <Lane Real>
     FIRN_HOST_DEVICE static Vector<Real, 2> acceleration(Vector<Real, 2> const& X, Real time)
     {
-        using Number = Scalar<Real>;
+        using Number = ScalarOf<Real>;
         auto const number = [](double value) { return Real(static_cast<Number>(value)); };
         double const rate = M_PI / duration, mu_over_rho = young / (2 * (1 + poisson)) / density;
         Real const g = number(largest_angle) * sine_of_half_periods(time),
@@ -83,7 +83,7 @@ struct Spun : ModelType
     FIRN_HOST_DEVICE Response<Real, Space::dimension>
     respond(Particle& state, Matrix<Real, Space::dimension> const& velocity_gradient, Real dt) const
     {
-        using Number = Scalar<Real>;
+        using Number = ScalarOf<Real>;
         Real& time = state[WaveTime{}];
         time = time + dt * Real(Number(1 / Vortex::duration));
         if constexpr (requires { state[Velocity{}]; })

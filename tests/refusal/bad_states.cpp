@@ -26,7 +26,7 @@ template <class SpaceType>
 struct Rotten
 {
     using Space = SpaceType;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using State = Fields<DisplacementGradient, Soundness>;
     static constexpr int d = Space::dimension;
     Number density = 100; // [kg/m^3]
@@ -65,13 +65,14 @@ std::string refusal_of(double value, Model const& model = {})
     auto const before = solver.template download<Tag>();
     auto values = before;
     for_each_component<Tag, 2>(values[3], [&](int c, auto& component) { // of a matrix the first
-        if (c == 0) component = static_cast<typename Model::Space::Real>(value);
+        if (c == 0) component = static_cast<typename Model::Space::Scalar>(value);
     });
     auto const error = refused([&] { solver.template upload<Tag>(values); });
     CHECK(error.where().starts_with("Solver::upload, value 3"));
     auto snapshot = solver.snapshot();
     for (auto& field : snapshot.materials[0].fields)
-        if (field.name == Tag::name) field.components[0][3] = static_cast<typename Model::Space::Real>(value);
+        if (field.name == Tag::name)
+            field.components[0][3] = static_cast<typename Model::Space::Scalar>(value);
     CHECK(refused([&] { solver.restore(snapshot); }).what_is_wrong() == error.what_is_wrong());
     CHECK(solver.template download<Tag>() == before);
     return error.what_is_wrong();

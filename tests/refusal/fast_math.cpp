@@ -58,7 +58,7 @@ template <class SpaceType>
 struct Bursting
 {
     using Space = SpaceType;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using State = firn::Fields<firn::LogVolumeRatio>;
     static constexpr int d = Space::dimension;
     Number density = 1000, stress = 0, modulus = 1;

@@ -30,7 +30,7 @@ template <class Real>
 void check_guards(char const* name)
 {
     using firn::abs, firn::bits, firn::is_below;
-    using Number = firn::Scalar<Real>;
+    using Number = firn::ScalarOf<Real>;
     constexpr int width = firn::lane_width<Real>;
     Number values[width];
     for (Number& value : values) value = 1;
@@ -54,7 +54,7 @@ template <class Real>
 void check_functions(char const* name)
 {
     using firn::exp, firn::floor, firn::inverse_sqrt, firn::log;
-    using Number = firn::Scalar<Real>;
+    using Number = firn::ScalarOf<Real>;
     double const most = 64 * double(std::numeric_limits<Number>::epsilon());
     auto const first = [](Real lanes) {
         Number numbers[firn::lane_width<Real>];

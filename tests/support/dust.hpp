@@ -11,7 +11,7 @@ template <class SpaceType>
 struct Dust
 {
     using Space = SpaceType;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using State = Fields<>;
     static constexpr int d = Space::dimension;
     Number density = 100; // [kg/m^3]

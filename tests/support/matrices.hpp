@@ -28,7 +28,7 @@ Eigen::Matrix<double, rows, columns> matrix_of(Eigen::Matrix<Real, rows, columns
 {
     Eigen::Matrix<double, rows, columns> out;
     for (int i = 0; i < F.size(); ++i) {
-        Scalar<Real> numbers[lane_width<Real>] = {};
+        ScalarOf<Real> numbers[lane_width<Real>] = {};
         LaneTraits<Real>::store(F(i), numbers);
         out(i) = numbers[lane];
     }
@@ -41,9 +41,9 @@ Matrix<Real, d> pack(std::vector<Exact<d>> const& matrices)
 {
     Matrix<Real, d> out;
     for (int i = 0; i < d * d; ++i) {
-        Scalar<Real> numbers[lane_width<Real>] = {};
+        ScalarOf<Real> numbers[lane_width<Real>] = {};
         for (std::size_t lane = 0; lane < matrices.size(); ++lane)
-            numbers[lane] = static_cast<Scalar<Real>>(matrices[lane](i));
+            numbers[lane] = static_cast<ScalarOf<Real>>(matrices[lane](i));
         if constexpr (lane_width<Real> == 1)
             out(i) = numbers[0];
         else
@@ -73,7 +73,7 @@ auto found_by(std::vector<Exact<d>> const& all, Find find, Read read)
 
 /// Whether lanes hold floats.
 template <class Real>
-constexpr bool is_single = sizeof(Scalar<Real>) == 4;
+constexpr bool is_single = sizeof(ScalarOf<Real>) == 4;
 
 /// A matrix as rounded to a precision.
 template <int d>

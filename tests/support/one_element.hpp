@@ -100,7 +100,7 @@ struct DriveElements
 {
     static constexpr int d = Model::Space::dimension;
     Model model;
-    Drives<typename Model::Space::Real> drives;
+    Drives<typename Model::Space::Scalar> drives;
 
     FIRN_HOST_DEVICE void operator()(std::size_t group) const
     {
@@ -179,11 +179,11 @@ drive_elements(void const* model, void (*launch)(void const*, std::size_t, Drive
 
 /// Particles of a model that are driven by their deformation and asked in double, whatever the precision of
 /// the model: on the tested backend, as many at a time as its lanes hold, or lanes of another type.
-template <class Model, class LaneType = TestedLane<typename Model::Space::Real>>
+template <class Model, class LaneType = TestedLane<typename Model::Space::Scalar>>
 struct OneElement
 {
     using Space = typename Model::Space;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     static constexpr int d = Space::dimension;
     using Tensor = Matrix<double, d>;
     using State = Record<Number, d, typename Model::State>;

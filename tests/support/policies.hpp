@@ -52,7 +52,7 @@ struct Scene
     using Backend = BackendType;
     using Solver = firn::Solver<Backend, Model, Kernel, Transfer>;
     using Space = typename Model::Space;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     static constexpr int d = Space::dimension;
     static constexpr bool is_float = std::is_same_v<Number, float>;
 };

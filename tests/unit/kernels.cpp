@@ -28,7 +28,7 @@ struct Case
 {
     using Kernel = KernelType;
     using Space = SpaceType;
-    using Real = typename Space::Real;
+    using Real = typename Space::Scalar;
     static constexpr int d = Space::dimension;
 };
 

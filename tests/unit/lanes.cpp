@@ -100,7 +100,7 @@ double distance(Number found, double expected)
 template <class Pack, class OfPack, class OfNumber, class Wanted>
 double worst(OfPack of_pack, OfNumber of_number, Wanted wanted)
 {
-    using Number = Scalar<Pack>;
+    using Number = ScalarOf<Pack>;
     auto const all = numbers<Number>();
     double found = 0;
     for (std::size_t i = 0; i + Pack::width <= all.size(); i += Pack::width) {
@@ -118,7 +118,7 @@ double worst(OfPack of_pack, OfNumber of_number, Wanted wanted)
 template <class Pack, class Check>
 void for_pairs(Check check)
 {
-    auto const all = numbers<Scalar<Pack>>();
+    auto const all = numbers<ScalarOf<Pack>>();
     for (std::size_t shift : {0, 1, 2, 3, 5, 7, 11, 13, 17, 19, 301}) {
         for (std::size_t i = 0; i + shift + Pack::width <= 400; i += Pack::width)
             check(Pack::load(&all[i]), Pack::load(&all[i + shift]), &all[i], &all[i + shift]);
@@ -130,7 +130,7 @@ bool agrees(OfPack of_pack, OfNumber of_number)
 {
     bool same = true;
     for_pairs<Pack>([&](Pack a, Pack b, auto const* x, auto const* y) {
-        Scalar<Pack> results[Pack::width];
+        ScalarOf<Pack> results[Pack::width];
         of_pack(a, b).store(results);
         for (int i = 0; i < Pack::width; ++i) same = same && same_bits(results[i], of_number(x[i], y[i]));
     });
@@ -211,7 +211,7 @@ TEST_CASE("The logarithm of every positive float is off by one unit of the last 
 
 TEMPLATE_LIST_TEST_CASE("Functions of a pack are exact to two units of the last place", "", Packs)
 {
-    using N = Scalar<TestType>;
+    using N = ScalarOf<TestType>;
     CHECK(worst<TestType>([](auto x) { return log(x); }, [](N x) { return std::log(x); }, everything) <= 2);
     CHECK(worst<TestType>([](auto x) { return floor(x); }, [](N x) { return std::floor(x); }, everything) ==
           0);
@@ -227,7 +227,7 @@ TEMPLATE_LIST_TEST_CASE("Functions of a pack are exact to two units of the last 
 TEMPLATE_LIST_TEST_CASE("The inverse square root is exact to 2e-7 for every number, denormal ones included",
                         "", Packs)
 {
-    using N = Scalar<TestType>;
+    using N = ScalarOf<TestType>;
     std::vector<N> const all = numbers<N>();
     double error = 0;
     int wrong = 0;
@@ -268,7 +268,7 @@ TEMPLATE_LIST_TEST_CASE("A mask has one bit per lane, comes back from its bits, 
 
 TEMPLATE_LIST_TEST_CASE("The largest number of a pack is found in every lane, and NaN wins", "", Packs)
 {
-    using N = Scalar<TestType>;
+    using N = ScalarOf<TestType>;
     for (int i = 0; i < TestType::width; ++i) {
         std::vector<N> lanes(TestType::width);
         for (int j = 0; j < TestType::width; ++j) lanes[j] = N(-1 - (i + j) % TestType::width);
@@ -280,7 +280,7 @@ TEMPLATE_LIST_TEST_CASE("The largest number of a pack is found in every lane, an
 
 TEMPLATE_LIST_TEST_CASE("Numbers are gathered from anywhere", "", Packs)
 {
-    using N = Scalar<TestType>;
+    using N = ScalarOf<TestType>;
     auto const all = numbers<N>();
     std::vector<std::int32_t> index(TestType::width);
     for (int i = 0; i < TestType::width; ++i) index[i] = (7919 * i + 25) % 40000;
@@ -466,7 +466,7 @@ TEMPLATE_LIST_TEST_CASE("Lanes go wherever they are wanted", "", Packs)
 
 TEMPLATE_LIST_TEST_CASE("A pack is a scalar of Eigen, and mixes with plain numbers", "", Packs)
 {
-    using N = Scalar<TestType>;
+    using N = ScalarOf<TestType>;
     Matrix<TestType, 3> F = Matrix<TestType, 3>::Identity() * N(2);
     F = F * F.transpose() - F * TestType(1) + N(1) * F;
     CHECK(all(F.determinant() == TestType(64)));
@@ -478,7 +478,7 @@ TEMPLATE_LIST_TEST_CASE("A pack is a scalar of Eigen, and mixes with plain numbe
 TEMPLATE_LIST_TEST_CASE("Vectors and matrices of packs compute what their packs do, into themselves, too", "",
                         Packs)
 {
-    using N = Scalar<TestType>;
+    using N = ScalarOf<TestType>;
     N lanes[lane_width<TestType>];
     for (int l = 0; l < lane_width<TestType>; ++l) lanes[l] = N(l);
     TestType const lane = LaneTraits<TestType>::load(lanes);

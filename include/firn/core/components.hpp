@@ -107,7 +107,7 @@ template <Lane Real, int d, class From>
 FIRN_HOST_DEVICE inline Vector<Real, d> vector_of(From const& from)
 {
     static_assert(From::IsVectorAtCompileTime && d <= int(From::SizeAtCompileTime));
-    return make_vector<Real, d>([&](int i) { return Real(static_cast<Scalar<Real>>(from[i])); });
+    return make_vector<Real, d>([&](int i) { return Real(static_cast<ScalarOf<Real>>(from[i])); });
 }
 
 /// The first `d` rows and columns of a matrix, in other numbers or the same in all lanes.
@@ -115,7 +115,7 @@ template <Lane Real, int d, class From, int n>
 FIRN_HOST_DEVICE inline Matrix<Real, d> matrix_of(Eigen::Matrix<From, n, n> const& from)
 {
     static_assert(d <= n);
-    return make_matrix<Real, d>([&](int i, int j) { return Real(static_cast<Scalar<Real>>(from(i, j))); });
+    return make_matrix<Real, d>([&](int i, int j) { return Real(static_cast<ScalarOf<Real>>(from(i, j))); });
 }
 
 /// Whether all numbers of a vector or a matrix are finite, also where the compiler assumes that they are.

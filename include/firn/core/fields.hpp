@@ -168,7 +168,7 @@ FIRN_HOST_DEVICE inline FieldValue<Tag, Real, d> value_at_rest()
     if constexpr (Tag::shape != FieldShape::scalar)
         return zeros<FieldValue<Tag, Real, d>>();
     else if constexpr (requires { Tag::at_rest; })
-        return Real(static_cast<Scalar<Real>>(Tag::at_rest));
+        return Real(static_cast<ScalarOf<Real>>(Tag::at_rest));
     else
         return Real(0);
 }

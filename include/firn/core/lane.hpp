@@ -34,7 +34,7 @@ struct LaneTraits<Number>
 
 /// The number type of a lane: `float` for a pack of floats.
 template <class Real>
-using Scalar = typename LaneTraits<Real>::Scalar;
+using ScalarOf = typename LaneTraits<Real>::Scalar;
 
 /// The result of comparing two lanes.
 template <class Real>
@@ -112,7 +112,7 @@ template <std::floating_point Number> FIRN_HOST_DEVICE inline Number inverse_sqr
 
 /// What physics may ask of a lane type.
 template <class Real>
-concept Lane = requires(Real a, Real b, Scalar<Real> number, Mask<Real> mask)
+concept Lane = requires(Real a, Real b, ScalarOf<Real> number, Mask<Real> mask)
 {
     Real(number);
     LaneTraits<Real>::store(LaneTraits<Real>::load(&number), &number);
@@ -154,7 +154,7 @@ concept Lane = requires(Real a, Real b, Scalar<Real> number, Mask<Real> mask)
         } -> std::same_as<std::uint64_t>;
     {
         largest(a)
-        } -> std::same_as<Scalar<Real>>;
+        } -> std::same_as<ScalarOf<Real>>;
     {
         sqrt(a)
         } -> std::same_as<Real>;

@@ -24,7 +24,7 @@ template <int d, std::floating_point Number>
 struct Space
 {
     static constexpr int dimension = d;
-    using Real = Number;
+    using Scalar = Number;
 };
 
 } // namespace firn

@@ -163,7 +163,7 @@ FIRN_HOST_DEVICE void book(Reaction& reaction, ContactResult<Real, d> const& tou
                            Vector<Real, d> const& before, Real mass)
 {
     constexpr int width = lane_width<Real>;
-    Scalar<Real> impulse[std::size_t(d)][std::size_t(width)], arm[std::size_t(d)][std::size_t(width)];
+    ScalarOf<Real> impulse[std::size_t(d)][std::size_t(width)], arm[std::size_t(d)][std::size_t(width)];
     for (int a = 0; a < d; ++a) {
         // lanes without a particle may hold anything
         Real const taken = select(touched.inside, (before[a] - touched.velocity[a]) * mass, Real(0));

@@ -11,11 +11,11 @@ namespace firn
 template <Lane Real>
 struct NodesOfStep
 {
-    Real mass;             ///< in the solver's unit
-    Mask<Real> filled;     ///< where it is more than rounding: elsewhere an effect may find anything
-    Real booked_mass;      ///< the same of nodes whose reactions are booked, else 0
-    Scalar<Real> dt = 0;   ///< for how long forces act [s]
-    Scalar<Real> unit = 1; ///< of mass [kg]
+    Real mass;               ///< in the solver's unit
+    Mask<Real> filled;       ///< where it is more than rounding: elsewhere an effect may find anything
+    Real booked_mass;        ///< the same of nodes whose reactions are booked, else 0
+    ScalarOf<Real> dt = 0;   ///< for how long forces act [s]
+    ScalarOf<Real> unit = 1; ///< of mass [kg]
 
     FIRN_HOST_DEVICE Real kilograms() const { return select(filled, mass * Real(unit), Real(0)); }
 };

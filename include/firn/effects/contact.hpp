@@ -53,8 +53,8 @@ struct Contact
         if (friction > 0) {
             // mu = infinity becomes the largest number, whose product with an approach speed may overflow:
             // that sticks too.
-            Real const mu(
-                static_cast<Scalar<Real>>(min(friction, double(std::numeric_limits<Scalar<Real>>::max()))));
+            Real const mu(static_cast<ScalarOf<Real>>(
+                min(friction, double(std::numeric_limits<ScalarOf<Real>>::max()))));
             Real const tangential = sqrt(dot<Real, d>(v_t, v_t)), limit = mu * max(-v_n, zero);
             Mask<Real> const slides = tangential > limit;
             keeps = select(slides, Real(1) - limit / select(slides, tangential, Real(1)),

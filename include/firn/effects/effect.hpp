@@ -38,7 +38,7 @@ struct LanePosition
     /// The vector from `reference` [m] to here, in world axes [m].
     FIRN_HOST_DEVICE Vector<Real, d> relative_to(Eigen::Vector3d const& reference) const
     {
-        using Number = Scalar<Real>;
+        using Number = ScalarOf<Real>;
         Vector<Real, d> x;
         for (int a = 0; a < d; ++a) {
             double const base = lattice.origin[a] + lattice.cell_size * first[a] - reference[a];

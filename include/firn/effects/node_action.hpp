@@ -145,8 +145,8 @@ concept HoldsParticles = requires(Action const action, LanePosition<Real, d> con
         action.overlap(place, vector)
         } -> std::same_as<Real>;
     {
-        action.template lost_beyond<Scalar<Real>>(place.lattice)
-        } -> std::same_as<Scalar<Real>>;
+        action.template lost_beyond<ScalarOf<Real>>(place.lattice)
+        } -> std::same_as<ScalarOf<Real>>;
     {
         action.carried(place, vector, dt)
         } -> std::same_as<Vector<Real, d>>;
@@ -356,16 +356,16 @@ constexpr bool says_what_steps_need()
 /// validate_in_plane() const` for scenes in two dimensions; and `auto plain(double begin) const`, or without
 /// the time [s] at which the call begins: an effect that is a plain value, and whose `over` is called.
 template <class T, class Real, int d>
-concept NodeEffect = detail::DescribesEffect<T, Scalar<Real>, d> &&
-    NodeAction<detail::ActionOf<T, Scalar<Real>, d>, Real, d> &&
+concept NodeEffect = detail::DescribesEffect<T, ScalarOf<Real>, d> &&
+    NodeAction<detail::ActionOf<T, ScalarOf<Real>, d>, Real, d> &&
     std::is_trivially_destructible_v<detail::PlainEffect<T>> &&
-    detail::says_what_steps_need<T, detail::ActionOf<T, Scalar<Real>, d>, d>() &&
+    detail::says_what_steps_need<T, detail::ActionOf<T, ScalarOf<Real>, d>, d>() &&
     detail::all_is_called<T, d>();
 
 namespace detail
 {
 /// Says in a sentence why an effect is none; it is named in the note beside it.
-template <class T, class Real, int d, bool describes = DescribesEffect<T, Scalar<Real>, d>>
+template <class T, class Real, int d, bool describes = DescribesEffect<T, ScalarOf<Real>, d>>
 struct CheckedEffect
 {
     static_assert(
@@ -379,7 +379,7 @@ struct CheckedEffect
 template <class T, class Real, int d>
 struct CheckedEffect<T, Real, d, true>
 {
-    static constexpr bool has_action = NodeAction<ActionOf<T, Scalar<Real>, d>, Real, d>;
+    static constexpr bool has_action = NodeAction<ActionOf<T, ScalarOf<Real>, d>, Real, d>;
     static_assert(
         has_action,
         "the action that the effect's over() returns is to have at least one of "
@@ -403,7 +403,7 @@ struct CheckedEffect<T, Real, d, true>
         else
             return true;
     }
-    static_assert(bounds<ActionOf<T, Scalar<Real>, d>>(),
+    static_assert(bounds<ActionOf<T, ScalarOf<Real>, d>>(),
                   "the effect lacks what bounds the time step: 'double largest_acceleration() const' [m/s^2] "
                   "where its action has an acceleration, 'double largest_speed() const' [m/s] where it has "
                   "contact, 'bool on_particles' where its action has 'hold'; or it says on_particles where "

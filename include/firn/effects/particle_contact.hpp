@@ -62,7 +62,7 @@ struct ParticleContact
     }
 
 private:
-    using Number = Scalar<Real>;
+    using Number = ScalarOf<Real>;
 
     FIRN_HOST_DEVICE static std::array<Real, std::size_t(obstacles)> no_depths()
     {

@@ -66,7 +66,7 @@ struct ReflectingWall
             touched.depth = max(overlap<Real, d>(place, v), Real(0));
             touched.inside = touched.depth > Real(0);
             touched.surface = zeros<Vector<Real, d>>();
-            for (int a = 0; a < d; ++a) touched.normal[a] = Real(Scalar<Real>(a == axis ? side : 0));
+            for (int a = 0; a < d; ++a) touched.normal[a] = Real(ScalarOf<Real>(a == axis ? side : 0));
             Vector<Real, d> const after = rule.after<Real, d>(v, touched.normal);
             for (int a = 0; a < d; ++a) touched.velocity[a] = select(touched.inside, after[a], v[a]);
             return touched;
@@ -76,7 +76,7 @@ struct ReflectingWall
         template <Lane Real, int d>
         FIRN_HOST_DEVICE Real overlap(LanePosition<Real, d> const& place, Vector<Real, d> const&) const
         {
-            using Number = Scalar<Real>;
+            using Number = ScalarOf<Real>;
             Real before(0); // [cells]
             for (int a = 0; a < d; ++a)
                 if (a == axis)

@@ -27,8 +27,8 @@ struct Monomials
             power[std::size_t(a)][0] = offset[a];
             FIRN_UNROLL
             for (int m = 1; m < degree; ++m)
-                power[std::size_t(a)][std::size_t(m)] =
-                    power[std::size_t(a)][std::size_t(m - 1)] * offset[a] * Real(Scalar<Real>(1.0 / (m + 1)));
+                power[std::size_t(a)][std::size_t(m)] = power[std::size_t(a)][std::size_t(m - 1)] *
+                                                        offset[a] * Real(ScalarOf<Real>(1.0 / (m + 1)));
             if constexpr (requires { Kernel::spreads(offset[a]); })
                 spread[std::size_t(a)] = Kernel::spreads(offset[a]);
         }

@@ -40,7 +40,7 @@ struct Stencil
                 weight[std::size_t(a)][std::size_t(i)] = weights[std::size_t(i)];
                 derivative[std::size_t(a)][std::size_t(i)] = derivatives[std::size_t(i)];
                 distance[std::size_t(a)][std::size_t(i)] =
-                    Real(Scalar<Real>(i) - Scalar<Real>(0.5) * Kernel::degree) - offset[a];
+                    Real(ScalarOf<Real>(i) - ScalarOf<Real>(0.5) * Kernel::degree) - offset[a];
             }
         }
     }
@@ -72,7 +72,7 @@ struct Stencil
     {
         Real sum = weights[0];
         for (int i = 1; i < width; ++i) sum += weights[std::size_t(i)];
-        return all(abs(sum - Real(1)) <= Real(64 * std::numeric_limits<Scalar<Real>>::epsilon()));
+        return all(abs(sum - Real(1)) <= Real(64 * std::numeric_limits<ScalarOf<Real>>::epsilon()));
     }
 
     /// The row's distance along `axis` (not the last), in cells.

@@ -22,7 +22,7 @@ struct CubicBSpline
     template <Lane Real>
     FIRN_HOST_DEVICE static std::array<Real, 4> weights(Real t)
     {
-        Real const left = Real(0.5) - t, right = Real(0.5) + t, sixth = Real(Scalar<Real>(1.0 / 6.0));
+        Real const left = Real(0.5) - t, right = Real(0.5) + t, sixth = Real(ScalarOf<Real>(1.0 / 6.0));
         Real const first = sixth * left * left * left, last = sixth * right * right * right;
         // The inner two from their sum and their difference: 1/6 and 2/3 are rounded, and a sum of weights
         // that is always a little off one would speed everything up by that much with every step.
@@ -44,7 +44,7 @@ struct CubicBSpline
     {
         Real const inner = node[2] - node[1], outer = node[3] - node[0],
                    curvature = Real(0.5) * ((node[3] - node[2]) - (node[1] - node[0]));
-        return {Real(0.5) * (node[1] + node[2]) + Real(Scalar<Real>(1.0 / 24)) * curvature,
+        return {Real(0.5) * (node[1] + node[2]) + Real(ScalarOf<Real>(1.0 / 24)) * curvature,
                 Real(0.125) * outer + Real(0.625) * inner, curvature, outer - Real(3) * inner};
     }
 

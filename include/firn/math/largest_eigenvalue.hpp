@@ -14,7 +14,8 @@ namespace firn
 template <Lane Real>
 FIRN_HOST_DEVICE inline Real largest_eigenvalue(Matrix<Real, 2> const& S)
 {
-    Real const half(Scalar<Real>(0.5)), mean = half * (S(0, 0) + S(1, 1)), apart = half * (S(0, 0) - S(1, 1));
+    Real const half(ScalarOf<Real>(0.5)), mean = half * (S(0, 0) + S(1, 1)),
+                                          apart = half * (S(0, 0) - S(1, 1));
     return mean + sqrt(apart * apart + S(0, 1) * S(0, 1));
 }
 
@@ -24,7 +25,7 @@ FIRN_HOST_DEVICE inline Real largest_eigenvalue(Matrix<Real, 2> const& S)
 template <Lane Real>
 FIRN_HOST_DEVICE inline Real largest_eigenvalue(Matrix<Real, 3> const& S)
 {
-    using Number = Scalar<Real>;
+    using Number = ScalarOf<Real>;
     auto const number = [](double x) { return Real(Number(x)); };
     Real const mean = number(1.0 / 3) * (S(0, 0) + S(1, 1) + S(2, 2));
     Real const x = S(0, 0) - mean, y = S(1, 1) - mean, z = S(2, 2) - mean;

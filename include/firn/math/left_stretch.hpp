@@ -30,7 +30,7 @@ namespace detail
 template <Lane Real, int d>
 FIRN_HOST_DEVICE inline void look_for_axes(Matrix<Real, d>& strain, Matrix<Real, d> const& H, Real settled)
 {
-    Mask<Real> const open = !(settled > Real(Scalar<Real>(0.1)));
+    Mask<Real> const open = !(settled > Real(ScalarOf<Real>(0.1)));
     if (!any(open)) return;
     auto const axes = principal_axes<Real, d>(H);
     Matrix<Real, d> const found = axes.U * axes.extension.asDiagonal() * axes.U.transpose();
@@ -60,7 +60,7 @@ FIRN_HOST_DEVICE inline Matrix<Real, 2> strain_of_stretch(Matrix<Real, 2> const&
 template <Lane Real>
 FIRN_HOST_DEVICE inline Real trace_of_strain(Real square_trace, Real square_minors, Real volume_change)
 {
-    using Number = Scalar<Real>;
+    using Number = ScalarOf<Real>;
     constexpr int steps = 2, most = 8;
     auto const number = [](double x) { return Real(Number(x)); };
     // the polynomial of e = x - 3: its coefficients vanish at rest as far as they should
@@ -117,7 +117,7 @@ FIRN_HOST_DEVICE inline Matrix<Real, 3> strain_of_stretch(Matrix<Real, 3> const&
         minors += square(i, i) * square(j, j) - square(i, j) * square(j, i);
     }
     Real const one(1), e1 = trace_of_strain(trace, minors, volume_change); // the invariants of V - I
-    Real const e2 = Real(Scalar<Real>(0.5)) * (e1 * (e1 + Real(2)) - trace), e3 = volume_change - e1 - e2;
+    Real const e2 = Real(ScalarOf<Real>(0.5)) * (e1 * (e1 + Real(2)) - trace), e3 = volume_change - e1 - e2;
     Real const i1 = Real(3) + e1, i2 = Real(3) + Real(2) * e1 + e2, i3 = one + volume_change;
     Matrix<Real, 3> sum = square, times = square * (i1 - one);
     FIRN_UNROLL
@@ -145,12 +145,12 @@ FIRN_HOST_DEVICE inline LeftStretch<Real, d> left_stretch(Matrix<Real, d> const&
 {
     // Far from rest, F is taken in units of its size: the rounding is that of F then, not of I.
     Matrix<Real, d> G = deformation_gradient<Real, d>(H);
-    Real const size2 = G.squaredNorm() * Real(Scalar<Real>(1.0 / d)), one(1);
-    Mask<Real> const far = (size2 > Real(2)) | (size2 < Real(Scalar<Real>(0.5)));
+    Real const size2 = G.squaredNorm() * Real(ScalarOf<Real>(1.0 / d)), one(1);
+    Mask<Real> const far = (size2 > Real(2)) | (size2 < Real(ScalarOf<Real>(0.5)));
     bool const any_far = any(far);
     Real unit = one, volume = volume_change_of_H;
     if (any_far) {
-        unit = select(far, sqrt(max(size2, Real(std::numeric_limits<Scalar<Real>>::min()))), one);
+        unit = select(far, sqrt(max(size2, Real(std::numeric_limits<ScalarOf<Real>>::min()))), one);
         G = G * (one / unit);
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) G(i, i) -= one;

@@ -64,10 +64,10 @@ FIRN_HOST_DEVICE inline void turn_axes(Matrix<Real, d>& S, Matrix<Real, d>& U, W
 {
     Real const difference = S(q, q) - S(p, p);
     Real root;
-    Turn<Real> const turn = who(turn_of(difference, Scalar<Real>(2) * S(p, q), root));
+    Turn<Real> const turn = who(turn_of(difference, ScalarOf<Real>(2) * S(p, q), root));
     turn.template turn<p, q>(U);
 
-    Real const half = Scalar<Real>(0.5) * (root - abs(difference)); // the mean stays
+    Real const half = ScalarOf<Real>(0.5) * (root - abs(difference)); // the mean stays
     Real const apart = who(select(difference < Real(0), -half, half), Real(0));
     S(p, p) -= apart;
     S(q, q) += apart;
@@ -108,7 +108,7 @@ FIRN_HOST_DEVICE inline Matrix<Real, 3> axes_of(Matrix<Real, 3>& S)
     for (int sweep = sweeps; sweep < most; ++sweep) {
         Real const off = max(abs(S(0, 1)), abs(S(0, 2))); // S(1, 2) was the last to vanish
         Real const size = max(max(abs(S(0, 0)), abs(S(1, 1))), abs(S(2, 2)));
-        Mask<Real> const unfinished = off > size * Real(std::numeric_limits<Scalar<Real>>::epsilon());
+        Mask<Real> const unfinished = off > size * Real(std::numeric_limits<ScalarOf<Real>>::epsilon());
         if (!any(unfinished)) break;
         SomeTurn<Mask<Real>> const they{unfinished};
         turn_axes<0, 1>(S, U, they);
@@ -142,7 +142,7 @@ FIRN_HOST_DEVICE inline void part_axes(Matrix<Real, d>& G, Matrix<Real, d>& U, W
 template <Lane Real, int d>
 FIRN_HOST_DEVICE inline PrincipalAxes<Real, d> principal_axes(Matrix<Real, d> const& H)
 {
-    using Number = Scalar<Real>;
+    using Number = ScalarOf<Real>;
     Matrix<Real, d> S;
     FIRN_UNROLL
     for (int i = 0; i < d; ++i) FIRN_UNROLL

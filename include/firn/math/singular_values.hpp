@@ -31,7 +31,7 @@ namespace detail
 template <Lane Real, int d>
 FIRN_HOST_DEVICE inline Matrix<Real, d> scaled_to_one(Matrix<Real, d> const& F, Real& scale)
 {
-    using Number = Scalar<Real>;
+    using Number = ScalarOf<Real>;
     using Limits = std::numeric_limits<Number>;
     constexpr Number shift = Number(std::int64_t{1} << Limits::digits);
 
@@ -75,7 +75,7 @@ template <Lane Real>
 FIRN_HOST_DEVICE inline Turn<Real> turn_of(Real const& difference, Real const& twice, Real& root)
 {
     // Keeps the roots finite where nothing is left to turn, and changes no other angle.
-    using Number = Scalar<Real>;
+    using Number = ScalarOf<Real>;
     constexpr Number tiny = sizeof(Number) == 4 ? Number(1e-18) : Number(1e-150);
     Real const square = difference * difference + twice * twice;
     root = square * inverse_sqrt(square + Real(tiny * tiny));
@@ -91,7 +91,7 @@ FIRN_HOST_DEVICE inline Turn<Real> turn_to_orthogonal(Matrix<Real, d> const& B)
 {
     Vector<Real, d> const x = B.col(p), y = B.col(q);
     Real root;
-    return turn_of(y.dot(y) - x.dot(x), Scalar<Real>(2) * x.dot(y), root);
+    return turn_of(y.dot(y) - x.dot(x), ScalarOf<Real>(2) * x.dot(y), root);
 }
 
 /// Makes columns p and q of B orthogonal, and turns those of V with them.
@@ -137,7 +137,7 @@ FIRN_HOST_DEVICE inline Matrix<Real, 3> orthonormal_along(Matrix<Real, 3> const&
 {
     // B was scaled: unless it is zero, its first column is longer than 1/2. A second column below an eighth
     // of the rounding error of the first has no direction; any perpendicular does (Duff et al. 2017, eq. 2).
-    constexpr Scalar<Real> epsilon = std::numeric_limits<Scalar<Real>>::epsilon();
+    constexpr ScalarOf<Real> epsilon = std::numeric_limits<ScalarOf<Real>>::epsilon();
     Vector<Real, 3> u1 = B.col(0), u2, perpendicular;
     Real const square = u1.dot(u1);
     auto const zero = square < Real(0.25);

@@ -98,7 +98,7 @@ template <class SpaceType>
 struct NoFlow
 {
     using Space = SpaceType;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using State = Fields<>;
     static constexpr Number default_density = 1000;
     static Lame<Number> usual_elasticity() { return lame<Number>(1e5, 0.3); }
@@ -132,7 +132,7 @@ struct Elastoplastic : FlowType
     using Law = LawType;
     using Flow = FlowType;
     using Space = typename Flow::Space;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using State = Join<Fields<DisplacementGradient>, typename Flow::State>;
     static constexpr auto name = detail::name_of_solid<Law, Flow>();
     static constexpr bool yields = !std::is_same_v<Flow, NoFlow<Space>>;

@@ -33,7 +33,7 @@ struct Heterogeneous : ModelType
             if (std::string const said = Model::objection(state); !said.empty()) return said;
         if constexpr (requires { this->elasticity.p_wave_modulus(); }) {
             double const modulus = double(this->elasticity.p_wave_modulus()) * double(state[Stiffness{}]);
-            if (!(modulus <= double(std::numeric_limits<typename Space::Real>::max())))
+            if (!(modulus <= double(std::numeric_limits<typename Space::Scalar>::max())))
                 return "a stiffness of " + std::to_string(double(state[Stiffness{}])) +
                        " gives a modulus beyond all numbers";
         }

@@ -46,7 +46,7 @@ Snow<Space> fresh_snow()
 template <class Space>
 Snow<Space> powder()
 {
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     Snow<Space> model;
     model.density = 200;
     model.elasticity = lame<Number>(4.8e4, 0.2);
@@ -64,7 +64,7 @@ Snow<Space> powder()
 template <class Space>
 CamClay<Space> wet_snow()
 {
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     CamClay<Space> model;
     model.density = 450;
     model.elasticity = lame<Number>(2e6, 0.3);
@@ -106,7 +106,7 @@ VonMises<Space> clay()
 template <class Space>
 Fluid<Space> water(double fastest = 3)
 {
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     Fluid<Space> model;
     model.bulk_modulus = detail::bulk_modulus_for<Number>(fastest, 1000, "materials::water");
     model.viscosity = Number(1e-3);
@@ -119,7 +119,7 @@ Fluid<Space> water(double fastest = 3)
 template <class Space>
 Fluid<Space> honey(double fastest = 1)
 {
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     Fluid<Space> model;
     model.density = 1420;
     model.bulk_modulus = detail::bulk_modulus_for<Number>(fastest, 1420, "materials::honey");
@@ -144,7 +144,7 @@ template <class Space>
 NeoHookean<Space> rubber()
 {
     NeoHookean<Space> model;
-    model.elasticity = lame<typename Space::Real>(1e6, 0.45);
+    model.elasticity = lame<typename Space::Scalar>(1e6, 0.45);
     return model;
 }
 
@@ -154,7 +154,7 @@ NeoHookean<Space> rubber()
 template <class Space>
 HardeningVonMises<Space> steel()
 {
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     HardeningVonMises<Space> model;
     model.density = 7850;
     model.elasticity = lame<Number>(210e9, 0.3);
@@ -171,7 +171,7 @@ HardeningVonMises<Space> steel()
 template <class Space>
 HerschelBulkley<Space> foam()
 {
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     HerschelBulkley<Space> model;
     model.density = Number(77.7);
     model.elasticity = {290, Number(2.9e4) - Number(2.0 * 290 / Space::dimension)};

@@ -83,7 +83,7 @@ FIRN_HOST_DEVICE inline Real log_one_plus(Real x)
 template <Lane Real>
 FIRN_HOST_DEVICE inline Real exp_minus_one(Real x)
 {
-    using Number = Scalar<Real>;
+    using Number = ScalarOf<Real>;
     constexpr int terms = sizeof(Number) == 4 ? 7 : 13;
     Real series(1);
     FIRN_UNROLL

@@ -24,7 +24,7 @@ class MaterialSets
 {
 public:
     using Space = typename List::Space;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     static constexpr int d = Space::dimension;
     /// How many materials there are.
     static constexpr std::size_t count = std::tuple_size_v<decltype(List::of)>;

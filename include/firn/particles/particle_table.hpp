@@ -44,7 +44,7 @@ class ParticleTable
 {
 public:
     static constexpr int d = Space::dimension;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using View = TableView<Number, d, PersistentFields>;
     using Derived = DerivedStorage<Backend, Space, DerivedFields>;
     using DerivedView = typename Derived::View;

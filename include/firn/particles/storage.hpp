@@ -42,7 +42,7 @@ template <class Backend, class Space, class Set>
 struct PersistentStorage
 {
     static constexpr int d = Space::dimension;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using View = TableView<Number, d, Set>;
     using Offset = typename View::Offset;
     template <class T>
@@ -109,7 +109,7 @@ template <class Backend, class Space, class Set>
 class DerivedStorage
 {
     static constexpr int d = Space::dimension;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using Array = typename Backend::template Array<Number>;
 
 public:

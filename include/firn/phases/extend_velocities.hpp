@@ -20,7 +20,7 @@ template <class Space>
 struct ExtendVelocities
 {
     static constexpr int d = Space::dimension;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using Sums = NodeSums<d, true>;
     using Velocities = NodeVelocities<d, true>;
     static constexpr bool looks_around = false;
@@ -67,7 +67,7 @@ struct ReturnVelocities
     using Scatter = firn::Scatter<Space, Kernel, Transfer>;
     using Gather = firn::Gather<Space, Kernel, Transfer>;
     static constexpr int d = Space::dimension;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     static constexpr int node_channels = Gather::node_channels, channels = Scatter::channels;
     static constexpr int scratch_channels = Gather::scratch_channels > Scatter::scratch_channels
                                                 ? Gather::scratch_channels

@@ -55,7 +55,7 @@ struct G2p2g
     using Scatter = firn::Scatter<Space, Kernel, Transfer>;
     using Gather = firn::Gather<Space, Kernel, Transfer>;
     static constexpr int d = Space::dimension;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using Result = G2p2gResult<Number, Effects::touching>;
     static constexpr int degree = Kernel::degree;
     static constexpr int node_channels = Gather::node_channels, channels = Scatter::channels;

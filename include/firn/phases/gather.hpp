@@ -16,7 +16,7 @@ template <class Space, class Kernel, class Transfer>
 struct Gather
 {
     static constexpr int d = Space::dimension;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using Velocities = NodeVelocities<d, Transfer::keeps_old_velocity>;
     static constexpr int node_channels = Velocities::channels;
     static constexpr Terms terms = Transfer::template gather_terms<Kernel>;
@@ -182,7 +182,7 @@ struct GatherVelocities : Gather<Space, Kernel, TransferType>
     using Transfer = TransferType;
     using Gather = firn::Gather<Space, Kernel, Transfer>;
     using Gather::d;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     /// The loop has nothing to tell.
     struct Result
     {

@@ -52,7 +52,7 @@ FIRN_HOST_DEVICE std::array<WallPlane, Chain<Actions...>::walls> walls_of(Chain<
 template <class Sums, class Real, int d, std::size_t count>
 struct MirroredNode
 {
-    using Number = Scalar<Real>;
+    using Number = ScalarOf<Real>;
     std::array<WallPlane, count> const& walls;
     /// The nodes on the side of the walls: first + along, the latter on the last axis.
     Coordinates<d> first;

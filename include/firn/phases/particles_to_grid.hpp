@@ -18,7 +18,7 @@ struct ParticlesToGrid : Scatter<Space, Kernel, TransferType>
     using Transfer = TransferType;
     using Scatter = firn::Scatter<Space, Kernel, Transfer>;
     using Scatter::d, Scatter::scratch_channels;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
 
     Model model;
     Transfer transfer;

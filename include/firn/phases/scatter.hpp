@@ -35,7 +35,7 @@ template <class Space, class Kernel, class Transfer>
 struct Scatter
 {
     static constexpr int d = Space::dimension;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using Sums = NodeSums<d, Transfer::keeps_old_velocity>;
     static constexpr Terms terms = Transfer::template scatter_terms<Kernel>;
     static constexpr int channels = Sums::channels;
@@ -127,7 +127,7 @@ struct Scatter
         Vector<Real, d> affine, force, along;
         if constexpr (terms.affine) {
             affine = spread.affine[first];
-            if constexpr (d == 3) affine += spread.change[1] * Real(Scalar<Real>(second));
+            if constexpr (d == 3) affine += spread.change[1] * Real(ScalarOf<Real>(second));
         }
         if constexpr (terms.gradient) {
             if constexpr (d == 3)

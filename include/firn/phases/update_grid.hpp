@@ -36,7 +36,7 @@ template <class Space, class Kernel, class Transfer, class Effects>
 struct UpdateGrid
 {
     static constexpr int d = Space::dimension;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using Sums = NodeSums<d, Transfer::keeps_old_velocity>;
     using Velocities = NodeVelocities<d, Transfer::keeps_old_velocity>;
     using Result = Reactions<Effects::obstacles>;

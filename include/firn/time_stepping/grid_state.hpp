@@ -24,7 +24,7 @@ class GridState
 {
 public:
     using Space = typename Sets::Space;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     static constexpr int d = Space::dimension;
     using Grid = typename Backend::template Grid<
         Number, d, Kernel::degree, NodeSums<d, Transfer::keeps_old_velocity>::channels,

@@ -28,7 +28,7 @@ class StepDriver
 {
 public:
     using Space = typename Sets::Space;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     static constexpr int d = Space::dimension, materials = static_cast<int>(Sets::count);
     using Rule = TimeStepController<materials>;
     using Exchange = GridState<Backend, Sets, Kernel, Transfer>;

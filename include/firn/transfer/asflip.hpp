@@ -59,7 +59,7 @@ struct Asflip
     FIRN_HOST_DEVICE Vector<Real, d> motion(Particle const& particle, Gathered<Real, d> const& gathered) const
     {
         Mask<Real> const open = (!(gathered.gradient.trace() < Real(0))) & (!compressed<Real, d>(particle));
-        Real const share(Scalar<Real>(fraction * separation));
+        Real const share(ScalarOf<Real>(fraction * separation));
         return gathered.velocity +
                (particle[Velocity{}] - gathered.old_velocity) * select(open, share, Real(0));
     }
@@ -72,7 +72,7 @@ struct Asflip
         // Who only asks for what is not stored has no velocity of its own.
         if constexpr (requires { particle[Velocity{}]; }) {
             Vector<Real, d>& v = particle[Velocity{}];
-            v = gathered.velocity + (v - gathered.old_velocity) * Real(Scalar<Real>(fraction));
+            v = gathered.velocity + (v - gathered.old_velocity) * Real(ScalarOf<Real>(fraction));
         }
         Matrix<Real, d> const gradient = gathered.gradient * inverse_cell_size;
         if constexpr (HasConstantInertia<Kernel>)
@@ -87,7 +87,7 @@ private:
     template <Lane Real, int d, class Particle>
     FIRN_HOST_DEVICE static Mask<Real> compressed(Particle const& particle)
     {
-        Real const bound(Scalar<Real>(-1e-3));
+        Real const bound(ScalarOf<Real>(-1e-3));
         if constexpr (requires { particle[DisplacementGradient{}]; })
             return volume_change<Real, d>(particle[DisplacementGradient{}]) < bound;
         else if constexpr (requires { particle[LogVolumeRatio{}]; })

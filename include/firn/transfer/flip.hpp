@@ -48,7 +48,7 @@ struct Flip
                                             Real inverse_cell_size) const
     {
         Vector<Real, d>& v = particle[Velocity{}];
-        v = gathered.velocity + (v - gathered.old_velocity) * Real(Scalar<Real>(fraction));
+        v = gathered.velocity + (v - gathered.old_velocity) * Real(ScalarOf<Real>(fraction));
         return gathered.gradient * inverse_cell_size;
     }
 };

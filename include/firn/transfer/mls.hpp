@@ -34,7 +34,7 @@ struct Mls
             ParticleContribution<Real, d> contribution;
             contribution.momentum = particle[Velocity{}] * mass;
             contribution.affine = particle[AffineVelocity{}] * (mass * cell_size) +
-                                  stress_impulse * Real(Scalar<Real>(Kernel::inverse_inertia));
+                                  stress_impulse * Real(ScalarOf<Real>(Kernel::inverse_inertia));
             return contribution;
         }
     }

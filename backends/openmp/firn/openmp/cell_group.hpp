@@ -54,7 +54,7 @@ class CellGroup
 {
 public:
     using Real = Lane;
-    using Number = Scalar<Lane>;
+    using Number = ScalarOf<Lane>;
     using Shape = typename GridType::Shape;
     static constexpr int lanes = lane_width<Lane>;
 
@@ -202,7 +202,7 @@ class ScatteredItems
 {
 public:
     using Real = Lane;
-    using Number = Scalar<Lane>;
+    using Number = ScalarOf<Lane>;
     static constexpr int lanes = lane_width<Lane>;
 
     /// There are `count` of them, one or more, whose cells are at some places in the block, and no others in
@@ -269,8 +269,8 @@ template <class Lane>
 Lane counting()
 {
     static constexpr auto numbers = [] {
-        std::array<Scalar<Lane>, lane_width<Lane>> from_0{};
-        for (int l = 0; l < lane_width<Lane>; ++l) from_0[std::size_t(l)] = Scalar<Lane>(l);
+        std::array<ScalarOf<Lane>, lane_width<Lane>> from_0{};
+        for (int l = 0; l < lane_width<Lane>; ++l) from_0[std::size_t(l)] = ScalarOf<Lane>(l);
         return from_0;
     }();
     return LaneTraits<Lane>::load(numbers.data());
@@ -282,7 +282,7 @@ class NodeLanes
 {
 public:
     using Real = Lane;
-    using Number = Scalar<Lane>;
+    using Number = ScalarOf<Lane>;
 
     NodeLanes(Number const* sums, Number* values, Coordinates<d> const& first)
         : sums_(sums), values_(values), first_(first)

@@ -29,9 +29,9 @@ Mask<Lane> mask_of(std::uint64_t pattern)
     else if constexpr (lane_width<Lane> == 1)
         return pattern != 0;
     else {
-        Scalar<Lane> one_or_zero[lane_width<Lane>];
-        for (int l = 0; l < lane_width<Lane>; ++l) one_or_zero[l] = Scalar<Lane>((pattern >> l) & 1);
-        return LaneTraits<Lane>::load(one_or_zero) > Lane(Scalar<Lane>(0));
+        ScalarOf<Lane> one_or_zero[lane_width<Lane>];
+        for (int l = 0; l < lane_width<Lane>; ++l) one_or_zero[l] = ScalarOf<Lane>((pattern >> l) & 1);
+        return LaneTraits<Lane>::load(one_or_zero) > Lane(ScalarOf<Lane>(0));
     }
 }
 
@@ -39,7 +39,7 @@ Mask<Lane> mask_of(std::uint64_t pattern)
 template <class Lane>
 class Places
 {
-    using Number = Scalar<Lane>;
+    using Number = ScalarOf<Lane>;
     static constexpr int lanes = lane_width<Lane>;
 
 public:
@@ -85,7 +85,7 @@ private:
 template <class Lane, int d>
 class Scratch
 {
-    using Number = Scalar<Lane>;
+    using Number = ScalarOf<Lane>;
     static constexpr int lanes = lane_width<Lane>;
 
 public:
@@ -132,7 +132,7 @@ class Items
 {
 public:
     using Real = Lane;
-    using Number = Scalar<Lane>;
+    using Number = ScalarOf<Lane>;
     using Offset = typename Order::Offset;
     static constexpr int lanes = lane_width<Lane>;
 

@@ -286,7 +286,7 @@ namespace detail
 template <int channels, class Lane, int d, class Leaver>
 void copy_contributions(Leaver const* leavers, std::uint32_t const* counts, Scratch<Lane, d>& scratch)
 {
-    using Number = Scalar<Lane>;
+    using Number = ScalarOf<Lane>;
     constexpr int lanes = lane_width<Lane>;
     std::uint32_t first[std::size_t(lanes)];
     std::exclusive_scan(counts, counts + lanes, first, std::uint32_t(0));

@@ -16,8 +16,8 @@ struct OffsetLane
 {
     using Stored = Lane;
 
-    static Stored load(Scalar<Lane> const* from) { return LaneTraits<Lane>::load(from); }
-    static void store(Stored const& stored, Scalar<Lane>* to) { LaneTraits<Lane>::store(stored, to); }
+    static Stored load(ScalarOf<Lane> const* from) { return LaneTraits<Lane>::load(from); }
+    static void store(Stored const& stored, ScalarOf<Lane>* to) { LaneTraits<Lane>::store(stored, to); }
 
     /// Packs of them as those of numbers with the same bits, which are loaded and stored as such.
     static Stored of_bits(Lane const& bits) { return bits; }

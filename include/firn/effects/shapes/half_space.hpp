@@ -33,7 +33,7 @@ struct HalfSpace
     FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const
     {
         SurfaceSample<Real, d> sample;
-        for (int a = 0; a < d; ++a) sample.normal[a] = Real(static_cast<Scalar<Real>>(normal[a]));
+        for (int a = 0; a < d; ++a) sample.normal[a] = Real(static_cast<ScalarOf<Real>>(normal[a]));
         sample.distance = dot<Real, d>(x, sample.normal);
         return sample;
     }

@@ -82,15 +82,15 @@ FIRN_HOST_DEVICE SurfaceSample<Real, d> surface_of(ShapeType const& shape, Vecto
         return shape.surface(x);
     else {
         static_assert(
-            requires(Vector<Scalar<Real>, d> const point) { shape.surface(point).distance; },
+            requires(Vector<ScalarOf<Real>, d> const point) { shape.surface(point).distance; },
             "a shape lacks 'template <firn::Lane Real, int d> firn::SurfaceSample<Real, d> "
             "surface(firn::Vector<Real, d> const&) const'");
         constexpr int width = lane_width<Real>;
-        Scalar<Real> at[std::size_t(d)][std::size_t(width)], distance[std::size_t(width)],
+        ScalarOf<Real> at[std::size_t(d)][std::size_t(width)], distance[std::size_t(width)],
             normal[std::size_t(d)][std::size_t(width)];
         for (int a = 0; a < d; ++a) LaneTraits<Real>::store(x[a], at[a]);
         for (int lane = 0; lane < width; ++lane) {
-            Vector<Scalar<Real>, d> point;
+            Vector<ScalarOf<Real>, d> point;
             for (int a = 0; a < d; ++a) point[a] = at[a][lane];
             auto const sample = shape.surface(point);
             distance[lane] = sample.distance;

@@ -63,7 +63,7 @@ struct Shell
     {
         SurfaceSample<Real, d> sample = shape.surface(x);
         Real const side = select(sample.distance < Real(0), Real(-1), Real(1));
-        sample.distance = sample.distance * side - Real(static_cast<Scalar<Real>>(thickness / 2));
+        sample.distance = sample.distance * side - Real(static_cast<ScalarOf<Real>>(thickness / 2));
         sample.normal = sample.normal * side;
         return sample;
     }

@@ -15,7 +15,7 @@ namespace detail
 /// Distance `radius` around the point at `away` = x - centre; the normal at the centre itself is the last
 /// axis.
 template <Lane Real, int d>
-FIRN_HOST_DEVICE SurfaceSample<Real, d> around_point(Vector<Real, d> const& away, Scalar<Real> radius)
+FIRN_HOST_DEVICE SurfaceSample<Real, d> around_point(Vector<Real, d> const& away, ScalarOf<Real> radius)
 {
     Real const length2 = away.dot(away);
     Mask<Real> const off_centre = length2 > Real(0);
@@ -45,7 +45,7 @@ struct Sphere
     template <Lane Real, int d>
     FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const
     {
-        return detail::around_point<Real, d>(x, static_cast<Scalar<Real>>(radius));
+        return detail::around_point<Real, d>(x, static_cast<ScalarOf<Real>>(radius));
     }
 };
 
@@ -70,10 +70,10 @@ struct Capsule
     template <Lane Real, int d>
     FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const
     {
-        Real const half(static_cast<Scalar<Real>>(half_length));
+        Real const half(static_cast<ScalarOf<Real>>(half_length));
         Vector<Real, d> away = x;
         away[1] = away[1] - min(max(x[1], -half), half);
-        return detail::around_point<Real, d>(away, static_cast<Scalar<Real>>(radius));
+        return detail::around_point<Real, d>(away, static_cast<ScalarOf<Real>>(radius));
     }
 };
 
@@ -101,10 +101,10 @@ struct Box
     {
         Real const zero(0), one(1);
         Vector<Real, d> side, beyond, out;
-        Real inside(-std::numeric_limits<Scalar<Real>>::max());
+        Real inside(-std::numeric_limits<ScalarOf<Real>>::max());
         for (int a = 0; a < d; ++a) {
             side[a] = select(x[a] < zero, -one, one);
-            beyond[a] = abs(x[a]) - Real(static_cast<Scalar<Real>>(half_extents[a]));
+            beyond[a] = abs(x[a]) - Real(static_cast<ScalarOf<Real>>(half_extents[a]));
             out[a] = max(beyond[a], zero);
             inside = max(inside, beyond[a]);
         }

@@ -61,7 +61,7 @@ template <class SpaceType>
 struct FixedCorotated
 {
     using Space = SpaceType;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using State = Fields<DisplacementGradient>;
     static constexpr auto name = FixedCorotatedLaw::name;
 

@@ -19,7 +19,8 @@ struct HenckyLaw : RefusesInversion
     {
         Mask<Real> below = no_lanes<Real>();
         FIRN_UNROLL
-        for (int i = 0; i < d; ++i) below = below | (extension[i] < Real(Scalar<Real>(smallest_stretch - 1)));
+        for (int i = 0; i < d; ++i)
+            below = below | (extension[i] < Real(ScalarOf<Real>(smallest_stretch - 1)));
         return below;
     }
 
@@ -29,7 +30,7 @@ struct HenckyLaw : RefusesInversion
         Vector<Real, d> strains;
         FIRN_UNROLL
         for (int i = 0; i < d; ++i)
-            strains[i] = log_one_plus(max(extension[i], Real(Scalar<Real>(smallest_stretch - 1))));
+            strains[i] = log_one_plus(max(extension[i], Real(ScalarOf<Real>(smallest_stretch - 1))));
         return strains;
     }
 

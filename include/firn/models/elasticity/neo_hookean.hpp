@@ -15,7 +15,7 @@ template <class SpaceType>
 struct NeoHookean
 {
     using Space = SpaceType;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using State = Fields<DisplacementGradient>;
     static constexpr auto name = "neo_hookean";
 

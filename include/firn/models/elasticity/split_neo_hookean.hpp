@@ -14,7 +14,7 @@ FIRN_HOST_DEVICE inline Real root_of_volume(Real J)
     if constexpr (d == 2)
         return sqrt(J);
     else
-        return exp(log(J) * Real(Scalar<Real>(1.0 / 3)));
+        return exp(log(J) * Real(ScalarOf<Real>(1.0 / 3)));
 }
 
 /// The neo-Hookean law that splits shape from volume, with the bulk modulus kappa = lambda + 2 mu / d:
@@ -29,7 +29,7 @@ struct SplitNeoHookeanLaw : MeasuredByExtension, RefusesInversion
     FIRN_HOST_DEVICE static PrincipalStress<Real, d> stress(Vector<Real, d> const& extension, Real mu,
                                                             Real lambda)
     {
-        using Number = Scalar<Real>;
+        using Number = ScalarOf<Real>;
         Vector<Real, d> const square = squares_less_one<Real, d>(extension);
         Real const volume = volume_change<Real, d>(extension), J = Real(1) + volume;
         Real sum = square[0], least = sum, most = sum;
@@ -57,7 +57,7 @@ struct SplitNeoHookeanLaw : MeasuredByExtension, RefusesInversion
     FIRN_HOST_DEVICE static Real wave_modulus(Real least, Real most, Real mean, Real shear, Real pressure,
                                               Real mu, Real lambda)
     {
-        using Number = Scalar<Real>;
+        using Number = ScalarOf<Real>;
         Real const one(1), bulk = lambda + mu * Real(Number(2.0 / d));
         Real const longitudinal =
             shear * (Real(Number(1 - 4.0 / d)) * (least + one) + Real(Number(2.0 / d + 1)) * (mean + one)) +
@@ -74,7 +74,7 @@ template <class SpaceType>
 struct SplitNeoHookean
 {
     using Space = SpaceType;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using State = Fields<DisplacementGradient>;
     static constexpr auto name = SplitNeoHookeanLaw::name;
 

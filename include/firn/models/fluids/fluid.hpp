@@ -27,7 +27,7 @@ template <class SpaceType>
 struct Fluid
 {
     using Space = SpaceType;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using State = Fields<LogVolumeRatio>;
     static constexpr auto name = "fluid";
 

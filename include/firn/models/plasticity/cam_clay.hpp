@@ -42,7 +42,7 @@ template <class SpaceType>
 struct CamClayFlow
 {
     using Space = SpaceType;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using State = Fields<LogPlasticVolumeRatio>;
     static constexpr auto name = "cam_clay";
     static constexpr Number default_density = 250;

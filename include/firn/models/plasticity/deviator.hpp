@@ -20,7 +20,7 @@ struct Deviator
         trace = values[0];
         FIRN_UNROLL
         for (int i = 1; i < d; ++i) trace += values[i];
-        Real const mean = trace * Real(Scalar<Real>(1.0 / d));
+        Real const mean = trace * Real(ScalarOf<Real>(1.0 / d));
         Real square(0);
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) {

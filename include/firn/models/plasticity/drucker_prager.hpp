@@ -105,7 +105,7 @@ template <class SpaceType>
 struct DruckerPragerFlow
 {
     using Space = SpaceType;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using State = Fields<LooseVolume>;
     static constexpr auto name = "sand";
     static constexpr Number default_density = 1600;

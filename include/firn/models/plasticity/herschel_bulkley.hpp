@@ -19,7 +19,7 @@ template <class SpaceType>
 struct HerschelBulkleyFlow
 {
     using Space = SpaceType;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using State = Fields<>;
     static constexpr auto name = "herschel_bulkley";
     static constexpr Number default_density = 1000;

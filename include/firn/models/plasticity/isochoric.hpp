@@ -16,7 +16,7 @@ namespace firn
 template <Lane Real, int d>
 FIRN_HOST_DEVICE inline Vector<Real, d> relaxed_extensions(Deviator<Real, d> const& b, Real share, Real J)
 {
-    using Number = Scalar<Real>;
+    using Number = ScalarOf<Real>;
     Vector<Real, d> const s = b.part * share;
     Real m;
     if constexpr (d == 2)

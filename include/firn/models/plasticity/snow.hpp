@@ -20,7 +20,7 @@ template <class SpaceType>
 struct SnowFlow
 {
     using Space = SpaceType;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using State = Fields<PlasticVolumeRatio>;
     static constexpr auto name = "snow";
     static constexpr Number default_density = 400;

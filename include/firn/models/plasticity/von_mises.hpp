@@ -20,7 +20,7 @@ template <class SpaceType>
 struct VonMisesFlow
 {
     using Space = SpaceType;
-    using Number = typename Space::Real;
+    using Number = typename Space::Scalar;
     using State = Fields<>;
     static constexpr auto name = "von_mises";
     static constexpr Number default_density = 1800;
@@ -73,7 +73,7 @@ protected:
 template <class SpaceType>
 struct HardeningVonMisesFlow : VonMisesFlow<SpaceType>
 {
-    using Number = typename SpaceType::Real;
+    using Number = typename SpaceType::Scalar;
     using State = Fields<EquivalentPlasticStrain>;
     static constexpr auto name = "hardening_von_mises";
 
