@@ -175,7 +175,7 @@ TEMPLATE_TEST_CASE(
     using Tensor = Matrix<double, d>;
     OneElement<FixedCorotated<TestType>> const material;
     Lame<double> const moduli{material.model.elasticity.mu, material.model.elasticity.lambda};
-    double const rounding = std::numeric_limits<typename TestType::Real>::epsilon(),
+    double const rounding = std::numeric_limits<typename TestType::Scalar>::epsilon(),
                  unit = moduli.lambda + 2 * moduli.mu;
     std::mt19937 random(31);
     std::vector<Tensor> deformations;
