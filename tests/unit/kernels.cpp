@@ -4,7 +4,7 @@
 
 #include <firn/concepts.hpp>
 #include <firn/core/cell_offset.hpp>
-#include <firn/grid/expansion.hpp>
+#include <firn/grid/cell_polynomial.hpp>
 #include <firn/grid/lattice.hpp>
 #include <firn/grid/stencil.hpp>
 #include <firn/interpolation/cubic_b_spline.hpp>

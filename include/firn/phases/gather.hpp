@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/grid/expansion.hpp>
+#include <firn/grid/cell_polynomial.hpp>
 #include <firn/particles/table_view.hpp>
 #include <firn/phases/update_grid.hpp>
 
