@@ -171,14 +171,15 @@ public:
             },
             [&] { return is_half_changed(); });
         if (added == 0) return first;
-        if (is_first) course_.previous = course_.last = 0; // steps before were nobody's
+        if (is_first) time_state_.previous = time_state_.last = 0; // steps before were nobody's
         next_id_ += static_cast<std::uint32_t>(added);
         exchange_.forget();
         walls_.forget();
         double const modulus = sets_.template response_at_rest<k>().wave_modulus;
-        rule_of_materials().admit(course_.bounds, static_cast<int>(k), sets_.template wave_speed<k>(modulus));
-        course_.bounds.speed = std::max(course_.bounds.speed, norm(velocity));
-        course_.bounds = course_.bounds.finite();
+        controller_of_materials().admit(time_state_.bounds, static_cast<int>(k),
+                                        sets_.template wave_speed<k>(modulus));
+        time_state_.bounds.speed = std::max(time_state_.bounds.speed, norm(velocity));
+        time_state_.bounds = time_state_.bounds.finite();
         return first;
     }
 
@@ -224,7 +225,8 @@ public:
                     has_begun = has_begun || masks[k].count > 0;
                 });
                 exchange_.forget();
-                if (is_held_up() || !has_particles(course_.bounds.material)) find_bounds(); // of who is left
+                if (is_held_up() || !has_particles(time_state_.bounds.material))
+                    find_bounds(); // of who is left
             },
             [&] { return has_begun || is_half_changed(); });
         return count;
@@ -314,18 +316,18 @@ public:
         validate_effects("Solver::step", effects...);
         require_walls_apart(effects...);
         require_before_walls(effects...);
-        auto rule = rule_for(effects...);
-        rule.equal = dt;
-        auto const plain = plain_effects(course_.time, effects...);
+        auto controller = controller_for(effects...);
+        controller.equal = dt;
+        auto const plain = plain_effects(time_state_.time, effects...);
         std::vector<StepReport> reports;
         std::vector<StepFailure> isolated;
         auto const take = [&] {
             require_to_last(dt, "Solver::step"); // time has gone on
-            if (!course_.ready) choose(rule);
-            bool const beyond_stable = dt > course_.stable;
+            if (!time_state_.ready) choose(controller);
+            bool const beyond_stable = dt > time_state_.stable;
             if (beyond_stable) cache_grid_fields(); // it may go wrong
             std::size_t const most = beyond_stable ? 1 : count - reports.size();
-            StepLog const& log = run(rule, most, plain, [&](auto const& record) {
+            StepLog const& log = run(controller, most, plain, [&](auto const& record) {
                 StepReport report;
                 describe(record, report);
                 reports.push_back(std::move(report)); // whole ones only, should memory run short
@@ -334,7 +336,7 @@ public:
             });
             if (log.failed == 0) return;
             if (!isolates(log, dt, true, isolated)) fail(log, dt);
-            release(rule);
+            release(controller);
         };
         try {
             while (reports.size() < count) take();
@@ -344,7 +346,7 @@ public:
             for (auto const& report : reports) until_error_.add(report, StepLimit::duration);
             throw;
         }
-        course_.ready = false;
+        time_state_.ready = false;
         return reports;
     }
 
@@ -389,31 +391,31 @@ public:
         validate_effects("Solver::advance", effects...);
         require_walls_apart(effects...);
         require_before_walls(effects...);
-        auto rule = rule_for(effects...);
-        rule.duration = duration;
-        rule.end = course_.time + duration;
-        auto const plain = plain_effects(course_.time, effects...);
+        auto controller = controller_for(effects...);
+        controller.duration = duration;
+        controller.end = time_state_.time + duration;
+        auto const plain = plain_effects(time_state_.time, effects...);
         AdvanceReport all;
         StepReport of_step; // its lists serve all steps
         StepLog failed;     // the step that is repeated, if one is: course_.retries
         auto const get_on = [&] {
-            if (!course_.ready) choose(rule);
-            double const tried = course_.now.interval.length();
-            if (!rule.gets_on(course_)) {
+            if (!time_state_.ready) choose(controller);
+            double const tried = time_state_.now.interval.length();
+            if (!controller.gets_on(time_state_)) {
                 // it was halved before what goes wrong however short it is, or somebody's state allows none
-                bool const repeated = course_.retries > 0;
-                auto const who =
-                    repeated ? detail::failure_of(sets_, failed, course_.time, tried) : slowest(rule, tried);
-                if (!repeated && !who && forgets_bounds(rule)) return;
+                bool const repeated = time_state_.retries > 0;
+                auto const who = repeated ? detail::failure_of(sets_, failed, time_state_.time, tried)
+                                          : slowest(controller, tried);
+                if (!repeated && !who && forgets_bounds(controller)) return;
                 if (!isolates(repeated ? failed : StepLog{}, tried, who.has_value(), all.isolated, who))
                     fail_to_get_on(who);
-                release(rule);
+                release(controller);
                 return;
             }
             // as many as there would be if all were as long as this one, and no more than can be counted
-            auto const most =
-                static_cast<std::size_t>(std::min(std::ceil((rule.end - course_.time) / tried), 0x1p62));
-            StepLog const& log = run(rule, most, plain, [&](auto const& record) {
+            auto const most = static_cast<std::size_t>(
+                std::min(std::ceil((controller.end - time_state_.time) / tried), 0x1p62));
+            StepLog const& log = run(controller, most, plain, [&](auto const& record) {
                 describe(record, of_step);
                 all.add(of_step, record.limit);
             });
@@ -422,23 +424,23 @@ public:
             ++all.rejected;
             // So often in a row, or as short by what went wrong before: a step now and then that goes well,
             // and shorter ones behind it that do not, would never end.
-            bool const last =
-                ++course_.retries > control_.retries ||
-                course_.now.longest < std::ldexp(std::min(course_.stable, duration), -control_.retries);
-            double const dt = course_.now.interval.length();
+            bool const last = ++time_state_.retries > control_.retries ||
+                              time_state_.now.longest <
+                                  std::ldexp(std::min(time_state_.stable, duration), -control_.retries);
+            double const dt = time_state_.now.interval.length();
             if (isolates(log, dt, last, all.isolated))
-                release(rule);
+                release(controller);
             else if (last)
                 fail(log, dt);
         };
         try {
-            while (rule.goes_on(course_)) get_on();
+            while (controller.goes_on(time_state_)) get_on();
         }
         catch (...) {
             until_error_ = std::move(all);
             throw;
         }
-        course_.ready = false;
+        time_state_.ready = false;
         return all;
     }
 
@@ -446,7 +448,7 @@ public:
     /// then: its steps were taken, and obstacles are owed the reactions.
     AdvanceReport const& until_error() const { return until_error_; }
 
-    double time() const { return course_.time; } ///< [s]
+    double time() const { return time_state_.time; } ///< [s]
     /// Where cells lie, and how large they are.
     Lattice const& lattice() const { return lattice_; }
     /// The transfer scheme with its parameters.
@@ -476,7 +478,7 @@ public:
     std::vector<StepFailure> const& isolated() const { return quarantine_.isolated; }
 
     /// What the next time step depends on.
-    StepBounds const& bounds() const { return course_.bounds; }
+    StepBounds const& bounds() const { return time_state_.bounds; }
 
     /// The permanent ids of the particles, in rising order: 0, 1, 2, … while none has been removed.
     template <class Which = Every>
@@ -569,10 +571,10 @@ public:
                                .kernel_degree = Kernel::degree,
                                .transfer_parameters = detail::parameters_of(transfer_),
                                .lattice = lattice_,
-                               .time = course_.time,
-                               .previous = course_.previous,
-                               .last = course_.last,
-                               .bounds = course_.bounds,
+                               .time = time_state_.time,
+                               .previous = time_state_.previous,
+                               .last = time_state_.last,
+                               .bounds = time_state_.bounds,
                                .masses = masses_,
                                .next_id = next_id_,
                                .materials = {},
@@ -637,7 +639,7 @@ private:
     using Exchange = GridState<Backend, Sets, Kernel, Transfer>;
     using Runs = StepDriver<Backend, Sets, Kernel, Transfer>;
     using CellOrder = typename Sets::CellOrder;
-    using Rule = typename Runs::Rule;
+    using Controller = typename Runs::Controller;
     using Failures = std::vector<StepFailure>;
 
     /// Before something is written for `count` particles to memory of the caller's.
@@ -663,7 +665,7 @@ private:
         masses_ = from.masses;
         next_id_ = from.next_id;
         quarantine_.isolated = std::move(isolated);
-        course_ = {.time = from.time, .bounds = bounds, .previous = from.previous, .last = from.last};
+        time_state_ = {.time = from.time, .bounds = bounds, .previous = from.previous, .last = from.last};
         bounds_are_old_ = true;
         runs_.forget_spoiled_nodes();
         walls_.forget();
@@ -717,45 +719,47 @@ private:
         }
     }
 
-    Rule rule_of_materials() const { return rule_of(sets_); }
-    Rule rule_of(Sets const& sets) const
+    Controller controller_of_materials() const { return controller_of(sets_); }
+    Controller controller_of(Sets const& sets) const
     {
-        return detail::rule_of_materials<Kernel, Transfer>(sets, control_, lattice_.cell_size);
+        return detail::controller_of_materials<Kernel, Transfer>(sets, control_, lattice_.cell_size);
     }
 
     /// The same after some were taken out: who is gone bounds no step.
-    void release(Rule& rule) const
+    void release(Controller& controller) const
     {
-        rule.limits = rule_of_materials().limits;
-        if (size() == 0) rule.acceleration = rule.obstacle_speed = 0;
+        controller.limits = controller_of_materials().limits;
+        if (size() == 0) controller.acceleration = controller.obstacle_speed = 0;
     }
 
     /// How the steps of a call with these effects are chosen.
     template <class... Effects>
-    Rule rule_for(Effects const&... effects)
+    Controller controller_for(Effects const&... effects)
     {
-        course_.ready = false; // it was for other effects, and another end
-        course_.retries = 0;
-        Rule rule = rule_of_materials();
-        if (size() > 0) (detail::admit_effect<d>(rule, effects), ...); // which act on nobody else
-        return rule;
+        time_state_.ready = false; // it was for other effects, and another end
+        time_state_.retries = 0;
+        Controller controller = controller_of_materials();
+        if (size() > 0) (detail::admit_effect<d>(controller, effects), ...); // which act on nobody else
+        return controller;
     }
 
     /// Chooses the next step, by what the host knows.
-    void choose(Rule const& rule)
+    void choose(Controller const& controller)
     {
-        if (!exactly_equal(course_.scattered.interval.forces, exchange_.scattered_dt()))
-            course_.scattered = {};
-        rule.choose(course_);
+        if (!exactly_equal(time_state_.scattered.interval.forces, exchange_.scattered_dt()))
+            time_state_.scattered = {};
+        controller.choose(time_state_);
     }
 
     /// Takes the step that was chosen and some of those after it: see StepDriver::take.
     template <class Effects, class Visit>
-    StepLog const& run(Rule const& rule, std::size_t most, Effects const& effects, Visit const& visit)
+    StepLog const& run(Controller const& controller, std::size_t most, Effects const& effects,
+                       Visit const& visit)
     {
         typename Runs::Scene const scene{
-            sets_, exchange_, course_, masses_.unit, smallest_node_mass(), quarantine_.most > 0};
-        StepLog const& log = *or_break_off([&] { return &runs_.take(scene, rule, most, effects, visit); });
+            sets_, exchange_, time_state_, masses_.unit, smallest_node_mass(), quarantine_.most > 0};
+        StepLog const& log =
+            *or_break_off([&] { return &runs_.take(scene, controller, most, effects, visit); });
         if (log.failed == 0) bounds_are_old_ = false;
         return log;
     }
@@ -822,31 +826,31 @@ private:
     /// Finds the bounds of the next step, for states set from outside.
     void find_bounds()
     {
-        course_.bounds = bounds_of(sets_, course_.bounds);
+        time_state_.bounds = bounds_of(sets_, time_state_.bounds);
         bounds_are_old_ = true;
     }
     /// Those of particles, this scene's or to be, of what was found before.
     StepBounds bounds_of(Sets const& sets, StepBounds const& found) const
     {
-        return detail::bounds_of(sets, rule_of(sets), found, values(sets));
+        return detail::bounds_of(sets, controller_of(sets), found, values(sets));
     }
 
     /// Lets go of those bounds that a step found before particles were changed or taken out, if no step gets
     /// on by them and one does without: it finds them anew.
-    bool forgets_bounds(Rule const& rule)
+    bool forgets_bounds(Controller const& controller)
     {
         if (!bounds_are_old_) return false;
-        TimeState const kept = course_;
-        for (int k = 0; k < 2 && !rule.gets_on(course_); ++k) {
-            if (course_.now.limit == StepLimit::deformation)
-                course_.bounds.deformation_rate = 0;
-            else if (course_.now.limit == StepLimit::obstacle)
-                course_.bounds.obstacle_speed = 0;
+        TimeState const kept = time_state_;
+        for (int k = 0; k < 2 && !controller.gets_on(time_state_); ++k) {
+            if (time_state_.now.limit == StepLimit::deformation)
+                time_state_.bounds.deformation_rate = 0;
+            else if (time_state_.now.limit == StepLimit::obstacle)
+                time_state_.bounds.obstacle_speed = 0;
             find_bounds();
-            choose(rule);
+            choose(controller);
         }
-        bool const gets_on = rule.gets_on(course_);
-        if (!gets_on) course_ = kept;
+        bool const gets_on = controller.gets_on(time_state_);
+        if (!gets_on) time_state_ = kept;
         return gets_on;
     }
 
@@ -862,14 +866,14 @@ private:
     /// Whether steps are less than half as long as they would be for particles at rest.
     bool is_held_up() const
     {
-        Rule const rule = rule_of_materials();
+        Controller const controller = controller_of_materials();
         StepBounds at_rest;
         for_each_material([&](auto k) {
             if (particles<k>().size() == 0) return;
             double const modulus = sets_.template response_at_rest<k>().wave_modulus;
-            rule.admit(at_rest, static_cast<int>(k), sets_.template wave_speed<k>(modulus));
+            controller.admit(at_rest, static_cast<int>(k), sets_.template wave_speed<k>(modulus));
         });
-        return rule.stable(course_.bounds).dt < 0.5 * rule.stable(at_rest).dt;
+        return controller.stable(time_state_.bounds).dt < 0.5 * controller.stable(at_rest).dt;
     }
 
     /// What tells a field's values of a material, by row.
@@ -882,10 +886,10 @@ private:
     }
 
     /// The particle whose own state bounds the step that was chosen, of so many seconds, if one does.
-    std::optional<StepFailure> slowest(Rule const& rule, double dt) const
+    std::optional<StepFailure> slowest(Controller const& controller, double dt) const
     {
-        if (course_.now.limit > StepLimit::deformation) return {}; // effects, or the steps before
-        return detail::slowest_in(sets_, rule, values(), course_.stable, course_.time, dt);
+        if (time_state_.now.limit > StepLimit::deformation) return {}; // effects, or the steps before
+        return detail::slowest_in(sets_, controller, values(), time_state_.stable, time_state_.time, dt);
     }
 
     /// Below this share of a particle's mass, a node's momentum is rounding alone.
@@ -937,11 +941,11 @@ private:
     /// wait for ever.
     void require_to_last(double duration, char const* where) const
     {
-        require(course_.time + duration > course_.time &&
+        require(time_state_.time + duration > time_state_.time &&
                     static_cast<Number>(duration) >= std::numeric_limits<Number>::min(),
                 "the time is too short: beside the solver's own, or in its precision, it is none", where,
                 "Pass a longer one.");
-        require(is_finite(course_.time + duration),
+        require(is_finite(time_state_.time + duration),
                 "the time is too long: with the solver's own it is beyond all numbers", where,
                 "Pass a shorter one.");
     }
@@ -963,10 +967,11 @@ private:
         if (!quarantine_.has_room_for(1)) return false;
         Failures culprits;
         if (log.cause != FailureCause::rejected || last) // of those without stress one too many will do
-            culprits = detail::without_stress(sets_, quarantine_.most, course_.time, dt);
+            culprits = detail::without_stress(sets_, quarantine_.most, time_state_.time, dt);
         if (culprits.empty() && last)
             culprits.push_back(
-                who ? *who : detail::furthest_in(sets_, log, values(), lattice_.cell_size, course_.time, dt));
+                who ? *who
+                    : detail::furthest_in(sets_, log, values(), lattice_.cell_size, time_state_.time, dt));
         if (culprits.empty() || !quarantine_.has_room_for(culprits.size())) return false;
         auto& all = quarantine_.isolated;
         all.reserve(all.size() + culprits.size()); // before anything changes: nobody goes untold
@@ -975,8 +980,8 @@ private:
         all.insert(all.end(), culprits.begin(), culprits.end());
         isolated.insert(isolated.end(), culprits.begin(), culprits.end());
         exchange_.forget();
-        course_.retries = 0;
-        course_.ready = false;
+        time_state_.retries = 0;
+        time_state_.ready = false;
         find_bounds();
         return true;
     }
@@ -991,7 +996,7 @@ private:
     [[noreturn, gnu::cold]] void fail_to_get_on(std::optional<StepFailure> const& since)
     {
         regain_velocities();
-        detail::throw_no_step(course_, since, since ? Sets::name(since->material) : "", d);
+        detail::throw_no_step(time_state_, since, since ? Sets::name(since->material) : "", d);
     }
 
     [[noreturn, gnu::cold]] void fail(StepLog const log, double dt) // a copy: what follows is logged, too
@@ -1004,13 +1009,13 @@ private:
             kept += "; of " + std::to_string(quarantine_.most) +
                     " particles that may be in quarantine there are " +
                     std::to_string(quarantine_.isolated.size()) + ", who stay out (Solver::isolated)";
-        StepFailure failure = detail::failure_of(sets_, log, course_.time, dt);
-        auto const spoilers = detail::without_stress(sets_, 0, course_.time, dt);
+        StepFailure failure = detail::failure_of(sets_, log, time_state_.time, dt);
+        auto const spoilers = detail::without_stress(sets_, 0, time_state_.time, dt);
         if (!spoilers.empty()) { // whom others go wrong by
             failure = spoilers.front();
             failure.count = log.failed;
         }
-        detail::throw_step_error(failure, course_.stable, Sets::name(failure.material), kept, d);
+        detail::throw_step_error(failure, time_state_.stable, Sets::name(failure.material), kept, d);
     }
 
     detail::AccessGuard<typename Backend::SharedCount> guard_;
@@ -1023,7 +1028,7 @@ private:
     Runs runs_;
     MassScale masses_;
     std::uint32_t next_id_ = 0;
-    TimeState course_;
+    TimeState time_state_;
     bool bounds_are_old_ = false; ///< some of them a step found, for particles that were changed since
     detail::Quarantine quarantine_;
     bool (Solver::*isolate_)(StepLog, double, bool, Failures&, std::optional<StepFailure> const&) = nullptr;

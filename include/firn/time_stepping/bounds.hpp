@@ -21,22 +21,22 @@ namespace firn::detail
 /// bounds none.
 template <class Kernel, class Transfer, class Sets>
 TimeStepController<static_cast<int>(Sets::count)>
-rule_of_materials(Sets const& sets, StepControl const& control, double cell_size)
+controller_of_materials(Sets const& sets, StepControl const& control, double cell_size)
 {
-    TimeStepController<static_cast<int>(Sets::count)> rule{.control = control, .cell_size = cell_size};
+    TimeStepController<static_cast<int>(Sets::count)> controller{.control = control, .cell_size = cell_size};
     Sets::for_each([&](auto k) {
         auto const& model = sets.template model<k>();
         double expansion_ratio = Sets::d; // the largest there is, for models that do not say
         if constexpr (requires { model.elasticity.expansion_ratio(Sets::d); })
             expansion_ratio = model.elasticity.expansion_ratio(Sets::d);
-        MaterialLimits& limits = rule.limits[k];
+        MaterialLimits& limits = controller.limits[k];
         limits.wave = isolated_limit<Kernel, Transfer>(expansion_ratio);
         if constexpr (Viscous<typename Sets::template MaterialTraits<k>::Model>)
             if (sets.template particles<k>().size() > 0)
                 limits.shear =
                     shear_limit(limits.wave, model.kinematic_viscosity(), cell_size, expansion_ratio);
     });
-    return rule;
+    return controller;
 }
 
 /// Refuses a bound that bounds nothing.
@@ -60,22 +60,22 @@ void validate_bounds(Effect const& effect)
 }
 
 /// Takes account of what an effect does in d dimensions.
-template <int d, class Rule, class Effect>
-void admit_effect(Rule& rule, Effect const& effect)
+template <int d, class Controller, class Effect>
+void admit_effect(Controller& controller, Effect const& effect)
 {
     if constexpr (requires { effect.largest_acceleration(); })
-        rule.acceleration = std::max(rule.acceleration, effect.largest_acceleration());
+        controller.acceleration = std::max(controller.acceleration, effect.largest_acceleration());
     if constexpr (requires { effect.largest_speed(d); })
-        rule.obstacle_speed = std::max(rule.obstacle_speed, effect.largest_speed(d));
+        controller.obstacle_speed = std::max(controller.obstacle_speed, effect.largest_speed(d));
     else if constexpr (requires { effect.largest_speed(); }) // the same in any space
-        rule.obstacle_speed = std::max(rule.obstacle_speed, effect.largest_speed());
+        controller.obstacle_speed = std::max(controller.obstacle_speed, effect.largest_speed());
 }
 
 /// The bounds of the next step, for states set from outside. How fast particles deform, and what they touch,
 /// is for a step to find: it stays what the last one found, where somebody is left, an affine velocity aside.
 /// `values(tag, k)` are those of a field and a material.
-template <class Sets, class Rule, class Values>
-FIRN_COLD StepBounds bounds_of(Sets const& sets, Rule const& rule, StepBounds const& found,
+template <class Sets, class Controller, class Values>
+FIRN_COLD StepBounds bounds_of(Sets const& sets, Controller const& controller, StepBounds const& found,
                                Values const& values)
 {
     StepBounds bounds;
@@ -88,7 +88,7 @@ FIRN_COLD StepBounds bounds_of(Sets const& sets, Rule const& rule, StepBounds co
             double const own = sets.template response<k>(particle).wave_modulus;
             modulus = is_finite(own) ? std::max(modulus, own) : std::numeric_limits<double>::infinity();
         });
-        rule.admit(bounds, static_cast<int>(k), sets.template wave_speed<k>(modulus));
+        controller.admit(bounds, static_cast<int>(k), sets.template wave_speed<k>(modulus));
         for (auto const& velocity : values(Velocity{}, k))
             bounds.speed = std::max(bounds.speed, double(norm(velocity)));
         if constexpr (Sets::template MaterialTraits<k>::State::template contains<AffineVelocity>)

@@ -100,11 +100,12 @@ template <class Sets, class Values>
 }
 
 /// The particle whose own state bounds the step to `stable` [s], but for roundings; if one is so.
-template <class Sets, class Rule, class Values>
-[[gnu::cold]] std::optional<StepFailure> slowest_in(Sets const& sets, Rule rule, Values const& values,
-                                                    double stable, double time, double dt)
+template <class Sets, class Controller, class Values>
+[[gnu::cold]] std::optional<StepFailure> slowest_in(Sets const& sets, Controller controller,
+                                                    Values const& values, double stable, double time,
+                                                    double dt)
 {
-    rule.acceleration = rule.obstacle_speed = 0;
+    controller.acceleration = controller.obstacle_speed = 0;
     double shortest = 1.001 * stable;
     std::optional<StepFailure> found;
     Sets::for_each([&](auto k) {
@@ -121,7 +122,7 @@ template <class Sets, class Rule, class Values>
         sets.template particles<k>().for_each([&](std::uint32_t row, auto& particle) {
             auto const response = sets.template response<k>(particle);
             bounds[row].wave_speed = sets.template wave_speed<k>(double(response.wave_modulus));
-            double const step = rule.stable(bounds[row].finite()).dt;
+            double const step = controller.stable(bounds[row].finite()).dt;
             if (!(step < shortest)) return;
             shortest = step;
             slowest = row;
@@ -156,16 +157,16 @@ template <class Sets, class Rule, class Values>
 
 /// Stops where no step gets on any more, as one that was chosen shows; `since` is for whom, if that is known,
 /// and the rest as for throw_step_error.
-[[noreturn, gnu::cold]] inline void throw_no_step(TimeState const& course,
+[[noreturn, gnu::cold]] inline void throw_no_step(TimeState const& time_state,
                                                   std::optional<StepFailure> const& since,
                                                   std::string const& material, int d)
 {
     std::ostringstream what, where, remedy;
-    what << "the stable time step fell to " << course.now.interval.length()
-         << " s, too little of the duration, bounded by " << describe(course.now.limit);
-    where << "Solver::advance at t = " << course.time << " s";
-    remedy << "Check masses, moduli and velocities of the scene: wave speed " << course.bounds.wave_speed
-           << " m/s, fastest particle " << course.bounds.speed
+    what << "the stable time step fell to " << time_state.now.interval.length()
+         << " s, too little of the duration, bounded by " << describe(time_state.now.limit);
+    where << "Solver::advance at t = " << time_state.time << " s";
+    remedy << "Check masses, moduli and velocities of the scene: wave speed " << time_state.bounds.wave_speed
+           << " m/s, fastest particle " << time_state.bounds.speed
            << " m/s. Fast obstacles and viscous stress bound steps, too.";
     if (!since) throw Error{what.str(), where.str(), remedy.str()};
     what << ", since particle " << since->particle << material << " " << describe(since->cause);

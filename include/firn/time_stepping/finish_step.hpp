@@ -17,7 +17,7 @@ namespace firn
 /// Where a run of steps stands behind a step, or where one went wrong.
 struct StepLog
 {
-    TimeState course;
+    TimeState time_state;
     std::uint64_t failed = 0; ///< particles with a mishap in the step; if any, it changed nothing
     FailureCause cause = FailureCause::none; ///< of the first of them
     int material = 0;                        ///< which is of this material
@@ -65,7 +65,7 @@ struct RunLog
 
 /// What stays the same during a run of steps, where they are taken.
 template <class Effects, int materials>
-struct RunRule
+struct BatchPlan_
 {
     TimeStepController<materials> steps;
     std::array<double, std::size_t(materials)> density; ///< of each at rest [kg/m^3]
@@ -76,7 +76,7 @@ struct RunRule
 template <int obstacles, int materials>
 struct BeginRun
 {
-    TimeState course;
+    TimeState time_state;
     RunLog<obstacles, materials> log;
 
     FIRN_HOST_DEVICE void operator()(std::size_t place) const
@@ -84,7 +84,7 @@ struct BeginRun
         log.at[place].failed = 0;
         if (place > 0) return;
         *log.taken = 0;
-        log.at[0].course = course;
+        log.at[0].time_state = time_state;
     }
 };
 
@@ -94,8 +94,8 @@ template <class Number, int d, int materials, class Effects, class Actions>
 struct BeginSteps
 {
     BeginRun<Actions::obstacles, materials> run;
-    RunRule<Effects, materials> rule;
-    RunRule<Effects, materials>* kept_rule;
+    BatchPlan_<Effects, materials> controller;
+    BatchPlan_<Effects, materials>* kept_rule;
     StepContext<Number, Actions>* now;
 
     FIRN_HOST_DEVICE void operator()(std::size_t place) const
@@ -103,12 +103,12 @@ struct BeginSteps
         run(place);
         if (place > 0) return;
         // padding too, or who watches what is read before it was written has something to say
-        std::memcpy(static_cast<void*>(kept_rule), &rule, sizeof rule);
-        TimeState const& course = run.course;
-        now->dt = static_cast<Number>(course.now.interval.length());
-        now->forces = static_cast<Number>(course.now.interval.forces);
-        now->next_forces = static_cast<Number>(course.next.interval.forces);
-        now->actions = rule.effects.template over<Number, d>(course.now.interval);
+        std::memcpy(static_cast<void*>(kept_rule), &controller, sizeof controller);
+        TimeState const& time_state = run.time_state;
+        now->dt = static_cast<Number>(time_state.now.interval.length());
+        now->forces = static_cast<Number>(time_state.now.interval.forces);
+        now->next_forces = static_cast<Number>(time_state.next.interval.forces);
+        now->actions = controller.effects.template over<Number, d>(time_state.now.interval);
     }
 };
 
@@ -118,7 +118,7 @@ struct BeginSteps
 template <class Number, int d, int materials, class Effects, class Actions>
 struct FinishStep
 {
-    RunRule<Effects, materials> const* kept_rule;
+    BatchPlan_<Effects, materials> const* kept_rule;
     RunLog<Actions::obstacles, materials> log;
     int step;                            ///< of the run
     StepContext<Number, Actions>* after; ///< where the next step finds what it knows
@@ -141,8 +141,8 @@ private:
         bool const failed = note_failures(log.at[step + 1], found...);
         *log.taken = std::uint64_t(step + (failed ? 0 : 1));
         if (!failed) return true;
-        log.at[step + 1].course = log.at[step].course;
-        log.at[step + 1].course.ready = false;
+        log.at[step + 1].time_state = log.at[step].time_state;
+        log.at[step + 1].time_state.ready = false;
         return false;
     }
 
@@ -152,21 +152,21 @@ private:
     template <class... Found>
     FIRN_HOST_DEVICE bool goes_on(Reactions<Actions::obstacles> reactions, Found const&... found) const
     {
-        TimeState course = log.at[step].course; // copies, loaded at once
-        RunRule<Effects, materials> const run = *kept_rule;
-        TimeStepController<materials> const& rule = run.steps;
-        course.ready = false;
+        TimeState time_state = log.at[step].time_state; // copies, loaded at once
+        BatchPlan_<Effects, materials> const run = *kept_rule;
+        TimeStepController<materials> const& controller = run.steps;
+        time_state.ready = false;
         StepBounds bounds;
-        StepRecord<Actions::obstacles, materials> record{course.now.interval.length(),
-                                                         course.now.interval.forces,
-                                                         course.stable,
-                                                         course.now.limit,
+        StepRecord<Actions::obstacles, materials> record{time_state.now.interval.length(),
+                                                         time_state.now.interval.forces,
+                                                         time_state.stable,
+                                                         time_state.now.limit,
                                                          {found.capped...},
                                                          {}};
         int material = 0;
         auto const ask = [&](auto const& of) {
-            rule.admit(bounds, material,
-                       sqrt(double(of.wave_modulus) / run.density[static_cast<unsigned>(material)]));
+            controller.admit(bounds, material,
+                             sqrt(double(of.wave_modulus) / run.density[static_cast<unsigned>(material)]));
             bounds.speed = max(bounds.speed, sqrt(double(of.speed2)));
             bounds.deformation_rate = max(bounds.deformation_rate, sqrt(double(of.deformation)));
             ++material;
@@ -176,15 +176,16 @@ private:
         if constexpr (Actions::touching > 0) (reactions.merge(found.reactions), ...);
         record.reactions = reactions;
         log.records[step] = record;
-        rule.finish(course, bounds);
-        if (rule.goes_on(course) && rule.choose(course) && rule.gets_on(course))
-            course.ready = !(rule.equal > course.stable); // else the host looks after what may go wrong
-        log.at[step + 1].course = course;
-        if (!course.ready) return false;
-        after->dt = static_cast<Number>(course.now.interval.length());
-        after->forces = static_cast<Number>(course.now.interval.forces);
-        after->next_forces = static_cast<Number>(course.next.interval.forces);
-        after->actions = run.effects.template over<Number, d>(course.now.interval);
+        controller.finish(time_state, bounds);
+        if (controller.goes_on(time_state) && controller.choose(time_state) && controller.gets_on(time_state))
+            time_state.ready =
+                !(controller.equal > time_state.stable); // else the host looks after what may go wrong
+        log.at[step + 1].time_state = time_state;
+        if (!time_state.ready) return false;
+        after->dt = static_cast<Number>(time_state.now.interval.length());
+        after->forces = static_cast<Number>(time_state.now.interval.forces);
+        after->next_forces = static_cast<Number>(time_state.next.interval.forces);
+        after->actions = run.effects.template over<Number, d>(time_state.now.interval);
         return true;
     }
 

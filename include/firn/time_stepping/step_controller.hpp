@@ -77,59 +77,64 @@ struct TimeStepController
 
     /// Chooses the step that begins now, and plans the one after it. False if it is not that for which
     /// particles have given.
-    FIRN_HOST_DEVICE bool choose(TimeState& course) const
+    FIRN_HOST_DEVICE bool choose(TimeState& time_state) const
     {
-        ChosenStep const longest_now = stable(course.bounds);
-        course.stable = longest_now.dt;
+        ChosenStep const longest_now = stable(time_state.bounds);
+        time_state.stable = longest_now.dt;
         auto const forces = [&](PlannedStep const& step, double before, int retries) {
             return retries > 0 ? step.interval.length()
                                : time_of_forces(step.interval.length(), before, longest_now.dt);
         };
         if (equal > 0) { // who takes equal steps is expected to go on so
-            course.now = {{course.time, course.time + equal}, StepLimit::duration};
-            course.now.interval.forces = forces(course.now, course.last, 0);
-            course.next = {{course.now.interval.end, course.now.interval.end + equal}, StepLimit::duration};
-            course.next.interval.forces = forces(course.next, course.now.interval.length(), 0);
-            return exactly_equal(course.scattered.interval.forces, course.now.interval.forces);
+            time_state.now = {{time_state.time, time_state.time + equal}, StepLimit::duration};
+            time_state.now.interval.forces = forces(time_state.now, time_state.last, 0);
+            time_state.next = {{time_state.now.interval.end, time_state.now.interval.end + equal},
+                               StepLimit::duration};
+            time_state.next.interval.forces = forces(time_state.next, time_state.now.interval.length(), 0);
+            return exactly_equal(time_state.scattered.interval.forces, time_state.now.interval.forces);
         }
-        PlannedStep best = plan(longest_now, course.time, end, course.previous, course.retries);
-        best.interval.forces = forces(best, course.last, course.retries);
-        double const planned = course.scattered.interval.length(), longest = best.interval.length();
-        bool const fits = planned > 0 && exactly_equal(course.scattered.interval.begin, course.time) &&
-                          course.scattered.interval.end <= end && planned <= longest_plan * longest &&
-                          planned >= shortest_plan * longest && course.retries == 0;
-        course.now = fits ? course.scattered : best;
+        PlannedStep best = plan(longest_now, time_state.time, end, time_state.previous, time_state.retries);
+        best.interval.forces = forces(best, time_state.last, time_state.retries);
+        double const planned = time_state.scattered.interval.length(), longest = best.interval.length();
+        bool const fits = planned > 0 &&
+                          exactly_equal(time_state.scattered.interval.begin, time_state.time) &&
+                          time_state.scattered.interval.end <= end && planned <= longest_plan * longest &&
+                          planned >= shortest_plan * longest && time_state.retries == 0;
+        time_state.now = fits ? time_state.scattered : best;
         // the one after it, as far as it can be told from the state before this one
-        double const next_end = course.now.interval.end < end ? end : end + duration;
+        double const next_end = time_state.now.interval.end < end ? end : end + duration;
         double const previous =
-            course.now.limit != StepLimit::duration ? course.now.longest : course.previous;
-        course.next = plan(longest_now, course.now.interval.end, next_end, previous, 0);
-        course.next.interval.forces = forces(course.next, course.now.interval.length(), 0);
+            time_state.now.limit != StepLimit::duration ? time_state.now.longest : time_state.previous;
+        time_state.next = plan(longest_now, time_state.now.interval.end, next_end, previous, 0);
+        time_state.next.interval.forces = forces(time_state.next, time_state.now.interval.length(), 0);
         return fits;
     }
 
     /// Whether the step that was chosen gets on.
-    FIRN_HOST_DEVICE bool gets_on(TimeState const& course) const
+    FIRN_HOST_DEVICE bool gets_on(TimeState const& time_state) const
     {
-        return course.now.interval.length() > control.smallest * duration &&
-               course.now.interval.end > course.time;
+        return time_state.now.interval.length() > control.smallest * duration &&
+               time_state.now.interval.end > time_state.time;
     }
 
     /// Whether there is something left to do.
-    FIRN_HOST_DEVICE bool goes_on(TimeState const& course) const { return equal > 0 || course.time < end; }
+    FIRN_HOST_DEVICE bool goes_on(TimeState const& time_state) const
+    {
+        return equal > 0 || time_state.time < end;
+    }
 
     /// Goes to the end of the step that was taken, whose bounds were found.
-    FIRN_HOST_DEVICE static void finish(TimeState& course, StepBounds const& found)
+    FIRN_HOST_DEVICE static void finish(TimeState& time_state, StepBounds const& found)
     {
-        course.time = course.now.interval.end;
-        course.bounds = found.finite();
-        course.last = course.now.interval.length();
-        if (course.retries > 0)
-            course.previous = course.last;
-        else if (course.now.limit != StepLimit::duration)
-            course.previous = course.now.longest;
-        course.retries = 0;
-        course.scattered = course.next;
+        time_state.time = time_state.now.interval.end;
+        time_state.bounds = found.finite();
+        time_state.last = time_state.now.interval.length();
+        if (time_state.retries > 0)
+            time_state.previous = time_state.last;
+        else if (time_state.now.limit != StepLimit::duration)
+            time_state.previous = time_state.now.longest;
+        time_state.retries = 0;
+        time_state.scattered = time_state.next;
     }
 
     /// For how long forces act in a step of a length, behind one of another; 0: behind none [s].

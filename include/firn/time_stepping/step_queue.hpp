@@ -30,7 +30,7 @@ public:
     using Space = typename Sets::Space;
     using Number = typename Space::Scalar;
     static constexpr int d = Space::dimension, materials = static_cast<int>(Sets::count);
-    using Rule = TimeStepController<materials>;
+    using Controller = TimeStepController<materials>;
     using Exchange = GridState<Backend, Sets, Kernel, Transfer>;
 
     /// What steps change, and what they need to know of it.
@@ -38,7 +38,7 @@ public:
     {
         Sets& sets;
         Exchange& exchange;
-        TimeState& course;
+        TimeState& time_state;
         double mass_unit;          ///< of masses [kg]
         Number smallest_node_mass; ///< below it a node's momentum is rounding alone [mass units]
         bool may_lose_particles;   ///< after a step that went wrong for them
@@ -55,20 +55,20 @@ public:
     ///
     /// Where memory runs short or a device fails in the middle, there is no state to go on from.
     template <class Effects, class Visit>
-    FIRN_COLD StepLog const& take(Scene const& scene, Rule const& rule, std::size_t most,
+    FIRN_COLD StepLog const& take(Scene const& scene, Controller const& controller, std::size_t most,
                                   Effects const& effects, Visit const& visit)
     {
         auto const orders = scene.sets.orders();
         int const expected = static_cast<int>(std::min(most, backend_.steps_to_queue(orders, queue_)));
-        StepBatch<Effects> run(*this, scene, rule, effects, expected);
+        StepBatch<Effects> run(*this, scene, controller, effects, expected);
         auto& grid = scene.exchange.grid();
         Sets::for_each([&](auto k) { // in the order of cells, which giving may complete
             scene.sets.template particles<k>().sort(
                 [](auto& cells, auto const& offsets) { cells.begin_rebin(offsets); });
         });
         grid.activate(orders); // blocks under them
-        scene.exchange.scatter_missing(scene.course.now.interval.forces, scene.sets);
-        run.begin(rule, effects);
+        scene.exchange.scatter_missing(scene.time_state.now.interval.forces, scene.sets);
+        run.begin(controller, effects);
         auto const layers = run.layers();
         auto reacted = run.update_nodes(0);
         int queued = 1;
@@ -130,24 +130,24 @@ private:
     {
         using Actions = decltype(std::declval<Effects const&>().template over<Number, d>(Interval{}));
         using Now = StepContext<Number, Actions>;
-        using KeptRule = RunRule<Effects, materials>;
+        using BatchPlan = BatchPlan_<Effects, materials>;
         using Log = RunLog<Actions::obstacles, materials>;
         static_assert(std::is_trivially_destructible_v<Now>, "an effect's action is a plain value");
-        static_assert(std::is_trivially_destructible_v<KeptRule>, "an effect, as steps know it, too");
+        static_assert(std::is_trivially_destructible_v<BatchPlan>, "an effect, as steps know it, too");
         // an obstacle's quaternion is aligned more strictly than the two before it are long
-        static constexpr std::size_t rule_at =
-            (2 * sizeof(Now) + alignof(KeptRule) - 1) / alignof(KeptRule) * alignof(KeptRule);
+        static constexpr std::size_t plan_at =
+            (2 * sizeof(Now) + alignof(BatchPlan) - 1) / alignof(BatchPlan) * alignof(BatchPlan);
 
     public:
-        StepBatch(StepDriver& runs, Scene const& scene, Rule const& rule, Effects const& effects,
+        StepBatch(StepDriver& runs, Scene const& scene, Controller const& controller, Effects const& effects,
                   int expected)
-            : runs_(runs), scene_(scene), largest_deformation_(static_cast<Number>(rule.control.rejection)),
-              expected_(expected)
+            : runs_(runs), scene_(scene),
+              largest_deformation_(static_cast<Number>(controller.control.rejection)), expected_(expected)
         {
-            runs_.now_.resize(rule_at + sizeof(KeptRule));
+            runs_.now_.resize(plan_at + sizeof(BatchPlan));
             runs_.log_.resize(Log::bytes(std::size_t(expected)));
             now_ = reinterpret_cast<Now*>(runs_.now_.data());
-            kept_rule_ = reinterpret_cast<KeptRule*>(runs_.now_.data() + rule_at);
+            plan_ = reinterpret_cast<BatchPlan*>(runs_.now_.data() + plan_at);
             log_ = Log::over(runs_.log_.data(), std::size_t(expected));
             Sets::for_each([&](auto k) {
                 had_cached_[k] = particles<k>().has_grid_fields();
@@ -157,16 +157,16 @@ private:
         }
 
         /// Makes ready for the first step.
-        void begin(Rule const& rule, Effects const& effects)
+        void begin(Controller const& controller, Effects const& effects)
         {
-            BeginRun<Actions::obstacles, materials> const run{scene_.course, log_};
-            if (scene_.course.ready)
+            BeginRun<Actions::obstacles, materials> const run{scene_.time_state, log_};
+            if (scene_.time_state.ready)
                 runs_.backend_.for_each(Log::places(std::size_t(expected_)), run);
             else
                 runs_.backend_.for_each(
                     Log::places(std::size_t(expected_)),
                     BeginSteps<Number, d, materials, Effects, Actions>{
-                        run, {rule, scene_.sets.densities(), effects}, kept_rule_, now(0)});
+                        run, {controller, scene_.sets.densities(), effects}, plan_, now(0)});
         }
 
         /// Nodes find their velocities. Returns the reactions of obstacles.
@@ -186,7 +186,7 @@ private:
         /// The phase that chooses the step behind this one.
         auto conclude(int step) const
         {
-            return FinishStep<Number, d, materials, Effects, Actions>{kept_rule_, log_, step, now(step + 1)};
+            return FinishStep<Number, d, materials, Effects, Actions>{plan_, log_, step, now(step + 1)};
         }
 
         /// The grid's layers of all materials.
@@ -234,12 +234,12 @@ private:
         /// cell in the last one has given there.
         void adopt(int place, int taken, bool leavers_scattered)
         {
-            scene_.course = heard_.at[place].course;
+            scene_.time_state = heard_.at[place].time_state;
             Sets::for_each([&](auto k) {
                 particles<k>().set_cached(taken > 0 ? wrote_derived_[k] : had_cached_[k], had_cached_[k]);
             });
             if (taken > 0)
-                scene_.exchange.set_scattered(scene_.course.scattered.interval.forces, leavers_scattered);
+                scene_.exchange.set_scattered(scene_.time_state.scattered.interval.forces, leavers_scattered);
         }
 
     private:
@@ -282,7 +282,7 @@ private:
         Number largest_deformation_;
         int expected_; ///< steps at most
         Now* now_;     ///< of steps in turn: two
-        KeptRule* kept_rule_;
+        BatchPlan* plan_;
         Log log_{}, heard_{}; ///< where steps are taken, and where the host reads it
         /// Of each material: whether what particles take from the grid was held beside them before the run,
         /// and whether its steps write it. Obstacles that push particles set what cannot be taken again, and
