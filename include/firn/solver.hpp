@@ -138,7 +138,7 @@ public:
                     Backend backend = {})
         : lattice_(lattice_for<Number>(lattice)), transfer_(transfer), control_(control),
           backend_(std::move(backend)), sets_(List(std::move(model)), lattice_, Kernel::degree, backend_),
-          exchange_(lattice_, transfer_, backend_), runs_(lattice_, transfer_, backend_)
+          grid_state_(lattice_, transfer_, backend_), driver_(lattice_, transfer_, backend_)
     {
         for_each_material([&](auto k) { model_of<k>().validate(); });
         control_.validate();
@@ -173,7 +173,7 @@ public:
         if (added == 0) return first;
         if (is_first) time_state_.previous = time_state_.last = 0; // steps before were nobody's
         next_id_ += static_cast<std::uint32_t>(added);
-        exchange_.forget();
+        grid_state_.forget();
         walls_.forget();
         double const modulus = sets_.template response_at_rest<k>().wave_modulus;
         controller_of_materials().admit(time_state_.bounds, static_cast<int>(k),
@@ -224,7 +224,7 @@ public:
                     particles<k>().remove(masks[k]);
                     has_begun = has_begun || masks[k].count > 0;
                 });
-                exchange_.forget();
+                grid_state_.forget();
                 if (is_held_up() || !has_particles(time_state_.bounds.material))
                     find_bounds(); // of who is left
             },
@@ -254,7 +254,7 @@ public:
         auto const change = [&](auto const& set) {
             or_break_off([&] {
                 set();
-                exchange_.forget();
+                grid_state_.forget();
                 find_bounds();
             });
         };
@@ -499,7 +499,7 @@ public:
     std::vector<FieldValue<Tag, Number, d>> download() const
     {
         return by_id<Which, FieldValue<Tag, Number, d>>(
-            [&](auto k) { return exchange_.template download<Tag, k>(sets_); });
+            [&](auto k) { return grid_state_.template download<Tag, k>(sets_); });
     }
 
     /// A stored field where it lies, in memory of the backend: `view<DisplacementGradient>()`. Nothing is
@@ -537,7 +537,7 @@ public:
                       "the scene's particles have no such field, or it follows from others");
         constexpr std::size_t k = MaterialTraits<Which>::place;
         require_room(to, particles<k>().size(), stride, component_count<Tag>(d), "Solver::write");
-        if (particles<k>().size() > 0) exchange_.template write<Tag, k>(sets_, to, stride);
+        if (particles<k>().size() > 0) grid_state_.template write<Tag, k>(sets_, to, stride);
     }
 
     /// Masses [kg], by rising id.
@@ -589,10 +589,10 @@ public:
             [&] { return is_half_changed(); });
         std::vector<CellOrder> orders; // they take memory, before anything changes
         for_each_material([&](auto k) { orders.push_back(particles<k>().order_of(to.materials[k])); });
-        Exchange exchange(lattice_, transfer_, backend_);
+        GridStateType grid_state(lattice_, transfer_, backend_);
         or_break_off([&] {
             for_each_material([&](auto k) { particles<k>().restore(to.materials[k], std::move(orders[k])); });
-            go_on_from(to, to.bounds, std::move(exchange), to.isolated);
+            go_on_from(to, to.bounds, std::move(grid_state), to.isolated);
         });
         return to;
     }
@@ -621,25 +621,25 @@ public:
         });
         StepBounds const bounds = same_bounds ? from.bounds : bounds_of(sets, from.bounds);
         auto isolated = from.isolated;
-        Exchange exchange(lattice_, transfer_, backend_);
+        GridStateType grid_state(lattice_, transfer_, backend_);
         sets_ = std::move(sets); // from here on nothing can fail
-        go_on_from(from, bounds, std::move(exchange), std::move(isolated));
+        go_on_from(from, bounds, std::move(grid_state), std::move(isolated));
     }
 
     /// Bytes held by particles and grid, spare capacity included. (What threads work with, some tens of
     /// kilobytes each, is not counted.)
     std::size_t memory() const
     {
-        std::size_t bytes = exchange_.grid().memory();
+        std::size_t bytes = grid_state_.grid().memory();
         for_each_material([&](auto k) { bytes += particles<k>().memory(); });
         return bytes;
     }
 
 private:
-    using Exchange = GridState<Backend, Sets, Kernel, Transfer>;
-    using Runs = StepDriver<Backend, Sets, Kernel, Transfer>;
+    using GridStateType = GridState<Backend, Sets, Kernel, Transfer>;
+    using Driver = StepDriver<Backend, Sets, Kernel, Transfer>;
     using CellOrder = typename Sets::CellOrder;
-    using Controller = typename Runs::Controller;
+    using Controller = typename Driver::Controller;
     using Failures = std::vector<StepFailure>;
 
     /// Before something is written for `count` particles to memory of the caller's.
@@ -658,16 +658,16 @@ private:
     }
 
     /// Goes on from a snapshot whose particles are there already: grid, and what was planned, begin afresh.
-    void go_on_from(Snapshot<Number, d> const& from, StepBounds const& bounds, Exchange exchange,
+    void go_on_from(Snapshot<Number, d> const& from, StepBounds const& bounds, GridStateType grid_state,
                     Failures isolated)
     {
-        exchange_ = std::move(exchange);
+        grid_state_ = std::move(grid_state);
         masses_ = from.masses;
         next_id_ = from.next_id;
         quarantine_.isolated = std::move(isolated);
         time_state_ = {.time = from.time, .bounds = bounds, .previous = from.previous, .last = from.last};
         bounds_are_old_ = true;
-        runs_.forget_spoiled_nodes();
+        driver_.forget_spoiled_nodes();
         walls_.forget();
     }
 
@@ -746,7 +746,7 @@ private:
     /// Chooses the next step, by what the host knows.
     void choose(Controller const& controller)
     {
-        if (!exactly_equal(time_state_.scattered.interval.forces, exchange_.scattered_dt()))
+        if (!exactly_equal(time_state_.scattered.interval.forces, grid_state_.scattered_dt()))
             time_state_.scattered = {};
         controller.choose(time_state_);
     }
@@ -756,10 +756,10 @@ private:
     StepLog const& run(Controller const& controller, std::size_t most, Effects const& effects,
                        Visit const& visit)
     {
-        typename Runs::Scene const scene{
-            sets_, exchange_, time_state_, masses_.unit, smallest_node_mass(), quarantine_.most > 0};
+        typename Driver::Scene const scene{sets_,        grid_state_,          time_state_,
+                                           masses_.unit, smallest_node_mass(), quarantine_.most > 0};
         StepLog const& log =
-            *or_break_off([&] { return &runs_.take(scene, controller, most, effects, visit); });
+            *or_break_off([&] { return &driver_.take(scene, controller, most, effects, visit); });
         if (log.failed == 0) bounds_are_old_ = false;
         return log;
     }
@@ -809,18 +809,19 @@ private:
     }
 
     /// Holds what particles take from the grid beside them, before what they are taken from changes.
-    void cache_grid_fields() { exchange_.cache_grid_fields(sets_); }
+    void cache_grid_fields() { grid_state_.cache_grid_fields(sets_); }
 
     /// After a step that went wrong: see GridState::regain_velocities.
     [[gnu::cold]] void regain_velocities()
     {
-        if (!runs_.has_spoiled_nodes()) return;
+        if (!driver_.has_spoiled_nodes()) return;
         if (sets_.has_grid_fields())
             // the sums have the forces of the step that went wrong, which may be larger than rounding bears
-            exchange_.forget();
+            grid_state_.forget();
         else
-            or_break_off([&] { exchange_.regain_velocities(sets_, smallest_node_mass(), runs_.any_step()); });
-        runs_.forget_spoiled_nodes();
+            or_break_off(
+                [&] { grid_state_.regain_velocities(sets_, smallest_node_mass(), driver_.any_step()); });
+        driver_.forget_spoiled_nodes();
     }
 
     /// Finds the bounds of the next step, for states set from outside.
@@ -881,7 +882,7 @@ private:
     auto values(Sets const& sets) const
     {
         return [this, &sets]<class Tag, std::size_t k>(Tag, std::integral_constant<std::size_t, k>) {
-            return exchange_.template download<Tag, k>(sets);
+            return grid_state_.template download<Tag, k>(sets);
         };
     }
 
@@ -979,7 +980,7 @@ private:
         or_break_off([&] { sets_.remove(culprits); });
         all.insert(all.end(), culprits.begin(), culprits.end());
         isolated.insert(isolated.end(), culprits.begin(), culprits.end());
-        exchange_.forget();
+        grid_state_.forget();
         time_state_.retries = 0;
         time_state_.ready = false;
         find_bounds();
@@ -1024,8 +1025,8 @@ private:
     StepControl control_;
     Backend backend_;
     Sets sets_;
-    Exchange exchange_;
-    Runs runs_;
+    GridStateType grid_state_;
+    Driver driver_;
     MassScale masses_;
     std::uint32_t next_id_ = 0;
     TimeState time_state_;

@@ -31,13 +31,13 @@ public:
     using Number = typename Space::Scalar;
     static constexpr int d = Space::dimension, materials = static_cast<int>(Sets::count);
     using Controller = TimeStepController<materials>;
-    using Exchange = GridState<Backend, Sets, Kernel, Transfer>;
+    using GridStateType = GridState<Backend, Sets, Kernel, Transfer>;
 
     /// What steps change, and what they need to know of it.
     struct Scene
     {
         Sets& sets;
-        Exchange& exchange;
+        GridStateType& grid_state;
         TimeState& time_state;
         double mass_unit;          ///< of masses [kg]
         Number smallest_node_mass; ///< below it a node's momentum is rounding alone [mass units]
@@ -61,13 +61,13 @@ public:
         auto const orders = scene.sets.orders();
         int const expected = static_cast<int>(std::min(most, backend_.steps_to_queue(orders, queue_)));
         StepBatch<Effects> run(*this, scene, controller, effects, expected);
-        auto& grid = scene.exchange.grid();
+        auto& grid = scene.grid_state.grid();
         Sets::for_each([&](auto k) { // in the order of cells, which giving may complete
             scene.sets.template particles<k>().sort(
                 [](auto& cells, auto const& offsets) { cells.begin_rebin(offsets); });
         });
         grid.activate(orders); // blocks under them
-        scene.exchange.scatter_missing(scene.time_state.now.interval.forces, scene.sets);
+        scene.grid_state.scatter_missing(scene.time_state.now.interval.forces, scene.sets);
         run.begin(controller, effects);
         auto const layers = run.layers();
         auto reacted = run.update_nodes(0);
@@ -141,14 +141,14 @@ private:
     public:
         StepBatch(StepDriver& runs, Scene const& scene, Controller const& controller, Effects const& effects,
                   int expected)
-            : runs_(runs), scene_(scene),
+            : driver_(runs), scene_(scene),
               largest_deformation_(static_cast<Number>(controller.control.rejection)), expected_(expected)
         {
-            runs_.now_.resize(plan_at + sizeof(BatchPlan));
-            runs_.log_.resize(Log::bytes(std::size_t(expected)));
-            now_ = reinterpret_cast<Now*>(runs_.now_.data());
-            plan_ = reinterpret_cast<BatchPlan*>(runs_.now_.data() + plan_at);
-            log_ = Log::over(runs_.log_.data(), std::size_t(expected));
+            driver_.now_.resize(plan_at + sizeof(BatchPlan));
+            driver_.log_.resize(Log::bytes(std::size_t(expected)));
+            now_ = reinterpret_cast<Now*>(driver_.now_.data());
+            plan_ = reinterpret_cast<BatchPlan*>(driver_.now_.data() + plan_at);
+            log_ = Log::over(driver_.log_.data(), std::size_t(expected));
             Sets::for_each([&](auto k) {
                 had_cached_[k] = particles<k>().has_grid_fields();
                 wrote_derived_[k] = MaterialTraits<k>::Derived::components(d) > 0 &&
@@ -161,9 +161,9 @@ private:
         {
             BeginRun<Actions::obstacles, materials> const run{scene_.time_state, log_};
             if (scene_.time_state.ready)
-                runs_.backend_.for_each(Log::places(std::size_t(expected_)), run);
+                driver_.backend_.for_each(Log::places(std::size_t(expected_)), run);
             else
-                runs_.backend_.for_each(
+                driver_.backend_.for_each(
                     Log::places(std::size_t(expected_)),
                     BeginSteps<Number, d, materials, Effects, Actions>{
                         run, {controller, scene_.sets.densities(), effects}, plan_, now(0)});
@@ -172,12 +172,12 @@ private:
         /// Nodes find their velocities. Returns the reactions of obstacles.
         auto update_nodes(int step)
         {
-            scene_.exchange.extend_velocities(scene_.sets, scene_.smallest_node_mass);
-            return runs_.backend_.for_each_node(scene_.sets.orders(), scene_.exchange.grid(),
-                                                UpdateGrid<Space, Kernel, Transfer, Actions>{
-                                                    now(step), runs_.lattice_, scene_.smallest_node_mass,
-                                                    scene_.exchange.flip_fraction(),
-                                                    static_cast<Number>(scene_.mass_unit)});
+            scene_.grid_state.extend_velocities(scene_.sets, scene_.smallest_node_mass);
+            return driver_.backend_.for_each_node(scene_.sets.orders(), scene_.grid_state.grid(),
+                                                  UpdateGrid<Space, Kernel, Transfer, Actions>{
+                                                      now(step), driver_.lattice_, scene_.smallest_node_mass,
+                                                      scene_.grid_state.flip_fraction(),
+                                                      static_cast<Number>(scene_.mass_unit)});
         }
 
         /// The phase in which particles of all materials move.
@@ -199,9 +199,9 @@ private:
         {
             Sets::for_each([&](auto k) {
                 particles<k>().sort([&](auto& cells, auto const& offsets) {
-                    auto layer = scene_.exchange.grid().layer(k);
-                    runs_.backend_.template rebin<typename Exchange::template P2g<k>>(cells, layer, offsets,
-                                                                                      choice);
+                    auto layer = scene_.grid_state.grid().layer(k);
+                    driver_.backend_.template rebin<typename GridStateType::template P2g<k>>(cells, layer,
+                                                                                             offsets, choice);
                 });
             });
         }
@@ -209,7 +209,7 @@ private:
         /// Waits for the steps, and reads what became of them.
         void read_log()
         {
-            heard_ = Log::over(const_cast<unsigned char*>(runs_.log_.read()), std::size_t(expected_));
+            heard_ = Log::over(const_cast<unsigned char*>(driver_.log_.read()), std::size_t(expected_));
         }
         Log const& heard() const { return heard_; }
         int taken() const { return static_cast<int>(*heard_.taken); }
@@ -220,14 +220,14 @@ private:
         void commit()
         {
             Sets::for_each([&](auto k) { particles<k>().swap(wrote_derived_[k]); });
-            scene_.exchange.grid().swap();
+            scene_.grid_state.grid().swap();
         }
 
         /// Undoes that, and follow(), for steps that were queued and then not made.
         void rollback(int accepted, int rebinned) requires Backend::queues
         {
             Sets::for_each([&](auto k) { particles<k>().rollback(accepted, rebinned, wrote_derived_[k]); });
-            if (accepted % 2 != 0) scene_.exchange.grid().swap(); // what was swapped is swapped back
+            if (accepted % 2 != 0) scene_.grid_state.grid().swap(); // what was swapped is swapped back
         }
 
         /// Takes over what is known behind some steps; `leavers_scattered` says whether who came to another
@@ -239,7 +239,8 @@ private:
                 particles<k>().set_cached(taken > 0 ? wrote_derived_[k] : had_cached_[k], had_cached_[k]);
             });
             if (taken > 0)
-                scene_.exchange.set_scattered(scene_.time_state.scattered.interval.forces, leavers_scattered);
+                scene_.grid_state.set_scattered(scene_.time_state.scattered.interval.forces,
+                                                leavers_scattered);
         }
 
     private:
@@ -248,7 +249,7 @@ private:
         {
             return scene_.sets.template particles<k>();
         }
-        Now* now(int step) const { return now_ + (runs_.turn_ + step) % 2; }
+        Now* now(int step) const { return now_ + (driver_.turn_ + step) % 2; }
 
         template <std::size_t... k>
         auto move(int step, std::index_sequence<k...>) const
@@ -262,22 +263,22 @@ private:
             return G2p2g<Space, typename MaterialTraits<k>::Model, Kernel, Transfer, Actions,
                          typename MaterialTraits<k>::Stored, typename MaterialTraits<k>::Derived>{
                 scene_.sets.template model<k>(),
-                runs_.transfer_,
+                driver_.transfer_,
                 now(step),
                 table.current(),
                 table.next(),
                 wrote_derived_[k] ? table.next_derived() : typename MaterialTraits<k>::Table::DerivedView{},
                 table.mass_groups(),
-                runs_.lattice_,
+                driver_.lattice_,
                 largest_deformation_};
         }
         template <std::size_t... k>
         auto layers(std::index_sequence<k...>) const
         {
-            return std::array{scene_.exchange.grid().layer(k)...};
+            return std::array{scene_.grid_state.grid().layer(k)...};
         }
 
-        StepDriver& runs_;
+        StepDriver& driver_;
         Scene const& scene_;
         Number largest_deformation_;
         int expected_; ///< steps at most
