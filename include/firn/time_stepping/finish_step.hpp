@@ -40,7 +40,7 @@ struct StepRecord
 /// What is known of a run of steps where they are taken; the host reads it when they are through. Every step
 /// has places of its own, so that one that has to be repeated is just written once more.
 template <int obstacles, int materials>
-struct RunLog
+struct BatchLog
 {
     using Record = StepRecord<obstacles, materials>;
 
@@ -55,7 +55,7 @@ struct RunLog
     }
 
     /// The log of so many steps that lies at `memory`.
-    static RunLog over(void* memory, std::size_t steps)
+    static BatchLog over(void* memory, std::size_t steps)
     {
         auto* const taken = static_cast<std::uint64_t*>(memory);
         auto* const at = reinterpret_cast<StepLog*>(taken + 1);
@@ -65,7 +65,7 @@ struct RunLog
 
 /// What stays the same during a run of steps, where they are taken.
 template <class Effects, int materials>
-struct BatchPlan_
+struct BatchPlan
 {
     TimeStepController<materials> steps;
     std::array<double, std::size_t(materials)> density; ///< of each at rest [kg/m^3]
@@ -74,10 +74,10 @@ struct BatchPlan_
 
 /// Makes the log ready for a run of steps from where the host says they begin: called for every place of it.
 template <int obstacles, int materials>
-struct BeginRun
+struct BeginBatch
 {
     TimeState time_state;
-    RunLog<obstacles, materials> log;
+    BatchLog<obstacles, materials> log;
 
     FIRN_HOST_DEVICE void operator()(std::size_t place) const
     {
@@ -93,18 +93,18 @@ struct BeginRun
 template <class Number, int d, int materials, class Effects, class Actions>
 struct BeginSteps
 {
-    BeginRun<Actions::obstacles, materials> run;
-    BatchPlan_<Effects, materials> controller;
-    BatchPlan_<Effects, materials>* kept_rule;
+    BeginBatch<Actions::obstacles, materials> begin_batch;
+    BatchPlan<Effects, materials> controller;
+    BatchPlan<Effects, materials>* plan;
     StepContext<Number, Actions>* now;
 
     FIRN_HOST_DEVICE void operator()(std::size_t place) const
     {
-        run(place);
+        begin_batch(place);
         if (place > 0) return;
         // padding too, or who watches what is read before it was written has something to say
-        std::memcpy(static_cast<void*>(kept_rule), &controller, sizeof controller);
-        TimeState const& time_state = run.time_state;
+        std::memcpy(static_cast<void*>(plan), &controller, sizeof controller);
+        TimeState const& time_state = begin_batch.time_state;
         now->dt = static_cast<Number>(time_state.now.interval.length());
         now->forces = static_cast<Number>(time_state.now.interval.forces);
         now->next_forces = static_cast<Number>(time_state.next.interval.forces);
@@ -118,8 +118,8 @@ struct BeginSteps
 template <class Number, int d, int materials, class Effects, class Actions>
 struct FinishStep
 {
-    BatchPlan_<Effects, materials> const* kept_rule;
-    RunLog<Actions::obstacles, materials> log;
+    BatchPlan<Effects, materials> const* plan;
+    BatchLog<Actions::obstacles, materials> log;
     int step;                            ///< of the run
     StepContext<Number, Actions>* after; ///< where the next step finds what it knows
 
@@ -153,8 +153,8 @@ private:
     FIRN_HOST_DEVICE bool goes_on(Reactions<Actions::obstacles> reactions, Found const&... found) const
     {
         TimeState time_state = log.at[step].time_state; // copies, loaded at once
-        BatchPlan_<Effects, materials> const run = *kept_rule;
-        TimeStepController<materials> const& controller = run.steps;
+        BatchPlan<Effects, materials> const fixed = *plan;
+        TimeStepController<materials> const& controller = fixed.steps;
         time_state.ready = false;
         StepBounds bounds;
         StepRecord<Actions::obstacles, materials> record{time_state.now.interval.length(),
@@ -166,7 +166,7 @@ private:
         int material = 0;
         auto const ask = [&](auto const& of) {
             controller.admit(bounds, material,
-                             sqrt(double(of.wave_modulus) / run.density[static_cast<unsigned>(material)]));
+                             sqrt(double(of.wave_modulus) / fixed.density[static_cast<unsigned>(material)]));
             bounds.speed = max(bounds.speed, sqrt(double(of.speed2)));
             bounds.deformation_rate = max(bounds.deformation_rate, sqrt(double(of.deformation)));
             ++material;
@@ -185,7 +185,7 @@ private:
         after->dt = static_cast<Number>(time_state.now.interval.length());
         after->forces = static_cast<Number>(time_state.now.interval.forces);
         after->next_forces = static_cast<Number>(time_state.next.interval.forces);
-        after->actions = run.effects.template over<Number, d>(time_state.now.interval);
+        after->actions = fixed.effects.template over<Number, d>(time_state.now.interval);
         return true;
     }
 

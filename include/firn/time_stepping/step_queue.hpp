@@ -60,7 +60,7 @@ public:
     {
         auto const orders = scene.sets.orders();
         int const expected = static_cast<int>(std::min(most, backend_.steps_to_queue(orders, queue_)));
-        StepBatch<Effects> run(*this, scene, controller, effects, expected);
+        StepBatch<Effects> batch(*this, scene, controller, effects, expected);
         auto& grid = scene.grid_state.grid();
         Sets::for_each([&](auto k) { // in the order of cells, which giving may complete
             scene.sets.template particles<k>().sort(
@@ -68,46 +68,46 @@ public:
         });
         grid.activate(orders); // blocks under them
         scene.grid_state.scatter_missing(scene.time_state.now.interval.forces, scene.sets);
-        run.begin(controller, effects);
-        auto const layers = run.layers();
-        auto reacted = run.update_nodes(0);
+        batch.begin(controller, effects);
+        auto const layers = batch.layers();
+        auto reacted = batch.update_nodes(0);
         int queued = 1;
         if constexpr (Backend::queues)
-            for (; queued < expected && backend_.throttle(orders); reacted = run.update_nodes(queued++)) {
-                auto const choice =
-                    backend_.move_on(orders, layers, run.move(queued - 1), reacted, run.conclude(queued - 1));
-                run.commit(); // as is to be expected
-                run.rebin(choice);
+            for (; queued < expected && backend_.throttle(orders); reacted = batch.update_nodes(queued++)) {
+                auto const choice = backend_.move_on(orders, layers, batch.move(queued - 1), reacted,
+                                                     batch.conclude(queued - 1));
+                batch.commit(); // as is to be expected
+                batch.rebin(choice);
             }
-        backend_.move(orders, layers, run.move(queued - 1), reacted, run.conclude(queued - 1));
-        run.read_log();
+        backend_.move(orders, layers, batch.move(queued - 1), reacted, batch.conclude(queued - 1));
+        batch.read_log();
         bool lacked = false, scattered_early = false;
         if constexpr (Backend::queues) {
             lacked = backend_.poll(orders);
-            scattered_early = !lacked && backend_.rebins_early(orders) && run.taken() < queued;
+            scattered_early = !lacked && backend_.rebins_early(orders) && batch.taken() < queued;
             if (lacked) { // a step lacked room, and those after it did nothing
-                int const lacking = run.taken() - (run.has_failed() ? 0 : 1);
-                run.rollback(queued - 1 - lacking, queued - 1 - lacking);
+                int const lacking = batch.taken() - (batch.has_failed() ? 0 : 1);
+                batch.rollback(queued - 1 - lacking, queued - 1 - lacking);
                 queued = lacking + 1;
                 do {
-                    run.adopt(lacking, lacking, true);
-                    backend_.complete(orders, layers, run.move(lacking), reacted, run.conclude(lacking));
-                    run.read_log();
+                    batch.adopt(lacking, lacking, true);
+                    backend_.complete(orders, layers, batch.move(lacking), reacted, batch.conclude(lacking));
+                    batch.read_log();
                 } while (backend_.poll(orders));
             }
         }
-        int const taken = run.taken();
-        spoiled_ = taken < queued && run.has_failed();
+        int const taken = batch.taken();
+        spoiled_ = taken < queued && batch.has_failed();
         if (taken == queued)
-            run.commit();
+            batch.commit();
         else if constexpr (Backend::queues)
-            run.rollback(queued - 1 - taken, queued - 1 - taken + (spoiled_ ? 0 : 1));
+            batch.rollback(queued - 1 - taken, queued - 1 - taken + (spoiled_ ? 0 : 1));
         int const last = taken + (spoiled_ ? 1 : 0);
-        run.adopt(last, taken, spoiled_ || scattered_early);
+        batch.adopt(last, taken, spoiled_ || scattered_early);
         turn_ = (turn_ + taken) % 2;
         learn(taken, taken == expected && !lacked);
-        for (int i = 0; i < taken; ++i) visit(run.heard().records[i]);
-        return run.heard().at[last];
+        for (int i = 0; i < taken; ++i) visit(batch.heard().records[i]);
+        return batch.heard().at[last];
     }
 
     /// Whether the last step went wrong, so that nodes do not hold the velocities of the last good one.
@@ -130,24 +130,24 @@ private:
     {
         using Actions = decltype(std::declval<Effects const&>().template over<Number, d>(Interval{}));
         using Now = StepContext<Number, Actions>;
-        using BatchPlan = BatchPlan_<Effects, materials>;
-        using Log = RunLog<Actions::obstacles, materials>;
+        using Plan = BatchPlan<Effects, materials>;
+        using Log = BatchLog<Actions::obstacles, materials>;
         static_assert(std::is_trivially_destructible_v<Now>, "an effect's action is a plain value");
-        static_assert(std::is_trivially_destructible_v<BatchPlan>, "an effect, as steps know it, too");
+        static_assert(std::is_trivially_destructible_v<Plan>, "an effect, as steps know it, too");
         // an obstacle's quaternion is aligned more strictly than the two before it are long
         static constexpr std::size_t plan_at =
-            (2 * sizeof(Now) + alignof(BatchPlan) - 1) / alignof(BatchPlan) * alignof(BatchPlan);
+            (2 * sizeof(Now) + alignof(Plan) - 1) / alignof(Plan) * alignof(Plan);
 
     public:
-        StepBatch(StepDriver& runs, Scene const& scene, Controller const& controller, Effects const& effects,
-                  int expected)
-            : driver_(runs), scene_(scene),
+        StepBatch(StepDriver& driver, Scene const& scene, Controller const& controller,
+                  Effects const& effects, int expected)
+            : driver_(driver), scene_(scene),
               largest_deformation_(static_cast<Number>(controller.control.rejection)), expected_(expected)
         {
-            driver_.now_.resize(plan_at + sizeof(BatchPlan));
+            driver_.now_.resize(plan_at + sizeof(Plan));
             driver_.log_.resize(Log::bytes(std::size_t(expected)));
             now_ = reinterpret_cast<Now*>(driver_.now_.data());
-            plan_ = reinterpret_cast<BatchPlan*>(driver_.now_.data() + plan_at);
+            plan_ = reinterpret_cast<Plan*>(driver_.now_.data() + plan_at);
             log_ = Log::over(driver_.log_.data(), std::size_t(expected));
             Sets::for_each([&](auto k) {
                 had_cached_[k] = particles<k>().has_grid_fields();
@@ -159,14 +159,14 @@ private:
         /// Makes ready for the first step.
         void begin(Controller const& controller, Effects const& effects)
         {
-            BeginRun<Actions::obstacles, materials> const run{scene_.time_state, log_};
+            BeginBatch<Actions::obstacles, materials> const begin_batch{scene_.time_state, log_};
             if (scene_.time_state.ready)
-                driver_.backend_.for_each(Log::places(std::size_t(expected_)), run);
+                driver_.backend_.for_each(Log::places(std::size_t(expected_)), begin_batch);
             else
                 driver_.backend_.for_each(
                     Log::places(std::size_t(expected_)),
                     BeginSteps<Number, d, materials, Effects, Actions>{
-                        run, {controller, scene_.sets.densities(), effects}, plan_, now(0)});
+                        begin_batch, {controller, scene_.sets.densities(), effects}, plan_, now(0)});
         }
 
         /// Nodes find their velocities. Returns the reactions of obstacles.
@@ -283,7 +283,7 @@ private:
         Number largest_deformation_;
         int expected_; ///< steps at most
         Now* now_;     ///< of steps in turn: two
-        BatchPlan* plan_;
+        Plan* plan_;
         Log log_{}, heard_{}; ///< where steps are taken, and where the host reads it
         /// Of each material: whether what particles take from the grid was held beside them before the run,
         /// and whether its steps write it. Obstacles that push particles set what cannot be taken again, and
@@ -309,7 +309,7 @@ private:
     Backend backend_;
     /// Two StepContext and a RunRule, of whatever effects. (As zeros at first: it is copied when it grows.)
     typename Backend::template ReadbackBuffer<unsigned char> now_;
-    typename Backend::template ReadbackBuffer<unsigned char> log_; ///< a RunLog
+    typename Backend::template ReadbackBuffer<unsigned char> log_; ///< a BatchLog
     int turn_ = 0;              ///< which StepContext it is that the next step finds
     std::size_t queue_ = 1;     ///< as many steps may be queued blindly: it went well with half as many
     std::size_t unstopped_ = 0; ///< steps since queued ones were stopped
