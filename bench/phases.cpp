@@ -69,9 +69,9 @@ struct TimedOpenMP : OpenMP
         return times->take("grid", [&] { return OpenMP::for_each_node(cells, grid, phase); });
     }
 
-    template <class Order, class LayerType, class Phase, class OfNodes, class Conclude>
+    template <class Order, class LayerType, class Phase, class OfNodes, class Finish>
     void move(std::array<Order*, 1> const& cells, std::array<LayerType, 1> const& layers,
-              std::tuple<Phase> const& phases, OfNodes const& of_nodes, Conclude const& conclude) const
+              std::tuple<Phase> const& phases, OfNodes const& of_nodes, Finish const& finish) const
     {
         // These tiles are about to be cleared anyway.
         times->take("clear", [&] {
@@ -80,7 +80,7 @@ struct TimedOpenMP : OpenMP
                 openmp::detail::clear_rows<LayerType, Phase::channels>(
                     layer.next_tile(b), openmp::detail::touched_by_items<LayerType>(*cells[0], b));
         });
-        times->take("gather_and_scatter", [&] { OpenMP::move(cells, layers, phases, of_nodes, conclude); });
+        times->take("gather_and_scatter", [&] { OpenMP::move(cells, layers, phases, of_nodes, finish); });
     }
 };
 

@@ -204,34 +204,34 @@ struct Cuda
     /// give to the grid of the next step (see G2p2g); then calls `conclude(merged results of the
     /// nodes, and of the items of each order)` on the device. Where that is false, or there was no room for
     /// what moved, later loops do nothing until the host has listened.
-    template <class Order, class LayerType, std::size_t orders, class... Phase, class OfNodes, class Conclude>
+    template <class Order, class LayerType, std::size_t orders, class... Phase, class OfNodes, class Finish>
     void move(std::array<Order*, orders> const& cells, std::array<LayerType, orders> const& layers,
               std::tuple<Phase...> const& phases, cuda::Partial<OfNodes> const& of_nodes,
-              Conclude const& conclude) const
+              Finish const& finish) const
     {
         cuda::OnDevice const here(device);
         for_each_order<orders>([&](auto k) { start_moving(*cells[k], layers[k], std::get<k>(phases)); });
-        end_step(cells, conclusion<Phase...>(layers, of_nodes, conclude));
+        end_step(cells, merge_and_finish<Phase...>(layers, of_nodes, finish));
     }
 
     /// What is left to be asked of a step when its items are followed.
-    template <class Conclusion>
+    template <class Finish>
     struct Rebinned
     {
-        Conclusion conclusion;
+        Finish finish;
         bool early; ///< it is: they are followed at the same time
     };
 
     /// The same where the next step is queued at once: returns what follow() is to be called with before
     /// that. Where there are few blocks, the step is concluded while they are followed.
-    template <class Order, class LayerType, std::size_t orders, class... Phase, class OfNodes, class Conclude>
+    template <class Order, class LayerType, std::size_t orders, class... Phase, class OfNodes, class Finish>
     auto move_on(std::array<Order*, orders> const& cells, std::array<LayerType, orders> const& layers,
                  std::tuple<Phase...> const& phases, cuda::Partial<OfNodes> const& of_nodes,
-                 Conclude const& conclude) const
+                 Finish const& finish) const
     {
         cuda::OnDevice const here(device);
         for_each_order<orders>([&](auto k) { start_moving(*cells[k], layers[k], std::get<k>(phases)); });
-        auto const all = conclusion<Phase...>(layers, of_nodes, conclude);
+        auto const all = merge_and_finish<Phase...>(layers, of_nodes, finish);
         Rebinned<std::remove_cv_t<decltype(all)>> const rebinned{all, rebins_early(cells)};
         if (!rebinned.early) end_step(cells, all);
         return rebinned;
@@ -255,23 +255,22 @@ struct Cuda
     }
 
     /// Then makes room, and repeats what is to be repeated of move().
-    template <class Order, class LayerType, std::size_t orders, class... Phase, class OfNodes, class Conclude>
+    template <class Order, class LayerType, std::size_t orders, class... Phase, class OfNodes, class Finish>
     void complete(std::array<Order*, orders> const& cells, std::array<LayerType, orders> const& layers,
                   std::tuple<Phase...> const& phases, cuda::Partial<OfNodes> const& of_nodes,
-                  Conclude const& conclude) const
+                  Finish const& finish) const
     {
         cuda::OnDevice const here(device);
         for_each_order<orders>([&](auto k) {
             if (cells[k]->make_room()) start_moving(*cells[k], layers[k], std::get<k>(phases));
         });
-        end_step(cells, conclusion<Phase...>(layers, of_nodes, conclude));
+        end_step(cells, merge_and_finish<Phase...>(layers, of_nodes, finish));
     }
 
     /// Brings the order of cells up to date with items that have moved, and lets those that came to another
     /// cell give there.
-    template <class Phase, class Order, class GridType, class Offsets, class Conclusion>
-    void rebin(Order& cells, GridType& grid, Offsets const& offsets,
-               Rebinned<Conclusion> const& rebinned) const
+    template <class Phase, class Order, class GridType, class Offsets, class Finish>
+    void rebin(Order& cells, GridType& grid, Offsets const& offsets, Rebinned<Finish> const& rebinned) const
     {
         if (!rebinned.early) {
             cells.rebin(offsets);
@@ -281,7 +280,7 @@ struct Cuda
         using Tiles = cuda::detail::SharedTiles<GridType>;
         unsigned const teams = Tiles::teams_that_follow(cells.blocks());
         cells.rebin_early(
-            offsets, rebinned.conclusion,
+            offsets, rebinned.finish,
             [&](auto const& view, auto const& arrived) {
                 return cuda::detail::ScatterIncoming<Order, GridType, Phase>{view, arrived, cells.leavers(),
                                                                              grid.view()};
@@ -302,14 +301,13 @@ private:
     }
 
     /// What concludes a step of these phases.
-    template <class Phase, class... Others, class LayerType, std::size_t orders, class OfNodes,
-              class Conclude>
-    static auto conclusion(std::array<LayerType, orders> const& layers,
-                           cuda::Partial<OfNodes> const& of_nodes, Conclude const& conclude)
+    template <class Phase, class... Others, class LayerType, std::size_t orders, class OfNodes, class Finish>
+    static auto merge_and_finish(std::array<LayerType, orders> const& layers,
+                                 cuda::Partial<OfNodes> const& of_nodes, Finish const& finish)
     {
         using Result = typename Phase::Result;
-        cuda::detail::Conclusion<OfNodes, Result, static_cast<int>(orders), Conclude> all{
-            of_nodes, {}, conclude};
+        cuda::detail::MergeAndFinish<OfNodes, Result, static_cast<int>(orders), Finish> all{
+            of_nodes, {}, finish};
         static_assert(decltype(all)::bytes <= cuda::detail::given_shared,
                       "a call has more obstacles than the end of a step can tell of: pass fewer");
         for (std::size_t k = 0; k < orders; ++k)
@@ -318,8 +316,8 @@ private:
     }
 
     /// Queues the loop that ends a step when all items have moved.
-    template <class Order, std::size_t orders, class Conclusion>
-    void end_step(std::array<Order*, orders> const& cells, Conclusion const& conclude) const
+    template <class Order, std::size_t orders, class Finish>
+    void end_step(std::array<Order*, orders> const& cells, Finish const& finish) const
     {
         constexpr int count = static_cast<int>(orders);
         unsigned groups = 1; // for each order
@@ -328,9 +326,9 @@ private:
         std::array<Moved, orders> moved;
         for (std::size_t k = 0; k < orders; ++k) moved[k] = cells[k]->moved();
         // Made ready early however large the scene: they are soon through, and take nobody's place for long.
-        cuda::launch_behind("end_step", queue(), cuda::detail::end_step<Moved, count, Conclusion>,
+        cuda::launch_behind("end_step", queue(), cuda::detail::end_step<Moved, count, Finish>,
                             cuda::Groups{1 + count * groups, true}, cuda::detail::scanning_threads,
-                            Conclusion::bytes, cells[0]->signal(), moved, conclude);
+                            Finish::bytes, cells[0]->signal(), moved, finish);
     }
 
     /// Queues the loop that moves items.

@@ -136,9 +136,9 @@ struct BasicOpenMP
     /// The items of all orders of cells, each with its layer and its phase, take from the grid, move, and
     /// give to the grid of the next step (see G2p2g); then calls `conclude(results of the nodes,
     /// merged results of each order)`.
-    template <std::size_t orders, class Order, class LayerType, class... Phase, class OfNodes, class Conclude>
+    template <std::size_t orders, class Order, class LayerType, class... Phase, class OfNodes, class Finish>
     void move(std::array<Order*, orders> const& cells, std::array<LayerType, orders> const& layers,
-              std::tuple<Phase...> const& phases, OfNodes const& of_nodes, Conclude const& conclude) const
+              std::tuple<Phase...> const& phases, OfNodes const& of_nodes, Finish const& finish) const
     {
         [&]<std::size_t... k>(std::index_sequence<k...>)
         {
@@ -146,7 +146,7 @@ struct BasicOpenMP
             std::tuple const found{openmp::move<Lane<typename Phase::Number>>(
                 threads_for(cells[k]->size()), *cells[k], layers[k],
                 std::get<k>(phases))...}; // one after the other
-            conclude(of_nodes, std::get<k>(found)...);
+            finish(of_nodes, std::get<k>(found)...);
         }
         (std::make_index_sequence<orders>{});
     }

@@ -75,11 +75,11 @@ public:
         if constexpr (Backend::queues)
             for (; queued < expected && backend_.throttle(orders); reacted = batch.update_nodes(queued++)) {
                 auto const choice = backend_.move_on(orders, layers, batch.move(queued - 1), reacted,
-                                                     batch.conclude(queued - 1));
+                                                     batch.finish(queued - 1));
                 batch.commit(); // as is to be expected
                 batch.rebin(choice);
             }
-        backend_.move(orders, layers, batch.move(queued - 1), reacted, batch.conclude(queued - 1));
+        backend_.move(orders, layers, batch.move(queued - 1), reacted, batch.finish(queued - 1));
         batch.read_log();
         bool lacked = false, scattered_early = false;
         if constexpr (Backend::queues) {
@@ -91,7 +91,7 @@ public:
                 queued = lacking + 1;
                 do {
                     batch.adopt(lacking, lacking, true);
-                    backend_.complete(orders, layers, batch.move(lacking), reacted, batch.conclude(lacking));
+                    backend_.complete(orders, layers, batch.move(lacking), reacted, batch.finish(lacking));
                     batch.read_log();
                 } while (backend_.poll(orders));
             }
@@ -184,7 +184,7 @@ private:
         auto move(int step) const { return move(step, typename Sets::Places{}); }
 
         /// The phase that chooses the step behind this one.
-        auto conclude(int step) const
+        auto finish(int step) const
         {
             return FinishStep<Number, d, materials, Effects, Actions>{plan_, log_, step, now(step + 1)};
         }

@@ -152,8 +152,8 @@ public:
     /// The same while one group of threads calls `conclude`. What `give(cells, arrived)` returns is called
     /// for each block by so many teams (see detail::conclude_and_rearrange) with so much shared memory. The
     /// order before is kept, for take_back().
-    template <class Conclude, class Give>
-    void rebin_early(std::array<Offset*, d> const& offset, Conclude const& conclude, Give const& scatter,
+    template <class Finish, class Give>
+    void rebin_early(std::array<Offset*, d> const& offset, Finish const& finish, Give const& scatter,
                      unsigned teams, std::size_t shared)
     {
         OnDevice const here(queue_);
@@ -169,10 +169,9 @@ public:
         auto const then = scatter(view(), arrived());
         using Then = std::remove_cv_t<decltype(then)>;
         std::uint32_t const number = early_ = early_ % (1u << 31) + 1;
-        launch_behind("conclude_and_rearrange", queue_,
-                      detail::conclude_and_rearrange<d, Number, Conclude, Then>, 1 + blocks(), teams * 64,
-                      std::max(shared, Conclude::bytes), moved(), number, begin_.data(), to, offset, conclude,
-                      then);
+        launch_behind("finish_and_rearrange", queue_, detail::finish_and_rearrange<d, Number, Finish, Then>,
+                      1 + blocks(), teams * 64, std::max(shared, Finish::bytes), moved(), number,
+                      begin_.data(), to, offset, finish, then);
         std::swap(begin_, new_begin_);
         std::swap(order_, order_before_);
         kept_order_ = true;

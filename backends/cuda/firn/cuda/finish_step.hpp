@@ -20,7 +20,7 @@ inline constexpr int scanning_threads = 512;
 /// What concludes a step: the results of the loops over nodes and over the items of each order of cells, and
 /// who is called with them.
 template <class OfNodes, class OfItems, int orders, class Call>
-struct Conclusion
+struct MergeAndFinish
 {
     Partial<OfNodes> of_nodes;
     std::array<Partial<OfItems>, orders> of_items;
@@ -40,12 +40,12 @@ struct Conclusion
     /// Called by a whole group of threads; true in its first one if the call was.
     __device__ bool operator()(unsigned char* memory) const
     {
-        return conclude(memory, std::make_integer_sequence<int, orders>{});
+        return finish(memory, std::make_integer_sequence<int, orders>{});
     }
 
 private:
     template <int... k>
-    __device__ bool conclude(unsigned char* memory, std::integer_sequence<int, k...>) const
+    __device__ bool finish(unsigned char* memory, std::integer_sequence<int, k...>) const
     {
         // plain values, although Eigen's types do not say so
         auto* const items = reinterpret_cast<OfItems*>(memory);

@@ -374,13 +374,13 @@ struct MovedOrder
 /// order find new cells of those that departed, if that is to be done; who of these is through last finds
 /// where its blocks begin. Who is through last of all stops later loops where steps do not go on, or where
 /// there was no room for all that moved.
-template <class Moved, int orders, class Conclude>
+template <class Moved, int orders, class Finish>
 __global__ void __launch_bounds__(scanning_threads)
-    end_step(Signal signal, std::array<Moved, orders> of, Conclude conclude)
+    end_step(Signal signal, std::array<Moved, orders> of, Finish finish)
 {
     if (signal.stops()) return;
     if (blockIdx.x == 0) {
-        bool const goes_on = conclude(shared_memory());
+        bool const goes_on = finish(shared_memory());
         if (threadIdx.x == 0) signal.words[3] = goes_on;
     }
     std::uint32_t const each = (gridDim.x - 1) / orders;
@@ -663,11 +663,11 @@ __device__ inline std::uint32_t count_live_blocks(std::uint32_t blocks, Changes 
 /// concludes; the others, one for each block, write the new order as if the step went well (see
 /// CellOrder::take_back), by teams, and call `then(block, who came into the thread's cell, teams)`. The
 /// loop's number is above 0 and that of no other one nearby.
-template <int d, class Number, class Conclude, class Then>
+template <int d, class Number, class Finish, class Then>
 __global__ void __launch_bounds__(most_teams_that_follow * 64, 1)
-    conclude_and_rearrange(MovedOrder<d, Number> order, std::uint32_t number, std::uint32_t const* begin,
-                           NewOrder to, std::array<typename CellOffset<Number>::Stored*, d> offset,
-                           Conclude conclude, Then then)
+    finish_and_rearrange(MovedOrder<d, Number> order, std::uint32_t number, std::uint32_t const* begin,
+                         NewOrder to, std::array<typename CellOffset<Number>::Stored*, d> offset,
+                         Finish finish, Then then)
 {
     Signal const& signal = order.signal;
     if (signal.stops(number)) return;
@@ -684,7 +684,7 @@ __global__ void __launch_bounds__(most_teams_that_follow * 64, 1)
         return;
     }
     std::uint32_t const live = count_live_blocks(blocks, order.to.changes);
-    bool const goes_on = conclude(shared_memory());
+    bool const goes_on = finish(shared_memory());
     if (threadIdx.x != 0) return;
     order.leavers.meet->rebinned = why.departed;
     why.crowded = !lacks && order.is_crowded(live);
