@@ -220,8 +220,7 @@ TEST_CASE("H17: the same in finer cells", "[.full]") { stir("paddle in fine cell
 // cells; 2.4 to 3 times as much in all where the volume that it gained is not taken back. A part is loose
 // volume that particles at rest still have, of 0 to 0.17 in the mean. The rest, 6 % after a toss of 0.5 m/s
 // that leaves none loose, is in no particle's state: particles that have changed their places lie further
-// apart than J says, and nothing in the method brings the two together again (see the drift of J in 3.6 of
-// the plan).
+// apart than J says, and nothing in the method brings the two together again.
 TEST_CASE("H20: sand that was thrown up and apart does not swell without end")
 {
     HardCase const H20{"H20"};

@@ -1,7 +1,7 @@
 #!/bin/bash
 # SPDX-License-Identifier: MIT
 # Prints what hard_cases.csv holds as a table, the newest measurement of each observable: `table.sh [FILE]`, or
-# for a README, with a column for each backend, `table.sh --markdown [FILE...]`. Fails if one of them missed its limit,
+# for a page, with a column for each backend, `table.sh --markdown [FILE...]`. Fails if one of them missed its limit,
 # or one of the cases H1 to H25 is missing of a backend that has others.
 style=plain
 if [ "$1" = --markdown ]; then style=markdown && shift; fi

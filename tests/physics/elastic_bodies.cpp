@@ -252,7 +252,8 @@ TEST_CASE("a beam sinks under its own weight as Timoshenko's does, and swings in
 }
 
 // Quadratic finite elements of the same beam, its thickness and shear included, which hang by 1.3 % more than
-// the elastica. 16 particles per cell, and APIC: see the README for what fewer and MLS leave.
+// the elastica. 16 particles per cell, and APIC: for what fewer and MLS leave see
+// tests/notes/2026-11-22-beams-that-hang-too-far.md.
 TEST_CASE("a beam that hangs down by two thirds of its length does so as far as it must")
 {
     using Beam = Scene<NeoHookean<Plane>, QuadraticBSpline, Apic>;
@@ -273,8 +274,8 @@ TEST_CASE("the beam that hangs down, in finer cells", "[.full]")
     CHECK(beam.tip().x() == Approx(-0.27845).epsilon(0.03)); // it goes with the square of that
 }
 
-// Cells of a twentieth of the radius: at a tenth it rolls with 7 % less. While it slides it hardly spins up,
-// see the README.
+// Cells of a twentieth of the radius: at a tenth it rolls with 7 % less. While it slides it hardly spins up:
+// tests/notes/2026-11-22-disks-that-slide.md.
 TEST_CASE("a disk rolls down an incline with 2/3 g sin where friction holds it, and else slides")
 {
     using Disk = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>;

@@ -22,7 +22,8 @@ TEMPLATE_LIST_TEST_CASE("a block in free flight follows the discrete parabola an
     double const h = 0.05, dt = 1e-4, g = 9.81;
     int const steps = 2000;
     Vec low = Vec::Constant(0.011), velocity = Vec::Zero();
-    // A number amid those of its size, and scattered points: see "single precision" in tests/README.md.
+    // A number amid those of its size, and scattered points: see
+    // tests/notes/2026-11-22-roundings-that-add-up.md.
     velocity[0] = 1.3;
     typename TestType::Solver solver(lattice(h));
     auto const points = scattered<d>(box_of_points<d>(low, low + Vec::Constant(0.2), h), 0.1 * h);
