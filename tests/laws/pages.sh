@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 # Pages for readers: pages.sh LAW FOLDER. Prints what breaks a law and exits with 1; with 77 where it cannot be judged.
 # LAW: figures (the tables of bench/README.md are those of bench/results), results (what benchmarks write becomes rows),
-# lines (of Markdown are short), links (between pages of bench/ lead to files); can_fail breaks some of them in a copy.
+# lines (of Markdown are short), links (of pages of bench/ and tests/ lead to files); can_fail breaks some of them in a copy.
 set -euo pipefail
 law=$1 folder=$2
 self=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)/pages.sh
@@ -131,7 +131,7 @@ JSON
     links)
         broken=0
         while IFS= read -r -d '' page; do
-            [[ $page == bench/* ]] || continue
+            [[ $page == bench/* || $page == tests/* ]] || continue
             while IFS= read -r link; do
                 [ -e "$(dirname "$page")/$link" ] || { echo "$page links to $link, which is not there."; broken=1; }
             done < <(grep -oP '\]\(\K[^)#]+(?=(#[^)]*)?\))' "$page" | grep -v '^https\?:')
