@@ -15,8 +15,8 @@ namespace firn
 {
 
 /// An interpolation kernel: weights and derivatives of its order + 1 nodes per axis, and the polynomial that
-/// they are within a cell (see grid/cell_polynomial.hpp). With a constant inertia also `spreads(t)`: what each term
-/// of the polynomial contributes to the sum of w_i v_i (x_i - x_p) D^-1.
+/// they are within a cell (see grid/cell_polynomial.hpp). With a constant inertia also `spreads(t)`: what
+/// each term of the polynomial contributes to the sum of w_i v_i (x_i - x_p) D^-1.
 template <class T, class Real = double>
 concept InterpolationKernel = Lane<Real> && requires(Real t, std::array<Real, T::degree + 1> nodes)
 {

@@ -242,8 +242,8 @@ public:
     std::span<std::uint32_t const> nodes_at(int owner) const
     {
         return std::span(by_owner_).subspan(owner_begin_[std::size_t(owner)],
-                                           owner_begin_[std::size_t(owner + 1)] -
-                                               owner_begin_[std::size_t(owner)]);
+                                            owner_begin_[std::size_t(owner + 1)] -
+                                                owner_begin_[std::size_t(owner)]);
     }
     Number* node_values(std::size_t node_block) { return &values_[node_block * values * block_channel]; }
 

@@ -30,7 +30,8 @@ public:
     {
         std::int64_t const chunks = (count + chunk - 1) / chunk;
         for (int part = 0; part < partitions_; ++part)
-            set(part, std::uint32_t(chunks * part / partitions_), std::uint32_t(chunks * (part + 1) / partitions_));
+            set(part, std::uint32_t(chunks * part / partitions_),
+                std::uint32_t(chunks * (part + 1) / partitions_));
     }
     /// One at a time; the parts begin at these indices, and before the last of them ends the last part.
     explicit SharedIndices(std::span<std::uint32_t const> bounds)
@@ -145,7 +146,8 @@ void parallel_for(Threads const& threads, Index count, int chunk, Make const& ma
 /// The same one at a time, in parts that begin at `bounds`, the last of which is where the last part ends; or
 /// in equal ones, if these are not for so many threads and indices.
 template <class Index, class Make>
-void parallel_for(Threads const& threads, Index count, std::span<std::uint32_t const> bounds, Make const& make)
+void parallel_for(Threads const& threads, Index count, std::span<std::uint32_t const> bounds,
+                  Make const& make)
 {
     bool const fit = threads.count <= detail::SharedIndices::most_parts &&
                      bounds.size() == static_cast<std::size_t>(threads.count) + 1 &&
