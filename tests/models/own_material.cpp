@@ -62,6 +62,40 @@ TEST_CASE("a user's own plastic flow composes with an elastic law of the library
     CHECK(state[firn::EquivalentPlasticStrain{}] == Approx(0.04));
 }
 
+TEST_CASE("a law with a parameter of its own meets a plastic flow, and without the parameter is a known law")
+{
+    using Law = firn::MooneyRivlinLaw<double>;
+    using Yielding = firn::Elastoplastic<Law, firn::SnowFlow<Solid>>;
+    STATIC_REQUIRE(firn::ConstitutiveModel<Yielding, TestLane<double>>);
+    STATIC_REQUIRE(!firn::SnowFlow<Solid>::supports<firn::HenckyLaw>);
+    Eigen::Matrix3d L = Eigen::Matrix3d::Zero();
+    L(0, 0) = 0.05;
+    L(0, 1) = 0.002;
+    auto const stress = [&](auto const& model) {
+        model.validate();
+        auto state = firn::Record<double, 3, typename std::decay_t<decltype(model)>::State>::at_rest();
+        return model.template respond<double>(state, L, 1.0).kirchhoff_stress;
+    };
+    Yielding model;
+    auto const quarter = stress(model);
+    model.second = 1;
+    CHECK((stress(model) - quarter).norm() > 1e-5 * model.elasticity.mu);
+    model.critical_stretch = 1; // it does not yield any more
+    firn::MooneyRivlin<Solid> rubber;
+    rubber.second = 0;
+    rubber.elasticity = model.elasticity;
+    firn::SplitNeoHookean<Solid> split;
+    split.elasticity = model.elasticity;
+    CHECK((stress(rubber) - stress(split)).norm() <= 1e-13 * model.elasticity.mu);
+    rubber.second = 1;
+    CHECK((stress(rubber) - stress(model)).norm() <= 1e-13 * model.elasticity.mu);
+    rubber.second = 1.5;
+    CHECK_THROWS_WITH(rubber.validate(), Catch::Contains("the second invariant is outside [0, 1]"));
+    int told = 0;
+    rubber.for_each_parameter([&](std::string_view name, auto const&) { told += name == "second"; });
+    CHECK(told == 1);
+}
+
 TEST_CASE("a user's own material runs, and one without the call is refused")
 {
     STATIC_REQUIRE(firn::ConstitutiveModel<SoftFoam<Solid>, double>);

@@ -14,8 +14,8 @@
 // plastic flow which part of a trial strain is elastic, and Elastoplastic does what all of them share, with
 // one search for the principal axes a step.
 //
-// An elastic law (elasticity/) is a type with a `name` and static functions of d principal values, in no
-// order:
+// An elastic law (elasticity/) is a struct with a `name` and functions of d principal values, in no order. It
+// may have parameters beside the Lamé ones, which it validates and names as a flow does:
 //
 // - strains(extension): extensions, stretches less one, in the law's measure: themselves, or logarithms
 //
@@ -122,12 +122,13 @@ constexpr char const* name_of_solid()
 } // namespace detail
 
 /// An isotropic solid of an elastic law and a plastic flow, whose parameters are members of the solid too.
+/// The Lamé ones are those of small strains, whatever the law.
 ///
 /// Stores F_E - I and what the flow keeps. The principal axes of the trial deformation F_E = sum sigma_i u_i
 /// v_i^T serve the return map (F_E = sum sigma_i' u_i v_i^T) and the stress (tau = sum tau_i u_i u_i^T),
 /// since an isotropic law has its axes in common with F_E F_E^T.
 template <class LawType, class FlowType>
-struct Elastoplastic : FlowType
+struct Elastoplastic : FlowType, LawType
 {
     using Law = LawType;
     using Flow = FlowType;
@@ -144,6 +145,7 @@ struct Elastoplastic : FlowType
     void for_each_parameter(auto const& use) const
     {
         use("elasticity", elasticity);
+        if constexpr (SaysParameters<Law>) Law::for_each_parameter(use);
         if constexpr (SaysParameters<Flow>) Flow::for_each_parameter(use);
     }
 
@@ -151,6 +153,7 @@ struct Elastoplastic : FlowType
     {
         require_density(double(density), name);
         elasticity.validate(name);
+        if constexpr (requires { this->Law::validate(); }) Law::validate();
         if constexpr (requires { this->Flow::validate(elasticity); })
             Flow::validate(elasticity);
         else
@@ -162,18 +165,19 @@ struct Elastoplastic : FlowType
     respond(Particle& state, Matrix<Real, Space::dimension> const& velocity_gradient, Real dt) const
     {
         constexpr int d = Space::dimension;
+        Law const& law = *this;
         Matrix<Real, d>& H = state[DisplacementGradient{}];
         Matrix<Real, d> const trial = deformed<Real, d>(H, velocity_gradient, dt);
         auto const axes = principal_axes<Real, d>(trial);
-        Vector<Real, d> strains = Law::template strains<Real, d>(axes.extension);
+        Vector<Real, d> strains = law.template strains<Real, d>(axes.extension);
         Real mu(elasticity.mu), lambda(elasticity.lambda);
         Response<Real, d> response;
-        response.inverted = Law::template inverted<Real, d>(axes.extension);
-        response.capped = Law::template capped<Real, d>(axes.extension);
+        response.inverted = law.template inverted<Real, d>(axes.extension);
+        response.capped = law.template capped<Real, d>(axes.extension);
 
         if constexpr (yields) {
             PlasticFlow<Real, d> const plastic =
-                this->template flow<Real, d>(strains, Lame<Real>{mu, lambda}, state, dt);
+                this->Flow::template flow<Real, d>(strains, Lame<Real>{mu, lambda}, state, dt);
             strains = plastic.strains;
             mu = mu * plastic.hardening;
             lambda = lambda * plastic.hardening;
@@ -181,7 +185,7 @@ struct Elastoplastic : FlowType
             // F changes by what flowed alone, along each axis by (sigma' - sigma) u v^T: rebuilt from its
             // axes it would take on their rounding errors with every step.
             H = trial;
-            Vector<Real, d> const left = Law::template extensions<Real, d>(strains);
+            Vector<Real, d> const left = law.template extensions<Real, d>(strains);
             FIRN_UNROLL
             for (int i = 0; i < d; ++i) {
                 Real const sigma = Real(1) + axes.extension[i];
@@ -194,7 +198,7 @@ struct Elastoplastic : FlowType
         else
             H = trial;
 
-        PrincipalStress<Real, d> const principal = Law::template stress<Real, d>(strains, mu, lambda);
+        PrincipalStress<Real, d> const principal = law.template stress<Real, d>(strains, mu, lambda);
         response.kirchhoff_stress = axes.U * principal.kirchhoff.asDiagonal() * axes.U.transpose();
         response.wave_modulus = principal.wave_modulus;
         return response;

@@ -26,7 +26,7 @@ struct SnowFlow
     static constexpr Number default_density = 400;
     static Lame<Number> usual_elasticity() { return lame<Number>(1.4e5, 0.2); }
     template <class Law>
-    static constexpr bool supports = std::is_same_v<Law, FixedCorotatedLaw>;
+    static constexpr bool supports = std::is_base_of_v<MeasuredByExtension, Law>; // stretches yield
 
     Number critical_compression = Number(2.5e-2); ///< theta_c
     Number critical_stretch = Number(7.5e-3);     ///< theta_s

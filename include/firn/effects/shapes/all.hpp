@@ -1,0 +1,20 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/effects/shapes/half_space.hpp>
+#include <firn/effects/shapes/height_field.hpp>
+#include <firn/effects/shapes/inside.hpp>
+#include <firn/effects/shapes/shell.hpp>
+#include <firn/effects/shapes/signed_distance_grid.hpp>
+#include <firn/effects/shapes/solids.hpp>
+
+#include <tuple>
+
+namespace firn
+{
+
+/// The shapes that are plain values: what is to be done for each of them goes over it. A Shell makes a
+/// two-sided one of any of them; a HeightField and a SignedDistanceGrid hold samples.
+using AllPlainShapes = std::tuple<HalfSpace, Sphere, Capsule, Box>;
+
+} // namespace firn

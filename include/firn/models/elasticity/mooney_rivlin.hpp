@@ -1,0 +1,85 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/finite.hpp>
+#include <firn/models/elasticity/split_neo_hookean.hpp>
+
+namespace firn
+{
+
+/// Mooney's and Rivlin's law of rubber, in which a part of the shear modulus belongs to the second invariant
+/// of the shape (Mooney 1940; Rivlin 1948; Bonet & Wood 2008, section 6.6.1 with C_10 = (1 - b) mu / 2 and
+/// C_01 = b mu / 2):
+///
+///   Psi = mu/2 ((1 - b) (I_1 - 3) + b (I_2 - 3)) + kappa/2 ((J^2 - 1)/2 - ln J)
+///   I_1 = J^(-2/3) sum sigma_i^2,   I_2 = J^(-4/3) sum_(i<j) sigma_i^2 sigma_j^2,   kappa = lambda + 2/3 mu
+///
+/// In two dimensions the strain is plane, and the third stretch is 1. With b = 0 in three dimensions it is
+/// the split neo-Hookean law.
+template <class Number>
+struct MooneyRivlinLaw : MeasuredByExtension, RefusesInversion
+{
+    static constexpr auto name = "mooney_rivlin";
+
+    Number second = Number(0.25); ///< b, in [0, 1]
+
+    void for_each_parameter(auto const& use) const { use("second", second); }
+
+    void validate() const
+    {
+        require(is_between(0, second, 1), "the share of the second invariant is outside [0, 1]", name,
+                "Pass C_01 / (C_10 + C_01), e.g. 0.25.");
+    }
+
+    /// tau_i = A (x_i - mean x) + B (mean y - y_i) + kappa/2 (J^2 - 1) with A = (1 - b) mu J^(-2/3),
+    /// B = b mu J^(-4/3), x_i = sigma_i^2 - 1, and y_i that of the other two, sigma_j^2 sigma_k^2 - 1: no
+    /// difference of numbers that are 1 at rest.
+    ///
+    /// The wave modulus is the largest of three: sigma_i^2 Psi_ii = A (5 (mean x + 1) - (x_i + 1)) / 3 + B (5
+    /// (y_i + 1) - (mean y + 1)) / 3 + kappa/2 (J^2 + 1) along the shortest stretch, the shear value
+    /// sigma_i^2 (A + B sigma_k^2) of two axes i and j, and the value at rest.
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE PrincipalStress<Real, d> stress(Vector<Real, d> const& extension, Real mu,
+                                                     Real lambda) const
+    {
+        Real const one(1), third(Number(1.0 / 3)), two_thirds(Number(2.0 / 3));
+        Vector<Real, d> const in_scene = squares_less_one<Real, d>(extension);
+        Vector<Real, 3> x = zeros<Vector<Real, 3>>(), y;
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) x[i] = in_scene[i];
+        FIRN_UNROLL
+        for (int i = 0; i < 3; ++i) {
+            Real const j = x[(i + 1) % 3], k = x[(i + 2) % 3];
+            y[i] = j + k + j * k;
+        }
+        Real const volume = volume_change<Real, d>(extension), J = one + volume;
+        Real const root = root_of_volume<3>(select(J > Real(0), J, one)), square = root * root;
+        Real const A = mu * (one - Real(second)) / square, B = mu * Real(second) / (square * square);
+        Real const bulk = lambda + two_thirds * mu;
+        Real const pressure = Real(Number(0.5)) * bulk * volume * (J + one);
+        Real const mean_x = (x[0] + x[1] + x[2]) * third, mean_y = (y[0] + y[1] + y[2]) * third;
+        PrincipalStress<Real, d> found;
+        Real least = x[0], most = x[0], most_of_two = y[0];
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) {
+            found.kirchhoff[i] = A * (x[i] - mean_x) + B * (mean_y - y[i]) + pressure;
+            least = min(least, x[i]);
+            most = max(most, x[i]);
+            most_of_two = max(most_of_two, y[i]);
+        }
+        Real const five_thirds(Number(5.0 / 3));
+        Real const longitudinal = A * (five_thirds * (mean_x + one) - third * (least + one)) +
+                                  B * (five_thirds * (most_of_two + one) - third * (mean_y + one)) +
+                                  pressure + bulk;
+        Real const shear = A * (most + one) + B * (most_of_two + one);
+        found.wave_modulus = max(max(longitudinal, shear), lambda + Real(2) * mu);
+        return found;
+    }
+};
+
+/// Mooney–Rivlin solid: rubber whose shear stiffens less with stretch than a neo-Hookean one's. An inverted
+/// particle is an error.
+template <class Space>
+using MooneyRivlin = Elastoplastic<MooneyRivlinLaw<typename Space::Scalar>, NoFlow<Space>>;
+
+} // namespace firn
