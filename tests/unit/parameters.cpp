@@ -52,9 +52,8 @@ void require_told(std::size_t size, int silent)
 }
 
 template <class Space>
-using Models = std::tuple<NeoHookean<Space>, FixedCorotated<Space>, SplitNeoHookean<Space>, Hencky<Space>,
-                          Snow<Space>, Sand<Space>, VonMises<Space>, HardeningVonMises<Space>, CamClay<Space>,
-                          HerschelBulkley<Space>, Fluid<Space>, Heterogeneous<Snow<Space>>>;
+using Models = decltype(std::tuple_cat(std::declval<AllModels<Space>>(),
+                                       std::declval<std::tuple<Heterogeneous<Snow<Space>>>>()));
 
 /// A policy of somebody's own with parameters of all kinds.
 struct Own
