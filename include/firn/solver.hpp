@@ -34,14 +34,14 @@ namespace firn
 
 namespace detail
 {
-/// Whether all materials of a scene are some, for this lane type.
+/// Whether all types of a scene's material list are materials, for this lane type.
 template <class Real, class List>
 inline constexpr bool are_materials = false;
 template <class Real, class... Models>
 inline constexpr bool are_materials<Real, Materials<Models...>> = (Complete<Models, Real>::value && ...);
 
-/// Says in a sentence that a backend does not take a kernel, and goes on with another one: the compiler has
-/// no more to say then.
+/// Refuses a kernel of too high a degree for the backend with a sentence, and substitutes another one so that
+/// the compiler reports nothing more.
 template <class Backend, class Kernel>
 struct KernelFor
 {
@@ -56,17 +56,17 @@ struct KernelFor
 /// An explicit Material Point Method solver.
 ///
 /// `Backend` says where it runs, `Model` what the material is (and with its Space the dimension and
-/// precision), `Kernel` and `Transfer` how particles and grid exchange what they hold. All input in SI units.
-/// One thread at a time calls a solver, whatever it calls; with OpenMP calls that only tell something (const)
-/// may overlap one another. Solvers are independent: different ones may be called from different threads at
-/// the same time. Unless NDEBUG is defined, a call that changes it or copies from it while another is under
-/// way throws an Error and changes nothing. One that was moved from may only be destroyed or assigned.
+/// precision), `Kernel` and `Transfer` how particles and grid exchange mass and momentum. All input is in SI
+/// units. One thread at a time may call a solver. With OpenMP, calls that only read (const) may overlap one
+/// another. Solvers are independent: different ones may be called from different threads at the same time.
+/// Unless NDEBUG is defined, a call that changes the solver or copies from it while another call is under way
+/// throws an Error and changes nothing. A moved-from solver may only be destroyed or assigned.
 ///
-/// With Materials<...> for its model a scene has several materials, which share the grid and the time step.
-/// `Which` then says what a call is about, by the model's type or as Material<place>: add, upload, view,
-/// write, write_positions and model need it, others are about all materials without it.
+/// With Materials<...> as the model a scene has several materials, which share the grid and the time step.
+/// `Which` then selects the material of a call, by the model's type or as Material<place>: add, upload, view,
+/// write, write_positions and model need it; other calls are about all materials without it.
 ///
-/// What is given and told of many particles comes in the order of their permanent ids, see ids().
+/// Values of many particles are passed and returned in the order of their permanent ids, see ids().
 template <class Backend, class ModelType, InterpolationKernel KernelType = QuadraticBSpline,
           class TransferType = Mls>
 class Solver
@@ -81,7 +81,7 @@ class Solver
 public:
     /// The material, or Materials<...>.
     using Model = ModelType;
-    /// How particles and grid exchange what they hold.
+    /// The transfer scheme between particles and grid.
     using Transfer = TransferType;
     /// Dimension and precision.
     using Space = typename Model::Space;
@@ -91,7 +91,7 @@ public:
     using kernel = Kernel;
     /// 2 or 3.
     static constexpr int d = Space::dimension;
-    /// What a loop of the backend computes with at once.
+    /// The lane type: what a loop of the backend computes with at once.
     using Real = typename Backend::template Lane<Number>;
     static_assert(detail::are_materials<Real, List>,
                   "what is said to be a material is none: see ConstitutiveModel in firn/concepts.hpp");
@@ -101,11 +101,11 @@ public:
     /// How many materials there are.
     static constexpr std::size_t materials = Sets::count;
 
-    /// What there is of one material: see MaterialSets::MaterialTraits.
+    /// The types and sizes of one material: see MaterialSets::MaterialTraits.
     template <class Which = Every>
     struct MaterialTraits : Sets::template MaterialTraits<detail::PlaceOf<Which, List>::value>
     {
-        /// Which of the materials it is, from 0 on.
+        /// The material's index, from 0 on.
         static constexpr std::size_t place = detail::PlaceOf<Which, List>::value;
     };
 
@@ -126,14 +126,15 @@ private:
     }
 
 public:
-    /// The fields that a particle of whatever material has.
+    /// The fields that particles of all materials have in common.
     using State = typename decltype(common_state(Places{}))::Type;
-    /// Of's bytes, of several materials those of the one that has most.
+    /// MaterialTraits' bytes; of several materials, the largest.
     static constexpr std::size_t state_bytes_per_particle = most_state_bytes(Places{});
-    /// With both buffers and the order of cells.
+    /// The same with both buffers and the cell order.
     static constexpr std::size_t bytes_per_particle = most_bytes(Places{});
 
-    /// An empty scene. Throws an Error if a parameter is outside its range, or the backend cannot work here.
+    /// An empty scene. Throws an Error if a parameter is outside its range, or if the backend cannot run on
+    /// this machine.
     explicit Solver(Lattice lattice, Model model = {}, Transfer transfer = {}, StepControl control = {},
                     Backend backend = {})
         : lattice_(lattice_for<Number>(lattice)), transfer_(transfer), control_(control),
@@ -146,9 +147,9 @@ public:
         if constexpr (requires { transfer_.validate(); }) transfer_.validate();
     }
 
-    /// Adds particles of a material at `points` [m] with the given volume each [m^3] and one velocity [m/s],
-    /// at rest otherwise; their mass is the model's density times the volume. Returns the id of the first:
-    /// ids are permanent, and consecutive over all calls and materials.
+    /// Adds particles of a material at `points` [m], each with the given volume [m^3] and the same velocity
+    /// [m/s], otherwise at rest. Their mass is the model's density times the volume. Returns the id of the
+    /// first: ids are permanent, and consecutive over all calls and materials.
     ///
     /// `points` is any contiguous range of Eigen vectors of d components. Throws an Error, and adds none, if
     /// a point is not finite or out of the range of cell coordinates, or the volume is not above 0.
@@ -161,7 +162,7 @@ public:
         static_assert(std::remove_cvref_t<decltype(*std::begin(points))>::SizeAtCompileTime == d,
                       "points have as many coordinates as the scene has dimensions");
         cache_grid_fields();
-        bool const is_first = size() == 0; // there is nobody to be compared with
+        bool const is_first = size() == 0; // there are no masses to compare with
         if (is_first) masses_ = {};
         std::uint32_t const first = next_id_;
         auto const added = or_break_off(
@@ -171,7 +172,7 @@ public:
             },
             [&] { return is_half_changed(); });
         if (added == 0) return first;
-        if (is_first) time_state_.previous = time_state_.last = 0; // steps before were nobody's
+        if (is_first) time_state_.previous = time_state_.last = 0; // earlier steps had no particles
         next_id_ += static_cast<std::uint32_t>(added);
         grid_state_.forget();
         walls_.forget();
@@ -183,13 +184,13 @@ public:
         return first;
     }
 
-    /// Removes the particles of which a call says so: `predicate(position)` [m], or `predicate(position,
-    /// particle)` with `particle[Velocity{}]` and what else it has. Returns how many. The others keep their
-    /// ids and, bit by bit, all they have.
+    /// Removes the particles for which a predicate is true: `predicate(position)` [m], or
+    /// `predicate(position, particle)` with `particle[Velocity{}]` and its other fields. Returns how many.
+    /// The others keep their ids and all their values, bit by bit.
     ///
-    /// `predicate` is a function object that may be called where the backend's loops run: Inside{shape} or
-    /// Outside{shape}, for example, or for a device one of your own that is FIRN_HOST_DEVICE. It throws
-    /// nothing: exceptions cannot leave the loops.
+    /// `predicate` is a function object that may be called where the backend's loops run: for example
+    /// Inside{shape} or Outside{shape}, or for a device one of your own that is FIRN_HOST_DEVICE. It must not
+    /// throw: exceptions cannot leave the loops.
     template <class Which = Every, class Predicate>
     std::size_t remove_if(Predicate const& predicate)
     {
@@ -226,15 +227,15 @@ public:
                 });
                 grid_state_.forget();
                 if (is_held_up() || !has_particles(time_state_.bounds.material))
-                    find_bounds(); // of who is left
+                    find_bounds(); // of the remaining particles
             },
             [&] { return has_begun || is_half_changed(); });
         return count;
     }
 
     /// Sets a field of all particles of a material, by rising id: velocities, an affine velocity, or a part
-    /// of the model's state. Throws an Error, and changes nothing, unless there is one value per particle
-    /// that is finite, in the field's range, and makes no state that the model objects to.
+    /// of the model's state. Throws an Error, and changes nothing, unless there is one value per particle,
+    /// each finite and in the field's range, and the model accepts all resulting states.
     template <class Tag, class Which = Every>
     void upload(std::vector<FieldValue<Tag, Number, d>> const& by_id)
     {
@@ -271,14 +272,14 @@ public:
             change([&] { particles<k>().cached().template set<Tag>(by_id); });
     }
 
-    /// From now on up to `most` particles in all, one after another, may be taken out of the scene where a
-    /// step goes wrong for them however short it is, or as long as step() was told: the run goes on without
-    /// them, and its report names them (see isolated()). All others keep, bit by bit, all they have, as with
-    /// remove_if(). One more is an error.
+    /// From now on up to `most` particles in all may be removed from the scene, one after another, where a
+    /// step fails because of them however short it is, or at the length passed to step(). The run goes on
+    /// without them, and its report names them (see isolated()). All other particles keep all their values,
+    /// bit by bit, as with remove_if(). One removal more than `most` is an error.
     ///
-    /// What particles take from the grid is then kept beside them from step to step. A snapshot, and so a
-    /// checkpoint, has the list of those who were taken out: of `most`, which stays the solver's own, as many
-    /// are left as are not on it.
+    /// The gathered fields are then cached beside the particles in every step. A snapshot, and so a
+    /// checkpoint, has the list of removed particles. `most` stays the solver's own; removals on a restored
+    /// list count towards it.
     void quarantine(std::size_t most)
     {
         auto const access = guard_.write("Solver::quarantine");
@@ -289,20 +290,21 @@ public:
 
     /// Advances the simulation by one time step of length `dt` [s].
     ///
-    /// A `dt` above the stable one is taken, with a warning in the report. A step that goes wrong changes
-    /// nothing and throws a StepError that names particle, place, time and cause; with quarantine()
-    /// it is repeated without that particle. (If it was within the stable one,
-    /// velocities that are not stored, see Taken, are then taken anew from what particles gave to the grid:
-    /// momentum and uniform or affine motion are exact, the rest is smoothed by one transfer. The error says
-    /// so.)
+    /// A `dt` above the stable one is taken, with a warning in the report. A failed step changes nothing and
+    /// throws a StepError that names particle, place, time and cause; with quarantine() it is repeated
+    /// without that particle.
+    ///
+    /// After a failed step within the stable length, velocities that are not stored (see
+    /// MaterialTraits::Derived) are gathered again from what was scattered to the grid: momentum and uniform
+    /// or affine motion are exact, the rest is smoothed by one transfer. The error says so.
     template <NodeEffect<Real, d>... Effects>
     StepReport step(double dt, Effects const&... effects)
     {
         return std::move(steps(1, dt, effects...).front());
     }
 
-    /// Advances the simulation by `count` time steps of length `dt` [s], one report each. The same as so many
-    /// calls of step(), but a device need not wait for the host between them.
+    /// Advances the simulation by `count` time steps of length `dt` [s], one report each. Equivalent to
+    /// `count` calls of step(), but a device need not wait for the host between them.
     template <NodeEffect<Real, d>... Effects>
     std::vector<StepReport> steps(std::size_t count, double dt, Effects const&... effects)
     {
@@ -322,17 +324,17 @@ public:
         std::vector<StepReport> reports;
         std::vector<StepFailure> isolated;
         auto const take = [&] {
-            require_to_last(dt, "Solver::step"); // time has gone on
+            require_to_last(dt, "Solver::step"); // again: the solver's time has advanced
             if (!time_state_.ready) choose(controller);
             bool const beyond_stable = dt > time_state_.stable;
-            if (beyond_stable) cache_grid_fields(); // it may go wrong
+            if (beyond_stable) cache_grid_fields(); // the step may fail
             std::size_t const most = beyond_stable ? 1 : count - reports.size();
             StepLog const& log = run(controller, most, plain, [&](auto const& record) {
                 StepReport report;
                 describe(record, report);
-                reports.push_back(std::move(report)); // whole ones only, should memory run short
+                reports.push_back(std::move(report)); // filled before it is added: allocation may fail
                 reports.back().beyond_stable = dt > record.stable;
-                std::swap(reports.back().isolated, isolated); // before that step
+                std::swap(reports.back().isolated, isolated); // isolated before that step
             });
             if (log.failed == 0) return;
             if (!isolates(log, dt, true, isolated)) fail(log, dt);
@@ -350,7 +352,7 @@ public:
         return reports;
     }
 
-    // What is no effect gets a sentence.
+    // Arguments that are not effects are refused with a readable message.
     template <class... Others>
     StepReport step(double, Others const&...)
     {
@@ -370,17 +372,18 @@ public:
         return {};
     }
 
-    /// Advances the simulation by `duration` [s] in as many stable steps as needed: 1e12 at most, or what
-    /// StepControl::smallest says. Who must not wait so long for a material far too stiff, or an obstacle far
-    /// too fast, passes a larger one.
+    /// Advances the simulation by `duration` [s] in as many stable steps as needed. These are at most 1e12:
+    /// a step below StepControl::smallest (1e-12) of the duration is an error. Pass a larger share if you
+    /// cannot wait that long for a material far too stiff, or an obstacle far too fast.
     ///
-    /// A step that goes wrong is repeated with half its length; after StepControl::retries halvings that is
-    /// a StepError that names particle, place, time and cause, and the state is that of the last good step
-    /// (but see step() for velocities, and until_error() for what was done until then). So it is where
-    /// somebody's speed or waves allow no step that gets on.
-    /// (A step that went well between them does not count where those before left it that short.)
-    /// With quarantine() the particle is taken out of the scene instead, and the run goes on; so it does at
-    /// once for one whose own state has no stress.
+    /// A failed step is repeated with half its length. After StepControl::retries halvings it is a StepError
+    /// that names particle, place, time and cause, and the state is that of the last good step (but see
+    /// step() for velocities, and until_error() for the steps taken until then). A StepError is also thrown
+    /// where the speed or the waves of a particle allow no step that advances time. Halvings count on across
+    /// a successful step if the step was that short only because of the failures before it.
+    ///
+    /// With quarantine() the particle is removed from the scene instead, and the run goes on; a particle
+    /// whose own state has no stress is removed at once.
     template <NodeEffect<Real, d>... Effects>
     AdvanceReport advance(double duration, Effects const&... effects)
     {
@@ -396,13 +399,13 @@ public:
         controller.end = time_state_.time + duration;
         auto const plain = plain_effects(time_state_.time, effects...);
         AdvanceReport all;
-        StepReport of_step; // its lists serve all steps
-        StepLog failed;     // the step that is repeated, if one is: course_.retries
+        StepReport of_step; // reused, so that its lists are allocated once
+        StepLog failed;     // the step that is being repeated, if time_state_.retries > 0
         auto const get_on = [&] {
             if (!time_state_.ready) choose(controller);
             double const tried = time_state_.now.interval.length();
             if (!controller.gets_on(time_state_)) {
-                // it was halved before what goes wrong however short it is, or somebody's state allows none
+                // repeated halving did not prevent the failure, or a particle's own state allows no step
                 bool const repeated = time_state_.retries > 0;
                 auto const who = repeated ? detail::failure_of(sets_, failed, time_state_.time, tried)
                                           : slowest(controller, tried);
@@ -412,7 +415,7 @@ public:
                 release(controller);
                 return;
             }
-            // as many as there would be if all were as long as this one, and no more than can be counted
+            // the number of steps if all were as long as this one, limited to what can be counted
             auto const most = static_cast<std::size_t>(
                 std::min(std::ceil((controller.end - time_state_.time) / tried), 0x1p62));
             StepLog const& log = run(controller, most, plain, [&](auto const& record) {
@@ -422,8 +425,8 @@ public:
             if (log.failed == 0) return;
             failed = log;
             ++all.rejected;
-            // So often in a row, or as short by what went wrong before: a step now and then that goes well,
-            // and shorter ones behind it that do not, would never end.
+            // Too many failures in a row, or a step that earlier failures have made as short. Without the
+            // second test, single good steps between failing ones would keep the loop going for ever.
             bool const last = ++time_state_.retries > control_.retries ||
                               time_state_.now.longest <
                                   std::ldexp(std::min(time_state_.stable, duration), -control_.retries);
@@ -444,12 +447,13 @@ public:
         return all;
     }
 
-    /// What the last call of step(), steps() or advance() that began and ended in an exception had done until
-    /// then: its steps were taken, and obstacles are owed the reactions.
+    /// What the last call of step(), steps() or advance() that ended in an exception, after its arguments
+    /// were accepted, had done until then: its steps were taken, and their reactions are still to be applied
+    /// to the obstacles.
     AdvanceReport const& until_error() const { return until_error_; }
 
     double time() const { return time_state_.time; } ///< [s]
-    /// Where cells lie, and how large they are.
+    /// Position and size of the cells.
     Lattice const& lattice() const { return lattice_; }
     /// The transfer scheme with its parameters.
     Transfer const& transfer() const { return transfer_; }
@@ -473,11 +477,11 @@ public:
         return count;
     }
 
-    /// Who was taken out of the scene for what went wrong, and why, since the solver was made or, if that was
-    /// later, as it was in the snapshot that was restored; see quarantine().
+    /// The particles removed from the scene by quarantine(), and why: since the solver was made or, if that
+    /// was later, on top of the list in the restored snapshot.
     std::vector<StepFailure> const& isolated() const { return quarantine_.isolated; }
 
-    /// What the next time step depends on.
+    /// What bounds the next time step.
     StepBounds const& bounds() const { return time_state_.bounds; }
 
     /// The permanent ids of the particles, in rising order: 0, 1, 2, … while none has been removed.
@@ -502,8 +506,8 @@ public:
             [&](auto k) { return grid_state_.template download<Tag, k>(sets_); });
     }
 
-    /// A stored field where it lies, in memory of the backend: `view<DisplacementGradient>()`. Nothing is
-    /// copied; it holds until the next call that changes the scene.
+    /// A stored field in the backend's memory: `view<DisplacementGradient>()`. Nothing is copied; the view is
+    /// valid until the next call that changes the scene.
     template <class Tag, class Which = Every>
     auto view() const
     {
@@ -515,8 +519,8 @@ public:
     }
 
     /// Writes world positions [m], by rising id, to memory that the backend's loops reach: axis a of the i-th
-    /// particle goes to `to[i * stride + a]`. On a device the work is queued in the backend's stream: a
-    /// renderer's buffer that was mapped there needs no copy.
+    /// particle goes to `to[i * stride + a]`. On a device the work is queued in the backend's stream, so a
+    /// mapped renderer's buffer needs no copy.
     template <class Which = Every>
     void write_positions(Number* to, std::size_t stride = d) const
     {
@@ -526,9 +530,9 @@ public:
         if (table.size() > 0) backend_.for_each_place(table.cells(), table.position_writer(to, stride));
     }
 
-    /// Writes a field of all particles, by rising id, where write_positions() writes: component c (of
-    /// matrices row by row) of the i-th particle goes to `to[i * stride + c]`. Velocities that are not stored
-    /// are taken from the grid for that, in the time of a part of a step.
+    /// Writes a field of all particles, by rising id, to such memory as for write_positions(): component c
+    /// (of matrices row by row) of the i-th particle goes to `to[i * stride + c]`. Velocities that are not
+    /// stored are gathered from the grid for it, which takes a part of a step's time.
     template <class Tag, class Which = Every>
     void write(Number* to, std::size_t stride = component_count<Tag>(d)) const
     {
@@ -547,8 +551,8 @@ public:
         return by_id<Which, double>([&](auto k) { return particles<k>().masses(masses_.unit); });
     }
 
-    /// How the particles of all materials lie in the cells now: too few to a cell, parted, alone? Found when
-    /// it is asked for, by the host, in the time of some steps; steps compute nothing for it.
+    /// How the particles of all materials lie in the cells now: too few per cell, separated into pieces,
+    /// alone? Computed by the host on request, in the time of some steps; steps compute nothing for it.
     Occupancy occupancy() const
     {
         auto const access = guard_.read("Solver::occupancy");
@@ -559,9 +563,9 @@ public:
 
     /// All that the next steps depend on, in memory of the host.
     ///
-    /// The solver goes on from it as one does that restores it: both give afresh in their next step, as after
-    /// add(), and from then on are alike, bit by bit, with the same calls. What particles have stays as it
-    /// is; steps that follow differ by a rounding from those without a snapshot.
+    /// This solver goes on exactly like one that restores the snapshot: both scatter afresh in their next
+    /// step, as after add(), and from then on agree bit by bit if they get the same calls. The particles'
+    /// values stay as they are; the steps that follow differ by a rounding from those without a snapshot.
     Snapshot<Number, d> snapshot()
     {
         auto const access = guard_.write("Solver::snapshot");
@@ -587,7 +591,7 @@ public:
                 });
             },
             [&] { return is_half_changed(); });
-        std::vector<CellOrder> orders; // they take memory, before anything changes
+        std::vector<CellOrder> orders; // allocated before anything changes
         for_each_material([&](auto k) { orders.push_back(particles<k>().order_of(to.materials[k])); });
         GridStateType grid_state(lattice_, transfer_, backend_);
         or_break_off([&] {
@@ -597,14 +601,14 @@ public:
         return to;
     }
 
-    /// Takes the state of a snapshot, whatever was there before: of a solver of the same lattice, kernel,
-    /// transfer and materials, with the same parameters, whose backend and step control may differ. With the
-    /// same backend, lanes and step control the steps that follow are those of the solver that made it, bit
-    /// by bit. To go on with other parameters see Snapshot::forget_parameters.
+    /// Replaces the state by that of a snapshot. The snapshot must come from a solver of the same lattice,
+    /// kernel, transfer and materials, with the same parameters; backend and step control may differ. With
+    /// the same backend, lanes and step control the steps that follow are those of the solver that made it,
+    /// bit by bit. To go on with other parameters see Snapshot::forget_parameters.
     ///
-    /// Throws an Error, and changes nothing, if it does not fit, or is none that snapshot() can have
-    /// returned; or if a call of this solver has broken off: memory that ended or a device that failed in the
-    /// middle of one may have left more undone than particles, so that a new solver is to take the snapshot.
+    /// Throws an Error, and changes nothing, if the snapshot does not fit or is none that snapshot() can have
+    /// returned, or if a call of this solver has broken off. Running out of memory or a device failure in the
+    /// middle of a call may have left more than the particles half changed: restore into a new solver then.
     void restore(Snapshot<Number, d> const& from)
     {
         auto const access = guard_.write("Solver::restore");
@@ -626,8 +630,8 @@ public:
         go_on_from(from, bounds, std::move(grid_state), std::move(isolated));
     }
 
-    /// Bytes held by particles and grid, spare capacity included. (What threads work with, some tens of
-    /// kilobytes each, is not counted.)
+    /// Bytes held by particles and grid, spare capacity included. Threads' scratch memory, some tens of
+    /// kilobytes each, is not counted.
     std::size_t memory() const
     {
         std::size_t bytes = grid_state_.grid().memory();
@@ -642,7 +646,7 @@ private:
     using Controller = typename Driver::Controller;
     using Failures = std::vector<StepFailure>;
 
-    /// Before something is written for `count` particles to memory of the caller's.
+    /// Checks the caller's memory before something is written to it for `count` particles.
     void require_room(Number const* to, std::size_t count, std::size_t stride, std::size_t components,
                       char const* where) const
     {
@@ -657,7 +661,8 @@ private:
                     "Pass memory of the device, or take positions() or download() for the host.");
     }
 
-    /// Goes on from a snapshot whose particles are there already: grid, and what was planned, begin afresh.
+    /// Goes on from a snapshot whose particles are in place already: the grid, and the planned steps, begin
+    /// afresh.
     void go_on_from(Snapshot<Number, d> const& from, StepBounds const& bounds, GridStateType grid_state,
                     Failures isolated)
     {
@@ -697,7 +702,7 @@ private:
     static constexpr bool is_about =
         detail::PlaceOf<Which, List>::value == k || detail::PlaceOf<Which, List>::value == materials;
 
-    /// What `ask(place)` says of one material by rising id, or of all.
+    /// The values that `ask(place)` returns for one material, or for all merged, by rising id.
     template <class Which, class Value, class Ask>
     std::vector<Value> by_id(Ask const& ask) const
     {
@@ -725,25 +730,25 @@ private:
         return detail::controller_of_materials<Kernel, Transfer>(sets, control_, lattice_.cell_size);
     }
 
-    /// The same after some were taken out: who is gone bounds no step.
+    /// After particles were removed: drops the limits that came from them.
     void release(Controller& controller) const
     {
         controller.limits = controller_of_materials().limits;
         if (size() == 0) controller.acceleration = controller.obstacle_speed = 0;
     }
 
-    /// How the steps of a call with these effects are chosen.
+    /// The time step controller of a call with these effects.
     template <class... Effects>
     Controller controller_for(Effects const&... effects)
     {
-        time_state_.ready = false; // it was for other effects, and another end
+        time_state_.ready = false; // it was planned for other effects and another end
         time_state_.retries = 0;
         Controller controller = controller_of_materials();
-        if (size() > 0) (detail::admit_effect<d>(controller, effects), ...); // which act on nobody else
+        if (size() > 0) (detail::admit_effect<d>(controller, effects), ...); // else effects bound no step
         return controller;
     }
 
-    /// Chooses the next step, by what the host knows.
+    /// Chooses the next step on the host.
     void choose(Controller const& controller)
     {
         if (!exactly_equal(time_state_.scattered.interval.forces, grid_state_.scattered_dt()))
@@ -751,7 +756,7 @@ private:
         controller.choose(time_state_);
     }
 
-    /// Takes the step that was chosen and some of those after it: see StepDriver::take.
+    /// Takes the chosen step and some after it: see StepDriver::take.
     template <class Effects, class Visit>
     StepLog const& run(Controller const& controller, std::size_t most, Effects const& effects,
                        Visit const& visit)
@@ -764,8 +769,8 @@ private:
         return log;
     }
 
-    /// Does what leaves no state to go on from if it throws, or if then `is_half_done()`: all later calls say
-    /// so.
+    /// Runs `work`. If it throws, and `is_half_done()` is then true, there is no state to go on from, and all
+    /// later calls refuse with that reason.
     template <class Work, class IsHalfDone>
     auto or_break_off(Work const& work, IsHalfDone const& is_half_done)
     {
@@ -776,7 +781,7 @@ private:
             if (is_half_done()) guard_.break_off(&error);
             throw;
         }
-        catch (...) { // no memory, most likely
+        catch (...) { // most likely std::bad_alloc
             if (is_half_done()) guard_.break_off(nullptr);
             throw;
         }
@@ -794,7 +799,7 @@ private:
         return any;
     }
 
-    /// Makes a report, which may have been of another step, that of a record.
+    /// Overwrites a report with a record; the report may have been another step's.
     template <class Record>
     void describe(Record const& record, StepReport& report) const
     {
@@ -808,15 +813,16 @@ private:
             report.reactions[i] = record.reactions.of[i] * masses_.unit;
     }
 
-    /// Holds what particles take from the grid beside them, before what they are taken from changes.
+    /// Caches the gathered fields beside the particles, before the grid or the particles' positions change.
     void cache_grid_fields() { grid_state_.cache_grid_fields(sets_); }
 
-    /// After a step that went wrong: see GridState::regain_velocities.
+    /// After a failed step: see GridState::regain_velocities.
     [[gnu::cold]] void regain_velocities()
     {
         if (!driver_.has_spoiled_nodes()) return;
         if (sets_.has_grid_fields())
-            // the sums have the forces of the step that went wrong, which may be larger than rounding bears
+            // the sums contain the forces of the failed step, which may be too large to subtract without
+            // rounding errors
             grid_state_.forget();
         else
             or_break_off(
@@ -824,20 +830,20 @@ private:
         driver_.forget_spoiled_nodes();
     }
 
-    /// Finds the bounds of the next step, for states set from outside.
+    /// Finds the bounds of the next step after the state was set from outside.
     void find_bounds()
     {
         time_state_.bounds = bounds_of(sets_, time_state_.bounds);
         bounds_are_old_ = true;
     }
-    /// Those of particles, this scene's or to be, of what was found before.
+    /// The bounds for the particles of `sets`, this scene's or new ones; `found` are earlier bounds.
     StepBounds bounds_of(Sets const& sets, StepBounds const& found) const
     {
         return detail::bounds_of(sets, controller_of(sets), found, values(sets));
     }
 
-    /// Lets go of those bounds that a step found before particles were changed or taken out, if no step gets
-    /// on by them and one does without: it finds them anew.
+    /// Drops stale limits (found before particles changed) if they alone prevent progress; the next step
+    /// recomputes them.
     bool forgets_bounds(Controller const& controller)
     {
         if (!bounds_are_old_) return false;
@@ -855,7 +861,7 @@ private:
         return gets_on;
     }
 
-    /// Whether there are some of a material.
+    /// Whether a material has particles.
     bool has_particles(int material) const
     {
         bool has = false;
@@ -864,7 +870,7 @@ private:
         return has;
     }
 
-    /// Whether steps are less than half as long as they would be for particles at rest.
+    /// Whether steps are less than half as long as for particles at rest.
     bool is_held_up() const
     {
         Controller const controller = controller_of_materials();
@@ -877,7 +883,7 @@ private:
         return controller.stable(time_state_.bounds).dt < 0.5 * controller.stable(at_rest).dt;
     }
 
-    /// What tells a field's values of a material, by row.
+    /// A function that returns a field's values for a material, by row.
     auto values() const { return values(sets_); }
     auto values(Sets const& sets) const
     {
@@ -886,20 +892,20 @@ private:
         };
     }
 
-    /// The particle whose own state bounds the step that was chosen, of so many seconds, if one does.
+    /// The particle whose own state bounds the chosen step, of length `dt` [s]; none if something else does.
     std::optional<StepFailure> slowest(Controller const& controller, double dt) const
     {
-        if (time_state_.now.limit > StepLimit::deformation) return {}; // effects, or the steps before
+        if (time_state_.now.limit > StepLimit::deformation) return {}; // by effects, or earlier steps
         return detail::slowest_in(sets_, controller, values(), time_state_.stable, time_state_.time, dt);
     }
 
-    /// Below this share of a particle's mass, a node's momentum is rounding alone.
+    /// The node mass [mass units] below which a node's momentum is rounding error alone.
     Number smallest_node_mass() const
     {
         return Number(masses_.largest) * (std::is_same_v<Number, float> ? Number(1e-20) : Number(1e-40));
     }
 
-    /// Refuses effects of a call that make no sense, and says which of them it is.
+    /// Refuses invalid effects of a call; the error says which argument it is.
     template <class... Effects>
     void validate_effects([[maybe_unused]] char const* call, Effects const&... effects) const
     {
@@ -922,7 +928,7 @@ private:
             refuse_effect(error, place, call);
         }
     }
-    /// Refuses masses that are no numbers of the scene's precision in kg, as effects ask for them.
+    /// Refuses masses that the scene's precision cannot represent in kg, for effects that ask for kilograms.
     void require_kilograms() const
     {
         constexpr double rounding = MassScale::range<Number>;
@@ -938,8 +944,8 @@ private:
                     error.where() + ", effect " + std::to_string(place) + " of " + call, error.remedy()};
     }
 
-    /// Refuses a time [s] that would be lost to rounding: a host that passes such ones again and again would
-    /// wait for ever.
+    /// Refuses a time [s] that would be lost to rounding: a program that passed such times in a loop would
+    /// never end.
     void require_to_last(double duration, char const* where) const
     {
         require(time_state_.time + duration > time_state_.time &&
@@ -951,23 +957,24 @@ private:
                 "Pass a shorter one.");
     }
 
-    /// Refuses walls that have particles behind them: looks where walls or particles are new.
+    /// Refuses walls that have particles behind them; checks only where walls or particles are new.
     template <class... Effects>
     void require_before_walls(Effects const&... effects)
     {
-        // who moves by velocities of its own may swing a little beyond, where kernels still reach mirrored
-        // nodes alone
+        // with transfers in which particles move by velocities of their own they may overshoot by up to half
+        // a cell, where their kernels still reach mirrored nodes only
         walls_.look(sets_, lattice_, Transfer::moves_with_grid ? 1e-3 : 0.5, effects...);
     }
 
-    /// Takes out of the scene, after a step that went wrong, whose own state has no stress or, if it is not
-    /// to be tried once more (`last`), `who` or the culprit; see quarantine(). False, and nothing happens, if
-    /// there is nobody, or they would be too many.
+    /// After a failed step, removes from the scene the particles whose own state has no stress; if there are
+    /// none and the step is not to be retried (`last`), removes `who` or, by default, the culprit. See
+    /// quarantine(). Returns false and changes nothing if no particle qualifies, or if they would be too
+    /// many.
     bool isolate(StepLog log, double dt, bool last, Failures& isolated, std::optional<StepFailure> const& who)
     {
         if (!quarantine_.has_room_for(1)) return false;
         Failures culprits;
-        if (log.cause != FailureCause::rejected || last) // of those without stress one too many will do
+        if (log.cause != FailureCause::rejected || last) // the search stops at one more than allowed
             culprits = detail::without_stress(sets_, quarantine_.most, time_state_.time, dt);
         if (culprits.empty() && last)
             culprits.push_back(
@@ -975,7 +982,7 @@ private:
                     : detail::furthest_in(sets_, log, values(), lattice_.cell_size, time_state_.time, dt));
         if (culprits.empty() || !quarantine_.has_room_for(culprits.size())) return false;
         auto& all = quarantine_.isolated;
-        all.reserve(all.size() + culprits.size()); // before anything changes: nobody goes untold
+        all.reserve(all.size() + culprits.size()); // first, so that no removal goes unreported
         isolated.reserve(isolated.size() + culprits.size());
         or_break_off([&] { sets_.remove(culprits); });
         all.insert(all.end(), culprits.begin(), culprits.end());
@@ -987,7 +994,8 @@ private:
         return true;
     }
 
-    /// The same where it is allowed. (By a pointer, so that only who asks for it waits for the compiler.)
+    /// The same if quarantine() was called. The call goes through a pointer so that isolate() is compiled
+    /// only for programs that ask for it.
     bool isolates(StepLog const& log, double dt, bool last, Failures& isolated,
                   std::optional<StepFailure> const& who = {})
     {
@@ -1000,10 +1008,10 @@ private:
         detail::throw_no_step(time_state_, since, since ? Sets::name(since->material) : "", d);
     }
 
-    [[noreturn, gnu::cold]] void fail(StepLog const log, double dt) // a copy: what follows is logged, too
+    [[noreturn, gnu::cold]] void fail(StepLog const log, double dt) // a copy: later work overwrites the log
     {
         bool const cached = sets_.has_grid_fields();
-        regain_velocities(); // before anything that may lack memory
+        regain_velocities(); // first, because what follows may run out of memory
         std::string kept = "The state is that of the last good step";
         if (!cached) kept += ", but for velocities, which were taken anew (see Solver::step)";
         if (isolate_ != nullptr)
@@ -1012,7 +1020,7 @@ private:
                     std::to_string(quarantine_.isolated.size()) + ", who stay out (Solver::isolated)";
         StepFailure failure = detail::failure_of(sets_, log, time_state_.time, dt);
         auto const spoilers = detail::without_stress(sets_, 0, time_state_.time, dt);
-        if (!spoilers.empty()) { // whom others go wrong by
+        if (!spoilers.empty()) { // their missing stress makes other particles fail
             failure = spoilers.front();
             failure.count = log.failed;
         }
@@ -1030,11 +1038,11 @@ private:
     MassScale masses_;
     std::uint32_t next_id_ = 0;
     TimeState time_state_;
-    bool bounds_are_old_ = false; ///< some of them a step found, for particles that were changed since
+    bool bounds_are_old_ = false; ///< some bounds were found by a step before particles changed
     detail::Quarantine quarantine_;
     bool (Solver::*isolate_)(StepLog, double, bool, Failures&, std::optional<StepFailure> const&) = nullptr;
-    detail::KnownWalls walls_;  ///< that nobody is behind: see require_before_walls
-    AdvanceReport until_error_; ///< see there
+    detail::KnownWalls walls_;  ///< walls with no particle behind them: see require_before_walls
+    AdvanceReport until_error_; ///< see until_error()
 };
 
 } // namespace firn
