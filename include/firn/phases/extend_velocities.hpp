@@ -4,18 +4,18 @@
 #include <firn/phases/gather.hpp>
 #include <firn/phases/scatter.hpp>
 
-// What comes before the nodes' update where a transfer extends their velocities, see Xpic: with S+ and S from
-// particles to nodes and back, the extended ones are
+// The passes before the grid update in which a transfer extends nodal velocities, see Xpic: with S+ and S
+// from particles to nodes and back, the extended ones are
 //
 //   v* = sum_k<m (I - S+ S)^k v^n,   by   u_1 = v^n,   u_k+1 = u_k + v^n - S+ S u_k,   v* = u_m
 //
-// so that S v* = (I - (I - S S+)^m) v (Hammerquist & Nairn 2017, in a form without binomials, whose
-// terms would cancel).
+// so that S v* = (I - (I - S S+)^m) v (Hammerquist & Nairn 2017, in a form without binomials, whose terms
+// would cancel).
 namespace firn
 {
 
-/// On nodes: the first of them, or the next one from what particles gave back, S+ S u_k. A node holds u_k in
-/// place of its velocity and v^n in place of the old one.
+/// On nodes: computes u_1, or u_k+1 from the S+ S u_k that particles scattered. A node stores u_k in place of
+/// its velocity and v^n in place of the old one.
 template <class Space>
 struct ExtendVelocities
 {
@@ -24,7 +24,7 @@ struct ExtendVelocities
     using Sums = NodeSums<d, true>;
     using Velocities = NodeVelocities<d, true>;
     static constexpr bool looks_around = false;
-    /// The loop has nothing to tell.
+    /// The loop returns nothing.
     struct Result
     {
         std::uint32_t nothing = 0;
@@ -51,11 +51,11 @@ struct ExtendVelocities
     }
 };
 
-/// On particles: they take u_k from the nodes, and give it back with their mass.
+/// On particles: they gather u_k from the nodes and scatter it again, weighted by their mass.
 template <class Space, class Kernel, class PersistentFields>
 struct ReturnVelocities
 {
-    /// Nothing but velocities.
+    /// Velocities only.
     struct Transfer
     {
         template <class>
@@ -74,7 +74,7 @@ struct ReturnVelocities
                                                 : Scatter::scratch_channels;
     template <class Real>
     using CellNodes = typename Gather::template CellNodes<Real>;
-    /// The loop has nothing to tell.
+    /// The loop returns nothing.
     struct Result
     {
         FIRN_HOST_DEVICE void merge(Result const&) {}

@@ -11,7 +11,7 @@
 namespace firn
 {
 
-/// What moving the particles found out: the bounds of the next step, and what went wrong in this one.
+/// The result of moving the particles: the bounds of the next step, and the failures of this one.
 template <class Number, int obstacles>
 struct G2p2gResult
 {
@@ -19,9 +19,9 @@ struct G2p2gResult
     Number speed2 = 0;       ///< largest squared speed [m^2/s^2]
     Number deformation = 0;  ///< largest Frobenius norm of the velocity gradient, squared [1/s^2]
     std::uint64_t capped = 0;
-    std::uint64_t failed = 0;                ///< particles with a mishap that rejects the step
+    std::uint64_t failed = 0;                ///< particles whose failure rejects the step
     FailureCause cause = FailureCause::none; ///< of the first of them
-    std::uint32_t particle = 0;              ///< its id
+    std::uint32_t particle = 0;              ///< its row in the table
     Reactions<obstacles> reactions{};
 
     FIRN_HOST_DEVICE void merge(G2p2gResult const& other)
@@ -36,17 +36,17 @@ struct G2p2gResult
     }
 };
 
-/// Phase 3: particles take velocities from their nodes, move, and their material answers; and at once they
-/// give to the grid of the next step, for a length of it that is a good guess.
+/// Phase 3: particles gather velocities, move and update their material state. In the same pass they scatter
+/// to the grid of the next step, whose length is a good guess.
 ///
 ///   v_p, C_p by the transfer;  x_p += dt sum_i w_ip v_i;  F_p, state and tau by the model from L_p and dt
 ///
 /// (Stomakhin et al. 2013, steps 7 to 10; one pass for both directions after Wang et al. 2020, *A massively
-/// parallel and scalable multi-GPU material point method*). Reads the old table and writes the new one: a
-/// step that goes wrong leaves the old one as it was.
+/// parallel and scalable multi-GPU material point method*). Reads the old table and writes the new one, so
+/// that a failed step leaves the old one untouched.
 ///
-/// What is done particle by particle (`locate`, `answer`) and what is done cell by cell (`take`, `give`) are
-/// separate functions, so that a backend may put different particles side by side for each.
+/// The functions for each particle (`begin`, `update`) are separate from those for each cell (`gather`,
+/// `scatter`), so that a backend may put different particles side by side in lanes for each.
 template <class Space, class Model, class Kernel, class TransferType, class Effects, class PersistentFields,
           class DerivedFields>
 struct G2p2g
@@ -62,8 +62,7 @@ struct G2p2g
     static constexpr int scratch_channels = Gather::scratch_channels > Scatter::scratch_channels
                                                 ? Gather::scratch_channels
                                                 : Scatter::scratch_channels;
-    /// Contact is called while much is held, all that a particle took from the grid: a device needs more
-    /// registers there.
+    /// Contact is called while all gathered values are live, so a device needs more registers there.
     static constexpr bool calls_amid_much =
         d == 3 && (Effects::touching > 1 || (Effects::lookups > 0 && !Transfer::moves_with_grid));
     template <class Real>
@@ -78,7 +77,7 @@ struct G2p2g
     Lattice lattice;
     Number largest_deformation; ///< dt |L| beyond which the step is rejected
 
-    /// Keeps where some particles are.
+    /// Stores the particles' positions in scratch.
     template <class Items>
     FIRN_HOST_DEVICE void begin(Items& items) const
     {
@@ -95,16 +94,16 @@ struct G2p2g
         Gather::gather(row_of_cells);
     }
 
-    /// Moves and deforms some particles by what they took, and keeps what they give to the next step.
+    /// Moves and deforms particles by what they gathered, and stores their contributions to the next step.
     template <class Items>
     FIRN_HOST_DEVICE void update(Items& items, Result& result) const
     {
         update(items, result, result);
     }
 
-    /// The same with what few particles have a part in, mishaps and reactions of obstacles, in another
-    /// result: a device has that in memory, and its registers for the rest, which are bounds; a processor's
-    /// thread has one result of bounds for all that it does.
+    /// The same, with the rare results (failures, reactions of obstacles) in a separate result. A device has
+    /// that one in memory, so that its registers are left for the bounds; a processor's thread has one result
+    /// for everything.
     template <class Items>
     FIRN_HOST_DEVICE void update(Items& items, Result& result, Result& rare) const
     {
@@ -137,7 +136,7 @@ struct G2p2g
         most(result.deformation, rate2);
         inspect<Real>(items, particle, displacement, rate2, response, rare);
         keep_given<Real>(items, particle, x, response.kirchhoff_stress);
-        // Who has left its cell gives from the new one, and nothing here.
+        // A particle that left its cell scatters from the new one, not here.
         Mask<Real> const left = items.here() & !stays;
         if (any(left)) items.depart(left, Scatter::mass, Scatter::scratch_channels);
     }
@@ -149,7 +148,7 @@ struct G2p2g
     }
 
 private:
-    /// The velocity by which particles move: the grid's, unless the transfer has one of its own.
+    /// The velocity by which particles move: the grid's, unless the transfer has its own.
     template <class Real, class Particle>
     FIRN_HOST_DEVICE Vector<Real, d> motion(Particle const& particle, Gathered<Real, d> const& gathered) const
     {
@@ -159,7 +158,7 @@ private:
             return transfer.template motion<Kernel, Real, d>(particle, gathered);
     }
 
-    /// Keeps what particles give to the next step.
+    /// Stores the particles' contributions to the next step.
     template <class Real, class Items, class Particle>
     FIRN_HOST_DEVICE void keep_given(Items& items, Particle const& particle, Vector<Real, d> const& x,
                                      Matrix<Real, d> const& stress) const
@@ -180,7 +179,7 @@ private:
         return all(inside);
     }
 
-    /// A displacement that can be stored: one beyond a cell, or not a number, rejects the step anyway.
+    /// Clamps a displacement to what can be stored. One beyond a cell, or NaN, rejects the step anyway.
     template <class Real>
     FIRN_HOST_DEVICE static Vector<Real, d> within_a_cell(Vector<Real, d> const& displacement)
     {
@@ -210,11 +209,11 @@ private:
             for (int a = 0; a < d; ++a) where[a] += Real(to_node);
             LanePosition<Real, d> const place{lattice, items.first(), where, kernel_reach(degree)};
             Real const mass = mass_groups.find(items, before.id).mass, dt(now->dt);
-            // Beside a velocity of the particle's own, or where it is more than the distance from one solid
-            // by a formula:
+            // Called out of line if the particle has a velocity of its own, or if contact is more than the
+            // closed-form distance to one solid:
             if constexpr (Effects::obstacles > 1 || Effects::shells > 0 || Effects::lookups > 0 ||
                           !Transfer::moves_with_grid) {
-                Vector<Real, d> const moved = displacement; // copies: see there
+                Vector<Real, d> const moved = displacement; // copies: see call_on_particles
                 Vector<Real, d> velocity = particle[Velocity{}];
                 displacement = moved + call_on_particles<Real, d>(now->actions, place, moved, items.here(),
                                                                   mass, dt, velocity, reactions);
@@ -226,14 +225,14 @@ private:
         }
     }
 
-    /// Counts caps and mishaps, and keeps the first mishap's particle.
+    /// Counts capped particles and failures, and records the first failure.
     template <class Real, class Items, class Particle>
     FIRN_HOST_DEVICE void inspect(Items const& items, Particle& particle, Vector<Real, d> const& displacement,
                                   Real rate2, Response<Real, d> const& response, Result& result) const
     {
         // The sum of all magnitudes is finite if each of them is, and small if nothing is about to overflow.
-        // Stress counts: who gave one that is no number would spoil what others take in the next step.
-        // (In two sums: of one, each addition waits for the one before.)
+        // It includes the stress: a NaN there would contaminate neighbours in the next step. Two sums,
+        // because in one each addition waits for the one before.
         Real size(0), answered = abs(response.wave_modulus), moved(0);
         particle.for_each([&](int, auto& value) { size += abs(value); });
         FIRN_UNROLL

@@ -8,10 +8,10 @@
 namespace firn
 {
 
-/// How particles take from the grid: the sums over their stencils that a transfer scheme asks for.
+/// The gather (G2P): the sums over a particle's stencil that a transfer scheme asks for.
 ///
-/// Nodes are read once for all particles of a cell (`CellNodes`), particles take from that (`take`); what was
-/// taken is kept of each particle until it is asked for, particle by particle (`taken`).
+/// Nodes are read once for all particles of a cell (`CellNodes`), and particles gather from that (`gather`).
+/// The sums are stored in scratch until they are asked for, particle by particle (`gathered`).
 template <class Space, class Kernel, class Transfer>
 struct Gather
 {
@@ -21,7 +21,7 @@ struct Gather
     static constexpr int node_channels = Velocities::channels;
     static constexpr Terms terms = Transfer::template gather_terms<Kernel>;
 
-    // What is kept of a particle: its position, and what it took.
+    // Scratch channels of a particle: its position, and what it gathered.
     static constexpr int velocity = d, old_velocity = 2 * d;
     static constexpr int affine = old_velocity + (Transfer::keeps_old_velocity ? d : 0);
     static constexpr int gradient = affine + (terms.affine ? d * d : 0);
@@ -43,13 +43,13 @@ struct Gather
         return x;
     }
 
-    /// What the nodes of a row of cells hold for all of its particles: some channels at a time, no more than
+    /// The nodes of a row of cells, expanded for all of its particles: a few channels at a time, no more than
     /// stay in the fastest cache.
     template <class Real>
     using CellNodes = CellPolynomial<Kernel, Real, d, Kernel::degree <= 2 ? d : 1>;
 
-    /// Keeps what a row of particles takes from some channels of the nodes of its cells; in which lane its
-    /// cell is, each particle knows: `row.of_cells(value)` has what is of the cells in the lanes of the
+    /// Gathers some channels of the cells' nodes into the scratch of a row of particles. A particle's cell
+    /// may lie in another lane: `row.of_cells(value)` moves a value from the lanes of cells to those of their
     /// particles.
     template <class Row, class Real = typename Row::Real>
     FIRN_HOST_DEVICE static void gather(Row& row_of_cells, CellNodes<Real> const& nodes, int first)
@@ -77,7 +77,7 @@ struct Gather
         }
     }
 
-    /// The same with each particle reading the nodes for itself: for who has no room to keep them.
+    /// Fallback: each particle reads the nodes directly.
     template <class Row, class Real = typename Row::Real>
     FIRN_HOST_DEVICE static void gather(Row& row_of_cells)
     {
@@ -96,7 +96,7 @@ struct Gather
         }
     }
 
-    /// What some particles took.
+    /// The gathered sums of some particles.
     template <class Real, class Items>
     FIRN_HOST_DEVICE static Gathered<Real, d> gathered(Items const& items)
     {
@@ -115,8 +115,8 @@ struct Gather
     }
 
 private:
-    /// The sums over a particle's stencil. Velocities are taken relative to that of the stencil's middle
-    /// node: the weights add up to one, and their distances and gradients to zero, but for a rounding that in
+    /// The sums over a particle's stencil. Velocities are relative to that of the stencil's middle node. The
+    /// weights add up to one, and their distances and gradients to zero, only up to a rounding, which in
     /// steady motion would be the same in every step.
     template <class Real, class Row>
     FIRN_HOST_DEVICE static Gathered<Real, d> gather(Row const& row_of_cells, Vector<Real, d> const& offset)
@@ -174,8 +174,8 @@ private:
     }
 };
 
-/// Particles take their velocities once more, by id: for somebody who asks. Positions are those from which
-/// they took last, nodes still hold what they held then.
+/// Regathers the fields that are not stored, by row, for reading. Positions are those of the last gather, and
+/// the nodes are unchanged since.
 template <class Space, class Kernel, class TransferType, class PersistentFields, class DerivedFields>
 struct GatherVelocities : Gather<Space, Kernel, TransferType>
 {
@@ -183,7 +183,7 @@ struct GatherVelocities : Gather<Space, Kernel, TransferType>
     using Gather = firn::Gather<Space, Kernel, Transfer>;
     using Gather::d;
     using Number = typename Space::Scalar;
-    /// The loop has nothing to tell.
+    /// The loop returns nothing.
     struct Result
     {
         FIRN_HOST_DEVICE void merge(Result const&) {}

@@ -42,13 +42,13 @@ FIRN_HOST_DEVICE std::array<WallPlane, Chain<Actions...>::walls> walls_of(Chain<
     return walls;
 }
 
-/// Lanes of nodes along a row beside reflecting walls, or of their images on the walls' side: what they hold
-/// together with their images behind the walls.
+/// Lanes of nodes along a row beside reflecting walls, or of their images on the walls' side: their sums
+/// together with those of their images behind the walls.
 ///
-/// What particles give to a node behind a wall, their mirror images give to the node in front of it, where
-/// momentum along the wall's axis is of the other sign. So sums of both make the whole problem, body and
-/// image; where walls meet, axis by axis. A wall across the row's own axis mirrors single lanes, one across
-/// another axis whole rows.
+/// What particles scatter to a node behind a wall, their mirror images scatter to the node in front of it,
+/// with momentum along the wall's axis of opposite sign. So the sum of both solves the whole problem, body
+/// and image; where walls meet, axis by axis. A wall across the row's own axis mirrors single lanes, one
+/// across another axis whole rows.
 template <class Sums, class Real, int d, std::size_t count>
 struct MirroredNode
 {
@@ -61,10 +61,11 @@ struct MirroredNode
         flipped;                      ///< whether the node in question is behind a wall across this axis
     std::array<Mask<Real>, count> on; ///< or on this wall
     Real sums[Sums::channels];        ///< of the nodes and their images
-    /// Of what the sums hold, behind each wall: as it is there, momentum and impulse along its axis.
+    /// The part of the sums that lies behind each wall: mass, and momentum and impulse along its axis,
+    /// unmirrored.
     Real mass_behind[count], momentum_behind[count], impulse_behind[Sums::forces_are_apart ? count : 1];
 
-    /// Of the lanes of nodes `at`, which look at others by `sums_at(first, along, which lanes, sums)`.
+    /// For the lanes of nodes `at`, which reads other nodes by `sums_at(first, along, which lanes, sums)`.
     template <class Node>
     FIRN_HOST_DEVICE MirroredNode(std::array<WallPlane, count> const& planes, Node const& at)
         : walls(planes), first(at.first()), along(at.offset()[d - 1])
@@ -98,7 +99,7 @@ struct MirroredNode
         add<0>(at, first, along, every, behind);
     }
     template <class Node>
-    MirroredNode(std::array<WallPlane, count> const&&, Node const&) = delete; ///< it keeps no copy of them
+    MirroredNode(std::array<WallPlane, count> const&&, Node const&) = delete; ///< stores a reference
 
     /// Which of the nodes in question are images.
     FIRN_HOST_DEVICE Mask<Real> is_image() const
@@ -118,14 +119,14 @@ struct MirroredNode
     }
 
 private:
-    /// Whether lanes along a row from `row` on come so near to a wall across its axis.
+    /// Whether lanes along a row from `row` on come within `distance` nodes of a wall across its axis.
     FIRN_HOST_DEVICE static bool reaches(WallPlane const& wall, Coordinates<d> const& row, int distance)
     {
         int const lane = wall.node - row[d - 1];
         return lane >= -distance && lane < lane_width<Real> + distance;
     }
 
-    /// Adds what is found at places and at their images across this axis and those after it.
+    /// Adds the sums at places and at their images across this axis and those after it.
     template <int axis, class Node>
     FIRN_HOST_DEVICE void add(Node const& from, Coordinates<d> const& row, Real const& places,
                               Mask<Real> const& which, std::array<bool, count> const& behind)
@@ -139,7 +140,7 @@ private:
                 auto behind_this = behind;
                 behind_this[w] = true;
                 if constexpr (axis == d - 1) {
-                    if (!reaches(walls[w], row, 3)) continue; // images are by two beyond their lanes
+                    if (!reaches(walls[w], row, 3)) continue; // images lie up to two nodes beyond the lanes
                     Real const distance = Real(Number(row[axis] - walls[w].node)) + places;
                     Mask<Real> const mirrored = which & exactly_equal(abs(distance), Real(Number(1)));
                     if (any(mirrored))

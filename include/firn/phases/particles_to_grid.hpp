@@ -6,11 +6,11 @@
 namespace firn
 {
 
-/// Phase 1: particles give mass, momentum and the impulse of their stress to the nodes. The stress follows
-/// from the state: a model's answer to no deformation.
+/// Phase 1: particles scatter mass, momentum and the impulse of their stress to the nodes. The stress follows
+/// from the state: it is the model's response to no deformation.
 ///
-/// A step that moves particles gives to the next one's grid in the same pass; what is left for this phase is
-/// the first step, and the correction where a step gets another length than was guessed.
+/// G2p2g scatters to the next step's grid in the pass that moves particles. This phase remains for the first
+/// step, and for the correction where a step gets another length than was guessed.
 template <class Space, class Model, class Kernel, class TransferType, class PersistentFields,
           class DerivedFields>
 struct ParticlesToGrid : Scatter<Space, Kernel, TransferType>
@@ -25,11 +25,11 @@ struct ParticlesToGrid : Scatter<Space, Kernel, TransferType>
     TableView<Number, d, PersistentFields> particles;
     FieldsById<Number, d, DerivedFields> velocities;
     MassGroups<Number> mass_groups;
-    Number dt;         ///< [s]; of the impulse alone: the difference to what was given
+    Number dt;         ///< [s]; if `impulse_only`, the difference to the dt already scattered
     Number cell_size;  ///< [m]
-    bool impulse_only; ///< mass and momentum have been given
+    bool impulse_only; ///< mass and momentum have been scattered already
 
-    /// Finds and keeps what some particles give.
+    /// Computes and stores the particles' contributions.
     template <class Items>
     FIRN_HOST_DEVICE void prepare(Items& items) const
     {
@@ -39,7 +39,7 @@ struct ParticlesToGrid : Scatter<Space, Kernel, TransferType>
         if (!impulse_only) velocities.load(items, particles.id, particle);
         auto const own = mass_groups.find(items, particles.id);
         Matrix<Real, d> L = zeros<Matrix<Real, d>>();
-        // Viscous stress is that of the last step's motion, as far as particles carry it.
+        // The viscous stress comes from the last step's motion, if particles have an affine velocity.
         if constexpr (Viscous<Model> &&
                       Join<PersistentFields, DerivedFields>::template contains<AffineVelocity>)
             L = particle[AffineVelocity{}];

@@ -9,8 +9,8 @@
 namespace firn
 {
 
-/// What a node holds between the scatter and its update: mass, momentum, and the forces' impulse if kept
-/// apart.
+/// A node's channels between the scatter and the grid update: mass, momentum, and the forces' impulse if it
+/// is separate.
 template <int d, bool forces_apart>
 struct NodeSums
 {
@@ -22,15 +22,15 @@ struct NodeSums
     static constexpr bool forces_are_apart = forces_apart;
 };
 
-/// How particles give to the grid.
+/// The scatter (P2G).
 ///
 ///   m_i      = sum_p w_ip m_p
 ///   (m v)_i  = sum_p w_ip (m_p v_p + A_p (x_i - x_p))            A_p: the transfer's affine term
 ///   (dt f)_i = - dt sum_p V0_p tau_p grad w_ip                    or the transfer's own form of it
 ///
 /// (Stomakhin et al. 2013, eq. 6 with V^n sigma = V0 tau; Jiang et al. 2015, eq. 8). First each particle's
-/// terms are found, particle by particle, and kept; then each cell sums what its particles give to each node
-/// of its stencil, and adds that to the grid once, whatever the number of its particles.
+/// terms are computed, particle by particle, and stored in scratch. Then each cell sums its particles'
+/// contributions to each node of its stencil, and adds them to the grid once, however many particles it has.
 template <class Space, class Kernel, class Transfer>
 struct Scatter
 {
@@ -41,7 +41,7 @@ struct Scatter
     static constexpr int channels = Sums::channels;
     static constexpr int width = Kernel::degree + 1, rows = d == 3 ? width * width : width; ///< of a stencil
 
-    // What is kept of a particle.
+    // Scratch channels of a particle.
     static constexpr int position = 0, mass = d, momentum = d + 1, affine = 2 * d + 1;
     static constexpr int gradient = affine + (terms.affine ? d * d : 0);
     static constexpr int scratch_channels = gradient + (terms.gradient ? d * d : 0);
@@ -64,23 +64,24 @@ struct Scatter
         }
     }
 
-    /// What a particle gives, in the form that the rows of its stencil ask for.
+    /// A particle's contribution, in the form that the rows of its stencil use.
     template <class Real>
     struct Spread
     {
         Real mass;
         Vector<Real, d> momentum;
         /// affine (x_i - x_p) is linear in the node's indices: its value at the first node of each layer
-        /// across the first axis, and its change from node to node along the others. Momentum stays apart:
-        /// beside it, small differences would be rounded away, in steady motion the same in every step.
+        /// across the first axis, and its change from node to node along the others. It is not added to the
+        /// momentum, beside which small differences would be rounded away, in steady motion the same in every
+        /// step.
         Vector<Real, d> affine[std::size_t(terms.affine ? width : 1)];
-        Vector<Real, d> change[std::size_t(d)]; ///< of axis a: [a], from 1 on
+        Vector<Real, d> change[std::size_t(d)]; ///< along axis a: [a], from 1 on
         Vector<Real, d> gradient[std::size_t(terms.gradient ? d : 1)];
         std::array<Real, std::size_t(width)> weight[std::size_t(d)];
         std::array<Real, std::size_t(width)> derivative[std::size_t(terms.gradient ? d : 1)];
     };
 
-    /// Makes ready what the row's particles give, one per cell.
+    /// Prepares the contributions of the row's particles, one per cell.
     template <class Row, class Real = typename Row::Real>
     FIRN_HOST_DEVICE static void make_ready(Row const& row_of_cells, Spread<Real>& spread)
     {
@@ -116,7 +117,7 @@ struct Scatter
         }
     }
 
-    /// Adds what particles give to the nodes of one row of their stencils: to `nodes[k][channel]`.
+    /// Adds the contributions to the nodes of one row of the stencils: to `nodes[k][channel]`.
     template <class Real, class NodesOfRow>
     FIRN_HOST_DEVICE static void scatter(Spread<Real> const& spread, int row, NodesOfRow&& nodes)
     {
@@ -158,7 +159,7 @@ struct Scatter
         }
     }
 
-    /// Adds what the row's particles give, one per cell, to the sums of their cells: to
+    /// Adds the contributions of the row's particles, one per cell, to the sums of their cells: to
     /// `sums[k][row][channel]`.
     template <class Row, class SumsOfCells, class Real = typename Row::Real>
     FIRN_HOST_DEVICE static void scatter(Row const& row_of_cells, SumsOfCells& sums)

@@ -4,13 +4,13 @@
 namespace firn
 {
 
-/// What phases know of the step that they take. It lies where they run, for it is found there when the step
-/// before is through (see FinishStep), and the phases may be queued before.
+/// The values of a step that its phases read. They lie where the phases run, because they are computed there
+/// at the end of the step before (see FinishStep), when the phases may be queued already.
 template <class Number, class Actions>
 struct StepContext
 {
     Number dt;          ///< [s]
-    Number forces;      ///< for how long they act in it [s]
+    Number forces;      ///< for how long forces act in it [s]
     Number next_forces; ///< for how long stresses act in the step after this one [s]
     Actions actions;    ///< of the effects
 };

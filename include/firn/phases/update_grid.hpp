@@ -13,7 +13,7 @@
 namespace firn
 {
 
-/// What a node holds between its update and the gather: the new velocity, and the old one if the transfer
+/// A node's channels between its update and the gather: the new velocity, and the old one if the transfer
 /// keeps it.
 template <int d, bool keeps_old_velocity>
 struct NodeVelocities
@@ -23,14 +23,14 @@ struct NodeVelocities
     static constexpr int channels = keeps_old_velocity ? 2 * d : d;
 };
 
-/// Phase 2: momentum becomes velocity, forces, gravity and obstacles act on it.
+/// Phase 2: forces, gravity and obstacles act on momentum, which becomes velocity.
 ///
 ///   v_i = chain((m v + dt f + dt m g)_i / m_i)      Stomakhin et al. 2013, steps 4 and 5
 ///
-/// A node of less than `smallest_mass` counts as empty: its quotient would be rounding alone.
+/// A node of less than `smallest_mass` counts as empty: its quotient would be rounding error alone.
 ///
-/// A node beside a reflecting wall holds sums together with its images, see MirroredNode: it looks at them
-/// (`looks_around`), and so does each image; both then hold the same velocity, but for its sign across the
+/// A node beside a reflecting wall adds the sums of its images to its own, see MirroredNode: it reads them
+/// (`looks_around`), and so does each image. Both then have the same velocity, but for its sign across the
 /// wall, and 0 on it.
 template <class Space, class Kernel, class Transfer, class Effects>
 struct UpdateGrid
@@ -49,7 +49,7 @@ struct UpdateGrid
     StepContext<Number, Effects> const* now;
     Lattice lattice;
     Number smallest_mass;
-    Number flip_fraction; ///< of its own velocity that a particle keeps: see Flip
+    Number flip_fraction; ///< the share of its own velocity that a particle keeps: see Flip
     Number mass_unit = 1; ///< of the scene's masses [kg], for effects that ask for it
 
     template <class Node>
@@ -63,11 +63,11 @@ struct UpdateGrid
             reactions);
     }
 
-    /// What nodes look around for.
+    /// The walls whose images nodes read.
     using Walls = std::array<WallPlane, Effects::walls>;
     FIRN_HOST_DEVICE Walls walls() const { return walls_of(now->actions); }
 
-    /// Whether one of `count` nodes in a row along the last axis looks at others.
+    /// Whether one of `count` nodes in a row along the last axis reads other nodes.
     FIRN_HOST_DEVICE static bool looks_around_at(Walls const& walls, Coordinates<d> const& first, int count)
     {
         bool beside = false;
@@ -78,7 +78,7 @@ struct UpdateGrid
         return beside;
     }
 
-    /// The same as operator() for a lane of nodes that look at others.
+    /// The same as operator() for a lane of nodes that read others.
     template <class Node>
     FIRN_HOST_DEVICE void look_around(Walls const& walls, Node& node, Result& reactions) const
     {
@@ -87,7 +87,7 @@ struct UpdateGrid
         LanePosition<Real, d> place{lattice, mirrored.first, zeros<Vector<Real, d>>(),
                                     kernel_reach(Kernel::degree)};
         place.offset[d - 1] = mirrored.along;
-        Mask<Real> const received = !mirrored.is_image(); // what a node receives its images do not once more
+        Mask<Real> const received = !mirrored.is_image(); // else reactions were booked twice
         Real velocity[std::size_t(channels)];
         update<Real>(
             place, [&](int c) { return mirrored.sums[c]; }, [](int) { return Real(0); },
@@ -103,7 +103,7 @@ struct UpdateGrid
     }
 
 private:
-    /// v_i^n - v_i*: what extending took from a node's old velocity, where a transfer does so.
+    /// v_i^n - v_i*: the part of a node's old velocity that extending removed, where a transfer does so.
     template <class Real, class Node>
     FIRN_HOST_DEVICE static Real withheld(Node const& node, int a)
     {
@@ -113,7 +113,7 @@ private:
             return Real(0);
     }
 
-    /// `received` are the lanes of which obstacles' reactions are booked.
+    /// `received` are the lanes whose obstacle reactions are booked.
     template <class Real, class Sum, class Withheld, class Set>
     FIRN_HOST_DEVICE void update(LanePosition<Real, d> const& place, Sum const& sum, Withheld const& withheld,
                                  Set const& set, Mask<Real> const& received, Result& reactions) const
@@ -140,12 +140,12 @@ private:
         for (int a = 0; a < d; ++a) set(Velocities::velocity + a, select(filled, velocity[a], Real(0)));
     }
 
-    /// Books what walls receive along their axes: what particles lose to their images.
+    /// Books the impulse that walls receive along their axes: what particles lose to their images.
     ///
-    /// On the wall that is all momentum. Behind it, where particles gave p and take m times the velocity -v
-    /// of their image, p + m v is lost; and as much before it, where their images gave -p and take m v of
-    /// what is theirs. Of what particles keep of their own velocities, the like with the old velocity is not
-    /// lost.
+    /// On the wall that is all momentum. Behind it, where particles scattered p and gather m times the
+    /// velocity -v of their image, p + m v is lost. In front of it the same is lost again, where their images
+    /// scattered -p and gather m v of the particles' momentum. Where particles keep a share of their own
+    /// velocities, that share of these terms, with the old velocity, is not lost.
     template <class Mirrored, class Real>
     FIRN_HOST_DEVICE void book_walls(Mirrored const& mirrored, Real const* velocity,
                                      Vector<Real, d> const& arm, Mask<Real> const& which,
@@ -164,13 +164,13 @@ private:
                                  kept * (p + m * velocity[Velocities::old_velocity + a]));
             }
             Real const received = select(which, select(mirrored.on[w], on, beside), Real(0));
-            // most give nothing: of a wall across the lanes all but two
+            // most lanes contribute nothing: for a wall across the lanes all but two
             std::uint64_t const giving = bits(!exactly_equal(received, Real(0)));
             if (giving != 0) book(reactions.of[std::size_t(wall.obstacle)], a, received, arm, giving);
         }
     }
 
-    /// Books what some lanes of nodes give along an axis, and its moment about the world's origin.
+    /// Books the impulse of some lanes of nodes along an axis, and its moment about the world's origin.
     template <class Real>
     FIRN_HOST_DEVICE static void book(Reaction& reaction, int axis, Real const& given,
                                       Vector<Real, d> const& arm, std::uint64_t lanes)
@@ -185,8 +185,8 @@ private:
             sum += impulse[lane];
             for (int i = 0; i < d; ++i) moment[i] += double(at[i][lane]) * impulse[lane];
         });
-        // moment x unit vector of the axis (nvcc 13 makes a wrong program of a vector of zeros whose
-        // component `axis` is set to 1)
+        // moment x unit vector of the axis. It is written out because nvcc 13 miscompiles a vector of zeros
+        // whose component `axis` is set to 1.
         for (int i = 0; i < 3; ++i) {
             if (i == axis) reaction.impulse[i] += sum;
             if ((i + 2) % 3 == axis) reaction.angular_impulse[i] += moment[(i + 1) % 3];
