@@ -102,8 +102,8 @@ struct G2p2g
     }
 
     /// The same, with the rare results (failures, reactions of obstacles) in a separate result. A device has
-    /// that one in memory, so that its registers are left for the bounds; a processor's thread has one result
-    /// for everything.
+    /// that one in memory, so that its registers are left for the bounds. A processor's thread has one result
+    /// of bounds for all its blocks.
     template <class Items>
     FIRN_HOST_DEVICE void update(Items& items, Result& result, Result& rare) const
     {

@@ -12,13 +12,13 @@
 #include <cstdint>
 #include <limits>
 
-// What of the length of time steps the materials, the effects and the state of a scene decide. `sets` are
-// its MaterialSets.
+// What materials, effects and the state of a scene contribute to the length of time steps. `sets` are the
+// scene's MaterialSets.
 namespace firn::detail
 {
 
-/// How steps are chosen, as far as the materials alone say. The viscosity of one of which nothing is there
-/// bounds none.
+/// The time step controller with the limits of the materials alone. A material without particles imposes no
+/// viscous limit.
 template <class Kernel, class Transfer, class Sets>
 TimeStepController<static_cast<int>(Sets::count)>
 controller_of_materials(Sets const& sets, StepControl const& control, double cell_size)
@@ -26,7 +26,7 @@ controller_of_materials(Sets const& sets, StepControl const& control, double cel
     TimeStepController<static_cast<int>(Sets::count)> controller{.control = control, .cell_size = cell_size};
     Sets::for_each([&](auto k) {
         auto const& model = sets.template model<k>();
-        double expansion_ratio = Sets::d; // the largest there is, for models that do not say
+        double expansion_ratio = Sets::d; // the largest possible, for models that do not declare one
         if constexpr (requires { model.elasticity.expansion_ratio(Sets::d); })
             expansion_ratio = model.elasticity.expansion_ratio(Sets::d);
         MaterialLimits& limits = controller.limits[k];
@@ -39,13 +39,13 @@ controller_of_materials(Sets const& sets, StepControl const& control, double cel
     return controller;
 }
 
-/// Refuses a bound that bounds nothing.
+/// Refuses a bound that is negative or not finite.
 inline void require_bound(double bound, char const* what, char const* unit)
 {
     require(bound >= 0 && bound <= std::numeric_limits<double>::max(), what, "an effect", unit);
 }
 
-/// Refuses bounds of an effect in d dimensions that are no numbers, by which no step could be chosen.
+/// Refuses invalid bounds of an effect in d dimensions, by which no step could be chosen.
 template <int d, class Effect>
 void validate_bounds(Effect const& effect)
 {
@@ -59,7 +59,7 @@ void validate_bounds(Effect const& effect)
         require_bound(effect.largest_speed(), speed, "Return m/s.");
 }
 
-/// Takes account of what an effect does in d dimensions.
+/// Adds the bounds of an effect in d dimensions to the controller.
 template <int d, class Controller, class Effect>
 void admit_effect(Controller& controller, Effect const& effect)
 {
@@ -67,13 +67,13 @@ void admit_effect(Controller& controller, Effect const& effect)
         controller.acceleration = std::max(controller.acceleration, effect.largest_acceleration());
     if constexpr (requires { effect.largest_speed(d); })
         controller.obstacle_speed = std::max(controller.obstacle_speed, effect.largest_speed(d));
-    else if constexpr (requires { effect.largest_speed(); }) // the same in any space
+    else if constexpr (requires { effect.largest_speed(); }) // the same in any dimension
         controller.obstacle_speed = std::max(controller.obstacle_speed, effect.largest_speed());
 }
 
-/// The bounds of the next step, for states set from outside. How fast particles deform, and what they touch,
-/// is for a step to find: it stays what the last one found, where somebody is left, an affine velocity aside.
-/// `values(tag, k)` are those of a field and a material.
+/// The bounds of the next step after the state was set from outside. Only a step finds the deformation rate
+/// and the speed of touched obstacles, so these stay those in `found` if particles are left; a known affine
+/// velocity also bounds the deformation rate. `values(tag, k)` returns a field's values for a material.
 template <class Sets, class Controller, class Values>
 FIRN_COLD StepBounds bounds_of(Sets const& sets, Controller const& controller, StepBounds const& found,
                                Values const& values)

@@ -16,12 +16,12 @@
 #include <string>
 #include <vector>
 
-// Who went wrong in a step, and what is said of it. `sets` are the MaterialSets of a scene whose state is
-// that before the step, which began at `time` [s] and was `dt` [s] long.
+// Which particles failed in a step, and the errors that report it. `sets` are the MaterialSets of a scene, in
+// the state before the step, which began at `time` [s] and was `dt` [s] long.
 namespace firn::detail
 {
 
-/// Who was taken out of a scene, and how many may be.
+/// The particles removed from a scene, and how many may be.
 struct Quarantine
 {
     std::size_t most = 0;
@@ -30,7 +30,7 @@ struct Quarantine
     bool has_room_for(std::size_t count) const { return isolated.size() + count <= most; }
 };
 
-/// What is wrong with the particle of a row.
+/// The failure of the particle in a row.
 template <std::size_t k, class Sets>
 StepFailure failure_of(Sets const& sets, std::uint32_t row, FailureCause cause, double time, double dt,
                        std::uint64_t count)
@@ -42,7 +42,7 @@ StepFailure failure_of(Sets const& sets, std::uint32_t row, FailureCause cause, 
     return failure;
 }
 
-/// What the log of a step says.
+/// The failure in the log of a step.
 template <class Sets>
 StepFailure failure_of(Sets const& sets, StepLog const& log, double time, double dt)
 {
@@ -54,8 +54,9 @@ StepFailure failure_of(Sets const& sets, StepLog const& log, double time, double
     return failure;
 }
 
-/// Particles whose own state has no stress, at rest, `most` of them and one more: they spoil what others take
-/// from the grid, so that the first one for which a step goes wrong may be another.
+/// Particles whose own state has no finite stress at zero velocity gradient, `most` + 1 of them at most. They
+/// contaminate what others gather from the grid, so that the first failed particle of a step may be another
+/// one.
 template <class Sets>
 FIRN_COLD std::vector<StepFailure> without_stress(Sets const& sets, std::size_t most, double time, double dt)
 {
@@ -74,9 +75,9 @@ FIRN_COLD std::vector<StepFailure> without_stress(Sets const& sets, std::size_t 
     return found;
 }
 
-/// The particle that goes furthest in a step by itself, by its own velocity or by the waves in it, if that is
-/// more than a cell: by way of the grid others go wrong with it. Else the one that the log names.
-/// `values(tag, k)` are those of a field and a material, by row.
+/// The particle whose own velocity or waves go furthest in a step, if that is more than a cell: it makes
+/// others fail by way of the grid. Otherwise the particle in the log. `values(tag, k)` returns a field's
+/// values for a material, by row.
 template <class Sets, class Values>
 [[gnu::cold]] StepFailure furthest_in(Sets const& sets, StepLog const& log, Values const& values,
                                       double cell_size, double time, double dt)
@@ -99,7 +100,8 @@ template <class Sets, class Values>
     return found;
 }
 
-/// The particle whose own state bounds the step to `stable` [s], but for roundings; if one is so.
+/// The particle whose own state bounds the step to `stable` [s] or less, up to rounding; none if there is no
+/// such particle.
 template <class Sets, class Controller, class Values>
 [[gnu::cold]] std::optional<StepFailure> slowest_in(Sets const& sets, Controller controller,
                                                     Values const& values, double stable, double time,
@@ -135,8 +137,8 @@ template <class Sets, class Controller, class Values>
     return found;
 }
 
-/// Stops with a step that went wrong where the stable one is `stable` [s]; `material` is what MaterialSets
-/// calls that of the particle, `kept` says what state there is, `d` how many of its coordinates there are.
+/// Throws for a failed step where the stable one is `stable` [s]. `material` is MaterialSets' name for the
+/// particle's material, `kept` says what state is left, `d` is the number of coordinates.
 [[noreturn, gnu::cold]] inline void throw_step_error(StepFailure const& failure, double stable,
                                                      std::string const& material, std::string const& kept,
                                                      int d)
@@ -155,8 +157,8 @@ template <class Sets, class Controller, class Values>
     throw StepError{failure, what.str(), where.str(), remedy.str()};
 }
 
-/// Stops where no step gets on any more, as one that was chosen shows; `since` is for whom, if that is known,
-/// and the rest as for throw_step_error.
+/// Throws where no step advances time any more, as the chosen one shows. `since` is the particle that causes
+/// it, if known; the rest is as for throw_step_error.
 [[noreturn, gnu::cold]] inline void throw_no_step(TimeState const& time_state,
                                                   std::optional<StepFailure> const& since,
                                                   std::string const& material, int d)

@@ -14,22 +14,22 @@
 namespace firn
 {
 
-/// Where a run of steps stands behind a step, or where one went wrong.
+/// The state of a batch of steps after a step, or where one failed.
 struct StepLog
 {
     TimeState time_state;
-    std::uint64_t failed = 0; ///< particles with a mishap in the step; if any, it changed nothing
+    std::uint64_t failed = 0;                ///< failed particles in the step; if any, it changed nothing
     FailureCause cause = FailureCause::none; ///< of the first of them
-    int material = 0;                        ///< which is of this material
+    int material = 0;                        ///< the material of that particle
     std::uint32_t particle = 0;              ///< its row in the material's table
 };
 
-/// What one step of a run did.
+/// What one step of a batch did.
 template <int obstacles, int materials>
 struct StepRecord
 {
     double dt = 0;     ///< [s]
-    double forces = 0; ///< for how long they acted [s]
+    double forces = 0; ///< for how long forces acted [s]
     double stable = 0; ///< the bound before it [s]
     StepLimit limit{}; ///< what bounded dt
     std::array<std::uint64_t, std::size_t(materials)>
@@ -37,15 +37,15 @@ struct StepRecord
     Reactions<obstacles> reactions; ///< impulses per mass unit
 };
 
-/// What is known of a run of steps where they are taken; the host reads it when they are through. Every step
-/// has places of its own, so that one that has to be repeated is just written once more.
+/// The log of a batch of steps, in memory where they run; the host reads it when they are done. Every step
+/// has its own entries, so that a repeated step simply overwrites them.
 template <int obstacles, int materials>
 struct BatchLog
 {
     using Record = StepRecord<obstacles, materials>;
 
-    std::uint64_t* taken; ///< steps that did not go wrong
-    StepLog* at;          ///< before the first step, behind each, and one more in which nothing went wrong
+    std::uint64_t* taken; ///< steps that did not fail
+    StepLog* at;          ///< before the first step, after each, and one more entry without failures
     Record* records;
 
     static std::size_t places(std::size_t steps) { return steps + 2; }
@@ -54,7 +54,7 @@ struct BatchLog
         return sizeof(std::uint64_t) + places(steps) * sizeof(StepLog) + steps * sizeof(Record);
     }
 
-    /// The log of so many steps that lies at `memory`.
+    /// The log of this many steps at `memory`.
     static BatchLog over(void* memory, std::size_t steps)
     {
         auto* const taken = static_cast<std::uint64_t*>(memory);
@@ -63,16 +63,16 @@ struct BatchLog
     }
 };
 
-/// What stays the same during a run of steps, where they are taken.
+/// What stays the same during a batch of steps, in memory where they run.
 template <class Effects, int materials>
 struct BatchPlan
 {
     TimeStepController<materials> steps;
-    std::array<double, std::size_t(materials)> density; ///< of each at rest [kg/m^3]
+    std::array<double, std::size_t(materials)> density; ///< of each material at rest [kg/m^3]
     Effects effects;
 };
 
-/// Makes the log ready for a run of steps from where the host says they begin: called for every place of it.
+/// Prepares the log for a batch of steps that begins at the host's time state: called for every entry.
 template <int obstacles, int materials>
 struct BeginBatch
 {
@@ -88,8 +88,8 @@ struct BeginBatch
     }
 };
 
-/// The same where the course is not ready: then the rule is new, or may be, and nobody has told yet what the
-/// first step is to know.
+/// The same where the time state is not ready: controller and effects may be new, and the first step's
+/// context has not been computed yet.
 template <class Number, int d, int materials, class Effects, class Actions>
 struct BeginSteps
 {
@@ -102,7 +102,7 @@ struct BeginSteps
     {
         begin_batch(place);
         if (place > 0) return;
-        // padding too, or who watches what is read before it was written has something to say
+        // padding too; otherwise initcheck reports it
         std::memcpy(static_cast<void*>(plan), &controller, sizeof controller);
         TimeState const& time_state = begin_batch.time_state;
         now->dt = static_cast<Number>(time_state.now.interval.length());
@@ -112,19 +112,19 @@ struct BeginSteps
     }
 };
 
-/// Phase 4: what moving the particles found out bounds the next step, which is chosen, with its obstacles
-/// where they are then. Called once, when the others are through; once more if the step is repeated. A
-/// backend may at the same time bring particles to where the next step would find them.
+/// Phase 4: chooses the next step by the bounds that moving the particles found, and places its obstacles
+/// where they are then. Called once, after the other phases; once more if the step is repeated. A backend may
+/// rebin particles for the next step at the same time.
 template <class Number, int d, int materials, class Effects, class Actions>
 struct FinishStep
 {
     BatchPlan<Effects, materials> const* plan;
     BatchLog<Actions::obstacles, materials> log;
-    int step;                            ///< of the run
-    StepContext<Number, Actions>* after; ///< where the next step finds what it knows
+    int step;                            ///< of the batch
+    StepContext<Number, Actions>* after; ///< the next step's context
 
-    /// `reactions` are those of the obstacles to nodes, `found` is what moving the particles found out, of
-    /// each material. False if the next step is not to be taken as things stand.
+    /// `reactions` are those of the obstacles to nodes, `found` are the results of moving the particles of
+    /// each material. Returns false if the next step must not be taken yet.
     template <class... Found>
     FIRN_HOST_DEVICE bool operator()(Reactions<Actions::obstacles> const& reactions,
                                      Found const&... found) const
@@ -133,7 +133,7 @@ struct FinishStep
     }
 
 private:
-    /// Writes down what went wrong; false if something did.
+    /// Logs failures; false if there are any.
     template <class... Found>
     FIRN_HOST_DEVICE bool went_well(Found const&... found) const
     {
@@ -146,13 +146,12 @@ private:
         return false;
     }
 
-    /// After a step that went well: writes down what it did, and chooses the next one. False if that is not
-    /// to be taken as things stand: all are through, or the particles have given for a length that no longer
-    /// fits.
+    /// After a step without failures: logs it and chooses the next one. Returns false if that must not be
+    /// taken yet: all steps are done, or particles have scattered for a length that no longer fits.
     template <class... Found>
     FIRN_HOST_DEVICE bool goes_on(Reactions<Actions::obstacles> reactions, Found const&... found) const
     {
-        TimeState time_state = log.at[step].time_state; // copies, loaded at once
+        TimeState time_state = log.at[step].time_state; // copies, so that they are loaded once
         BatchPlan<Effects, materials> const fixed = *plan;
         TimeStepController<materials> const& controller = fixed.steps;
         time_state.ready = false;
@@ -179,7 +178,7 @@ private:
         controller.finish(time_state, bounds);
         if (controller.goes_on(time_state) && controller.choose(time_state) && controller.gets_on(time_state))
             time_state.ready =
-                !(controller.equal > time_state.stable); // else the host looks after what may go wrong
+                !(controller.equal > time_state.stable); // else the host handles a step that may fail
         log.at[step + 1].time_state = time_state;
         if (!time_state.ready) return false;
         after->dt = static_cast<Number>(time_state.now.interval.length());
@@ -189,7 +188,7 @@ private:
         return true;
     }
 
-    /// Writes down what went wrong; true if something did.
+    /// Logs failures; true if there are any.
     template <class... Found>
     FIRN_HOST_DEVICE static bool note_failures(StepLog& note, Found const&... found)
     {

@@ -17,8 +17,8 @@
 namespace firn
 {
 
-/// The grid of a scene, what its particles have given to it, and what they take from it between steps.
-/// `sets` are the MaterialSets of the scene, the same in every call.
+/// The grid of a scene, what its particles have scattered to it, and the fields they gather from it between
+/// steps. `sets` are the MaterialSets of the scene, the same in every call.
 template <class Backend, class Sets, class Kernel, class Transfer>
 class GridState
 {
@@ -31,7 +31,7 @@ public:
         NodeVelocities<d, Transfer::keeps_old_velocity>::channels, static_cast<int>(Sets::count)>;
     template <std::size_t k>
     using MaterialTraits = typename Sets::template MaterialTraits<k>;
-    /// How particles of a material give.
+    /// The scatter phase of a material.
     template <std::size_t k>
     using P2g = ParticlesToGrid<Space, typename MaterialTraits<k>::Model, Kernel, Transfer,
                                 typename MaterialTraits<k>::Stored, typename MaterialTraits<k>::Derived>;
@@ -43,20 +43,21 @@ public:
     Grid& grid() { return grid_; }
     Grid const& grid() const { return grid_; }
 
-    /// The grid holds what particles give to a step in which stresses act for so long [s]; 0: nothing.
+    /// The time for which stresses act in the step that particles have scattered to the grid for [s]; 0:
+    /// nothing has been scattered.
     double scattered_dt() const { return scattered_dt_; }
-    /// What particles give is to be given afresh: they have changed.
+    /// After particles have changed: they must scatter afresh.
     void forget() { scattered_dt_ = 0; }
-    /// After steps: for how long [s] particles have given to the next one, and whether those that changed
-    /// their cells since have, too.
+    /// After steps: the time of stresses [s] for which particles have scattered to the next one, and whether
+    /// those that changed cells since (the leavers) have, too.
     void set_scattered(double dt, bool leavers_scattered)
     {
         scattered_dt_ = dt;
         leavers_scattered_ = leavers_scattered;
     }
 
-    /// Brings the sums on the grid to what particles give to a step in which stresses act for so long [s]:
-    /// they may have given already, and for another time.
+    /// Completes the sums on the grid for a step in which stresses act for this long [s]; particles may have
+    /// scattered already, and for another time.
     void scatter_missing(double dt, Sets& sets)
     {
         Sets::for_each([&](auto k) {
@@ -73,8 +74,8 @@ public:
         scattered_dt_ = dt;
     }
 
-    /// Extends the velocities of nodes before their update, where the transfer does so: what particles give
-    /// back lies where the next step's sums will, and those of this one come back.
+    /// Extends nodal velocities before the grid update, where the transfer does so. The scattered velocities
+    /// use the buffer of the next step's sums; the second swap restores this step's sums.
     void extend_velocities([[maybe_unused]] Sets& sets, [[maybe_unused]] Number smallest_node_mass)
     {
         if constexpr (ExtendsVelocities<Transfer>) {
@@ -98,14 +99,14 @@ public:
         }
     }
 
-    /// The fields that particles take from the grid, as they took them in the last step.
+    /// Gathers the fields that are not stored, exactly as in the last step.
     template <std::size_t k>
     FIRN_COLD void regather(Sets const& sets,
                             typename MaterialTraits<k>::Table::DerivedView const& derived) const
     {
         if constexpr (MaterialTraits<k>::Derived::components(d) > 0) {
             auto const& table = sets.template particles<k>();
-            auto const layer = const_cast<Grid&>(grid_).layer(k); // it is only read
+            auto const layer = const_cast<Grid&>(grid_).layer(k); // only read
             backend_.gather(
                 table.cells(), layer,
                 GatherVelocities<Space, Kernel, Transfer, typename MaterialTraits<k>::Stored,
@@ -114,7 +115,7 @@ public:
         }
     }
 
-    /// Holds them beside the particles, before what they are taken from changes.
+    /// Caches these fields beside the particles, before their source changes.
     void cache_grid_fields(Sets& sets) const
     {
         Sets::for_each([&](auto k) {
@@ -125,8 +126,8 @@ public:
         });
     }
 
-    /// A field of a material's particles, by row: stored, held, or taken again. (Out of line: it is much code
-    /// for what several seldom ask for.)
+    /// A field of a material's particles, by row: stored, cached or regathered. Out of line, because it is
+    /// much code for seldom called functions.
     template <class Tag, std::size_t k>
     [[gnu::noinline]] std::vector<FieldValue<Tag, Number, d>> download(Sets const& sets) const
     {
@@ -139,7 +140,7 @@ public:
         }
     }
 
-    /// Writes it where the backend's loops reach; see Solver::write.
+    /// Writes a field to memory that the backend's loops reach; see Solver::write.
     template <class Tag, std::size_t k>
     void write(Sets const& sets, Number* to, std::size_t stride) const
     {
@@ -155,8 +156,9 @@ public:
         }
     }
 
-    /// After a step that went wrong: the grid no longer has the velocities that particles took, but still
-    /// what they gave. They take from that, without the forces of the step. `now` is any step's.
+    /// After a failed step: the grid no longer has the velocities that particles gathered, but still the sums
+    /// they scattered. Regathers from these, without the forces of the failed step. `now` may be any step's
+    /// context.
     void regain_velocities(Sets& sets, Number smallest_node_mass, StepContext<Number, Chain<>> const* now)
     {
         Sets::for_each([&](auto k) { scatter<k>(-scattered_dt_, true, sets); });
@@ -168,7 +170,7 @@ public:
         cache_grid_fields(sets);
     }
 
-    /// Of its own velocity that a particle keeps beside the grid's.
+    /// The share of its own velocity that a particle keeps beside the grid's.
     Number flip_fraction() const
     {
         if constexpr (Transfer::keeps_old_velocity)
@@ -181,8 +183,7 @@ private:
     template <std::size_t k>
     using DerivedOf = typename MaterialTraits<k>::Table::Derived;
 
-    /// What a material's particles took from the grid: what they hold or, for `again` to hold, taken once
-    /// more.
+    /// The gathered fields of a material's particles: the cached ones or, stored in `again`, regathered ones.
     template <std::size_t k>
     FIRN_COLD [[gnu::noinline]] DerivedOf<k> const& derived(Sets const& sets,
                                                             std::optional<DerivedOf<k>>& again) const
@@ -194,7 +195,7 @@ private:
         return *again;
     }
 
-    /// All particles of a material give to the grid: all they have, or the impulse of a step alone.
+    /// All particles of a material scatter to the grid: everything, or the impulse of a step alone.
     template <std::size_t k>
     FIRN_COLD void scatter(double dt, bool impulse_only, Sets& sets)
     {

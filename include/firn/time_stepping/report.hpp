@@ -22,7 +22,7 @@ struct StepReport
     std::uint64_t capped = 0;   ///< particles whose model is at a cap
     std::vector<std::uint64_t> capped_of; ///< the same of each material, in their order
     std::vector<Reaction> reactions;      ///< one per obstacle, in the order of the arguments
-    std::vector<StepFailure> isolated;    ///< who was taken out of the scene, and why: Solver::quarantine
+    std::vector<StepFailure> isolated;    ///< particles removed from the scene, and why: Solver::quarantine
 };
 
 /// What a call of Solver::advance did.
@@ -30,16 +30,16 @@ struct AdvanceReport
 {
     /// How many steps were taken.
     std::uint64_t substeps = 0;
-    std::uint64_t rejected = 0; ///< attempts that went wrong and were repeated with half the step
+    std::uint64_t rejected = 0; ///< failed attempts that were repeated with half the step
     double smallest_dt = std::numeric_limits<double>::infinity(); ///< [s]
     double largest_dt = 0;                                        ///< [s]
     double time_of_forces = 0; ///< for how long stresses and gravity acted [s]: see TimeStepController
     std::array<std::uint64_t, step_limit_count> limited_by{}; ///< substeps by what bounded them: a StepLimit
     std::uint64_t capped = 0;             ///< the most particles at a cap of their model in any substep
     std::vector<std::uint64_t> capped_of; ///< the same of each material, in their order
-    std::uint64_t lost = 0;            ///< particles that vanished; anything but 0 would have been an Error
+    std::uint64_t lost = 0;            ///< particles that vanished: always 0, as a lost particle is an Error
     std::vector<Reaction> reactions;   ///< one per obstacle, summed over the substeps
-    std::vector<StepFailure> isolated; ///< who was taken out of the scene, and why: Solver::quarantine
+    std::vector<StepFailure> isolated; ///< particles removed from the scene, and why: Solver::quarantine
 
     /// What bounded most substeps.
     StepLimit usual_limit() const
@@ -50,7 +50,7 @@ struct AdvanceReport
         return static_cast<StepLimit>(most);
     }
 
-    /// Adds a step or, with `merge`, another call's report.
+    /// Adds the report of a step that was bounded by `limit`.
     void add(StepReport const& step, StepLimit limit)
     {
         ++substeps;

@@ -17,12 +17,12 @@ namespace firn
 enum class StepLimit
 {
     wave,         ///< the fastest elastic wave in the current, hardened state
-    viscosity,    ///< what a viscous fluid's shear decays by
+    viscosity,    ///< the decay of a viscous fluid's shear
     advection,    ///< the fastest particle
     deformation,  ///< the largest velocity gradient
     acceleration, ///< gravity
     obstacle,     ///< the fastest obstacle surface that touches something
-    growth,       ///< the step before: steps grow by at most a tenth
+    growth,       ///< the step before: steps grow by StepControl::growth at most
     duration,     ///< what is left of the time asked for
 };
 /// How many kinds of StepLimit there are.
@@ -36,22 +36,22 @@ constexpr char const* describe(StepLimit limit)
     return names[static_cast<int>(limit)];
 }
 
-/// The safety factors of the automatic time step. The defaults hold for every kernel of order two and three.
+/// The safety factors of the automatic time step. The defaults hold for every kernel of degree two and three.
 ///
-/// Who wants steps as they come takes Solver::step, which chooses none, with `rejection` infinite. (Phases
-/// find the bounds and look at what they made all the same, for less than five per cent of a step.) What
-/// would have no meaning is never taken, by whatever factors: a state or stress that is not finite, det F <=
-/// 0 where there is no stress for it, a particle that moves by a cell or leaves the range of cells.
+/// For steps of your own without rejection use Solver::step, which chooses none, with `rejection` infinite.
+/// Phases find the bounds and check their results all the same, for less than five per cent of a step. A
+/// result without meaning is never accepted, whatever the factors: a state or stress that is not finite, det
+/// F <= 0 where there is no stress for it, a particle that moves by a cell or leaves the range of cells.
 struct StepControl
 {
     double wave = 0.9;        ///< share of the isolated-particle limit, see isolated_limit and shear_limit
     double advection = 0.3;   ///< cells a particle may move per step, at most 0.5
     double deformation = 0.2; ///< dt |L|
     double obstacle = 0.5;    ///< cells an obstacle's surface may move per step
-    double growth = 1.1;      ///< of one step over the one before
-    double rejection = 0.5;   ///< dt |L| found after a step that rejects it; infinity: none does
+    double growth = 1.1;      ///< largest ratio of a step to the one before
+    double rejection = 0.5;   ///< dt |L| found after a step above which it is rejected; infinity: never
     double smallest = 1e-12;  ///< a step below this share of the duration asked for is an error
-    int retries = 12;         ///< halvings of a rejected step before it is an error
+    int retries = 12;         ///< how often a failed step is halved before it is an error
 
     void validate() const
     {
@@ -84,8 +84,8 @@ struct StepBounds
     double acceleration = 0;     ///< [m/s^2]
     double obstacle_speed = 0;   ///< [m/s]
 
-    /// The same with the largest number for what is beyond all numbers, which no step follows: it can be
-    /// saved and restored.
+    /// The same with values that are not finite replaced by the largest number, so that they can be saved and
+    /// restored. No step is possible with them either.
     FIRN_HOST_DEVICE StepBounds finite() const
     {
         auto const within = [](double value) {
@@ -105,7 +105,7 @@ struct StepBounds
 template <class Kernel, class Transfer>
 double isolated_limit(double expansion_ratio)
 {
-    // A tent has no inertia of its own: 4/h^2 is that of a particle in the middle of its cell.
+    // The tent has no constant inertia: 4/h^2 is that of a particle in the middle of its cell.
     double inverse_inertia = 4;
     if constexpr (HasConstantInertia<Kernel>) inverse_inertia = Kernel::inverse_inertia;
     double const R =
@@ -145,8 +145,8 @@ struct ChosenStep
     }
 };
 
-/// What bounds the step of one material by itself: `wave` is the largest stable c dt / h, see isolated_limit;
-/// `shear` in s, see shear_limit, infinite without viscosity.
+/// The limits of one material's step: `wave` is the largest stable c dt / h, see isolated_limit; `shear` in
+/// s, see shear_limit, infinite without viscosity.
 struct MaterialLimits
 {
     double wave = 0;

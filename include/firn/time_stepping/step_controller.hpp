@@ -13,31 +13,31 @@
 namespace firn
 {
 
-/// A step to come and what bounds its length.
+/// A planned step and what bounds its length.
 struct PlannedStep
 {
     Interval interval{};
     StepLimit limit = StepLimit::duration;
-    double longest = 0; ///< what it might have been, were it not a part of what remains [s]
+    double longest = 0; ///< its length before rounding to a whole share of the remaining time [s]
 };
 
-/// Where a run of steps stands.
+/// The time state of a batch of steps.
 struct TimeState
 {
     double time = 0;     ///< [s]
     StepBounds bounds{}; ///< of the step that begins now
-    double previous = 0; ///< what the last step might have been that filled no duration alone [s]; 0: none
+    double previous = 0; ///< `longest` of the last step that did not fill a duration alone; its length, if it
+                         ///< was retried [s]; 0: none
     double last = 0;     ///< the last step [s]; 0: there was none
-    int retries = 0;     ///< how many times the step that begins now was tried in vain
-    PlannedStep scattered{}; ///< that for which particles have given to the grid already
-    PlannedStep now{};       ///< that which is taken
-    PlannedStep next{};      ///< the one after it, for which they give as they take it
-    bool ready =
-        false; ///< `now` and `next` are those of the step that begins now, of the same call as that before
-    double stable = 0; ///< length that is stable in it [s]
+    int retries = 0;     ///< failed attempts of the step that begins now
+    PlannedStep scattered{}; ///< the step for which particles have scattered already
+    PlannedStep now{};       ///< the step to take
+    PlannedStep next{};      ///< the step after it, for which they scatter during `now`
+    bool ready = false;      ///< `now` and `next` are up to date, for the same call as the step before
+    double stable = 0;       ///< stable length of the step that begins now [s]
 };
 
-/// How the steps of one call are chosen: what stays the same from step to step.
+/// The time step controller of one call: what stays the same from step to step.
 template <int materials>
 struct TimeStepController
 {
@@ -50,8 +50,9 @@ struct TimeStepController
     double end = 0;                                              ///< when it ends [s]
     double equal = 0; ///< length of all steps [s]; 0: they are as long as is stable
 
-    /// A step that was planned by the bounds of one step before may be so much longer than the bounds of now,
-    /// for which StepControl's safety factors have room, and so much shorter: giving afresh costs more.
+    /// A step planned one step ahead is kept if its length is within these multiples of what the current
+    /// bounds allow. StepControl's safety factors have room for the longer one; the shorter one still costs
+    /// less than scattering afresh.
     static constexpr double longest_plan = 1.02, shortest_plan = 0.75;
 
     FIRN_HOST_DEVICE ChosenStep stable(StepBounds now) const
@@ -61,7 +62,8 @@ struct TimeStepController
         return stable_time_step(control, now, cell_size, limits[static_cast<std::size_t>(now.material)]);
     }
 
-    /// Takes account of the fastest wave [m/s] in a material: the one that bounds the step most is kept.
+    /// Adds the fastest wave [m/s] in a material to the bounds, which keep the wave that bounds the step
+    /// most.
     FIRN_HOST_DEVICE void admit(StepBounds& bounds, int material, double wave_speed) const
     {
         auto const longest = [&](int of, double speed) {
@@ -75,8 +77,8 @@ struct TimeStepController
         }
     }
 
-    /// Chooses the step that begins now, and plans the one after it. False if it is not that for which
-    /// particles have given.
+    /// Chooses the step that begins now, and plans the one after it. Returns false if particles have not
+    /// scattered for the chosen step.
     FIRN_HOST_DEVICE bool choose(TimeState& time_state) const
     {
         ChosenStep const longest_now = stable(time_state.bounds);
@@ -85,7 +87,7 @@ struct TimeStepController
             return retries > 0 ? step.interval.length()
                                : time_of_forces(step.interval.length(), before, longest_now.dt);
         };
-        if (equal > 0) { // who takes equal steps is expected to go on so
+        if (equal > 0) { // expects more steps of this length
             time_state.now = {{time_state.time, time_state.time + equal}, StepLimit::duration};
             time_state.now.interval.forces = forces(time_state.now, time_state.last, 0);
             time_state.next = {{time_state.now.interval.end, time_state.now.interval.end + equal},
@@ -101,7 +103,7 @@ struct TimeStepController
                           time_state.scattered.interval.end <= end && planned <= longest_plan * longest &&
                           planned >= shortest_plan * longest && time_state.retries == 0;
         time_state.now = fits ? time_state.scattered : best;
-        // the one after it, as far as it can be told from the state before this one
+        // the step after it, predicted from the bounds at the begin of this one
         double const next_end = time_state.now.interval.end < end ? end : end + duration;
         double const previous =
             time_state.now.limit != StepLimit::duration ? time_state.now.longest : time_state.previous;
@@ -110,20 +112,20 @@ struct TimeStepController
         return fits;
     }
 
-    /// Whether the step that was chosen gets on.
+    /// Whether the chosen step is long enough to advance time.
     FIRN_HOST_DEVICE bool gets_on(TimeState const& time_state) const
     {
         return time_state.now.interval.length() > control.smallest * duration &&
                time_state.now.interval.end > time_state.time;
     }
 
-    /// Whether there is something left to do.
+    /// Whether time is left.
     FIRN_HOST_DEVICE bool goes_on(TimeState const& time_state) const
     {
         return equal > 0 || time_state.time < end;
     }
 
-    /// Goes to the end of the step that was taken, whose bounds were found.
+    /// Advances to the end of the step taken, which found the bounds `found`.
     FIRN_HOST_DEVICE static void finish(TimeState& time_state, StepBounds const& found)
     {
         time_state.time = time_state.now.interval.end;
@@ -137,12 +139,12 @@ struct TimeStepController
         time_state.scattered = time_state.next;
     }
 
-    /// For how long forces act in a step of a length, behind one of another; 0: behind none [s].
+    /// For how long forces act in a step of this length after one of length `before`; 0: after none [s].
     ///
-    /// Velocities belong to the middles of steps, positions to their ends: of a force at the end of a step
-    /// they get half of that step and half of the next one. Were it all of the next one, a length that
-    /// changes would bring an error of first order, the sum of force times half of each change. It is no
-    /// longer than a plan may be, so that a step is stable behind one that was far longer.
+    /// Velocities belong to the middles of steps, positions to their ends. So a force at the end of a step
+    /// acts for half of that step and half of the next one. If it acted for all of the next one, changing
+    /// lengths would cause an error of first order: the sum of force times half of each change. The time is
+    /// limited to what a plan may be, so that a step is stable after one that was far longer.
     FIRN_HOST_DEVICE static double time_of_forces(double length, double before, double stable)
     {
         if (exactly_equal(before, 0)) return length;
@@ -151,7 +153,7 @@ struct TimeStepController
 
 private:
     /// A step from `begin` that is as long as is stable, not much longer than the one before, and a whole
-    /// share of what remains before `until`; after `retries` failures, half as long each time.
+    /// share of the time until `until`. Each of `retries` failures halves it.
     FIRN_HOST_DEVICE PlannedStep plan(ChosenStep step, double begin, double until, double previous,
                                       int retries) const
     {
@@ -163,7 +165,7 @@ private:
             step = {remaining, StepLimit::duration};
         else
             step.dt = remaining / std::ceil(remaining / longest);
-        // half of what was tried, also where that was all that remained
+        // half of what failed, also where that was all the remaining time
         for (int i = 0; i < retries; ++i) step.dt /= 2;
         return {{begin, last ? until : begin + step.dt}, step.limit, longest};
     }

@@ -17,12 +17,12 @@
 namespace firn
 {
 
-/// Takes the steps of a scene, in runs: as many as the backend queues one behind the other before the host
-/// looks what became of them, and with a backend that does not, one by one.
+/// Takes the steps of a scene, in batches. A backend with queues takes as many steps in one batch as it
+/// queues before the host reads the log; others take them one by one.
 ///
-/// A step is: particles in the order of cells, blocks of nodes under them, what particles give (which those
-/// that moved in the step before have given already); then nodes are updated, particles take from them, move
-/// and give to the next step; and that is chosen by what they found out. See StepBatch, and the phases.
+/// A step is: rebin the particles, activate the grid blocks under them, scatter what is missing (most was
+/// scattered in the step before); then update the grid, gather, move, scatter to the next step, and choose
+/// that by the bounds found. See StepBatch, and the phases.
 template <class Backend, class Sets, class Kernel, class Transfer>
 class StepDriver
 {
@@ -33,7 +33,7 @@ public:
     using Controller = TimeStepController<materials>;
     using GridStateType = GridState<Backend, Sets, Kernel, Transfer>;
 
-    /// What steps change, and what they need to know of it.
+    /// What steps change, and the values they need for it.
     struct Scene
     {
         Sets& sets;
@@ -41,19 +41,19 @@ public:
         TimeState& time_state;
         double mass_unit;          ///< of masses [kg]
         Number smallest_node_mass; ///< below it a node's momentum is rounding alone [mass units]
-        bool may_lose_particles;   ///< after a step that went wrong for them
+        bool may_lose_particles;   ///< after a failed step
     };
 
     StepDriver(Lattice lattice, Transfer const& transfer, Backend const& backend)
         : lattice_(lattice), transfer_(transfer), backend_(backend), now_(backend_), log_(backend_)
     {}
 
-    /// Takes the step that was chosen and those after it, `most` in all: as many as the backend queues, and
-    /// as long as they go as planned. `visit` is called with the record of each. A step that goes wrong
-    /// leaves the particles, and what they gave, as it was. A course that is ready takes rule and effects of
-    /// the run before it, whatever these are.
+    /// Takes the chosen step and those after it, `most` in all: as many as the backend queues, and as long as
+    /// they go as planned. Calls `visit` with the record of each. A failed step leaves the particles, and the
+    /// sums they scattered, unchanged. If the time state is ready, controller and effects of the batch before
+    /// are used, whatever is passed here.
     ///
-    /// Where memory runs short or a device fails in the middle, there is no state to go on from.
+    /// If memory runs out or a device fails in the middle, there is no state to go on from.
     template <class Effects, class Visit>
     FIRN_COLD StepLog const& take(Scene const& scene, Controller const& controller, std::size_t most,
                                   Effects const& effects, Visit const& visit)
@@ -62,11 +62,11 @@ public:
         int const expected = static_cast<int>(std::min(most, backend_.steps_to_queue(orders, queue_)));
         StepBatch<Effects> batch(*this, scene, controller, effects, expected);
         auto& grid = scene.grid_state.grid();
-        Sets::for_each([&](auto k) { // in the order of cells, which giving may complete
+        Sets::for_each([&](auto k) { // the order of cells, which scattering the leavers may complete
             scene.sets.template particles<k>().sort(
                 [](auto& cells, auto const& offsets) { cells.begin_rebin(offsets); });
         });
-        grid.activate(orders); // blocks under them
+        grid.activate(orders); // the blocks under them
         scene.grid_state.scatter_missing(scene.time_state.now.interval.forces, scene.sets);
         batch.begin(controller, effects);
         auto const layers = batch.layers();
@@ -76,7 +76,7 @@ public:
             for (; queued < expected && backend_.throttle(orders); reacted = batch.update_nodes(queued++)) {
                 auto const choice = backend_.move_on(orders, layers, batch.move(queued - 1), reacted,
                                                      batch.finish(queued - 1));
-                batch.commit(); // as is to be expected
+                batch.commit(); // expecting success
                 batch.rebin(choice);
             }
         backend_.move(orders, layers, batch.move(queued - 1), reacted, batch.finish(queued - 1));
@@ -85,7 +85,7 @@ public:
         if constexpr (Backend::queues) {
             lacked = backend_.poll(orders);
             scattered_early = !lacked && backend_.rebins_early(orders) && batch.taken() < queued;
-            if (lacked) { // a step lacked room, and those after it did nothing
+            if (lacked) { // a step ran out of room, and those after it did nothing
                 int const lacking = batch.taken() - (batch.has_failed() ? 0 : 1);
                 batch.rollback(queued - 1 - lacking, queued - 1 - lacking);
                 queued = lacking + 1;
@@ -110,11 +110,11 @@ public:
         return batch.heard().at[last];
     }
 
-    /// Whether the last step went wrong, so that nodes do not hold the velocities of the last good one.
+    /// Whether the last step failed, so that nodes do not have the velocities of the last good one.
     bool has_spoiled_nodes() const { return spoiled_; }
     void forget_spoiled_nodes() { spoiled_ = false; }
 
-    /// What is known of some step, whatever its effects.
+    /// The context of some step, without its effects.
     StepContext<Number, Chain<>> const* any_step()
     {
         return reinterpret_cast<StepContext<Number, Chain<>> const*>(now_.data());
@@ -124,7 +124,7 @@ private:
     template <std::size_t k>
     using MaterialTraits = typename Sets::template MaterialTraits<k>;
 
-    /// The steps of one run: what their phases are made of, and what the host does about them.
+    /// The steps of one batch: builds their phases, and does the host's part.
     template <class Effects>
     class StepBatch
     {
@@ -134,7 +134,7 @@ private:
         using Log = BatchLog<Actions::obstacles, materials>;
         static_assert(std::is_trivially_destructible_v<Now>, "an effect's action is a plain value");
         static_assert(std::is_trivially_destructible_v<Plan>, "an effect, as steps know it, too");
-        // an obstacle's quaternion is aligned more strictly than the two before it are long
+        // a plan may need stricter alignment than the contexts before it end at: obstacles have quaternions
         static constexpr std::size_t plan_at =
             (2 * sizeof(Now) + alignof(Plan) - 1) / alignof(Plan) * alignof(Plan);
 
@@ -156,7 +156,7 @@ private:
             });
         }
 
-        /// Makes ready for the first step.
+        /// Prepares the log and the first step.
         void begin(Controller const& controller, Effects const& effects)
         {
             BeginBatch<Actions::obstacles, materials> const begin_batch{scene_.time_state, log_};
@@ -169,7 +169,7 @@ private:
                         begin_batch, {controller, scene_.sets.densities(), effects}, plan_, now(0)});
         }
 
-        /// Nodes find their velocities. Returns the reactions of obstacles.
+        /// Updates the grid. Returns the reactions of obstacles.
         auto update_nodes(int step)
         {
             scene_.grid_state.extend_velocities(scene_.sets, scene_.smallest_node_mass);
@@ -180,10 +180,10 @@ private:
                                                       static_cast<Number>(scene_.mass_unit)});
         }
 
-        /// The phase in which particles of all materials move.
+        /// The phase that moves the particles of all materials.
         auto move(int step) const { return move(step, typename Sets::Places{}); }
 
-        /// The phase that chooses the step behind this one.
+        /// The phase that chooses the step after this one.
         auto finish(int step) const
         {
             return FinishStep<Number, d, materials, Effects, Actions>{plan_, log_, step, now(step + 1)};
@@ -192,8 +192,8 @@ private:
         /// The grid's layers of all materials.
         auto layers() const { return layers(typename Sets::Places{}); }
 
-        /// Particles go into the order of cells that they have moved to, and who changed its cell gives
-        /// there.
+        /// Rebins the particles into the cells that they have moved to; those that changed cells (the
+        /// leavers) scatter there.
         template <class Choice>
         void rebin(Choice const& choice)
         {
@@ -206,32 +206,32 @@ private:
             });
         }
 
-        /// Waits for the steps, and reads what became of them.
+        /// Waits for the steps, and reads their log.
         void read_log()
         {
             heard_ = Log::over(const_cast<unsigned char*>(driver_.log_.read()), std::size_t(expected_));
         }
         Log const& heard() const { return heard_; }
         int taken() const { return static_cast<int>(*heard_.taken); }
-        /// Whether the step after those that were taken went wrong.
+        /// Whether the step after those that were taken failed.
         bool has_failed() const { return heard_.at[taken() + 1].failed > 0; }
 
-        /// Takes a step that was made, or soon will be, for done.
+        /// Commits a step that is done, or is queued and expected to succeed.
         void commit()
         {
             Sets::for_each([&](auto k) { particles<k>().swap(wrote_derived_[k]); });
             scene_.grid_state.grid().swap();
         }
 
-        /// Undoes that, and follow(), for steps that were queued and then not made.
+        /// Undoes commit() and rebin() for steps that were queued and then not taken.
         void rollback(int accepted, int rebinned) requires Backend::queues
         {
             Sets::for_each([&](auto k) { particles<k>().rollback(accepted, rebinned, wrote_derived_[k]); });
-            if (accepted % 2 != 0) scene_.grid_state.grid().swap(); // what was swapped is swapped back
+            if (accepted % 2 != 0) scene_.grid_state.grid().swap(); // an odd number of swaps is undone by one
         }
 
-        /// Takes over what is known behind some steps; `leavers_scattered` says whether who came to another
-        /// cell in the last one has given there.
+        /// Adopts the state after some steps; `leavers_scattered` says whether particles that changed cells
+        /// in the last one have scattered to their new cells.
         void adopt(int place, int taken, bool leavers_scattered)
         {
             scene_.time_state = heard_.at[place].time_state;
@@ -282,17 +282,17 @@ private:
         Scene const& scene_;
         Number largest_deformation_;
         int expected_; ///< steps at most
-        Now* now_;     ///< of steps in turn: two
+        Now* now_;     ///< two, used by steps in turn
         Plan* plan_;
-        Log log_{}, heard_{}; ///< where steps are taken, and where the host reads it
-        /// Of each material: whether what particles take from the grid was held beside them before the run,
-        /// and whether its steps write it. Obstacles that push particles set what cannot be taken again, and
-        /// where particles may be taken out after a step that went wrong, the grid is no longer there to take
-        /// from.
+        Log log_{}, heard_{}; ///< where steps run, and the host's copy
+        /// Of each material: whether the gathered fields were cached before the batch, and whether its steps
+        /// write them. Steps must write them where obstacles push particles, which sets velocities that
+        /// cannot be regathered, and where particles may be removed after a failed step, which has
+        /// overwritten the grid.
         std::array<bool, Sets::count> had_cached_{}, wrote_derived_{};
     };
 
-    /// Learns from a run of so many steps how many to queue next time.
+    /// Learns from a batch of `taken` steps how many to queue next time.
     void learn(int taken, bool as_planned)
     {
         unstopped_ += static_cast<std::size_t>(taken);
@@ -307,12 +307,13 @@ private:
     Lattice lattice_;
     Transfer transfer_;
     Backend backend_;
-    /// Two StepContext and a RunRule, of whatever effects. (As zeros at first: it is copied when it grows.)
+    /// Two StepContext and a BatchPlan, whatever their effects. Initially zeros, because it is copied when it
+    /// grows.
     typename Backend::template ReadbackBuffer<unsigned char> now_;
     typename Backend::template ReadbackBuffer<unsigned char> log_; ///< a BatchLog
-    int turn_ = 0;              ///< which StepContext it is that the next step finds
-    std::size_t queue_ = 1;     ///< as many steps may be queued blindly: it went well with half as many
-    std::size_t unstopped_ = 0; ///< steps since queued ones were stopped
+    int turn_ = 0;                                                 ///< which StepContext the next step reads
+    std::size_t queue_ = 1;     ///< how many steps may be queued blindly: half as many succeeded
+    std::size_t unstopped_ = 0; ///< steps since queued ones were last stopped
     bool spoiled_ = false;      ///< see has_spoiled_nodes()
 };
 
