@@ -16,21 +16,21 @@
 namespace firn
 {
 
-/// Masses and volumes of the particles of a table, one of each per mass group (see MassGroups), here and
-/// where loops reach them.
+/// Masses and volumes of a table's particles, one of each per mass group (see MassGroups), on the host
+/// (`here`) and in the backend's memory (`there`).
 template <class Backend, class Number>
 class MassGroupList
 {
 public:
     explicit MassGroupList(Backend const& backend) : there_(backend) {}
 
-    /// As loops see them, and as the host does.
+    /// The views for the backend's loops, and for the host.
     MassGroups<Number> there() const { return {there_.data(), static_cast<int>(here_.size())}; }
     MassGroups<Number> here() const { return {here_.data(), static_cast<int>(here_.size())}; }
     std::vector<MassGroup<Number>> const& all() const { return here_; }
 
-    /// Refuses particles of a volume [m^3] and a density [kg/m^3] beside which others of the scene are lost
-    /// to rounding.
+    /// Refuses particles of a volume [m^3] and a density [kg/m^3] whose mass differs so much from others of
+    /// the scene that the lighter would be lost to rounding.
     static void require_comparable(double volume, double density, MassScale const& scale)
     {
         double const unit = exactly_equal(scale.unit, 0) ? volume * density : scale.unit;
@@ -41,8 +41,8 @@ public:
             "Solver::add", "Keep the masses of one scene within a factor of 1e10 (float) or 1e20 (double).");
     }
 
-    /// From a row on particles have this volume and density: if both are those of the particles before them,
-    /// they belong to the same mass group.
+    /// Sets volume [m^3] and density [kg/m^3] of the particles from a row on: if both equal those of the
+    /// particles before them, they belong to the same mass group.
     void add(std::uint32_t first_row, double volume, double density, MassScale& scale)
     {
         if (exactly_equal(scale.unit, 0)) scale.unit = volume * density;
@@ -57,7 +57,7 @@ public:
         upload();
     }
 
-    /// Renumbers the rows, and forgets mass groups of which nobody is left.
+    /// Renumbers the rows, and drops mass groups without particles.
     void keep(std::vector<std::uint32_t> const& new_row, std::size_t kept)
     {
         std::vector<MassGroup<Number>> left;

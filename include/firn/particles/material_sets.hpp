@@ -18,7 +18,7 @@
 namespace firn
 {
 
-/// The materials of a scene, each with its particles. They have a layer of the grid each, in the same order.
+/// The materials of a scene, each with its particles. Each has a layer of the grid, in the same order.
 template <class Backend, class List, class Transfer>
 class MaterialSets
 {
@@ -30,7 +30,7 @@ public:
     static constexpr std::size_t count = std::tuple_size_v<decltype(List::of)>;
     using Places = std::make_index_sequence<count>;
 
-    /// What there is of one material.
+    /// The types and sizes of one material.
     template <std::size_t place>
     struct MaterialTraits
     {
@@ -38,16 +38,16 @@ public:
         using Model = std::tuple_element_t<place, decltype(List::of)>;
         /// A particle's fields beside position and id: the union of what transfer and model declare.
         using State = Join<typename Transfer::State, typename Model::State>;
-        /// Those that are stored from step to step, and those that particles take from the grid when asked
-        /// for.
+        /// The fields that are stored from step to step, and those that are gathered from the grid on
+        /// request.
         using Stored = Join<typename Transfer::Stored, typename Model::State>;
         using Derived = Without<typename Transfer::State, Stored>;
         using Table = ParticleTable<Backend, Space, Stored, Derived>;
 
-        /// The bytes of what is stored of one particle: its position, its fields and its row.
+        /// The bytes stored per particle: its position, its fields and its row.
         static constexpr std::size_t state_bytes_per_particle = Table::state_bytes;
-        /// All resident bytes per particle: two buffers of that, and the index of the cell order. (The host
-        /// keeps four more where ids are no rows.)
+        /// All resident bytes per particle: two buffers of that, and the index of the cell order. The host
+        /// keeps four more where ids differ from rows.
         static constexpr std::size_t bytes_per_particle = Table::resident_bytes;
     };
     using CellOrder = typename MaterialTraits<0>::Table::CellOrder;
@@ -93,7 +93,7 @@ public:
         return std::get<k>(sets_).model;
     }
 
-    /// " of snow (material 1)" and so on, for errors; nothing in a scene of one.
+    /// " of snow (material 1)" and so on, for errors; empty in a scene of one material.
     static std::string name(std::size_t material)
     {
         std::string name;
@@ -108,7 +108,7 @@ public:
         return name;
     }
 
-    /// What a model answers of a particle as it is.
+    /// The model's response to a particle's state at zero velocity gradient.
     template <std::size_t k, class Particle>
     Response<Number, d> response(Particle const& particle) const
     {
@@ -137,7 +137,7 @@ public:
         return densities;
     }
 
-    /// The cells of all materials.
+    /// The cell orders of all materials.
     std::array<CellOrder*, count> orders()
     {
         std::array<CellOrder*, count> orders{};
@@ -145,7 +145,7 @@ public:
         return orders;
     }
 
-    /// Whether what particles take from the grid is held beside them.
+    /// Whether the gathered fields are cached beside the particles.
     bool has_grid_fields() const
     {
         bool holds = true;
@@ -153,7 +153,7 @@ public:
         return holds;
     }
 
-    /// Removes the particles with which something went wrong.
+    /// Removes the particles of some failures.
     void remove(std::vector<StepFailure> const& failures)
     {
         for_each([&](auto k) {
@@ -168,8 +168,7 @@ private:
     template <std::size_t k>
     using StateOf = Record<Number, d, typename MaterialTraits<k>::Model::State>;
 
-    /// In one place, whatever else particles have and whoever asks: a material's answer takes long to
-    /// compile.
+    /// One instantiation per material, whatever other fields particles have: respond() takes long to compile.
     template <std::size_t k>
     [[gnu::noinline]] Response<Number, d> response_of(StateOf<k> state) const
     {

@@ -14,32 +14,32 @@
 namespace firn
 {
 
-/// How the particles of a scene lie in its cells at one moment: whether there are enough of them, and who has
-/// parted from whom.
+/// How the particles of a scene lie in its cells at one moment: whether there are enough of them, and whether
+/// the material has separated.
 struct Occupancy
 {
     std::uint64_t particles = 0;
     std::uint64_t cells = 0;               ///< that have a particle
-    std::vector<std::uint64_t> cells_with; ///< how many cells have 0, 1, 2, … particles; of none it tells 0
-    double per_cell = 0; ///< particles of a cell, the mean of inner ones: those with no empty cell around
-                         ///< them; of all where there is no inner one
+    std::vector<std::uint64_t> cells_with; ///< how many cells have 0, 1, 2, … particles; entry 0 is always 0
+    double per_cell = 0; ///< particles per cell, the mean over inner cells, which have no empty cell around
+                         ///< them; over all cells if none is inner
     std::uint64_t pieces = 0; ///< parts of the scene that share no node with one another: a body that has
-                              ///< parted is several, as are bodies that do not touch
+                              ///< separated is several, as are bodies that do not touch
     std::uint64_t alone = 0;  ///< particles that share a node with no other
 
-    /// A warning: cells have less than nine tenths of the 4 particles in the plane or 8 in space that are
-    /// recommended; holes open in such a body as it deforms, and some of its modes no node sees.
+    /// A warning: there are fewer than nine tenths of the recommended 4 (plane) or 8 (space) particles per
+    /// cell. Holes open in such a body as it deforms, and the nodes do not see some of its modes.
     bool too_few = false;
 };
 
 namespace detail
 {
-/// Finds how cells hang together: sorted, then row by row along the last axis.
+/// Finds which cells are connected: sorts them, then compares row by row along the last axis.
 template <int d>
 class CellNeighbours
 {
 public:
-    /// `cells` are those of the particles, each as often as it has some.
+    /// `cells` has one entry per particle, the particle's cell.
     CellNeighbours(std::vector<Coordinates<d>> cells, int degree) : degree_(degree)
     {
         auto const before = [](Coordinates<d> const& a, Coordinates<d> const& b) {
@@ -100,7 +100,7 @@ private:
         return of;
     }
 
-    /// Joins the cells of all rows with those of rows so far away that their stencils still overlap; each
+    /// Joins the cells of all rows with those of all rows near enough for their stencils to overlap; each
     /// pair once.
     void visit_offsets(Across& offset, std::size_t axis)
     {
@@ -111,7 +111,7 @@ private:
         }
         if (offset < Across{}) return;
         std::size_t other = 0;
-        for (std::size_t row = 0; row + 1 < rows_.size(); ++row) { // both go on in the same order
+        for (std::size_t row = 0; row + 1 < rows_.size(); ++row) { // both advance in the same order
             Across wanted = across(cells_[rows_[row]]);
             for (std::size_t a = 0; a < wanted.size(); ++a) wanted[a] += offset[a];
             while (other + 1 < rows_.size() && across(cells_[rows_[other]]) < wanted) ++other;
@@ -137,7 +137,7 @@ private:
         }
     }
 
-    /// The cell that stands for a piece.
+    /// The representative cell of a piece.
     std::size_t root(std::size_t i)
     {
         while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
@@ -147,9 +147,9 @@ private:
     int degree_;
     std::vector<Coordinates<d>> cells_; ///< each once
     std::vector<std::uint64_t> count_;  ///< particles of each
-    std::vector<int> adjacent_;         ///< of those around it how many have particles, too
+    std::vector<int> adjacent_;         ///< how many cells around each have particles, too
     std::vector<std::size_t> parent_;
-    std::vector<std::size_t> rows_; ///< where rows of cells begin, and where the last ends
+    std::vector<std::size_t> rows_; ///< where rows of cells begin, and the end of the last
 };
 } // namespace detail
 

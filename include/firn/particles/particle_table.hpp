@@ -21,24 +21,24 @@
 namespace firn
 {
 
-/// Which particles of a table are to be removed, by where they lie.
+/// The particles of a table that are marked for removal, by place.
 template <class Backend>
 struct RemovalMask
 {
-    typename Backend::template Array<unsigned char> there; ///< where loops reach it
-    std::vector<unsigned char> here{};                     ///< the same
-    std::size_t count = 0;                                 ///< how many they are
+    typename Backend::template Array<unsigned char> there; ///< in the backend's memory
+    std::vector<unsigned char> here{};                     ///< the same, on the host
+    std::size_t count = 0;                                 ///< marked particles
 };
 
 /// The particles of one material: two buffers of the fields that are stored from step to step, and the order
 /// of cells in which they are visited.
 ///
-/// A step reads the current buffer through the cell order and writes the next one in that order; accepting
-/// the step swaps them. Only add(), remove() and accept() change what the table holds. Fields that particles
-/// take from the grid have a place here only while somebody has set them (see cache_grid_fields).
+/// A step reads the current buffer through the cell order and writes the next one in that order; swap()
+/// commits the step. Only add(), remove(), restore(), set() and swap() change the table's values. Gathered
+/// fields have storage here only while they are cached (see cache_grid_fields).
 ///
-/// Particles are numbered by *rows*, from 0 on, in the order of their permanent ids: what is asked for comes
-/// row by row. Rows are ids until a particle is removed, or one of another material is added between.
+/// Particles are numbered by *rows*, from 0 on, in the order of their permanent ids: values are returned row
+/// by row. Rows are ids until a particle is removed, or one of another material is added between.
 template <class Backend, class Space, class PersistentFields, class DerivedFields>
 class ParticleTable
 {
@@ -67,17 +67,18 @@ public:
     CellOrder& cells() { return cells_; }
     View current() { return buffer_[0].view(); }
     View next() { return buffer_[1].view(); }
-    /// The buffer that the order of cells refers to: after a step that of before it, until the next sort().
+    /// The buffer that the cell order refers to: after a step the one before it, until the next sort().
     View ordered() const { return buffer_[moved_ ? 1 : 0].view(); }
 
-    /// Whether the fields that are taken from the grid are held here; with no such fields, always.
+    /// Whether the gathered fields are cached here; always, if there are none.
     bool has_grid_fields() const { return DerivedFields::components(d) == 0 || has_cached_; }
     DerivedView derived() const { return has_cached_ ? cached_->view() : DerivedView{}; }
-    /// Where they are written before they are held: from now on, or from the next accept() on.
+    /// Where they are written before they count as cached: from cache_grid_fields() on, or from the next
+    /// swap() on.
     DerivedView place_for_derived() { return place(cached_); }
     DerivedView next_derived() { return place(next_cached_); }
     void cache_grid_fields() { has_cached_ = cached_.has_value(); }
-    /// Says whether they are held after some steps, and were before: places that nobody used are given back.
+    /// Sets whether they are cached after some steps, and were `before`; frees storage that is unused.
     void set_cached(bool now, bool before)
     {
         has_cached_ = now && cached_;
@@ -90,8 +91,8 @@ public:
     Derived new_derived() const { return Derived(backend_, size_); }
     MassGroups<Number> mass_groups() const { return mass_groups_.there(); }
 
-    /// Adds particles at rest but for a velocity, whose ids begin with `first_id`; see Solver::add. Returns
-    /// how many.
+    /// Adds particles with a velocity, otherwise at rest, whose ids begin with `first_id`; see Solver::add.
+    /// Returns how many.
     template <class Points>
     FIRN_COLD std::size_t add(Points const& points, double volume, double density,
                               Vector<double, d> const& velocity, std::uint32_t first_id, MassScale& scale)
@@ -111,7 +112,7 @@ public:
         auto const first = static_cast<std::uint32_t>(size_);
         if (located.empty()) return 0;
         mass_groups_.require_comparable(volume, density, scale);
-        sort(); // inserting is for items whose cells are up to date
+        sort(); // insert() needs up-to-date cells
 
         resize_buffers(count);
         if (!cached_) cached_.emplace(backend_, count);
@@ -124,7 +125,7 @@ public:
         if (first_id != first) name_rows();
         if (named_) ids_.reserve(count);
 
-        half_changed_ = true; // until here nothing was
+        half_changed_ = true; // from here on a failure leaves the table half changed
         mass_groups_.add(first, volume, density, scale);
         cells_.insert(cells, first);
         if (named_) {
@@ -136,10 +137,10 @@ public:
         return located.size();
     }
 
-    /// Whether add(), remove() or sort() broke off where the particles that stay had changed, too.
+    /// Whether add(), remove() or sort() broke off after changing existing particles, too.
     bool is_half_changed() const { return half_changed_; }
 
-    /// Finds the particles of which `predicate` says so; see Solver::remove_if. Changes nothing.
+    /// Marks the particles for which `predicate` is true; see Solver::remove_if. Changes nothing.
     template <class Predicate>
     RemovalMask<Backend> find(Predicate const& predicate) const
     {
@@ -154,7 +155,7 @@ public:
         return mask;
     }
 
-    /// The particles of some rows, as find() tells them.
+    /// Marks the particles of some rows, as find() does.
     RemovalMask<Backend> removal_mask(std::vector<std::uint32_t> const& rows) const
     {
         RemovalMask<Backend> mask{.there = Array<unsigned char>(backend_)};
@@ -170,7 +171,7 @@ public:
         return mask;
     }
 
-    /// The first row of those that find() has found, if it has found any.
+    /// The first marked row, or size() if none is.
     std::uint32_t first_row(RemovalMask<Backend> const& found) const
     {
         auto const row = detail::downloaded(buffer_[0].id);
@@ -180,8 +181,8 @@ public:
         return first;
     }
 
-    /// Removes the particles that find() has found, nothing having happened since but sort() and
-    /// cache_grid_fields(). The others keep all they have, and their order.
+    /// Removes the marked particles; since find() only sort() and cache_grid_fields() may have been called.
+    /// The others keep all their values, and their order.
     void remove(RemovalMask<Backend> const& mask)
     {
         if (mask.count == 0) return;
@@ -198,7 +199,7 @@ public:
         }
         std::vector<std::uint32_t> new_row(size_);
         for (std::uint32_t row = 0; row < size_; ++row) {
-            new_row[row] = static_cast<std::uint32_t>(rows.size()); // also of who goes: where the next one is
+            new_row[row] = static_cast<std::uint32_t>(rows.size()); // for a removed row, that of the next
             if (keeps_row[row]) rows.push_back(row);
         }
 
@@ -219,7 +220,7 @@ public:
         for (auto& place : from) place = new_row[row_at[place]];
         buffer_[1].id.upload(0, from);
 
-        half_changed_ = true; // until here nothing was
+        half_changed_ = true; // from here on a failure leaves the table half changed
         buffer_[0].swap(buffer_[1]);
         resize_buffers(kept);
         next_cached_.reset();
@@ -234,13 +235,13 @@ public:
         half_changed_ = false;
     }
 
-    /// All particles as they are, in memory of the host: if has_grid_fields(). (What the model is called and
-    /// how stiff it is is for others to say.)
+    /// All particles, in memory of the host; requires has_grid_fields(). The caller adds the model's name and
+    /// stiffness.
     MaterialSnapshot<Number, d> snapshot()
     {
         sort();
         MaterialSnapshot<Number, d> to;
-        std::vector<std::size_t> places; // in the order of cells
+        std::vector<std::size_t> places; // in cell order
         cells_.for_each([&](std::size_t place, Coordinates<d> const& cell) {
             places.push_back(place);
             to.cells.push_back(cell);
@@ -266,12 +267,12 @@ public:
         return to;
     }
 
-    /// Takes the particles of a snapshot that was made by a table of the same fields for its own, in the
-    /// order in which they are there.
+    /// Replaces the particles by those of a snapshot from a table of the same fields, in the snapshot's
+    /// order.
     void restore(MaterialSnapshot<Number, d> const& from) { restore(from, order_of(from)); }
 
-    /// The order of cells of a snapshot's particles: afresh, all else about it follows from what is there.
-    /// This is what takes memory where as many particles are there already.
+    /// The cell order of a snapshot's particles, built afresh. If as many particles are in the table already,
+    /// this alone allocates memory for a restore.
     CellOrder order_of(MaterialSnapshot<Number, d> const& from) const
     {
         CellOrder cells(backend_);
@@ -279,7 +280,7 @@ public:
         return cells;
     }
 
-    /// The same with that order.
+    /// The same with a cell order from order_of().
     void restore(MaterialSnapshot<Number, d> const& from, CellOrder cells)
     {
         std::size_t const count = from.ids.size();
@@ -352,7 +353,7 @@ public:
 
     /// The permanent id of a row; the ids of all, in rising order.
     std::uint32_t id(std::size_t row) const { return named_ ? ids_[row] : static_cast<std::uint32_t>(row); }
-    /// The row of an id that is there.
+    /// The row of an existing id.
     std::uint32_t row(std::uint32_t id) const
     {
         return named_ ? static_cast<std::uint32_t>(std::ranges::lower_bound(ids_, id) - ids_.begin()) : id;
@@ -370,7 +371,7 @@ public:
         sort([](CellOrder& cells, auto const& offsets) { cells.rebin(offsets); });
     }
 
-    /// The same by somebody who calls CellOrder::follow.
+    /// The same; `rebin` calls CellOrder::rebin or begin_rebin.
     template <class Rebin>
     void sort(Rebin const& rebin)
     {
@@ -383,7 +384,7 @@ public:
                 "ParticleTable::sort", "This is a mistake in the library: please report the scene.");
     }
 
-    /// Takes the next buffer for the current one; also what was taken, if the step wrote it.
+    /// Makes the next buffer the current one; the gathered fields, too, if the step wrote them.
     void swap(bool wrote_derived)
     {
         buffer_[0].swap(buffer_[1]);
@@ -393,8 +394,8 @@ public:
         moved_ = true;
     }
 
-    /// Undoes the last calls of accept() and sort(), which were for steps that were then not made: as many
-    /// of both, or one sort() more.
+    /// Undoes the last calls of swap() and sort() for steps that were then not taken: as many of both, or one
+    /// sort() more.
     void rollback(int accepted, int sorted, bool wrote_derived) requires Backend::queues
     {
         if (sorted == 0) return;
@@ -409,7 +410,7 @@ public:
     /// The fields of all particles, one column per component, in memory of the host.
     using Columns = std::array<std::vector<Number>, PersistentFields::components(d)>;
 
-    /// What `change(row, record)` makes of the fields of every particle, one after the other.
+    /// The fields of all particles after `change(row, record)` on a copy of each.
     template <class Change>
     Columns changed(Change const& change) const
     {
@@ -423,7 +424,7 @@ public:
         }
         return component;
     }
-    /// Keeps it.
+    /// Stores such columns.
     void set(Columns const& component)
     {
         for (std::size_t c = 0; c < component.size(); ++c) buffer_[0].component[c].upload(0, component[c]);
@@ -449,13 +450,13 @@ public:
         return by_row;
     }
 
-    /// What writes world positions by row; see Solver::write_positions.
+    /// The function object that writes world positions by row; see Solver::write_positions.
     WritePositions<Number, d, PersistentFields> position_writer(Number* to, std::size_t stride) const
     {
         return {buffer_[0].view(), lattice_, kernel_degree_, to, stride};
     }
 
-    /// What writes a stored field by row; see Solver::write.
+    /// The function object that writes a stored field by row; see Solver::write.
     template <class Tag>
     WriteField<Number, component_count<Tag>(d)> writer(Number* to, std::size_t stride) const
     {
@@ -463,7 +464,7 @@ public:
         return {field.component, field.row, to, stride};
     }
 
-    /// A stored field where it lies.
+    /// A stored field in the backend's memory.
     template <class Tag>
     FieldView<Number, component_count<Tag>(d)> view() const
     {
@@ -488,7 +489,7 @@ public:
         return by_row;
     }
 
-    /// `mass_unit` is that of the scene [kg].
+    /// Masses [kg], by row; `mass_unit` is that of the scene [kg].
     std::vector<double> masses(double mass_unit) const
     {
         MassGroups<Number> const here = mass_groups_.here();
@@ -498,7 +499,7 @@ public:
         return by_row;
     }
 
-    /// Adds the cells in which particles are now to a list.
+    /// Appends the particles' current cells to a list, one per particle.
     void add_cells(std::vector<Coordinates<d>>& list) const
     {
         std::array<std::vector<Offset>, std::size_t(d)> offset;
@@ -531,8 +532,8 @@ public:
 private:
     using Buffer = PersistentStorage<Backend, Space, PersistentFields>;
 
-    /// Makes room for as many particles, and keeps those that are there. The other buffer is for the next
-    /// step to write, unless the order of cells still refers to it.
+    /// Resizes for `count` particles, and keeps the existing ones. The other buffer needs no contents, unless
+    /// the cell order still refers to it.
     void resize_buffers(std::size_t count)
     {
         buffer_[0].resize(count, size_);
@@ -545,7 +546,7 @@ private:
         return derived->view();
     }
 
-    /// Writes new particles behind those that are there: at rest but for a velocity.
+    /// Writes new particles behind the existing ones: with a velocity, otherwise at rest.
     void place(std::vector<CellPosition<d>> const& located, std::uint32_t first,
                Vector<Number, d> const& velocity)
     {
@@ -602,7 +603,7 @@ private:
         located.reserve(std::size(points));
         for (auto const& point : points) {
             Vector<double, d> const x = vector_of<double, d>(point);
-            bool is_near = true; // no NaN is
+            bool is_near = true; // false for NaN, too
             for (int a = 0; a < d; ++a)
                 is_near =
                     is_near && is_finite(x[a]) &&
@@ -619,7 +620,7 @@ private:
         return located;
     }
 
-    /// The elements of an array that are listed.
+    /// The listed elements of an array.
     template <class Values, class Place>
     static auto listed(Values const& from, std::vector<Place> const& places)
     {
@@ -648,7 +649,7 @@ private:
         return *std::ranges::find(from.fields, std::string(Tag::name), &FieldSnapshot<Number>::name);
     }
 
-    /// From now on rows are no ids: keeps those that there are.
+    /// From now on rows differ from ids: stores the ids.
     void name_rows()
     {
         if (named_) return;
@@ -663,11 +664,11 @@ private:
     std::size_t size_ = 0;
     bool moved_ = false;
     bool half_changed_ = false;                   ///< in the middle of add(), remove() or sort()
-    bool named_ = false;                          ///< whether rows are no ids
-    std::vector<std::uint32_t> ids_;              ///< then those of all rows, in rising order
+    bool named_ = false;                          ///< whether rows differ from ids
+    std::vector<std::uint32_t> ids_;              ///< if so, the ids of all rows, in rising order
     std::array<Buffer, 2> buffer_;                ///< the current one, and the next
-    std::optional<Derived> cached_, next_cached_; ///< places for them; see has_grid_fields()
-    bool has_cached_ = false;                     ///< there is something in the first
+    std::optional<Derived> cached_, next_cached_; ///< storage of the gathered fields; see has_grid_fields()
+    bool has_cached_ = false;                     ///< whether `cached_` has values
     MassGroupList<Backend, Number> mass_groups_;
     CellOrder cells_;
 };

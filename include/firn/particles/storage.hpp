@@ -9,13 +9,13 @@
 #include <utility>
 #include <vector>
 
-// Where a table of particles keeps their fields: see ParticleTable.
+// Storage of the fields of a particle table: see ParticleTable.
 namespace firn
 {
 
 namespace detail
 {
-/// Arrays that lie where the backend's loops can reach them.
+/// Arrays in the backend's memory.
 template <class Array, std::size_t count, class Backend>
 std::array<Array, count> arrays_of(Backend const& backend)
 {
@@ -72,7 +72,7 @@ struct PersistentStorage
         id.swap(other.id);
     }
 
-    /// Takes the particles of another one that lie where `places` says, but for their rows.
+    /// Copies the particles at `places` of another storage, except for their rows.
     void gather(Backend const& backend, PersistentStorage const& from, std::uint32_t const* places,
                 std::size_t count)
     {
@@ -104,7 +104,7 @@ struct PersistentStorage
     }
 };
 
-/// One array per component of the fields that are taken from the grid, by row.
+/// One array per component of the fields that are gathered from the grid, by row.
 template <class Backend, class Space, class Set>
 class DerivedStorage
 {
@@ -167,7 +167,7 @@ public:
         return values;
     }
 
-    /// What writes a field by row; see Solver::write.
+    /// The function object that writes a field by row; see Solver::write.
     template <class Tag>
     WriteField<Number, component_count<Tag>(d)> writer(Number* to, std::size_t stride) const
     {
@@ -181,7 +181,7 @@ public:
     Array const& column(int c) const { return component_[static_cast<std::size_t>(c)]; }
     Array& column(int c) { return component_[static_cast<std::size_t>(c)]; }
 
-    /// Takes the rows of another one that are listed at `rows`.
+    /// Copies the listed rows of another storage.
     void gather(Backend const& backend, DerivedStorage const& from, std::uint32_t const* rows)
     {
         for (std::size_t c = 0; c < component_.size(); ++c)

@@ -13,8 +13,8 @@
 namespace firn
 {
 
-/// Where the table of particles lies: positions as offsets from the centres of their cells, one array per
-/// component of each field, and the rows by which particles are told apart (see ParticleTable).
+/// A view of the particle table: positions as offsets from the centres of their cells, one array per
+/// component of each field, and the rows that identify particles (see ParticleTable).
 template <class Number, int d, class Set>
 struct TableView
 {
@@ -36,9 +36,9 @@ struct TableView
         return position;
     }
 
-    /// Writes the offsets in `before`, whose position() of the same items was asked for, plus a displacement
-    /// [cells], each component within [-1, 1]; `position` becomes what was written. Returns which items are
-    /// still in their cells.
+    /// Writes the offsets of `before` plus a displacement [cells], each component within [-1, 1], after
+    /// position() of `before` was called for the same items. `position` becomes what was written. Returns
+    /// which items are still in their cells.
     template <class Items>
     FIRN_HOST_DEVICE auto move(Items const& items, TableView const& before,
                                Vector<typename Items::Real, d> const& displacement,
@@ -60,7 +60,7 @@ struct TableView
             record, [&](int c, auto& value) { value = items.load(component[std::size_t(c)]); });
     }
 
-    /// Says that the fields will soon be read.
+    /// Prefetch hint: the fields will soon be read.
     template <class Items>
     FIRN_HOST_DEVICE void expect_load(Items const& items) const
     {
@@ -68,7 +68,7 @@ struct TableView
         for (int c = 0; c < components; ++c) items.expect_load(component[std::size_t(c)]);
     }
 
-    /// Says that all of the table will soon be written.
+    /// Prefetch hint: all of the table will soon be written.
     template <class Items>
     FIRN_HOST_DEVICE void expect_store(Items const& items) const
     {
@@ -86,8 +86,7 @@ struct TableView
     }
 };
 
-/// Fields that are not stored from step to step, when somebody has set or asked for them: one array per
-/// component, by row.
+/// Fields that are not stored from step to step, while they are cached: one array per component, by row.
 template <class Number, int d, class Set>
 struct FieldsById
 {
@@ -111,11 +110,11 @@ struct FieldsById
     }
 };
 
-/// One field of all particles where it lies: for who renders them there, without a copy.
+/// One field of all particles in the backend's memory, for example to render it there without a copy.
 ///
-/// Component c of the particle in row `row[i]` of what is downloaded is `component[c][i * stride]`; the row
-/// is the particle's permanent id until one is removed, or one of another material added (see Solver::ids).
-/// The order of particles changes with every step, and the pointers do: ask again after it.
+/// Component c of the particle in row `row[i]` of a download is `component[c][i * stride]`; the row is the
+/// particle's permanent id until one is removed, or one of another material added (see Solver::ids). Every
+/// step changes the order of particles and the pointers: request a new view after it.
 template <class Number, int components>
 struct FieldView
 {
@@ -125,13 +124,13 @@ struct FieldView
     std::size_t count;      ///< particles
 };
 
-/// Writes one field of a particle: called for every place where one lies, or for every row where fields lie
-/// by row.
+/// Writes one field of a particle: called for every place of a particle, or for every row if fields are
+/// stored by row.
 template <class Number, int components>
 struct WriteField
 {
     std::array<Number const*, std::size_t(components)> component;
-    std::uint32_t const* row; ///< of the particle at a place; none if the place is the row
+    std::uint32_t const* row; ///< of the particle at a place; null if the place is the row
     Number* to;               ///< component c of the particle in a row at to[row * stride + c]
     std::size_t stride;
 
@@ -144,7 +143,7 @@ struct WriteField
     }
 };
 
-/// Writes the world position of a particle: called for every particle with where it lies and its cell.
+/// Writes the world position of a particle: called for every particle with its place and its cell.
 template <class Number, int d, class Set>
 struct WritePositions
 {
@@ -167,7 +166,7 @@ struct WritePositions
     }
 };
 
-/// Tells particles by their position [m], or by that and their fields.
+/// Predicates of a particle's position [m], or of that and its fields.
 template <class Call, int d>
 concept TellsByPosition = std::is_invocable_r_v < bool,
         Call const&, Vector<double, d>
@@ -177,7 +176,7 @@ concept TellsByFields = std::is_invocable_r_v < bool,
         Call const&, Vector<double, d>
 const&, Particle const& > ;
 
-/// Finds particles by a call that tells: called for every particle with where it lies and its cell.
+/// Finds the particles for which a predicate is true: called for every particle with its place and its cell.
 template <class Number, int d, class PersistentFields, class DerivedFields, class IsWanted>
 struct FindParticles
 {
@@ -185,11 +184,11 @@ struct FindParticles
     static constexpr bool by_position = TellsByPosition<IsWanted, d>;
 
     TableView<Number, d, PersistentFields> particles;
-    FieldsById<Number, d, DerivedFields> velocities; ///< if it asks for fields
+    FieldsById<Number, d, DerivedFields> velocities; ///< if the predicate reads fields
     Lattice lattice;
     int kernel_degree;
     IsWanted is_wanted;
-    unsigned char* found; ///< 1 or 0, by where particles lie
+    unsigned char* found; ///< 1 or 0, by the particle's place
 
     FIRN_HOST_DEVICE void operator()(std::size_t particle, Coordinates<d> const& cell) const
     {
@@ -212,7 +211,7 @@ struct FindParticles
     }
 };
 
-/// Copies the elements of an array that are listed.
+/// Copies the listed elements of an array.
 template <class T>
 struct GatherValues
 {
@@ -223,7 +222,7 @@ struct GatherValues
     FIRN_HOST_DEVICE void operator()(std::size_t i) const { to[i] = from[places[i]]; }
 };
 
-/// The particles added by one call: rows from `first_row` on have this mass and volume.
+/// Particles of equal mass and volume: those from row `first_row` up to the next group's.
 template <class Number>
 struct MassGroup
 {
@@ -233,7 +232,7 @@ struct MassGroup
 };
 
 /// Mass and volume of every particle: one value per mass group, found by the particle's row, so that none is
-/// stored.
+/// stored per particle.
 template <class Number>
 struct MassGroups
 {
