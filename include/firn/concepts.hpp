@@ -8,14 +8,14 @@
 
 #include <array>
 
-// Every kind of policy on one page: what a kernel, a transfer scheme and a material owe. Effects are in
-// effects/effect.hpp, shapes in effects/shapes/shape.hpp, lanes in core/lane.hpp, backends in
+// Every kind of policy on one page: the requirements on a kernel, a transfer scheme and a material. Effects
+// are in effects/effect.hpp, shapes in effects/shapes/shape.hpp, lanes in core/lane.hpp, backends in
 // backends/README.md.
 namespace firn
 {
 
-/// An interpolation kernel: weights and derivatives of its order + 1 nodes per axis, and the polynomial that
-/// they are within a cell (see grid/cell_polynomial.hpp). With a constant inertia also `spreads(t)`: what
+/// An interpolation kernel: weights and derivatives of its degree + 1 nodes per axis, and the polynomial that
+/// they form within a cell (see grid/cell_polynomial.hpp). With a constant inertia also `spreads(t)`: what
 /// each term of the polynomial contributes to the sum of w_i v_i (x_i - x_p) D^-1.
 template <class T, class Real = double>
 concept InterpolationKernel = Lane<Real> && requires(Real t, std::array<Real, T::degree + 1> nodes)
@@ -41,8 +41,8 @@ concept InterpolationKernel = Lane<Real> && requires(Real t, std::array<Real, T:
     };
 };
 
-/// A transfer scheme: the fields it gives a particle, those of them that are stored from step to step, the
-/// terms it needs, what a particle gives and takes. It may say its parameters, too: see SaysParameters.
+/// A transfer scheme: the fields it adds to a particle, those of them that are stored from step to step, the
+/// terms it needs, and its scatter and gather. It may name its parameters, too: see SaysParameters.
 template <class T, class Kernel, class Real, int d>
 concept TransferScheme = Lane<Real> &&
     requires(T const transfer, Record<Real, d, typename T::State> particle, Gathered<Real, d> gathered,
@@ -57,11 +57,11 @@ concept TransferScheme = Lane<Real> &&
     {
         T::keeps_old_velocity
         } -> std::convertible_to<bool>;
-    requires !T::keeps_old_velocity || requires { transfer.fraction; }; // of its own that a particle keeps
+    requires !T::keeps_old_velocity || requires { transfer.fraction; }; // of its own velocity: see Flip
     {
-        T::moves_with_grid // or by transfer.motion(particle, gathered)
+        T::moves_with_grid // if not, by transfer.motion(particle, gathered)
         } -> std::convertible_to<bool>;
-    requires !ExtendsVelocities<T> || T::keeps_old_velocity; // what is held in its place: see Xpic
+    requires !ExtendsVelocities<T> || T::keeps_old_velocity; // v^n - v* is stored in its place: see Xpic
     {
         transfer.template scatter<Kernel, Real, d>(particle, number, stress_impulse, number)
         } -> std::same_as<ParticleContribution<Real, d>>;
@@ -70,7 +70,7 @@ concept TransferScheme = Lane<Real> &&
         } -> std::same_as<Matrix<Real, d>>;
 };
 
-/// What a material owes, member by member, so that the compiler can say which of them is missing.
+/// The requirements on a material, member by member, so that the compiler can name the missing one.
 namespace detail
 {
 template <class T>
@@ -115,8 +115,8 @@ concept Responds = requires(T const model, Record<Real, T::Space::dimension, typ
 } // namespace detail
 
 /// A material: its fields, its density, a check of its parameters, and ONE call that evolves the state and
-/// answers with stress and wave modulus: `Response<Real, d> respond(state&, velocity_gradient, dt) const`,
-/// which is FIRN_HOST_DEVICE if it is to run on devices. It may say its parameters and `objection(state)`,
+/// returns stress and wave modulus: `Response<Real, d> respond(state&, velocity_gradient, dt) const`, which
+/// is FIRN_HOST_DEVICE if it is to run on devices. It may name its parameters and have an `objection(state)`,
 /// too: see SaysParameters and ObjectsToStates.
 template <class T, class Real>
 concept ConstitutiveModel = Lane<Real> && detail::HasSpace<T> && detail::HasState<T> &&
@@ -124,7 +124,7 @@ concept ConstitutiveModel = Lane<Real> && detail::HasSpace<T> && detail::HasStat
 
 namespace detail
 {
-/// Says in a sentence which member a material lacks; the model is named in the note beside it.
+/// Reports in a sentence which member a material lacks; the compiler's note beside it names the model.
 template <class Model, class Real>
 struct Complete
 {

@@ -9,24 +9,24 @@
 
 #include <utility>
 
-// Which kernel, transfer and number of particles to take for a material, by error against cost as measured in
-// the plane (bench/notes/2026-11-23-which-settings-are-on-the-front.md; in space quadratic kernels cost the
-// least for large waves, as everywhere by default, and cubic ones are not far behind):
+// Which kernel, transfer and number of particles to use for a material, by error against cost as measured in
+// the plane (bench/notes/2026-11-23-which-settings-are-on-the-front.md). In space quadratic kernels, the
+// default everywhere, cost the least for large waves, and cubic ones are not far behind.
 //
 //     auto solver = firn::recommended_solver<firn::OpenMP>(firn::lattice(0.02),
 //     firn::materials::dry_sand<Space>());
 namespace firn
 {
 
-/// Of every material that has no entry of its own: solids, whose waves and columns cubic kernels with MLS
-/// solve at the least cost for a given error, and metals, clay and foam, which were not measured.
+/// For every material without an entry of its own: solids, for whose waves and columns cubic kernels with MLS
+/// reach a given error at the least cost, and metals, clay and foam, which were not measured.
 template <class Model>
 struct Recommended
 {
     using Kernel = CubicBSpline;
     using Transfer = Mls;
     static constexpr Transfer transfer{};
-    static constexpr StepControl control{};    ///< shorter steps than the library's own are no better
+    static constexpr StepControl control{};    ///< steps shorter than the default are no better
     static constexpr int per_axis = 2;         ///< particles per cell along each axis
     static constexpr bool is_measured = false; ///< whether a material of its class was
 };
@@ -38,9 +38,9 @@ struct Recommended<NeoHookean<Space>> : Recommended<void>
     static constexpr bool is_measured = true;
 };
 
-/// Sand: a column that collapses comes nearer to its fine run without the losses of MLS, and PIC's share in
-/// FLIP would act in every step. (Without it particles of a heap at rest keep velocities of 0.065 sqrt(g h),
-/// h being the cell: take Mls where it is to lie still.)
+/// Sand: a collapsing column comes nearer to its fine run without the losses of MLS, and PIC's share in FLIP
+/// would damp in every step. Without that share particles of a heap at rest keep velocities of 0.065 sqrt(g
+/// h), h being the cell size: use Mls where it is to lie still.
 template <class Space>
 struct Recommended<Sand<Space>> : Recommended<void>
 {
@@ -50,8 +50,7 @@ struct Recommended<Sand<Space>> : Recommended<void>
     static constexpr bool is_measured = true;
 };
 
-/// Snow: a block that is thrown on a floor, where quadratic kernels are as accurate as cubic ones and
-/// cheaper.
+/// Snow: a block thrown on a floor, where quadratic kernels are as accurate as cubic ones and cheaper.
 template <class Space>
 struct Recommended<Snow<Space>> : Recommended<void>
 {
@@ -59,7 +58,7 @@ struct Recommended<Snow<Space>> : Recommended<void>
     static constexpr bool is_measured = true;
 };
 
-/// Compacted snow and soil: not measured, as snow.
+/// Compacted snow and soil: not measured, set like snow.
 template <class Space>
 struct Recommended<CamClay<Space>> : Recommended<void>
 {
@@ -73,26 +72,26 @@ struct Recommended<Fluid<Space>> : Recommended<void>
     static constexpr bool is_measured = true;
 };
 
-/// As the solid whose moduli it varies.
+/// Like the solid whose moduli it varies.
 template <class Model>
 struct Recommended<Heterogeneous<Model>> : Recommended<Model>
 {
     static constexpr bool is_measured = false;
 };
 
-/// As the first of several: put the one first that matters most.
+/// Like the first of several materials: put the most important one first.
 template <class First, class... Others>
 struct Recommended<Materials<First, Others...>> : Recommended<First>
 {
     static constexpr bool is_measured = false;
 };
 
-/// The solver of a material with what is recommended for it.
+/// The solver of a material with the recommended kernel and transfer.
 template <class Backend, class Model>
 using RecommendedSolver =
     Solver<Backend, Model, typename Recommended<Model>::Kernel, typename Recommended<Model>::Transfer>;
 
-/// Such a solver, its transfer and steps as recommended, too.
+/// Makes such a solver, with the recommended transfer parameters and step control.
 template <class Backend, class Model>
 RecommendedSolver<Backend, Model> recommended_solver(Lattice lattice, Model model, Backend backend = {})
 {

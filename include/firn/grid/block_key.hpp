@@ -6,8 +6,7 @@
 
 #include <cstdint>
 
-// How backends name a block of cells or nodes by one number. Coordinates fit as far as their cells are in the
-// range that a backend states.
+// The key of a block of cells or nodes. It can represent all cells in the range that a backend states.
 namespace firn
 {
 
@@ -15,7 +14,7 @@ namespace firn
 template <int d>
 inline constexpr int block_key_bits = d == 3 ? 21 : 32;
 
-/// The coordinates of a block as one number, ordered as the coordinates are (first axis first).
+/// The coordinates of a block as one number, in the same order (first axis first).
 template <int d>
 FIRN_HOST_DEVICE std::uint64_t block_key(Coordinates<d> const& block)
 {

@@ -9,8 +9,8 @@
 namespace firn
 {
 
-/// What a particle at a place within its cell multiplies the terms of an CellPolynomial with: along each axis
-/// the powers t^m / m! of its offset from the cell's centre, and the kernel's spreads.
+/// A particle's factors of a CellPolynomial's terms: along each axis the powers t^m / m! of its offset from
+/// the cell's centre, and the kernel's spreads.
 template <class Kernel, Lane Real, int d>
 struct Monomials
 {
@@ -35,8 +35,8 @@ struct Monomials
     }
 };
 
-/// What the nodes around a cell interpolate within it: a B-spline is a polynomial there, this is its
-/// expansion about the cell's centre, of some channels, the same for all particles of the cell.
+/// The interpolant of the nodes around a cell: a B-spline is a polynomial within the cell, and this is its
+/// expansion about the cell's centre, for some channels, the same for all particles of the cell.
 ///
 /// Sums over a particle's stencil become polynomials of its offset, with half the multiplications and none of
 /// the weights. A field that is the same on all nodes has no term but the first, so its gradient is exactly
@@ -70,7 +70,7 @@ public:
         }
     }
 
-    /// What particles find at their places; what was not asked for is not set.
+    /// The sums at the particles' positions; terms that were not requested are not set.
     struct Found
     {
         Real value[std::size_t(channels)];                  ///< sum of w_i v_i
@@ -83,8 +83,8 @@ public:
     {
         return at<has_affine, has_gradient>(powers, [](Real const& term) { return term; });
     }
-    /// The same of particles whose cells lie in other lanes: `pick(term)` has each particle's term in its
-    /// own.
+    /// The same for particles whose cells lie in other lanes: `pick(term)` moves each particle's term to its
+    /// own lane.
     template <bool has_affine, bool has_gradient, class Pick>
     FIRN_HOST_DEVICE Found at(Monomials<Kernel, Real, d> const& powers, Pick const& pick) const
     {
@@ -94,7 +94,7 @@ public:
     }
 
 private:
-    /// Expands along one axis, in place.
+    /// Replaces nodal values by the expansion along one axis.
     template <int stride>
     FIRN_HOST_DEVICE static void expand(Real* line)
     {

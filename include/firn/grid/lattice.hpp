@@ -31,9 +31,9 @@ inline Lattice lattice(double cell_size, Eigen::Vector3d const& origin = {0, 0, 
     return {cell_size, origin};
 }
 
-/// A lattice for a scene in this precision, whose steps square rates of deformation, which are speeds over
-/// the cell size: throws an Error unless the precision has those of some kilometres per second. In single
-/// precision the cell size is from 4e-16 to 2e15 m.
+/// A lattice for a scene in this precision. Steps square rates of deformation, which are speeds over the cell
+/// size: throws an Error unless the precision can represent these squares for speeds of some kilometres per
+/// second. In single precision the cell size is from 4e-16 to 2e15 m.
 template <class Number>
 Lattice lattice_for(Lattice const& lattice)
 {
@@ -51,8 +51,8 @@ using Coordinates = Eigen::Matrix<int, d, 1>;
 
 /// A point of the lattice as its cell and the offset from that cell's centre in cells, each in [-1/2, 1/2).
 ///
-/// A kernel's cell is the set of positions that share a stencil: cells are centred on nodes for an even order
-/// of the kernel and on the middle between nodes for an odd one.
+/// A kernel's cell is the set of positions that share a stencil: cells are centred on nodes for an even
+/// degree of the kernel and on the middle between nodes for an odd one.
 template <int d>
 struct CellPosition
 {
@@ -60,13 +60,13 @@ struct CellPosition
     Vector<double, d> offset;
 };
 
-/// Half a cell for kernels of even order, whose cells are centred on nodes.
+/// Half a cell for kernels of even degree, whose cells are centred on nodes.
 FIRN_HOST_DEVICE constexpr double cell_shift(int kernel_degree) { return kernel_degree % 2 == 0 ? 0.5 : 0.0; }
 
-/// The first node of the stencil of cell k is k - stencil_reach(order).
+/// The first node of the stencil of cell k is k - stencil_reach(degree).
 FIRN_HOST_DEVICE constexpr int stencil_reach(int kernel_degree) { return kernel_degree / 2; }
 
-/// How far from a position the nodes of its stencil lie at most, along each axis [cells].
+/// The largest distance of a position from the nodes of its stencil, along each axis [cells].
 FIRN_HOST_DEVICE constexpr double kernel_reach(int kernel_degree) { return 0.5 * (kernel_degree + 1); }
 
 /// The cell of a world position [m] and the offset in it. The cell must fit an int: see Solver::add.

@@ -14,9 +14,9 @@ namespace firn
 /// A particle's stencil: per axis the weights of its nodes, their derivatives and their distances from the
 /// particle.
 ///
-/// Node (i, j, k) has weight N_i N_j N_k. Nodes are visited in *rows* along the last axis, so that what is
-/// common to a row (a product over the other axes) is computed once, and so that a backend can keep rows
-/// contiguous.
+/// Node (i, j, k) has weight N_i N_j N_k. Nodes are visited in *rows* along the last axis, so that factors
+/// common to a row (a product over the other axes) are computed once, and so that a backend can store rows
+/// contiguously.
 template <class Kernel, Lane Real, int d>
 struct Stencil
 {
@@ -67,7 +67,7 @@ struct Stencil
         return product;
     }
 
-    /// Whether weights add up to one, but for their rounding.
+    /// Whether weights add up to one, up to rounding.
     FIRN_HOST_DEVICE static bool add_up_to_one(std::array<Real, std::size_t(width)> const& weights)
     {
         Real sum = weights[0];

@@ -24,8 +24,8 @@ struct CubicBSpline
     {
         Real const left = Real(0.5) - t, right = Real(0.5) + t, sixth = Real(ScalarOf<Real>(1.0 / 6.0));
         Real const first = sixth * left * left * left, last = sixth * right * right * right;
-        // The inner two from their sum and their difference: 1/6 and 2/3 are rounded, and a sum of weights
-        // that is always a little off one would speed everything up by that much with every step.
+        // The inner two follow from their sum and their difference. 1/6 and 2/3 are rounded, and a sum of
+        // weights that is always a little off one would accelerate everything by that factor in every step.
         Real const sum = Real(1) - (first + last), difference = t * (Real(1.25) - t * t), half = Real(0.5);
         return {first, half * (sum - difference), half * (sum + difference), last};
     }
@@ -38,7 +38,7 @@ struct CubicBSpline
         return {-half * a * a, b * (Real(1.5) * b - Real(2)), a * (Real(2) - Real(1.5) * a), half * b * b};
     }
 
-    /// Value and derivatives at the cell's centre of what the nodes interpolate.
+    /// Value and derivatives of the interpolant at the cell's centre.
     template <Lane Real>
     FIRN_HOST_DEVICE static std::array<Real, 4> expanded(std::array<Real, 4> const& node)
     {

@@ -33,7 +33,7 @@ struct QuadraticBSpline
         return {t - Real(0.5), Real(-2) * t, t + Real(0.5)};
     }
 
-    /// Value and derivatives at the cell's centre of what the nodes interpolate.
+    /// Value and derivatives of the interpolant at the cell's centre.
     template <Lane Real>
     FIRN_HOST_DEVICE static std::array<Real, 3> expanded(std::array<Real, 3> const& node)
     {

@@ -371,7 +371,7 @@ public:
         sort([](CellOrder& cells, auto const& offsets) { cells.rebin(offsets); });
     }
 
-    /// The same; `rebin` calls CellOrder::rebin or begin_rebin.
+    /// The same, where `rebin(cells, offsets)` does the work.
     template <class Rebin>
     void sort(Rebin const& rebin)
     {

@@ -18,11 +18,11 @@
 #include <string>
 #include <vector>
 
-// Whether a state from outside is one that a scene can go on from. `sets` are its MaterialSets.
+// Checks whether a scene can go on from a state that was set from outside. `sets` are its MaterialSets.
 namespace firn::detail
 {
 
-/// Says in a snapshot what the model of a material is.
+/// Writes the name, density, stiffness and parameters of a material's model into a snapshot.
 template <std::size_t k, class Sets>
 void name_material(Sets const& sets, MaterialSnapshot<typename Sets::Number, Sets::d>& material)
 {
@@ -32,12 +32,12 @@ void name_material(Sets const& sets, MaterialSnapshot<typename Sets::Number, Set
     material.parameters = parameters_of(sets.template model<k>());
 }
 
-/// Refuses a snapshot for what it has and this solver has otherwise.
+/// Refuses a snapshot for a value that differs from this solver's.
 template <class Value>
 [[noreturn]] void refuse_snapshot(std::string const& what, Value const& theirs, Value const& ours,
                                   char const* remedy)
 {
-    int digits = 6; // or as many as tell them apart
+    int digits = 6; // more if needed to tell the values apart
     auto const text = [&](Value const& value) {
         std::ostringstream out;
         out.precision(digits);
@@ -53,9 +53,9 @@ inline constexpr auto remedy_of_parameters =
     "Make the solver with the snapshot's parameters; or, if it is to go on with its own, restore a snapshot "
     "whose forget_parameters() was called (read_snapshot has that of a file).";
 
-/// Refuses other values of parameters than a policy has, where a snapshot names them; `owner` has them.
-/// Returns whether it names all. They may differ by a few roundings of the scene's `Number`s: not every
-/// compiler computes them to the last bit alike.
+/// Refuses parameters of a snapshot that differ from those of a policy; `owner` says whose they are in the
+/// error. Returns whether the snapshot names all of them. Values may differ by a few roundings of the scene's
+/// `Number`s, as compilers do not all compute them alike to the last bit.
 template <class Number>
 bool compare_parameters(std::string const& owner, std::vector<Parameter> const& theirs,
                         std::vector<Parameter> const& ours)
@@ -80,8 +80,8 @@ bool compare_parameters(std::string const& owner, std::vector<Parameter> const& 
                                [&](Parameter const& own) { return find(theirs, own.name) != theirs.end(); });
 }
 
-/// Refuses the snapshot of another kind of solver. Returns whether it was made with all of the parameters of
-/// this one, so that what bounds its next step bounds it here.
+/// Refuses the snapshot of another kind of solver. Returns whether it was made with all parameters equal to
+/// this solver's, so that its bounds of the next step hold here.
 template <class Kernel, class Transfer, class Sets, class Number, int d>
 bool require_fits(Snapshot<Number, d> const& from, Sets const& sets, Lattice const& lattice,
                   Transfer const& transfer)
@@ -133,7 +133,8 @@ inline constexpr bool may_object = ObjectsToStates<
     typename Sets::template MaterialTraits<k>::Model,
     Record<typename Sets::Number, Sets::d, typename Sets::template MaterialTraits<k>::Stored>>;
 
-/// Throws an Error if it does, for the particle of a row of a table: the scene's own, or one to come.
+/// Throws an Error if the model objects to the particle of a row of a table, which may be the scene's own or
+/// a new one.
 template <std::size_t k, class Sets, class Table, class Particle>
 void require_bearable(Sets const& sets, Table const& table, std::uint32_t row, Particle const& particle,
                       char const* call)

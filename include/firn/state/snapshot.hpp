@@ -23,14 +23,14 @@
 namespace firn
 {
 
-/// What the masses of a scene's particles have in common: nodes add up those of all materials.
+/// The mass unit and range of masses, shared by all materials of a scene, as nodes add up their masses.
 struct MassScale
 {
-    double unit = 0;                  ///< [kg]: masses on the grid are multiples of it; 0: there are none
+    double unit = 0;                  ///< [kg]: the unit of masses on the grid; 0: not set yet
     double largest = 0, smallest = 0; ///< of a particle, in units
 
-    /// On a node, a particle far lighter than another is lost to rounding and taken for an empty node: the
-    /// factor between masses that rounding bears.
+    /// The largest allowed ratio of two masses: beyond it the lighter particle would be lost to rounding on a
+    /// node, or its node be taken for an empty one.
     template <class Number>
     static constexpr double range = std::is_same_v<Number, float> ? 1e10 : 1e20;
 
@@ -51,11 +51,11 @@ struct MassScale
 template <class Number>
 struct FieldSnapshot
 {
-    std::string name;                            ///< that of its tag
-    std::vector<std::vector<Number>> components; ///< of each, one number per particle [SI units]
+    std::string name;                            ///< the name of its tag
+    std::vector<std::vector<Number>> components; ///< per component, one number per particle [SI units]
 };
 
-/// The particles of one material, one after the other in the order of cells.
+/// The particles of one material, in cell order.
 template <class Number, int d>
 struct MaterialSnapshot
 {
@@ -63,16 +63,16 @@ struct MaterialSnapshot
 
     std::string name;                    ///< of the model
     double density = 0;                  ///< of the model [kg/m^3]
-    double wave_modulus = 0;             ///< rho c^2 of the model at rest [Pa]; 0: any
-    std::vector<Parameter> parameters{}; ///< what else the model says of itself
+    double wave_modulus = 0;             ///< rho c^2 of the model at rest [Pa]; 0: not compared
+    std::vector<Parameter> parameters{}; ///< the model's parameters
     std::vector<std::uint32_t> ids{};    ///< permanent
-    std::vector<Coordinates<d>> cells{}; ///< in which they are
+    std::vector<Coordinates<d>> cells{}; ///< the particles' cells
     std::array<std::vector<Offset>, std::size_t(d)>
-        offsets{};                                ///< from the centres of these, as CellOffset stores them
-    std::vector<FieldSnapshot<Number>> fields{};  ///< what else they have
-    std::vector<MassGroup<Number>> mass_groups{}; ///< mass and volume, by row: the rank of the id
+        offsets{}; ///< offsets from the cells' centres, as CellOffset stores them
+    std::vector<FieldSnapshot<Number>> fields{};  ///< the particles' other fields
+    std::vector<MassGroup<Number>> mass_groups{}; ///< mass and volume, by row (the rank of the id)
 
-    /// See that of Snapshot.
+    /// See Snapshot::forget_parameters.
     void forget_parameters()
     {
         parameters.clear();
@@ -80,11 +80,11 @@ struct MaterialSnapshot
     }
 };
 
-/// All that the next steps of a solver depend on, but for what its constructor and its calls are given: step
-/// control and effects. In memory of the host, whatever the backend.
+/// All that the next steps of a solver depend on, except for the arguments of its constructor and its calls:
+/// step control and effects. In memory of the host, whatever the backend.
 ///
 /// It has the parameters of materials and transfer, too, so that Solver::restore refuses a solver that was
-/// made with others; those that it does not name may be any.
+/// made with others. Parameters that it does not name are not compared.
 ///
 /// See Solver::snapshot and Solver::restore, and io/checkpoint.hpp for one in a file.
 template <class Number, int d>
@@ -95,17 +95,17 @@ struct Snapshot
     std::vector<Parameter> transfer_parameters{};
     Lattice lattice{};
     double time = 0;     ///< [s]
-    double previous = 0; ///< what the last step might have been that filled no duration alone [s]; 0: none
+    double previous = 0; ///< see TimeState::previous [s]; 0: none
     double last = 0;     ///< the last step [s]; 0: there was none
     StepBounds bounds{}; ///< of the next step
     MassScale masses{};
     std::uint32_t next_id = 0; ///< of the next particle that is added
     std::vector<MaterialSnapshot<Number, d>> materials{};
-    std::vector<StepFailure> isolated{}; ///< who was taken out of the scene: see Solver::quarantine
+    std::vector<StepFailure> isolated{}; ///< particles removed from the scene: see Solver::quarantine
 
-    /// Lets a solver of other parameters go on from here with its own, a steeper angle of friction or a
-    /// stiffer snow: restore() then finds anew what bounds the next step. Densities are to stay: particles
-    /// keep their masses.
+    /// Lets a solver of other parameters go on from here with its own, for example a steeper friction angle
+    /// or a stiffer snow: restore() then finds the bounds of the next step anew. Densities must stay:
+    /// particles keep their masses.
     void forget_parameters()
     {
         transfer_parameters.clear();
@@ -115,7 +115,7 @@ struct Snapshot
 
 namespace detail
 {
-/// What a policy calls itself.
+/// A policy's name.
 template <class Policy>
 std::string name_of_policy()
 {
@@ -125,7 +125,7 @@ std::string name_of_policy()
         return "unnamed";
 }
 
-/// Refuses a snapshot that is not whole in itself: what no solver could have left.
+/// Refuses a snapshot that is inconsistent in itself, so that no solver can have made it.
 template <class Number, int d>
 void require_whole(MaterialSnapshot<Number, d> const& material, MassScale const& masses,
                    std::uint32_t next_id, double largest_coordinate)
@@ -135,7 +135,7 @@ void require_whole(MaterialSnapshot<Number, d> const& material, MassScale const&
     };
     std::size_t const count = material.ids.size();
     whole(material.cells.size() == count, "there is not one cell per particle");
-    constexpr double block = 16; // cells: as far beyond may a step lead, before the next one is refused
+    constexpr double block = 16; // cells: a step may lead this far beyond before the next one is refused
     for (auto const& cell : material.cells)
         for (int a = 0; a < d; ++a)
             whole(std::abs(double(cell[a])) <= largest_coordinate + block, "a cell is out of range");

@@ -115,7 +115,7 @@ double isolated_limit(double expansion_ratio)
 }
 
 /// The largest step [s] at which the shear of a fluid of a kinematic viscosity [m^2/s] decays, were there
-/// nothing else; `wave_limit` as in stable_time_step.
+/// nothing else; `wave_limit` is MaterialLimits::wave.
 ///
 /// The linearised step of a particle with no neighbours is that of a damped oscillator, v += -dt (w^2 u + c
 /// v) and u += dt v, stable while (dt w / 2)^2 + dt c / 2 < 1. Shear alone, of stress eta (L + L^T), has w =

@@ -10,15 +10,15 @@ namespace firn
 {
 
 /// Affine FLIP that lets particles separate (Fei et al. 2021): APIC whose particles keep a share of their own
-/// velocity, as in FLIP, and where material comes apart also move by it. For spray, and sand that is thrown.
+/// velocity, as in FLIP, and also move by it where material separates. For spray, and thrown sand.
 ///
-/// Stores the velocity; the affine matrix is taken anew in every step. With `separation` = 0 it is the affine
-/// FLIP of that paper (AFLIP).
+/// Stores the velocity; the affine matrix is gathered anew in every step. With `separation` = 0 it is the
+/// affine FLIP of that paper (AFLIP).
 struct Asflip
 {
     double fraction =
         0.97; ///< alpha: the share of its own velocity, beyond the grid's, that a particle keeps
-    double separation = 1.0; ///< the share of that by which it moves where material comes apart
+    double separation = 1.0; ///< the share of that velocity by which it moves where material separates
 
     static constexpr auto name = "asflip";
     using State = Fields<Velocity, AffineVelocity>;
@@ -45,7 +45,7 @@ struct Asflip
                 "Pass 1, or 0 for particles that move with the grid.");
     }
 
-    /// m (v + C (x_i - x_p)), and (apart from it) the force -V0 tau dw_i.
+    /// m (v + C (x_i - x_p)), and separately the force -V0 tau dw_i.
     template <class Kernel, Lane Real, int d, class Particle>
     FIRN_HOST_DEVICE ParticleContribution<Real, d>
     scatter(Particle const& particle, Real mass, Matrix<Real, d> const& stress_impulse, Real cell_size) const
@@ -53,7 +53,7 @@ struct Asflip
         return Apic{}.scatter<Kernel, Real, d>(particle, mass, stress_impulse, cell_size);
     }
 
-    /// The velocity [m/s] by which a particle moves, asked before it takes: sum w v_i + gamma alpha (v - sum
+    /// The velocity [m/s] by which a particle moves, called before gather(): sum w v_i + gamma alpha (v - sum
     /// w v_i^n), with gamma = `separation` where the flow opens and the particle is not compressed, else 0.
     template <class Kernel, Lane Real, int d, class Particle>
     FIRN_HOST_DEVICE Vector<Real, d> motion(Particle const& particle, Gathered<Real, d> const& gathered) const
@@ -69,7 +69,7 @@ struct Asflip
     FIRN_HOST_DEVICE Matrix<Real, d> gather(Particle& particle, Gathered<Real, d> const& gathered,
                                             Real inverse_cell_size) const
     {
-        // Who only asks for what is not stored has no velocity of its own.
+        // Regathering fields that are not stored passes particles without a velocity.
         if constexpr (requires { particle[Velocity{}]; }) {
             Vector<Real, d>& v = particle[Velocity{}];
             v = gathered.velocity + (v - gathered.old_velocity) * Real(ScalarOf<Real>(fraction));
@@ -83,7 +83,7 @@ struct Asflip
     }
 
 private:
-    /// Whether a particle's volume is below that at rest by a thousandth or more.
+    /// Whether a particle's volume is smaller than at rest by a thousandth or more.
     template <Lane Real, int d, class Particle>
     FIRN_HOST_DEVICE static Mask<Real> compressed(Particle const& particle)
     {

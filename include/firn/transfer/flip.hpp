@@ -8,9 +8,9 @@
 namespace firn
 {
 
-/// The blend of PIC and FLIP (Brackbill & Ruppel 1986; Stomakhin et al. 2013, step 8): a particle takes
-/// `fraction` of the change of the grid's velocity and the rest of the velocity itself. The PIC part damps
-/// per step, not per second.
+/// The blend of PIC and FLIP (Brackbill & Ruppel 1986; Stomakhin et al. 2013, step 8): a particle gathers
+/// `fraction` of the change of the grid's velocity, added to its own, and the rest as the velocity itself.
+/// The PIC part damps per step, not per second.
 struct Flip
 {
     double fraction = 0.95; ///< beta: 1 is pure FLIP, 0 is PIC
@@ -34,7 +34,7 @@ struct Flip
                 "Pass the share of FLIP: 0.95 as in the snow paper, 1 for pure FLIP.");
     }
 
-    /// m v, and (apart from it) the force -V0 tau dw_i.
+    /// m v, and separately the force -V0 tau dw_i.
     template <class Kernel, Lane Real, int d, class Particle>
     FIRN_HOST_DEVICE ParticleContribution<Real, d>
     scatter(Particle const& particle, Real mass, Matrix<Real, d> const& stress_impulse, Real cell_size) const

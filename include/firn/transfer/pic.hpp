@@ -6,7 +6,7 @@
 namespace firn
 {
 
-/// Particle-in-cell (Harlow 1964): particles take the grid's velocity. Very stable and very damped: angular
+/// Particle-in-cell (Harlow 1964): particles get the grid's velocity. Very stable and very damped: angular
 /// momentum and shear decay with every step, so that a smaller step damps more.
 struct Pic
 {

@@ -6,8 +6,8 @@
 namespace firn
 {
 
-/// Taylor particle-in-cell (Nakamura et al. 2023): APIC whose affine matrix is the velocity gradient. Needs
-/// no inertia of the kernel; angular momentum is kept well, but not exactly.
+/// Taylor particle-in-cell (Nakamura et al. 2023): APIC whose affine matrix is the velocity gradient. It
+/// needs no inertia of the kernel; angular momentum is conserved well, but not exactly.
 struct Tpic
 {
     static constexpr auto name = "tpic";

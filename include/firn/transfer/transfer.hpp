@@ -6,11 +6,10 @@
 
 #include <concepts>
 
-// A transfer scheme says what a particle gives to the nodes of its stencil and what it takes from them. The
-// phases do the sums; a scheme names the terms it needs, and a phase computes no other. Of the fields that a
-// scheme gives a particle (its State), only those are stored from step to step that the next step asks for
-// (Stored): the others are what was taken from the grid last, and are taken again when somebody wants to
-// know.
+// A transfer scheme defines what a particle scatters to the nodes of its stencil and what it gathers from
+// them. The phases do the sums; a scheme names the terms it needs, and a phase computes no other. Of the
+// fields that a scheme adds to a particle (State), only those that the next step needs are stored from step
+// to step (Stored). The others are those of the last gather, and are regathered on request.
 namespace firn
 {
 
@@ -21,36 +20,37 @@ struct Terms
     bool gradient = false; ///< weighted by the gradient of w_i
 };
 
-/// What a particle gives to node i: w_i (momentum + affine (x_i - x_p)) + gradient dw_i, distances in cells.
+/// A particle's contribution to node i: w_i (momentum + affine (x_i - x_p)) + gradient dw_i, distances in
+/// cells.
 template <class Real, int d>
 struct ParticleContribution
 {
     Vector<Real, d> momentum; ///< [kg m/s]
-    Matrix<Real, d> affine;   ///< [kg m/s per cell]; set if the scheme gives Terms::affine
-    Matrix<Real, d> gradient; ///< [kg m/s]; set if the scheme gives Terms::gradient
+    Matrix<Real, d> affine;   ///< [kg m/s per cell]; set if scatter_terms have Terms::affine
+    Matrix<Real, d> gradient; ///< [kg m/s]; set if scatter_terms have Terms::gradient
 };
 
-/// What a particle finds on its nodes, distances in cells.
+/// The sums that a particle gathers from its nodes, distances in cells.
 template <class Real, int d>
 struct Gathered
 {
     Vector<Real, d> velocity; ///< sum of w_i v_i [m/s]
-    /// sum of w_i v_i before the forces of the step, if the scheme keeps it; of what extending took from
-    /// them, if it extends velocities
+    /// sum of w_i v_i^n, before the forces of the step, if the scheme keeps the old velocity; for schemes
+    /// that extend velocities, sum of w_i (v_i^n - v_i*), see Xpic [m/s]
     Vector<Real, d> old_velocity;
-    Matrix<Real, d> affine;   ///< sum of w_i v_i (x_i - x_p)^T D^-1 [m/s per cell]; if it takes Terms::affine
-    Matrix<Real, d> gradient; ///< sum of v_i dw_i^T [m/s per cell]; if the scheme takes Terms::gradient
+    Matrix<Real, d> affine;   ///< sum of w_i v_i (x_i - x_p)^T D^-1 [m/s per cell]; if gather_terms have it
+    Matrix<Real, d> gradient; ///< sum of v_i dw_i^T [m/s per cell]; if gather_terms have it
 };
 
-/// Whether a scheme extends the velocities of nodes by `passes()` to the particles and back, see Xpic.
+/// Whether a scheme extends nodal velocities in `passes()` passes to the particles and back, see Xpic.
 template <class Transfer>
 concept ExtendsVelocities = requires(Transfer const transfer)
 {
     transfer.passes();
 };
 
-/// Whether the kernel has one inertia D for all positions (B-splines of order two and three have, the tent
-/// has not).
+/// Whether the kernel has one inertia D for all positions. B-splines of degree two and three do, the tent
+/// does not.
 template <class Kernel>
 concept HasConstantInertia = requires
 {
