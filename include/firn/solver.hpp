@@ -407,11 +407,12 @@ public:
             if (!controller.gets_on(time_state_)) {
                 // repeated halving did not prevent the failure, or a particle's own state allows no step
                 bool const repeated = time_state_.retries > 0;
-                auto const who = repeated ? detail::failure_of(sets_, failed, time_state_.time, tried)
-                                          : slowest(controller, tried);
-                if (!repeated && !who && forgets_bounds(controller)) return;
-                if (!isolates(repeated ? failed : StepLog{}, tried, who.has_value(), all.isolated, who))
-                    fail_to_get_on(who);
+                auto const failure = repeated ? detail::failure_of(sets_, failed, time_state_.time, tried)
+                                              : slowest(controller, tried);
+                if (!repeated && !failure && forgets_bounds(controller)) return;
+                if (!isolates(repeated ? failed : StepLog{}, tried, failure.has_value(), all.isolated,
+                              failure))
+                    fail_to_get_on(failure);
                 release(controller);
                 return;
             }
@@ -967,19 +968,20 @@ private:
     }
 
     /// After a failed step, removes from the scene the particles whose own state has no stress; if there are
-    /// none and the step is not to be retried (`last`), removes `who` or, by default, the culprit. See
+    /// none and the step is not to be retried (`last`), removes `failure` or, by default, the culprit. See
     /// quarantine(). Returns false and changes nothing if no particle qualifies, or if they would be too
     /// many.
-    bool isolate(StepLog log, double dt, bool last, Failures& isolated, std::optional<StepFailure> const& who)
+    bool isolate(StepLog log, double dt, bool last, Failures& isolated,
+                 std::optional<StepFailure> const& failure)
     {
         if (!quarantine_.has_room_for(1)) return false;
         Failures culprits;
         if (log.cause != FailureCause::rejected || last) // the search stops at one more than allowed
             culprits = detail::without_stress(sets_, quarantine_.most, time_state_.time, dt);
         if (culprits.empty() && last)
-            culprits.push_back(
-                who ? *who
-                    : detail::furthest_in(sets_, log, values(), lattice_.cell_size, time_state_.time, dt));
+            culprits.push_back(failure ? *failure
+                                       : detail::furthest_in(sets_, log, values(), lattice_.cell_size,
+                                                             time_state_.time, dt));
         if (culprits.empty() || !quarantine_.has_room_for(culprits.size())) return false;
         auto& all = quarantine_.isolated;
         all.reserve(all.size() + culprits.size()); // first, so that no removal goes unreported
@@ -997,9 +999,9 @@ private:
     /// The same if quarantine() was called. The call goes through a pointer so that isolate() is compiled
     /// only for programs that ask for it.
     bool isolates(StepLog const& log, double dt, bool last, Failures& isolated,
-                  std::optional<StepFailure> const& who = {})
+                  std::optional<StepFailure> const& failure = {})
     {
-        return isolate_ != nullptr && (this->*isolate_)(log, dt, last, isolated, who);
+        return isolate_ != nullptr && (this->*isolate_)(log, dt, last, isolated, failure);
     }
 
     [[noreturn, gnu::cold]] void fail_to_get_on(std::optional<StepFailure> const& since)
@@ -1017,7 +1019,7 @@ private:
         if (isolate_ != nullptr)
             kept += "; of " + std::to_string(quarantine_.most) +
                     " particles that may be in quarantine there are " +
-                    std::to_string(quarantine_.isolated.size()) + ", who stay out (Solver::isolated)";
+                    std::to_string(quarantine_.isolated.size()) + ", which stay out (Solver::isolated)";
         StepFailure failure = detail::failure_of(sets_, log, time_state_.time, dt);
         auto const spoilers = detail::without_stress(sets_, 0, time_state_.time, dt);
         if (!spoilers.empty()) { // their missing stress makes other particles fail

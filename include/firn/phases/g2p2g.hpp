@@ -135,7 +135,7 @@ struct G2p2g
         most(result.speed2, speed2);
         most(result.deformation, rate2);
         inspect<Real>(items, particle, displacement, rate2, response, rare);
-        keep_given<Real>(items, particle, x, response.kirchhoff_stress);
+        store_contribution<Real>(items, particle, x, response.kirchhoff_stress);
         // A particle that left its cell scatters from the new one, not here.
         Mask<Real> const left = items.here() & !stays;
         if (any(left)) items.depart(left, Scatter::mass, Scatter::scratch_channels);
@@ -160,8 +160,8 @@ private:
 
     /// Stores the particles' contributions to the next step.
     template <class Real, class Items, class Particle>
-    FIRN_HOST_DEVICE void keep_given(Items& items, Particle const& particle, Vector<Real, d> const& x,
-                                     Matrix<Real, d> const& stress) const
+    FIRN_HOST_DEVICE void store_contribution(Items& items, Particle const& particle, Vector<Real, d> const& x,
+                                             Matrix<Real, d> const& stress) const
     {
         Number const h = static_cast<Number>(lattice.cell_size);
         auto const [mass, volume] = mass_groups.find(items, before.id);

@@ -85,16 +85,16 @@ struct Scatter
     template <class Row, class Real = typename Row::Real>
     FIRN_HOST_DEVICE static void make_ready(Row const& row_of_cells, Spread<Real>& spread)
     {
-        Stencil<Kernel, Real, d> const nodes(kept_vector<Real>(row_of_cells, position));
+        Stencil<Kernel, Real, d> const nodes(scratch_vector<Real>(row_of_cells, position));
         spread.mass = row_of_cells.scratch(mass);
-        spread.momentum = kept_vector<Real>(row_of_cells, momentum);
+        spread.momentum = scratch_vector<Real>(row_of_cells, momentum);
         FIRN_UNROLL
         for (int a = 0; a < d; ++a) FIRN_UNROLL
         for (int i = 0; i < width; ++i)
             spread.weight[a][std::size_t(i)] =
                 nodes.weight[std::size_t(a)][std::size_t(i)]; // one by one: see copy_of()
         if constexpr (terms.affine) {
-            Matrix<Real, d> const A = kept_matrix<Real>(row_of_cells, affine);
+            Matrix<Real, d> const A = scratch_matrix<Real>(row_of_cells, affine);
             FIRN_UNROLL
             for (int i = 0; i < width; ++i) {
                 spread.affine[i] = column<Real, d>(A, 0) * nodes.distance[0][std::size_t(i)];
@@ -106,7 +106,7 @@ struct Scatter
             for (int a = 1; a < d; ++a) spread.change[a] = column<Real, d>(A, a);
         }
         if constexpr (terms.gradient) {
-            Matrix<Real, d> const G = kept_matrix<Real>(row_of_cells, gradient);
+            Matrix<Real, d> const G = scratch_matrix<Real>(row_of_cells, gradient);
             FIRN_UNROLL
             for (int a = 0; a < d; ++a) {
                 spread.gradient[a] = column<Real, d>(G, a);
@@ -180,7 +180,7 @@ private:
     };
 
     template <class Real, class Row>
-    FIRN_HOST_DEVICE static Vector<Real, d> kept_vector(Row const& row, int channel)
+    FIRN_HOST_DEVICE static Vector<Real, d> scratch_vector(Row const& row, int channel)
     {
         Vector<Real, d> vector;
         FIRN_UNROLL
@@ -188,7 +188,7 @@ private:
         return vector;
     }
     template <class Real, class Row>
-    FIRN_HOST_DEVICE static Matrix<Real, d> kept_matrix(Row const& row, int channel)
+    FIRN_HOST_DEVICE static Matrix<Real, d> scratch_matrix(Row const& row, int channel)
     {
         Matrix<Real, d> matrix;
         FIRN_UNROLL

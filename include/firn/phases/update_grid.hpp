@@ -151,7 +151,7 @@ private:
                                      Vector<Real, d> const& arm, Mask<Real> const& which,
                                      Result& reactions) const
     {
-        Real const two(2), kept(flip_fraction);
+        Real const two(2), blend(flip_fraction);
         for (std::size_t w = 0; w < mirrored.walls.size(); ++w) {
             WallPlane const& wall = mirrored.walls[w];
             int const a = wall.axis;
@@ -159,9 +159,9 @@ private:
                        v = velocity[Velocities::velocity + a];
             Real on = mirrored.sums[Sums::mass] * v, beside = two * (p + m * v);
             if constexpr (Transfer::keeps_old_velocity) {
-                on -= kept * mirrored.sums[Sums::momentum + a];
+                on -= blend * mirrored.sums[Sums::momentum + a];
                 beside += two * (mirrored.impulse_behind[w] -
-                                 kept * (p + m * velocity[Velocities::old_velocity + a]));
+                                 blend * (p + m * velocity[Velocities::old_velocity + a]));
             }
             Real const received = select(which, select(mirrored.on[w], on, beside), Real(0));
             // most lanes contribute nothing: for a wall across the lanes all but two

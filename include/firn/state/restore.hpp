@@ -98,7 +98,7 @@ bool require_fits(Snapshot<Number, d> const& from, Sets const& sets, Lattice con
                 "Restore into a solver that was made with the same lattice, policies and parameters.");
     };
     compare("the kernel", from.kernel, name_of_policy<Kernel>());
-    compare("a kernel of order", from.kernel_degree, Kernel::degree + 0);
+    compare("a kernel of degree", from.kernel_degree, Kernel::degree + 0);
     compare("the transfer", from.transfer, name_of_policy<Transfer>());
     bool all_known = compare_parameters<Number>("for the transfer (" + from.transfer + ")",
                                                 from.transfer_parameters, parameters_of(transfer));

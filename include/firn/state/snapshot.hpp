@@ -192,7 +192,7 @@ void require_whole(Snapshot<Number, d> const& snapshot, double largest_coordinat
         whole(gone.particle < snapshot.next_id && gone.material < snapshot.materials.size() &&
                   all_finite(gone.position) && is_finite(gone.time) && not_negative(gone.dt) &&
                   *describe(gone.cause) != 0,
-              "somebody was taken out of the scene who was never there, or for no reason");
+              "a particle was taken out of the scene that was never there, or for no reason");
         ids.push_back(gone.particle);
     }
     std::sort(ids.begin(), ids.end());
