@@ -14,7 +14,7 @@ template <int obstacles>
 struct Reactions
 {
     std::array<Reaction, std::size_t(obstacles)> of{};
-    double largest_surface_speed2 = 0; ///< of an obstacle where something touched it [m^2/s^2]
+    double largest_surface_speed2 = 0; ///< of an obstacle's surface at a contact [m^2/s^2]
 
     FIRN_HOST_DEVICE void merge(Reactions const& other)
     {
@@ -30,7 +30,7 @@ inline constexpr bool keeps_sides = requires
     requires Action::keeps_sides;
 };
 
-/// Whether an action is that of a shape that looks its surface up.
+/// Whether an action is that of a shape that reads its surface from samples.
 template <class Action>
 inline constexpr bool looks_up = requires
 {
@@ -52,7 +52,7 @@ struct Chain<>
     {}
 };
 
-/// A chain of one action at least.
+/// A chain of at least one action.
 template <class First, class... Rest>
 struct Chain<First, Rest...>
 {
@@ -64,9 +64,9 @@ struct Chain<First, Rest...>
     static constexpr int lookups = int(looks_up<First>) + Chain<Rest...>::lookups;
     static constexpr bool may_touch_particles =
         (acts_on_particles<First> && !is_wall<First>) || Chain<Rest...>::may_touch_particles;
-    /// How many of them there are where particles themselves may touch one; where all are walls none may.
+    /// The number of obstacles if one of them may act on particles, else 0: walls alone do not.
     static constexpr int touching = may_touch_particles ? obstacles : 0;
-    /// Whether one asks for masses in kg.
+    /// Whether an action needs masses in kg.
     static constexpr bool uses_kilograms =
         detail::has_on_node<First> || (detail::has_on_momentum<First> && !takes_any_unit_of_mass<First>) ||
         Chain<Rest...>::uses_kilograms;
@@ -79,7 +79,7 @@ struct Chain<First, Rest...>
     }
 };
 
-/// Whether one of them acts on particles, too.
+/// Whether an action of the chain acts on particles, too.
 template <class... Actions>
 FIRN_HOST_DEVICE bool touches_particles(Chain<Actions...> const& chain)
 {
@@ -100,12 +100,12 @@ FIRN_HOST_DEVICE Chain<Action, Actions...> linked(Action const& first, Chain<Act
 }
 } // namespace detail
 
-/// The effects of a step as plain values, from which their actions follow wherever the step's length is
-/// known.
+/// The effects of a step as plain values. Their actions are made from these where the length of the step is
+/// known, which may be on a device.
 template <class... Effects>
 struct PlainEffects;
 
-/// No effect, or none that is left.
+/// The end of the list.
 template <>
 struct PlainEffects<>
 {
@@ -117,7 +117,7 @@ struct PlainEffects<>
     bool touch_particles() const { return false; }
 };
 
-/// One effect at least.
+/// A list of at least one effect.
 template <class First, class... Rest>
 struct PlainEffects<First, Rest...>
 {
@@ -132,7 +132,7 @@ struct PlainEffects<First, Rest...>
                               rest.template over<Number, d>(interval));
     }
 
-    /// Whether one of them acts on particles, too.
+    /// Whether one of the effects acts on particles, too.
     bool touch_particles() const
     {
         if constexpr (requires { first.on_particles; })
@@ -156,8 +156,8 @@ auto plain_effects(double begin, First const& first, Rest const&... rest)
 
 namespace detail
 {
-/// Books what contact took from lanes of mass m: impulse m (before - after), and its moment about the
-/// reference point.
+/// Adds to a reaction what contact took from lanes of mass m: the impulse m (before - after), and its moment
+/// about the reference point.
 template <Lane Real, int d>
 FIRN_HOST_DEVICE void book(Reaction& reaction, ContactResult<Real, d> const& touched,
                            Vector<Real, d> const& before, Real mass)

@@ -7,23 +7,23 @@
 namespace firn
 {
 
-/// What effects on lanes of nodes are told beside the places.
+/// What effects on lanes of nodes get beside the positions.
 template <Lane Real>
 struct NodesOfStep
 {
     Real mass;               ///< in the solver's unit
-    Mask<Real> filled;       ///< where it is more than rounding: elsewhere an effect may find anything
-    Real booked_mass;        ///< the same of nodes whose reactions are booked, else 0
+    Mask<Real> filled;       ///< where it is above rounding; elsewhere an effect may return anything
+    Real booked_mass;        ///< the mass where a node counts for the reaction, else 0
     ScalarOf<Real> dt = 0;   ///< for how long forces act [s]
-    ScalarOf<Real> unit = 1; ///< of mass [kg]
+    ScalarOf<Real> unit = 1; ///< the solver's unit of mass [kg]
 
     FIRN_HOST_DEVICE Real kilograms() const { return select(filled, mass * Real(unit), Real(0)); }
 };
 
 /// Adds what actions on momentum (gravity) do to lanes of nodes.
 ///
-/// Those that ask for kg and kg m/s are given them. What they change is added, so that a momentum that they
-/// leave stays as it is, to the bit.
+/// Actions that need kg and kg m/s get these. Only their change is added to the momentum, so one that they
+/// leave alone stays the same to the bit.
 template <Lane Real, int d, class... Actions>
 FIRN_HOST_DEVICE void apply_on_momentum(Chain<Actions...> const& chain, LanePosition<Real, d> const& place,
                                         NodesOfStep<Real> const& nodes, Vector<Real, d>& momentum)
@@ -51,8 +51,8 @@ FIRN_HOST_DEVICE void apply_on_momentum(Chain<Actions...> const& chain, LanePosi
 
 /// The velocity of lanes of nodes after all effects on velocities.
 ///
-/// Obstacles act one after the other. Where two of them meet (a corner) a second pass settles friction, and a
-/// third, of pure non-penetration, has the last word.
+/// Obstacles act one after the other. Where two of them meet (a corner), a second pass settles friction, and
+/// four passes of pure non-penetration follow.
 template <Lane Real, int d, class... Actions>
 FIRN_HOST_DEVICE Vector<Real, d> apply_on_nodes(Chain<Actions...> const& chain,
                                                 LanePosition<Real, d> const& place,
@@ -97,9 +97,9 @@ FIRN_HOST_DEVICE Vector<Real, d> apply_on_nodes(Chain<Actions...> const& chain,
     return velocity;
 }
 
-/// Contact of lanes of particles, for the obstacles that ask for it, after they were moved by `moved` [m] to
-/// a place, where they are `here`: corrects v, and returns the displacement [m] that goes with it. See
-/// ParticleContact.
+/// Contact of lanes of particles with the obstacles that act on particles, after the grid moved them by
+/// `moved` [m] to `place`; `here` masks the lanes that hold a particle. Corrects the velocity, and returns
+/// the displacement [m] that goes with it. See ParticleContact.
 template <Lane Real, int d, class... Actions>
 FIRN_HOST_DEVICE Vector<Real, d>
 apply_on_particles(Chain<Actions...> const& chain, LanePosition<Real, d> const& place,
@@ -111,8 +111,9 @@ apply_on_particles(Chain<Actions...> const& chain, LanePosition<Real, d> const& 
     return contact.solve();
 }
 
-/// The same where it is too much for a loop's registers beside the rest. What is passed by reference a device
-/// keeps in memory: a copy, made where this is called, or something that nobody else needs.
+/// The same, not inlined on a device, for loops that have no registers to spare for it. A device keeps
+/// arguments that are passed by reference in memory: pass copies made for the call, or values that nothing
+/// else needs.
 template <Lane Real, int d, class... Actions>
 FIRN_HOST_DEVICE FIRN_NOINLINE_ON_DEVICE Vector<Real, d>
 call_on_particles(Chain<Actions...> const& chain, LanePosition<Real, d> const& place,

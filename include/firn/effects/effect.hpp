@@ -6,9 +6,9 @@
 
 // An effect is what acts on velocities beside the material itself: gravity, obstacles. Effects are arguments
 // of a step. An effect is a plain description; `over(interval)` turns it into an *action*, a plain value with
-// the step's numbers filled in, which the phases call on lanes of nodes: for an acceleration, on momentum, on
-// velocities, or as an obstacle (on particles too, if it asks for them); see NodeAction. What a reflecting
-// wall does is up to UpdateGrid. The length of a step may be found where the phases run, so `over` runs there
+// the step's numbers filled in. The phases call actions on lanes of nodes: for an acceleration, on momentum,
+// on velocities, or as an obstacle, which may act on particles, too; see NodeAction. UpdateGrid itself
+// applies reflecting walls. The length of a step may be known only where the phases run, so `over` runs there
 // too: it is FIRN_HOST_DEVICE where that is a device.
 namespace firn
 {
@@ -17,16 +17,16 @@ namespace firn
 struct Interval
 {
     double begin, end;
-    /// For how long forces act, those of stresses and of gravity: of the length unless the step before it had
-    /// another, see TimeStepController::time_of_forces.
+    /// How long stresses and gravity act [s]: the length, unless the step before had another one; see
+    /// TimeStepController::time_of_forces.
     double forces = end - begin;
     FIRN_HOST_DEVICE double length() const { return end - begin; }
 };
 
 /// Where a lane of nodes or particles is: first + offset cells from the lattice's origin.
 ///
-/// Distances are taken to a reference in double precision before they become lanes, so that they are as
-/// accurate far from the origin as at it.
+/// Positions relative to a reference are computed in double precision before they become lanes, so they are
+/// as accurate far from the origin as near it.
 template <class Real, int d>
 struct LanePosition
 {

@@ -26,10 +26,9 @@ struct Gravity
                 "Gravity", "Keep z out of its acceleration: down is -y, unless told otherwise.");
     }
 
-    /// Adds m g dt to every momentum, dt being the time for which forces act. (Not g dt to every velocity:
-    /// bodies of one velocity would all round the same way, step after step. And not by
-    /// `acceleration(place)`, which is for what differs from place to place: g dt is rounded once here, and
-    /// once in a step.)
+    /// Adds m g dt to every momentum, dt being the time for which forces act. Adding g dt to every velocity
+    /// would round bodies of one velocity all the same way, step after step. `acceleration(place)` is for
+    /// what differs from place to place; here g dt is rounded once, and each momentum once in a step.
     template <class Number, int d>
     struct Action
     {

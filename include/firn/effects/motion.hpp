@@ -18,23 +18,23 @@ namespace firn
 /// Where a rigid body is and how it moves: a pose and a twist at one time, constant twist from there on.
 ///
 /// A plain value: a host engine passes a new one with every call, and within a call it is evaluated at every
-/// step. One whose time is left out holds when the call begins, so successive poses need no time of their
-/// own; one that has a time may be passed to call after call, and moves on through all of them. In two
-/// dimensions positions and velocities have z = 0 and rotations are about z.
+/// step. Without a time it holds at the beginning of the call, so successive poses need no time of their own.
+/// With a time the same value may be passed to call after call, and the body moves on through all of them. In
+/// two dimensions positions and velocities have z = 0 and rotations are about z.
 struct Motion
 {
     Eigen::Vector3d position{0, 0, 0};          ///< of the reference point [m]
     Eigen::Quaterniond orientation{1, 0, 0, 0}; ///< w, x, y, z: from the body's frame to the world's
     Eigen::Vector3d velocity{0, 0, 0};          ///< of the reference point [m/s]
     Eigen::Vector3d angular_velocity{0, 0, 0};  ///< omega, about the reference point [rad/s]
-    std::optional<double> time{}; ///< when all this holds [s]; left out: when the call begins it is passed to
+    std::optional<double> time{}; ///< when all this holds [s]; if left out, at the beginning of the call
 
     /// The motion that brings a body from the pose of `before` to that of `after` within `dt` [s], at
     /// constant velocity and by the shortest rotation. It begins at the time of `before`, if that has one.
     ///
     /// Only positions and orientations are read: hosts that animate by poses pass those of now and of the end
-    /// of the frame. Throws an Error if dt is not a finite number above 0, if a pose is none that an obstacle
-    /// may have, or if the way is so long or dt so short that the velocity is beyond 1e15 m/s or rad/s.
+    /// of the frame. Throws an Error if dt is not a finite number above 0, if an obstacle may not have one of
+    /// the poses, or if the velocity would be beyond 1e15 m/s or rad/s.
     static Motion between(Motion const& before, Motion const& after, double dt)
     {
         char const* const where = "Motion::between";
@@ -44,7 +44,7 @@ struct Motion
         motion.validate(where);
         Motion{.position = after.position, .orientation = after.orientation}.validate(where);
         Eigen::Quaterniond const turn = after.unit_orientation() * before.unit_orientation().conjugate();
-        // twice the logarithm of the turn, of which q and -q are the same
+        // twice the logarithm of the rotation; q and -q are the same rotation
         double const sine = std::sqrt(turn.x() * turn.x() + turn.y() * turn.y() + turn.z() * turn.z());
         double const angle = 2 * std::atan2(sine, std::abs(turn.w()));
         double const per_sine = (sine > 0 ? angle / sine : 0) * (turn.w() < 0 ? -1 : 1);
@@ -57,17 +57,17 @@ struct Motion
     /// The rotation from the body's frame to the world's.
     FIRN_HOST_DEVICE Eigen::Matrix3d rotation() const { return unit_orientation().toRotationMatrix(); }
 
-    /// The same motion, seen at another time [s]; one without a time holds then. (By components, like what is
-    /// private: see core/components.hpp.)
+    /// The same motion at another time [s]; a motion without a time is taken to hold then. Like the private
+    /// functions it works by components: see core/components.hpp.
     FIRN_HOST_DEVICE Motion at(double when) const { return moved(time.has_value() ? when - *time : 0, when); }
 
-    /// The same motion so many seconds later; its time has gone on, too, if it has one.
+    /// The same motion `elapsed` [s] later; its time, if it has one, advances too.
     FIRN_HOST_DEVICE Motion later_by(double elapsed) const
     {
         return time.has_value() ? at(*time + elapsed) : moved(elapsed, {});
     }
 
-    /// The same motion as a call takes it that begins at a time [s], which is its own unless it has one.
+    /// The same motion in a call that begins at `begin` [s], which becomes its time unless it has one.
     Motion from(double begin) const
     {
         Motion motion = *this;
@@ -75,11 +75,13 @@ struct Motion
         return motion;
     }
 
-    /// Whether all of it is finite, and of a size whose squares are, too, in single precision's scenes.
+    /// Whether every member is finite, and small enough for its square to be finite in single precision, too.
     bool is_in_range() const
     {
-        constexpr double furthest = 1e15; // what is beyond is none of single precision's
-        auto const is_near = [furthest](double x) { return is_between(-furthest, x, furthest); }; // no NaN is
+        constexpr double furthest = 1e15; // its square is finite in single precision
+        auto const is_near = [furthest](double x) {
+            return is_between(-furthest, x, furthest);
+        }; // false for NaN
         auto const within = [&](Eigen::Vector3d const& v) {
             return is_near(v.x()) && is_near(v.y()) && is_near(v.z());
         };
@@ -96,7 +98,8 @@ struct Motion
                 where, "Pass finite positions [m], velocities [m/s, rad/s] and a unit quaternion.");
     }
 
-    /// In two dimensions there is nothing along z: motion stays in the plane and rotation is about z.
+    /// Throws an Error unless it stays in the plane of a scene in two dimensions: velocity without z,
+    /// rotation about z alone.
     void validate_in_plane(char const* where) const
     {
         bool const in_plane = exactly_equal(velocity.z(), 0) && std::abs(angular_velocity.x()) <= 1e-6 &&

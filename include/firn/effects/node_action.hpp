@@ -8,13 +8,13 @@
 #include <type_traits>
 #include <utility>
 
-// What an effect's action may offer, and that it offers nothing that would be ignored.
+// The hooks that an effect's action may have, and the check that none of its members would be ignored.
 namespace firn
 {
 
 namespace detail
 {
-/// The names of all hooks. A member of an action has one of them if it is ambiguous with this one.
+/// The names of all hooks. An action has a member of such a name if the name is ambiguous in NamesOf.
 struct HookNames
 {
     int acceleration, on_momentum, on_node, touch, hold, on_particles, overlap, lost_beyond, carried,
@@ -48,7 +48,7 @@ inline constexpr bool has_hold = !requires
 {
     &NamesOf<Action>::hold;
 };
-template <class Action> // the others that only particle contact asks for
+template <class Action> // the other hooks, which only particle contact calls
 inline constexpr bool has_other_contact = !requires
 {
     &NamesOf<Action>::on_particles;
@@ -58,7 +58,7 @@ inline constexpr bool has_other_contact = !requires
 || !requires { &NamesOf<Action>::carried; }
 || !requires { &NamesOf<Action>::reference; };
 
-/// Whether momentum may be passed by value, so that what becomes of it would be lost.
+/// Whether on_momentum accepts a temporary: its change of the momentum would then be lost.
 template <class Action, class Real, int d>
 concept TakesCopyOfMomentum = requires(Action const action, Real const mass)
 {
@@ -66,7 +66,7 @@ concept TakesCopyOfMomentum = requires(Action const action, Real const mass)
 };
 } // namespace detail
 
-/// Whether an action is that of a reflecting wall, which UpdateGrid takes care of.
+/// Whether an action is that of a reflecting wall, which UpdateGrid applies.
 template <class Action>
 inline constexpr bool is_wall = requires
 {
@@ -109,7 +109,7 @@ concept ChangesMomentum = !detail::TakesCopyOfMomentum<Action, Real, d> &&
         } -> std::same_as<void>;
 };
 
-/// An action that makes of the velocity of lanes of nodes another one [m/s].
+/// An action that returns a new velocity [m/s] for lanes of nodes.
 template <class Action, class Real, int d>
 concept ChangesVelocity = requires(Action const action, LaneNode<Real, d> const node,
                                    Vector<Real, d> const velocity)
@@ -119,8 +119,8 @@ concept ChangesVelocity = requires(Action const action, LaneNode<Real, d> const 
         } -> std::same_as<Vector<Real, d>>;
 };
 
-/// An action that stops lanes of nodes with a velocity [m/s] where they touch an obstacle, by its `contact`
-/// or, to end a corner, by another rule: see Obstacle.
+/// An obstacle's action on lanes of nodes with a velocity [m/s], by its `contact` or, in the last passes over
+/// a corner, by slip: see Obstacle.
 template <class Action, class Real, int d>
 concept TouchesNodes = requires(Action const action, LanePosition<Real, d> const place,
                                 Vector<Real, d> const velocity, Contact const rule)
@@ -133,7 +133,7 @@ concept TouchesNodes = requires(Action const action, LanePosition<Real, d> const
         } -> std::same_as<ContactResult<Real, d>>;
 };
 
-/// An action that can hold lanes of particles, too: what each of the calls tells is said at Obstacle's.
+/// An action that can act on lanes of particles, too: Obstacle::Action documents each of the calls.
 template <class Action, class Real, int d>
 concept HoldsParticles = requires(Action const action, LanePosition<Real, d> const place,
                                   Vector<Real, d> const vector, Contact const rule, Real const dt)
@@ -155,7 +155,7 @@ concept HoldsParticles = requires(Action const action, LanePosition<Real, d> con
         } -> std::convertible_to<Eigen::Vector3d>;
 };
 
-/// The same of an obstacle, whose member `on_particles` says whether it does.
+/// The same for an obstacle: its member `on_particles` says whether it does.
 template <class Action, class Real, int d>
 concept MayHoldParticles = HoldsParticles<Action, Real, d> && requires(Action const action)
 {
@@ -181,7 +181,7 @@ concept MirrorsNodes = HoldsParticles<Action, Real, d> && requires(Action const 
 
 namespace detail
 {
-/// Whether an action has a hook, and each member by the name of one is called as it is.
+/// Whether an action has a hook, and every member with the name of a hook has the signature that is called.
 template <class Action, class Real, int d>
 constexpr bool has_only_hooks_that_are_called()
 {
@@ -203,11 +203,11 @@ constexpr bool has_only_hooks_that_are_called()
 } // namespace detail
 
 /// What an effect's `over(interval)` returns: a plain value with at least one of the hooks above, const and
-/// for lanes of the type that the backend computes with; on devices they are FIRN_HOST_DEVICE. A member that
-/// has the name of a hook is one: with another signature than the library calls it is refused.
+/// for lanes of the type that the backend computes with; on devices they are FIRN_HOST_DEVICE. Every member
+/// with the name of a hook is taken for that hook, and refused if the library does not call that signature.
 ///
-/// An action that has several is asked for its acceleration first, then on_momentum, then on_node, and then
-/// for contact. Actions act in the order in which their effects are passed: on momentum all of them, then on
+/// Of an action that has several, acceleration is called first, then on_momentum, then on_node, and then
+/// contact. Actions act in the order in which their effects are passed: all of them on momentum, then all on
 /// velocities.
 template <class Action, class Real, int d>
 concept NodeAction =
@@ -216,7 +216,7 @@ concept NodeAction =
 
 namespace detail
 {
-/// The names of what an effect may say beside its action.
+/// The names of an effect's optional members.
 struct NamesOfEffects
 {
     int plain, validate_in_plane, largest_acceleration, largest_speed, on_particles;
@@ -283,12 +283,12 @@ concept IsValidatedInPlane = requires(Effect const effect)
     effect.validate_in_plane();
 };
 
-/// Whether what an effect has by one of these names can be called.
+/// Whether every member of an effect with one of these names can be called as the library does.
 template <class Effect, int d>
 constexpr bool all_is_called()
 {
     if constexpr (!std::is_class_v<Effect> || std::is_final_v<Effect>)
-        return false; // what a final class has cannot be told
+        return false; // the members of a final class cannot be found
     else {
         bool called = true;
         if constexpr (has_plain<Effect>) called = called && IsMadePlain<Effect>;
@@ -318,7 +318,7 @@ template <class Effect, class Number, int d>
 using ActionOf =
     decltype(std::declval<PlainEffect<Effect> const&>().template over<Number, d>(std::declval<Interval>()));
 
-/// Has what every effect has.
+/// Has the members that every effect has.
 template <class T, class Number, int d>
 concept DescribesEffect = requires(T const effect)
 {
@@ -328,8 +328,8 @@ concept DescribesEffect = requires(T const effect)
     typename ActionOf<T, Number, d>;
 };
 
-/// Whether an effect bounds the time step where its action may outrun it, and says whether it acts on
-/// particles where its action may, and only there.
+/// Whether an effect has the bounds on the time step that its action needs; and `on_particles` if its action
+/// can act on particles, and only then.
 template <class T, class Action, int d>
 constexpr bool says_what_steps_need()
 {
@@ -350,11 +350,12 @@ constexpr bool says_what_steps_need()
 /// const`, which refuses parameters, and `template <class Number, int d> Action over(firn::Interval const&)
 /// const`, which makes its action for a step (see NodeAction).
 ///
-/// Where the action has an acceleration, the effect has `double largest_acceleration() const` [m/s^2], and
-/// where it has contact `double largest_speed() const` [m/s] (or one that takes the number of dimensions):
-/// finite bounds, by which steps are chosen. Other effects may have them. Further it may have `void
-/// validate_in_plane() const` for scenes in two dimensions; and `auto plain(double begin) const`, or without
-/// the time [s] at which the call begins: an effect that is a plain value, and whose `over` is called.
+/// If the action has an acceleration, the effect has `double largest_acceleration() const` [m/s^2]; if it has
+/// contact, `double largest_speed() const` [m/s], or one that takes the number of dimensions. These are
+/// finite bounds that limit the time step, and other effects may have them. An effect may also have `void
+/// validate_in_plane() const` for scenes in two dimensions, and `auto plain(double begin) const`, with or
+/// without the time [s] at which the call begins: it returns an effect that is a plain value, and `over` is
+/// called on that.
 template <class T, class Real, int d>
 concept NodeEffect = detail::DescribesEffect<T, ScalarOf<Real>, d> &&
     NodeAction<detail::ActionOf<T, ScalarOf<Real>, d>, Real, d> &&
@@ -364,7 +365,7 @@ concept NodeEffect = detail::DescribesEffect<T, ScalarOf<Real>, d> &&
 
 namespace detail
 {
-/// Says in a sentence why an effect is none; it is named in the note beside it.
+/// Explains in a sentence why a type is not an effect; the compiler's note names the type.
 template <class T, class Real, int d, bool describes = DescribesEffect<T, ScalarOf<Real>, d>>
 struct CheckedEffect
 {
@@ -416,7 +417,7 @@ struct CheckedEffect<T, Real, d, true>
     static constexpr bool value = NodeEffect<T, Real, d>;
 };
 
-/// Says in a sentence that some of them are none.
+/// Fails to compile, with a sentence, if one of the types is not an effect.
 template <class Real, int d, class... Others>
 constexpr void require_effects()
 {

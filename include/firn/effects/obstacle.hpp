@@ -37,15 +37,15 @@ struct NoPose
 };
 } // namespace detail
 
-/// A solid of a shape that moves and rotates as told, and acts on the grid nodes inside it.
+/// A solid that moves as prescribed, and acts on the grid nodes inside it.
 ///
-/// Its surface is as sharp as a cell: material comes to rest up to 1.6 cells above it (quadratic kernels), by
-/// where it lies between nodes, and where it is pressed on goes up to a cell below. With `on_particles` it
-/// acts on particles inside it, too, and none stays there.
+/// The grid resolves its surface to about a cell. With quadratic kernels material comes to rest up to 1.6
+/// cells above it, depending on where the surface lies between nodes, and under pressure goes up to a cell
+/// below it. With `on_particles` it acts on particles inside it, too, and none stays there.
 ///
-/// A Shell acts on particles in any case, and keeps each on its side. It acts on nodes within half a cell of
-/// its middle at least, so that there is a layer of them to stop what comes from either side: bound to it
-/// along the normal, since what a node holds may come from both sides.
+/// A Shell always acts on particles, and keeps each on its side. It acts on nodes within at least half a cell
+/// of its middle, so that a layer of them stops material from either side. Nodes are bound to a shell along
+/// the normal, since their momentum may come from both sides.
 template <class ShapeType>
 struct Obstacle
 {
@@ -72,9 +72,9 @@ struct Obstacle
         if constexpr (requires { shape.validate_in_plane(); }) shape.validate_in_plane();
     }
 
-    /// A bound on the speed of its surface [m/s] in a scene of so many dimensions, which bounds the time
-    /// step: nothing is to pass through a layer of nodes. The rotation of a shape without end counts only
-    /// where it touches something.
+    /// A bound on the speed of its surface [m/s] in a scene of `dimension` dimensions. It limits the time
+    /// step, so that nothing passes a layer of nodes. The rotation of an unbounded shape is not part of it:
+    /// that counts only where something touches the surface.
     double largest_speed(int dimension) const
     {
         return norm(motion.velocity) + norm(motion.angular_velocity) * detail::reach_of(shape, dimension);
@@ -90,15 +90,16 @@ struct Obstacle
     template <class Number, int d>
     using Earlier = std::conditional_t<is_two_sided<ShapeType>, detail::Pose<Number, d>, detail::NoPose>;
 
-    /// The same without what its shape owns, for a call that begins at a time [s]: a plain value.
+    /// The same as a plain value, without the memory that its shape owns, for a call that begins at `begin`
+    /// [s].
     auto plain(double begin) const
     {
         return Obstacle<detail::Plain<ShapeType>>{detail::plain(shape), contact, motion.from(begin),
                                                   on_particles || is_two_sided<ShapeType>};
     }
 
-    /// The obstacle at the end of the step: contact is solved for the velocities of that time. For a plain
-    /// value.
+    /// The obstacle at the end of the step, since contact is solved for the velocities at that time. Called
+    /// on a plain value.
     template <class Number, int d>
     FIRN_HOST_DEVICE Action<Number, d> over(Interval const& interval) const
     {
@@ -130,7 +131,8 @@ struct Obstacle<ShapeType>::Action
     bool on_particles;
     Earlier<Number, d> earlier; ///< at the beginning of the step
 
-    /// Contact of lanes with velocity v at a place. `rule` is the obstacle's own or, to end a corner, slip.
+    /// Contact of lanes with velocity v at a place. `rule` is the obstacle's own or, in the last passes over
+    /// a corner, slip.
     template <Lane Real>
     FIRN_HOST_DEVICE ContactResult<Real, d> touch(LanePosition<Real, d> const& place,
                                                   Vector<Real, d> const& v, Contact const& rule) const
@@ -155,9 +157,9 @@ struct Obstacle<ShapeType>::Action
             touched.normal = touched.normal *
                              select(dot<Real, d>(v - surface, touched.normal) > Real(0), Real(-1), Real(1));
         Vector<Real, d> after = rule.after<Real, d>(v - surface, touched.normal);
-        // Only what has got in reaches nodes deeper than the kernel: nothing slides there. Behind an edge
-        // they belong to one face or the other, and would let what is driven at one slide by along the other:
-        // all the way in, in zigzags.
+        // Only material inside the obstacle reaches nodes deeper than the kernel, and nothing slides there.
+        // Behind an edge such nodes belong to one face or the other: material driven against one face would
+        // slide along the other, and zigzag all the way in.
         Mask<Real> const deep = -sample.distance > Real(Number(place.kernel_reach * place.lattice.cell_size));
         if (any(deep)) {
             Vector<Real, d> const leaving = touched.normal * dot<Real, d>(after, touched.normal);
@@ -171,10 +173,9 @@ struct Obstacle<ShapeType>::Action
     }
 
     /// Contact of lanes of particles with velocity v, at a place to which they travelled [m] since the step
-    /// began: a solid pushes out what is inside it, a shell keeps each on the side of it where it was.
+    /// began: a solid pushes out particles inside it, a shell keeps each particle on its side.
     ///
-    /// The side is that of the shell at the beginning of the step, so nothing is lost to a shell that moves
-    /// across particles.
+    /// The side is the one at the beginning of the step, so a shell that moves across particles loses none.
     template <Lane Real>
     FIRN_HOST_DEVICE ContactResult<Real, d> hold(LanePosition<Real, d> const& place,
                                                  Vector<Real, d> const& travelled, Vector<Real, d> const& v,
@@ -202,7 +203,7 @@ struct Obstacle<ShapeType>::Action
         }
     }
 
-    /// How deep [m] lanes of particles are inside then, or below the surface that a shell has on their side.
+    /// How deep [m] lanes of particles are inside a solid, or below the surface of a shell on their side.
     template <Lane Real>
     FIRN_HOST_DEVICE Real overlap(LanePosition<Real, d> const& place, Vector<Real, d> const& travelled) const
     {
@@ -214,7 +215,7 @@ struct Obstacle<ShapeType>::Action
                         .distance;
     }
 
-    /// An overlap [m] beyond which particles are lost: they are through a shell.
+    /// An overlap [m] beyond which particles are lost: they are past the middle of a shell.
     template <class Same>
     FIRN_HOST_DEVICE Same lost_beyond(Lattice const&) const
     {
@@ -225,7 +226,7 @@ struct Obstacle<ShapeType>::Action
             return std::numeric_limits<Number>::max();
     }
 
-    /// The way [m] that lanes of particles would have gone since the step began, had they gone along with it.
+    /// The displacement [m] since the step began of lanes of particles that move with the obstacle.
     template <Lane Real>
     FIRN_HOST_DEVICE Vector<Real, d> carried(LanePosition<Real, d> const& place,
                                              Vector<Real, d> const& travelled, Real dt) const
@@ -251,7 +252,7 @@ private:
         return transpose_product<Real, d>(matrix_of<Real, d>(earlier.rotation), from);
     }
 
-    /// Distance from the surface that a shell has on the side of `start`, and the normal towards that side.
+    /// Distance from the surface of a shell on the side of `start`, and the normal towards that side.
     template <Lane Real>
     FIRN_HOST_DEVICE SurfaceSample<Real, d> from_side(Vector<Real, d> const& arm,
                                                       Vector<Real, d> const& start) const requires keeps_sides

@@ -11,23 +11,25 @@
 namespace firn
 {
 
-/// Contact of lanes of particles with the obstacles that act on them, and with reflecting walls then, after
-/// the grid has moved them.
+/// Contact of lanes of particles, after the grid has moved them, with the obstacles that act on particles; if
+/// there are any, reflecting walls take part.
 ///
-/// One after the other takes the velocity into it, and back the way that led into it, and moves what is still
-/// inside out: solids first, then shells, by at most a quarter of a cell in a step (who is deep inside comes
-/// out over several), then walls. The way is that by which the particle moved: one that keeps a velocity of
-/// its own may fly at an obstacle while the grid, which it moves with, was stopped by it already. In a corner
-/// one pushes into the other. So it begins anew until none of them moves anything (projections onto
-/// convex sets in turn, von Neumann 1950, *Functional operators* II, chapter 13: where two planes meet at an
-/// angle theta what remains falls by cos² theta each time); without friction, which has acted once. What then
-/// still is where it must not be stays where it was at the beginning of the step, or goes along with one of
-/// the obstacles, whichever is least inside any of them.
+/// Solids act first, then shells, then walls. Each of them corrects the velocity into it, takes back the
+/// motion into it, and pushes out what is still inside. Solids and shells push by at most a quarter of a cell
+/// in a step, so a particle deep inside comes out over several. The motion is the one that moved the
+/// particle: a particle with a velocity of its own may fly at an obstacle that has already stopped the grid's
+/// motion.
+///
+/// In a corner one obstacle pushes into the other, so all of them act again until nothing moves: projections
+/// onto convex sets in turn (von Neumann 1950, *Functional operators* II, chapter 13: where two planes meet
+/// at an angle theta, what remains falls by cos² theta each time). Friction acts in the first pass alone. A
+/// particle that is still inside after the last pass stays where it was at the beginning of the step, or goes
+/// along with one of the obstacles, whichever leaves it least deep.
 template <Lane Real, int d, class Effects>
 struct ParticleContact
 {
     static constexpr int obstacles = Effects::obstacles;
-    static constexpr int passes = 8; ///< leaves nothing in a corner of 75 degrees, a fifth of it in one of 30
+    static constexpr int passes = 8; ///< leave nothing in a corner of 75 degrees, a fifth of it in one of 30
 
     Effects const& chain;
     LanePosition<Real, d> const& place;
@@ -38,17 +40,17 @@ struct ParticleContact
     Reactions<obstacles>& reactions;
 
     Vector<Real, d> displacement = zeros<Vector<Real, d>>(); ///< from the place [m]
-    /// By which they move in this step [m/s]: the grid's, unless the transfer has one of its own.
+    /// Velocity of the motion in this step [m/s]: the grid's, unless the transfer has one of its own.
     Vector<Real, d> motion = moved * (Real(1) / dt);
-    bool may_fail = false; ///< whether to go through the obstacles once may not be enough
+    bool may_fail = false; ///< whether one pass over the obstacles may not be enough
     std::array<Real, std::size_t(obstacles)> spared =
-        no_depths();       ///< which each of them leaves inside in this step [m]
-    Real last{Number(-1)}; ///< which of them has touched it last
+        no_depths();       ///< depth that each obstacle may leave in this step [m]
+    Real last{Number(-1)}; ///< the obstacle of the last contact
 
     /// Corrects the velocity, and returns the displacement [m] that goes with it.
     FIRN_HOST_DEVICE Vector<Real, d> solve()
     {
-        // A single solid is as good as its distance. Who does not act on particles does not count.
+        // One pass is enough for a single solid. Only obstacles that act on particles count.
         int acting = 0;
         for_each([&](auto const&, int) { ++acting; });
         may_fail = acting > 1 || Effects::shells > 0;
@@ -72,7 +74,8 @@ private:
     }
 
     FIRN_HOST_DEVICE Number in_metres(double cells) const { return Number(cells * place.lattice.cell_size); }
-    /// What counts as outside: single precision tells no less, a few cells from the reference.
+    /// An overlap [m] that counts as outside: single precision resolves no less a few cells from the
+    /// reference.
     FIRN_HOST_DEVICE Real tolerance() const { return Real(in_metres(1e-5)); }
 
     /// The place after a displacement [m].
@@ -83,7 +86,7 @@ private:
         return there;
     }
 
-    /// Calls `use(action, i)` for those that act on particles, `i` counting all obstacles.
+    /// Calls `use(action, i)` for every action on particles, `i` counting all obstacles.
     template <class Use>
     FIRN_HOST_DEVICE void for_each(Use const& use) const
     {
@@ -98,12 +101,12 @@ private:
         });
     }
 
-    /// Goes through all of them once. True if one moved something, which may now be inside another.
+    /// One pass over all obstacles. True if one moved something, which may now be inside another.
     FIRN_HOST_DEVICE bool pass(bool first)
     {
         Mask<Real> pushed = Real(1) < Real(0);
-        // Later ones have it their way: nothing is to pass a shell, and rounding is what is left before a
-        // wall.
+        // The last to act prevails: nothing may pass a shell, and a wall leaves no more than rounding behind
+        // it.
         for (int turn = 0; turn < 3; ++turn)
             for_each([&](auto const& action, int i) {
                 using Action = std::decay_t<decltype(action)>;
@@ -113,7 +116,8 @@ private:
         return any(pushed);
     }
 
-    /// Takes the velocity into one of them, and what is inside it out. Returns where that moved something.
+    /// Takes away the velocity into one obstacle, and moves out what is inside it. Returns the lanes that it
+    /// moved.
     template <class Action>
     FIRN_HOST_DEVICE Mask<Real> push(Action const& action, int i, bool first)
     {
@@ -138,8 +142,8 @@ private:
             for (int a = 0; a < d; ++a) motion[a] = select(touched.inside, left[a], motion[a]);
         }
         Real out = touched.depth - spare;
-        // What the motion no longer does needs no push, unless no other acts on particles: where a distance
-        // is an estimate, too far out is better.
+        // The corrected motion already moves particles by `shift`, so they need less of a push. A single
+        // solid pushes by all of the depth, since its distance may be an estimate, and too far out is better.
         if (may_fail) out = max(out - dot<Real, d>(shift, touched.normal), Real(0));
         for (int a = 0; a < d; ++a)
             shift[a] = select(touched.inside, shift[a] + touched.normal[a] * out, Real(0));
@@ -149,8 +153,8 @@ private:
         return dot<Real, d>(shift, shift) > tolerance() * tolerance();
     }
 
-    /// How bad it would be to have gone a way [m] from the place: the depths inside all of them [m], and far
-    /// more where one would have lost it.
+    /// The cost of a displacement [m] from the place: the sum of the depths inside all obstacles [m], and far
+    /// more where one of them would lose the particle.
     FIRN_HOST_DEVICE Real depths(Vector<Real, d> const& way) const
     {
         Real sum(0);
@@ -163,14 +167,14 @@ private:
         return sum;
     }
 
-    /// The last resort: see above.
+    /// The last resort after all passes: see ParticleContact.
     FIRN_HOST_DEVICE void settle()
     {
         Real least = depths(displacement);
         Mask<Real> const stuck = here & (least > tolerance() * Real(2));
         if (!any(stuck)) return;
         Mask<Real> settled = Real(1) < Real(0);
-        for (int with = -1; with < obstacles; ++with) { // none of them: stays where it was
+        for (int with = -1; with < obstacles; ++with) { // -1: back to where it was
             Vector<Real, d> way = -moved;
             for_each([&](auto const& action, int i) {
                 if (i == with) way += action.carried(place, moved, dt);

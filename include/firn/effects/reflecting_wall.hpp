@@ -12,20 +12,20 @@
 namespace firn
 {
 
-/// A smooth wall on a plane of nodes, in which all that is on its side is mirrored: as if the body went on
-/// behind it, moving the other way.
+/// A smooth wall on a plane of nodes that mirrors everything on its side, as if the body continued behind it
+/// and moved the other way.
 ///
-/// Of an Obstacle's nodes those behind the surface are stopped, which leaves an error of the order of h; this
-/// one is of the order of h², like the kernels themselves. The price: it lies on nodes, does not move, and
-/// neither rubs nor lets go. Its reaction is booked as an obstacle's, angular impulse about the world's
-/// origin.
+/// An Obstacle stops the nodes behind its surface, which leaves an error of the order of h; here the error is
+/// of the order of h², like that of the kernels themselves. In return the wall lies on nodes, does not move,
+/// has no friction, and never lets go. Its reaction is reported like an obstacle's, with the angular impulse
+/// about the world's origin.
 ///
-/// All particles are on its side: a call with a wall that has some behind it is refused. Schemes that move
-/// particles with the grid keep them there, and where an obstacle acts on particles, or a shell, so does the
-/// wall: see ParticleContact. Asflip's may swing beyond it by a small part of a cell where nothing does.
+/// All particles must be on its side: a call with particles behind a wall is refused. Schemes that move
+/// particles with the grid keep them there. If an obstacle or a shell acts on particles, so does the wall:
+/// see ParticleContact. Otherwise particles of Asflip may swing beyond it by a small part of a cell.
 struct ReflectingWall
 {
-    int axis = 1; ///< across which it lies: 0, 1 or 2
+    int axis = 1; ///< its normal is along this axis: 0, 1 or 2
     int node = 0; ///< it is at lattice.origin[axis] + node * cell_size
     int side = 1; ///< where the particles are: 1 towards larger coordinates, -1 towards smaller ones
 
@@ -54,8 +54,8 @@ struct ReflectingWall
         static constexpr bool mirrors = true;
         int axis, node, side;
 
-        /// Contact of lanes of particles with velocity v that something has pushed to a place: what is behind
-        /// the wall comes before it.
+        /// Contact of lanes of particles with velocity v, at a place to which an obstacle pushed them: those
+        /// behind the wall come back before it.
         template <Lane Real, int d>
         FIRN_HOST_DEVICE ContactResult<Real, d> hold(LanePosition<Real, d> const& place,
                                                      Vector<Real, d> const&, Vector<Real, d> const& v,
@@ -72,7 +72,7 @@ struct ReflectingWall
             return touched;
         }
 
-        /// How far [m] they are behind it, or too close for what rounding may do next.
+        /// How far [m] lanes of particles are behind the wall, plus a margin for the next rounding.
         template <Lane Real, int d>
         FIRN_HOST_DEVICE Real overlap(LanePosition<Real, d> const& place, Vector<Real, d> const&) const
         {
@@ -107,7 +107,7 @@ struct ReflectingWall
     }
 };
 
-/// Whether a position [m] is behind a wall by more than some cells.
+/// Whether a position [m] is behind a wall by more than `spared` cells.
 struct BehindWall
 {
     int axis, side;
@@ -126,7 +126,7 @@ struct BehindWall
     }
 };
 
-/// Whether it is behind one of some walls.
+/// Whether a position [m] is behind at least one of several walls.
 template <std::size_t walls>
 struct BehindAnyWall
 {

@@ -23,9 +23,9 @@ namespace firn
 ///
 /// Its motion needs no time: without one it holds when each call begins.
 ///
-/// Its momentum and that of the particles then add up to what gravity gave them, to rounding. The body takes
-/// what it received at the end of `dt`: stable while its mass is above that of the material it would sweep
-/// within `dt`. In two dimensions masses are per metre of thickness.
+/// The momenta of the body and of the particles then add up to what gravity added, to rounding. The body
+/// receives the reaction at the end of `dt`, which is stable while its mass is above that of the material
+/// that it would sweep within `dt`. In two dimensions masses are per metre of thickness.
 struct RigidBody
 {
     double mass = 1;                                       ///< [kg]
@@ -48,7 +48,8 @@ struct RigidBody
         auto const is_definite = [](Eigen::Matrix3d const& m) { // by its leading minors
             return m(0, 0) > 0 && m(0, 0) * m(1, 1) - m(1, 0) * m(0, 1) > 0 && m.determinant() > 0;
         };
-        // shares of the trace: squares of a heavy body's, or a light one's, would be beyond all numbers
+        // in shares of the trace, since squares of a heavy body's moments would overflow, and a light one's
+        // underflow
         double const trace = inertia.trace();
         Eigen::Matrix3d const shares = inertia / trace;
         auto const agree = [&](int a, int b) { return std::abs(shares(a, b) - shares(b, a)) <= 1e-12; };
@@ -56,8 +57,8 @@ struct RigidBody
         require(is_finite(mass) && mass > 0 && symmetric && trace > 0 && is_definite(shares),
                 "the mass is not a finite number above 0, or the inertia is not that of a body", "RigidBody",
                 "Pass kg, and a symmetric positive definite matrix in kg m^2.");
-        // The sum of m x x^T, whose trace is half the inertia's, is not negative along any axis; a flat
-        // body's is 0, but for a rounding.
+        // The sum of m x x^T, with half the trace of the inertia, is not negative along any axis. Along the
+        // normal of a flat body it is 0 up to rounding, hence the margin.
         Eigen::Matrix3d spread = Eigen::Matrix3d::Identity();
         spread *= 0.5 + 1e-6;
         spread -= shares;
@@ -77,9 +78,9 @@ struct RigidBody
         return product<double, 3>(R, own_spin);
     }
 
-    /// Moves it by `dt` [s] as the obstacle was moved, and then gives it what it received meanwhile and what
-    /// gravity [m/s^2] did. Throws an Error, and does not move it, unless all are finite, and what becomes of
-    /// it too.
+    /// Moves the body by `dt` [s] as the obstacle was moved, then adds what it received meanwhile and the
+    /// effect of gravity [m/s^2]. Throws an Error, and leaves the body as it was, unless the arguments and
+    /// the result are finite.
     void advance(Reaction const& received, double dt, Eigen::Vector3d const& gravity)
     {
         validate();
@@ -94,7 +95,7 @@ struct RigidBody
         Eigen::Vector3d gained = received.impulse / mass;
         gained += gravity * dt;
         after.motion.velocity += gained;
-        // in the body's frame: of one turned, rounding would hide a moment that is far below the others
+        // in the body's frame, since rounding of a rotated inertia would hide a moment far below the others
         double const trace = inertia.trace(); // see validate()
         Eigen::Matrix3d const R = after.motion.rotation();
         spin /= trace;

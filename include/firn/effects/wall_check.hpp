@@ -19,8 +19,8 @@
 namespace firn::detail
 {
 
-/// Stops with particles behind a wall, of which this is the first; `d` is how many of its coordinates there
-/// are.
+/// Throws an Error about `count` particles behind a wall, of which it names the first; `d` is the number of
+/// its coordinates.
 [[noreturn]] inline void throw_behind_wall(std::uint32_t particle, std::string const& material,
                                            std::size_t count, Eigen::Vector3d const& position, int d,
                                            ReflectingWall const& wall)
@@ -35,15 +35,15 @@ namespace firn::detail
                 "Put all particles on the wall's side before it is passed, or let it face the other way."};
 }
 
-/// The reflecting walls that no particle of a scene is behind.
+/// The reflecting walls that are known to have no particle of a scene behind them.
 class KnownWalls
 {
 public:
-    /// When particles are there that were not.
+    /// To be called when particles were added or restored.
     void forget() { walls_.clear(); }
 
-    /// Refuses those among some effects that have particles of a scene's `sets` behind them, unless it knows
-    /// of all that they have none. `spared` [cells] beyond one is no harm.
+    /// Throws an Error if there are particles of `sets` more than `spared` [cells] behind a wall among the
+    /// effects. Does not search if all of the walls are known.
     template <class Sets, class... Effects>
     void look(Sets const& sets, Lattice const& lattice, double spared, Effects const&... effects)
     {

@@ -20,7 +20,7 @@
 namespace firn
 {
 
-/// The heights of a HeightField where they lie, on a host or on a device: a plain value to hand to a loop.
+/// The heights of a HeightField in the memory of a host or a device: a plain value to pass to a loop.
 template <std::floating_point Real, int d>
 struct HeightFieldView
 {
@@ -62,7 +62,7 @@ struct HeightFieldView
             Real const last = Real(count[std::size_t(i)] - 1);
             Real u = (x[axis(i)] - origin[std::size_t(i)]) / spacing;
             if constexpr (finite_math_only) u = is_number(u) ? u : Real(-1); // comparisons may let NaN pass
-            bool const within = u >= 0 && u <= last; // not so for what is not a number
+            bool const within = u >= 0 && u <= last;                         // false for NaN
             Real const kept = within ? u : (u > last ? last : Real(0));
             int const cell = int(kept) < count[std::size_t(i)] - 2 ? int(kept) : count[std::size_t(i)] - 2;
             spline(kept - Real(cell), weight[i], change[i]);
@@ -97,13 +97,13 @@ struct HeightFieldView
 private:
     FIRN_HOST_DEVICE static constexpr int axis(int i) { return 2 * i; } ///< of the world: x, then z
 
-    /// A sample that exists: the weight of one that does not is 0.
+    /// The nearest index that exists; a sample beyond the border has the weight 0.
     FIRN_HOST_DEVICE int kept_within(int at, int i) const
     {
         return at < 0 ? 0 : (at < count[std::size_t(i)] ? at : count[std::size_t(i)] - 1);
     }
 
-    /// Gives the weight of a sample beyond the border to the two next to it, as if it were in line with them.
+    /// Moves the weight of a sample beyond the border to the two next to it, as if it were in line with them.
     FIRN_HOST_DEVICE void extrapolate(int cell, int i, Real (&w)[4]) const
     {
         if (cell == 0) w[1] += 2 * w[0], w[2] -= w[0], w[0] = 0;
@@ -128,9 +128,9 @@ private:
 /// A terrain: all points below heights [m] given on a regular grid over the ground, y up. A Shape. Cheap to
 /// copy.
 ///
-/// The ground is the x axis in two dimensions, x and z in three. `Real` is a number, not a pack of them.
-/// Being solid all the way down it has no thickness that anything could pass. Features smaller than a cell of
-/// the simulation are not seen by it.
+/// The ground is the x axis in two dimensions, x and z in three. `Real` is a number, not a pack of them. The
+/// terrain is solid all the way down, so nothing can pass through it. Features smaller than a cell of the
+/// simulation have no effect.
 template <std::floating_point Real, int d>
     requires(d == 2 || d == 3)
 class HeightField
@@ -165,7 +165,7 @@ public:
         require(detail::tells_cells_apart<Real, across>(origin, spacing, count),
                 "the terrain lies so far from its frame's origin that its samples are lost to rounding",
                 where, "Give it in coordinates about a point of it, and place it by the obstacle's motion.");
-        // then no height between them, no slope and no square of one overflows
+        // so interpolated heights, slopes and their squares do not overflow
         Real const largest = Real(largest_length) * std::min(spacing, Real(1));
         require(std::ranges::all_of(heights, [&](Real y) { return std::abs(y) <= largest; }),
                 "a height is out of range, or the terrain is too steep to tell up from down", where,
@@ -177,11 +177,11 @@ public:
     /// Signed distance and outward normal at `x` [m]; see HeightFieldView::surface.
     SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const { return view_.surface(x); }
 
-    /// Its heights where they lie; valid while the field or a copy of it lives.
+    /// A view of its heights, valid while the field or a copy of it lives.
     View view() const { return view_; }
     static constexpr bool in_host_memory = true; ///< where a backend for devices cannot reach them
 
-    /// The same with its heights where the backend's loops can reach them.
+    /// The same with its heights in memory that the backend's loops can read.
     template <class Backend>
     SamplesOn<Backend, View> on(Backend const& backend) const
     {

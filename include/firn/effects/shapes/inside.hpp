@@ -9,8 +9,8 @@ namespace firn
 
 /// Tells whether a point [m] is inside a solid: `solver.remove_if(Inside<Box>{.shape = {...}})` is a drain.
 ///
-/// `pose` says where the solid is: its position and orientation. For a device a plain shape, as obstacles
-/// have it.
+/// `pose` says where the solid is: its position and orientation. On a device the shape must be a plain value,
+/// as an obstacle's must.
 template <class ShapeType>
 struct Inside
 {

@@ -16,8 +16,7 @@ namespace firn
 
 namespace detail
 {
-/// Whether single samples on a regular grid can be told apart in its precision, with a sixteenth of their
-/// spacing to spare.
+/// Whether the precision tells the samples of a regular grid apart, down to a sixteenth of their spacing.
 template <std::floating_point Real, int axes, class Origin, class Count>
 bool tells_cells_apart(Origin const& origin, Real spacing, Count const& count)
 {
@@ -31,7 +30,7 @@ bool tells_cells_apart(Origin const& origin, Real spacing, Count const& count)
 }
 } // namespace detail
 
-/// A shape that is given by samples, with them on a backend: a Shape for that backend's loops. Cheap to copy.
+/// A shape given by samples in a backend's memory: a Shape for that backend's loops. Cheap to copy.
 ///
 /// `View` is a plain value with a pointer `values` to the samples.
 template <class Backend, class View>
@@ -49,9 +48,9 @@ public:
         view_.values = values_->data();
     }
 
-    /// Its samples where they lie; valid while the shape or a copy of it lives.
+    /// A view of its samples, valid while the shape or a copy of it lives.
     View view() const { return view_; }
-    /// Of its farthest point from the reference point [m]; a shape without an end has none.
+    /// Distance of its farthest point from the reference point [m]; an unbounded shape has no reach.
     double reach() const requires requires(View const v) { v.reach(); }
     {
         return view_.reach();

@@ -10,10 +10,10 @@
 namespace firn
 {
 
-/// No shape has longer ones [m]: in single precision, too, their squares are finite.
+/// The largest length of a shape [m]: its square is finite in single precision, too.
 inline constexpr double largest_length = 1e15;
 
-/// Where a point stands to a surface.
+/// Where a point is relative to a surface.
 template <class Real, int d>
 struct SurfaceSample
 {
@@ -45,8 +45,8 @@ auto plain(ShapeType const& shape)
 template <class ShapeType>
 using Plain = decltype(plain(std::declval<ShapeType const&>()));
 
-/// How far [m] from the reference point a shape reaches in a scene of so many dimensions; 0 where it has no
-/// end.
+/// How far [m] from the reference point a shape reaches in a scene of `dimension` dimensions; 0 if it is
+/// unbounded.
 template <class ShapeType>
 double reach_of(ShapeType const& shape, int dimension)
 {
@@ -66,7 +66,7 @@ inline constexpr bool is_two_sided = requires
     requires ShapeType::is_two_sided;
 };
 
-/// Whether a shape says that it looks its surface up among samples in memory, which takes a device many
+/// Whether a shape says that it reads its surface from samples in memory, which costs a device many
 /// registers.
 template <class ShapeType>
 inline constexpr bool is_sampled = requires
@@ -74,7 +74,7 @@ inline constexpr bool is_sampled = requires
     requires ShapeType::is_sampled;
 };
 
-/// What a shape answers to lanes of points; one that answers numbers only is asked lane by lane.
+/// The surface of a shape at lanes of points; a shape that accepts numbers only is evaluated lane by lane.
 template <Lane Real, int d, class ShapeType>
 FIRN_HOST_DEVICE SurfaceSample<Real, d> surface_of(ShapeType const& shape, Vector<Real, d> const& x)
 {

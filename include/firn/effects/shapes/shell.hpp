@@ -12,19 +12,20 @@ namespace firn
 /// The surface of a shape as a thin shell, open to both sides: a bowl, a hollow box, a sheet of terrain.
 ///
 /// `thickness` may be far less than a cell. As the shape of an Obstacle it keeps every particle on the side
-/// of the surface where it began the step, however the shell moves; in corners with others too, if they move
-/// alike or form an angle of 30 degrees or more: the tip of a narrower one that closes outruns the step (see
-/// ParticleContact). In single precision, too, however thin; who is in one of some cells when it
-/// is laid over them comes out over several steps.
+/// of the surface where it began the step, however the shell moves and however thin it is, in single
+/// precision, too. That holds in corners with other shells if they move alike or form an angle of 30 degrees
+/// or more; the tip of a narrower corner that closes outruns the step (see ParticleContact). A shell of
+/// several cells that is laid over particles pushes them out over several steps.
 ///
-/// Where it is thinner than a cell the bodies on its two sides still share nodes: it parts them, but lets a
-/// little of a blow through, and what leaves it is held back a little in the layer of nodes that it lies in.
+/// Where it is thinner than a cell, the bodies on its two sides still share nodes. It separates them, but
+/// transmits a little of an impact, and slightly holds back material that leaves the layer of nodes around
+/// it.
 template <class ShapeType>
 struct Shell
 {
     static constexpr bool is_two_sided = true;
 
-    ShapeType shape{};    ///< whose surface runs along the middle of the shell
+    ShapeType shape{};    ///< its surface is the middle of the shell
     double thickness = 0; ///< [m]
 
     void validate() const
@@ -45,7 +46,7 @@ struct Shell
         if constexpr (requires { shape.validate_in_plane(); }) shape.validate_in_plane();
     }
 
-    /// Of its farthest point from the reference point [m]; a shape without an end has none.
+    /// Distance of its farthest point from the reference point [m]; an unbounded shape has no reach.
     double reach(int dimension = 3) const requires requires(ShapeType const s) { s.reach(); }
     {
         return detail::reach_of(shape, dimension) + thickness / 2;

@@ -21,8 +21,7 @@
 namespace firn
 {
 
-/// The values of a SignedDistanceGrid where they lie, on a host or on a device: a plain value to hand to a
-/// loop.
+/// The values of a SignedDistanceGrid in the memory of a host or a device: a plain value to pass to a loop.
 template <std::floating_point Real, int d>
 struct SignedDistanceGridView
 {
@@ -32,9 +31,9 @@ struct SignedDistanceGridView
     Real cell_size;                ///< [m]
     Eigen::Array<int, d, 1> nodes; ///< along each axis
     Real const* values;            ///< distance of each node [m], x fastest
-    double farthest;               ///< point of the solid from the body's reference point, at most [m]
+    double farthest; ///< bound on the distance of the solid's points from the reference point [m]
 
-    double reach() const { return farthest; } ///< of its farthest point from the reference point [m]
+    double reach() const { return farthest; } ///< the same bound [m]
 
     /// Signed distance and outward normal at `x` [m].
     ///
@@ -48,7 +47,7 @@ struct SignedDistanceGridView
         Vector<Real, d> const away = x - nearest;
         Real const squared = away.squaredNorm();
         if (!(squared > 0)) return {here.distance, unit(here.normal)};
-        // A solid that reaches out of the box: all that is known is how far it sticks in at the border.
+        // A solid that reaches out of the box: only its depth at the border is known.
         if (!(here.distance > 0)) return {here.distance + std::sqrt(squared), unit(away)};
         return {std::sqrt(squared + here.distance * here.distance),
                 unit(away + here.distance * unit(here.normal))};
@@ -66,7 +65,7 @@ private:
             Real u = (x[i] - origin[i]) / cell_size;
             if constexpr (finite_math_only) u = is_number(u) ? u : Real(-1); // comparisons may let NaN pass
             bool const inside = u >= 0 && u <= last;
-            u = u > 0 ? (u < last ? u : last) : Real(0); // 0 for what is not a number
+            u = u > 0 ? (u < last ? u : last) : Real(0); // 0 for NaN
             nearest[i] = inside ? x[i] : origin[i] + u * cell_size;
             int const cell = int(u) < nodes[i] - 2 ? int(u) : nodes[i] - 2;
             within[i] = u - Real(cell);
@@ -97,7 +96,7 @@ private:
     FIRN_HOST_DEVICE static Vector<Real, d> unit(Vector<Real, d> const& v)
     {
         Real const length = v.norm();
-        // The gradient of a distance is 1 long; where the sides meet it is the rest of a cancellation.
+        // The gradient of a distance has the length 1; where the sides meet it is the rest of a cancellation.
         if (length > Real(1e-6)) return v / length;
         Vector<Real, d> up = Vector<Real, d>::Zero();
         up[d - 1] = 1;
@@ -149,15 +148,18 @@ public:
     /// Signed distance and outward normal at `x` [m]; see SignedDistanceGridView::surface.
     SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const { return view().surface(x); }
 
-    /// Its values where they lie; valid while the grid or a copy of it lives.
+    /// A view of its values, valid while the grid or a copy of it lives.
     SignedDistanceGridView<Real, d> view() const
     {
         return {origin_, cell_size_, nodes_, values_->data(), farthest_};
     }
-    double reach() const { return farthest_; }   ///< of its farthest point from the reference point [m]
+    double reach() const
+    {
+        return farthest_;
+    } ///< bound on the distance of its points from the reference point [m]
     static constexpr bool in_host_memory = true; ///< where a backend for devices cannot reach them
 
-    /// The same with its values where the backend's loops can reach them: for a backend that runs on a
+    /// The same with its values in memory that the backend's loops can read: for a backend that runs on a
     /// device.
     template <class Backend>
     SignedDistanceGridOn<Backend, Real, d> on(Backend const& backend) const
@@ -167,8 +169,8 @@ public:
     std::vector<Real> const& values() const { return *values_; } ///< [m]
 
 private:
-    /// A diagonal of a cell beyond the farthest node that is not outside, and as far beyond the border as one
-    /// on it is deep.
+    /// A bound on the reach: a diagonal of a cell beyond the farthest node that is not outside. From a node
+    /// on the border the solid may reach as far beyond the grid as the node is deep.
     double farthest_of(std::vector<Real> const& values) const
     {
         double farthest = 0;

@@ -12,7 +12,7 @@ namespace firn
 
 namespace detail
 {
-/// Distance `radius` around the point at `away` = x - centre; the normal at the centre itself is the last
+/// The ball of `radius` around a centre, at `away` = x - centre; the normal at the centre itself is the last
 /// axis.
 template <Lane Real, int d>
 FIRN_HOST_DEVICE SurfaceSample<Real, d> around_point(Vector<Real, d> const& away, ScalarOf<Real> radius)
@@ -40,7 +40,7 @@ struct Sphere
     double radius = 1; ///< [m]
 
     void validate() const { detail::require_length(radius, "Sphere"); }
-    double reach() const { return radius; } ///< of its farthest point from the reference point [m]
+    double reach() const { return radius; } ///< distance of its farthest point from the reference point [m]
 
     template <Lane Real, int d>
     FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const
@@ -65,7 +65,7 @@ struct Capsule
     double reach() const
     {
         return radius + half_length;
-    } ///< of its farthest point from the reference point [m]
+    } ///< distance of its farthest point from the reference point [m]
 
     template <Lane Real, int d>
     FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const
@@ -86,7 +86,7 @@ struct Box
     {
         for (int a = 0; a < 3; ++a) detail::require_length(half_extents[a], "Box");
     }
-    /// Of its farthest point from the reference point [m]; in the plane it has no z.
+    /// Distance of its farthest point from the reference point [m]; in two dimensions z does not count.
     double reach(int dimension = 3) const
     {
         double square = 0;
