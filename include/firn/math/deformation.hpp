@@ -6,7 +6,7 @@
 #include <firn/core/space.hpp>
 #include <firn/math/product.hpp>
 
-// What a deformation F does, from H = F - I: near rest, differences of F from I would be rounding errors.
+// Measures of a deformation F from H = F - I: near rest, differences of F from I would be rounding errors.
 namespace firn
 {
 

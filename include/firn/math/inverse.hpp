@@ -23,7 +23,7 @@ FIRN_HOST_DEVICE inline Matrix<Real, 2> cofactors(Matrix<Real, 2> const& F)
 template <Lane Real>
 FIRN_HOST_DEVICE inline Matrix<Real, 3> cofactors(Matrix<Real, 3> const& F)
 {
-    return make_matrix<Real, 3>([&](int i, int j) { // of rows and columns that follow in turn, without a sign
+    return make_matrix<Real, 3>([&](int i, int j) { // cyclic indices need no sign
         int const i1 = (i + 1) % 3, i2 = (i + 2) % 3, j1 = (j + 1) % 3, j2 = (j + 2) % 3;
         return F(i1, j1) * F(i2, j2) - F(i2, j1) * F(i1, j2);
     });

@@ -33,7 +33,7 @@ FIRN_HOST_DEVICE inline Real largest_eigenvalue(Matrix<Real, 3> const& S)
     Real const J2 = number(0.5) * (x * x + y * y + z * z) + xy + xz + yz;
     Real const J3 = x * (y * z - yz) - y * xz - z * xy + number(2) * S(0, 1) * S(0, 2) * S(1, 2);
     Real const root = sqrt(J2), cube = J2 * root;
-    // of a deviator whose cube has no digits left, or is beyond all numbers, the most that it may be
+    // where the cube of the deviator underflows or overflows, the upper bound
     using Limits = std::numeric_limits<Number>;
     Mask<Real> const told = (cube > number(Limits::min())) & (cube < number(Limits::max()));
     Real const cosine =

@@ -23,10 +23,10 @@ struct LeftStretch
 namespace detail
 {
 
-/// Takes V - I from the principal axes where what two stretches add up to each, with their signs, has a
-/// product of nearly nothing, where it is 2 or 8 at rest: the rotation is open there, or nearly so, and
-/// rounding takes eps times the square of rest's over it of V. Needles and what is nearly a reflection: so
-/// few that looking for their axes does not count.
+/// Takes V - I from the principal axes where the rotation is undetermined, or nearly so. `settled` is the
+/// product of the sums of two stretches each, with their signs: 2 in the plane and 8 in space at rest. Where
+/// it is nearly 0, the closed form has an error of eps V times the square of its value at rest over itself.
+/// That happens to needles and near-reflections: so few that the search for their axes does not count.
 template <Lane Real, int d>
 FIRN_HOST_DEVICE inline void look_for_axes(Matrix<Real, d>& strain, Matrix<Real, d> const& H, Real settled)
 {
@@ -50,20 +50,20 @@ FIRN_HOST_DEVICE inline Matrix<Real, 2> strain_of_stretch(Matrix<Real, 2> const&
     strain(0, 0) += volume_change - strain_trace;
     strain(1, 1) += volume_change - strain_trace;
     strain = strain * (Real(1) / trace);
-    look_for_axes(strain, H, trace); // s_1 + s_2, of 2 at rest
+    look_for_axes(strain, H, trace); // s_1 + s_2, which is 2 at rest
     return strain;
 }
 
 /// tr V - 3 from the invariants of V^2 - I and from J - 1: tr V is the largest root of x^4 - 2 tr(F F^T) x^2
-/// - 8 J x + tr(F F^T)^2 - 4 |cof F|^2, all of whose roots are real: Halley's steps from above go down to it,
-/// each with a third or less of its distance (two roots there) or with its cube.
+/// - 8 J x + tr(F F^T)^2 - 4 |cof F|^2, all roots of which are real. Halley's iteration descends to it from
+/// above: each step leaves a third or less of the distance (at a double root), or its cube.
 template <Lane Real>
 FIRN_HOST_DEVICE inline Real trace_of_strain(Real square_trace, Real square_minors, Real volume_change)
 {
     using Number = ScalarOf<Real>;
     constexpr int steps = 2, most = 8;
     auto const number = [](double x) { return Real(Number(x)); };
-    // the polynomial of e = x - 3: its coefficients vanish at rest as far as they should
+    // the polynomial of e = x - 3: the coefficients that should vanish at rest do
     Real const c0 =
         square_trace * (square_trace - number(20)) - number(4) * square_minors - number(24) * volume_change;
     Real const c1 = number(64) - number(12) * square_trace - number(8) * volume_change;
@@ -73,7 +73,7 @@ FIRN_HOST_DEVICE inline Real trace_of_strain(Real square_trace, Real square_mino
     Real e =
         sqrt(max(number(3) + square_trace + number(2) * sqrt(number(3) * cofactors2), number(0))) - number(3);
     Real last =
-        number(3) + e; // no step is longer than the one before, whatever rounding makes of a double root
+        number(3) + e; // no step is longer than the one before, even where rounding spoils a double root
     auto const step = [&] {
         Real const value = (((e + number(12)) * e + c2) * e + c1) * e + c0;
         Real const slope = ((number(4) * e + number(36)) * e + number(2) * c2) * e + c1;
@@ -88,8 +88,7 @@ FIRN_HOST_DEVICE inline Real trace_of_strain(Real square_trace, Real square_mino
         e -= last;
         last = abs(last);
     }
-    // Lanes that are turned inside out or squeezed to a needle go on alone, so that nothing depends on what
-    // is in the other lanes.
+    // Lanes that are inverted or squeezed to a needle iterate alone, so that no lane depends on the others.
     Number const nearly = std::numeric_limits<Number>::epsilon();
 #pragma GCC unroll 1
     for (int i = steps; i < most; ++i) {
@@ -104,7 +103,7 @@ FIRN_HOST_DEVICE inline Real trace_of_strain(Real square_trace, Real square_mino
 }
 
 /// V - I in space. By Cayley and Hamilton V (V^2 + i_2 I) = i_1 V^2 + i_3 I with the invariants of V; in
-/// terms of V^2 - I, what is left at rest is of the order of the strain.
+/// terms of V^2 - I, what remains near rest is of the order of the strain.
 template <Lane Real>
 FIRN_HOST_DEVICE inline Matrix<Real, 3> strain_of_stretch(Matrix<Real, 3> const& H,
                                                           Matrix<Real, 3> const& square, Real volume_change)
@@ -127,23 +126,23 @@ FIRN_HOST_DEVICE inline Matrix<Real, 3> strain_of_stretch(Matrix<Real, 3> const&
     }
     Matrix<Real, 3> const C = cofactors(sum);
     Real const whole = one / sum.col(0).dot(C.col(0));
-    Matrix<Real, 3> strain; // what commutes has a symmetric product
+    Matrix<Real, 3> strain; // matrices that commute have a symmetric product
     FIRN_UNROLL
     for (int i = 0; i < 3; ++i) FIRN_UNROLL
     for (int j = i; j < 3; ++j) strain(i, j) = strain(j, i) = times.row(i).dot(C.col(j)) * whole;
 
-    // (s_1 + s_2) (s_2 + s_3) (s_3 + s_1), of 8 at rest
+    // (s_1 + s_2) (s_2 + s_3) (s_3 + s_1), which is 8 at rest
     look_for_axes(strain, H, i1 * i2 - i3);
     return strain;
 }
 
 } // namespace detail
 
-/// The left stretch of F = I + H, of which J - 1 is known already.
+/// The left stretch of F = I + H, with its J - 1, which is known already.
 template <Lane Real, int d>
 FIRN_HOST_DEVICE inline LeftStretch<Real, d> left_stretch(Matrix<Real, d> const& H, Real volume_change_of_H)
 {
-    // Far from rest, F is taken in units of its size: the rounding is that of F then, not of I.
+    // Far from rest, F is taken in units of its size, so that rounding is relative to F, not to I.
     Matrix<Real, d> G = deformation_gradient<Real, d>(H);
     Real const size2 = G.squaredNorm() * Real(ScalarOf<Real>(1.0 / d)), one(1);
     Mask<Real> const far = (size2 > Real(2)) | (size2 < Real(ScalarOf<Real>(0.5)));

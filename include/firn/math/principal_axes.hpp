@@ -12,7 +12,8 @@ namespace firn
 /// How F = I + H stretches: F = sum_i (1 + extension_i) u_i v_iᵀ.
 ///
 /// Extensions are exact to rounding of the strain near rest, and to rounding of 1 elsewhere: they never are
-/// differences of stretches near one. In no order; where det F < 0, the smallest stretch counts as negative.
+/// differences of stretches near one. They are not sorted; where det F < 0, the smallest stretch counts as
+/// negative.
 template <class Real, int d>
 struct PrincipalAxes
 {
@@ -57,8 +58,8 @@ struct SomeTurn
     }
 };
 
-/// One step of Jacobi: turns the axes p and q so that S(p, q) vanishes. S = Uᵀ A U is symmetric, and its
-/// upper triangle is kept.
+/// One step of Jacobi: turns the axes p and q so that S(p, q) vanishes. S = Uᵀ A U is symmetric, and only its
+/// upper triangle is stored.
 template <int p, int q, Lane Real, int d, class Who>
 FIRN_HOST_DEVICE inline void turn_axes(Matrix<Real, d>& S, Matrix<Real, d>& U, Who const& who)
 {
@@ -92,7 +93,7 @@ FIRN_HOST_DEVICE inline Matrix<Real, 2> axes_of(Matrix<Real, 2>& S)
 }
 
 /// The axes of a symmetric 3 × 3 matrix, in a few sweeps of Jacobi. Three are enough for nearly all matrices;
-/// lanes for which they are not go on alone, so that nothing depends on what is in the other lanes.
+/// lanes that need more iterate alone, so that no lane depends on the others.
 template <Lane Real>
 FIRN_HOST_DEVICE inline Matrix<Real, 3> axes_of(Matrix<Real, 3>& S)
 {
@@ -135,8 +136,8 @@ FIRN_HOST_DEVICE inline void part_axes(Matrix<Real, d>& G, Matrix<Real, d>& U, W
 /// u_i are the axes of F Fᵀ − I = H + Hᵀ + H Hᵀ, which is exact to rounding of H. The extensions follow from
 /// them with g_i = Fᵀ u_i and h_i = Hᵀ u_i: sigma_i = |g_i| and sigma_i − 1 = (2 u_i·h_i + |h_i|²) / (1 +
 /// sigma_i). Errors of the axes enter by their squares, and a small stretch is not lost, as it would be among
-/// the eigenvalues of F Fᵀ. Where two stretches are small beside the third, their axes are
-/// improved from g_i directly.
+/// the eigenvalues of F Fᵀ. Where two stretches are small beside the third, their axes are improved from g_i
+/// directly.
 ///
 /// There is no scaling: squares of H must be finite. singular_values() is exact at any scale.
 template <Lane Real, int d>
@@ -156,7 +157,7 @@ FIRN_HOST_DEVICE inline PrincipalAxes<Real, d> principal_axes(Matrix<Real, d> co
     if constexpr (d == 3) {
         Vector<Real, d> const square = G.colwise().squaredNorm();
         Real const most = max(max(square[0], square[1]), square[2]);
-        // Two stretches are small beside the third: among its squares, theirs were lost.
+        // Two stretches are small beside the third: their squares were lost beside its square.
         Mask<Real> const flat = square.sum() < most * Real(Number(1 + 1.0 / 128));
         if (any(flat)) {
             detail::SomeTurn<Mask<Real>> const they{flat};

@@ -9,7 +9,7 @@
 #include <cmath>
 #include <concepts>
 
-// Products as functions: of Eigen's own each brings some six types of expressions for every type of numbers
+// Products as functions: each of Eigen's own makes some six types of expressions for every type of numbers
 // (see core/components.hpp).
 namespace firn
 {

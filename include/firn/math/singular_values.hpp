@@ -39,14 +39,14 @@ FIRN_HOST_DEVICE inline Matrix<Real, d> scaled_to_one(Matrix<Real, d> const& F, 
 #pragma GCC unroll 9
     for (int i = 1; i < d * d; ++i) largest = max(largest, abs(F(i % d, i / d)));
     auto const none = largest < Real(Limits::min() * shift);
-    // Adding a number whose last bit is the first bit of `low`, and taking it away, leaves a power of two.
+    // Adding and subtracting a number whose last bit is the first bit of `low` leaves a power of two.
     Real const low = select(none, Real(1), largest * (1 / shift)), high = low * (shift / 2);
     Real const power = (low + high) - high;
     scale = power * shift;
 
     Matrix<Real, d> B = F * select(none, Real(0), Real(1 / shift) / power);
     Real const sum = B.sum();
-    Real const zero = sum - sum; // or NaN
+    Real const zero = sum - sum; // NaN if an entry is not finite
 #pragma GCC unroll 9
     for (int i = 0; i < d * d; ++i) B(i % d, i / d) += zero;
     return B;
@@ -130,7 +130,7 @@ FIRN_HOST_DEVICE inline void put_longer_first(Matrix<Real, d>& B, Matrix<Real, d
     square[q] = select(wrong, s, square[q]);
 }
 
-/// Rotation whose first axis lies along the first column of B, the second in the plane of the first two
+/// Rotation with its first axis along the first column of B, and its second in the plane of the first two
 /// (Gram–Schmidt, twice: the second column may be small and then has lost its direction to rounding).
 template <Lane Real>
 FIRN_HOST_DEVICE inline Matrix<Real, 3> orthonormal_along(Matrix<Real, 3> const& B)

@@ -10,9 +10,9 @@
 
 #include <type_traits>
 
-// Isotropic solids in principal axes: an elastic law says what the principal stresses of its strains are, a
-// plastic flow which part of a trial strain is elastic, and Elastoplastic does what all of them share, with
-// one search for the principal axes a step.
+// Isotropic solids in principal axes: an elastic law gives the principal stresses of its strains, a plastic
+// flow gives the elastic part of a trial strain, and Elastoplastic does what all of them share, with one
+// search for the principal axes per step.
 //
 // An elastic law (elasticity/) is a struct with a `name` and functions of d principal values, in no order. It
 // may have parameters beside the Lamé ones, which it validates and names as a flow does:
@@ -25,24 +25,24 @@
 //
 // - inverted(extension): where there is no stress for such stretches
 //
-// - capped(extension): where the law counts stretches as others than they are; MeasuredByExtension has the
-//   first, the second and this one
+// - capped(extension): where the law clamps stretches; MeasuredByExtension has strains, extensions and this
+// one
 //
 // Extensions rather than stretches: near rest, differences of stretches from one are rounding errors.
 //
-// A plastic flow (plasticity/) is a struct of parameters with its Space, a `name`, what it keeps of a
-// particle (`State`), defaults of density and elasticity, validate(), or validate(Lame) if its bounds depend
-// on the moduli, and
+// A plastic flow (plasticity/) is a struct of parameters with its Space, a `name`, the fields that it stores
+// for a particle (`State`), defaults of density and elasticity, validate(), or validate(Lame) if its bounds
+// depend on the moduli, and
 //
 // - supports<Law>: whether it is stated in the measure of this law
 //
-// - flow(trial, Lame<Real>, state, dt): PlasticFlow; evolves what is kept
+// - flow(trial, Lame<Real>, state, dt): PlasticFlow; updates what is stored
 //
-// - for_each_parameter(use), if it is to be told from one with other parameters: see parameters.hpp
+// - for_each_parameter(use), so that snapshots notice other parameters: see parameters.hpp
 namespace firn
 {
 
-/// What an elastic law answers to principal strains.
+/// The stress of an elastic law for principal strains.
 template <class Real, int d>
 struct PrincipalStress
 {
@@ -50,17 +50,17 @@ struct PrincipalStress
     Real wave_modulus;         ///< rho_0 c^2 of the fastest wave along a principal axis [Pa]
 };
 
-/// What a plastic flow makes of principal trial strains.
+/// The result of a plastic flow for principal trial strains.
 template <class Real, int d>
 struct PlasticFlow
 {
-    Vector<Real, d> strains; ///< what is left of them as elastic strains
+    Vector<Real, d> strains; ///< their elastic part
     Mask<Real> flowed;       ///< they differ from the trial strains
     Real hardening;          ///< factor of the moduli
     Mask<Real> capped;       ///< the state reached a stated cap
 };
 
-/// What laws have in common whose measure is the extension itself.
+/// Members of the laws whose measure is the extension itself.
 struct MeasuredByExtension
 {
     template <Lane Real, int d>
@@ -80,7 +80,7 @@ struct MeasuredByExtension
     }
 };
 
-/// What laws have in common that have no stress for det F <= 0.
+/// Member of the laws that have no stress for det F <= 0.
 struct RefusesInversion
 {
     template <Lane Real, int d>
@@ -121,11 +121,11 @@ constexpr char const* name_of_solid()
 }
 } // namespace detail
 
-/// An isotropic solid of an elastic law and a plastic flow, whose parameters are members of the solid too.
-/// The Lamé ones are those of small strains, whatever the law.
+/// An isotropic solid of an elastic law and a plastic flow; the parameters of both are members of the solid,
+/// too. The Lamé ones are those of small strains, whatever the law.
 ///
-/// Stores F_E - I and what the flow keeps. The principal axes of the trial deformation F_E = sum sigma_i u_i
-/// v_i^T serve the return map (F_E = sum sigma_i' u_i v_i^T) and the stress (tau = sum tau_i u_i u_i^T),
+/// Stores F_E - I and the flow's own fields. The principal axes of the trial deformation F_E = sum sigma_i
+/// u_i v_i^T serve the return map (F_E = sum sigma_i' u_i v_i^T) and the stress (tau = sum tau_i u_i u_i^T),
 /// since an isotropic law has its axes in common with F_E F_E^T.
 template <class LawType, class FlowType>
 struct Elastoplastic : FlowType, LawType
@@ -140,7 +140,7 @@ struct Elastoplastic : FlowType, LawType
     static_assert(Flow::template supports<Law>, "this plastic flow is stated in the strains of another law");
 
     Number density = Flow::default_density;             ///< [kg/m^3]
-    Lame<Number> elasticity = Flow::usual_elasticity(); ///< of the state that has not hardened [Pa]
+    Lame<Number> elasticity = Flow::usual_elasticity(); ///< before any hardening [Pa]
 
     void for_each_parameter(auto const& use) const
     {
@@ -182,15 +182,15 @@ struct Elastoplastic : FlowType, LawType
             mu = mu * plastic.hardening;
             lambda = lambda * plastic.hardening;
             response.capped = response.capped | plastic.capped;
-            // F changes by what flowed alone, along each axis by (sigma' - sigma) u v^T: rebuilt from its
-            // axes it would take on their rounding errors with every step.
+            // F changes by the plastic flow alone, along each axis by (sigma' - sigma) u v^T: if it were
+            // rebuilt from its axes, their rounding errors would add up over the steps.
             H = trial;
             Vector<Real, d> const left = law.template extensions<Real, d>(strains);
             FIRN_UNROLL
             for (int i = 0; i < d; ++i) {
                 Real const sigma = Real(1) + axes.extension[i];
                 Mask<Real> const flowed =
-                    plastic.flowed & !exactly_equal(sigma, Real(0)); // no axis, where sigma is 0
+                    plastic.flowed & !exactly_equal(sigma, Real(0)); // where sigma is 0 there is no axis
                 Real const change = (left[i] - axes.extension[i]) / select(flowed, sigma, Real(1));
                 H += axes.U.col(i) * (axes.stretched.col(i) * select(flowed, change, Real(0))).transpose();
             }

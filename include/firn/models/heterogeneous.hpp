@@ -13,10 +13,10 @@ namespace firn
 /// A solid whose particles are stiffer or softer than one another: each has its own factor of the Lamé
 /// moduli, 1 unless told otherwise by `solver.upload<Stiffness>(factors)`.
 ///
-/// An isotropic law is linear in its moduli, so that stress and rho_0 c^2 are those of the model times the
-/// factor. What is stated in strains stays as it is: snow's critical stretches, the cone of sand. What is
-/// stated in stress, such as a yield strength or sand's cohesion, grows with the moduli, so that strains at
-/// yield stay, too.
+/// An isotropic law is linear in its moduli, so stress and rho_0 c^2 are those of the model times the factor.
+/// What is stated in strains stays as it is: snow's critical stretches, the cone of sand. What is stated in
+/// stress, such as a yield strength or sand's cohesion, grows with the moduli, so the strains at yield stay,
+/// too.
 template <class ModelType>
 struct Heterogeneous : ModelType
 {
@@ -25,7 +25,7 @@ struct Heterogeneous : ModelType
     using State = Join<typename Model::State, Fields<Stiffness>>;
     static_assert(!Viscous<Model>, "viscous stress is not proportional to the moduli");
 
-    /// What is wrong with a state from outside: what the model says, or that it is too stiff for numbers.
+    /// What is wrong with an uploaded or restored state: what the model says, or a modulus that overflows.
     template <class Particle>
     std::string objection(Particle const& state) const
     {

@@ -20,8 +20,8 @@ struct Lame
     constexpr Number p_wave_modulus() const { return lambda + 2 * mu; }
 
     /// (2 mu + d lambda) / (lambda + 2 mu): the modulus of a uniform expansion in d dimensions over that of
-    /// the wave; where lambda < 0 that of shear, 2 mu / (lambda + 2 mu), which is then more. It goes into the
-    /// time step at which a particle with no neighbours is stable.
+    /// the wave. Where lambda < 0, the ratio of shear, 2 mu / (lambda + 2 mu), is larger and is returned. It
+    /// enters the time step at which a particle without neighbours is stable.
     constexpr double expansion_ratio(int d) const
     {
         Number const spread = lambda > 0 ? Number(d) * lambda : Number(0);
@@ -58,8 +58,8 @@ Lame<Number> lame(double young_modulus, double poisson_ratio)
     return {static_cast<Number>(mu), static_cast<Number>(lambda)};
 }
 
-/// Throws an Error unless the density [kg/m^3] is a finite number above 0 that single precision has all
-/// digits of.
+/// Throws an Error unless the density [kg/m^3] is finite, and at least the smallest normal number of single
+/// precision.
 inline void require_density(double density, char const* where)
 {
     require(is_finite(density) && density >= double(std::numeric_limits<float>::min()),

@@ -27,7 +27,8 @@ Number bulk_modulus_for(double fastest, double density, char const* where)
 } // namespace firn::detail
 
 /// Named parameter sets in SI units. Each value has its source, or is said to be our choice, with the reason.
-/// Moduli of what is stiff in nature are often lowered, since they bound an explicit step: each says so.
+/// Moduli of materials that are stiff in nature are often lowered, since they bound an explicit step; each
+/// set says so.
 namespace firn::materials
 {
 
@@ -40,9 +41,9 @@ Snow<Space> fresh_snow()
 }
 
 /// Powder: snow that breaks sooner, theta_c = 1.9e-2 and theta_s = 5e-3 (the smaller ones of Stomakhin et al.
-/// 2013, who take such for dry and powdery snow), 200 kg/m^3 (settled snow has 200 to 300: Paterson 1994,
-/// *The Physics of Glaciers*, table 2.1). E = 4.8e4 Pa and xi = 5 are the lowest that they show; that powder
-/// has them is our choice, since so light a snow is soft and takes longer to pack.
+/// 2013, used there for dry and powdery snow), 200 kg/m^3 (settled snow has 200 to 300: Paterson 1994, *The
+/// Physics of Glaciers*, table 2.1). E = 4.8e4 Pa and xi = 5 are the lowest values shown there; using them
+/// for powder is our choice, since so light a snow is soft and takes longer to pack.
 template <class Space>
 Snow<Space> powder()
 {
@@ -163,11 +164,11 @@ HardeningVonMises<Space> steel()
     return model;
 }
 
-/// Shaving foam: our choice after what others quote from Yue et al. 2015 (ACM Trans. Graph. 34, 160), whose
-/// table was not at hand: 77.7 kg/m^3 (water with 92 % of gas, as shaving foams have), shear modulus 290 Pa,
-/// yield stress 31.9 Pa (so it yields at a shear of 6 %), consistency 27.2 Pa s^0.22, power 0.22. Bulk
-/// modulus 2.9e4 Pa, a hundred times that of shear, so that it keeps its volume: lowered from 1.09e5 Pa for
-/// longer steps.
+/// Shaving foam: our choice, after what others quote from Yue et al. 2015 (ACM Trans. Graph. 34, 160); the
+/// table of that paper was not at hand. 77.7 kg/m^3 (water with 92 % of gas, as shaving foams have), shear
+/// modulus 290 Pa, yield stress 31.9 Pa (so it yields at a shear of 6 %), consistency 27.2 Pa s^0.22, power
+/// 0.22. Bulk modulus 2.9e4 Pa, a hundred times that of shear, so that it keeps its volume: lowered from
+/// 1.09e5 Pa for longer steps.
 template <class Space>
 HerschelBulkley<Space> foam()
 {

@@ -10,7 +10,7 @@
 namespace firn
 {
 
-/// What a material answers to a step of deformation.
+/// A material's response to a step of deformation.
 template <class Real, int d>
 struct Response
 {
@@ -28,9 +28,9 @@ concept Viscous = requires
     requires Model::is_viscous;
 };
 
-/// A material that cannot go on from every state with values in their ranges: asked what is wrong with one
-/// that is uploaded or restored, it answers, or says nothing. (One that is turned inside out where that has
-/// no stress is refused by the next step: see Response::inverted.)
+/// A material that cannot go on from every state with values in their ranges. `objection` says what is wrong
+/// with an uploaded or restored state, or nothing. A state with det F <= 0 for which the material has no
+/// stress is refused by the next step: see Response::inverted.
 template <class Model, class Particle>
 concept ObjectsToStates = requires(Model const model, Particle const state)
 {
@@ -69,9 +69,9 @@ FIRN_HOST_DEVICE inline Vector<Real, d> squares_less_one(Vector<Real, d> const& 
     return squares;
 }
 
-/// ln(1 + x) to 2 ulp, for small x too: with u what 1 + x is rounded to, ln u and what the rounding took away
-/// over u. That is below half a unit of u, so 1/u need only be near where ln u is small, and 1 - x for it
-/// costs no quotient.
+/// ln(1 + x) to 2 ulp, for small x too: with u the rounded 1 + x, it is ln u plus the rounded-off part over
+/// u. That part is below half a unit of u, so 1/u need only be accurate where ln u is small; there 1 - x
+/// stands for it and saves a division.
 template <Lane Real>
 FIRN_HOST_DEVICE inline Real log_one_plus(Real x)
 {

@@ -15,7 +15,7 @@ namespace firn
 ///   Solver<OpenMP, Materials<Snow<Space>, Sand<Space>>> solver(lattice, {fresh_snow, dry_sand});
 ///   solver.template add<Sand<Space>>(points, volume, velocity);
 ///
-/// Where a call asks for one of them it is named by its type or, as a type may occur more than once, by its
+/// A call that concerns one of them names it by its type or, as a type may occur more than once, by its
 /// place: `Material<0>`.
 template <class First, class... Rest>
 struct Materials
@@ -60,7 +60,7 @@ struct MaterialsOf<Materials<Models...>>
     using Type = Materials<Models...>;
 };
 
-/// The place of the one that is asked for; as many as there are for all of several.
+/// The place of a material in the list; for EveryMaterial the number of materials, or 0 if there is one.
 template <class Which, class List>
 struct PlaceOf;
 

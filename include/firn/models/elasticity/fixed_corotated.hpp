@@ -39,9 +39,9 @@ struct FixedCorotatedLaw : MeasuredByExtension
         return found;
     }
 
-    /// That of the longest stretch, less one. The shear values 2 mu sigma_1^2 (1 - 1/(sigma_1 + sigma_j)) are
-    /// at most mu sigma_1 (2 sigma_1 - 1): below the longitudinal one, unless nu < 0. In compression sigma_1
-    /// may be below 1, but not the modulus below that at rest.
+    /// The wave modulus from the longest stretch less one. The shear values 2 mu sigma_1^2 (1 - 1/(sigma_1 +
+    /// sigma_j)) are at most mu sigma_1 (2 sigma_1 - 1): below the longitudinal one, unless nu < 0. In
+    /// compression sigma_1 may be below 1, but the modulus is not below the one at rest.
     template <Lane Real>
     FIRN_HOST_DEVICE static Real wave_modulus(Real longest, Real J, Real mu, Real lambda)
     {
@@ -52,11 +52,11 @@ struct FixedCorotatedLaw : MeasuredByExtension
 };
 
 /// Fixed corotated solid: Psi = mu |F - R|^2 + lambda/2 (J - 1)^2 with the rotation R of the polar
-/// decomposition (Stomakhin et al. 2012, eq. 6). Finite under inversion, from which a particle does not come
-/// back, though: a step that is safe keeps the sign of det F. Soft towards J = 0.
+/// decomposition (Stomakhin et al. 2012, eq. 6). Finite under inversion, but an inverted particle does not
+/// come back: a safe step keeps the sign of det F. Soft towards J = 0.
 ///
-/// tau = 2 mu (V^2 - V) + lambda (J - 1) J I with the left stretch V: no principal axes are looked for, but
-/// of needles and near-reflections.
+/// tau = 2 mu (V^2 - V) + lambda (J - 1) J I with the left stretch V: principal axes are needed only for
+/// needles and near-reflections.
 template <class SpaceType>
 struct FixedCorotated
 {
@@ -91,7 +91,7 @@ struct FixedCorotated
         response.kirchhoff_stress = (V.square - V.strain) * (Real(2) * mu);
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) response.kirchhoff_stress(i, i) += lambda * volume * J;
-        // of V^2, in which no rotation is open
+        // from V^2, which is well defined even where the rotation is not
         Real const square = largest_eigenvalue<Real>(V.square);
         Real const longest = square / (Real(1) + sqrt(max(Real(1) + square, Real(0))));
         response.wave_modulus = FixedCorotatedLaw::wave_modulus<Real>(longest, J, mu, lambda);

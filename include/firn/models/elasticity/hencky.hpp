@@ -11,7 +11,8 @@ namespace firn
 struct HenckyLaw : RefusesInversion
 {
     static constexpr auto name = "hencky";
-    /// Stretches below count as this one, and the particle as capped: there is no logarithm at 0.
+    /// Smaller stretches are clamped to this one, and the particle counts as capped: there is no logarithm at
+    /// 0.
     static constexpr double smallest_stretch = 1e-4;
 
     template <Lane Real, int d>
@@ -68,8 +69,8 @@ struct HenckyLaw : RefusesInversion
     }
 };
 
-/// St. Venant–Kirchhoff–Hencky solid: linear in the logarithms of the stretches, for strains that are large
-/// in compression; under tension it softens, and beyond a stretch of about e loses its stability.
+/// St. Venant–Kirchhoff–Hencky solid: linear in the logarithms of the stretches, for large strains in
+/// compression; under tension it softens, and beyond a stretch of about e loses its stability.
 template <class Space>
 using Hencky = Elastoplastic<HenckyLaw, NoFlow<Space>>;
 

@@ -7,7 +7,7 @@
 namespace firn
 {
 
-/// det^(1/d) of a volume ratio J > 0, and its inverse power: what scales shape and volume apart.
+/// J^(1/d) of a volume ratio J > 0, by which F splits into volume and shape.
 template <int d, Lane Real>
 FIRN_HOST_DEVICE inline Real root_of_volume(Real J)
 {
@@ -23,8 +23,8 @@ struct SplitNeoHookeanLaw : MeasuredByExtension, RefusesInversion
 {
     static constexpr auto name = "split_neo_hookean";
 
-    /// tau_i = mu J^(-2/d) (sigma_i^2 - |F|^2 / d) + kappa/2 (J^2 - 1), with sigma_i^2 - 1 instead of the
-    /// squares: the shift is none to a deviator.
+    /// tau_i = mu J^(-2/d) (sigma_i^2 - |F|^2 / d) + kappa/2 (J^2 - 1), computed with sigma_i^2 - 1 instead
+    /// of the squares, which leaves the deviator as it is.
     template <Lane Real, int d>
     FIRN_HOST_DEVICE static PrincipalStress<Real, d> stress(Vector<Real, d> const& extension, Real mu,
                                                             Real lambda)
@@ -66,10 +66,10 @@ struct SplitNeoHookeanLaw : MeasuredByExtension, RefusesInversion
     }
 };
 
-/// Neo-Hookean solid whose shape and volume do not couple: for what is nearly incompressible, and below the
-/// models of soils and yield-stress fluids. An inverted particle is an error.
+/// Neo-Hookean solid in which shape and volume do not couple: for nearly incompressible solids, and as the
+/// elasticity of soils and yield-stress fluids. An inverted particle is an error.
 ///
-/// tau = mu J^(-2/d) dev(F F^T) + kappa/2 (J^2 - 1) I: no principal axes are looked for.
+/// tau = mu J^(-2/d) dev(F F^T) + kappa/2 (J^2 - 1) I: no principal axes are needed.
 template <class SpaceType>
 struct SplitNeoHookean
 {
@@ -109,7 +109,7 @@ struct SplitNeoHookean
         response.kirchhoff_stress = square * shear;
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) response.kirchhoff_stress(i, i) += pressure - shear * mean;
-        Matrix<Real, d> const turned = -square; // whose largest eigenvalue is the smallest
+        Matrix<Real, d> const turned = -square; // its largest eigenvalue is minus the smallest of `square`
         response.wave_modulus = SplitNeoHookeanLaw::wave_modulus<d>(-largest_eigenvalue<Real>(turned),
                                                                     largest_eigenvalue<Real>(square), mean,
                                                                     shear, pressure, mu, lambda);

@@ -16,13 +16,13 @@ namespace firn
 /// Tampubolon et al. 2017, section 4.2.2) and Newton's viscosity, tau = -p J I + eta J (L + L^T - (2/d) tr L
 /// I).
 ///
-/// Stores ln J alone, which grows by dt tr L: J is never below 0, and needs no deformation gradient, which a
-/// flow shears without end. Choose K = density (10 v)^2 for a fastest flow of v [m/s]: it is then compressed
-/// by a hundredth.
+/// Stores ln J alone, which grows by dt tr L, so J stays above 0. There is no deformation gradient, which a
+/// flow would shear without end. Choose K = density (10 v)^2 for a fastest flow of v [m/s]: it is then
+/// compressed by a hundredth.
 ///
-/// Viscous stress is that of the step before, for the length that the step was planned with. (A particle that
-/// gives to the grid afresh, after add or upload, knows its L from the affine matrix of APIC, MLS and their
-/// like; with other transfers it is without viscosity in that step.)
+/// Viscous stress is that of the step before, and acts for the length that the step was planned with. A
+/// particle that scatters anew, after add or upload, takes its L from the affine matrix of APIC, MLS and
+/// their like; with other transfers it has no viscous stress in that step.
 template <class SpaceType>
 struct Fluid
 {
@@ -35,13 +35,13 @@ struct Fluid
     Number bulk_modulus = 2e5; ///< K [Pa], far below that of water: it bounds the time step
     Number exponent = 7;       ///< gamma
     Number viscosity = 0;      ///< eta [Pa s]
-    /// Whether it bears no tension: J is then at most 1, and splashes part. (In a flow that is stretched and
-    /// pressed again this forgets volume.)
+    /// Whether it bears no tension: J is then at most 1, and splashes part. A flow that is stretched and then
+    /// compressed loses volume by it.
     bool parts = true;
-    /// What does not part bears Tait's tension, below K / gamma, up to this J; there it stays, and counts as
-    /// capped. No liquid gets near it: water cavitates at 26 MPa, a hundredth of its volume (Herbert, Balibar
-    /// and Caupin 2006, Phys. Rev. E 74, 041603). Our choice: tension times J is then at most K, which bounds
-    /// the time step.
+    /// A fluid that does not part bears Tait's tension, below K / gamma, up to this J. Beyond it J is
+    /// clamped, and the particle counts as capped. No liquid gets near it: water cavitates at 26 MPa, a
+    /// hundredth of its volume (Herbert, Balibar and Caupin 2006, Phys. Rev. E 74, 041603). Our choice:
+    /// tension times J is then at most K, which bounds the time step.
     static constexpr double largest_volume_ratio = 2;
 
     void for_each_parameter(auto const& use) const
@@ -58,15 +58,15 @@ struct Fluid
         require(bulk_modulus > 0 && is_finite(bulk_modulus),
                 "the bulk modulus is not a finite number above 0", name,
                 "Pass Pa: density times the square of ten times the fastest flow.");
-        // at 1000 what is compressed by a hundredth is 20 000 times as stiff
+        // at 1000 a compression by a hundredth makes it 20 000 times as stiff
         require(is_between(1, exponent, 1000), "the exponent is outside [1, 1000]", name,
                 "Pass gamma, e.g. 7 for water.");
         require(viscosity >= 0 && is_finite(viscosity), "the viscosity is not a finite number, 0 or above",
                 name, "Pass Pa s, e.g. 1e-3 for water.");
     }
 
-    /// What is wrong with a state from outside: that it bears a tension that this fluid does not, or that
-    /// pressure or modulus are beyond all numbers.
+    /// What is wrong with an uploaded or restored state: a tension that this fluid does not bear, or a
+    /// pressure or modulus that overflows.
     template <class Particle>
     std::string objection(Particle const& state) const
     {
@@ -77,7 +77,7 @@ struct Fluid
         // half of the range is left to the bulk modulus
         double const most = 0.5 * std::log(double(std::numeric_limits<Number>::max()));
         if (!(-log_J * double(exponent) <= most)) return said("gives the fluid a pressure without bounds");
-        double const rounding = 1e-6; // in what computed a state without pressure
+        double const rounding = 1e-6; // tolerated in a state that was computed to have no pressure
         if (log_J <= largest_log_volume_ratio() + rounding) return {};
         return said(parts ? "is above 1: this fluid parts instead" : "is beyond that of any fluid");
     }

@@ -12,11 +12,11 @@
 namespace firn
 {
 
-/// M of the ellipse for an angle of internal friction phi [rad] at the critical state, for what bears no
-/// tension. In space 6 sin phi / (3 - sin phi): triaxial compression flows as Mohr–Coulomb does (Wood 1990,
-/// *Soil Behaviour and Critical State Soil Mechanics*, section 7.2). In the plane q is the difference of two
-/// principal stresses and p their mean: 2 sin phi, which is Mohr–Coulomb itself. The angle is that of the
-/// strength: flow in shear keeps the volume, so that in the plane a band of it bears sin phi, see
+/// M of the ellipse for an angle of internal friction phi [rad] at the critical state, for material that
+/// bears no tension. In space 6 sin phi / (3 - sin phi): triaxial compression flows as Mohr–Coulomb does
+/// (Wood 1990, *Soil Behaviour and Critical State Soil Mechanics*, section 7.2). In the plane q is the
+/// difference of two principal stresses and p their mean: 2 sin phi, which is Mohr–Coulomb itself. The angle
+/// is that of the strength: flow in shear keeps the volume, so a shear band in the plane bears sin phi, see
 /// friction_cone.
 inline double critical_slope(int d, double friction_angle)
 {
@@ -32,12 +32,12 @@ inline double critical_slope(int d, double friction_angle)
 /// crumbles. The stress stays within the ellipse y = (1 + 2 beta) q^2 + M^2 (p + beta p0)(p - p0) <= 0 of
 /// pressure p and shear q, which grows where material is compacted and shrinks where it opens.
 ///
-/// Keeps what flow has opened since the start, a logarithm of volume: alpha = start + that, p0 = kappa (1e-5
-/// + sinh(xi max(-alpha, 0))). Flow in shear keeps the volume to rounding (see relaxed_extensions).
+/// Stores the logarithm of the volume that flow has opened since the start: alpha = start + that, p0 = kappa
+/// (1e-5 + sinh(xi max(-alpha, 0))). Flow in shear keeps the volume to rounding (see relaxed_extensions).
 ///
 /// The elastic pressure is below kappa / 2 whatever the compression, so p0 stops there: alpha goes no lower
-/// than -0.481 / xi, and a particle that would counts as capped. (An ellipse whose middle no pressure reaches
-/// would lose all of its compaction with the first flow in shear.)
+/// than -0.481 / xi, and a particle that would counts as capped. If no pressure reached the middle of the
+/// ellipse, the first flow in shear would undo all of the compaction.
 template <class SpaceType>
 struct CamClayFlow
 {
@@ -68,12 +68,12 @@ struct CamClayFlow
         // M of any angle is at most 3; beyond some thousands rounding leaves nothing of the ellipse
         require(is_number(slope) && slope > 0 && slope <= 1000, "the slope M is outside (0, 1000]", name,
                 "Pass critical_slope(dimension, angle).");
-        // what flow does to p0 is a difference of pressures of beta p0: rounding is to leave something of it
+        // flow changes p0 by a difference of pressures of beta p0, which must be more than rounding
         require(is_between(0, cohesion, 1000), "the cohesion is outside [0, 1000]", name,
                 "Pass beta, e.g. 0.5; 0 for what bears no tension.");
         require(hardening >= 0 && is_finite(hardening), "the hardening is not a finite number, 0 or above",
                 name, "Pass xi, e.g. 3.");
-        // e^100 times as loose as at the last touch: what is kept is added to it
+        // e^100 times as loose as at the last contact; the stored logarithm is added to it
         require(start <= 100 && is_finite(start), "alpha at the start is not a finite number, 100 or below",
                 name, "Pass alpha, e.g. -0.01.");
         require(lowest_opening() <= 0,
@@ -81,7 +81,7 @@ struct CamClayFlow
                 "Pass alpha from -0.481 / xi on, e.g. -0.01.");
     }
 
-    /// What is wrong with a state from outside: that p0 is beyond all pressures.
+    /// What is wrong with an uploaded or restored state: a p0 that no pressure reaches.
     template <class Particle>
     std::string objection(Particle const& state) const
     {
@@ -107,7 +107,7 @@ struct CamClayFlow
                        (root * root) * b.norm; // sqrt((6 - d) / 2) |dev tau|
         Real const p0 = preconsolidation(kappa, opened);
 
-        // Nothing flows in no time: who asks for the stress of a state again gets the same.
+        // Nothing flows where dt = 0, so evaluating the stress of a state again gives the same.
         Mask<Real> const time = (dt > Real(0)) & upright;
         Mask<Real> const crushed = time & (p > p0), torn = time & (p < -beta * p0);
         Real const range = (p + beta * p0) * (p - p0), shear = one + Real(2) * beta;
@@ -116,8 +116,8 @@ struct CamClayFlow
         // Beyond the ends of the ellipse: to its end, without shear.
         Real const end = select(crushed, p0, -beta * p0);
         Real const J_end = volume_at(end, kappa);
-        // Beyond its side: to the same pressure on it. What that does to the ellipse is found where the line
-        // from the trial state to its centre meets it.
+        // Beyond its side: to the same pressure on it. How the ellipse changes follows from the point where
+        // it meets the line from the trial state to its centre.
         Real const share = M * sqrt(max(-range, Real(0)) / shear) / select(sheared, q, one);
         Real const centre = half * (one - beta) * p0, axis = half * (one + beta) * p0, away = p - centre;
         Real const met =
@@ -150,8 +150,8 @@ struct CamClayFlow
     }
 
 private:
-    /// The least of what is kept: there p0 is kappa / 2 less 3e-6 of kappa, since sinh(0.4812) = 0.5
-    /// - 1.3e-5.
+    /// The smallest stored logarithm: there p0 is kappa / 2 less 3e-6 of kappa, since sinh(0.4812) = 0.5 -
+    /// 1.3e-5.
     FIRN_HOST_DEVICE Number lowest_opening() const
     {
         constexpr Number without_end = std::numeric_limits<Number>::lowest();

@@ -7,7 +7,7 @@
 namespace firn
 {
 
-/// Principal values split into their trace and what is left of each: the part that changes shape.
+/// Principal values split into their trace and the rest of each, which changes shape.
 template <class Real, int d>
 struct Deviator
 {

@@ -12,8 +12,8 @@
 namespace firn
 {
 
-/// What an angle of friction was measured on. Sand whose flow keeps its volume has two such angles: it stands
-/// up to phi, and a layer of it flows from atan(sin phi) on.
+/// The experiment in which an angle of friction was measured. Sand that keeps its volume in flow has two such
+/// angles: it stands up to phi, and a layer of it flows from atan(sin phi) on.
 enum class Friction
 {
     standing, ///< strength: phi of triaxial and biaxial tests, the steepest slope that stands
@@ -79,11 +79,11 @@ inline double friction_cone(int d, double friction_angle, Friction measured_on =
     return d == 2 ? sine / shear : 2 * sine / (3 * (shear + beta * sine));
 }
 
-/// Sand of Drucker and Prager (Klár et al. 2016, section 7): grains that touch bear shear up to a share of
-/// their pressure, and what cohesion adds. |dev tau| <= k - alpha tr tau, in which k is that of
-/// Mohr–Coulomb's cohesion c: sqrt(2) c cos phi in the plane, sqrt(2/3) 6 c cos phi / (3 - sin phi) in space;
-/// and tension, the mean of the principal stresses, is at most c / tan phi, which is the tip of the cone, and
-/// at most the cut-off.
+/// Sand of Drucker and Prager (Klár et al. 2016, section 7): grains in contact bear shear up to a share of
+/// their pressure, plus what cohesion adds. |dev tau| <= k - alpha tr tau, in which k is that of
+/// Mohr–Coulomb's cohesion c: sqrt(2) c cos phi in the plane, sqrt(2/3) 6 c cos phi / (3 - sin phi) in space.
+/// Tension, the mean of the principal stresses, is at most c / tan phi, which is the tip of the cone, and at
+/// most the cut-off.
 ///
 /// Flow in shear goes along the gradient of |dev tau| + beta tr tau, by strains m (n + beta I) for the
 /// direction n of the deviator: with beta = 0, the default, it keeps the volume, with beta = alpha it is
@@ -96,11 +96,11 @@ inline double friction_cone(int d, double friction_angle, Friction measured_on =
 /// - else to the cone, m = (e - e_0 + r alpha (t - t_0)) / (1 + d alpha beta r), r = (d lambda + 2 mu) / 2
 /// mu.
 ///
-/// What volume grains gain while loose, beyond the edge, is kept, and taken back before they touch again
-/// (Tampubolon et al. 2017, section 4.3.4): sand would otherwise swell with every landing. What they gain by
-/// dilatancy, while they touch, stays. It has no end either: there is no critical state, so that it is the
-/// caller's to use small angles, or short flows. Parted grains with cohesion go on to pull until that volume
-/// is taken back.
+/// The volume that grains gain while loose, beyond the edge, is stored, and taken back before they touch
+/// again (Tampubolon et al. 2017, section 4.3.4): sand would otherwise swell with every landing. The volume
+/// that they gain by dilatancy, while they touch, stays, and has no bound since there is no critical state:
+/// use small angles, or short flows. Parted grains with cohesion keep pulling until the stored volume is
+/// taken back.
 template <class SpaceType>
 struct DruckerPragerFlow
 {
@@ -132,7 +132,7 @@ struct DruckerPragerFlow
     {
         require(cone >= 0 && is_finite(cone), "the slope of the cone is not a finite number, 0 or above",
                 name, "Pass friction_cone(dimension, angle).");
-        // with more, flow would yield energy: it dissipates (k - (alpha - beta) tr tau) m
+        // with more, flow would release energy: it dissipates (k - (alpha - beta) tr tau) m
         require(dilatancy >= 0 && dilatancy <= cone * (1 + 8 * std::numeric_limits<Number>::epsilon()),
                 "the slope of the dilatancy is not between 0 and that of the cone", name,
                 "Pass dilatancy_cone(dimension, angle), the angle no larger than that of friction; 0 keeps "
@@ -146,7 +146,7 @@ struct DruckerPragerFlow
         require(sine_of_friction() < 1,
                 "a cone so steep is that of no angle of friction, to which cohesion belongs", name,
                 "Pass friction_cone(dimension, angle), or no cohesion.");
-        // beyond a stretch of e Hencky's law has lost its stability, and strains are rounded as this one is
+        // beyond a stretch of e Hencky's law is unstable, and strains carry rounding of the size of this one
         require(edge_tension() <= Number(Space::dimension) * elasticity.lambda + 2 * elasticity.mu,
                 "the tension that the cohesion bears would stretch by more than e", name,
                 "Pass less cohesion, a tension_cutoff [Pa], or stiffer moduli.");
@@ -180,7 +180,7 @@ struct DruckerPragerFlow
         Mask<Real> const slides = (!parted) & (multiplier > Real(0));
         Real const sheared = select(slides, multiplier, Real(0)), growth = sheared * Real(dilatancy),
                    shrink = sheared / select(slides, deviator.norm, Real(1));
-        Real share(0); // of the deviator, that parted grains bear
+        Real share(0); // of the deviator that parted grains bear
         if (cohesion > 0)
             share = min(held / select(deviator.norm > Real(0), deviator.norm, Real(1)), Real(1));
 

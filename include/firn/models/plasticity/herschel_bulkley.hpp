@@ -63,7 +63,8 @@ struct HerschelBulkleyFlow
 
         PlasticFlow<Real, d> plastic;
         plastic.flowed = upright & (dt > Real(0)) & (excess > Real(0));
-        // 2 mu tr b / d, what the stress relaxes by per strain that flows (Simo & Hughes 1998, box 9.1)
+        // 2 mu tr b / d, the stress that relaxes per strain that flows (Simo & Hughes 1998, box 9.1), over
+        // the step
         Real const relaxation = (Real(2) + Real(Number(2.0 / d)) * b.trace) * shear * dt;
         Real const left =
             overstress(select(plastic.flowed, excess, Real(1)), select(plastic.flowed, relaxation, Real(1)));
@@ -78,10 +79,10 @@ struct HerschelBulkleyFlow
     }
 
 private:
-    /// The stress beyond yield x [Pa] that is left after a step: x + relaxation (x / eta)^(1/h) = excess.
+    /// The stress x [Pa] beyond yield that is left after a step: x + relaxation (x / eta)^(1/h) = excess.
     ///
-    /// The left side is convex, and the root is at most `excess` and at most what the power alone gives, but
-    /// at least half of the smaller one: Newton's iteration falls on it from there.
+    /// The left side is convex. The root is at most `excess`, at most the root of the power alone, and at
+    /// least half of the smaller one: Newton's iteration descends to it from there.
     template <Lane Real>
     FIRN_HOST_DEVICE Real overstress(Real excess, Real relaxation) const
     {

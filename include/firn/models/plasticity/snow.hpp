@@ -13,9 +13,9 @@
 namespace firn
 {
 
-/// The plasticity of snow (Stomakhin et al. 2013, sections 5 to 7): stretches yield outside
-/// [1 - critical_compression, 1 + critical_stretch], and moduli harden by e^(xi (1 - J_P)). Keeps J_P = det
-/// F_P: the stress needs F_P through its determinant alone.
+/// The plasticity of snow (Stomakhin et al. 2013, sections 5 to 7): stretches yield outside [1 -
+/// critical_compression, 1 + critical_stretch], and moduli harden by e^(xi (1 - J_P)). Stores J_P = det F_P,
+/// since the stress depends on F_P through its determinant alone.
 template <class SpaceType>
 struct SnowFlow
 {
@@ -31,8 +31,8 @@ struct SnowFlow
     Number critical_compression = Number(2.5e-2); ///< theta_c
     Number critical_stretch = Number(7.5e-3);     ///< theta_s
     Number hardening = 10;                        ///< xi
-    /// The range in which J_P hardens or softens; outside, the moduli stay as they are and the particle
-    /// counts as capped: e^(xi (1 - J_P)) would otherwise stop the time step (54.6 at 0.6 and xi = 10).
+    /// The range in which J_P hardens or softens. Outside it the moduli stay as they are and the particle
+    /// counts as capped, since e^(xi (1 - J_P)) would otherwise stop the time step (54.6 at 0.6 and xi = 10).
     Number smallest_plastic_ratio = Number(0.6);
     Number largest_plastic_ratio = 20;
 
@@ -54,20 +54,21 @@ struct SnowFlow
                 "Pass theta_s, e.g. 7.5e-3.");
         require(hardening >= 0 && is_finite(hardening),
                 "the hardening coefficient is not a finite number, 0 or above", name, "Pass xi, e.g. 10.");
-        // a hundredth of the one and a hundred times the other are still numbers
+        // flow() keeps J_P between a hundredth of the one and a hundred times the other, which are still
+        // numbers
         require(is_between(Number(1e-6), smallest_plastic_ratio, 1) &&
                     is_between(1, largest_plastic_ratio, Number(1e6)),
                 "the caps of J_P do not enclose 1, or are outside [1e-6, 1e6]", name,
                 "Pass 1e-6 <= smallest <= 1 <= largest <= 1e6, e.g. 0.6 and 20.");
-        // half of the range of numbers is left to the moduli
+        // half of the range of exponents is left to the moduli
         require(double(hardening) * (1 - double(smallest_plastic_ratio)) <=
                     0.5 * std::log(double(std::numeric_limits<Number>::max())),
                 "moduli that have hardened up to the cap of J_P are beyond all numbers", name,
                 "Pass a smaller xi, or a larger smallest J_P, e.g. 10 and 0.6: moduli grow to 54.6 times.");
     }
 
-    /// What is wrong with a state from outside: what is turned inside out would be clamped to one that is
-    /// not, and its plastic part take the sign.
+    /// What is wrong with an uploaded or restored state: an inverted one would be clamped to one that is not,
+    /// and J_P would take its sign; and stretches may be too far apart.
     template <class Particle>
     std::string objection(Particle const& state) const
     {
@@ -75,7 +76,7 @@ struct SnowFlow
         double const J = 1 + double(volume_change<Number, d>(state[DisplacementGradient{}]));
         if (!is_number(J) || J <= 0)
             return "an elastic volume ratio of " + std::to_string(J) + " is not above 0";
-        // what flows is taken away: of stretches too far apart nothing but a rounding would be left
+        // flow is subtracted from F: of stretches too far apart only rounding would be left
         Matrix<double, d> const F =
             Matrix<double, d>::Identity() + state[DisplacementGradient{}].template cast<double>();
         double const apart = F.norm() * inverse<double, d>(F).norm();
@@ -100,8 +101,8 @@ struct SnowFlow
             elastic_volume = elastic_volume * (Real(1) + plastic.strains[i]);
             plastic.flowed = plastic.flowed | !exactly_equal(plastic.strains[i], trial[i]);
         }
-        // J_P = det F / det F_E, kept track of far beyond the caps, so that it may come back, but not without
-        // end.
+        // J_P = det F / det F_E is tracked to a hundred times beyond the caps, so that it may come back, but
+        // not without bound.
         Real& J_P = state[PlasticVolumeRatio{}];
         Real const far(Number(100));
         J_P = min(max(J_P * (trial_volume / elastic_volume), Real(smallest_plastic_ratio) / far),
@@ -113,7 +114,8 @@ struct SnowFlow
     }
 };
 
-/// Snow of Stomakhin et al. 2013: fixed corotated elasticity, whose stretches yield and whose moduli harden.
+/// Snow of Stomakhin et al. 2013: fixed corotated elasticity with stretches that yield and moduli that
+/// harden.
 template <class Space>
 using Snow = Elastoplastic<FixedCorotatedLaw, SnowFlow<Space>>;
 

@@ -69,7 +69,7 @@ protected:
 };
 
 /// Plasticity of von Mises with linear isotropic hardening (Simo 1992, box 4.1): the yield stress grows by
-/// `hardening_modulus` times the equivalent plastic strain, which is kept.
+/// `hardening_modulus` times the equivalent plastic strain, which is stored.
 template <class SpaceType>
 struct HardeningVonMisesFlow : VonMisesFlow<SpaceType>
 {
@@ -93,7 +93,8 @@ struct HardeningVonMisesFlow : VonMisesFlow<SpaceType>
                 "Pass Pa; what does not harden is VonMises.");
     }
 
-    /// What is wrong with a state from outside: that it would never yield again.
+    /// What is wrong with an uploaded or restored state: a yield stress that overflows, so that it would
+    /// never yield again.
     template <class Particle>
     std::string objection(Particle const& state) const
     {
