@@ -10,11 +10,11 @@
 namespace firn::detail
 {
 
-/// Counts who is inside an object: nobody, one call that changes it, or some that only look. Whoever comes
-/// between gets an Error; with NDEBUG defined nobody looks. Whoever comes when a call broke off in the
-/// middle, or the object was moved from, gets one too, always.
+/// Counts the calls inside an object: none, one that changes it, or some that only read. A call that comes
+/// between gets an Error; with NDEBUG defined this is not checked. A call to an object that was moved from,
+/// or in which a call broke off in the middle, always gets an Error.
 ///
-/// `Count` is the backend's: an integer that may be changed from several sides at the same time.
+/// `Count` is the backend's: an integer that several threads may change at the same time.
 template <class Count>
 class AccessGuard
 {
@@ -37,7 +37,7 @@ public:
     };
 
     AccessGuard() = default;
-    // who is inside one is not inside the other
+    // a call inside one object is not inside the other, so the count stays
     AccessGuard(AccessGuard&& other) noexcept
         : state_(std::exchange(other.state_, State::moved_away)), why_(std::move(other.why_))
     {}
@@ -48,7 +48,8 @@ public:
         return *this;
     }
 
-    /// Refuses all calls from now on, since this one leaves the object as nobody knows; `why` may be null.
+    /// Refuses all calls from now on, since this one leaves the object in an unknown state; `why` may be
+    /// null.
     [[gnu::cold]] void break_off(Error const* why) noexcept
     {
         state_ = State::broken_off;

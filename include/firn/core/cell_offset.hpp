@@ -13,7 +13,7 @@
 namespace firn
 {
 
-// What CellOffset asks of whole numbers, here of one; a pack of them brings its own.
+// What CellOffset needs of whole numbers, here of one; packs have overloads of their own.
 
 /// The same number as a float, rounded.
 FIRN_HOST_DEVICE inline float as_number(std::int32_t whole) { return static_cast<float>(whole); }
@@ -25,9 +25,9 @@ FIRN_HOST_DEVICE inline std::int32_t one_where(bool mask) { return mask; }
 /// How an offset from the centre of a cell, in cells, is stored.
 ///
 /// In double precision as it is. In single precision as a multiple of 2^-30 cells in an integer of the same
-/// size: the resolution is that of a float 2^-6 cells from the centre, but it is so everywhere in the cell;
-/// slow and steady motion, which in floats rounds the same way step after step, does not drift; and moving to
-/// the next cell is exact.
+/// size. The resolution is that of a float 2^-6 cells from the centre, but everywhere in the cell. Slow and
+/// steady motion, which in floats rounds the same way step after step, does not drift, and moving to the next
+/// cell is exact.
 ///
 /// value(), moved() and inside() take lanes of offsets, too.
 template <std::floating_point Number>
@@ -42,7 +42,7 @@ struct CellOffset
     }
     FIRN_HOST_DEVICE static Stored from(double offset) { return offset; }
     FIRN_HOST_DEVICE static double exact(Stored stored) { return stored; }
-    /// Whether an item may have it: also what unwrap() leaves.
+    /// Whether an item may have this offset, including what unwrap() leaves.
     static bool possible(Stored stored) { return is_between(-0.5, stored, 0.5); }
 
     /// The offset after a displacement of at most a cell.
@@ -52,7 +52,7 @@ struct CellOffset
         return stored + displacement;
     }
 
-    /// Whether the offset is in [-1/2, 1/2), in the very words of wrap().
+    /// Whether the offset is in [-1/2, 1/2), by the same expression as in wrap().
     template <class Real>
     FIRN_HOST_DEVICE static Mask<Real> inside(Real const& stored)
     {
@@ -67,8 +67,8 @@ struct CellOffset
         return static_cast<int>(cells);
     }
 
-    /// Undoes that, for an offset that was out by so many cells, one at most: exactly, but for the largest
-    /// number below 1/2, which comes back as 1/2.
+    /// Undoes wrap() for an offset that was out by `cells`, one at most. Exact, except that the largest
+    /// number below 1/2 comes back as 1/2.
     FIRN_HOST_DEVICE static void unwrap(Stored& stored, int cells)
     {
         if (cells != 0) stored += static_cast<Number>(cells); // or -0 would become 0
@@ -87,7 +87,7 @@ struct CellOffset<float>
     {
         return as_number(stored) * 0x1p-30f;
     }
-    /// What rounding would take to 1/2 is the last one below: a cell further, there is no room for more.
+    /// An offset that would round to 1/2 becomes the last one below: 1/2 belongs to the next cell.
     FIRN_HOST_DEVICE static Stored from(double offset)
     {
         auto const nearest = static_cast<Stored>(std::lrint(offset * 0x1p30));
@@ -99,7 +99,7 @@ struct CellOffset<float>
     template <class Whole, class Real = decltype(as_number(Whole()))>
     FIRN_HOST_DEVICE static Whole moved(Whole const& stored, std::type_identity_t<Real> const& displacement)
     {
-        // To the nearest, halves away from zero, in operations that packs have.
+        // To the nearest, halves away from zero, in operations that packs have, too.
         Real const exact = displacement * Real(0x1p30f);
         Whole const whole = as_whole(exact);
         Real const rest = exact - as_number(whole);
@@ -109,7 +109,7 @@ struct CellOffset<float>
     template <class Whole>
     FIRN_HOST_DEVICE static auto inside(Whole const& stored)
     {
-        // no more than a cell outside: numbers that a float has
+        // at most a cell outside, so the numbers are exact in a float
         return exactly_equal(as_number((stored + Whole(1 << (bits - 1))) >> bits),
                              decltype(as_number(stored))(0));
     }

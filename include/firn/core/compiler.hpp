@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-// Compilers that cannot compile the library are refused here, each by one sentence. Define FIRN_ANY_COMPILER
-// to try one that is not supported.
+// Refuses compilers that cannot compile the library, each with one sentence. Define FIRN_ANY_COMPILER to try
+// one that is not supported.
 #if !defined(FIRN_ANY_COMPILER)
 #if defined(_MSC_VER) && !defined(__clang__)
 #error                                                                                                       \

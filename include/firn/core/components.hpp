@@ -8,8 +8,8 @@
 
 #include <utility>
 
-// Vectors and matrices by their components, where Eigen has expressions: each of those is a type of its own,
-// which takes a compiler some 20 ms, the more of them the more types of numbers meet.
+// Vectors and matrices by their components instead of Eigen's expressions: each expression is a type of its
+// own, which takes a compiler some 20 ms, and each type of numbers has its own expressions.
 namespace firn
 {
 
@@ -25,8 +25,8 @@ FIRN_HOST_DEVICE inline Values made_of(Component const& component, std::integer_
 }
 } // namespace detail
 
-/// The vector or matrix `Values` of `component(i)`, column by column. (Without a loop, so that compilers keep
-/// it in registers from the start.)
+/// The vector or matrix `Values` of `component(i)`, column by column; without a loop, so that compilers keep
+/// it in registers from the start.
 template <class Values, class Component>
 FIRN_HOST_DEVICE inline Values made_of(Component const& component)
 {
@@ -34,9 +34,9 @@ FIRN_HOST_DEVICE inline Values made_of(Component const& component)
                                    std::make_integer_sequence<int, int{Values::SizeAtCompileTime}>{});
 }
 
-/// A copy of a vector or a matrix, component by component. (Eigen's is one of memory, which a compiler may do
-/// in parts narrower than packs; a pack that was stored in two parts cannot be loaded before they have
-/// reached the cache.)
+/// A copy of a vector or a matrix, component by component. Eigen copies memory, which a compiler may do in
+/// parts narrower than packs; a pack that was stored in two parts cannot be loaded before they have reached
+/// the cache.
 template <class Values>
 FIRN_HOST_DEVICE inline Values copy_of(Values const& values)
 {
@@ -51,8 +51,7 @@ FIRN_HOST_DEVICE inline Values zeros()
     return made_of<Values>([](int) { return Number(0); });
 }
 
-/// The sum of `term(0)` to `term(d - 1)`, of those behind the first one first, as Eigen sums numbers one by
-/// one.
+/// The sum of `term(0)` to `term(d - 1)`, in Eigen's order: the later terms are added first.
 template <Lane Real, int d, class Term>
 FIRN_HOST_DEVICE inline Real sum_of(Term const& term)
 {
@@ -62,7 +61,7 @@ FIRN_HOST_DEVICE inline Real sum_of(Term const& term)
         return term(0) + (term(1) + term(2));
 }
 
-/// The vector of `component(i)`. (Without a loop, too.)
+/// The vector of `component(i)`, also without a loop.
 template <Lane Real, int d, class Component>
 FIRN_HOST_DEVICE inline Vector<Real, d> make_vector(Component const& component)
 {
@@ -72,7 +71,7 @@ FIRN_HOST_DEVICE inline Vector<Real, d> make_vector(Component const& component)
         return {component(0), component(1), component(2)};
 }
 
-/// A point or a vector of a scene in space: in two dimensions z is 0.
+/// A point or a vector of a scene as one in space: in two dimensions z is 0.
 template <int d>
 FIRN_HOST_DEVICE inline Eigen::Vector3d in_space(Vector<double, d> const& x)
 {

@@ -12,12 +12,13 @@ namespace firn
 
 /// Everything the library refuses: what is wrong, where, and what the caller can do about it.
 ///
-/// Thrown before anything has changed: the object that was called is as it was. (Where memory runs short or a
-/// device fails in the middle of a step it cannot be: then all later calls say so.)
+/// Thrown before anything has changed: the object that was called is as it was. That is impossible if memory
+/// runs out or a device fails in the middle of a step; then all later calls say so.
 class Error : public std::runtime_error
 {
 public:
-    // What only errors reach is `cold` here and elsewhere: compiled for its size, which is sooner done.
+    // Functions that only errors reach are `cold` here and elsewhere: they are compiled for size, which takes
+    // less time.
     [[gnu::cold]] Error(std::string what_is_wrong, std::string where, std::string remedy)
         : std::runtime_error(what_is_wrong + " [" + where + "]. " + remedy), wrong_(std::move(what_is_wrong)),
           where_(std::move(where)), remedy_(std::move(remedy))

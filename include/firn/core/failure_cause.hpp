@@ -6,7 +6,7 @@
 namespace firn
 {
 
-/// What may happen to a particle or a step. Nothing else does, and none of it happens in silence.
+/// What may happen to a particle or a step. Nothing else does, and all of it is reported.
 enum class FailureCause : std::uint8_t
 {
     none,
@@ -16,10 +16,10 @@ enum class FailureCause : std::uint8_t
     capped,     ///< a model's state reached a stated cap (a warning: the step stands)
     not_finite, ///< NaN or infinity in a particle's state or stress
     rejected,   ///< a particle moved by a cell, or deformed by more than the step's limit
-    stalled,    ///< time stands still for a particle: the step that would be stable for it is none
+    stalled,    ///< no step that is stable for a particle advances time
 };
 
-/// The mishap in words.
+/// The failure in words.
 constexpr char const* describe(FailureCause cause)
 {
     switch (cause) {

@@ -124,7 +124,7 @@ FIRN_HOST_DEVICE inline void for_each_component_of(Record& record, Use const& us
 } // namespace detail
 
 /// Calls `use(component, reference)` for every component of the set's fields in a record that has them, and
-/// maybe others; components are counted within the set.
+/// perhaps others; components are counted within the set.
 template <class Set, int d, class Record, class Use>
 FIRN_HOST_DEVICE inline void for_each_component_of(Record& record, Use const& use)
 {
@@ -136,7 +136,7 @@ FIRN_HOST_DEVICE inline void for_each_component_of(Record& record, Use const& us
 template <class Real, int d, class Set>
 struct Record;
 
-/// The values of one field at least.
+/// The values of at least one field.
 template <class Real, int d, class... Tags>
 struct Record<Real, d, Fields<Tags...>> : detail::Slot<Tags, Real, d>...
 {

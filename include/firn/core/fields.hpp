@@ -14,17 +14,17 @@
 #include <string>
 #include <type_traits>
 
-// What a particle stores is declared by the policies that need it: each names its fields, and the table of
-// particles is their union. A field is a tag type with a name and a shape. A scalar one may say more: its
-// value `at_rest`, which is 0 unless it says so, and the `range` of what may be uploaded and restored.
+// Policies declare what a particle stores: each names the fields that it needs, and the table of particles is
+// their union. A field is a tag type with a name and a shape. A scalar field may also have a value `at_rest`,
+// 0 by default, and the `range` of what may be uploaded and restored.
 namespace firn
 {
 
 /// The values that a scalar field may have.
 struct FieldRange
 {
-    double above = -std::numeric_limits<double>::infinity();    ///< not this one itself
-    double at_least = -std::numeric_limits<double>::infinity(); ///< nor less than this one
+    double above = -std::numeric_limits<double>::infinity();    ///< this one excluded
+    double at_least = -std::numeric_limits<double>::infinity(); ///< this one included
     double at_most = std::numeric_limits<double>::infinity();
 };
 
@@ -53,7 +53,7 @@ struct AffineVelocity
 /// H = F - I, the displacement gradient, F being the deformation gradient, or F_E where there is plasticity
 /// [-].
 ///
-/// Kept instead of F, which in single precision sees no change below 6e-8 per step and lets a body at rest
+/// Stored instead of F, which in single precision sees no change below 6e-8 per step and lets a body at rest
 /// creep.
 struct DisplacementGradient
 {
@@ -77,7 +77,7 @@ struct LogVolumeRatio
     static constexpr auto shape = FieldShape::scalar;
 };
 
-/// alpha of Cam-Clay less what it was at the start: the sum of the logarithms of the volume ratios by which
+/// alpha of Cam-Clay less its value at the start: the sum of the logarithms of the volume ratios by which
 /// plastic flow opened or compacted the material [-].
 struct LogPlasticVolumeRatio
 {
@@ -93,7 +93,7 @@ struct EquivalentPlasticStrain
     static constexpr FieldRange range{.at_least = 0};
 };
 
-/// v_c: the logarithmic volume that loose grains have gained, and give back before they bear load again [-].
+/// v_c: the logarithmic volume that loose grains have gained, and lose again before they bear load [-].
 struct LooseVolume
 {
     static constexpr auto name = "loose_volume";
@@ -101,7 +101,7 @@ struct LooseVolume
     static constexpr FieldRange range{.at_least = 0};
 };
 
-/// The factor of a particle's own moduli [-]: where a material is heterogeneous.
+/// The factor of a particle's own moduli in a heterogeneous material [-].
 struct Stiffness
 {
     static constexpr auto name = "stiffness";
@@ -161,7 +161,7 @@ auto& component_of(Value& value, int c)
         return value(c / d, c % d);
 }
 
-/// The value of a field of a body at rest: what it says itself, or zero.
+/// The value of a field of a body at rest: its `at_rest`, or zero.
 template <class Tag, class Real, int d>
 FIRN_HOST_DEVICE inline FieldValue<Tag, Real, d> value_at_rest()
 {
@@ -173,8 +173,8 @@ FIRN_HOST_DEVICE inline FieldValue<Tag, Real, d> value_at_rest()
         return Real(0);
 }
 
-/// Throws an Error unless a component of a field is finite and in the field's range; `where()` is asked for
-/// only then.
+/// Throws an Error unless a component of a field is finite and in the field's range; `where()` is called only
+/// then.
 template <class Tag, class Where>
 void require_valid(double value, Where const& where, char const* remedy)
 {

@@ -9,10 +9,10 @@
 #include <cstdint>
 #include <limits>
 
-// What the library refuses and what rejects a step is often NaN or infinity. -ffinite-math-only (part of
+// The library refuses input, and rejects steps, often because of NaN or infinity. -ffinite-math-only (part of
 // -ffast-math and -Ofast) lets the compiler assume that there is neither, and delete every check for them,
-// isfinite and comparisons alike. The functions of this header look at bits instead, where such an
-// assumption does not reach.
+// isfinite and comparisons alike. The functions of this header look at bits instead, which the assumption
+// does not cover.
 #if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0
 #define FIRN_FINITE_MATH_ONLY
 #if !defined(FIRN_ALLOW_FAST_MATH)
@@ -36,8 +36,8 @@ inline constexpr bool finite_math_only = false;
 
 namespace detail
 {
-/// A value as it is, of which the compiler no longer knows how it was computed: clang follows an assumption
-/// about a number into the integer of its bits. Nothing where there is no such assumption.
+/// The same value, hidden from the optimiser: clang follows an assumption about a number into the integer of
+/// its bits. Does nothing where there is no such assumption.
 template <class Value>
 FIRN_HOST_DEVICE inline Value opaque(Value value)
 {
@@ -47,7 +47,7 @@ FIRN_HOST_DEVICE inline Value opaque(Value value)
     return value;
 }
 
-/// An unsigned integer as large as a number; for a long double, which has no such integer, none.
+/// An unsigned integer as large as a number; there is none for a long double.
 template <std::size_t bytes>
 struct BitsOfSize
 {};
@@ -62,8 +62,8 @@ struct BitsOfSize<8>
     using Type = std::uint64_t;
 };
 
-/// The bits of |x|: for numbers that are not NaN they are in the order of their magnitudes, infinity comes
-/// behind, and NaN behind that (IEEE 754).
+/// The bits of |x|. They are in the order of magnitudes; infinity comes after all finite numbers, and NaN
+/// after infinity (IEEE 754).
 template <std::floating_point Number>
 FIRN_HOST_DEVICE inline auto bits_of_magnitude(Number x)
 {
@@ -77,8 +77,8 @@ inline constexpr auto bits_of_infinity =
     std::bit_cast<typename BitsOfSize<sizeof(Number)>::Type>(std::numeric_limits<Number>::infinity());
 } // namespace detail
 
-/// Whether a number is finite, also where the compiler assumes that all are. (Of long double it is the
-/// compiler's word.)
+/// Whether a number is finite, also where the compiler assumes that all are. For long double the compiler's
+/// own check has to do.
 template <std::floating_point Number>
 FIRN_HOST_DEVICE inline bool is_finite(Number x)
 {
@@ -88,7 +88,7 @@ FIRN_HOST_DEVICE inline bool is_finite(Number x)
         return detail::bits_of_magnitude(x) < detail::bits_of_infinity<Number>;
 }
 
-/// Whether it is a number at all, infinity included, also where the compiler assumes that all are.
+/// Whether it is not NaN (infinity is a number here), also where the compiler assumes that there is none.
 template <std::floating_point Number>
 FIRN_HOST_DEVICE inline bool is_number(Number x)
 {
@@ -98,7 +98,7 @@ FIRN_HOST_DEVICE inline bool is_number(Number x)
         return detail::bits_of_magnitude(x) <= detail::bits_of_infinity<Number>;
 }
 
-/// Whether low <= x <= high, which NaN is not, also where the compiler assumes that there is none.
+/// Whether low <= x <= high, false for NaN, also where the compiler assumes that there is none.
 FIRN_HOST_DEVICE inline bool is_between(double low, double x, double high)
 {
     return is_number(x) && low <= x && x <= high;

@@ -7,20 +7,20 @@
 #error "firn: it throws errors, which -fno-exceptions forbids: compile without that flag."
 #endif
 
-// In what is compiled for a device.
+// Defined in code that is compiled for a device.
 #if defined(__CUDA_ARCH__)
 #define FIRN_FOR_DEVICE
 #endif
 
-/// Marks what runs both on the host and on a device.
+/// Marks functions that run on the host and on a device.
 #if defined(__CUDACC__)
 #define FIRN_HOST_DEVICE __host__ __device__
 #else
 #define FIRN_HOST_DEVICE
 #endif
 
-// Before a loop over the components of vectors and matrices: unrolled, so that they are registers. Compilers
-// stop short of it where the body is long. (What nvcc hands on to the compiler of the host has none.)
+// Before a loop over the components of vectors and matrices: unrolls it, so that they are registers.
+// Compilers do not where the body is long. The host's pass of nvcc has no such pragma.
 #if defined(__CUDA_ARCH__)
 #define FIRN_UNROLL _Pragma("unroll")
 #elif defined(__CUDACC__)
@@ -33,16 +33,16 @@
 #define FIRN_UNROLL
 #endif
 
-// For a function that few need, called in a loop that needs all of its registers: within it, it would have
-// them spilt for everybody.
+// For a function that few particles need, in a loop that needs all of its registers: inlined, it would make
+// every particle spill some.
 #if defined(__CUDA_ARCH__)
 #define FIRN_NOINLINE_ON_DEVICE __noinline__
 #else
 #define FIRN_NOINLINE_ON_DEVICE
 #endif
 
-// Before a loop over the nodes of a stencil: a device has no memory near enough for arrays that are indexed
-// by what is not known to the compiler, and packs would run out of registers.
+// Before a loop over the nodes of a stencil. On a device arrays must be indexed by constants to be registers,
+// and packs would run out of registers if the loop were unrolled for them.
 #if defined(__CUDA_ARCH__)
 #define FIRN_UNROLL_ON_DEVICE _Pragma("unroll")
 #else
@@ -50,15 +50,15 @@
 #endif
 
 // Before a loop that is not to be unrolled on a device, where all turns at once would need too many
-// registers: few need it, and arrays that its turns index may lie in memory.
+// registers: few particles need it, so arrays that its turns index may lie in memory.
 #if defined(__CUDA_ARCH__)
 #define FIRN_ROLLED_ON_DEVICE _Pragma("unroll 1")
 #else
 #define FIRN_ROLLED_ON_DEVICE
 #endif
 
-// For a function of the host outside the loops of a step, called once in it at most: to compile it for its
-// size takes a compiler less time. (With nvcc that time is the device's functions'.)
+// For a function of the host outside the loops of a step, called at most once in it: compiled for size, which
+// takes a compiler less time. With nvcc most of that time goes into the functions of the device.
 #if defined(__GNUC__) && !defined(__CUDACC__)
 #define FIRN_COLD [[gnu::cold]]
 #else

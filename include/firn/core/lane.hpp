@@ -10,8 +10,8 @@
 #include <cstdint>
 
 // Physics is written over a lane type `Real`: a number (one particle at a time, or a device thread), or a
-// pack of numbers (several particles at a time; a backend brings it). Particle values are therefore never
-// branched on: a comparison gives a Mask, and select(mask, a, b) chooses lane by lane. A pack brings its own
+// pack of numbers (several particles at a time; a backend has them). So nothing branches on the values of
+// particles: a comparison returns a Mask, and select(mask, a, b) chooses lane by lane. A pack has its own
 // overloads of everything below as friends, found by argument-dependent look-up.
 namespace firn
 {
@@ -62,19 +62,19 @@ FIRN_HOST_DEVICE constexpr bool all(bool mask) { return mask; }
 /// One bit per lane, lane 0 lowest.
 FIRN_HOST_DEVICE constexpr std::uint64_t bits(bool mask) { return mask; }
 
-/// Calls `use(lane)` for each of `width` lanes whose bit is set, lane 0 first.
+/// Calls `use(lane)` for each of `width` lanes with its bit set, lane 0 first.
 template <int width, class Use>
 FIRN_HOST_DEVICE void for_each_lane(std::uint64_t bits, Use const& use)
 {
-    if constexpr (width == 1) { // (nvcc 13 reads beside an array where std::countr_zero tells the place)
+    if constexpr (width == 1) { // nvcc 13 reads beside an array at an index from std::countr_zero
         if (bits != 0) use(0);
     }
     else
         for (; bits != 0; bits &= bits - 1) use(std::countr_zero(bits));
 }
 
-/// Whether a magnitude, 0 or above, lies below a bound, which NaN does not: also where the compiler assumes
-/// that there is no NaN (see core/finite.hpp).
+/// Whether a magnitude, 0 or above, is below a bound; false for NaN, also where the compiler assumes that
+/// there is no NaN (see core/finite.hpp).
 template <std::floating_point Number>
 FIRN_HOST_DEVICE inline bool is_below(Number magnitude, Number bound)
 {
@@ -110,7 +110,7 @@ template <std::floating_point Number> FIRN_HOST_DEVICE inline Number max(Number 
 template <std::floating_point Number> FIRN_HOST_DEVICE inline Number inverse_sqrt(Number x) { return Number(1) / std::sqrt(x); }
 // clang-format on
 
-/// What physics may ask of a lane type.
+/// What physics may require of a lane type.
 template <class Real>
 concept Lane = requires(Real a, Real b, ScalarOf<Real> number, Mask<Real> mask)
 {

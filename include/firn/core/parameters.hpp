@@ -8,32 +8,32 @@
 #include <type_traits>
 #include <vector>
 
-// The parameters of a policy by name, so that no scene goes on with others unnoticed: see Snapshot.
+// The parameters of a policy by name, so that no scene goes on with other ones unnoticed: see Snapshot.
 //
-// A material says those beside its density, a plastic flow and a transfer scheme all of theirs, by one
-// member:
+// A material names its parameters except the density, a plastic flow and a transfer scheme all of theirs, by
+// one member:
 //
 //     void for_each_parameter(auto const& use) const { use("yield_stress", yield_stress); }
 //
-// A parameter is a number (an integer no larger than 2^53), or something that says its own (Lame). Who has no
-// such member says none: then they are not compared, but for a material's density and its wave modulus at
-// rest. A policy that is derived from one that has it says both, those of its base first:
+// A parameter is a number (an integer no larger than 2^53), or has this member itself (Lame). A policy
+// without it names none: then only a material's density and its wave modulus at rest are compared. A policy
+// that is derived from one with parameters names those of its base first, then its own:
 //
 //     void for_each_parameter(auto const& use) const { Sand::for_each_parameter(use); use("own", own); }
 namespace firn
 {
 
-/// One of them.
+/// A named value of a policy.
 struct Parameter
 {
-    std::string name; ///< of the member, behind that in which it is: "elasticity.mu"
+    std::string name; ///< of the member, with what it is a member of: "elasticity.mu"
     double value = 0; ///< in its SI unit
-    /// Of an integer or an enumeration: nothing is rounded. (A snapshot does not say so, a solver does.)
+    /// An integer or an enumeration: nothing is rounded. Known of a solver's parameters, not of a snapshot's.
     bool is_whole = false;
 };
 
-/// Whether a policy says its parameters. (Asked of one that may change: to have forgotten `const` is an error
-/// where they are said, not a policy without parameters.)
+/// Whether a policy names its parameters. Checked for a policy that is not const: a missing `const` is then
+/// an error where parameters are read, and does not hide them.
 template <class Policy>
 concept SaysParameters = requires(Policy policy, void (*use)(char const*, double))
 {
@@ -43,7 +43,7 @@ concept SaysParameters = requires(Policy policy, void (*use)(char const*, double
 namespace detail
 {
 
-/// Adds those of a policy, if it says some.
+/// Adds the parameters of a policy, if it names some.
 template <class Policy>
 void add_parameters(std::vector<Parameter>& to, Policy const& policy, std::string const& within = {})
 {
@@ -59,7 +59,7 @@ void add_parameters(std::vector<Parameter>& to, Policy const& policy, std::strin
         });
 }
 
-/// Those of a policy, by names that differ.
+/// The parameters of a policy; throws an Error if two have the same name.
 template <class Policy>
 std::vector<Parameter> parameters_of(Policy const& policy)
 {

@@ -6,7 +6,7 @@
 namespace firn
 {
 
-/// Runs independent work one piece after the other: the loop for those who pass no backend.
+/// Runs independent work one piece after the other: the loop for callers that pass no backend.
 struct Serial
 {
     /// Calls `body(i)` once for every i in [0, count); a backend's loop does so in any order and at the same

@@ -14,21 +14,21 @@
 namespace firn
 {
 
-/// What went wrong in a step, and with whom.
+/// What failed in a step: the cause, the first particle, and where it was.
 struct StepFailure
 {
-    /// What went wrong.
+    /// The cause.
     FailureCause cause = FailureCause::none;
-    std::uint32_t particle = 0;        ///< its permanent id
+    std::uint32_t particle = 0;        ///< permanent id of the first one
     std::size_t material = 0;          ///< its material's place in the scene
     Eigen::Vector3d position{0, 0, 0}; ///< before the step [m]; in the plane z is 0
     double time = 0;                   ///< at which the step began [s]
     double dt = 0;                     ///< length of the step [s]
-    std::uint64_t count = 1; ///< particles of which something is wrong in this step; this is the first
+    std::uint64_t count = 1;           ///< particles that failed in this step; this is the first
 };
 
-/// A step that went wrong, and cannot be repeated: the state is that of the last good one. What the text says
-/// is there as numbers, too.
+/// A step that failed and cannot be repeated: the state is that of the last good step. `failure()` has the
+/// numbers of the text.
 class StepError : public Error
 {
 public:
@@ -46,8 +46,8 @@ private:
 
 namespace detail
 {
-/// Where something went wrong, in words: "at (1 2) m"; the first `d` coordinates. (Without Eigen's own
-/// printing: it takes long to compile, and g++ 12 warns of what it makes of it for AVX-512.)
+/// The place of a failure in words: "at (1 2) m", the first `d` coordinates. Eigen's own printing takes long
+/// to compile, and g++ 12 warns about it with AVX-512.
 [[gnu::cold]] inline std::string at_place(Eigen::Vector3d const& position, int d)
 {
     std::ostringstream text;

@@ -24,12 +24,12 @@
 #include <type_traits>
 #include <vector>
 
-// Checkpoints: a scene in a file, from which another program goes on bit by bit.
+// Checkpoints: a scene in a file, from which another program continues bit by bit.
 //
 //     write_checkpoint("run.firn", solver, ball, frame); // as often as you like: the newest whole one stays
 //     read_checkpoint("run.firn", solver, ball, frame);  // into a solver of the same policies
 //
-// or, to go on with other parameters of material or transfer,
+// or, to continue with other parameters of material or transfer,
 //
 //     auto snapshot = read_snapshot<float, 3>("run.firn", ball, frame);
 //     snapshot.forget_parameters();
@@ -41,7 +41,7 @@
 //     preamble, the same in all schemas to come:
 //       8 bytes 89 'F' 'I' 'R' 'N' 0d 0a 1a | u32 schema | u32 01020304 hex | u64 bytes of the whole file
 //       u32 CRC-32 of all that follows the preamble | u32 CRC-32 of the preamble up to here
-//     u32 dimensions | u32 bytes of a real | text kernel | u32 its order | text transfer | its parameters
+//     u32 dimensions | u32 bytes of a real | text kernel | u32 its degree | text transfer | its parameters
 //     f64 cell size [m] | 3 f64 origin [m] | f64 time [s]
 //     f64 what the last step might have been that filled no duration alone [s] | f64 length of the last [s]
 //     bounds of the next step: f64 wave speed | u32 its material | f64 speed [m/s] | f64 deformation rate
@@ -57,13 +57,13 @@
 //       of each field: text name | u32 components
 //       of each mass group: u32 first row (rank of the id) | f64 mass in units | f64 volume per unit [m^3/kg]
 //       u32 id of each particle, in the order of cells
-//       i32 cell of each, axis after axis (kernels of even order: that centred on this node of the lattice,
+//       i32 cell of each, axis after axis (kernels of even degree: that centred on this node of the lattice,
 //         else that behind it)
 //       offset of each from the centre of its cell, axis after axis [cells]: f64, or i32 in 2^-30
 //       real values of each, component after component of field after field
-//     u32 number of particles that were taken out of the scene (see Solver::quarantine), and of each:
+//     u32 number of particles that were removed from the scene (see Solver::quarantine), and of each:
 //       u8 cause (a FailureCause) | u32 id | u32 its material | 3 f64 position [m] | f64 time [s] | f64 step
-//       [s] u64 how many went wrong with it
+//       [s] u64 how many failed in that step
 //
 // Parameters are u32 their number, and of each: text name | f64 value, in its SI unit.
 namespace firn
@@ -79,7 +79,7 @@ static_assert(
 inline constexpr std::array<char, 8> checkpoint_magic{'\x89', 'F', 'I', 'R', 'N', '\r', '\n', '\x1a'};
 inline constexpr std::uint32_t checkpoint_schema = 5;
 
-/// The first bytes of a checkpoint of whatever schema.
+/// The first bytes of a checkpoint of any schema.
 struct CheckpointPreamble
 {
     std::array<char, 8> magic = checkpoint_magic;
@@ -99,7 +99,7 @@ struct CheckpointPreamble
 };
 static_assert(sizeof(CheckpointPreamble) == 32 && std::is_trivially_copyable_v<CheckpointPreamble>);
 
-/// Writes what is put into it, and knows how much that was and its checksum.
+/// Writes values to a stream, and keeps their number of bytes and checksum.
 class CheckpointWriter
 {
 public:
@@ -138,8 +138,8 @@ private:
     Crc32 crc_;
 };
 
-/// Reads a file of which so many bytes are left, with this checksum; asks for no memory that these could not
-/// fill.
+/// Reads a file that has `left` bytes to come, with this checksum. Allocates no more memory than these bytes
+/// can fill.
 class CheckpointReader
 {
 public:
@@ -180,13 +180,13 @@ public:
         return text;
     }
 
-    /// Refuses a count of things, each of so many bytes at least, that what is left cannot hold.
+    /// Refuses a count of things of at least `size` bytes each that do not fit into the bytes left.
     void expect(std::uint64_t count, std::uint64_t size) const
     {
         require(count <= left_ / size, "the file says that it holds more than it does", "read_checkpoint",
                 "It was not written by this library: pass another one.");
     }
-    /// Refuses a file that holds more, or other bytes than those that were looked at when it was opened.
+    /// Refuses a file that holds more bytes, or other ones than when it was opened.
     void expect_end() const
     {
         require(left_ == 0, "the file holds more than it says", "read_checkpoint",
@@ -428,7 +428,7 @@ void put_checkpoint(CheckpointWriter& out, Snapshot<Number, d> const& from, Comp
     put_isolated(out, from.isolated);
 }
 
-/// Refuses a number that is not the one that the solver was compiled for.
+/// Refuses a number other than the one that the solver was compiled for.
 inline void require_compiled_for(char const* what, std::uint32_t theirs, std::uint32_t ours)
 {
     if (theirs == ours) return;
@@ -469,7 +469,7 @@ std::tuple<Companions...> get_checkpoint(CheckpointReader& in, Snapshot<Number, 
     return read;
 }
 
-/// Opens a checkpoint, whose length and checksums are right, behind its preamble. Returns what follows.
+/// Opens a checkpoint, checks its length and checksums, and returns a reader behind its preamble.
 inline CheckpointReader open_checkpoint(std::filesystem::path const& path, std::ifstream& in)
 {
     auto const refuse = [&](std::string what, char const* remedy) {
@@ -479,7 +479,8 @@ inline CheckpointReader open_checkpoint(std::filesystem::path const& path, std::
     std::error_code failed;
     if (std::filesystem::is_regular_file(path, failed)) in.open(path, std::ios::binary | std::ios::ate);
     if (!in.is_open() || !in) refuse("there is no file that can be read", "Pass the path of a checkpoint.");
-    auto const bytes = static_cast<std::uint64_t>(in.tellg()); // of this one: its name may soon be another's
+    auto const bytes =
+        static_cast<std::uint64_t>(in.tellg()); // of the open file: another may get its name meanwhile
     in.seekg(0);
     CheckpointPreamble preamble;
     if (bytes < sizeof(preamble) || !in.read(reinterpret_cast<char*>(&preamble), sizeof(preamble)))
@@ -516,7 +517,7 @@ inline CheckpointReader open_checkpoint(std::filesystem::path const& path, std::
     return {in, bytes - sizeof(preamble), preamble.checksum};
 }
 
-/// Lets `take` have the snapshot in a file, and then `companions` be what they were.
+/// Passes the snapshot in a file to `take`, and if that accepts it, restores `companions`.
 template <class Number, int d, class Take, class... Companions>
 void take_checkpoint(std::filesystem::path const& path, Take const& take, Companions&... companions)
 {
@@ -540,18 +541,18 @@ void take_checkpoint(std::filesystem::path const& path, Take const& take, Compan
 } // namespace detail
 
 /// Writes all that the next steps of a solver depend on into a file: particles with their ids and all of
-/// their fields, who was taken out of the scene, time, and what bounds the next step. With it go `companions`
-/// of yours: numbers (a frame), Motion, RigidBody, fixed Eigen matrices.
+/// their fields, the particles that were removed from the scene, time, and what bounds the next step. With it
+/// go `companions` of yours: numbers (a frame), Motion, RigidBody, fixed Eigen matrices.
 ///
-/// The solver goes on from what was written, also if writing failed: it and one that reads the file are alike
-/// from then on, bit by bit (see Solver::snapshot). The file is written under another name (`.part`) and then
-/// renamed, when the disk has it: at any time the last one that was finished is there and whole. (One program
-/// at a time writes to a path: another one that tries meanwhile gets an Error.)
+/// The solver continues from what was written, also if writing failed: it and a solver that reads the file
+/// are the same from then on, bit by bit (see Solver::snapshot). The file is written under another name
+/// (`.part`), and renamed when the disk has it, so the last finished one is there and whole at any time. One
+/// program at a time writes to a path: another one that tries meanwhile gets an Error.
 ///
-/// What the constructor and calls are given is yours to give once more: material and transfer, whose
-/// parameters go into the file so that others are noticed; step control; effects with their shapes; how many
-/// may be in quarantine. Throws an Error if the file cannot be created or not be written to its end; the one
-/// of before is then as it was.
+/// The arguments of the constructor and of calls are not in the file; pass them again: material and transfer,
+/// the parameters of which are in the file so that other ones are noticed; step control; effects with their
+/// shapes; how many particles may be in quarantine. Throws an Error if the file cannot be created or not be
+/// written to its end; the previous file is then as it was.
 template <class Solver, detail::Companion... Companions>
 void write_checkpoint(std::filesystem::path const& path, Solver& solver, Companions const&... companions)
 {
@@ -575,14 +576,13 @@ void write_checkpoint(std::filesystem::path const& path, Solver& solver, Compani
         detail::Survives::machine);
 }
 
-/// Brings a solver to the state in a file, and `companions` to what they were: into a solver that was made
-/// with the same lattice, policies and parameters, whatever it held before. Step control and backend may be
-/// others; with the same backend and lanes the steps that follow are, bit by bit, those of the solver that
-/// wrote it.
+/// Restores a solver and `companions` from a file. The solver must have the same lattice, policies and
+/// parameters, whatever it held before. Step control and backend may be others; with the same backend and
+/// lanes the steps that follow are, bit by bit, those of the solver that wrote it.
 ///
 /// Throws an Error, and changes nothing, if the file is no checkpoint, was cut off or damaged, was written by
-/// another version, or does not fit: the kernel, transfer, material, parameter or field that differs is
-/// named. (To go on with other parameters see read_snapshot.)
+/// another version, or does not fit: the Error names the kernel, transfer, material, parameter or field that
+/// differs. To go on with other parameters see read_snapshot.
 template <class Solver, detail::Companion... Companions>
 void read_checkpoint(std::filesystem::path const& path, Solver& solver, Companions&... companions)
 {
@@ -590,9 +590,9 @@ void read_checkpoint(std::filesystem::path const& path, Solver& solver, Companio
         path, [&](auto const& snapshot) { solver.restore(snapshot); }, companions...);
 }
 
-/// The snapshot in a file, of a solver of these numbers and dimensions, and with it `companions`: for who
-/// wants to know, or to change, what a solver is to take. One that is to go on with its own parameters of
-/// material and transfer takes it after `snapshot.forget_parameters()`.
+/// The snapshot in a file, of a solver of these numbers and dimensions, and with it `companions`: to inspect
+/// or change a state before a solver restores it. To restore it into a solver with other parameters of
+/// material and transfer, call `snapshot.forget_parameters()` first.
 ///
 /// Throws an Error, and changes nothing, if the file is no whole checkpoint of such a solver and such
 /// companions.

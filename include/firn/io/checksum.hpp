@@ -10,11 +10,11 @@ namespace firn::detail
 {
 
 /// CRC-32, the checksum of zip and Ethernet (ISO 3309: reflected polynomial 0xedb88320, all bits inverted
-/// before and after), of bytes that come piece by piece: it finds every change within 32 neighbouring bits,
-/// and of others all but one in 4e9.
+/// before and after), of bytes that come piece by piece. It finds every change within 32 neighbouring bits,
+/// and all but one in 4e9 of other changes.
 class Crc32
 {
-    /// of[k][b]: what byte b contributes when k more bytes have come, so that eight are looked up at once.
+    /// of[k][b]: what byte b contributes after k more bytes, so that eight bytes are looked up at once.
     struct Tables
     {
         std::array<std::array<std::uint32_t, 256>, 8> of{};

@@ -18,10 +18,9 @@
 #include <utility>
 #include <vector>
 
-// Cuts polygons of any shape into triangles. The libraries at hand cannot serve here: CGAL's triangulations
-// are GPL, which reading a file must not ask for; assimp and earcut drop straight corners or lose their way
-// at doubled edges, and every edge of a polygon must be an edge of a triangle, or its neighbour's edge stays
-// open.
+// Cuts polygons of any shape into triangles. The libraries at hand do not serve here: CGAL's triangulations
+// are GPL, which reading a file must not require; assimp and earcut drop straight corners or fail at doubled
+// edges. Every edge of a polygon must be an edge of a triangle, or the neighbour's edge stays open.
 namespace firn::detail
 {
 
@@ -84,8 +83,8 @@ class PolygonCutter
 public:
     using Triangle = std::array<std::uint32_t, 3>; ///< corners of the polygon, from 0
 
-    /// Cuts the polygon with these corners, counter-clockwise from outside. A polygon that crosses itself
-    /// comes out in some way; one of fewer than three different corners as nothing.
+    /// Cuts the polygon with these corners, counter-clockwise from outside. A polygon that crosses itself is
+    /// cut in some way; one of fewer than three different corners gives no triangles.
     std::vector<Triangle> const& operator()(std::span<Eigen::Vector3d const> corners)
     {
         triangles_.clear();
@@ -99,8 +98,7 @@ public:
             triangles_.push_back({keep_[0], keep_[1], keep_[2]});
             return triangles_;
         }
-        // What is dropped of the coordinates leaves the others exact; a warped polygon may need its best
-        // plane.
+        // Dropping one coordinate leaves the others exact; a warped polygon may need its best plane.
         Eigen::Vector3d const normal = area_vector();
         if (!clip_along_axis(normal) && !clip_in_plane(normal)) clip_along_axis(normal);
         flip();
@@ -145,7 +143,7 @@ private:
         });
     }
 
-    /// Cuts off one corner after the other; false if some cut had to be made blindly.
+    /// Cuts off one corner after the other; false if a corner that is no ear had to be cut off.
     template <class Project>
     bool clip(Project const& project)
     {
@@ -168,7 +166,7 @@ private:
             }
             else if (++tried < left)
                 at = after;
-            else { // no ear: the tip of a doubled edge that is left over, or what crosses itself
+            else { // no ear: the tip of a doubled edge that is left over, or a polygon that crosses itself
                 if (auto const tip = doubled(at, left)) {
                     take_out(*tip);
                     at = ring_[*tip].after;
@@ -205,7 +203,7 @@ private:
         ring_[i].convex = turn(ring_[ring_[i].before].x, ring_[i].x, ring_[ring_[i].after].x) > 0;
     }
 
-    /// A corner whose neighbours coincide, in the rest of the ring.
+    /// A corner between two neighbours that coincide, in the rest of the ring.
     std::optional<std::uint32_t> doubled(std::uint32_t at, std::uint32_t left) const
     {
         for (; left > 0; --left, at = ring_[at].after)
@@ -226,8 +224,8 @@ private:
                !enters(ring_[ring_[ring_[tip].after].after].x, n, p, t);
     }
 
-    /// Whether a corner lies in the triangle or, where it coincides with one of the triangle's, its edges
-    /// enter.
+    /// Whether corner i lies in the triangle or, where it coincides with one of the triangle's corners,
+    /// whether its edges enter the triangle.
     bool blocks(std::uint32_t i, Eigen::Vector2d const& p, Eigen::Vector2d const& t,
                 Eigen::Vector2d const& n) const
     {
@@ -242,7 +240,8 @@ private:
         return turn(p, t, x) >= 0 && turn(t, n, x) >= 0 && turn(n, p, x) >= 0;
     }
 
-    /// Whether the way from a triangle's corner to `x` begins between its sides to the next and to the last.
+    /// Whether the line from a triangle's corner to `x` starts between the sides to the next and to the last
+    /// corner.
     static bool enters(Eigen::Vector2d const& x, Eigen::Vector2d const& corner, Eigen::Vector2d const& next,
                        Eigen::Vector2d const& last)
     {
@@ -260,7 +259,7 @@ private:
                 opposite_[{t[i], t[(i + 1) % 3]}] = t[(i + 2) % 3];
                 doubtful.emplace_back(t[i], t[(i + 1) % 3]);
             }
-        auto flips_left = keep_.size() * keep_.size(); // rounding shall not turn it in circles
+        auto flips_left = keep_.size() * keep_.size(); // rounding must not make it flip for ever
         while (!doubtful.empty() && flips_left > 0) {
             auto const [a, b] = doubtful.back();
             doubtful.pop_back();
@@ -285,7 +284,7 @@ private:
                 triangles_.push_back({keep_[edge.first], keep_[edge.second], keep_[c]});
     }
 
-    /// Of the angle at corner `c` between those to `a` and `b`.
+    /// The cotangent of the angle at corner `c` between `a` and `b`.
     double cotangent(std::uint32_t c, std::uint32_t a, std::uint32_t b) const
     {
         Eigen::Vector3d const to_a = place(a) - place(c), to_b = place(b) - place(c);

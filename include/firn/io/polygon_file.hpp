@@ -18,7 +18,7 @@
 #include <string_view>
 #include <vector>
 
-// What a mesh file holds, as it stands there, and what can be told of a file before it is read.
+// The content of a mesh file as it is, and checks of a file before it is read.
 namespace firn::detail
 {
 
@@ -97,7 +97,7 @@ inline char const* remedy_for_kind(std::string_view extension)
            "extension tells.";
 }
 
-/// What a file's first bytes say that it is, and the extension of meshes that may begin so.
+/// The kind of file that first bytes stand for, and the extension of meshes that may begin so.
 struct FirstBytes
 {
     std::string_view bytes;
@@ -105,7 +105,7 @@ struct FirstBytes
     char const* extension = "";
 };
 
-/// Refuses a file whose first bytes are those of another kind than its extension's.
+/// Refuses a file with first bytes of another kind than that of its extension.
 inline void check_first_bytes(std::filesystem::path const& path, std::string const& extension)
 {
     using namespace std::string_view_literals;

@@ -58,7 +58,7 @@ public:
     PolygonFile read(bool exact)
     {
         Assimp::Importer importer;
-        // Validation would refuse a mesh without faces with other words.
+        // No validation: it would refuse a mesh without faces with other words.
         auto const* const scene = importer.ReadFile(path_.string(), 0);
         if (!scene || !scene->mRootNode)
             throw Error{
@@ -111,7 +111,7 @@ private:
                                     std::to_string(corner) + " of " + std::to_string(part.mNumVertices),
                                 path_.string(), "The file is damaged: export it again."};
                 file_.corners.push_back(base + corner);
-                // vertices that no face names say nothing about the surface
+                // vertices that belong to no face say nothing about the surface
                 Eigen::Vector3d const& in_file = file_.vertices[base + corner];
                 auto const& v = part.mVertices[corner];
                 box_.extend(in_file);
@@ -122,13 +122,14 @@ private:
         }
     }
 
-    /// Refuses a mesh so far from its origin that single precision does not tell its corners.
+    /// Refuses a mesh so far from its origin that single precision does not tell its corners apart.
     void check_precision(bool exact) const
     {
         double const extent = box_.sizes().maxCoeff();
         auto const largest = static_cast<float>(largest_);
         double const spacing = std::nextafter(largest, std::numeric_limits<float>::infinity()) - largest;
-        // What the file holds in single precision comes as it stands there, but may not be worth much itself.
+        // Coordinates that the file holds in single precision are read exactly, but may not be accurate
+        // themselves.
         double const wanted = exact ? 1e3 : 1e5;
         if (exactly_equal(extent, 0) || extent >= wanted * spacing) return;
         std::ostringstream what;
@@ -203,9 +204,9 @@ inline void check_placement(MeshPlacement const& placement)
             "Pass an orthonormal matrix of determinant 1; scale the mesh by `scale`.");
 }
 
-/// A PLY header may promise more elements than its file can hold, and the importer would reserve their
-/// memory; of one without an end it reads what lies behind the file; and it loses triangles of strips. Tells
-/// whether the file holds numbers of single precision.
+/// Refuses PLY headers that the importer fails on: of more elements than the file can hold, it would reserve
+/// their memory; of one without an end, it reads beyond the file; of triangle strips, it loses triangles.
+/// Returns whether the file holds numbers of single precision.
 inline bool check_ply_header(std::filesystem::path const& path, std::uintmax_t file_size)
 {
     std::ifstream file(path, std::ios::binary);
@@ -235,7 +236,7 @@ inline bool check_ply_header(std::filesystem::path const& path, std::uintmax_t f
     return in_single;
 }
 
-/// Refuses what is no mesh file; gives the extension that tells its kind.
+/// Refuses files that are no mesh files; returns the extension, which tells the kind.
 inline std::string check_mesh_file(std::filesystem::path const& path)
 {
     namespace fs = std::filesystem;
@@ -260,7 +261,8 @@ inline std::string check_mesh_file(std::filesystem::path const& path)
     return extension;
 }
 
-/// Refuses what is no STL file, in words of its own: the importer has none. Tells whether it is a binary one.
+/// Refuses files that are no STL files, since the importer does not say why. Returns whether it is a binary
+/// one.
 inline bool check_stl(std::filesystem::path const& path, std::uintmax_t size)
 {
     std::ifstream file(path, std::ios::binary);
@@ -297,14 +299,14 @@ inline bool holds_single_precision(std::filesystem::path const& path, std::strin
 
 /// Reads the triangles of an OBJ, STL, PLY, glTF or GLB file (by extension) and places them in the scene [m].
 ///
-/// Node transforms are applied and vertices at exactly the same place welded (STL has three for each
+/// Node transforms are applied, and vertices at exactly the same place are welded (STL has three for each
 /// triangle). Polygons are cut into triangles, whether their corners are convex, concave or straight and
 /// whether or not doubled edges connect holes with their outline. Triangles that collapse are dropped, and so
-/// are lines and points. The surface may still be open or cross itself: `MeshInterior` is what judges that.
+/// are lines and points. The surface may still be open or cross itself: `MeshInterior` checks that.
 ///
 /// OBJ is read in double precision. The other kinds are read in single precision, which is the file's own in
-/// glTF, binary STL and most PLY files; a mesh that is smaller than 1e5 of its spacings (1e3, if it is the
-/// file's own) where the mesh lies is refused, rather than bent.
+/// glTF, binary STL and most PLY files. Coordinates have a spacing there; a mesh smaller than 1e5 spacings
+/// (1e3, if single precision is the file's own) is refused, since it would be bent.
 ///
 /// Throws firn::Error: no such file, a folder, unreadable, empty, an unknown extension, content of another
 /// kind, what the importer says, no triangles (a point cloud), a vertex that is not finite, too far from the

@@ -26,8 +26,9 @@ namespace firn::detail
 
 /// Reads the polygons of a Wavefront OBJ file: vertices, faces, and the names of objects and groups.
 ///
-/// Not by assimp, whose coordinates are in single precision, whose faces do not know their lines, and which
-/// takes `.5` for no number. Appendix B1 of Wavefront's *Advanced Visualizer Manual* describes the format.
+/// assimp is not used for it: its coordinates are in single precision, its faces have no line numbers, and it
+/// does not read `.5` as a number. Appendix B1 of Wavefront's *Advanced Visualizer Manual* describes the
+/// format.
 class ObjReader
 {
 public:
@@ -53,7 +54,7 @@ public:
     }
 
 private:
-    /// Takes a line off the text, with those that a backslash at its end continues it on.
+    /// Removes a line from the text, with the lines that continue it behind a backslash.
     std::string_view next_line(std::string_view& rest, std::uint32_t& line)
     {
         joined_.clear();
@@ -63,7 +64,7 @@ private:
             rest = end == std::string_view::npos ? std::string_view{} : rest.substr(end + 1);
             ++line;
             while (!piece.empty() && is_space(piece.back())) piece.remove_suffix(1);
-            // a comment does not go on: it may end with a folder's name
+            // a comment is not continued: it may end with a folder's name
             bool const goes_on = !piece.empty() && piece.back() == '\\' && !rest.empty() &&
                                  piece.find('#') == std::string_view::npos;
             if (!goes_on && joined_.empty()) return piece;
@@ -75,7 +76,7 @@ private:
 
     static bool is_space(char c) { return c == ' ' || c == '\t' || c == '\r' || c == '\v' || c == '\f'; }
 
-    /// Takes a word off a line; a comment ends it.
+    /// Removes a word from a line; a comment ends it.
     static std::string_view next_word(std::string_view& line)
     {
         while (!line.empty() && is_space(line.front())) line.remove_prefix(1);
@@ -106,7 +107,7 @@ private:
         return line.starts_with('#') ? std::string_view{} : line;
     }
 
-    /// x y z, then perhaps a weight w, or a colour.
+    /// x y z, then perhaps a weight w or a colour.
     void vertex(std::string_view line)
     {
         std::array<double, 4> number{0, 0, 0, 1};
@@ -136,7 +137,7 @@ private:
         return number;
     }
 
-    /// Corners as v, v/vt, v//vn or v/vt/vn; what is below 0 counts back from the last vertex so far.
+    /// Corners as v, v/vt, v//vn or v/vt/vn; a negative number counts back from the last vertex so far.
     void face(std::string_view line)
     {
         PolygonFile::Polygon polygon{file_.corners.size(), 0, {0, ++faces_, line_}};
@@ -163,7 +164,7 @@ private:
         file_.polygons.push_back(polygon);
     }
 
-    /// Vertices may stand behind the faces that name them.
+    /// Faces may name vertices that come later in the file, so corners are checked at its end.
     void check_corners()
     {
         for (auto const& polygon : file_.polygons)

@@ -24,11 +24,11 @@ namespace firn::detail
 enum class Survives
 {
     program, ///< the end of this program, however sudden
-    machine, ///< that of the machine, too: waits until the disk has it
+    machine, ///< a crash of the machine, too: waits until the disk has it
 };
 
-/// Waits until the disk has what was written to a file, or which files there are in a folder. False if that
-/// failed. Where there is no POSIX the system writes when it likes.
+/// Waits until the disk has the content of a file, or the list of files of a folder. False if that failed.
+/// Without POSIX it does nothing, and the system writes when it likes.
 inline bool flush_to_disk([[maybe_unused]] std::filesystem::path const& path)
 {
 #if __has_include(<unistd.h>) && __has_include(<fcntl.h>)
@@ -42,9 +42,9 @@ inline bool flush_to_disk([[maybe_unused]] std::filesystem::path const& path)
 #endif
 }
 
-/// Holds a file, which is made if need be, for one writer as long as it lives, or its program does: nothing
-/// is left to clear away when that is killed. Where the system or the file system keeps no such account,
-/// nobody is kept out.
+/// Locks a file, which is made if need be, for one writer as long as this object lives. The lock ends with
+/// the program, so a killed one leaves nothing to clear away. Where the system or the file system has no such
+/// locks, every writer is admitted.
 class OnlyWriter
 {
 public:
@@ -52,10 +52,10 @@ public:
     {
 #if defined(F_OFD_SETLK)
         for (;; ::close(file_)) {
-            // not by a link of somebody's to another file, nor waiting for who reads a pipe
+            // does not follow a link to another file, nor wait for a reader of a pipe
             file_ = ::open(path.c_str(), O_WRONLY | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0666);
             if (file_ < 0) return;
-            // one byte where none will be: there are file systems that refuse others to write what is held
+            // one byte far beyond the end: some file systems refuse others to write to bytes that are locked
             struct flock last = {};
             last.l_type = F_WRLCK;
             last.l_whence = SEEK_SET;
@@ -65,7 +65,7 @@ public:
                 is_alone_ = errno != EAGAIN && errno != EACCES;
                 return;
             }
-            struct stat held, named; // before it was held somebody may have given it another name
+            struct stat held, named; // it may have been renamed before it was locked
             if (::fstat(file_, &held) != 0) return;
             if (::stat(path.c_str(), &named) == 0 && held.st_dev == named.st_dev &&
                 held.st_ino == named.st_ino)
@@ -90,7 +90,7 @@ private:
     bool is_alone_ = true;
 };
 
-/// Where a path leads if it is a link, whether or not there is something.
+/// The target of a path that is a link, whether or not it exists.
 inline std::filesystem::path followed(std::filesystem::path path)
 {
     namespace fs = std::filesystem;
@@ -104,11 +104,10 @@ inline std::filesystem::path followed(std::filesystem::path path)
     return path;
 }
 
-/// Writes a file under a temporary name in the same folder and gives it its own only when all of it is
-/// written, so that a reader never meets half a file and a failure leaves the file of before, and nothing
-/// beside it; what `write` throws included. Of two that write it at once the second is refused: they have the
-/// temporary name in common, so that what a killed program leaves is used by the next one. A link stays: what
-/// it leads to is replaced.
+/// Writes a file under a temporary name in the same folder, and renames it when all of it is written. So a
+/// reader never sees half a file, and a failure, also an exception of `write`, leaves the previous file and
+/// nothing beside it. Of two that write it at once the second is refused. They share the temporary name, so
+/// the next program uses what a killed one leaves. A link stays, and its target is replaced.
 template <class Write>
 void replace_file(std::filesystem::path const& named, Write const& write,
                   Survives survives = Survives::program)
@@ -157,8 +156,8 @@ void replace_file(std::filesystem::path const& named, Write const& write,
     std::filesystem::rename(temporary, path, failed);
     if (failed) refuse("the finished file could not be given its name", failed.message() + ".");
     if (survives == Survives::program) return;
-    // Its name, too. Not every file system can be asked for that; what it has then is a whole file in any
-    // case: the new one, or that of before.
+    // Its name, too. Not every file system can do that; it then has a whole file in any case, the new one or
+    // the previous one.
     auto const folder = path.parent_path();
     flush_to_disk(folder.empty() ? "." : folder);
 }

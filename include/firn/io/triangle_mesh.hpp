@@ -12,10 +12,10 @@
 namespace firn
 {
 
-/// Where a mesh's vertices and triangles stand in the file that it was read from, so that errors can tell it.
+/// Where a mesh's vertices and triangles are in the file that it was read from, so that errors can say so.
 ///
-/// It describes a mesh whose vertices and triangles are as `read_mesh` gave them; vertices may have been
-/// moved since. If their number differs from what is here, errors tell the place in the scene alone. After a
+/// It describes a mesh with vertices and triangles as `read_mesh` returned them; vertices may have been moved
+/// since. If their number differs from the one here, errors tell the place in the scene alone. After a
 /// reordering, reset `TriangleMesh::source`.
 struct MeshSource
 {
@@ -39,7 +39,7 @@ struct TriangleMesh
 {
     std::vector<Eigen::Vector3d> vertices;
     std::vector<std::array<std::uint32_t, 3>> triangles;
-    std::shared_ptr<MeshSource const> source{}; ///< null for a mesh that no file holds
+    std::shared_ptr<MeshSource const> source{}; ///< null for a mesh that was not read from a file
 };
 
 } // namespace firn

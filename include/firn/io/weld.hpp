@@ -38,7 +38,7 @@ struct WeldHash
     }
 };
 
-/// Numbers positions in the order in which they come first.
+/// Numbers positions in the order of their first occurrence.
 class Weld
 {
 public:

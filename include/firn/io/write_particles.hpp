@@ -30,7 +30,7 @@ struct ParticleField
     std::vector<float> values;
 };
 
-/// What is written of a moment: where the particles are and what is known of each.
+/// The particles at one time: their positions and fields.
 ///
 /// Filled from any range: `ParticleFrame frame{t}; frame.at(x).vector("velocity", v).scalar("J_P", j);`
 struct ParticleFrame
@@ -231,7 +231,7 @@ inline void write_ply(std::filesystem::path const& path, ParticleFrame const& fr
     });
 }
 
-/// One moment of a series: its time [s] and its file, relative to the folder of the index.
+/// One file of a series: its time [s] and its path, relative to the folder of the index.
 struct PvdEntry
 {
     double time;
