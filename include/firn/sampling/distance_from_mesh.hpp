@@ -37,7 +37,7 @@ namespace firn
 namespace detail
 {
 
-/// The least distance to some triangles; safe to ask from several threads.
+/// The least distance to some triangles; safe to call from several threads.
 class TriangleDistance
 {
 public:
@@ -108,8 +108,8 @@ struct NodeGrid
     }
 };
 
-/// Closes the holes of a repaired mesh: where neighbouring nodes lie on different sides and no triangle is
-/// between them, a square of the grid's face, at the place where the side changes.
+/// Closes the holes of a repaired mesh: where neighbouring nodes are on different sides and no triangle is
+/// between them, it adds a square as large as a face of a cell at the place where the side changes.
 inline TriangleDistance::Triangles hole_squares(MeshInterior const& interior, NodeGrid const& grid,
                                                 std::vector<char> const& inside,
                                                 std::vector<double> const& distance)
@@ -143,9 +143,8 @@ inline TriangleDistance::Triangles hole_squares(MeshInterior const& interior, No
 /// an obstacle of any form.
 ///
 /// At the nodes the distance is exact to rounding; in the holes of a repaired mesh it is exact to a cell.
-/// What is thinner than a cell may fall between
-/// the nodes. Throws firn::Error: cell size not above 0, margin below 0, more than 5e8 nodes, none inside, a
-/// mesh so far from its origin that cells are lost to rounding.
+/// Parts thinner than a cell may fall between the nodes. Throws firn::Error: cell size not above 0, margin
+/// below 0, more than 5e8 nodes, none inside, a mesh so far from its origin that cells are lost to rounding.
 template <std::floating_point Real = float, class Loop = Serial>
 SignedDistanceGrid<Real, 3> distance_from_mesh(MeshInterior const& interior, double cell_size, double margin,
                                                Loop const& loop = {})

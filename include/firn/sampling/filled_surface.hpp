@@ -24,18 +24,19 @@
 namespace firn
 {
 
-/// The solid that a surface with holes, crossings or overlaps means: where it winds around a point by more
-/// than one half, within the box of its vertices.
+/// The solid that a surface with holes, crossings or overlaps stands for: the points in the box of its
+/// vertices around which it winds by more than one half.
 ///
-/// A hole is closed by the smooth sheet on which the winding number is one half, components that overlap are
-/// united. The orientation must be consistent within each connected component; a component that is (nearly)
-/// closed and turned inside out is a cavity if it lies inside another one, and is turned over if not.
+/// A hole is closed by the smooth sheet on which the winding number is one half, and components that overlap
+/// are united. The orientation must be consistent within each connected component; a component that is
+/// (nearly) closed and turned inside out is a cavity if it lies inside another one, and is turned over if
+/// not.
 class FilledSurface
 {
 public:
     /// Throws firn::Error if the surface, which must have triangles, surrounds nothing. `progress`, if any,
     /// is called now and then with the share that is done, from 0 to 1, by the thread that makes the object;
-    /// what it throws ends the work.
+    /// an exception that it throws ends the work.
     template <class Loop = Serial>
     explicit FilledSurface(TriangleMesh mesh, Loop const& loop = {},
                            std::function<void(double)> const& progress = {})
@@ -47,7 +48,7 @@ public:
             };
         };
         tell(0, 0)(0);
-        // a sheet has no inside, and looking for it would take as many cells as it is thin
+        // a sheet has no inside, and the thinner it is, the more cells the search for one would take
         if (box_.sizes().minCoeff() > 1e-4 * box_.sizes().maxCoeff()) {
             cells_.emplace(mesh_, box_, loop, tell(0, 0.5));
             estimate_volume(loop, tell(0.5, 0.6), tell(0.6, 1));
@@ -61,8 +62,8 @@ public:
     TriangleMesh const& surface() const { return mesh_; }
     Eigen::AlignedBox3d const& bounding_box() const { return box_; } ///< [m]
 
-    /// The volume [m³]: of the cells that lie wholly inside, and estimated from random points, two in each
-    /// part of a regular division, of those that the surface cuts. The standard error is 0.02 %, or more
+    /// The volume [m³]: that of the cells wholly inside, plus an estimate for the cells that the surface
+    /// cuts, from two random points in each part of a regular division. The standard error is 0.02 %, or more
     /// where that would take more than some ten million points.
     double volume() const { return volume_; }
     double volume_error() const { return volume_error_; } ///< standard error of `volume()` [m³]
@@ -83,11 +84,11 @@ private:
     {
         auto const leaves = cells_->leaves();
         constexpr double wanted = 0.0002, most_work = 1e7, work_of_winding = 25;
-        double work = 0; // of a point in each part
+        double work = 0; // with one part per leaf
         for (auto const& leaf : leaves)
             if (leaf.cut) work += 2 * (leaf.doubtful ? work_of_winding : 1);
         auto estimate = sample(leaves, 1, loop, first_progress);
-        // The error falls with the square of the parts along an edge.
+        // The error falls with the square of the number of parts along an edge.
         double const needed = std::ceil(std::sqrt(estimate.relative_error() / wanted));
         double const affordable = std::floor(std::cbrt(most_work / std::max(work, 1.0)));
         if (double const edge = std::min(needed, affordable); edge > 1)
@@ -159,7 +160,7 @@ private:
             part.vertices.swap(mesh.vertices); // lent for the sums
             auto const sums = detail::surface_sums(part);
             part.vertices.swap(mesh.vertices);
-            // Of a wide open piece nobody can tell what its inside is: it keeps its side.
+            // The inside of a wide open piece is unknown, so it keeps its orientation.
             bool const nearly_closed = sums.area_vector.norm() < 0.6 * sums.area;
             if (sums.volume < 0 && nearly_closed)
                 inward.push_back(std::move(part));

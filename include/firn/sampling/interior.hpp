@@ -111,7 +111,7 @@ inline std::size_t checked_count(Count count, char const* sampler)
     return static_cast<std::size_t>(count.points);
 }
 
-/// What to add where a solid is too large for what is asked of it: it may be in millimetres.
+/// A hint for errors about too large a solid: it may be in millimetres.
 inline std::string about_units(Eigen::AlignedBox3d const& box)
 {
     double const size = box.sizes().maxCoeff();
@@ -131,8 +131,8 @@ inline void check_candidates(double candidates, Eigen::AlignedBox3d const& box, 
                         about_units(box)};
 }
 
-/// The spacing [m] of a lattice of which `count` places fall inside, by the volumes alone. A solid thinner
-/// than that is one layer thick: the cube root of the volume per point would then be far too small.
+/// The spacing [m] of a lattice with `count` places inside, by the volumes alone. A solid thinner than that
+/// is one layer thick: the cube root of the volume per point would then be far too small.
 template <Interior Solid>
 double spacing_for(Solid const& interior, double count)
 {

@@ -53,7 +53,7 @@ namespace firn
 enum class Repair
 {
     none, ///< refuse it
-    fill  ///< take what it winds around by more than one half (`FilledSurface`)
+    fill  ///< use the points that it winds around by more than one half (`FilledSurface`)
 };
 
 namespace detail
@@ -62,7 +62,7 @@ namespace detail
 using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
 using SurfaceMesh = CGAL::Surface_mesh<Kernel::Point_3>;
 
-/// A closed surface, oriented outwards, and the tree that answers on which side of it a point lies.
+/// A closed surface, oriented outwards, and the tree that finds on which side of it a point lies.
 struct ClosedSurface
 {
     SurfaceMesh mesh;
@@ -92,18 +92,18 @@ inline void check_triangles(TriangleMesh const& mesh)
                 throw Error{"triangle " + std::to_string(t) + " has a corner (vertex " +
                                 std::to_string(corner) + ") that does not exist or is not finite",
                             "MeshInterior", "Correct the mesh's indices and coordinates."};
-    double extent = 0; // of what is used
+    double extent = 0; // of the vertices that are used
     Eigen::Vector3d const& first = mesh.vertices[mesh.triangles.front()[0]];
     for (auto const& triangle : mesh.triangles)
         for (auto const corner : triangle)
             extent = std::max(extent, (mesh.vertices[corner] - first).cwiseAbs().maxCoeff());
-    // volumes are still numbers then, and squares of volumes
+    // so that volumes, and squares of volumes, are finite and above 0
     require(exactly_equal(extent, 0) || (extent > 1e-30 && extent < 1e15),
             "the mesh is smaller than 1e-30 m or larger than 1e15 m", "MeshInterior", "Scale it to metres.");
 }
 
-/// Welds equal points and drops what is no triangle; tells what of the edges is wrong; then turns the
-/// triangles of each component the same way round, as far as that can be done.
+/// Welds equal points, drops degenerate triangles, finds the defects of edges, then orients the triangles of
+/// each component alike as far as possible.
 struct Soup
 {
     std::vector<Kernel::Point_3> points;
@@ -163,7 +163,7 @@ inline std::optional<Error> edge_error(EdgeDefects const& edges, std::size_t com
     return {};
 }
 
-/// Tells by its geometry why a surface whose edges are sound bounds no volume.
+/// Tells by its geometry why a surface with sound edges bounds no volume.
 inline std::optional<Error> geometry_error(SurfaceMesh const& mesh, MeshPlace const& place)
 {
     namespace PMP = CGAL::Polygon_mesh_processing;
@@ -191,28 +191,29 @@ inline std::optional<Error> geometry_error(SurfaceMesh const& mesh, MeshPlace co
 
 } // namespace detail
 
-/// The solid that a triangle surface bounds: answers which points lie inside.
+/// The solid that a triangle surface bounds: tells which points lie inside.
 ///
 /// The surface must be closed, a manifold and free of self-intersections. Solids beside one another add up;
-/// of shells inside one another every second one is a hole (a ball in a hollow ball), however each of them is
-/// oriented. Solids that overlap cross each other and are refused.
+/// of shells inside one another every second one bounds a hole (a ball in a hollow ball), however each of
+/// them is oriented. Solids that overlap cross each other and are refused.
 ///
-/// With `Repair::fill` a surface that is refused otherwise is taken as what it winds around by more than one
-/// half (`FilledSurface`, generalised winding number); a sound one is not touched. What was wrong is told by
-/// `defect()`.
+/// With `Repair::fill` a surface that would be refused stands for the points that it winds around by more
+/// than one half (`FilledSurface`, generalised winding number); a sound one is not touched. `defect()` says
+/// what was wrong.
 ///
 /// Throws firn::Error: no triangles, a corner that does not exist or is not finite, an edge with one triangle
-/// or more than two, triangles without area, not orientable, crossing itself, no volume. It tells the place,
-/// of a mesh that was read (`TriangleMesh::source`) in the file's coordinates too, and the file's face.
+/// or more than two, triangles without area, not orientable, crossing itself, no volume. It names the place,
+/// and for a mesh that was read from a file (`TriangleMesh::source`) also the place in the file's coordinates
+/// and the file's face.
 ///
-/// Cheap to copy; may be asked from several threads.
+/// Cheap to copy; several threads may call it at the same time.
 class MeshInterior
 {
 public:
-    /// A backend is a loop: `MeshInterior(mesh, Repair::fill, OpenMP{})` fills with all threads, and comes to
+    /// A backend is a loop: `MeshInterior(mesh, Repair::fill, OpenMP{})` fills with all threads, and finds
     /// the same solid with any number of them; a sound mesh needs none. `progress`, if any, is called now and
-    /// then while a mesh is filled, by the thread that calls this, with the share that is done, from 0 to 1;
-    /// what it throws comes out of here, and so ends the work.
+    /// then while a mesh is filled, by the thread that calls this, with the share that is done, from 0 to 1.
+    /// An exception that it throws ends the work and is passed on.
     template <class Loop = Serial>
     explicit MeshInterior(TriangleMesh const& mesh, Repair repair = Repair::none, Loop const& loop = {},
                           std::function<void(double)> const& progress = {})
@@ -248,7 +249,7 @@ public:
 
     bool contains(Eigen::Vector3d const& x) const
     {
-        if (!box_.contains(x)) return false; // and so is every point that is not a number
+        if (!box_.contains(x)) return false; // NaN is not inside either
         if (filled_) return filled_->contains(x);
         return closed_->side({x.x(), x.y(), x.z()}) == CGAL::ON_BOUNDED_SIDE;
     }
@@ -267,7 +268,7 @@ public:
     TriangleMesh const& surface() const { return *surface_; }
 
 private:
-    /// Takes the mesh as it is, or tells why it bounds no volume.
+    /// Accepts the mesh as it is, or returns why it bounds no volume.
     std::optional<Error> close(detail::SurfaceMesh mesh, detail::MeshPlace const& place)
     {
         if (auto defect = detail::geometry_error(mesh, place)) return defect;
@@ -289,7 +290,7 @@ private:
                                       "Give it a thickness");
         surface_ = std::move(surface);
         closed_ = std::make_shared<detail::ClosedSurface const>(std::move(mesh));
-        // The tree builds itself on the first query; that is not for several threads to do.
+        // The tree is built by the first query, which several threads must not make at the same time.
         closed_->side({box_.center().x(), box_.center().y(), box_.center().z()});
         return {};
     }

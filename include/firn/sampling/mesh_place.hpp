@@ -71,7 +71,7 @@ private:
         return box;
     }
 
-    /// With as many digits as tell a millionth of the mesh.
+    /// With enough digits to resolve a millionth of the mesh.
     static std::string coordinates(Eigen::Vector3d const& x, Eigen::AlignedBox3d const& box)
     {
         double const largest = box.min().cwiseAbs().cwiseMax(box.max().cwiseAbs()).maxCoeff();

@@ -13,11 +13,11 @@
 #include <utility>
 #include <vector>
 
-// What can be told of a surface from which triangles share which vertices.
+// Properties of a surface that follow from which triangles share which vertices.
 namespace firn::detail
 {
 
-/// Disjoint sets of numbers that grow together.
+/// Disjoint sets of numbers that can be united.
 class Groups
 {
 public:

@@ -87,7 +87,8 @@ PointSample lattice_points(Solid const& interior, Count count, double jitter = 0
     auto const wanted = detail::checked_count(count, "lattice_points");
     detail::check_jitter(jitter);
     auto const box = detail::box_to_sample(interior, "lattice_points");
-    // What the surface's chance cut through the lattice adds or takes is of the order of count^(1/3).
+    // Where the surface cuts the lattice is chance, which changes the number of points by the order of
+    // count^(1/3).
     auto const enough =
         wanted + static_cast<std::size_t>(2 * std::cbrt(double(wanted)) + 0.002 * double(wanted));
     double spacing = detail::spacing_for(interior, double(wanted));
@@ -101,7 +102,7 @@ PointSample lattice_points(Solid const& interior, Count count, double jitter = 0
         if (good_enough) break;
         if (exactly_equal(found, 0) && box.volume() > 1e6 * std::pow(spacing, 3))
             break; // nothing to be found
-        // Aim into the middle of what is good, and a little finer each time, so that this ends.
+        // Aims at the middle of the accepted range, and a little finer each time, so that this ends.
         double const aim =
             0.5 * double(wanted + enough) * (1 + 0.01 * attempt * attempt / std::cbrt(double(wanted)));
         spacing *= std::clamp(std::cbrt(found / aim), 0.5, 1.1);
@@ -125,7 +126,7 @@ PointSample uniform_points(Solid const& interior, Count count, std::uint64_t see
     std::vector<Eigen::Vector3d> points, candidates;
     candidates.resize(static_cast<std::size_t>(std::min(1.2 * expected + 100, double(detail::batch_size))));
     for (double tried = 0; points.size() < wanted; tried += double(candidates.size())) {
-        // Only a solid that is not where it says, or much smaller, comes here.
+        // Only reached if the solid is not in its box, or much smaller than its volume.
         require(tried < 10 * expected + 1e7, "hardly any point falls inside", "uniform_points",
                 "The solid's volume and box do not fit what it contains.");
         for (auto& x : candidates) x = box.min().array() + random.vector() * box.sizes().array();

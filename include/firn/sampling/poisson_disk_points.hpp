@@ -28,9 +28,9 @@ namespace detail
 /// Throws darts into a box; a dart stays if it is no closer than `radius` to one that stayed.
 ///
 /// The cells of a grid are so small (diagonal = radius) that each holds one point at most, and cells three
-/// apart cannot disturb one another: cells with the same remainders by three form a phase whose darts fly at
-/// the same time, after L.-Y. Wei, *Parallel Poisson disk sampling* (2008). A round visits the 27 phases in
-/// random order and throws one dart at each cell that may still take one.
+/// apart cannot disturb one another. So cells with the same indices modulo three form a phase, in which all
+/// darts are thrown at the same time, after L.-Y. Wei, *Parallel Poisson disk sampling* (2008). A round
+/// visits the 27 phases in random order and throws one dart at each cell that still has room for one.
 class DartThrowing
 {
 public:
@@ -51,7 +51,7 @@ public:
                 "Ask for fewer points (a larger radius), or split a solid that leaves most of its box "
                 "empty." +
                     about_units(box)};
-        // A rim of empty cells spares the search for neighbours its checks.
+        // With a rim of empty cells the search for neighbours needs no checks of indices.
         for (int i = 0; i < 3; ++i) count_[std::size_t(i)] = static_cast<std::uint32_t>(cells[i]) + 2 * reach;
         row_ = count_[0];
         slab_ = row_ * count_[1];
@@ -82,7 +82,7 @@ private:
         hopeless ///< a point is too close to all of the cell
     };
 
-    /// Throws one dart at each cell of a phase; leaves in it the cells that may take another.
+    /// Throws one dart at each cell of a phase, and keeps the cells that may have room for another.
     template <class Loop>
     void throw_at(std::vector<std::uint32_t>& phase, Loop const& loop)
     {
@@ -120,7 +120,7 @@ private:
         return Fate::free;
     }
 
-    /// The cells that a point too close may be in, nearest first; the 8 at the corners are a radius away.
+    /// The cells in which a point may be too close, nearest first; the 8 at the corners are a radius away.
     void find_neighbours()
     {
         std::vector<std::pair<int, std::ptrdiff_t>> by_distance;
@@ -157,7 +157,7 @@ private:
     std::vector<Fate> fates_;
 };
 
-/// The points of a Poisson-disk sample of all the box that lie inside: the surface attracts none.
+/// The points inside of a Poisson-disk sample of all the box, so that none gather at the surface.
 template <Interior Solid, class Loop>
 std::vector<Eigen::Vector3d> poisson_disk_inside(Solid const& interior, double radius, std::uint64_t seed,
                                                  Loop const& loop)
@@ -170,7 +170,7 @@ std::vector<Eigen::Vector3d> poisson_disk_inside(Solid const& interior, double r
 
 } // namespace detail
 
-/// Points no two of which are closer than `radius`, at random and nearly as many as fit.
+/// Random points no two of which are closer than `radius`, nearly as many as fit.
 ///
 /// About 0.6 points come out for each cube of the radius. The cost is that of the bounding box. Throws
 /// firn::Error: radius not above 0, no solid, no point inside, a grid of more than 5e8 cells (2 to 4 GB).

@@ -24,13 +24,13 @@
 namespace firn::detail
 {
 
-/// Tells where a surface winds around a point by more than one half, in a fraction of the time that its
-/// winding number takes: an octree whose cells know the winding number at one of their points.
+/// Tells whether a surface winds around a point by more than one half, in a fraction of the time that its
+/// winding number takes: an octree that stores for each cell the winding number at one of the cell's points.
 ///
-/// From there to any other point of the cell the winding number jumps by one at each triangle that lies
-/// between, and else changes only on account of open edges: its gradient is the Biot-Savart integral 1/4π ∫ r
-/// × dl / r³ over them, which is taken at the cell's centre and changes by at most 1/4π ∫ 2 dl / r³ for each
-/// metre from there. Where this bound leaves the question open, the winding number itself answers it.
+/// From there to any other point of the cell the winding number jumps by one at each triangle between the
+/// two, and else changes only because of open edges: its gradient is the Biot-Savart integral 1/4π ∫ r × dl /
+/// r³ over them. That is computed at the cell's centre, and changes by at most 1/4π ∫ 2 dl / r³ for each
+/// metre from there. Where this bound does not decide, the winding number itself does.
 class WindingCells
 {
 public:
@@ -69,13 +69,13 @@ public:
         return contains(x, cells_[cell]);
     }
 
-    /// A part of the box: wholly inside or outside, or to be looked at.
+    /// A part of the box: wholly inside, wholly outside, or perhaps cut by the surface.
     struct Leaf
     {
         Eigen::AlignedBox3d box;
         bool cut;      ///< the surface may pass through it
-        bool inside;   ///< of one that it does not cut
-        bool doubtful; ///< of one that it may cut: each point takes a winding number
+        bool inside;   ///< if it is not cut
+        bool doubtful; ///< if it may be cut: each point needs a winding number
         std::size_t cell;
     };
 
@@ -99,8 +99,8 @@ public:
 private:
     static constexpr int roots_along = 2, usual_levels = 5, most_levels = 8;
     static constexpr std::size_t few_triangles = 12;
-    /// What the winding number may err by (see WindingNumber) and how much of a change is followed from cell
-    /// to cell before it is calculated anew.
+    /// The error of a winding number (see WindingNumber), and the uncertainty up to which it is passed on
+    /// from cell to cell before it is computed anew.
     static constexpr double error_of_winding = 0.06, most_doubt = 0.2;
 
     struct Triangle
@@ -108,7 +108,7 @@ private:
         Eigen::Vector3d a, b, c, normal;
     };
 
-    /// An edge of whose triangles more run one way, from `a` to `b`, than the other.
+    /// An edge along which more triangles run from `a` to `b` than the other way.
     struct OpenEdge
     {
         Eigen::Vector3d a, b;
@@ -149,7 +149,7 @@ private:
         Eigen::Vector3d centre, half, known_at;
         Eigen::Vector3d gradient = Eigen::Vector3d::Zero(); ///< of the winding number, jumps aside
         double winding = 0;                                 ///< at `known_at`
-        double doubt = 0;            ///< by how much it may differ anywhere in the cell, jumps aside
+        double doubt = 0;            ///< bound on its error anywhere in the cell, jumps aside
         std::size_t first_child = 0; ///< of eight; 0: none
         std::size_t first = 0, last = 0;
         Side side = Side::both;
@@ -159,9 +159,9 @@ private:
     {
         Cell cell;
         double error = 0;                                   ///< of the winding number at `known_at`
-        Eigen::Vector3d gradient = Eigen::Vector3d::Zero(); ///< what open edges far away add, somewhere here
-        double gradient_error = 0;                          ///< by how much that may differ elsewhere
-        std::vector<std::uint32_t> triangles, open_edges;   ///< those that may be in the cell or near it
+        Eigen::Vector3d gradient = Eigen::Vector3d::Zero(); ///< from open edges far away, at some point here
+        double gradient_error = 0;                          ///< bound on its change within the cell
+        std::vector<std::uint32_t> triangles, open_edges;   ///< that may be in the cell or near it
         std::size_t at = 0;                                 ///< its place in the tree
     };
 
@@ -194,7 +194,8 @@ private:
     {
         bool const from_front = (p - t.a).dot(t.normal) > 0;
         if (from_front == ((q - t.a).dot(t.normal) > 0)) return 0;
-        // the same numbers, but for their sign, for the triangle beyond an edge: the way misses no seam
+        // the triangle beyond an edge has the same numbers but for their sign, so no line passes between the
+        // two
         Eigen::Vector3d const way = q - p, a = t.a - p, b = t.b - p, c = t.c - p;
         double const ab = way.dot(a.cross(b)), bc = way.dot(b.cross(c)), ca = way.dot(c.cross(a));
         bool const through = (ab >= 0 && bc >= 0 && ca >= 0) || (ab <= 0 && bc <= 0 && ca <= 0);
@@ -203,7 +204,7 @@ private:
 
     void find_open_edges(TriangleMesh const& mesh)
     {
-        Weld weld; // by place: vertices may have been doubled to tell surfaces apart
+        Weld weld; // by position: vertices may have been doubled to separate surfaces
         std::vector<std::uint32_t> number;
         for (auto const& x : mesh.vertices) number.push_back(weld(x));
         std::vector<std::array<std::uint32_t, 4>> edges; // by number; the vertices, in the triangle's order
@@ -243,14 +244,14 @@ private:
             cell.half = 0.5 * root_size_;
             cell.centre = box_.min().array() + (at + 0.5) * root_size_;
             cell.known_at = somewhere_in(cell, i);
-            level[i].error = most_doubt; // to be calculated
+            level[i].error = most_doubt; // so that it is computed
             level[i].open_edges.resize(open_edges_.size());
             std::iota(level[i].open_edges.begin(), level[i].open_edges.end(), 0u);
         }
         for (std::uint32_t t = 0; t < triangles_.size(); ++t) {
             auto const& [a, b, c, normal] = triangles_[t];
             Eigen::Vector3d const lowest = a.cwiseMin(b).cwiseMin(c), highest = a.cwiseMax(b).cwiseMax(c);
-            // one part more: what lies on a face between parts belongs to both
+            // with a margin: a triangle on a face between parts belongs to both
             Eigen::Array3d const low = ((lowest - box_.min()).array() / root_size_ - 1e-6).floor().max(0);
             Eigen::Array3d const high =
                 ((highest - box_.min()).array() / root_size_ + 1e-6).floor().min(root_count_ - 1);
@@ -266,7 +267,7 @@ private:
         return level;
     }
 
-    /// A place in general position, so that no way from it runs along a triangle.
+    /// A place in general position, so that no line from it runs along a triangle.
     static Eigen::Vector3d somewhere_in(Cell const& cell, std::uint64_t seed)
     {
         UnitRandom random(seed);
@@ -284,7 +285,7 @@ private:
         return std::abs(a.dot(t.normal)) <= half.dot(t.normal.cwiseAbs()) * (1 + 1e-6);
     }
 
-    /// Settles a cell, or gives its eight parts.
+    /// Decides on a cell, or returns its eight parts.
     std::vector<Growing> grow(Growing& grown, int depth) const
     {
         Cell& cell = grown.cell;
@@ -336,7 +337,7 @@ private:
         return parts;
     }
 
-    /// Takes a level of cells into the tree; gives the next one.
+    /// Adds a level of cells to the tree; returns the next level.
     std::vector<Growing> keep(std::vector<Growing>& level, std::vector<std::vector<Growing>>& children)
     {
         std::vector<Growing> next;

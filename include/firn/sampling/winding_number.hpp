@@ -40,12 +40,12 @@ public:
         triangles_ = std::move(sorted);
     }
 
-    /// The winding number of the surface around `x` [m]; safe to ask from several threads.
+    /// The winding number of the surface around `x` [m]; safe to call from several threads.
     double operator()(Eigen::Vector3d const& x) const
     {
         double solid_angle = 0;
-        // The tree lies in depth-first order: a node that needs no closer look is left by a jump over its
-        // children, any other is followed by its first child.
+        // The tree lies in depth-first order: behind a node that is far enough away the loop jumps over its
+        // children, else it goes on with the first child.
         for (std::size_t at = 0; at < nodes_.size();) {
             auto const& node = nodes_[at];
             Eigen::Vector3d const r = node.centre - x;
@@ -80,8 +80,8 @@ private:
         std::size_t next;          ///< where to go on when the children are skipped
     };
 
-    // Barill et al. use 2 with one term more. 2.5 errs by 0.01 (root mean square), 0.05 at worst, and never
-    // by so much that inside and outside of a closed surface, 1 and 0, were confused.
+    // Barill et al. use 2 with one more term. 2.5 errs by 0.01 (root mean square), 0.05 at worst, which is
+    // too little to confuse inside and outside of a closed surface, 1 and 0.
     static constexpr double far = 2.5;
     static constexpr std::size_t leaf_size = 8;
 
