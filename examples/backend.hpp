@@ -13,7 +13,7 @@
 #include <string>
 #include <unistd.h>
 
-// What an example runs on: its one file is compiled once for each backend, into NAME and NAME_cuda.
+// The backend of an example: its one file is compiled once for each backend, into NAME and NAME_cuda.
 namespace firn::examples
 {
 
@@ -29,7 +29,7 @@ inline std::string backend_info() { return openmp_info(); }
 inline Backend backend_with(int threads) { return {threads}; }
 #endif
 
-/// Goes on in the program that was compiled for the wanted backend, "openmp" or "cuda", unless this one is.
+/// Continues in the program that was compiled for the wanted backend, "openmp" or "cuda", unless this is it.
 /// Throws an Error if there is no such backend or program.
 inline void change_backend(std::string const& wanted, char** argv)
 {

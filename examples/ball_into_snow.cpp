@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// A ball of ice falls into fresh snow, which stops it: after every millisecond the ball takes the reaction
-// that the solver reports, so that momentum is kept to rounding. `ball_into_snow [--backend cuda] [folder]`
+// A ball of ice falls into fresh snow, which stops it. After every millisecond the ball receives the reaction
+// that the solver reports, so momentum is conserved to rounding. `ball_into_snow [--backend cuda] [folder]`
 // writes frames.
 #include "frames.hpp"
 

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// A column of water collapses: its front beside the experiment of Martin & Moyce 1952 ("An experimental study
-// of the collapse of liquid columns on a rigid horizontal plane", Phil. Trans. A 244), base 2.25 in, twice as
-// high. `dam_break [--backend cuda] [folder]` writes frames as well.
+// A column of water collapses: its front is compared with the experiment of Martin & Moyce 1952 ("An
+// experimental study of the collapse of liquid columns on a rigid horizontal plane", Phil. Trans. A 244),
+// base 2.25 in, twice as high. `dam_break [--backend cuda] [folder]` writes frames as well.
 #include "frames.hpp"
 
 using namespace firn;

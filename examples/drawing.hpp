@@ -49,7 +49,7 @@ struct Camera
     Eigen::Vector3d position, focal_point;
 };
 
-/// A line across a picture of a plane scene: what a number of the particles is compared with.
+/// A line across a picture of a plane scene, with which a quantity of the particles is compared.
 struct Mark
 {
     std::string label;
@@ -66,13 +66,13 @@ struct Drawing
     double frames_per_second = 24;
     std::optional<Camera> camera{};
     std::vector<DrawnObstacle> obstacles{};
-    std::string colour_by{};          ///< the field whose whole numbers choose a particle's colour
+    std::string colour_by{};          ///< the field of whole numbers that choose a particle's colour
     std::vector<std::string> names{}; ///< what these numbers stand for, from 0
     std::vector<Mark> marks{};
     std::string title{}; ///< of a plane scene's pictures
 };
 
-/// Writes a text file as a whole; throws an Error if the folder does not let it.
+/// Writes a text file; throws an Error if that fails.
 inline void write_text(std::filesystem::path const& path, std::string const& text)
 {
     std::ofstream file(path);

@@ -37,8 +37,8 @@ std::vector<Vector<double, d>> block(Vector<double, d> const& size, double cell_
     return points;
 }
 
-/// The number of the horizontal layer of this height [m] that each point is in, odd or even: for pictures of
-/// what has become of them.
+/// 0 or 1 for each point, alternating by horizontal layers of this height [m]: for pictures of how layers
+/// have moved.
 template <class Points>
 std::vector<float> layers(Points const& points, double height)
 {
@@ -47,7 +47,7 @@ std::vector<float> layers(Points const& points, double height)
     return number;
 }
 
-/// The coordinate along x that a share of the particles has not passed.
+/// The coordinate along x below which this share of the particles is.
 template <class Points>
 double front(Points const& points, double share)
 {
@@ -109,7 +109,7 @@ private:
     int count_ = 0;
 };
 
-/// The folder that the command line names, if it does; goes on in another program if that is for the wanted
+/// The folder that the command line names, if it does. Continues in another program if that has the wanted
 /// backend, and ends this one after --help. Throws an Error for any other command line.
 inline std::optional<std::filesystem::path> folder_of(int argc, char** argv)
 {

@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// Writes meshes to try the other examples with: head.obj, torus.obj and open_head.obj, which is not closed:
-// it is refused until it is repaired.
+// Writes meshes to try the other examples with: head.obj, torus.obj and open_head.obj. The last is not
+// closed, and is refused until it is repaired.
 
 #include "meshes.hpp"
 

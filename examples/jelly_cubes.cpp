@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
-// Cubes of jelly fall on one another and come to rest on a smooth floor. Then their volume is known: the work
-// of their weight against their places is that of their pressure against their volumes, 3 K (V - V0) = -m g y
-// with y the height of their centre of mass, whatever their pile is like (Clausius' virial theorem and
-// Hooke's law; strains here are some per cent). `jelly_cubes [--backend cuda] [folder]` writes frames as
-// well.
+// Cubes of jelly fall on one another and come to rest on a smooth floor. Their volume is then known: 3 K (V -
+// V0) = -m g y with y the height of their centre of mass, whatever the shape of their pile. By Clausius'
+// virial theorem the sum of weights times heights is three times that of pressures times volumes, and Hooke's
+// law gives the change of volume (strains here are some per cent). `jelly_cubes [--backend cuda] [folder]`
+// writes frames as well.
 #include "frames.hpp"
 
 using namespace firn;
@@ -12,7 +12,7 @@ using namespace firn::examples;
 using Room = Space<3, double>;
 using Jelly = NeoHookean<Room>;
 
-/// What all particles of a body of jelly have together.
+/// Sums and means over all particles of a body of jelly.
 struct Totals
 {
     double height = 0;                                  ///< of the centre of mass [m]
@@ -47,7 +47,7 @@ try {
     Solver<Backend, Jelly, QuadraticBSpline, Pic> solver(lattice(h), materials::jelly<Room>());
     struct Cube
     {
-        Eigen::Vector3d centre, axis; ///< [m], and what it is turned about
+        Eigen::Vector3d centre, axis; ///< [m], and the axis of its rotation
         double angle;                 ///< [rad]
     };
     for (auto const& cube : {Cube{{0, 0.26, 0}, {0, 1, 0}, 0.3}, Cube{{0.08, 0.8, 0.04}, {1, 1, 0.4}, 0.5},

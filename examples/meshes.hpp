@@ -190,7 +190,7 @@ inline QuadMesh isosurface(std::function<double(Point const&)> const& field, Poi
 
     QuadMesh mesh;
     auto constexpr none = std::uint32_t(-1);
-    std::vector<std::uint32_t> vertex(value.size(), none); // of the cell whose lowest corner is this node
+    std::vector<std::uint32_t> vertex(value.size(), none); // of the cell with its lowest corner at this node
     for (int i = 0; i < n.x(); ++i)
         for (int j = 0; j < n.y(); ++j)
             for (int k = 0; k < n.z(); ++k) {
@@ -306,8 +306,8 @@ inline TriangleMesh head(double cell = 0.0225)
 }
 
 /// The same monkey with about 500 quadrilaterals and open at the eyes, as such heads are often shared: three
-/// components, the head with two holes and two eyeballs that touch it nowhere. No inside can be told from it
-/// without a repair.
+/// components, the head with two holes and two eyeballs that do not touch it. It has no inside without a
+/// repair.
 inline TriangleMesh open_head()
 {
     using namespace detail;
@@ -340,7 +340,7 @@ inline TriangleMesh open_head()
         mesh.quads.push_back(quad);
     }
 
-    // Vertices onto the surface; those of a rim onto its hole's edge.
+    // Move vertices onto the surface, and those of a rim onto its hole's edge.
     std::set<std::pair<std::uint32_t, std::uint32_t>> edges;
     for (auto const& quad : mesh.quads)
         for (int i = 0; i < 4; ++i) edges.insert({quad[i], quad[(i + 1) % 4]});

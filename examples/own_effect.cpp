@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: MIT
-// An effect of one's own, rising_wind.hpp: drops of water at rest, one above the other, are taken along by a
-// wind whose drag grows with height. At the height y a drop has the velocity U (1 - exp(-k y t)). What is
-// left is of second order in the cell: nodes around a drop are at other heights. Fails if it is more than
-// that. `own_effect [--backend cuda] [folder]` writes frames as well.
+// An effect of one's own, rising_wind.hpp: a wind, its drag growing with height, carries along drops of water
+// that are at rest, one above the other. At the height y a drop has the velocity U (1 - exp(-k y t)). The
+// error is of second order in the cell, since nodes around a drop are at other heights; the example fails if
+// it is larger. `own_effect [--backend cuda] [folder]` writes frames as well.
 #include "frames.hpp"
 #include "rising_wind.hpp"
 
@@ -25,7 +25,7 @@ try {
         std::vector<Eigen::Vector2d> start;
         for (int i = 1; i <= drops; ++i) start.emplace_back(0.013, 0.5 * i); // too far apart to share nodes
         solver.add(start, h * h / 4);
-        double for_forces = 0; // for how long the wind has blown, as velocities know it [s]
+        double for_forces = 0; // how long the wind has acted on velocities [s]
         std::uint64_t steps = 0;
         for (int i = 0; i < 10; ++i) {
             if (frames && h == 0.025) frames->write(solver);

@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 // A material of one's own, soft_foam.hpp: a column of foam settles under its own weight, in the plane, to the
-// heights that its stress says. Its sides are free, and it does not bulge (without a volume term lengths
-// across carry no stress), so that the stretch s at the place Y of rest solves k (s - 1 / s) = -rho g (L -
-// Y): the first Piola-Kirchhoff stress carries the weight above. `own_material [--backend cuda] [folder]`
-// writes frames as well.
+// heights that follow from its stress. Its sides are free, and it does not bulge: without a volume term,
+// compression along it causes no stress across. So the stretch s at the place Y of rest solves k (s - 1 / s)
+// = -rho g (L - Y): the first Piola-Kirchhoff stress carries the weight above. `own_material [--backend cuda]
+// [folder]` writes frames as well.
 #include "frames.hpp"
 #include "soft_foam.hpp"
 
@@ -28,7 +28,7 @@ try {
         Solver<Backend, SoftFoam<Plane>, QuadraticBSpline, Apic> solver(lattice(h), foam);
         auto const start = block<2>({width, L}, h);
         solver.add(start, h * h / 4);
-        // Gravity comes on slowly, over six periods of the column, so that it hardly swings; the heights are
+        // Gravity grows slowly, over six periods of the column, so that it hardly swings; the heights are
         // means over two more.
         double const period = 4 * L / std::sqrt(2 * foam.stiffness / foam.density);
         int const count = 64;

@@ -75,7 +75,7 @@ private:
     double seconds_ = 0;
 };
 
-/// How long what is left of a run takes [s]: if steps stay as long as in the last frame, and if they become
+/// The time that the rest of a run takes [s]: if steps stay as long as in the last frame, and if they become
 /// as short as they can.
 struct TimeLeft
 {

@@ -22,7 +22,7 @@ struct RisingWind // along x; its drag grows with height, and is exact for steps
         FIRN_HOST_DEVICE firn::Vector<Real, d> on_node(firn::LaneNode<Real, d> const& node,
                                                        firn::Vector<Real, d> const& velocity) const
         {
-            using firn::exp, firn::max; // of numbers; those of packs are found beside them
+            using firn::exp, firn::max; // for numbers; those of packs are found by their arguments
             using Number = firn::ScalarOf<Real>;
             Real const height = max(node.position.relative_to({0, 0, 0})[1], Real(0));
             Real const wind(static_cast<Number>(speed)), slowness(static_cast<Number>(-rate));

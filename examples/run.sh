@@ -45,8 +45,8 @@ need_packages_of_examples "$render"
 need_room 500 "$root"
 
 echo "building: $root/build/examples"
-# Of the examples what is run here, and meshes to try; nvcc's minutes are for who asks for a GPU. Without the CUDA toolkit
-# there is no such target, and the example says so.
+# Builds the example that is run here, and meshes to try; for a GPU, which takes nvcc minutes, only if that is asked for.
+# Without the CUDA toolkit there is no such target, and the example says so.
 build_example() {
     local targets=(generate_meshes "$scene")
     cd "$root" && cmake --preset examples || return

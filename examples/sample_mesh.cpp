@@ -23,7 +23,7 @@ void show_filling(double share)
         std::fprintf(stderr, "\rfilling %3.0f %%%s", 100 * share, share < 1 ? "" : "\n");
 }
 
-/// What is inside the mesh. Where Repair::fill would help, the error names the option that passes it.
+/// The interior of the mesh. Where Repair::fill would help, the error names the option that passes it.
 MeshInterior interior(TriangleMesh const& mesh, bool repair, OpenMP const& loop)
 {
     if (repair) return MeshInterior(mesh, Repair::fill, loop, show_filling);

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
-// Columns of sand collapse on a rough floor: their run-out beside the fit to experiments of Lube et al. 2005
-// ("Collapses of two-dimensional granular columns", Phys. Rev. E 72, 041301), (L - L0) / L0 = 1.2 a for
-// columns up to 1.8 times as high as wide, 1.9 a^(2/3) above (from 2.3 or 2.8 on, by the source).
+// Columns of sand collapse on a rough floor. Their run-out is compared with the fit to experiments of Lube et
+// al. 2005 ("Collapses of two-dimensional granular columns", Phys. Rev. E 72, 041301): (L - L0) / L0 = 1.2 a
+// for columns up to 1.8 times as high as wide, 1.9 a^(2/3) above (from 2.3 or 2.8 on, by the source).
 // `sand_column [--backend cuda] [folder]` writes frames as well.
 #include "frames.hpp"
 

@@ -15,7 +15,7 @@ need_packages() {
     echo "packages: installing ${missing[*]}"
     local as_root=()
     if [ "$(id -u)" -ne 0 ]; then
-        # asks for the password now, where there is somebody to ask
+        # asks for the password now, if there is a terminal
         sudo -n true 2>/dev/null || { [ -t 0 ] && command -v sudo >/dev/null && sudo -v; } ||
             stop "root or sudo is needed to install: ${missing[*]}"
         as_root=(sudo)

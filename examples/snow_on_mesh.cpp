@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Snow falls on a turning ring: an obstacle from a mesh, here a generated torus; any closed mesh will do,
-// also one that `read` takes from a file. `snow_on_mesh [--backend cuda] [folder]` writes frames as well.
-// (What makes distances of the mesh, sample_mesh.cpp, includes CGAL: GPL, see README.)
+// also one that `read` reads from a file. `snow_on_mesh [--backend cuda] [folder]` writes frames as well.
+// sample_mesh.cpp, which computes the distances from the mesh, includes CGAL: GPL, see README.
 #include "frames.hpp"
 #include "meshes.hpp"
 #include "sample_mesh.hpp"
@@ -21,7 +21,7 @@ try {
     auto points = block<3>({size, 0.3, size}, h);
     for (auto& x : points) x += Eigen::Vector3d(-size / 2, 0.1, -size / 2);
     solver.add(points, h * h * h / 8, {0, -1, 0});
-    // its distances where the backend reaches them: on a GPU with Cuda
+    // its distances in the backend's memory: on a GPU with Cuda
     Obstacle<SignedDistanceGridOn<Backend, float, 3>> const ring{
         .shape = distances.on(solver.backend()),
         .contact = Contact::coulomb(0.4),

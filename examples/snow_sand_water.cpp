@@ -11,7 +11,7 @@ using Plane = Space<2, double>;
 using Mixture = Materials<Snow<Plane>, Sand<Plane>, Fluid<Plane>>;
 using Scene = Solver<Backend, Mixture, QuadraticBSpline, Apic>;
 
-/// Points of a block whose lowest corner is at `corner` [m].
+/// Points of a block with its lowest corner at `corner` [m].
 std::vector<Eigen::Vector2d> block_at(Eigen::Vector2d const& corner, Eigen::Vector2d const& size, double h)
 {
     auto points = block<2>(size, h);
@@ -53,7 +53,7 @@ try {
         if (!frames) return;
         frames->write(solver, [&](ParticleFrame& frame) {
             std::vector<float> material(solver.size());
-            for (auto id : solver.ids<Sand<Plane>>()) material[id] = 1; // ids count all: nobody was removed
+            for (auto id : solver.ids<Sand<Plane>>()) material[id] = 1; // ids count all: none was removed
             for (auto id : solver.ids<Fluid<Plane>>()) material[id] = 2;
             frame.scalar("material", material);
         });

@@ -11,7 +11,7 @@
 namespace firn::examples
 {
 
-/// What tells one snow scene from another. `effects(time, frame)` gives the effects of the frame that begins
+/// What differs between the snow scenes. `effects(time, frame)` returns the effects of the frame that begins
 /// at that time and lasts so long [s] as a tuple, obstacles included.
 template <class Effects>
 struct SnowScene
@@ -72,8 +72,8 @@ void simulate(Options const& options, Scene const& scene, Sampled const& body, T
     require(cell < std::cbrt(body.volume), "a cell would be larger than the body", "--cell",
             "Give a few hundredths of its size [m], or 0 for eight particles per cell.");
     auto snow = materials::fresh_snow<Space<3, float>>();
-    // Crushed snow would otherwise set the step of all: at J_P = 0.6 its wave is 7.4 times as fast as in
-    // fresh snow, at 0.75 it is 3.5 times. report.json counts the particles at the cap.
+    // Crushed snow would otherwise limit the step of all particles: at J_P = 0.6 its wave is 7.4 times as
+    // fast as in fresh snow, at 0.75 it is 3.5 times. report.json counts the particles at the cap.
     snow.smallest_plastic_ratio = 0.75f;
     Solver solver(lattice(cell), snow, transfer, {}, backend_with(options.threads));
     solver.add(body.points, body.volume_per_point, scene.velocity);

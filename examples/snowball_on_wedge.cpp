@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
-// A snowball falls on the edge of a wedge, which splits it: half of it goes to each side, and what momentum
-// the snow loses wedge and floor receive. `snowball_on_wedge [--backend cuda] [folder]` writes frames as
+// A snowball falls on the edge of a wedge, which splits it: half of it goes to each side, and wedge and floor
+// receive the momentum that the snow loses. `snowball_on_wedge [--backend cuda] [folder]` writes frames as
 // well.
 #include "frames.hpp"
 
@@ -37,9 +37,11 @@ try {
     double const h = 0.025, radius = 0.25, speed = 5, edge = 0.5; // [m], [m/s], height of the edge [m]
     auto snow = materials::fresh_snow<Room>();
     snow.smallest_plastic_ratio = 0.75; // its wave is then half as fast as at 0.6, and steps twice as long
-    Solver<Backend, Snow<Room>> solver(lattice(h, {h / 2, 0, 0}),
-                                       snow); // no node on the edge itself, which belongs to one side alone
-    // At random in their cells: nothing but the law of large numbers makes one half like the other.
+    Solver<Backend, Snow<Room>> solver(
+        lattice(h, {h / 2, 0, 0}),
+        snow); // no node on the edge itself, which would belong to one side alone
+    // Points are at random places in their cells, so only the law of large numbers makes one half like the
+    // other.
     Ball const ball{{0, edge + radius + 0.02, 0}, radius};
     auto const sample = lattice_points(ball, Spacing{h / 2}, /*jitter*/ 0.5, /*seed*/ 1);
     solver.add(sample.points, sample.volume_per_point, {0, -speed, 0});

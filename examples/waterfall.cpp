@@ -36,7 +36,7 @@ try {
     Nozzle nozzle{.layer = {}, .spacing = spacing, .velocity = {1.5, 0}};
     for (int i = 0; i < 12; ++i) nozzle.layer.emplace_back(0, 0.8 + (i + 0.5) * spacing);
 
-    // no nodes on its faces or half-way between them: rounding would tell where they belong
+    // no nodes on its faces or half-way between them: rounding would decide where they belong
     Obstacle<Box> const ledge{
         .shape = {{0.295, 0.05, 1}}, .contact = Contact::slip(), .motion = {.position = {0.6, 0.305, 0}}};
     Inside<HalfSpace> const drain{.shape = {}, .pose = {.position = {0, -0.2, 0}}}; // all below
@@ -52,7 +52,7 @@ try {
         nozzle.emit(solver);
         emitted += solver.size() - before;
         solver.advance(nozzle.due - solver.time(), Gravity{}, ledge);
-        if (solver.time() < count * frame) continue; // a drain need not look after every layer
+        if (solver.time() < count * frame) continue; // the drain need not act after every layer
         drained += solver.remove_if(drain);
         if (frames) frames->write(solver);
         if (count++ % 6 == 0)
