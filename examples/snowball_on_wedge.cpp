@@ -37,9 +37,8 @@ try {
     double const h = 0.025, radius = 0.25, speed = 5, edge = 0.5; // [m], [m/s], height of the edge [m]
     auto snow = materials::fresh_snow<Room>();
     snow.smallest_plastic_ratio = 0.75; // its wave is then half as fast as at 0.6, and steps twice as long
-    Solver<Backend, Snow<Room>> solver(
-        lattice(h, {h / 2, 0, 0}),
-        snow); // no node on the edge itself, which would belong to one side alone
+    // no node on the edge itself, which would belong to one side alone
+    Solver<Backend, Snow<Room>> solver(lattice(h, {h / 2, 0, 0}), snow);
     // Points are at random places in their cells, so only the law of large numbers makes one half like the
     // other.
     Ball const ball{{0, edge + radius + 0.02, 0}, radius};

@@ -19,7 +19,7 @@ struct StepFailure
 {
     /// The cause.
     FailureCause cause = FailureCause::none;
-    std::uint32_t particle = 0;        ///< permanent id of the first one
+    std::uint32_t particle = 0;        ///< its permanent id
     std::size_t material = 0;          ///< its material's place in the scene
     Eigen::Vector3d position{0, 0, 0}; ///< before the step [m]; in the plane z is 0
     double time = 0;                   ///< at which the step began [s]

@@ -79,9 +79,7 @@ struct Motion
     bool is_in_range() const
     {
         constexpr double furthest = 1e15; // its square is finite in single precision
-        auto const is_near = [furthest](double x) {
-            return is_between(-furthest, x, furthest);
-        }; // false for NaN
+        auto const is_near = [furthest](double x) { return is_between(-furthest, x, furthest); };
         auto const within = [&](Eigen::Vector3d const& v) {
             return is_near(v.x()) && is_near(v.y()) && is_near(v.z());
         };

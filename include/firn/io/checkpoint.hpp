@@ -479,8 +479,7 @@ inline CheckpointReader open_checkpoint(std::filesystem::path const& path, std::
     std::error_code failed;
     if (std::filesystem::is_regular_file(path, failed)) in.open(path, std::ios::binary | std::ios::ate);
     if (!in.is_open() || !in) refuse("there is no file that can be read", "Pass the path of a checkpoint.");
-    auto const bytes =
-        static_cast<std::uint64_t>(in.tellg()); // of the open file: another may get its name meanwhile
+    auto const bytes = static_cast<std::uint64_t>(in.tellg()); // of the open file, whatever has its name now
     in.seekg(0);
     CheckpointPreamble preamble;
     if (bytes < sizeof(preamble) || !in.read(reinterpret_cast<char*>(&preamble), sizeof(preamble)))

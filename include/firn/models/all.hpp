@@ -16,7 +16,7 @@
 #include <tuple>
 #include <utility>
 
-// The one list of constitutive models: what is to be done for each of them goes over it.
+// The one list of constitutive models, for code that is to cover all of them.
 namespace firn
 {
 

@@ -13,8 +13,8 @@
 namespace firn
 {
 
-/// The shapes that are plain values: what is to be done for each of them goes over it. A Shell makes a
-/// two-sided one of any of them; a HeightField and a SignedDistanceGrid hold samples.
+/// The list of the shapes that are plain values, for code that is to cover all of them. A Shell makes a
+/// two-sided shape of any of them; a HeightField and a SignedDistanceGrid hold samples.
 using AllPlainShapes = std::tuple<HalfSpace, Sphere, Capsule, Box>;
 
 } // namespace firn

@@ -153,10 +153,7 @@ public:
     {
         return {origin_, cell_size_, nodes_, values_->data(), farthest_};
     }
-    double reach() const
-    {
-        return farthest_;
-    } ///< bound on the distance of its points from the reference point [m]
+    double reach() const { return farthest_; } ///< bound on its points' distance from the reference point [m]
     static constexpr bool in_host_memory = true; ///< where a backend for devices cannot reach them
 
     /// The same with its values in memory that the backend's loops can read: for a backend that runs on a

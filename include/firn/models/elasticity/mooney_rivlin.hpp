@@ -77,7 +77,7 @@ struct MooneyRivlinLaw : MeasuredByExtension, RefusesInversion
     }
 };
 
-/// Mooney–Rivlin solid: rubber whose shear stiffens less with stretch than a neo-Hookean one's. An inverted
+/// Mooney–Rivlin solid: rubber that stiffens less in shear with stretch than a neo-Hookean one. An inverted
 /// particle is an error.
 template <class Space>
 using MooneyRivlin = Elastoplastic<MooneyRivlinLaw<typename Space::Scalar>, NoFlow<Space>>;
