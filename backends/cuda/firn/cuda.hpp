@@ -17,7 +17,7 @@
 namespace firn
 {
 
-/// Runs a solver on a device: a warp takes 32 neighbouring cells, a lane takes one.
+/// Runs a solver on a device: a warp works on 32 neighbouring cells, one lane per cell.
 ///
 /// Work is queued in the caller's stream, or in the default one. Results do not depend on how the device
 /// schedules its work: every run gives the same bits.
@@ -25,28 +25,29 @@ struct Cuda
 {
     int device = 0;                ///< as cudaGetDeviceProperties counts them
     cudaStream_t stream = nullptr; ///< of that device; it must live as long as the solver
-    std::size_t batch = 64; ///< steps that are queued before the host listens, at most: 1 to most_batch
+    std::size_t batch = 64;        ///< steps queued at most before the host waits: 1 to most_batch
     static constexpr std::size_t most_batch = 65536;
     static constexpr bool reaches_host_memory = false;
-    static constexpr bool queues = true; ///< loops are not through when they return
+    static constexpr bool queues = true; ///< loops may still be at work when a call returns
 
     template <class Number>
     using Lane = Number;
     template <class T>
     using Array = cuda::Array<T>;
-    using SharedCount = std::atomic<int>; ///< threads of the host may change it at the same time
+    using SharedCount = std::atomic<int>; ///< several host threads may change it concurrently
     template <class T>
     using ReadbackBuffer = cuda::ReadbackBuffer<T>;
     template <class Number, int d>
     using CellOrder = cuda::CellOrder<Number, d>;
-    static constexpr int largest_degree = 3; ///< of a stencil, which has one node more along each axis
+    static constexpr int largest_degree = 3; ///< of a stencil, which spans one node more per axis
     template <class Number, int d, int degree, int sums, int values, int layers>
     using Grid = cuda::Grid<Number, d, degree, sums, values, layers>;
 
     cuda::Queue queue() const { return {device, stream}; }
 
-    /// How many steps are worth while to queue. Where there are many blocks, loops that were queued in vain
-    /// take longer, the host that listens holds up less, and it went well with half of `blindly`; else
+    /// How many steps are worth queueing. If the order of cells does not rebin early, the host learns only at
+    /// the end of a batch that steps have stopped. With many blocks, loops queued in vain then cost more and
+    /// waiting for the host costs less; half of `blindly` has gone well before. With early rebinning
     /// throttle() finds out in time.
     template <class Order, std::size_t orders>
     std::size_t steps_to_queue(std::array<Order*, orders> const& cells, std::size_t blindly) const
@@ -57,16 +58,16 @@ struct Cuda
         return std::min({batch, blindly, 2 + 10000 / (1000 + blocks)});
     }
 
-    /// Waits until the device is about to need another step, where it is told how far it is; false if steps
-    /// that were queued have stopped.
+    /// Waits until the device is about to need another step, if the device reports how far it is; false if
+    /// queued steps have stopped.
     template <class Order, std::size_t orders>
     bool throttle(std::array<Order*, orders> const& cells) const
     {
         return !rebins_early(cells) || cells[0]->throttle();
     }
 
-    /// Whether loops reach what lies there: memory of a device, of the host where it is mapped for devices,
-    /// or any where the system lets devices reach the host's.
+    /// Whether loops can access this address: memory of a device, host memory that is mapped for devices, or
+    /// any memory where the system lets devices access the host's.
     bool reaches(void const* there) const
     {
         cuda::OnDevice const here(device);
@@ -100,8 +101,8 @@ struct Cuda
                         "Pass the number of a device: there are " + std::to_string(devices) + ", from 0 on."};
     }
 
-    /// Calls `body(i)` once for every i in [0, count), in any order and at the same time; `body` is a
-    /// function object that a device can call.
+    /// Calls `body(i)` once for every i in [0, count), in any order and concurrently; `body` is a function
+    /// object that a device can call.
     template <class Body>
     void for_each(std::size_t count, Body const& body) const
     {
@@ -121,8 +122,8 @@ struct Cuda
                              cells.blocks(), 1, 0, cells.signal(), visit, cells.view(), cells.settled());
     }
 
-    /// All items give to the grid, by `phase.prepare` and `give` (see Scatter): afresh, or onto what is
-    /// there.
+    /// All items scatter to the grid by `phase.prepare` and `scatter` (see Scatter): afresh, or onto the sums
+    /// that are there.
     template <class Order, class GridType, class Phase>
     void scatter(Order const& cells, GridType& grid, Phase const& phase, bool afresh) const
     {
@@ -133,7 +134,7 @@ struct Cuda
                              phase, cells.view(), grid.view(), afresh);
     }
 
-    /// Items that changed their cells when they moved give to the grid, to which the others already gave.
+    /// Items that changed cells when they moved scatter to the grid, to which all others already have.
     template <class Phase, class Order, class GridType>
     void scatter_leavers(Order const& cells, GridType& grid) const
     {
@@ -142,7 +143,7 @@ struct Cuda
         cuda::detail::ScatterIncoming<Order, GridType, Phase> const scatter{cells.view(), cells.arrived(),
                                                                             cells.leavers(), grid.view()};
         using Tiles = cuda::detail::SharedTiles<GridType>;
-        // as follow() has it where it lets them give, since sums are added up team by team
+        // as many as rebin() has where it scatters early, since sums are added up team by team
         unsigned const teams = Tiles::teams_that_follow(cells.followed_blocks());
         auto* const loop =
             teams == 1
@@ -152,8 +153,8 @@ struct Cuda
                              Tiles::bytes(false, true, teams), cells.signal(), grid.blocks(), scatter);
     }
 
-    /// Calls `phase(node, result)` for every node that was added to, in whatever layer; what it found becomes
-    /// known when the items have moved.
+    /// Calls `phase(node, result)` for every node that any layer added to; the merged result becomes known
+    /// once the items have moved.
     template <class Order, std::size_t orders, class GridType, class Phase>
     cuda::Partial<typename Phase::Result> for_each_node(std::array<Order*, orders> const& cells,
                                                         GridType& grid, Phase const& phase) const
@@ -178,7 +179,7 @@ struct Cuda
         return grid.node_results().template partial<Result>();
     }
 
-    /// All items take from the grid and, where they are, give to what accept() makes its sums.
+    /// All items gather from the grid and scatter in place to the sums that swap() makes current.
     template <class Order, class GridType, class Phase>
     void scatter_back(Order const& cells, GridType& grid, Phase const& phase) const
     {
@@ -189,7 +190,7 @@ struct Cuda
                              cells.signal(), phase, cells.view(), grid.view());
     }
 
-    /// All items take from the grid as they did when they moved last; the phase stores what it wants of that.
+    /// All items gather from the grid as in their last move; the phase stores what it needs of that.
     template <class Order, class GridType, class Phase>
     void gather(Order const& cells, GridType const& grid, Phase const& phase) const
     {
@@ -200,10 +201,10 @@ struct Cuda
                              phase, cells.view(), grid.view());
     }
 
-    /// The items of all orders of cells, each with its layer and its phase, take from the grid, move, and
-    /// give to the grid of the next step (see G2p2g); then calls `conclude(merged results of the
-    /// nodes, and of the items of each order)` on the device. Where that is false, or there was no room for
-    /// what moved, later loops do nothing until the host has listened.
+    /// The items of all orders of cells, each with its layer and its phase, gather from the grid, move, and
+    /// scatter to the grid of the next step (see G2p2g). Then `finish(merged results of the nodes, and of the
+    /// items of each order)` is called on the device. If it returns false, or if there was no room for all
+    /// leavers, later loops do nothing until the host has polled.
     template <class Order, class LayerType, std::size_t orders, class... Phase, class OfNodes, class Finish>
     void move(std::array<Order*, orders> const& cells, std::array<LayerType, orders> const& layers,
               std::tuple<Phase...> const& phases, cuda::Partial<OfNodes> const& of_nodes,
@@ -214,16 +215,16 @@ struct Cuda
         end_step(cells, merge_and_finish<Phase...>(layers, of_nodes, finish));
     }
 
-    /// What is left to be asked of a step when its items are followed.
+    /// What remains of a step when its items are rebinned.
     template <class Finish>
     struct Rebinned
     {
         Finish finish;
-        bool early; ///< it is: they are followed at the same time
+        bool early; ///< `finish` is still to be called, concurrently with the rebinning
     };
 
-    /// The same where the next step is queued at once: returns what follow() is to be called with before
-    /// that. Where there are few blocks, the step is concluded while they are followed.
+    /// The same if the next step is queued at once: returns what rebin() needs before that. With few blocks
+    /// the step is finished while its items are rebinned.
     template <class Order, class LayerType, std::size_t orders, class... Phase, class OfNodes, class Finish>
     auto move_on(std::array<Order*, orders> const& cells, std::array<LayerType, orders> const& layers,
                  std::tuple<Phase...> const& phases, cuda::Partial<OfNodes> const& of_nodes,
@@ -237,15 +238,15 @@ struct Cuda
         return rebinned;
     }
 
-    /// Whether follow() lets items give, and leaves the order before to be brought back.
+    /// Whether rebin() runs before the step's outcome is known, and keeps the previous order for a rollback.
     template <class Order, std::size_t orders>
     bool rebins_early(std::array<Order*, orders> const& cells) const
     {
         return orders == 1 && cells[0]->blocks() > 0 && cells[0]->rebins_early();
     }
 
-    /// When the host has waited: lets loops work again if they have stopped, and says whether they did so
-    /// because there was no room for all that moved.
+    /// Called when the host has waited: lets loops work again if they have stopped; true if they stopped
+    /// because there was no room for all leavers.
     template <class Order, std::size_t orders>
     bool poll(std::array<Order*, orders> const& cells) const
     {
@@ -254,7 +255,7 @@ struct Cuda
         return lacks_room;
     }
 
-    /// Then makes room, and repeats what is to be repeated of move().
+    /// Makes room after that, and repeats what is needed of move().
     template <class Order, class LayerType, std::size_t orders, class... Phase, class OfNodes, class Finish>
     void complete(std::array<Order*, orders> const& cells, std::array<LayerType, orders> const& layers,
                   std::tuple<Phase...> const& phases, cuda::Partial<OfNodes> const& of_nodes,
@@ -267,8 +268,7 @@ struct Cuda
         end_step(cells, merge_and_finish<Phase...>(layers, of_nodes, finish));
     }
 
-    /// Brings the order of cells up to date with items that have moved, and lets those that came to another
-    /// cell give there.
+    /// Rebins items that have moved, and scatters those that came into another cell.
     template <class Phase, class Order, class GridType, class Offsets, class Finish>
     void rebin(Order& cells, GridType& grid, Offsets const& offsets, Rebinned<Finish> const& rebinned) const
     {
@@ -289,7 +289,7 @@ struct Cuda
     }
 
 private:
-    /// Calls `use(number)` for each of so many orders of cells.
+    /// Calls `use(number)` for each order of cells.
     template <std::size_t orders, class Use>
     static void for_each_order(Use const& use)
     {
@@ -300,7 +300,7 @@ private:
         (std::make_index_sequence<orders>{});
     }
 
-    /// What concludes a step of these phases.
+    /// What finishes a step of these phases.
     template <class Phase, class... Others, class LayerType, std::size_t orders, class OfNodes, class Finish>
     static auto merge_and_finish(std::array<LayerType, orders> const& layers,
                                  cuda::Partial<OfNodes> const& of_nodes, Finish const& finish)
@@ -325,7 +325,7 @@ private:
         using Moved = decltype(cells[0]->moved());
         std::array<Moved, orders> moved;
         for (std::size_t k = 0; k < orders; ++k) moved[k] = cells[k]->moved();
-        // Made ready early however large the scene: they are soon through, and take nobody's place for long.
+        // Launched early however large the scene: its groups finish soon and do not block others for long.
         cuda::launch_behind("end_step", queue(), cuda::detail::end_step<Moved, count, Finish>,
                             cuda::Groups{1 + count * groups, true}, cuda::detail::scanning_threads,
                             Finish::bytes, cells[0]->signal(), moved, finish);
@@ -340,7 +340,7 @@ private:
         using Tiles = cuda::detail::SharedTiles<LayerType>;
         auto const signal = cells.signal();
         auto const leavers =
-            cells.expect_outgoing(Phase::scratch_channels - Phase::d); // an offset lies with its item
+            cells.expect_outgoing(Phase::scratch_channels - Phase::d); // an offset is stored with its item
         constexpr unsigned most_teams = cuda::detail::most_teams_that_move<Phase>;
         unsigned const teams = Tiles::teams(layer.blocks(), most_teams);
         auto const results = layer.item_results().template expect<Result>(layer.blocks());
@@ -351,7 +351,7 @@ private:
             declared <= cuda::detail::given_shared,
             "a call has more obstacles than a device's loops can tell of: pass fewer than 60, or say "
             "several of them as one shape");
-        // the most that this loop is ever started with: several threads of the host may do so at a time
+        // The most this loop ever needs: several host threads may set it concurrently, so all set the same.
         constexpr std::size_t most = Tiles::bytes(true, true, Tiles::teams(0, most_teams));
         if constexpr (most + declared > cuda::detail::given_shared) cuda::detail::allow_shared(loop, most);
         cuda::detail::Moved<typename LayerType::Number, Result> const moved{leavers, cells.destinations(),

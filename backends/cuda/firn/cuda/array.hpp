@@ -33,7 +33,7 @@ class Array
 public:
     using Value = T;
 
-    /// `backend` says on which device, and in which queue its elements are copied.
+    /// `backend` says on which device the elements lie and in which queue they are copied.
     template <class Backend>
     explicit Array(Backend const& backend) : queue_(backend.queue())
     {}
@@ -43,7 +43,7 @@ public:
         swap(other);
         return *this;
     }
-    /// (std::swap would do so three times.)
+    /// std::swap would do this three times.
     void swap(Array& other) noexcept
     {
         std::swap(queue_, other.queue_);
@@ -55,17 +55,16 @@ public:
     Array& operator=(Array const&) = delete;
     ~Array() { release(); }
 
-    /// Changes the size and keeps the elements that stay.
+    /// Changes the size and keeps the elements that fit.
     void resize(std::size_t size) { resize(size, size_); }
-    /// The same, but that no more than the first `kept` elements need to stay. If memory is short nothing has
-    /// changed.
+    /// The same, keeping only the first `kept` elements. If memory is short, nothing has changed.
     void resize(std::size_t size, std::size_t kept)
     {
         if (size > capacity_) grow(size_ == 0 ? size : with_spare(size), std::min(kept, size_));
         size_ = size;
     }
 
-    /// Changes the size and forgets the elements, before there is memory for others.
+    /// Changes the size and drops the elements; frees their memory before allocating more.
     void renew(std::size_t size)
     {
         if (size > capacity_) {
@@ -76,14 +75,14 @@ public:
         size_ = size;
     }
 
-    /// Gives its memory back.
+    /// Frees the memory.
     void clear()
     {
         if (data_) queue_.wait();
         release();
     }
 
-    /// Sets elements that are there, from `first` on.
+    /// Sets existing elements from `first` on.
     void upload(std::size_t first, std::span<T const> values)
     {
         copy(data_ + first, values.data(), values.size(), cudaMemcpyHostToDevice);
@@ -115,7 +114,7 @@ public:
     std::size_t memory() const { return capacity_ * sizeof(T); }
 
 private:
-    /// So that repeated growth is cheap: 3 % more, and where that is little memory as much again.
+    /// Makes repeated growth cheap: 3 % more, and as much again while the array is small.
     static std::size_t with_spare(std::size_t size)
     {
         std::size_t const little = (std::size_t(1) << 20) / sizeof(T);
@@ -169,7 +168,7 @@ public:
     }
     ~HostMemory() { release(); }
 
-    /// Room for so many values, zeros at first and whenever more than ever before are asked for.
+    /// Room for this many values. They are zero at first, and again whenever the memory grows.
     template <class T>
     T* as(std::size_t count = 1)
     {
@@ -191,7 +190,7 @@ public:
         }
         return static_cast<T*>(memory_);
     }
-    /// What there is.
+    /// The memory as it is, without growing it.
     template <class T>
     T* get() const
     {
@@ -211,7 +210,7 @@ private:
     std::size_t bytes_ = 0;
 };
 
-/// Values that loops write and the host reads when they are through.
+/// Values that loops write and the host reads when they are finished.
 template <class T>
 class ReadbackBuffer
 {
@@ -220,7 +219,7 @@ public:
     explicit ReadbackBuffer(Backend const& backend) : there_(backend), here_(backend.queue())
     {}
 
-    /// Makes room for so many values at least; zeros, until loops write others.
+    /// Makes room for at least this many values; zero until loops write them.
     void resize(std::size_t size)
     {
         std::size_t const before = there_.size();
@@ -230,7 +229,7 @@ public:
     }
     T* data() { return there_.data(); }
 
-    /// Waits for all loops; what they wrote, in memory of the host.
+    /// Waits for all loops and returns a copy of what they wrote, in host memory.
     T const* read()
     {
         T* const here = here_.template as<T>(there_.size());

@@ -14,8 +14,8 @@ inline constexpr std::uint32_t absent = ~std::uint32_t(0);
 
 /// A set of blocks on a device, from their keys to their indices: open addressing, at most half full.
 ///
-/// Loops look blocks up and say which they want; those that are new are then numbered in the order of their
-/// keys, whatever the order in which they were wanted.
+/// Loops look blocks up and request missing ones. New blocks are then numbered in the order of their keys,
+/// whatever the order of the requests.
 class BlockSet
 {
     static constexpr std::uint64_t empty = ~std::uint64_t(0);
@@ -27,14 +27,15 @@ public:
         std::uint64_t* key;
         std::uint32_t* index;
         std::uint32_t mask;
-        std::uint32_t* born; ///< places in the table of those that are new
-        std::uint32_t*
-            born_count; ///< how many; more than there is room for: the host makes room and asks again
+        std::uint32_t* born;       ///< slots in the table of the new keys
+        std::uint32_t* born_count; ///< how many; more than `room` if it was too small: the host makes room
+                                   ///< and repeats the requests
         std::uint32_t room;
 
         __device__ std::uint32_t find(std::uint64_t wanted) const
         {
-            std::uint32_t tries = 0; // where more was wanted than there is room for, no place is empty
+            std::uint32_t tries =
+                0; // bounded: after more requests than there is room for, no slot may be empty
             for (std::uint32_t at = hash(wanted); tries <= mask; at = (at + 1) & mask, ++tries) {
                 std::uint64_t const there = key[at];
                 if (there == wanted) return index[at];
@@ -75,26 +76,26 @@ public:
     std::uint32_t size() const { return size_; }
     View view();
     std::uint64_t const* keys() const { return keys_.data(); }             ///< by index
-    std::uint32_t const* born_count() const { return born_count_.data(); } ///< of those that are wanted
+    std::uint32_t const* born_count() const { return born_count_.data(); } ///< of requested blocks
     void download_keys(std::span<std::uint64_t> keys) const { keys_.download(0, keys); }
 
-    static constexpr std::size_t few = 1024; ///< blocks: 40 KB, and no small scene stops to make room
-    /// Makes room for so many blocks in all; forgets what was wanted and not numbered.
+    static constexpr std::size_t few = 1024; ///< blocks: 40 KB, so that no small scene stops to make room
+    /// Makes room for this many blocks in all; forgets requests that are not numbered yet.
     void reserve(std::size_t blocks);
-    /// Makes room for more than there was, `births` being wanted at least.
+    /// Makes room for more than before, for at least `births` new blocks.
     void reserve_more(std::uint32_t births)
     {
         reserve(size_ + std::max<std::size_t>({2 * std::size_t(births), size_ / 8, few}));
     }
-    /// Begins to count what is wanted.
+    /// Starts to count requests.
     void expect_births();
-    /// How many are new; the host waits for the loops that want them.
+    /// How many blocks are new; waits for the loops that request them.
     std::uint32_t births() const;
-    /// Whether there was room for so many new ones.
+    /// Whether there was room for this many new blocks.
     bool has_room_for(std::uint32_t births) const { return births <= room(); }
-    /// Numbers them.
+    /// Numbers the new blocks.
     void number(std::uint32_t births);
-    /// Keeps some blocks, told by their indices, under new ones from 0 on.
+    /// Keeps the blocks with these indices and renumbers them from 0 on.
     void keep(std::uint32_t const* indices, std::uint32_t count);
     /// Forgets all blocks.
     void clear() { size_ = 0; }
@@ -120,8 +121,8 @@ namespace detail
 {
 inline constexpr unsigned numbering_threads = 256;
 
-/// Gives each new key the index of its rank among them. All keys pass by, as many at a time as there are
-/// threads in a group, the next ones asked for while these are compared.
+/// Gives each new key the index of its rank among the new keys. A group of threads compares its keys with all
+/// others, one chunk at a time, and loads the next chunk meanwhile.
 static __global__ void __launch_bounds__(numbering_threads)
     number_births(BlockSet::View set, std::uint64_t* keys, std::uint32_t size, std::uint32_t births)
 {
@@ -184,7 +185,7 @@ inline void BlockSet::reserve(std::size_t blocks)
     while (slots < 2 * blocks) slots *= 2;
     if (std::size_t const before = keys_.size(); blocks > before) {
         keys_.resize(blocks);
-        keys_.fill_bytes(before, blocks - before, 0xff); // copied with the others when there are more
+        keys_.fill_bytes(before, blocks - before, 0xff); // so that the next growth copies initialised memory
     }
     born_.renew(keys_.size());
     born_count_.renew(1);

@@ -8,7 +8,7 @@
 namespace firn::cuda
 {
 
-/// One cell and one of its items at a time, as a phase sees them: a device thread takes both parts, that of
+/// One cell and one of its items at a time, as a phase sees them. A device thread plays both roles, that of
 /// items side by side and that of a group of cells, and keeps in registers what goes from one to the other.
 template <class Order, class GridType, class Phase, int d>
 class CellOfThread
@@ -19,15 +19,15 @@ public:
     using Offset = typename Order::Offset;
     using TileShape = typename GridType::TileShape;
 
-    /// `read` is the first node of the cell's stencil in a tile of node values; a phase that needs none is
-    /// given none.
+    /// `read` is the first node of the cell's stencil in a tile of node values, or null for a phase that
+    /// reads none.
     __device__ CellOfThread(Coordinates<d> const& cell, typename GridType::Values const* read)
         : cell_(cell), read_(read)
     {
         forget();
     }
 
-    /// Goes to an item that lies at `source`, and whose slot is `slot`.
+    /// Goes to the item that lies at `source` and has the slot `slot`.
     __device__ void enter(std::uint32_t source, std::uint32_t slot)
     {
         assert(source != absent && slot != absent && "an item is one that is there");
@@ -37,7 +37,7 @@ public:
         departed_ = false;
     }
 
-    /// Keeps zeros: the cell has no item of this rank.
+    /// Sets the scratch to zero: the cell has no item of this rank.
     __device__ void forget()
     {
 #pragma unroll
@@ -68,7 +68,7 @@ public:
         return CellOffset<Number>::value(array[source_]);
     }
 
-    /// Moves the offset along the next axis; notes to which neighbour it leads.
+    /// Moves the offset along the next axis and notes the neighbour it leads to.
     __device__ bool move_offset(Offset const* from, Offset* to, int, Number displacement, Number& value) const
     {
         Offset stored = CellOffset<Number>::moved(from[source_], displacement);
@@ -104,11 +104,11 @@ public:
         return false;
     }
 
-    /// Notes that the item has left its cell; what it gives is written to a list, and forgotten here but for
-    /// where it is.
+    /// Marks the item as a leaver. Its contribution goes to a list; here channels from `zero_from` on are
+    /// then zeroed.
     __device__ void depart(bool, int zero_from, int) { departed_ = true, zero_from_ = zero_from; }
     __device__ bool departed() const { return departed_; }
-    __device__ std::uint32_t way() const { return way_; } ///< to which neighbour, as Leavers have it
+    __device__ std::uint32_t way() const { return way_; } ///< the neighbour it goes to, as in Leavers
     __device__ void write_outgoing(detail::Leavers<Number> const& leavers, std::uint32_t i,
                                    std::uint32_t cell)
     {
@@ -125,7 +125,7 @@ public:
         for (int c = 0; c < Phase::scratch_channels; ++c)
             if (c >= zero_from_) scratch_[c] = 0;
     }
-    /// Keeps what an item gave when it departed, and its offset now.
+    /// Loads the contribution of a leaver, and its offset in the new cell.
     __device__ void read_outgoing(detail::Leavers<Number> const& leavers,
                                   std::array<Offset*, d> const& offset, std::uint32_t i)
     {
@@ -155,14 +155,14 @@ private:
 };
 
 /// The sums of a cell's stencil where its group of cells adds them up: `sums[k][row]` is a node that is
-/// loaded once, added to, and stored. All lanes of a warp do so for the same node of their stencils at a
-/// time: never two for one node of the grid.
+/// loaded once, added to, and stored. All lanes of a warp do so at the same node of their stencils at a time,
+/// so that no two of them touch the same node of the grid.
 template <class GridType>
 struct SumsInTile
 {
     using Sums = typename GridType::Sums;
 
-    /// A node while it is added to.
+    /// A node while it is added to; the destructor stores it.
     struct Node
     {
         Sums* to;
@@ -207,7 +207,7 @@ public:
     {}
 
     __device__ Real sum(int channel) const { return sums_.of[channel]; }
-    /// What was set before.
+    /// The value from before this update.
     __device__ Real value(int channel) const { return before_.of[channel]; }
     __device__ void set(int channel, Real value) { values_.of[channel] = value; }
     __device__ Coordinates<d> first() const { return node_; }

@@ -18,8 +18,8 @@ namespace firn::cuda
 /// rank.
 ///
 /// First come the first items of the group's cells, then the second ones, and so on, so that lane l of a warp
-/// can work on cell l and read one run of memory. Items are not moved: `order` says, cell by cell, where they
-/// lie. Blocks that have lost all of their items stay until there are too many of them.
+/// can work on cell l and the warp reads contiguous memory. Items are not moved: `order` says, cell by cell,
+/// where they lie. Blocks that have lost all of their items stay until there are too many of them.
 template <class Number, int d>
 class CellOrder
 {
@@ -28,8 +28,8 @@ public:
     using Offset = typename CellOffset<Number>::Stored;
     using Leavers = detail::Leavers<Number>;
 
-    /// Cells beyond this coordinate have no key (see block_key); one is kept in reserve for what is about to
-    /// leave.
+    /// Cells beyond this coordinate have no key (see block_key); one more is kept in reserve for items about
+    /// to leave.
     static constexpr double largest_coordinate = d == 3 ? 4.0e6 : 1.0e9;
     /// Bytes per item: where it lies, and whether it left its cell.
     static constexpr std::size_t bytes_per_item = sizeof(std::uint32_t) + 1;
@@ -86,7 +86,7 @@ public:
         signal();
         if (blocks() == 0) set_.reserve(BlockSet::few);
         may_have_arrived_ = true;
-        for (;;) { // once more if there are blocks to be born
+        for (;;) { // again if blocks were missing
             stay_all();
             launch_after("find_cells", queue_, detail::find_cells<d, Number>, groups_of(count, 256), 256,
                          fresh.view(0), where.data(), first, count, changes(), set_.view());
@@ -96,11 +96,11 @@ public:
         }
         find_block_begins();
         rearrange(fresh.view(0), count, nullptr, {});
-        arrived_.clear(); // every new item was in this list; it need not stay so large
+        arrived_.clear(); // every new item was in this list; free it
     }
 
-    /// Forgets the items for which `gone[where it lies]` is not 0, `kept` being the others, which will lie at
-    /// `place[where it lies]`; they keep their order.
+    /// Erases the items for which `gone[where it lies]` is not 0. The other `kept` ones will lie at
+    /// `place[where it lies]` and keep their order.
     void erase(unsigned char const* gone, std::uint32_t const* place, std::size_t kept)
     {
         if (blocks() == 0) return;
@@ -118,11 +118,10 @@ public:
                          count, place);
         }
         size_ = kept;
-        queue_.wait(); // for what is about to be given back
+        queue_.wait(); // buffers in use are about to be freed
     }
 
-    /// Moves the items that departed to their new cells, and wraps their offsets. An item lies at its slot
-    /// (see settle).
+    /// Moves the leavers to their new cells, and wraps their offsets. An item lies at its slot (see commit).
     void rebin(std::array<Offset*, d> const& offset)
     {
         if (blocks() == 0) return;
@@ -135,23 +134,23 @@ public:
         crowded_ = false;
     }
 
-    /// The same: who queues loops need not leave any of it to the next one.
+    /// The same: since loops are queued, no part of it need be left to the next loop.
     void begin_rebin(std::array<Offset*, d> const& offset) { rebin(offset); }
 
-    /// How many blocks there were when items were followed, and empty ones not yet forgotten.
+    /// How many blocks there were at the last rebin, before empty ones were removed.
     std::uint32_t followed_blocks() const { return followed_blocks_; }
 
-    /// Whether a step takes less time than the host that listens: few blocks, most of them well filled. Then
-    /// blocks are born ahead of those that are wanted, three deep, and more empty ones are kept.
+    /// Whether a step takes less time than a round trip to the host: few blocks, most of them well filled.
+    /// Then blocks are created ahead of the missing ones, three deep, and more empty ones are kept.
     bool is_small() const { return blocks() <= 128 && size_ >= std::size_t(32) * blocks(); }
 
-    /// Whether there are so few blocks that a device has them all at work at once: then who departs finds its
-    /// new cell at once, and items are followed while it is yet to be found out how the step went.
+    /// Whether a device works on all blocks at once, because they are few. Then leavers find their new cells
+    /// as they leave, and items are rebinned before it is known whether the step succeeded.
     bool rebins_early() const { return blocks() <= 1024; }
 
-    /// The same while one group of threads calls `conclude`. What `give(cells, arrived)` returns is called
-    /// for each block by so many teams (see detail::conclude_and_rearrange) with so much shared memory. The
-    /// order before is kept, for take_back().
+    /// The same while one group of threads calls `finish`. What `scatter(cells, arrived)` returns is called
+    /// for each block by `teams` teams (see detail::finish_and_rearrange) with so much shared memory. Keeps
+    /// the previous order for rollback().
     template <class Finish, class Give>
     void rebin_early(std::array<Offset*, d> const& offset, Finish const& finish, Give const& scatter,
                      unsigned teams, std::size_t shared)
@@ -177,9 +176,10 @@ public:
         kept_order_ = true;
         settled_ = false;
     }
-    /// Undoes the last calls of follow(), on the host, where it was queued and then not done, or done early;
-    /// and says whether items lie at their slots. Then the first of these calls was for items of which these
-    /// are the offsets. (Else it was for items of a step that went wrong, which nobody looks at.)
+    /// Undoes the last `follows` rebins on the host, for steps that were queued and then not run, or rebinned
+    /// early. `settled`: whether items then lie at their slots. If they do, the first of these rebins wrapped
+    /// the leavers' offsets in `offset`, which are unwrapped. If they do not, its offsets belong to a failed
+    /// step and are not read again.
     void rollback(int follows, bool settled, std::array<Offset*, d> const& offset)
     {
         if (follows % 2 != 0) {
@@ -191,21 +191,24 @@ public:
         OnDevice const here(queue_);
         launch_after("unwrap", queue_, detail::unwrap<d, Number>, groups_of(leavers_.most, 256), 256,
                      leavers_.view(channels_), offset);
-        find_block_begins(); // for the next follow(): each block had found its own
+        find_block_begins(); // for the next rebin(): when rebinning early each block found its own
     }
 
-    /// How many times empty blocks were forgotten, and which blocks were there before: by their new numbers.
+    /// How many times empty blocks were removed, and the previous indices of the blocks that stayed.
     std::uint32_t generation() const { return generation_; }
     std::uint32_t const* blocks_before() const { return blocks_before_.data(); }
-    std::uint32_t blocks_kept() const { return blocks_kept_; } ///< so many have one; others are younger
+    std::uint32_t blocks_kept() const
+    {
+        return blocks_kept_;
+    } ///< how many of these there are; later blocks are new
 
-    /// Makes room for items that depart, and forgets those before: the loop that follows notes them, and
-    /// finds their cells.
+    /// Makes room for leavers, and forgets the last ones. The loop behind this call lists leavers, and finds
+    /// their cells.
     Leavers expect_outgoing(int channels)
     {
         OnDevice const here(queue_);
         channels_ = channels;
-        crowded_ = false; // if it was said of a step that was then not made
+        crowded_ = false; // it may stem from a step that was not taken
         leavers_.renew(std::max<std::size_t>(leavers_.most, size_ / 32 + 256), channels);
         if (may_have_arrived_)
             launch_behind("forget_all_incoming", queue_, detail::forget_all_incoming, blocks(), 64, 0,
@@ -225,16 +228,16 @@ public:
         return {changes(), set_.view(), set_.keys(), is_small() ? 3 : 0, rebins_early()};
     }
 
-    /// Who came into cells is to be forgotten before others do: what a loop of so many groups of threads is
-    /// to know that does so on its way. It is expected to be queued. (Blocks that are born in a step that
-    /// then goes wrong have no nodes yet: a loop over those has too few groups.)
+    /// What a loop of `groups` groups of threads needs in order to clear the incoming items on its way,
+    /// before new ones are listed. The caller must queue that loop. Blocks that were created in a step that
+    /// then failed have no nodes yet, so a loop over nodes may have too few groups and clears nothing.
     detail::ArrivalsToForget forget_incoming_on_the_way(std::uint32_t groups)
     {
         bool const does = groups >= blocks() && std::exchange(may_have_arrived_, false);
         return {changes(), does ? blocks() : 0, leavers_.meet.data()};
     }
 
-    /// What the loop that ends a step is to know. It is expected to be queued.
+    /// What the loop that ends a step needs. The caller must queue that loop.
     detail::MovedOrder<d, Number> moved()
     {
         OnDevice const here(queue_);
@@ -242,13 +245,13 @@ public:
                 destinations(), std::exchange(is_to_find_, false),
                 begins(),       is_small()};
     }
-    /// How many groups of threads it takes to find what is then to be found.
+    /// How many groups of threads that loop takes to find new cells.
     unsigned groups_that_find() const
     {
         return is_to_find_ ? std::min(groups_of(leavers_.most, detail::scanning_threads), 256u) : 1;
     }
 
-    /// Says to loops whether they have something to do.
+    /// The signal by which loops know whether they have work to do.
     detail::Signal signal()
     {
         if (stopped_.size() == 0) {
@@ -264,16 +267,15 @@ public:
         return {const_cast<std::uint32_t*>(stopped_.data()), told_.template get<detail::Told>()};
     }
 
-    /// Waits until no more than a few of the steps that were queued are still to come, for which
-    /// follow_early() was called; false if they have stopped: what is queued behind that is queued in vain.
-    /// After a hundredth of a second it is not worth while to wait: steps are long, or a device has failed,
-    /// which the next call of it tells.
+    /// Waits until at most two of the queued steps, those of rebin_early(), are still to come. Returns false
+    /// if steps have stopped, since what is queued behind that is queued in vain. Gives up after a hundredth
+    /// of a second: steps are long, or a device has failed, which its next call reports.
     bool throttle() const
     {
         constexpr std::uint32_t few = 2;
         using Clock = std::chrono::steady_clock;
         auto const* const told = told_.template get<detail::Told>();
-        auto const now = [](std::uint32_t const& word) { // others write it
+        auto const now = [](std::uint32_t const& word) { // the device writes it
             return *static_cast<std::uint32_t const volatile*>(&word);
         };
         Clock::time_point end{};
@@ -286,23 +288,23 @@ public:
         return false;
     }
 
-    /// When the host has waited: lets loops work again if they have stopped, and says whether they did so
-    /// because there was no room for all that moved.
+    /// Called when the host has waited: lets loops work again if they have stopped; true if they stopped
+    /// because there was no room for all leavers.
     bool poll()
     {
         auto* const told = told_.template as<detail::Told>();
-        told->chosen = early_; // what was stopped did not
+        told->chosen = early_; // stopped steps did not report it
         short_ = told->stop;
         if (short_.stopped == 0) return false;
         told->stop = {};
-        may_have_arrived_ = true; // whatever was queued to forget them
+        may_have_arrived_ = true; // even if the loop that clears them was queued
         stopped_.fill_bytes(0, detail::Signal::count, 0);
         crowded_ = short_.crowded != 0;
         return short_.births > 0 || short_.departed > leavers_.most;
     }
 
-    /// Makes room for what lacked it; those that departed are to find their cells once more, if there are new
-    /// ones. True if the loop that moves items is to be repeated.
+    /// Makes room where it lacked; if blocks were created, all leavers search for their cells again. True if
+    /// the loop that moves items must be repeated.
     bool make_room()
     {
         OnDevice const here(queue_);
@@ -316,11 +318,11 @@ public:
         return false;
     }
 
-    /// The items that came into each cell when the order was written: as movers, and their list.
+    /// The items that came into each cell at the last rebin: the list of leavers by cell.
     struct Arrived
     {
-        std::uint32_t const* begin;    ///< of those of each cell, in the list
-        std::uint32_t const* arrived;  ///< numbers of movers
+        std::uint32_t const* begin;    ///< of each cell's range in the list
+        std::uint32_t const* arrived;  ///< indices of leavers
         std::array<Offset*, d> offset; ///< of all items
     };
     Arrived arrived() const { return {arrived_begin_.data(), arrived_.data(), offset_}; }
@@ -381,7 +383,7 @@ private:
             make_room(contribution, room * static_cast<std::size_t>(channels));
         }
 
-        /// For so many and not more: who asks has added what there is to spare.
+        /// For exactly `room` elements: callers have added the spare.
         template <class T>
         static void make_room(Array<T>& array, std::size_t room)
         {
@@ -409,7 +411,7 @@ private:
         }
     };
 
-    /// Where the device writes where blocks begin.
+    /// Where the device stores the blocks' beginnings.
     detail::BlockBegins begins()
     {
         block_begin_.resize(blocks());
@@ -430,7 +432,7 @@ private:
                      changes());
     }
 
-    /// Numbers the blocks that a loop found to be missing, or makes room for so many; forgets who arrived.
+    /// Numbers the blocks that a loop found missing, or makes room for them; clears the incoming items.
     void bear_blocks(std::uint32_t births)
     {
         std::uint32_t const before = blocks();
@@ -444,7 +446,7 @@ private:
         std::uint32_t const cells = blocks() * Shape::cells;
         if (cells == 0) return;
         begin_.resize(std::size_t(cells) + 1);
-        new_begin_.renew(begin_.size()); // loops that are stopped read it, too, but do not look at it
+        new_begin_.renew(begin_.size()); // stopped loops load from it before they see that they are stopped
         new_begin_.fill_bytes(0, new_begin_.size(), 0);
         stay_.resize(cells);
         incoming_.resize(cells);
@@ -457,17 +459,18 @@ private:
                      changes());
     }
 
-    /// Numbers the blocks that hold items anew, in the order in which they are.
+    /// Renumbers the blocks that hold items, in their order, and drops the others.
     void forget_empty_blocks()
     {
         std::uint32_t const before = blocks();
-        blocks_before_.renew(std::size_t(before) + 1); // and how many there are
+        blocks_before_.renew(std::size_t(before) + 1); // one more for their count
         launch_after("find_live_blocks", queue_, detail::find_live_blocks, 1, detail::scanning_threads,
                      begin_.data(), before, blocks_before_.data(), blocks_before_.data() + before);
         std::uint32_t count = 0;
         blocks_before_.download(before, {&count, 1});
         new_begin_.renew(std::size_t(count) * Shape::cells + 1);
-        auto& new_arrived_begin = first_incoming_; // those of this step have come
+        auto& new_arrived_begin =
+            first_incoming_; // no longer needed: this step's incoming items are in the order
         may_have_arrived_ = true;
         new_arrived_begin.renew(new_begin_.size());
         launch_after("keep_blocks", queue_, detail::keep_blocks, count, 64, blocks_before_.data(),
@@ -480,8 +483,8 @@ private:
         ++generation_;
     }
 
-    /// Writes the new order where blocks are known to begin: those that stay in their cells, and those that
-    /// come, `count` at most.
+    /// Writes the new order once the beginnings of blocks are known: items that stay in their cells, and at
+    /// most `count` that come.
     void rearrange(Leavers const& leavers, std::uint32_t count, unsigned char const* left,
                    std::array<Offset*, d> const& offset)
     {
@@ -510,17 +513,17 @@ private:
         std::swap(begin_, new_begin_);
         if (!in_place) std::swap(order_, next);
         size_ = items;
-        if (comes_in || !in_place) queue_.wait(); // for what is about to be given back
+        if (comes_in || !in_place) queue_.wait(); // buffers in use are about to be freed
         settled_ = false;
     }
 
     Queue queue_;
     std::size_t size_ = 0;
     bool settled_ = true;
-    bool kept_order_ = false; ///< the last follow() kept the order before
-    std::uint32_t early_ = 0; ///< number of the last that did
+    bool kept_order_ = false; ///< the last rebin kept the previous order
+    std::uint32_t early_ = 0; ///< number of the last early rebin
     std::uint32_t followed_blocks_ = 0;
-    std::array<Offset*, d> offset_{}; ///< as they were last followed
+    std::array<Offset*, d> offset_{}; ///< those of the last rebin
     BlockSet set_;
     Array<std::uint32_t> begin_, new_begin_, order_, order_before_;
     Array<unsigned char> left_; ///< per slot: whether the item left its cell
@@ -531,12 +534,12 @@ private:
     int channels_ = 0;
     std::uint32_t generation_ = 0, blocks_kept_ = 0;
     Array<std::uint32_t> blocks_before_;
-    Array<std::uint32_t> stopped_; ///< whether loops have nothing to do until the host has listened
-    HostMemory told_;              ///< why, and how far they are
-    detail::Stop short_{};         ///< what it said last
+    Array<std::uint32_t> stopped_; ///< whether loops have nothing to do until the host has polled
+    HostMemory told_;              ///< why, and how far the device is
+    detail::Stop short_{};         ///< what was reported last
     bool crowded_ = false;         ///< many blocks hold no items
-    bool is_to_find_ = false;      ///< who departed has yet to find its new cell
-    bool may_have_arrived_ = true; ///< what is counted of arrivals is not all zero
+    bool is_to_find_ = false;      ///< the leavers have yet to find their new cells
+    bool may_have_arrived_ = true; ///< the counts of incoming items may not all be zero
 };
 
 } // namespace firn::cuda

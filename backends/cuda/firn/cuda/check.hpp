@@ -17,7 +17,7 @@
 namespace firn::cuda
 {
 
-/// What the caller can do about an error that a call returned.
+/// What the caller can do about an error that a CUDA call returned.
 inline char const* remedy_for(cudaError_t status)
 {
     switch (status) {
@@ -60,7 +60,7 @@ inline char const* remedy_for(cudaError_t status)
     }
 }
 
-/// Throws an Error that names the call unless it went well.
+/// Throws an Error that names the call if it failed.
 inline void check(cudaError_t status, char const* call)
 {
     if (status == cudaSuccess) return;
@@ -78,27 +78,28 @@ struct Queue
     void wait() const;
 };
 
-/// Loops of so few groups of threads may be made ready while the ones before are still at work. In larger
-/// ones those that wait would take the place of those that work.
+/// Loops of at most this many groups of threads may launch while the one before still runs. In larger ones,
+/// waiting groups would take the place of working ones.
 inline constexpr unsigned few_groups = 128;
 
-/// How many groups of threads a loop takes.
+/// How many groups of threads a loop has.
 struct Groups
 {
     unsigned count;
-    bool early; ///< they may be made ready while the loop before is still at work
+    bool early; ///< the loop may launch while the one before still runs
 
     Groups(unsigned all) : Groups(all, all <= few_groups) {}
     Groups(unsigned all, bool are_early) : count(all), early(are_early) {}
 };
 
-static __global__ void any_loop() {} ///< to ask what code of this program a device was given
+static __global__ void any_loop() {} ///< to ask which code of this program a device was given
 
-/// Whether a device that lets loops be made ready early (compute capability 9.0) is given code that waits by
-/// itself: not the code of an older kind, which it would translate. Loops are all compiled alike.
+/// Whether this device runs code in which loops wait for the one before (compute capability 9.0). A device
+/// given PTX of an older architecture translates that, and its loops do not wait. All loops are compiled
+/// alike.
 inline bool loops_wait_by_themselves(int device)
 {
-    static std::array<std::atomic<signed char>, 64> known{}; // 0: not yet
+    static std::array<std::atomic<signed char>, 64> known{}; // 0: not known yet
     bool const is_kept = device >= 0 && static_cast<std::size_t>(device) < known.size();
     if (is_kept && known[device] != 0) return known[device] > 0;
     cudaFuncAttributes loop{};
@@ -108,8 +109,8 @@ inline bool loops_wait_by_themselves(int device)
     return waits;
 }
 
-/// Starts a loop when those before are through; an Error names it. (After <<<>>> one would ask for the last
-/// error, which may be that of a call of somebody else's long before.)
+/// Launches a loop that starts when those before have finished; an Error names it. After <<<>>> one would
+/// have to ask for the last error, which may stem from an earlier call of another library.
 template <class... Parameters, class... Arguments>
 void launch_after(char const* name, Queue const& queue, void (*loop)(Parameters...), unsigned groups,
                   unsigned threads, Arguments const&... arguments)
@@ -121,8 +122,8 @@ void launch_after(char const* name, Queue const& queue, void (*loop)(Parameters.
     check(cudaLaunchKernelEx(&how, loop, static_cast<Parameters>(arguments)...), name);
 }
 
-/// Starts a loop; one that is made ready while the one before is still at work waits for that itself (see
-/// Signal), where the device can do so.
+/// Launches a loop. Where the device can, a loop that launches early waits for the one before by itself (see
+/// Signal).
 template <class... Parameters, class... Arguments>
 void launch_behind(char const* name, Queue const& queue, void (*loop)(Parameters...), Groups groups,
                    unsigned threads, std::size_t shared, Arguments const&... arguments)
@@ -141,7 +142,7 @@ void launch_behind(char const* name, Queue const& queue, void (*loop)(Parameters
     check(cudaLaunchKernelEx(&how, loop, static_cast<Parameters>(arguments)...), name);
 }
 
-/// Makes a device the current one, and the one before current again at the end of the scope.
+/// Makes a device current until the end of the scope, then the previous one.
 class OnDevice
 {
 public:
@@ -166,18 +167,18 @@ private:
 
 inline void Queue::wait() const
 {
-    OnDevice const here(*this); // or the default stream would be that of another device
+    OnDevice const here(*this); // otherwise the default stream would be that of another device
     check(cudaStreamSynchronize(stream), "cudaStreamSynchronize");
 }
 
 /// Bytes of a device's memory that this program's arrays hold.
 inline std::atomic<std::size_t>& held_on(int device)
 {
-    static std::array<std::atomic<std::size_t>, 64> held{}; // of all devices beyond these together
+    static std::array<std::atomic<std::size_t>, 64> held{}; // the last entry counts all further devices
     return held[std::min(static_cast<std::size_t>(device), held.size() - 1)];
 }
 
-/// Memory of a device, the current one; an Error says how much was needed and how much there was.
+/// Memory of the current device; an Error says how much was needed and how much is available.
 inline void* allocate(int device, std::size_t bytes)
 {
     void* memory = nullptr;
@@ -197,14 +198,13 @@ inline void* allocate(int device, std::size_t bytes)
     return memory;
 }
 
-/// Gives it back.
 inline void free_memory(int device, void* memory, std::size_t bytes) noexcept
 {
     static_cast<void>(cudaFree(memory));
     held_on(device) -= bytes;
 }
 
-/// As many groups of threads as cover a number of items.
+/// How many groups of threads cover this many items.
 constexpr unsigned groups_of(std::size_t items, unsigned threads)
 {
     return static_cast<unsigned>((items + threads - 1) / threads);

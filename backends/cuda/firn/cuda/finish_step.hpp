@@ -9,16 +9,16 @@
 #include <cstdint>
 #include <utility>
 
-// How a step ends: what its loops found is merged, and who knows what follows is called with it, on the
-// device.
+// How a step ends: the results of its loops are merged, and the phase that chooses the next step is called
+// with them, on the device.
 namespace firn::cuda::detail
 {
 
-/// In the groups of threads that look at all of something by themselves.
+/// In groups of threads that scan a whole list by themselves.
 inline constexpr int scanning_threads = 512;
 
-/// What concludes a step: the results of the loops over nodes and over the items of each order of cells, and
-/// who is called with them.
+/// What finishes a step: the results of the loops over nodes and over the items of each order of cells, and
+/// the phase that is called with them.
 template <class OfNodes, class OfItems, int orders, class Call>
 struct MergeAndFinish
 {
@@ -27,17 +27,17 @@ struct MergeAndFinish
     Call call;
 
     static constexpr std::size_t all_of_one_warp = sizeof(OfNodes) + orders * sizeof(OfItems);
-    /// So many warps merge results of each kind, fewer where there are many obstacles; where a group has not
-    /// so many, they do so one after the other, and with the same bits.
+    /// How many warps merge results of each kind; fewer with many obstacles, whose results need memory. A
+    /// group with fewer warps merges in several rounds, with the same bits.
     static constexpr std::uint32_t warps = [] {
         std::uint32_t most = scanning_threads / 64;
         while (most > 1 && most * all_of_one_warp > 32 * 1024) most /= 2;
         return most;
     }();
-    /// Memory that threads share while they conclude.
+    /// Shared memory that this needs.
     static constexpr std::size_t bytes = warps * all_of_one_warp;
 
-    /// Called by a whole group of threads; true in its first one if the call was.
+    /// Called by a whole group of threads; returns in its first thread what the call returned.
     __device__ bool operator()(unsigned char* memory) const
     {
         return finish(memory, std::make_integer_sequence<int, orders>{});
@@ -47,7 +47,7 @@ private:
     template <int... k>
     __device__ bool finish(unsigned char* memory, std::integer_sequence<int, k...>) const
     {
-        // plain values, although Eigen's types do not say so
+        // plain values, although Eigen's types are not trivially copyable
         auto* const items = reinterpret_cast<OfItems*>(memory);
         auto* const nodes = reinterpret_cast<OfNodes*>(items + orders * warps);
         for (std::uint32_t warp = threadIdx.x / 32; warp < 2 * warps; warp += blockDim.x / 32)
@@ -62,8 +62,8 @@ private:
         return threadIdx.x == 0 && ask(call, all_nodes, all_items[k]...);
     }
 
-    /// A function of its own, which no loop takes in: one thread's registers are not to be those of all, and
-    /// it is the same code, with the same rounding, whoever asks.
+    /// Not inlined: the registers of this one thread must not count for all threads of a loop. It is also the
+    /// same code, with the same rounding, in every loop.
     template <class... Items>
     __device__ __noinline__ static bool ask(Call call, OfNodes nodes, Items... items)
     {

@@ -12,7 +12,7 @@ namespace firn::cuda
 
 namespace detail
 {
-/// Wants the blocks of nodes under some blocks of cells.
+/// Requests the blocks of nodes under some blocks of cells.
 template <int d>
 __global__ void want_nodes(std::uint64_t const* cell_keys, std::uint32_t first, std::uint32_t blocks,
                            BlockSet::View nodes)
@@ -24,7 +24,7 @@ __global__ void want_nodes(std::uint64_t const* cell_keys, std::uint32_t first, 
     nodes.want(block_key<d>(block));
 }
 
-/// Ties some blocks of cells to the blocks of nodes under them.
+/// Connects some blocks of cells to the blocks of nodes under them.
 template <int d>
 __global__ void tie(std::uint64_t const* cell_keys, std::uint32_t first, std::uint32_t blocks,
                     BlockSet::View nodes, std::uint32_t* nodes_of, std::uint32_t* covered_by)
@@ -54,7 +54,7 @@ __global__ void keep_tiles(std::uint32_t const* blocks_before, std::uint32_t kno
 
 /// The types and sizes of what a grid is made of.
 ///
-/// A block of cells sums into a *tile* of its own: its nodes and `order` more per axis, so that blocks never
+/// A block of cells sums into a *tile* of its own: its nodes and `degree` more per axis, so that blocks never
 /// write to the same place. Node n of the lattice is stored under n + reach: the stencil of cell k begins at
 /// node k here.
 template <class NumberType, int d, int degree, int sums, int values>
@@ -70,9 +70,9 @@ struct GridShape
     static_assert(degree <= Shape::extent, "a stencil may reach into the next block only");
 };
 
-/// Blocks of nodes under the blocks of cells: born with them.
+/// Blocks of nodes under the blocks of cells, created with them.
 ///
-/// Several orders of cells may share the nodes: each has a *layer* of the grid, the tiles that its blocks sum
+/// Several orders of cells may share the nodes. Each has a *layer* of the grid: the tiles that its blocks sum
 /// into. A node adds up the tiles that cover it in a fixed order, layer by layer: no atomics, and no result
 /// that depends on how a device schedules its work.
 template <class NumberType, int d, int degree, int sums, int values, int layer_count = 1>
@@ -102,7 +102,7 @@ public:
     };
 
 private:
-    /// What belongs to one order of cells.
+    /// The tiles of one order of cells.
     struct Tiles
     {
         std::uint32_t blocks = 0, generation = 0;
@@ -123,11 +123,12 @@ private:
     };
 
 public:
-    /// The grid as one order of cells sees it: all nodes, and the tiles of its own. Made when it is needed.
+    /// The grid as one order of cells sees it: all nodes, and its own tiles. A light handle, made when
+    /// needed.
     class Layer : public Base
     {
     public:
-        /// The same as loops see it.
+        /// The layer as loops see it.
         struct View
         {
             std::uint32_t const* nodes_of; ///< per block of cells and corner: the block of nodes there
@@ -157,8 +158,7 @@ public:
         : Grid(backend.queue(), std::make_index_sequence<static_cast<std::size_t>(layers)>{})
     {}
 
-    /// Brings blocks up to date with the orders of cells, one per layer; a block that was there before keeps
-    /// its sums.
+    /// Updates the blocks to the orders of cells, one per layer; a block that existed before keeps its sums.
     template <class Order>
     void activate(std::array<Order*, layers> const& orders)
     {
@@ -185,7 +185,7 @@ public:
     BlockSet::View blocks_of_nodes() { return set_.view(); }
     Results& node_results() { return node_results_; }
 
-    /// Takes the sums for the next step for those of this one.
+    /// Makes the sums of the next step those of this one.
     void swap()
     {
         for (Tiles& tiles : tiles_) std::swap(tiles.of[0], tiles.of[1]);
@@ -213,7 +213,7 @@ private:
         return blocks;
     }
 
-    /// Where blocks of cells were numbered anew, those of nodes begin anew.
+    /// Where blocks of cells were renumbered, keeps their tiles and rebuilds the blocks of nodes.
     template <class Order>
     void forget_empty_blocks(std::array<Order*, layers> const& orders)
     {
@@ -230,7 +230,7 @@ private:
         for (Tiles& tiles : tiles_) tiles.blocks = 0;
     }
 
-    /// Moves the tiles of blocks that were there before to their new places; all else begins anew.
+    /// Moves the tiles of blocks that stay to their new places and clears the others.
     void keep_tiles(Tiles& tiles, std::uint32_t const* blocks_before, std::uint32_t blocks)
     {
         tiles.of[1].renew(std::size_t(blocks) * TileShape::nodes);
@@ -260,13 +260,14 @@ private:
         }
     }
 
-    /// Ties a layer's new blocks to those of nodes, and makes room for their tiles.
+    /// Connects a layer's new blocks to those of nodes, and makes room for their tiles.
     template <class Order>
     void tie(Tiles& tiles, Order const& cells)
     {
         std::uint32_t const before = tiles.blocks, blocks = cells.blocks();
         std::size_t const covered_before = before == 0 ? 0 : tiles.covered_by.size();
-        tiles.covered_by.resize(std::size_t(set_.size()) * corners); // of others' nodes, too
+        tiles.covered_by.resize(std::size_t(set_.size()) *
+                                corners); // for blocks of nodes of other layers, too
         tiles.covered_by.fill_bytes(covered_before, tiles.covered_by.size() - covered_before, 0xff);
         if (before == blocks) return;
         tiles.nodes_of.resize(std::size_t(blocks) * corners);

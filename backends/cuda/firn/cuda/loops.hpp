@@ -13,28 +13,29 @@ namespace firn::cuda
 namespace detail
 {
 inline constexpr unsigned block_threads = 64; ///< one per cell, and one per node
-/// Where there are few blocks, as many teams of that many threads share one: each takes every n-th item of a
-/// cell. With all threads of the largest group, up to 128 registers are left for each; numbers of double
+/// Where there are few blocks, at most this many teams of `block_threads` share one: each handles every n-th
+/// item of a cell. In the largest group each thread still has up to 128 registers. Numbers in double
 /// precision need two each, and are faster with half as many threads.
 template <class Number>
 inline constexpr unsigned most_teams = sizeof(Number) > sizeof(float) ? 4 : 8;
-/// The same for those who move items: where a phase holds much while it calls, six leave 168 registers.
+/// The same for the loop that moves items: a phase that holds many values across a call gets six teams, which
+/// leave 168 registers.
 template <class Phase>
 inline constexpr unsigned most_teams_that_move = Phase::calls_amid_much
                                                      ? std::min(most_teams<typename Phase::Number>, 6u)
                                                      : most_teams<typename Phase::Number>;
-/// Groups of threads that are to fit on a multiprocessor in loops of one team: they leave 168 registers for
-/// each thread. (Left to itself the compiler may stop at 48 or 96, and spill.)
+/// Groups of threads that must fit on a multiprocessor in loops of one team: this leaves 168 registers per
+/// thread. Without it the compiler may stop at 48 or 96, and spill.
 inline constexpr unsigned enough_groups = 6;
-/// Shared memory that a device gives without being asked, the same but for the little that loops declare, and
-/// what it gives at all but for that (compute capability 7.5; later ones give more) [bytes].
+/// Shared memory that a device grants without a request; the same less the little that loops declare; and the
+/// most it grants at all, less that too (compute capability 7.5; later ones grant more) [bytes].
 inline constexpr std::size_t given_shared = 48 * 1024, unasked_shared = 40 * 1024, most_shared = 60 * 1024;
 
-/// The lane's own part of its warp: which items of the group of cells are where.
+/// A lane's view of its warp's group of cells: which items are where.
 struct Ranks
 {
     std::uint32_t begin, count; ///< of the items of the lane's cell
-    std::uint32_t slot;         ///< of the first item of the rank
+    std::uint32_t slot;         ///< of the first item of the current rank, over all lanes
 
     __device__ Ranks(std::uint32_t const* begins, std::uint32_t cell)
         : begin(begins[cell]), count(begins[cell + 1] - begin), slot(begins[cell - threadIdx.x % 32])
@@ -43,13 +44,14 @@ struct Ranks
     __device__ explicit Ranks(ArrivedInCell const& came) : begin(came.begin), count(came.count), slot(0) {}
 
     /// Calls `use(rank, whether the cell has an item of it, the item's slot)` with all lanes of the warp: for
-    /// every rank, or those of one of several teams.
+    /// every rank, or for those of one of several teams.
     template <class Use>
     __device__ void for_each(Use const& use, std::uint32_t team = 0, std::uint32_t teams = 1)
     {
         std::uint32_t const below = (1u << threadIdx.x % 32) - 1;
         for (std::uint32_t rank = team, passed = 0;; rank += teams) {
-            for (; passed < rank; ++passed) slot += __popc(__ballot_sync(~0u, passed < count)); // of others
+            for (; passed < rank; ++passed)
+                slot += __popc(__ballot_sync(~0u, passed < count)); // ranks of other teams
             std::uint32_t const pattern = __ballot_sync(~0u, rank < count);
             if (pattern == 0) return;
             use(rank, rank < count, slot + __popc(pattern & below));
@@ -59,8 +61,8 @@ struct Ranks
     }
 };
 
-/// The tiles of one block of cells in shared memory: node values, and sums of each of its two groups, for
-/// each team.
+/// The tiles of one block of cells in shared memory: node values, and for each team the sums of the block's
+/// two groups.
 template <class GridType>
 struct SharedTiles
 {
@@ -73,13 +75,13 @@ struct SharedTiles
     static constexpr std::size_t bytes(bool reads, bool adds, unsigned teams = 1)
     {
         constexpr std::size_t values =
-            (Tile::nodes * sizeof(Values) + 15) / 16 * 16; // sums are aligned to that
+            (Tile::nodes * sizeof(Values) + 15) / 16 * 16; // sums are aligned to 16 bytes
         return (reads ? values : 0) + (adds ? teams * 2 * Tile::group_nodes * sizeof(Sums) : 0);
     }
 
-    /// How many teams share a block where there are so many blocks: as many threads in all as a large device
-    /// has at work at once, in no more shared memory than every device has. (The same on every device, since
-    /// sums are added up team by team.)
+    /// How many teams share a block in a scene of so many blocks: together as many threads as a large device
+    /// runs at once, within the shared memory that every device has. The number is the same on every device,
+    /// since sums are added up team by team.
     static constexpr unsigned teams(std::uint32_t blocks,
                                     unsigned most = most_teams<typename GridType::Number>)
     {
@@ -90,7 +92,7 @@ struct SharedTiles
         return teams;
     }
 
-    /// The same for those who give what came to a block.
+    /// The same for scattering the items that came into a block.
     static unsigned teams_that_follow(std::uint32_t blocks)
     {
         return std::min(teams(blocks), most_teams_that_follow);
@@ -113,7 +115,7 @@ struct SharedTiles
             sums[n] = Sums{};
     }
 
-    /// Where the stencil of the thread's cell begins among the sums of its group and team.
+    /// Where the stencil of the thread's cell begins in the sums of its group and team.
     __device__ Sums* own_sums(int place) const
     {
         int const group = place / Shape::lanes, team = int(threadIdx.x / block_threads);
@@ -131,10 +133,10 @@ struct SharedTiles
         }
     }
 
-    /// Adds them to it, where there are so many teams.
+    /// Adds them to the tile, for `teams` teams.
     __device__ void add_sums(Sums* tile, unsigned teams = 1) const
     {
-        constexpr int at_once = 4; // loads, each of which would wait for the one before
+        constexpr int at_once = 4; // independent loads: otherwise each would wait for the one before
         int const threads = int(teams * block_threads);
         for (int first = int(threadIdx.x); first < Tile::nodes; first += at_once * threads) {
             Sums sum[at_once];
@@ -150,7 +152,7 @@ struct SharedTiles
         }
     }
 
-    /// Copies the nodes under a block of cells.
+    /// Loads the node values under a block of cells.
     __device__ void read_values(typename GridType::View const& grid, std::uint32_t block) const
     {
         for (int n = int(threadIdx.x); n < Tile::nodes; n += int(blockDim.x)) {
@@ -169,7 +171,7 @@ struct SharedTiles
     }
 
 private:
-    /// Adds what both groups of each team have at a node of the tile.
+    /// Adds the sums of both groups of each team at one node of the tile.
     __device__ void plus_teams(Sums& sum, int n, unsigned teams) const
     {
         for (unsigned team = 0; team < teams; ++team) {
@@ -185,7 +187,7 @@ private:
     }
 };
 
-/// All items give, cell by cell, to the tile of their block.
+/// All items scatter, cell by cell, to the tile of their block.
 template <class Order, class GridType, class Phase>
 __global__ void __launch_bounds__(block_threads, enough_groups)
     scatter(Signal signal, Phase phase, typename Order::View cells, typename GridType::View grid, bool afresh)
@@ -213,7 +215,8 @@ __global__ void __launch_bounds__(block_threads, enough_groups)
         tiles.add_sums(tile);
 }
 
-/// Items that came into the cells of a block give what they kept when they departed.
+/// Items that came into the cells of a block scatter the contributions that were stored when they left
+/// theirs.
 template <class Order, class GridType, class Phase>
 struct ScatterIncoming
 {
@@ -222,7 +225,7 @@ struct ScatterIncoming
     typename Order::Leavers leavers;
     typename GridType::View grid;
 
-    /// Called by all threads of a group, so many teams, with shared memory for the sums of each.
+    /// Called by all threads of a group of `teams` teams, with shared memory for the sums of each.
     __device__ void operator()(std::uint32_t block, ArrivedInCell const& came, std::uint32_t teams) const
     {
         if (!__syncthreads_or(came.count > 0)) return; // most blocks have few, or none
@@ -251,9 +254,9 @@ struct ScatterIncoming
     }
 };
 
-/// The same for all blocks, once their order is written, by so many teams at most: a thread that is one of
-/// few takes more registers, and where there are many blocks that costs more than it gains. (Of numbers in
-/// double precision the compiler would take more than there are, were it told that a group has them all.)
+/// The same for all blocks once their order is written, with at most `most` teams. A thread in a small group
+/// uses more registers, which costs more than it gains where there are many blocks. In double precision the
+/// compiler is not told that a group may use all registers, because it would use more than there are.
 template <unsigned most, class Order, class GridType, class Phase>
 __global__ void __launch_bounds__(most* block_threads,
                                   most > 1 && sizeof(typename GridType::Number) == sizeof(float) ? 1 : 0)
@@ -268,7 +271,7 @@ __global__ void __launch_bounds__(most* block_threads,
     }
 }
 
-/// Adds up the tiles that cover a node of a block; `any` becomes true if something was added to it.
+/// Adds up the tiles that cover a node of a block; sets `any` if one of the sums is not zero.
 template <class GridType, int d>
 __device__ __forceinline__ typename GridType::Sums
 sum_of_tiles(typename GridType::View const& grid, std::uint32_t n, Coordinates<d> const& here, bool& any)
@@ -280,7 +283,8 @@ sum_of_tiles(typename GridType::View const& grid, std::uint32_t n, Coordinates<d
 #pragma unroll
     for (int layer = 0; layer < GridType::layers; ++layer) {
         typename GridType::Cover const& of = grid.layer[layer];
-        std::uint32_t block[GridType::corners]; // all loads first, or each would wait for the one before
+        std::uint32_t
+            block[GridType::corners]; // loaded together: otherwise each would wait for the one before
 #pragma unroll
         for (int corner = 0; corner < GridType::corners; ++corner)
             block[corner] = of.covered_by[n * GridType::corners + static_cast<unsigned>(corner)];
@@ -307,7 +311,7 @@ sum_of_tiles(typename GridType::View const& grid, std::uint32_t n, Coordinates<d
     return sums;
 }
 
-/// One node that looks at others.
+/// One node that reads the sums of others.
 template <class GridType, int d>
 class LoneNode
 {
@@ -324,7 +328,7 @@ public:
     __device__ void set(int channel, Real value) { values_.of[channel] = value; }
     __device__ typename GridType::Values const& values() const { return values_; }
 
-    /// The sums of the node first + along, the latter on the last axis; zeros where there is none.
+    /// The sums of the node `first` + `along`, the latter on the last axis; zeros if there is none.
     template <int channels>
     __device__ void sums_at(Coordinates<d> const& first, Real along, bool, Real (&found)[channels]) const
     {
@@ -355,8 +359,8 @@ private:
 struct NoBlocks
 {};
 
-/// Nodes add up the tiles that cover them and are updated. `blocks` finds those of nodes that are looked at.
-/// On the way who came into the cells of each layer is forgotten, before others do.
+/// Nodes add up the tiles that cover them and are updated. `blocks` finds the blocks of other nodes that a
+/// phase looks at. The loop also clears the incoming items of each layer's cells before new ones are listed.
 template <class GridType, class Phase, class Blocks>
 __global__ void __launch_bounds__(block_threads)
     for_each_node(Signal signal, Phase phase, typename GridType::View grid, Blocks blocks,
@@ -398,7 +402,7 @@ __global__ void __launch_bounds__(block_threads)
     results.take(result, reinterpret_cast<typename Phase::Result*>(parts));
 }
 
-/// What the loop that moves items writes beside what the phase does.
+/// What the moving loop writes beside what the phase does.
 template <class Number, class Result>
 struct Moved
 {
@@ -408,8 +412,8 @@ struct Moved
     ResultsOfGroups<Result> results;
 };
 
-/// All items take, answer, and give to the tile of the next step; those that depart are put on a list, and in
-/// that of their new cell.
+/// All items gather, are updated, and scatter to the tile of the next step. Leavers go to a list, and to the
+/// list of their new cell.
 template <class Order, class GridType, class Phase>
 __global__ void __launch_bounds__(most_teams_that_move<Phase>* block_threads, 1)
     move(Signal signal, Phase phase, typename Order::View cells, typename GridType::View grid,
@@ -420,7 +424,7 @@ __global__ void __launch_bounds__(most_teams_that_move<Phase>* block_threads, 1)
     std::uint32_t const team = threadIdx.x / block_threads, teams = blockDim.x / block_threads;
     std::uint32_t const place = threadIdx.x % block_threads, c = blockIdx.x * block_threads + place,
                         below = (1u << threadIdx.x % 32) - 1;
-    Ranks ranks(cells.begin, c); // asked for while the answer is on its way
+    Ranks ranks(cells.begin, c); // loaded while the signal is on its way
     if (heard.stops()) return;
     std::uint32_t const* const sources = cells.order + ranks.begin;
     std::uint32_t const count = ranks.count;
@@ -484,7 +488,7 @@ __global__ void __launch_bounds__(most_teams_that_move<Phase>* block_threads, 1)
     moved.results.take(result, reinterpret_cast<typename Phase::Result*>(parts));
 }
 
-/// All items take and give, where they are, to the tile of the next sums of their block.
+/// All items gather and scatter in place to their block's tile of the next sums.
 template <class Order, class GridType, class Phase>
 __global__ void __launch_bounds__(block_threads)
     scatter_back(Signal signal, Phase phase, typename Order::View cells, typename GridType::View grid)
@@ -513,8 +517,8 @@ __global__ void __launch_bounds__(block_threads)
     tiles.write_sums(grid.next_tiles + std::size_t(blockIdx.x) * GridType::TileShape::nodes);
 }
 
-/// All items take, and the phase keeps what it wants of that. (Of numbers in double precision the compiler
-/// spills where it may have 128 or 168 registers, and where it has the choice; not with 96.)
+/// All items gather, and the phase stores what it needs. In double precision the compiler spills with 128 or
+/// 168 registers, and when it chooses itself, but not with 96.
 template <class Order, class GridType, class Phase>
 __global__ void __launch_bounds__(block_threads,
                                   sizeof(typename GridType::Number) == sizeof(float) ? enough_groups : 10)
@@ -537,7 +541,7 @@ __global__ void __launch_bounds__(block_threads,
     });
 }
 
-/// Visits all items: at their slots, or where the order says.
+/// Visits all items: at their slots, or where the order says they lie.
 template <class Order, class Visit>
 __global__ void __launch_bounds__(block_threads)
     for_each_place(Signal signal, Visit visit, typename Order::View cells, bool at_slots)
@@ -557,13 +561,13 @@ __global__ void for_each(Body body, std::size_t count)
     if (i < count) body(i);
 }
 
-/// Shared memory that move declares for a phase, but for gaps between [bytes].
+/// Shared memory that the moving loop declares for a phase, without padding in between [bytes].
 template <class Phase>
 inline constexpr std::size_t declared_by_move = 2 * most_teams_that_move<Phase> *
                                                     sizeof(typename Phase::Result) +
                                                 (block_threads + 2) * sizeof(std::uint32_t) + 64;
 
-/// Lets a loop have so much shared memory beside what it declares [bytes].
+/// Lets a loop use this much dynamic shared memory [bytes].
 template <class... Parameters>
 void allow_shared(void (*loop)(Parameters...), std::size_t bytes)
 {
@@ -578,7 +582,7 @@ void allow_shared(void (*loop)(Parameters...), std::size_t bytes)
     check(status, "cudaFuncSetAttribute");
 }
 
-/// Starts a loop over blocks with its shared memory.
+/// Launches a loop over blocks with its shared memory.
 template <class... Parameters, class... Arguments>
 void launch(char const* name, Queue const& queue, void (*loop)(Parameters...), std::uint32_t blocks,
             unsigned teams, std::size_t shared, Arguments const&... arguments)

@@ -15,16 +15,17 @@
 namespace firn::cuda::detail
 {
 
-/// Where there are few blocks, as many teams of 64 threads follow who came to one, at most.
+/// Where there are few blocks, at most this many teams of 64 threads rebin one and scatter its incoming
+/// items.
 inline constexpr unsigned most_teams_that_follow = 4;
 
-/// What groups of threads that work side by side tell each other about items that move.
+/// Counters through which concurrent groups of threads coordinate the leavers.
 struct LeaverCounters
 {
-    std::uint32_t departed; ///< items
+    std::uint32_t departed; ///< leavers of the current step
     std::uint32_t searched; ///< groups of threads that have found new cells
-    std::uint32_t live;     ///< blocks that hold items
-    std::uint32_t rebinned; ///< items that departed last, and were found in their new cells
+    std::uint32_t live;     ///< blocks that will hold items
+    std::uint32_t rebinned; ///< leavers of the step that was rebinned last
 };
 
 /// Items on their way to other cells.
@@ -32,27 +33,27 @@ template <class Number>
 struct Leavers
 {
     LeaverCounters* meet;
-    std::uint32_t most;   ///< there is room for so many
-    int channels;         ///< of what a departed item gives
+    std::uint32_t most;   ///< capacity
+    int channels;         ///< of a leaver's contribution
     std::uint32_t* slot;  ///< where the item lies
-    std::uint32_t* cell;  ///< where it was
-    std::uint8_t* way;    ///< to which neighbour it goes: three digits of base 3, first axis highest
-    std::uint32_t* next;  ///< another one that comes into the same cell, or absent
-    Number* contribution; ///< what a departed item gives to the grid, one after the other, but for its offset
+    std::uint32_t* cell;  ///< where it came from
+    std::uint8_t* way;    ///< the neighbour it goes to: three digits of base 3, first axis highest
+    std::uint32_t* next;  ///< the next leaver that comes into the same cell, or absent
+    Number* contribution; ///< what each leaver scatters, without its offset; leaver by leaver
 };
 
-/// What changes about cells when items move.
+/// What changes in cells when items move.
 struct Changes
 {
-    std::uint32_t* stay;           ///< per cell: items that stay
-    std::uint32_t* incoming;       ///< per cell: items that come
-    std::uint32_t* first_incoming; ///< per cell: one of them, or absent
-    std::uint32_t* group_left;     ///< per group of cells: items that leave
-    std::uint32_t* block_stay;     ///< per block: items that stay in their cells
-    std::uint32_t* block_arrived;  ///< per block: items that come into its cells
+    std::uint32_t* stay;           ///< per cell: how many items stay
+    std::uint32_t* incoming;       ///< per cell: how many items come in
+    std::uint32_t* first_incoming; ///< per cell: one of these, or absent
+    std::uint32_t* group_left;     ///< per group of cells: how many items leave
+    std::uint32_t* block_stay;     ///< per block: how many items stay in their cells
+    std::uint32_t* block_arrived;  ///< per block: how many items come into its cells
 };
 
-/// Forgets who came into the cells of a block; called by 64 threads.
+/// Clears the incoming items of a block's cells; called by 64 threads.
 static __device__ void forget_incoming(Changes const& changes, std::uint32_t block)
 {
     std::uint32_t const c = block * 64 + threadIdx.x;
@@ -61,14 +62,14 @@ static __device__ void forget_incoming(Changes const& changes, std::uint32_t blo
     if (threadIdx.x == 0) changes.block_arrived[block] = 0;
 }
 
-/// The same for as many blocks of an order of cells, and how many departed.
+/// Clears the incoming items of `blocks` blocks, and the count of leavers.
 struct ArrivalsToForget
 {
     Changes changes;
     std::uint32_t blocks;
-    LeaverCounters* meet; ///< none: nobody ever departed
+    LeaverCounters* meet; ///< null if nothing has ever left
 
-    /// Called by groups of 64 threads, as many as there are blocks, or more.
+    /// Called by groups of 64 threads, at least one per block.
     __device__ void forget(std::uint32_t group) const
     {
         if (group >= blocks) return;
@@ -77,17 +78,17 @@ struct ArrivalsToForget
     }
 };
 
-/// Where departed items find their new cells.
+/// Where leavers find their new cells.
 struct Destinations
 {
     Changes changes;
     BlockSet::View set;
     std::uint64_t const* keys; ///< of blocks
-    int ahead;                 ///< so many blocks behind each that is wanted are wanted, too
-    bool at_once;              ///< by the loop that moves items; else by one of its own
+    int ahead;                 ///< with each missing block, this many beyond it are requested too
+    bool at_once;              ///< the loop that moves items also searches; otherwise end_step does
 };
 
-/// Enters a mover in the list of its new cell, and counts it there and in the block.
+/// Adds a leaver to the list of its new cell, and counts it there and in the block.
 template <class Number>
 __device__ void arrive(Leavers<Number> const& leavers, Changes const& changes, std::uint32_t leaver,
                        std::uint32_t block, std::uint32_t place)
@@ -95,20 +96,20 @@ __device__ void arrive(Leavers<Number> const& leavers, Changes const& changes, s
     std::uint32_t const cell = block * 64 + place;
     leavers.next[leaver] = atomicExch(changes.first_incoming + cell, leaver);
     atomicAdd(changes.incoming + cell, 1u);
-    // movers that lie side by side come into the same few blocks
+    // neighbouring leavers come into the same few blocks: one atomic per block and warp
     std::uint32_t const with_me = __match_any_sync(__activemask(), block);
     if (static_cast<int>(threadIdx.x % 32) == __ffs(static_cast<int>(with_me)) - 1)
         atomicAdd(changes.block_arrived + block, static_cast<std::uint32_t>(__popc(with_me)));
 }
 
-/// How many blocks may be empty where so many are not: where they are many memory counts, and in a `small`
-/// scene (see CellOrder::is_small) the host is to listen seldom.
+/// How many blocks may be empty beside `live` occupied ones. With many blocks memory matters; in a `small`
+/// scene (see CellOrder::is_small) the host should seldom be needed.
 __device__ inline std::uint32_t most_empty_blocks(std::uint32_t live, bool small)
 {
     return small ? 32 + 2 * live : live <= 4096 ? 8 + live / 8 : live / 32;
 }
 
-/// Finds the new cell of a departed item that was in the cell `from`, or wants its block.
+/// Finds the new cell of a leaver from the cell `from`, or requests its block.
 template <int d, class Number>
 __device__ void find_new_cell(Leavers<Number> const& leavers, Destinations const& to, std::uint32_t leaver,
                               std::uint32_t from, std::uint32_t way)
@@ -136,7 +137,7 @@ __device__ void find_new_cell(Leavers<Number> const& leavers, Destinations const
     arrive(leavers, to.changes, leaver, block, static_cast<std::uint32_t>(Shape::place(cell)));
 }
 
-/// The same for new items, which say where they are.
+/// The same for new items, which come with their cells.
 template <int d, class Number>
 __global__ void find_cells(Leavers<Number> leavers, std::array<int, d> const* cells, std::uint32_t first,
                            std::uint32_t count, Changes changes, BlockSet::View set)
@@ -159,14 +160,14 @@ __global__ void find_cells(Leavers<Number> leavers, std::array<int, d> const* ce
     arrive(leavers, changes, i, block, static_cast<std::uint32_t>(Shape::place(in_block)));
 }
 
-/// Nobody has arrived anywhere, nor departed.
+/// Clears all incoming items and the count of leavers.
 static __global__ void __launch_bounds__(64) forget_all_incoming(Signal signal, ArrivalsToForget to_forget)
 {
     if (signal.stops()) return;
     to_forget.forget(blockIdx.x);
 }
 
-/// Cells of new blocks are empty and begin at the end of all items; nobody has arrived anywhere.
+/// Cells of new blocks are empty and begin behind all items; nothing comes into any cell.
 static __global__ void clear_cells(std::uint32_t first, std::uint32_t cells, std::uint32_t items,
                                    std::uint32_t* begin, Changes changes)
 {
@@ -183,7 +184,7 @@ static __global__ void clear_cells(std::uint32_t first, std::uint32_t cells, std
     if (c % 64 == 0) changes.block_stay[c / 64] = 0;
 }
 
-/// What changes if nobody moves: nothing.
+/// The changes if no item moves.
 static __global__ void stay_all(std::uint32_t const* begin, std::uint32_t cells, Changes changes)
 {
     std::uint32_t const c = blockIdx.x * blockDim.x + threadIdx.x;
@@ -197,8 +198,8 @@ static __global__ void stay_all(std::uint32_t const* begin, std::uint32_t cells,
     changes.block_arrived[c / 64] = 0;
 }
 
-/// What changes if some items vanish, and nobody moves: those for which `gone[where it lies]` is not 0.
-/// `order` says where items lie; none: at their slots.
+/// The changes if items are erased and none moves: those for which `gone[where it lies]` is not 0. `order`
+/// says where items lie; null: at their slots.
 static __global__ void __launch_bounds__(64)
     leave(std::uint32_t const* begin, std::uint32_t const* order, unsigned char const* gone, Changes changes,
           unsigned char* left)
@@ -231,14 +232,14 @@ static __global__ void __launch_bounds__(64)
     changes.block_arrived[blockIdx.x] = 0;
 }
 
-/// Says of items where they lie now.
+/// Replaces the places of items by their new ones.
 static __global__ void renumber(std::uint32_t* order, std::uint32_t count, std::uint32_t const* place)
 {
     std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
     if (i < count) order[i] = place[order[i]];
 }
 
-/// The sum of a value over the lanes of a warp before this one; `total` becomes that over all.
+/// The sum of a value over the warp's lanes before this one; `total` becomes the sum over all.
 __device__ inline std::uint64_t sum_before(std::uint64_t value, std::uint64_t& total)
 {
     int const lane = static_cast<int>(threadIdx.x % 32);
@@ -251,7 +252,8 @@ __device__ inline std::uint64_t sum_before(std::uint64_t value, std::uint64_t& t
     return sum - value;
 }
 
-/// The same over the first threads of a group of them; if there are more, each so many know the same.
+/// The same over the first `threads` threads of a group. Each further set of that many holds the same values
+/// and gets the same sums.
 template <int threads>
 __device__ std::uint64_t sum_before_in_block(std::uint64_t value, std::uint64_t& total)
 {
@@ -271,14 +273,14 @@ __device__ std::uint64_t sum_before_in_block(std::uint64_t value, std::uint64_t&
 
 inline constexpr int scanned_at_once = 8;
 
-/// Where each block's items and arrivals begin.
+/// Where each block's items, and its incoming items, begin.
 struct BlockBegins
 {
     std::uint32_t blocks;
-    std::uint64_t* of_block; ///< both counts in one number, items in its lower half
+    std::uint64_t* of_block; ///< both counts in one number, items in the lower half
 };
 
-/// Finds them, by one group of threads: there are few blocks. Returns how many hold items.
+/// Finds them with one group of threads, since blocks are few. Returns how many hold items.
 __device__ inline std::uint32_t find_block_begins(BlockBegins const& begins, Changes const& changes)
 {
     std::uint32_t const blocks = begins.blocks;
@@ -291,7 +293,8 @@ __device__ inline std::uint32_t find_block_begins(BlockBegins const& begins, Cha
             std::uint32_t const b = first + threadIdx.x * scanned_at_once + static_cast<std::uint32_t>(i);
             count[i] = 0;
             if (b >= blocks) continue;
-            std::uint32_t const arrived = __ldcg(changes.block_arrived + b); // counted by others just now
+            std::uint32_t const arrived =
+                __ldcg(changes.block_arrived + b); // other multiprocessors have just counted it
             count[i] = (std::uint64_t(arrived) << 32) | (changes.block_stay[b] + arrived);
             live += count[i] != 0;
         }
@@ -319,7 +322,7 @@ static __global__ void __launch_bounds__(scanning_threads)
     find_block_begins(begins, changes);
 }
 
-/// For one thread of a group: whether `count - 1` groups were here before; what they wrote can then be read.
+/// For one thread of a group: whether `count - 1` groups were here before. What they wrote is then visible.
 __device__ inline bool comes_last(std::uint32_t* arrived, std::uint32_t count)
 {
     __threadfence();
@@ -329,7 +332,7 @@ __device__ inline bool comes_last(std::uint32_t* arrived, std::uint32_t count)
     return last;
 }
 
-/// Finds the new cells of all departed items, by one of so many groups of threads.
+/// Finds the new cells of all leavers; called by each of several groups of threads.
 template <int d, class Number>
 __device__ void find_new_cells(Leavers<Number> const& leavers, Destinations const& to, std::uint32_t group,
                                std::uint32_t groups)
@@ -340,7 +343,7 @@ __device__ void find_new_cells(Leavers<Number> const& leavers, Destinations cons
         find_new_cell<d>(leavers, to, leaver, leavers.cell[leaver], leavers.way[leaver]);
 }
 
-/// An order of cells when its items have moved.
+/// An order of cells after its items have moved.
 template <int dimension, class Number>
 struct MovedOrder
 {
@@ -349,11 +352,11 @@ struct MovedOrder
     Signal signal;
     Leavers<Number> leavers;
     Destinations to;
-    bool is_to_find;    ///< new cells of those that departed; the loop that moved them did not
-    BlockBegins begins; ///< none: there are no items
+    bool is_to_find;    ///< the loop that moved the leavers did not find their new cells
+    BlockBegins begins; ///< no blocks: there are no items
     bool small;
 
-    /// What there was no room for, and what it is to be asked for if steps stop.
+    /// What there was no room for: what the host is told if steps stop.
     __device__ Stop lacking() const
     {
         if (begins.blocks == 0) return {1, 0, 0, 0};
@@ -363,17 +366,17 @@ struct MovedOrder
     {
         return what.departed > leavers.most || what.births > 0;
     }
-    /// (Nobody is left where nothing lives: blocks are then kept for who comes.)
+    /// Never where no block holds items: the blocks are then kept for items that may come.
     __device__ bool is_crowded(std::uint32_t live) const
     {
         return live > 0 && begins.blocks > live + most_empty_blocks(live, small);
     }
 };
 
-/// Ends a step when the items of all orders have moved: one group of threads concludes, and as many for each
-/// order find new cells of those that departed, if that is to be done; who of these is through last finds
-/// where its blocks begin. Who is through last of all stops later loops where steps do not go on, or where
-/// there was no room for all that moved.
+/// Ends a step when the items of all orders have moved. One group of threads finishes the step; `each` groups
+/// per order find the new cells of its leavers if that is still to be done, and the last of them finds where
+/// the blocks begin. The last group of all stops later loops if steps shall not go on, or if there was no
+/// room for all leavers.
 template <class Moved, int orders, class Finish>
 __global__ void __launch_bounds__(scanning_threads)
     end_step(Signal signal, std::array<Moved, orders> of, Finish finish)
@@ -443,7 +446,7 @@ static __global__ void __launch_bounds__(scanning_threads)
     if (threadIdx.x == 0) *live_count = before;
 }
 
-/// Copies the cells of some blocks to their new places.
+/// Copies the cells of the blocks that stay to their new places.
 static __global__ void keep_blocks(std::uint32_t const* blocks_before, std::uint32_t const* begin,
                                    std::uint32_t const* arrived_begin, std::uint32_t* new_begin,
                                    std::uint32_t* new_arrived_begin)
@@ -457,7 +460,7 @@ static __global__ void keep_blocks(std::uint32_t const* blocks_before, std::uint
     new_arrived_begin[to + 1] = arrived_begin[from + 1];
 }
 
-/// Orders the arrivals of a cell by where they lie, a warp for a cell that has many.
+/// Orders the incoming items of one crowded cell by where they lie, on one warp.
 template <class Number>
 __device__ void sort_crowd(Leavers<Number> const& leavers, std::uint32_t* arrived, std::uint32_t* spare,
                            std::uint32_t count)
@@ -473,29 +476,29 @@ __device__ void sort_crowd(Leavers<Number> const& leavers, std::uint32_t* arrive
     __syncwarp();
 }
 
-/// Items that came into a cell: a part of the list of movers by cell.
+/// The items that came into a cell: a range in the list of leavers by cell.
 struct ArrivedInCell
 {
     std::uint32_t begin, count;
 };
 
-/// How a loop over all cells writes the new order.
+/// Where the new order is written, and what it is written from.
 struct NewOrder
 {
-    std::uint32_t const* source; ///< where items lie, cell by cell; none: at their slots
-    unsigned char const* left;   ///< per slot, whether the item left; none: nobody did
+    std::uint32_t const* source; ///< where items lie, cell by cell; null: at their slots
+    unsigned char const* left;   ///< per slot: whether the item left; null: none did
     std::uint32_t* begin;        ///< per cell
     std::uint32_t* arrived_begin;
-    std::uint32_t* arrived; ///< list of movers by cell
+    std::uint32_t* arrived; ///< list of leavers by cell
     std::uint32_t* order;
-    std::uint32_t* spare; ///< room for as many as arrive
+    std::uint32_t* spare; ///< scratch for as many as come in
 };
 
-/// Who lay in the thread's cell, and where.
+/// The items that lay in the thread's cell before.
 struct LayInCell
 {
     std::uint32_t begin, count;
-    std::uint32_t slot; ///< where the first of the 32 cells lies
+    std::uint32_t slot; ///< of the first item of the 32 cells
     bool all_stay;
 
     __device__ LayInCell(std::uint32_t const* begins, std::uint32_t c, Changes const& changes,
@@ -508,8 +511,8 @@ struct LayInCell
     }
 };
 
-/// Writes those who stay in the order in which they lie, from `at` on, 32 cells at a time. Memory is far
-/// away: eight are asked for at once.
+/// Writes the items that stay, in the order in which they lie, from `at` on, 32 cells at a time. Eight loads
+/// are in flight at once to hide the latency of memory.
 static __device__ void keep_those_who_stay(LayInCell const& lay, NewOrder const& to, std::uint32_t at)
 {
     constexpr int at_once = 8;
@@ -531,16 +534,16 @@ static __device__ void keep_those_who_stay(LayInCell const& lay, NewOrder const&
     }
 }
 
-/// Writes those who come into the thread's cell in the order in which they lie, from `at` on, and as a list
-/// from `first_arrived` on. They come as a chain in any order: each is put in its place among those before
-/// it, which lie near, while the next is asked for. Brings their offsets back into their cells.
+/// Writes the items that come into the thread's cell, in the order in which they lie, from `at` on, and into
+/// the list of leavers by cell. They come as a linked list in any order: each is inserted into a sorted list
+/// in shared memory while the next one is loaded. Wraps their offsets into the new cells.
 template <int d, class Number>
 __device__ void append_incoming(std::uint32_t first_incoming, ArrivedInCell came,
                                 Leavers<Number> const& leavers, NewOrder const& to, std::uint32_t at,
                                 std::array<typename CellOffset<Number>::Stored*, d> const& offset)
 {
     constexpr std::uint32_t few = 12;
-    __shared__ std::uint32_t near[2][few][64]; // movers that come into the thread's cell, and where they lie
+    __shared__ std::uint32_t near[2][few][64]; // leavers that come into the thread's cell, and where they lie
     std::uint32_t const own = threadIdx.x % 64;
     std::uint32_t* const arrived = to.arrived + came.begin;
     std::uint32_t leaver = came.count == 0 ? absent : first_incoming, where = 0, next = absent;
@@ -579,9 +582,9 @@ __device__ void append_incoming(std::uint32_t first_incoming, ArrivedInCell came
     }
 }
 
-/// Writes a block's new cells and its part of the new order: those who stay keep their order in the cell,
-/// those who come follow in the order in which they lie. A team of 64 threads does all of it; of several the
-/// second follows those who come while the first writes those who stay.
+/// Writes a block's new cells and its part of the new order: items that stay keep their order within the
+/// cell, incoming ones follow in the order in which they lie. One team of 64 threads does all of it; of
+/// several teams, the second appends the incoming items while the first writes those that stay.
 template <int d, class Number, class FindBegin>
 __device__ ArrivedInCell rearrange_block(std::uint32_t block, std::uint32_t blocks,
                                          std::uint32_t const* begin, Changes const& changes,
@@ -594,7 +597,7 @@ __device__ ArrivedInCell rearrange_block(std::uint32_t block, std::uint32_t bloc
     std::uint32_t const c = block * 64 + place;
     std::uint32_t const incoming = changes.incoming[c], stay = changes.stay[c],
                         first_incoming = changes.first_incoming[c];
-    LayInCell const lay(begin, c, changes, to.left == nullptr); // asked for before threads wait
+    LayInCell const lay(begin, c, changes, to.left == nullptr); // loaded before threads wait for one another
     std::uint64_t total;
     std::uint64_t mine = find_begin(block);
     mine += sum_before_in_block<64>((std::uint64_t(incoming) << 32) | (stay + incoming), total);
@@ -626,7 +629,8 @@ __global__ void __launch_bounds__(64)
         leavers, to, offset);
 }
 
-/// Where a block's items and arrivals begin, found by all threads of a group where there are few blocks.
+/// Where a block's items, and its incoming items, begin. With few blocks each group of threads finds it by
+/// itself.
 __device__ inline std::uint64_t find_block_begin(std::uint32_t block, Changes const& changes)
 {
     __shared__ std::uint64_t of_warp[most_teams_that_follow * 2];
@@ -644,7 +648,7 @@ __device__ inline std::uint64_t find_block_begin(std::uint32_t block, Changes co
     return sum;
 }
 
-/// How many blocks hold items when all have come, counted by all threads of a group; known to the first.
+/// How many blocks will hold items, counted by all threads of a group; the first thread gets the result.
 __device__ inline std::uint32_t count_live_blocks(std::uint32_t blocks, Changes const& changes)
 {
     __shared__ std::uint32_t count;
@@ -659,10 +663,10 @@ __device__ inline std::uint32_t count_live_blocks(std::uint32_t blocks, Changes 
     return count;
 }
 
-/// What ends a step and follows its items at once, where there are few blocks: the first group of threads
-/// concludes; the others, one for each block, write the new order as if the step went well (see
-/// CellOrder::take_back), by teams, and call `then(block, who came into the thread's cell, teams)`. The
-/// loop's number is above 0 and that of no other one nearby.
+/// Ends a step and rebins its items in one loop, where there are few blocks. The first group of threads
+/// finishes the step. The others, one per block, write the new order as if the step will succeed (see
+/// CellOrder::rollback), and call `then(block, what came into the thread's cell, teams)`. The loop's number
+/// is above 0 and differs from those of the loops queued near it.
 template <int d, class Number, class Finish, class Then>
 __global__ void __launch_bounds__(most_teams_that_follow * 64, 1)
     finish_and_rearrange(MovedOrder<d, Number> order, std::uint32_t number, std::uint32_t const* begin,
@@ -695,7 +699,7 @@ __global__ void __launch_bounds__(most_teams_that_follow * 64, 1)
     signal.has_chosen(number);
 }
 
-/// Brings the offsets of arrivals back to what they were before that.
+/// Undoes the wrapping of the leavers' offsets.
 template <int d, class Number>
 __global__ void unwrap(Leavers<Number> leavers, std::array<typename CellOffset<Number>::Stored*, d> offset)
 {

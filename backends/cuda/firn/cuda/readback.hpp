@@ -10,12 +10,12 @@ namespace firn::cuda
 
 namespace detail
 {
-/// A value as words: padding is copied too, and shuffles take nothing larger.
+/// A value as words. Copies padding too, and shuffles take nothing larger than a word.
 template <class T>
 struct Words
 {
     static_assert(sizeof(T) % sizeof(std::uint32_t) ==
-                  0); // plain values, although Eigen's types do not say so
+                  0); // plain values, although Eigen's types are not trivially copyable
     static constexpr int count = sizeof(T) / sizeof(std::uint32_t);
     std::uint32_t of[count];
 };
@@ -29,7 +29,7 @@ __device__ void store_words(T const& value, T* to)
     for (int i = 0; i < Words<T>::count; ++i) reinterpret_cast<std::uint32_t*>(to)[i] = words.of[i];
 }
 
-/// Loads what another group of threads stored, past the cache of this one.
+/// Loads what another group of threads stored, bypassing this multiprocessor's cache.
 template <class T>
 __device__ T load_words(T const* from)
 {
@@ -42,7 +42,7 @@ __device__ T load_words(T const* from)
     return value;
 }
 
-/// Loads what a thread of this group stored in memory that they share.
+/// Loads what a thread of this group stored in shared memory.
 template <class T>
 __device__ T load_shared(T const* from)
 {
@@ -54,7 +54,7 @@ __device__ T load_shared(T const* from)
     return value;
 }
 
-/// The results of a warp's lanes, merged in their order: in lane 0.
+/// Merges the results of a warp's lanes in their order; valid in lane 0.
 template <class Result>
 __device__ Result merged_in_warp(Result result)
 {
@@ -72,18 +72,19 @@ __device__ Result merged_in_warp(Result result)
     return result;
 }
 
-/// Where the groups of threads of a loop leave their results. Where there are many, the last of each bunch
-/// merges those of the bunch, so that few are left to whoever concludes; the order is always the same.
+/// Where the groups of threads of a loop store their results. If there are many groups, the last one of each
+/// bunch merges those of the bunch, so that few are left for the loop that finishes the step. The order of
+/// merging is fixed.
 template <class Result>
 struct ResultsOfGroups
 {
-    Result *of_groups, *of_bunches; ///< the same where bunches are of one
-    std::uint32_t* finished;        ///< per bunch: how many are through
+    Result *of_groups, *of_bunches; ///< the same array where a bunch is one group
+    std::uint32_t* finished;        ///< per bunch: how many groups are through
     std::uint32_t groups, bunch;
 
     __host__ __device__ std::uint32_t bunches() const { return (groups + bunch - 1) / bunch; }
 
-    /// All threads of a group bring their results; `parts` is memory that they share, one value per warp.
+    /// Called by all threads of a group with their results; `parts` is shared memory for one value per warp.
     __device__ void take(Result const& of_thread, Result* parts) const
     {
         std::uint32_t const warp = threadIdx.x / 32, lane = threadIdx.x % 32, warps = blockDim.x / 32;
@@ -107,7 +108,7 @@ struct ResultsOfGroups
     }
 
 private:
-    /// Whether all others were here before this warp; then the count begins anew.
+    /// Whether this warp is the last of `of` to come here; if so, resets the count.
     __device__ static bool is_last(std::uint32_t* count, std::uint32_t of)
     {
         std::uint32_t before = 0;
@@ -122,15 +123,15 @@ private:
 };
 } // namespace detail
 
-/// What a loop found, to be merged by a later one; from no loop, nothing.
+/// What a loop found, to be merged by a later one; empty if no loop ran.
 template <class Result>
 struct Partial
 {
     Result const* of;
     std::uint32_t count;
 
-    /// Merges them in a fixed order, by `warps` neighbouring warps of a group of threads, this being the
-    /// `warp`-th of them: each leaves its part in `parts`.
+    /// Merges them in a fixed order on `warps` consecutive warps, of which this is number `warp`; each leaves
+    /// its part in `parts`.
     __device__ void merge(std::uint32_t warp, std::uint32_t warps, Result* parts) const
     {
         std::uint32_t const thread = warp * 32 + threadIdx.x % 32, threads = warps * 32,
@@ -142,7 +143,7 @@ struct Partial
         mine = detail::merged_in_warp(mine);
         if (threadIdx.x % 32 == 0) detail::store_words(mine, parts + warp);
     }
-    /// The parts of so many warps, merged by one: in its lane 0.
+    /// Merges the parts of all warps on one warp; valid in its lane 0.
     __device__ static Result whole(Result const* parts, std::uint32_t warps)
     {
         std::uint32_t const lane = threadIdx.x % 32;
@@ -158,7 +159,7 @@ class Results
 public:
     explicit Results(Queue const& queue) : partial_(queue), finished_(queue) {}
 
-    /// Room for the results of so many groups of threads.
+    /// Room for the results of this many groups of threads.
     template <class Result>
     detail::ResultsOfGroups<Result> expect(std::uint32_t groups)
     {
@@ -180,7 +181,7 @@ public:
         return results;
     }
 
-    /// Those of the last loop.
+    /// The results of the last loop.
     template <class Result>
     Partial<Result> partial() const
     {

@@ -4,7 +4,7 @@
 namespace firn::cuda::detail
 {
 
-/// Memory that a group of threads shares, as much as its loop was started with.
+/// The shared memory of a group of threads, as much as its loop was launched with.
 __device__ inline unsigned char* shared_memory()
 {
     extern __shared__ __align__(16) unsigned char memory[];

@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 
-// How loops that are queued stop those behind them, and tell the host why.
+// How queued loops stop the loops behind them and tell the host why.
 namespace firn::cuda::detail
 {
 
@@ -12,41 +12,43 @@ namespace firn::cuda::detail
 struct Stop
 {
     std::uint32_t stopped;  ///< 1; the host clears it
-    std::uint32_t departed; ///< items; more than there is room for: the others were not noted
-    std::uint32_t births;   ///< blocks that are wanted and not there
-    std::uint32_t crowded;  ///< whether there are many blocks without items
+    std::uint32_t departed; ///< leavers; if more than there is room for, the others were not listed
+    std::uint32_t births;   ///< blocks that were requested and do not exist
+    std::uint32_t crowded;  ///< whether many blocks hold no items
 };
 
-/// What loops tell the host while they are queued.
+/// What loops tell the host while it queues more.
 struct Told
 {
     Stop stop;
-    std::uint32_t chosen; ///< the last loop that concluded while it was at work
+    std::uint32_t chosen; ///< the last loop that finished a step early
 };
 
-/// Whether loops that are queued have something to do: each asks first. Where one finds that those after it
-/// have not, it stops them, and the host will look after it.
+/// Tells queued loops whether they have work to do: each asks first. A loop that finds that the ones behind
+/// it must not run stops them, and the host resolves it.
 struct Signal
 {
-    /// Whether a loop has stopped those behind it; which of those that conclude while they are at work; and
-    /// how many groups of threads of the one that only ends a step are through, and what it concluded.
+    /// [0] whether a loop has stopped those behind it; [1] the number of the early-finishing loop that
+    /// stopped those behind it; [2] how many thread groups of end_step are through; [3] what its call of
+    /// `finish` returned.
     std::uint32_t* words;
     static constexpr std::size_t count = 4;
-    Told* told; ///< in memory of the host
+    Told* told; ///< in host memory
 
-    /// What was said before a loop.
+    /// The state of the signal before a loop.
     struct Heard
     {
         std::uint32_t stopped, by;
-        /// One that concludes while it is at work is stopped by the others only: it has a number.
+        /// A loop that finishes a step early has a number; it ignores a stop that bears its own.
         __device__ bool stops(std::uint32_t number = 0) const
         {
             return stopped != 0 || (by != 0 && by != number);
         }
     };
 
-    /// The first thing that a loop does: waits for the loop before (see launch_behind), lets the next one be
-    /// made ready, and asks. What else it asks for before it looks at the answer comes as soon.
+    /// Every loop calls this first. It waits for the loop before (see launch_behind), lets the next one
+    /// launch, and loads the signal. Loads that a loop issues before it looks at the answer overlap with this
+    /// one.
     __device__ Heard hear() const
     {
 #if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 900
@@ -62,13 +64,13 @@ struct Signal
         words[0] = 1;
         told->stop = why;
     }
-    /// Stops the loops behind the one with this number.
+    /// Stops the loops behind the loop with this number.
     __device__ void stop_behind(std::uint32_t number, Stop const& why) const
     {
         words[1] = number;
         told->stop = why;
     }
-    /// Says that the loop with this number concluded.
+    /// Says that the loop with this number has finished its step.
     __device__ void has_chosen(std::uint32_t number) const
     {
         *static_cast<std::uint32_t volatile*>(&told->chosen) = number;

@@ -9,8 +9,8 @@
 namespace firn::cuda
 {
 
-/// The shape of a block of cells, or of nodes: 4 x 4 x 4, or 8 x 8 in two dimensions. A warp takes one of its
-/// two groups of 32 cells, lane l the l-th; a group of 64 threads takes the block.
+/// The shape of a block of cells, or of nodes: 4 x 4 x 4, or 8 x 8 in two dimensions. A warp works on one of
+/// its two groups of 32 cells, lane l on the l-th; a group of 64 threads works on the block.
 template <int d>
 struct BlockShape
 {
@@ -40,14 +40,14 @@ struct BlockShape
     }
 };
 
-/// The nodes under a block of cells: its own and `order` more per axis, as they lie in memory.
+/// The nodes under a block of cells, as they lie in memory: its own and `degree` more per axis.
 template <int d, int degree>
 struct Tile
 {
     using Shape = BlockShape<d>;
     static constexpr int width = Shape::extent + degree; ///< nodes per axis
-    /// From one plane (in two dimensions: row) to the next: 4 nodes more than a multiple of 8 in three
-    /// dimensions, so that lanes of both planes read from different banks.
+    /// The stride from one plane (in two dimensions: row) to the next. In three dimensions it is 4 nodes more
+    /// than a multiple of 8, so that lanes of both planes read from different banks.
     static constexpr int plane = d == 3 ? (width * width + 3) / 8 * 8 + 4 : width;
     static constexpr int nodes = width * plane;
     static constexpr int group_planes = Shape::group_extent + degree;
@@ -63,7 +63,7 @@ struct Tile
             return node[0] * plane + node[1];
     }
 
-    /// Where the node at place k of a row of a stencil lies, counted from the stencil's first node.
+    /// Where the node at place k of a stencil's row lies, relative to the stencil's first node.
     FIRN_HOST_DEVICE static constexpr int in_stencil(int row, int k)
     {
         return d == 2 ? row * plane + k : row / (degree + 1) * plane + row % (degree + 1) * width + k;
@@ -75,7 +75,7 @@ struct Tile
         return row >= 0 && row < (d == 2 ? degree + 1 : (degree + 1) * (degree + 1)) && k >= 0 && k <= degree;
     }
 
-    /// The node at a place, and whether there is one: planes are padded.
+    /// The node at a place; false if there is none, since planes are padded.
     FIRN_HOST_DEVICE static bool node_at(int place, Coordinates<d>& node)
     {
         node[0] = place / plane;
@@ -89,7 +89,7 @@ struct Tile
     }
 };
 
-/// Some numbers of one node, loaded and stored at once.
+/// The channels of one node, loaded and stored at once.
 template <class Number, int count>
 struct alignas(sizeof(Number) * (count <= 2 ? count : 4) <= 16 ? sizeof(Number) * (count <= 2 ? count : 4)
                                                                : 16) Channels
