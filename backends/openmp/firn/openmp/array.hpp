@@ -22,13 +22,13 @@ class Array
     static constexpr std::size_t alignment = 64, page = 4096;
 
 public:
-    /// Bytes behind the last element that may be read (not used): packs are loaded whole.
+    /// Bytes behind the last element that may be read, but not used: packs are loaded whole.
     static constexpr std::size_t padding = 256;
 
     using Value = T;
 
     Array() = default;
-    /// All of them lie in the one memory there is.
+    /// The backend does not matter: there is only one memory.
     template <class Backend>
     explicit Array(Backend const&)
     {}
@@ -38,7 +38,7 @@ public:
         swap(other);
         return *this;
     }
-    /// (std::swap would do so three times.)
+    /// std::swap would do this three times.
     void swap(Array& other) noexcept
     {
         std::swap(block_, other.block_);
@@ -50,11 +50,9 @@ public:
     Array& operator=(Array const&) = delete;
     ~Array() { release(); }
 
-    /// Changes the size and keeps the elements that stay; grows by half as much again so that repeated growth
-    /// is cheap.
+    /// Changes the size and keeps the elements that fit; grows by half, so that repeated growth is cheap.
     void resize(std::size_t size) { resize(size, size_); }
-    /// The same, but that no more than the first `kept` elements need to stay. If memory is short nothing has
-    /// changed.
+    /// The same, keeping only the first `kept` elements. If memory is short, nothing has changed.
     void resize(std::size_t size, std::size_t kept)
     {
         if (size > capacity_) {
@@ -72,12 +70,12 @@ public:
         size_ = size;
     }
 
-    /// Sets elements that are there, from `first` on.
+    /// Sets existing elements from `first` on.
     void upload(std::size_t first, std::span<T const> values)
     {
         std::copy(values.begin(), values.end(), data_ + first);
     }
-    /// Out of line: particles that are added have a dozen components, each of them a loop over packs else.
+    /// Out of line: adding items fills a dozen components, and each would inline a loop over packs.
     [[gnu::noinline]] void fill(std::size_t first, std::size_t count, T const& value)
     {
         std::fill_n(data_ + first, count, value);
@@ -112,8 +110,8 @@ private:
         data_ = nullptr;
     }
 
-    /// Where in a page the next array begins [bytes]. Large blocks begin on a page, all at the same place,
-    /// and the elements of one particle in several arrays would compete for the same few lines of the cache.
+    /// Where in a page the next array begins [bytes]. Large blocks begin on a page boundary, so without this
+    /// the elements of one item in several arrays would compete for the same few lines of the cache.
     static std::size_t colour()
     {
         static std::atomic<std::size_t> arrays = 0;
@@ -126,7 +124,7 @@ private:
     std::size_t capacity_ = 0;
 };
 
-/// Values that loops write and the host reads when they are through: here, in one memory.
+/// Values that loops write and the host reads when they have finished; here both use one memory.
 template <class T>
 class ReadbackBuffer : public Array<T>
 {

@@ -9,7 +9,6 @@
 namespace firn::openmp
 {
 
-/// Whether two blocks are the same one.
 template <int d>
 bool is_same_block(Coordinates<d> const& a, Coordinates<d> const& b)
 {
@@ -31,7 +30,7 @@ public:
         mask_ = size - 1;
     }
 
-    /// Adds a key that is not there yet; clear() was told of it.
+    /// Adds a key that is not there yet; clear() has made room for it.
     void insert(std::uint64_t key, int index)
     {
         std::size_t at = hash(key);

@@ -17,7 +17,7 @@
 namespace firn::openmp
 {
 
-/// Items of a group of cells side by side, whatever their cells, as what takes from nodes sees them.
+/// Items of a group of cells side by side, whatever their cells, as the gather sees them.
 template <class Lane, int d>
 class PackedItems
 {
@@ -25,19 +25,19 @@ public:
     using Real = Lane;
     static constexpr int lanes = lane_width<Lane>;
 
-    /// Goes to the items from number `item` on, up to `end`; the scratch tells their cells.
+    /// Goes to the items from number `item` on, up to `end`; the scratch holds their cells.
     PackedItems(Scratch<Lane, d>& scratch, std::size_t item, std::size_t end)
         : scratch_(scratch), item_(item), count_(static_cast<int>(std::min<std::size_t>(lanes, end - item)))
     {
         from_.follow(scratch.cell(item));
     }
 
-    /// Behind the last item, too.
+    /// May write behind the last item.
     void set_scratch(int channel, Lane const& value) { value.store(scratch_.at(channel, item_)); }
     /// Lanes without an item are zero.
     Lane scratch(int channel) const { return Lane::load_first(count_, scratch_.at(channel, item_)); }
 
-    /// What is of the cells, in the lanes of their items.
+    /// Moves values of cells to the lanes of their items.
     Lane of_cells(Lane const& value) const { return from_(value); }
 
 private:
@@ -47,8 +47,8 @@ private:
     LanesInOrder<Lane> from_;
 };
 
-/// A group of neighbouring cells as a phase sees it: lane l is cell l. It goes through the items of its cells
-/// rank by rank: the first of each cell, then the second ones.
+/// A group of neighbouring cells as a phase sees it: lane l is cell l. It visits the items of its cells rank
+/// by rank: the first of each cell, then the second ones.
 template <class Lane, class GridType>
 class CellGroup
 {
@@ -58,8 +58,8 @@ public:
     using Shape = typename GridType::Shape;
     static constexpr int lanes = lane_width<Lane>;
 
-    /// `counts` has the number of items of each cell, `scratch` what they keep, from number `first` on;
-    /// `read` is a tile of node values, `write` one of sums: a phase that does not need one is given none.
+    /// `counts` has the number of items of each cell; `scratch` has their values, from number `first` on.
+    /// `read` is a tile of node values, `write` a tile of sums, or null where a phase does not need it.
     CellGroup(std::uint32_t const* counts, int group, Scratch<Lane, GridType::dimension>& scratch,
               std::size_t first, Number const* read, Number* write)
         : count_(counts), scratch_(scratch), group_(group), place_(group % Shape::groups_per_row * lanes),
@@ -72,7 +72,7 @@ public:
     /// Goes back before the first items.
     void restart() { item_ = first_, active_ = 0; }
 
-    /// Goes on to the next items, one of each cell that has so many; ranks are entered in order.
+    /// Goes on to the items of this rank, in the cells that have so many; ranks are entered in order.
     void enter(int rank)
     {
         item_ += active_;
@@ -89,11 +89,11 @@ public:
             value.compressed(pattern_).store(to);
     }
 
-    /// What is of the cells, in the lanes of their items.
+    /// Values of cells in the lanes of their items: the same lanes here.
     Lane const& of_cells(Lane const& value) const { return value; }
 
-    /// Whether it takes less time to go through the items from the rank entered on side by side: there are
-    /// `ranks_left` ranks of them, and the group's items end before number `end`.
+    /// Whether it is faster to process the items from the entered rank on side by side: `ranks_left` ranks of
+    /// them are left, and the group's items end before number `end`.
     bool is_sparse(int ranks_left, std::size_t end) const
     {
         if constexpr (can_go_side_by_side) {
@@ -104,7 +104,7 @@ public:
         else
             return false;
     }
-    /// Calls `use(items)` for the items from the rank entered on.
+    /// Calls `use(items)` for packs of the items from the entered rank on.
     template <class Use>
     void side_by_side(int rank, std::size_t end, Use const& use)
     {
@@ -138,7 +138,7 @@ public:
     Lane node(int c, int row, int k) const { return LaneTraits<Lane>::load(read_ + at(c, row, k)); }
 
     /// Adds to the nodes of a row of the stencils: `sums[k][c]` to channel c of the node at place k of each
-    /// lane. Neighbouring lanes share nodes: what is added to them is summed up first.
+    /// lane. Neighbouring lanes share nodes, so their sums are combined first.
     template <int width, int channels>
     void add(int row, Lane const (&sums)[std::size_t(width)][std::size_t(channels)]) const
     {
@@ -160,7 +160,7 @@ public:
     }
 
 private:
-    /// Adds lane l's sum for place k to number l + k of `here` followed by `beyond`, for k = 1, 2, …
+    /// Adds the sum of lane l for place k to element l + k of `here` followed by `beyond`, for k = 1, 2, …
     template <int width, int channels, int... before>
     static void add_shifted(Lane const (&sums)[std::size_t(width)][std::size_t(channels)], int c, Lane& here,
                             Lane& beyond, std::integer_sequence<int, before...>)
@@ -194,9 +194,8 @@ private:
     std::uint64_t pattern_ = 0;
 };
 
-/// Items in any cells of a block, one in each lane, as a phase sees a group of cells: each reads nodes for
-/// itself, and adds to them when those in the lanes before it have. For few items in several groups; a lane
-/// is a pack.
+/// Items in any cells of a block, one per lane, in the role of a group of cells: each lane reads its own
+/// nodes, and lanes add to nodes one after the other. For few items in several groups; a lane is a pack.
 template <class Lane, class GridType>
 class ScatteredItems
 {
@@ -205,8 +204,8 @@ public:
     using Number = ScalarOf<Lane>;
     static constexpr int lanes = lane_width<Lane>;
 
-    /// There are `count` of them, one or more, whose cells are at some places in the block, and no others in
-    /// the scratch; for the rest see CellGroup. (Further lanes read what the last one does.)
+    /// There are `count` of them, one or more, at these places in the block, and the scratch holds no others.
+    /// Further lanes repeat the last item. For the other parameters see CellGroup.
     ScatteredItems(int const* places, int count, Scratch<Lane, GridType::dimension>& scratch,
                    Number const* read, Number* write)
         : count_(count), scratch_(scratch), read_(read), write_(write)
@@ -224,7 +223,7 @@ public:
 
     void set_scratch(int channel, Lane const& value)
     {
-        value.store(scratch_.at(channel, 0)); // behind the last item, too
+        value.store(scratch_.at(channel, 0)); // may write behind the last item
     }
     Lane const& of_cells(Lane const& value) const { return value; }
 
@@ -247,7 +246,7 @@ public:
     }
 
 private:
-    /// How far a node of a stencil is behind the first one.
+    /// The distance of a node of a stencil from its first node.
     int at(int c, int row, int k) const
     {
         int const node = GridType::stencil_row(row) * GridType::row_length + k;
@@ -261,10 +260,10 @@ private:
     Scratch<Lane, GridType::dimension>& scratch_;
     Number const* read_;
     Number* write_;
-    std::int32_t stencil_[std::size_t(lanes)]; ///< where in a tile they begin
+    std::int32_t stencil_[std::size_t(lanes)]; ///< where in a tile the stencils begin
 };
 
-/// The lanes 0, 1, 2, … (Written before: what is written number by number is not soon read as a pack.)
+/// The lanes 0, 1, 2, …, from constant memory: numbers stored one by one would stall the load of a pack.
 template <class Lane>
 Lane counting()
 {
@@ -289,14 +288,14 @@ public:
     {}
 
     Lane sum(int c) const { return LaneTraits<Lane>::load(sums_ + c * GridType::Shape::along); }
-    /// What was set before.
+    /// The value from before this update.
     Lane value(int c) const { return LaneTraits<Lane>::load(values_ + c * GridType::block_channel); }
     void set(int c, Lane const& value) const
     {
         LaneTraits<Lane>::store(value, values_ + c * GridType::block_channel);
     }
 
-    /// The coordinates of lane 0's node, and how far the other lanes are along the axes.
+    /// The coordinates of the node of lane 0, and the offsets of the other lanes along the axes.
     Coordinates<d> first() const { return first_; }
     Vector<Lane, d> offset() const
     {

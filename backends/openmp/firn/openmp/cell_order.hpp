@@ -29,8 +29,8 @@ namespace firn::openmp
 /// The order of cells: items by block, in a block by group of `lanes` cells, in a group interleaved by rank.
 ///
 /// First come the first items of the group's cells, then the second ones, and so on, so that lane l of a pack
-/// can work on cell l and read one run of memory. Items are not moved: `source` says where the item of each
-/// slot lies. No result depends on the number of threads.
+/// can work on cell l and the pack reads contiguous memory. Items are not moved: `source` says where the item
+/// of each slot lies. No result depends on the number of threads.
 template <class Number, int d, int lanes>
 class CellOrder
 {
@@ -41,10 +41,10 @@ public:
     using Outgoing = openmp::Outgoing<Number>;
     using LeaverNotes = openmp::LeaverNotes<Number>;
 
-    /// Cells beyond this coordinate have no key (see block_key); one is kept in reserve for what is about to
-    /// leave.
+    /// Cells beyond this coordinate have no key (see block_key); one more is kept in reserve for items about
+    /// to leave.
     static constexpr double largest_coordinate = d == 3 ? 4.0e6 : 1.0e9;
-    /// Bytes per item: its source in the order that holds and in the one being written.
+    /// Bytes per item: its source in the current order and in the one being written.
     static constexpr std::size_t bytes_per_item = 2 * sizeof(std::uint32_t);
 
     /// A block of cells with the items in it.
@@ -61,11 +61,11 @@ public:
 
     std::size_t size() const { return blocks_.empty() ? 0 : blocks_.back().end; }
     std::span<Block const> blocks() const { return blocks_; }
-    /// The blocks of each thread, for share(): as many items for each as there can be.
+    /// The blocks of each thread, for parallel_for(): items are divided as evenly as blocks allow.
     std::span<std::uint32_t const> partitions() const { return partitions_; }
     /// Changes whenever the set of blocks does.
     std::uint64_t version() const { return version_; }
-    /// How many times the order was written anew.
+    /// How many times the order has been rewritten.
     std::uint64_t generation() const { return generation_; }
     /// The number of items in each cell of a group.
     std::uint32_t const* counts(std::size_t block, int group) const
@@ -82,18 +82,18 @@ public:
     {
         return group + 1 < Shape::groups ? group_begin(block, group + 1) : blocks_[block].end;
     }
-    /// The items of a block that have come to it in the last follow() and not yet given, in the order of
-    /// their cells.
+    /// The items that came to a block in the last rebin() and have not scattered yet, in the order of their
+    /// cells.
     std::span<Leaver const> leavers(std::size_t block) const
     {
         return std::span(incoming_).subspan(incoming_begin_[block],
                                             incoming_begin_[block + 1] - incoming_begin_[block]);
     }
-    /// What threads work with in loops that change something; the host calls these one at a time.
+    /// What threads work with in loops that change something; such loops must be called one at a time.
     Workspace& workspace() const { return workspace_; }
     /// The block's index before the last follow(), or absent.
     int old_block(std::size_t block) const { return old_block_[block]; }
-    /// The cells of some slots of a block that lie side by side, counted along the last axis first.
+    /// The cells of consecutive slots of a block, counted along the last axis first.
     void find_places(std::size_t block, std::size_t slot, int count, int* places) const
     {
         auto const begins = group_begin_.data() + block * Shape::groups;
@@ -105,8 +105,8 @@ public:
                     if (at >= slot && at < end) places[at - slot] = group * lanes + std::countr_zero(pattern);
             });
     }
-    /// The group behind those from this one on whose items go side by side: as many as fit into one pack, or
-    /// one group.
+    /// The end of the groups, from this one on, whose items share packs: as many groups as fit into one pack,
+    /// or one group.
     int end_of_groups(std::size_t block, int group) const
     {
         std::uint32_t const begin = group_begin(block, group);
@@ -114,7 +114,7 @@ public:
         while (end < Shape::groups && group_end(block, end) - begin <= lanes) ++end;
         return end;
     }
-    /// Where the items of the slots from `slot` on lie.
+    /// Where the items of consecutive slots, from `slot` on, lie.
     std::uint32_t const* sources(std::size_t slot) const
     {
         assert(!is_incomplete_ && "the order of cells has been completed");
@@ -159,15 +159,16 @@ public:
             leavers.push_back({static_cast<std::uint32_t>(first + i), place, here<d>, nullptr});
         }
         rearrange(size() + cells.size());
-        // Every new item was in these lists; they need not stay so large.
+        // Every new item was in these lists; free them.
         decltype(flows_)().swap(flows_);
         decltype(flow_order_)().swap(flow_order_);
         decltype(incoming_)().swap(incoming_);
         incoming_begin_.assign(blocks_.size() + 1, 0);
     }
 
-    /// Forgets the items for which `gone[where it lies]` is not 0, `kept` being the others, which will lie at
-    /// `place[where it lies]`; they keep the order of ranks but for holes, which the last of a cell fill.
+    /// Erases the items for which `gone[where it lies]` is not 0. The other `kept` ones will lie at
+    /// `place[where it lies]`. They keep the order of ranks, except that the last item of a cell fills each
+    /// hole.
     void erase(unsigned char const* gone, std::uint32_t const* place, std::size_t kept)
     {
         forget_outgoing();
@@ -185,24 +186,23 @@ public:
         for (std::size_t slot = 0; slot < kept; ++slot) source_[slot] = place[source_[slot]];
     }
 
-    /// Moves the items that departed to their new cells, and wraps their offsets. An item lies at its slot
-    /// (see settle).
+    /// Moves the leavers to their new cells, and wraps their offsets. An item lies at its slot (see commit).
     void rebin(std::array<Offset*, std::size_t(d)> const& offset)
     {
         begin_rebin(offset);
         complete();
     }
 
-    /// The host's part of that: blocks, and old_block(), version() and generation(), are those to be. What is
-    /// in them nobody may ask before complete().
+    /// The host's part of rebin(): afterwards blocks(), old_block(), version() and generation() are those of
+    /// the new order. The contents of blocks must not be read before complete().
     void begin_rebin(std::array<Offset*, std::size_t(d)> const& offset)
     {
         list_flows();
         find_blocks(size(), offset);
     }
 
-    /// The threads' part. Each block that has its new order is then passed to what `make(thread)` returned;
-    /// so are all where nothing is left to be completed.
+    /// The threads' part. Each block is then passed to what `make(thread)` returned, once its new order is
+    /// written; also if no order had to be completed.
     template <class Make>
     void complete(Make const& make)
     {
@@ -231,7 +231,7 @@ public:
         if (is_incomplete_) complete([](int) { return [](int) {}; });
     }
 
-    /// Lists where each item of a group is in it, see Departure.
+    /// Lists the position of each item of a group within it, see Departure.
     void list_places(std::size_t block, int group, std::vector<std::uint32_t>& at) const
     {
         std::uint32_t const begin = group_begin(block, group);
@@ -243,7 +243,8 @@ public:
         });
     }
 
-    /// An item of a block that goes from a cell so many cells along the axes: less than a block.
+    /// An item of a block that moves from the cell at `place` by `steps` cells along the axes: less than a
+    /// block.
     static Leaver moved(std::uint32_t source, int place, std::array<int, std::size_t(d)> const& steps)
     {
         int to = 0, direction = 0, stride = 1, turn = 1;
@@ -259,9 +260,9 @@ public:
         return {source, static_cast<std::uint16_t>(to), static_cast<std::uint16_t>(direction), nullptr};
     }
 
-    /// Takes over who has left its cell in a block, and returns those that are to give at once, in the order
-    /// of their cells: who goes to another cell of the block, if they are many. Nothing need be kept of them
-    /// but where they went. A few give together with those who come from other blocks, which takes less time.
+    /// Records the leavers of a block. Returns those that must scatter at once, in the order of their cells:
+    /// those that go to other cells of the same block, if they are many. Only their new cells need then be
+    /// stored. If they are few, it is faster to scatter them later, with those that come from other blocks.
     std::span<Leaver const> note_outgoing(std::size_t b, LeaverNotes& notes)
     {
         Outgoing& outgoing = outgoing_[b];
@@ -287,10 +288,10 @@ public:
         std::array<std::uint32_t, directions<d>> next;
         std::exclusive_scan(outflow.to.begin(), outflow.to.end(), next.begin(), std::uint32_t(0));
         std::size_t const listed = notes.count - outflow.inside;
-        append(all.data(), listed, outgoing.leavers); // as many as there will be
+        append(all.data(), listed, outgoing.leavers); // as many as will be overwritten below
         outflow.leavers = outgoing.leavers.data();
         for (Leaver const& leaver : all) {
-            // made of its parts: read as a whole, what was just written in parts would be waited for
+            // built from its parts: loading as a whole what was just stored in parts would stall
             Leaver const gives{leaver.source, leaver.place, leaver.direction, contribution};
             contribution += channels;
             if (are_many && leaver.direction == here<d>)
@@ -312,7 +313,7 @@ public:
         return notes.in_order;
     }
 
-    /// Makes room for departures: a loop that moves items notes those of each block.
+    /// Makes room for the leavers: a loop that moves items records them block by block.
     void expect_outgoing()
     {
         outgoing_.resize(blocks_.size());
@@ -335,8 +336,8 @@ public:
                 });
     }
 
-    /// Goes through a group rank by rank: `use(first slot of the rank, rank, one bit for each cell that has
-    /// so many items)`.
+    /// Visits a group rank by rank: `use(first slot of the rank, rank, one bit for each cell that has so many
+    /// items)`.
     template <class Use>
     void for_each_rank(std::size_t block, int group, Use const& use) const
     {
@@ -344,7 +345,7 @@ public:
     }
 
 private:
-    /// Items that lie side by side in a list and come to one block.
+    /// Consecutive leavers in a list that come to the same block.
     struct Flow
     {
         std::uint64_t key; ///< of the block
@@ -363,7 +364,7 @@ private:
             slot += static_cast<std::uint32_t>(std::popcount(pattern));
         }
     }
-    /// Before the order was completed.
+    /// The end of a group while the new order is not complete.
     std::uint32_t old_group_end(int block, int group) const
     {
         return group + 1 < Shape::groups ? group_begin(static_cast<std::size_t>(block), group + 1)
@@ -387,8 +388,7 @@ private:
         return {block, static_cast<std::uint16_t>(place)};
     }
 
-    /// Sorts the items of some lists by cell, those of one cell in the order in which they are listed, and
-    /// adds the number of each cell's to `counts`.
+    /// Sorts the items of some lists by cell, stably, and adds the number of items of each cell to `counts`.
     template <class Lists>
     static void sort_by_cell(Lists const& lists, Leaver* sorted,
                              std::array<std::uint32_t, Shape::cells>& counts)
@@ -416,7 +416,8 @@ private:
         flows_.clear();
     }
 
-    /// Lists the departures that come to a block, each block's by direction.
+    /// Lists the leavers by the blocks that they come to; those of each block are already sorted by
+    /// direction.
     void list_flows()
     {
         flows_.clear();
@@ -433,7 +434,8 @@ private:
         }
     }
 
-    /// Finds the blocks of the new order, and what comes to each from others: complete() writes it.
+    /// Finds the blocks of the new order, and what comes to each from others; complete() then writes the
+    /// order.
     void find_blocks(std::size_t count, std::array<Offset*, std::size_t(d)> const& offset)
     {
         offset_ = offset;
@@ -454,7 +456,7 @@ private:
             for (std::size_t b = 0; b < blocks_.size(); ++b)
                 map_.insert(block_key<d>(blocks_[b].coordinates), int(b));
             for (Flow& flow : flows_) flow.to = map_.find(flow.key);
-            // nobody asks for those of a block that is gone
+            // complete() does not see blocks that are gone
             for (std::size_t b = 0; b < old_blocks_.size(); ++b)
                 if (stay_[b] == 0) wrap(outgoing_[b]);
             ++version_;
@@ -468,8 +470,8 @@ private:
         is_incomplete_ = true;
     }
 
-    /// Makes the offsets of the items that departed from a block those in their new cells. Nobody moved, and
-    /// there are none, where items were added or are gone (see rearrange).
+    /// Wraps the offsets of a block's leavers into their new cells. There are no offsets if items were
+    /// inserted or erased and none moved (see rearrange).
     void wrap(Outgoing const& outgoing) const
     {
         if (offset_[0] == nullptr) return;
@@ -477,14 +479,15 @@ private:
             for (int a = 0; a < d; ++a) CellOffset<Number>::wrap(offset_[std::size_t(a)][from.slot]);
     }
 
-    /// Writes the new order at once, of so many items, where some were added or are gone.
+    /// Writes the new order of `count` items at once, after an insertion or an erasure.
     void rearrange(std::size_t count)
     {
         find_blocks(count, {});
         complete();
     }
 
-    /// Deals blocks to threads: each part ends at the bound of a block that is nearest to its share of items.
+    /// Divides the blocks among threads: each partition ends at the block boundary nearest to its share of
+    /// items.
     void find_parts(int threads)
     {
         partitions_.assign(1, 0);
@@ -500,8 +503,8 @@ private:
         partitions_.push_back(static_cast<std::uint32_t>(blocks_.size()));
     }
 
-    /// All blocks that will hold items, in the order of their keys; of those that are there `stay_` counts
-    /// who comes, too.
+    /// Lists all blocks that will hold items, in the order of their keys; adds incoming items to `stay_` for
+    /// blocks that exist already.
     void list_blocks_with_items()
     {
         auto& fresh = fresh_;
@@ -518,7 +521,7 @@ private:
         auto const& before = old_blocks_;
         blocks_.clear();
         blocks_.reserve(before.size() + fresh.size());
-        // both lists are in order: a loop here, since compilers take long for std::inplace_merge
+        // both lists are sorted; merged by hand, since std::inplace_merge takes long to compile
         auto added = fresh.begin();
         for (std::size_t b = 0; b < before.size(); ++b) {
             if (stay_[b] == 0) continue;
@@ -530,7 +533,8 @@ private:
         for (; added != fresh.end(); ++added) blocks_.push_back({block_of_key<d>(*added)});
     }
 
-    /// Sorts flows by the block to which they come, and finds the slots of blocks and the places of arrivals.
+    /// Sorts flows by the block that they come to, and finds the slots of blocks and the places of incoming
+    /// items.
     void deal_incoming()
     {
         incoming_begin_.assign(blocks_.size() + 1, 0);
@@ -558,8 +562,8 @@ private:
 
     /// Orders a block's items by cell and rank, interleaved by rank within groups.
     ///
-    /// Who stays in a cell keeps its rank, so that sources nearly follow one another; who leaves makes room
-    /// for who comes, and if none comes for the last of the cell.
+    /// An item that stays in a cell keeps its rank, so that sources are nearly consecutive. The hole of a
+    /// leaver is filled by an incoming item, or else by the last item of the cell.
     void sort_block(int b, Ranks<lanes>& ranks)
     {
         int const old = old_block_[std::size_t(b)];
@@ -629,21 +633,21 @@ private:
     Threads threads_;
     mutable Workspace workspace_;
     bool settled_ = true, is_incomplete_ = false;
-    std::array<Offset*, std::size_t(d)> offset_{}; ///< of items, as they are being followed
+    std::array<Offset*, std::size_t(d)> offset_{}; ///< of the items being rebinned
     std::uint64_t version_ = 0, generation_ = 0;
     std::vector<Block> blocks_, old_blocks_;
     std::vector<std::uint64_t> fresh_; ///< keys of blocks that were not there before
     BlockMap map_;
     Array<std::uint32_t> source_, new_source_, counts_, new_counts_, group_begin_, new_group_begin_;
-    std::vector<Outgoing> outgoing_;                  ///< per block before
-    std::vector<Outflow<Number, d>> outflows_;        ///< the same
-    std::vector<Flow> flows_;                         ///< by block before
-    std::vector<std::span<Leaver const>> flow_order_; ///< what they bring, by block now
-    std::vector<std::uint32_t> stay_;                 ///< per block before
-    std::vector<int> old_block_;                      ///< of each block now its index before
-    std::vector<Leaver> incoming_;                    ///< by block now, and cell
+    std::vector<Outgoing> outgoing_;                  ///< per old block
+    std::vector<Outflow<Number, d>> outflows_;        ///< per old block
+    std::vector<Flow> flows_;                         ///< by old block
+    std::vector<std::span<Leaver const>> flow_order_; ///< the leavers of the flows, by new block
+    std::vector<std::uint32_t> stay_;                 ///< per old block
+    std::vector<int> old_block_;                      ///< per new block
+    std::vector<Leaver> incoming_;                    ///< by new block, and cell
     std::vector<std::uint32_t> incoming_begin_, flow_begin_;
-    std::vector<std::uint32_t> partitions_; ///< see parts()
+    std::vector<std::uint32_t> partitions_; ///< see partitions()
 };
 
 } // namespace firn::openmp

@@ -12,9 +12,9 @@ namespace firn
 /// A host's own threads (its job system), in place of OpenMP's.
 ///
 /// Made of a call `executor(count, job)`, which calls `job(i)` once for every i in [0, count), in any order,
-/// on any threads, at the same time or one after another, and returns when all of these calls have returned.
-/// A job throws nothing. Jobs share one loop's work among themselves: those that begin late find less left,
-/// or nothing. The call itself may come from several threads at the same time if several solvers do.
+/// on any threads, concurrently or one after another, and returns when all of these calls have returned. A
+/// job throws nothing. Jobs share the work of one loop: a job that begins late finds less of it left, or
+/// nothing. The call itself may come from several threads at the same time if several solvers run.
 class Executor
 {
 public:

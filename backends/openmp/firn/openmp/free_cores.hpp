@@ -9,42 +9,43 @@ namespace firn::openmp::detail
 
 using Clock = std::chrono::steady_clock;
 
-/// A thread that others wait for so long has lost its core: longer than a piece of work takes, and shorter
-/// than the turn of another program.
+/// A thread that others wait for longer than this has lost its core. It is longer than a piece of work takes,
+/// and shorter than the time slice of another program.
 inline constexpr Clock::duration stall = std::chrono::microseconds(400);
 
-/// Whether a loop is worth while the threads that it has, learned from how long its leader waits for them.
+/// Whether a loop gains from its threads, learned from how long its leader waits for the others.
 ///
-/// Where other programs want the cores, a thread of a team loses its own in the middle of a piece of work for
-/// some milliseconds, and the others wait for that piece: two threads are then slower than one. Large loops
-/// bear it, since others do most of what that thread would have done.
+/// When other programs want the cores, a thread of the team loses its core for some milliseconds in the
+/// middle of a piece of work, and the others wait for that piece: two threads are then slower than one. Large
+/// loops tolerate it, since others do most of what that thread would have done.
 class Efficiency
 {
 public:
-    /// The share of what as many free cores would do below which threads that stall are left out.
+    /// Threads that stall are left out below this share of the work that as many free cores would do.
     static constexpr double least = 0.55;
 
-    /// A loop of so many threads is through. Its leader did this share of the work, (0, 1], and then waited
-    /// for the others.
+    /// Records a finished loop of so many threads. Its leader did this share of the work, (0, 1], and then
+    /// waited for the others.
     void add(int threads, Clock::duration worked, Clock::duration waited, double share)
     {
-        if (all_ > window * threads) alone_ *= 0.5, all_ *= 0.5; // what was long ago counts less
-        // one thread would have taken as long for all as the leader did for its share
+        if (all_ > window * threads) alone_ *= 0.5, all_ *= 0.5; // older loops count less
+        // one thread would have needed as long for all of it as the leader for its share, scaled up
         alone_ += std::chrono::duration<double>(worked).count() / share;
         all_ += std::chrono::duration<double>(worked + waited).count() * threads;
     }
     bool is_low() const { return alone_ < least * all_; }
-    /// Other threads are left from now on.
+    /// Other threads take part from now on.
     void forget() { *this = {}; }
 
 private:
-    static constexpr double window = 4e-3; ///< of loops that are remembered [s]
-    /// The time of one thread, and of all together [s]: until there have been loops, of some that went well.
+    static constexpr double window = 4e-3; ///< time span of the loops that are remembered [s]
+    /// The time of one thread alone, and of all threads together [s]. The initial values are those of
+    /// efficient loops.
     double alone_ = window, all_ = window;
 };
 
-/// When a thread that lost its core takes part again: once it had one for itself for some milliseconds, which
-/// it tries after a pause. The pause doubles while that goes wrong.
+/// Decides when a thread that lost its core takes part again: once it has had a core to itself for some
+/// milliseconds. It tries this after a pause, which doubles with each failure.
 class Bench
 {
 public:
@@ -59,7 +60,7 @@ public:
         trial_ = now + pause_;
         is_on_ = true;
     }
-    /// Whether it is to try now; the next trial is later.
+    /// Whether the thread should try now; if so, schedules the next trial.
     bool is_to_try(Clock::time_point now)
     {
         if (!is_on_ || now < trial_) return false;
@@ -67,7 +68,7 @@ public:
         trial_ = now + pause_;
         return true;
     }
-    /// It had a core for itself.
+    /// The thread had a core to itself.
     void leave(Clock::time_point now)
     {
         is_on_ = false;
@@ -76,12 +77,12 @@ public:
 
 private:
     bool is_on_ = false;
-    Clock::time_point trial_{}, since_{}; ///< when it tries next; when it left last
+    Clock::time_point trial_{}, since_{}; ///< when it tries next; when it last took part again
     Clock::duration pause_ = shortest;
 };
 
-/// Whether the calling thread has a core for itself: it is awake for some milliseconds and looks whether time
-/// passes without it. (Turns of programs that share a core are 1.4 to 3 ms with Linux' scheduler of today.)
+/// Whether the calling thread has a core to itself: it spins for some milliseconds and checks the clock for
+/// gaps. Programs that share a core take turns of 1.4 to 3 ms with current Linux schedulers.
 inline bool has_free_core()
 {
     constexpr Clock::duration trial = std::chrono::milliseconds(4);

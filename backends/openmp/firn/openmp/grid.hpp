@@ -18,7 +18,7 @@ namespace firn::openmp
 
 /// The sizes of what a grid is made of.
 ///
-/// A block of cells sums into a *tile* of its own: its nodes and `order` more per axis, so that blocks never
+/// A block of cells sums into a *tile* of its own: its nodes and `degree` more per axis, so that blocks never
 /// write to the same place. Node n of the lattice is stored under n + reach: the stencil of cell k begins at
 /// node k here.
 template <int d, int degree, int lanes>
@@ -36,7 +36,7 @@ struct GridShape
     static_assert(degree <= Shape::across && degree <= Shape::along,
                   "a stencil may reach into the next block only");
     static_assert(rows < 64, "the touched rows of a tile are kept as bits");
-    /// A bit beside those of the rows: that of all their ends, the nodes beyond the block's own.
+    /// One bit beside those of the rows: for the ends of all rows, that is, the nodes beyond the block's own.
     static constexpr std::uint64_t ends = std::uint64_t{1} << 63;
 
     static constexpr int absent = BlockMap::absent;
@@ -49,7 +49,7 @@ struct GridShape
         return o;
     }
 
-    /// The coordinates of the block of nodes that a node belongs to, and of its place in it.
+    /// The coordinates of a node's block, and the node's place in it.
     static std::pair<Coordinates<d>, Coordinates<d>> block_and_place(Coordinates<d> const& node)
     {
         Coordinates<d> block, place;
@@ -69,7 +69,7 @@ struct GridShape
         };
         if constexpr (d == 3)
             return {node(0, row / Shape::across), node(1, row % Shape::across), node(2, place)};
-        else { // both at once: read as a whole, what was just written in parts would be waited for
+        else { // combined in a register: loading as a whole what was just stored in parts would stall
             std::array<int, 2> const parts{node(0, row), node(1, place)};
             Coordinates<d> at;
             std::uint64_t const whole = std::bit_cast<std::uint64_t>(parts);
@@ -86,7 +86,7 @@ struct GridShape
         return touched;
     }
 
-    /// What of a tile the items in the cells of a group touch: a bit for each row, and `ends`.
+    /// The part of a tile that the items in the cells of a group touch: a bit for each row, and `ends`.
     static std::uint64_t touched_by(std::uint32_t const* counts, int group)
     {
         int const first = group % Shape::groups_per_row * lanes;
@@ -106,13 +106,13 @@ struct GridShape
             return row / Shape::across * rows_across + row % Shape::across + stencil_row(i);
     }
 
-    /// Where in a tile the stencil of a cell begins, which is at a place in the block.
+    /// Where in a tile the stencil of the cell at `place` in the block begins.
     static constexpr int tile_place(int place)
     {
         return tile_row(place / lanes, 0) * row_length + place % Shape::along;
     }
 
-    /// How many rows of a tile the i-th row of a stencil lies behind its first.
+    /// The distance in rows of a tile from the first row of a stencil to the i-th.
     static constexpr int stencil_row(int i)
     {
         return d == 2 ? i : i / (degree + 1) * rows_across + i % (degree + 1);
@@ -121,9 +121,9 @@ struct GridShape
     static constexpr int stencil_rows = d == 3 ? (degree + 1) * (degree + 1) : degree + 1;
 };
 
-/// Blocks of nodes under the blocks of cells: born with them, gone with them.
+/// Blocks of nodes under the blocks of cells, created and removed with them.
 ///
-/// Several orders of cells may share the nodes: each has a *layer* of the grid, the tiles that its blocks sum
+/// Several orders of cells may share the nodes. Each has a *layer* of the grid: the tiles that its blocks sum
 /// into. A node adds up the tiles that cover it in a fixed order, layer by layer, which makes the sums
 /// independent of the number of threads.
 template <class Number, int d, int degree, int sums, int values, int lanes, int layer_count = 1>
@@ -131,7 +131,7 @@ class Grid : public GridShape<d, degree, lanes>
 {
     using Base = GridShape<d, degree, lanes>;
 
-    /// What belongs to one order of cells.
+    /// The tiles of one order of cells.
     struct Tiles
     {
         std::uint64_t version = 0, generation = 0;
@@ -164,7 +164,8 @@ public:
         std::array<std::array<int, Base::corners>, std::size_t(layers)> covered_by;
     };
 
-    /// The grid as one order of cells sees it: all nodes, and the tiles of its own. Made when it is needed.
+    /// The grid as one order of cells sees it: all nodes, and its own tiles. A light handle, made when
+    /// needed.
     class Layer : public Base
     {
     public:
@@ -178,8 +179,8 @@ public:
         /// step.
         Number* tile(std::size_t block) const { return tile_in(tiles_->of[0], block); }
         Number* next_tile(std::size_t block) const { return tile_in(tiles_->of[1], block); }
-        /// One bit for each row of the block's tile that holds sums; the others are not to be read. Another
-        /// one for their ends: without it these are zeros.
+        /// One bit for each row of the block's tile that holds sums; other rows are undefined and must not be
+        /// read. One more bit for the rows' ends: without it these are zero.
         std::uint64_t& touched(std::size_t block) const { return tiles_->touched[0][tiles_->tile_of[block]]; }
         std::uint64_t& next_touched(std::size_t block) const
         {
@@ -198,8 +199,7 @@ public:
     };
     Layer layer(std::size_t of) { return {*this, tiles_[of]}; }
 
-    /// Brings blocks up to date with the orders of cells, one per layer; a block that was there before keeps
-    /// its sums.
+    /// Updates the blocks to the orders of cells, one per layer; a block that existed before keeps its sums.
     template <class Order>
     void activate(std::array<Order*, std::size_t(layers)> const& orders)
     {
@@ -234,11 +234,12 @@ public:
     }
 
     std::vector<NodeBlock> const& nodes() const { return nodes_; }
-    /// The homes of nodes: coordinates where a layer has a block of cells. With one layer they are its blocks
-    /// in their order, so that who works on some of these, and then on the nodes at home there, finds most of
-    /// the sums in its own cache.
+    /// Owners of nodes: coordinates at which a layer has a block of cells. With one layer these are its
+    /// blocks in their order, so that a thread that works on some blocks, and then on the nodes they own,
+    /// finds most of the sums in its own cache.
     int owners() const { return static_cast<int>(owner_begin_.size()) - 1; }
-    /// The blocks of nodes at a home: that of the same coordinates, and those beside it that have no other.
+    /// The blocks of nodes of an owner: the one at its coordinates, and those beside it that have no other
+    /// owner.
     std::span<std::uint32_t const> nodes_at(int owner) const
     {
         return std::span(by_owner_).subspan(owner_begin_[std::size_t(owner)],
@@ -250,7 +251,7 @@ public:
     /// The index of the block of nodes with these coordinates, or absent.
     int find(Coordinates<d> const& block) const { return map_.find(block_key<d>(block)); }
 
-    /// The sums of one node, wherever it is: what its row has there, or zeros.
+    /// The sums of one node, wherever it is: those of its row, or zeros.
     void sums_at(Coordinates<d> const& node, Number (&found)[std::size_t(sums)]) const
     {
         std::fill(found, found + sums, Number(0));
@@ -261,7 +262,7 @@ public:
             add_sums(tiles_[std::size_t(l)], nodes_[std::size_t(n)].covered_by[std::size_t(l)], place, found);
     }
 
-    /// Takes the sums for the next step for those of this one.
+    /// Makes the sums of the next step those of this one.
     void swap()
     {
         for (Tiles& tiles : tiles_) {
@@ -302,7 +303,7 @@ private:
         }
     }
 
-    /// Finds each block its tile: the one it had, or one that is free.
+    /// Assigns a tile to each block: the one it had, or a free one.
     template <class Order>
     void activate_tiles(Tiles& tiles, Order const& cells, bool have_history)
     {
@@ -329,7 +330,7 @@ private:
         for (auto& of : tiles.of) of.resize(count * sums * tile_channel);
     }
 
-    /// Finds the blocks of nodes under those of an order of cells, and the homes of new ones.
+    /// Finds the blocks of nodes under those of an order of cells, and the owners of new ones.
     template <class Order>
     void find_nodes(Tiles& tiles, Order const& cells, std::vector<std::uint32_t>& owners)
     {
@@ -343,11 +344,11 @@ private:
             }
     }
 
-    /// Sorts the blocks of nodes by home.
+    /// Sorts the blocks of nodes by owner.
     void list_by_owner(std::vector<std::uint32_t> const& owners)
     {
         std::size_t const count = owners.empty() ? 0 : *std::max_element(owners.begin(), owners.end()) + 1;
-        owner_begin_.assign(count + 2, 0); // those of home h begin at h + 1 until they are sorted
+        owner_begin_.assign(count + 2, 0); // those of owner o begin at o + 1 until they are sorted
         for (std::uint32_t const owner : owners) ++owner_begin_[owner + 2];
         std::partial_sum(owner_begin_.begin(), owner_begin_.end(), owner_begin_.begin());
         by_owner_.resize(owners.size());

@@ -35,7 +35,7 @@ Mask<Lane> mask_of(std::uint64_t pattern)
     }
 }
 
-/// Where some items that are loaded side by side lie.
+/// Where the items of a pack lie.
 template <class Lane>
 class Places
 {
@@ -79,9 +79,8 @@ private:
     decltype(reader_for<Lane>()) reader_;
 };
 
-/// What a thread keeps of the items of some groups from one function of a phase to the next: values, one
-/// array per channel in the order of slots, and for each pack where its items lie and the offsets that it
-/// loaded.
+/// What a thread keeps of the items of some groups between the functions of a phase: values, one array per
+/// channel in the order of slots, and for each pack where its items lie and the offsets that it loaded.
 template <class Lane, int d>
 class Scratch
 {
@@ -102,7 +101,7 @@ public:
         stride_ = (items + 2 * lanes - 1) / lanes * lanes; // whole packs may be written behind the last item
         values_.resize(static_cast<std::size_t>(channels) * stride_);
         if (packs_.size() < stride_ / lanes) packs_.resize(stride_ / lanes);
-        if (cells_.size() < stride_) { // zeros: packs of them are read whole, too
+        if (cells_.size() < stride_) { // zeros, since packs of them are read whole
             cells_.resize(stride_, 0);
             cells_.fill(0, stride_, 0);
         }
@@ -111,10 +110,10 @@ public:
     Number* at(int channel, std::size_t item) { return &values_[std::size_t(channel) * stride_ + item]; }
     Number const* at(int channel, std::size_t item) const { return &values_[channel * stride_ + item]; }
 
-    /// Of the items of a pack, of which this is the first.
+    /// The pack whose first item this is.
     Pack& pack(std::size_t item) { return packs_[item / lanes]; }
 
-    /// The number of an item's cell in the group, for who needs it.
+    /// The index of an item's cell in the group; set only for PackedItems.
     std::uint32_t* cell(std::size_t item) { return &cells_[item]; }
 
 private:
@@ -124,9 +123,9 @@ private:
     Array<std::uint32_t> cells_;
 };
 
-/// Some items side by side, whatever their cells, as a phase sees them. What it loads comes from where they
-/// lie (`source`), what it stores goes to their slots. Lanes beyond the last item repeat what is loaded for
-/// it, and have zeros of what was kept, so that they are harmless; their place in here() is false.
+/// Some items side by side, whatever their cells, as a phase sees them. Loads come from where the items lie
+/// (`source`), stores go to their slots. Lanes beyond the last item repeat its loads and have zeros for
+/// scratch, so that they are harmless; they are false in here().
 template <class Lane, class Order, int d>
 class Items
 {
@@ -151,7 +150,7 @@ public:
         scratch_.pack(item).places.follow(sources, count);
         enter_again(slot, item);
     }
-    /// Goes to them once more.
+    /// Goes back to them.
     void enter_again(std::size_t slot, std::size_t item)
     {
         slot_ = slot;
@@ -168,7 +167,7 @@ public:
     {
         LaneTraits<Lane>::store(value, scratch_.at(channel, item_));
     }
-    /// Lanes beyond the last item are zero: nobody may have written there.
+    /// Lanes beyond the last item are zero: their memory may never have been written.
     Lane scratch(int channel) const
     {
         Number const* const from = scratch_.at(channel, item_);
@@ -190,7 +189,7 @@ public:
             value.store_first(entered_, array + slot_);
     }
 
-    /// Stores to the element of an array that the item's own number in `index` says.
+    /// Stores each lane to the element of `array` whose number `index` has for its item.
     void store_at(Number* array, std::uint32_t const* index, Lane const& value) const
     {
         Number values[std::size_t(lanes)];
@@ -199,7 +198,7 @@ public:
         for (int l = 0; l < entered_; ++l) array[index[places()[l]]] = values[l];
     }
 
-    /// Fetches what will be read or written from memory while there is other work to do.
+    /// Prefetches what will be read or written.
     template <class T>
     void expect_load(T const* array) const
     {
@@ -220,9 +219,9 @@ public:
         return CellOffset<Number>::value(stored);
     }
 
-    /// Moves the offsets along an axis that were loaded when these items were entered first, from `from`, by
-    /// a displacement [cells] into `to`; `value` becomes what was written. Returns which are still within
-    /// their cells.
+    /// Moves the offsets along an axis by a displacement [cells] and stores them in `to`. Uses the offsets
+    /// that load_offset() has loaded for these items. `value` becomes what was stored. Returns which items
+    /// are still within their cells.
     Mask<Lane> move_offset([[maybe_unused]] Offset const* from, Offset* to, int axis,
                            Lane const& displacement, Lane& value) const
     {
@@ -236,7 +235,7 @@ public:
         return CellOffset<Number>::inside(stored);
     }
 
-    /// Copies what no phase computes with.
+    /// Copies values that no phase computes with.
     template <class T>
     void copy(T const* from, T* to) const
     {
@@ -263,7 +262,7 @@ public:
         return array[places()[lane]];
     }
 
-    /// The coordinates of a cell, and how far the lanes' own cells are from it along the axes.
+    /// The coordinates of a cell, and the distances from it to the lanes' own cells along the axes.
     Coordinates<d> first() const { return Order::cell_at(cells_.blocks()[block_].coordinates, 0); }
     Vector<Lane, d> along() const
     {
@@ -279,7 +278,7 @@ public:
         return along;
     }
 
-    /// Whether the cells are so far out that an item may be about to leave the range of coordinates.
+    /// Whether an item of these cells might leave the range of coordinates.
     bool at_the_edge() const
     {
         auto const cell = first();
@@ -310,7 +309,7 @@ private:
     Mask<Lane> here_{};
 };
 
-/// Items that move and may depart from their cells.
+/// Items that move and may leave their cells.
 template <class Lane, class Order, int d>
 class MovingItems : public Items<Lane, Order, d>
 {
@@ -327,7 +326,7 @@ public:
         notes.start(cells.blocks()[block].end - cells.blocks()[block].begin);
     }
 
-    /// As Items do it.
+    /// As in Items; remembers where the offsets went.
     Mask<Lane> move_offset(Offset const* from, Offset* to, int axis, Lane const& displacement,
                            Lane& value) const
     {
@@ -335,9 +334,9 @@ public:
         return Base::move_offset(from, to, axis, displacement, value);
     }
 
-    /// Notes that some items have left their cells, and takes away what they keep to give: all but the first
-    /// `zero_from` of `kept` channels become zero. The first of these are the offset, which is that in the
-    /// new cell from now on.
+    /// Records leavers with their contributions, `kept` channels each, and sets those channels from
+    /// `zero_from` on to zero in the scratch. The first channels of a contribution are the offset, now
+    /// relative to the new cell.
     void depart(Mask<Lane> const& which, int zero_from, int kept)
     {
         std::uint64_t rest = bits(which);
@@ -367,8 +366,8 @@ public:
     }
 
 private:
-    /// Finds out where the items of a group are in it when the first of them leaves, from a slot behind those
-    /// of others that left.
+    /// Finds the group of a slot that an item leaves, and where each of its items is in the group; slots come
+    /// in rising order.
     void find_group(std::uint32_t slot)
     {
         if (slot < end_slot_) return;
@@ -380,7 +379,7 @@ private:
     }
 
     typename Order::LeaverNotes& notes_;
-    int group_ = -1; ///< of the last who left, and its slots
+    int group_ = -1; ///< of the last leaver
     std::uint32_t first_slot_ = 0, end_slot_ = 0;
     mutable Offset* moved_[std::size_t(d)]{}; ///< where offsets were written, along each axis
 };

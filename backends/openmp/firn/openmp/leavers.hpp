@@ -9,15 +9,16 @@
 #include <cstdint>
 #include <vector>
 
-// What an order of cells knows of items that have left their cells: in one block while it is being worked on
-// (LeaverNotes), and then of each block until all have their places (Outgoing, Outflow).
+// What an order of cells records about items that have left their cells: in one block while a thread works on
+// it (LeaverNotes), and then of each block until all are in the new order (Outgoing, Outflow).
 namespace firn::openmp
 {
 
-/// The blocks about one, and itself: -1, 0 or 1 along each axis, the first one's place value the highest.
+/// The number of blocks around one, itself included: -1, 0 or 1 along each axis, the first axis in the
+/// highest digit.
 template <int d>
 inline constexpr int directions = 3 * directions<d - 1>;
-/// The end of the product: a point has itself alone.
+/// The end of the recursion.
 template <>
 inline constexpr int directions<0> = 1;
 /// The direction of the block itself.
@@ -32,8 +33,8 @@ Coordinates<d> neighbour(Coordinates<d> block, int direction)
     return block;
 }
 
-/// Makes room in a list for more: there is one for each block, and together they would waste much if each
-/// grew to twice its size.
+/// Makes room for more in a list. It grows by an eighth only: there is one list per block, and if each
+/// doubled, together they would waste much memory.
 template <class T>
 void make_room(std::vector<T>& list, std::size_t more)
 {
@@ -41,7 +42,6 @@ void make_room(std::vector<T>& list, std::size_t more)
     if (needed > list.capacity()) list.reserve(std::max(needed, list.capacity() + list.capacity() / 8));
 }
 
-/// Adds some at the end of a list.
 template <class T>
 void append(T const* from, std::size_t count, std::vector<T>& list)
 {
@@ -54,28 +54,27 @@ template <class Number>
 struct Leaver
 {
     std::uint32_t source;       ///< where the item lies
-    std::uint16_t place;        ///< its cell now, in the block where that is
-    std::uint16_t direction;    ///< in which that block lies, see neighbour()
-    Number const* contribution; ///< what it gives, its offset in the new cell first
+    std::uint16_t place;        ///< its new cell, by the place in its block
+    std::uint16_t direction;    ///< of that block from the old one, see neighbour()
+    Number const* contribution; ///< what it scatters, its offset in the new cell first
 };
 
-/// Where an item was that has left its cell.
+/// Where an item was before it left its cell.
 struct Departure
 {
     std::uint32_t slot;
     std::uint32_t at; ///< in its group: its rank times `lanes`, and its lane
 };
 
-/// Items of a block that have left their cells since the last follow(); the loops that move items write
-/// this.
+/// Items of a block that have left their cells since the last rebin(); written by the loops that move items.
 template <class Number>
 struct Outgoing
 {
-    std::vector<Departure> from; ///< of all, in the order of slots
+    std::vector<Departure> from; ///< all of them, in the order of slots
     std::vector<Leaver<Number>>
-        scattered_inside;                ///< who is in another cell of the block and gave there, by cell
+        scattered_inside; ///< those in another cell of the block that have scattered there, by cell
     std::vector<Leaver<Number>> leavers; ///< the others, by direction
-    std::vector<Number> contribution;    ///< by them
+    std::vector<Number> contribution;    ///< of the others
 
     void clear()
     {
@@ -86,36 +85,35 @@ struct Outgoing
     }
 };
 
-/// What of that is asked for block by block, in as few lines of the cache as there can be: another thread
-/// has written them.
+/// The part of that which is read block by block, in as few cache lines as possible: another thread has
+/// written them.
 template <class Number, int d>
 struct alignas(64) Outflow
 {
-    std::uint32_t outgoing = 0, inside = 0;        ///< how many there are in the first two lists
-    Leaver<Number> const* leavers = nullptr;       ///< the third list, and
-    std::array<std::uint32_t, directions<d>> to{}; ///< how many of it go in each direction
+    std::uint32_t outgoing = 0, inside = 0;        ///< sizes of the first two lists
+    Leaver<Number> const* leavers = nullptr;       ///< the third list
+    std::array<std::uint32_t, directions<d>> to{}; ///< how many of these go in each direction
 };
 
-/// Those that have left their cells in one block, while it is being worked on: as they left, `count` of
-/// them. (Lists of a thread, that stay as long as they once were: who leaves is noted without a
-/// question.)
+/// The leavers of one block while a thread works on it, `count` of them in the order in which they left. The
+/// lists belong to the thread and never shrink, so that a leaver is recorded without checking for room.
 template <class Number>
 struct LeaverNotes
 {
     std::size_t count = 0, channels = 0;
     std::vector<Departure> from;
     std::vector<Leaver<Number>> leavers;
-    std::vector<Number> contribution;             ///< so many channels of each, see Leaver
-    std::vector<std::uint32_t> at;                ///< of all items of a group, see Departure
-    std::vector<Leaver<Number>> inside, in_order; ///< who gives at once, as they left and by cell
+    std::vector<Number> contribution;             ///< `channels` numbers of each, see Leaver
+    std::vector<std::uint32_t> at;                ///< for all items of a group, see Departure
+    std::vector<Leaver<Number>> inside, in_order; ///< those that scatter at once, as they left and by cell
 
-    /// Begins with a block of so many items.
+    /// Starts a block of so many items.
     void start(std::size_t items)
     {
         count = 0;
         if (from.size() < items) from.resize(items), leavers.resize(items);
     }
-    /// Makes room for some more that give so many channels.
+    /// Makes room for some more leavers with so many channels.
     void expect(std::size_t more, std::size_t of)
     {
         channels = of;

@@ -36,8 +36,8 @@ struct ScalarLanes
     using Lane = Number;
 };
 
-/// Whether exponentials, logarithms and roundings of packs are what they should be. clang has no macro by
-/// which -fassociative-math could be refused, and xsimd's do not bear it.
+/// Whether exponentials, logarithms and roundings of packs are correct. xsimd's break under
+/// -fassociative-math, and clang has no macro by which that flag could be refused.
 template <class Number>
 bool functions_hold()
 {
@@ -45,7 +45,7 @@ bool functions_hold()
     static bool const hold = [] {
         bool all = true;
         for (double const number : {0.3, 1.7, 5.7, 40.1}) {
-            Number volatile const unknown = Number(number); // to the compiler
+            Number volatile const unknown = Number(number); // hidden from the compiler
             Number const x = unknown;
             auto const is = [&](Real lanes, Number should) {
                 Number found[lane_width<Real>];
@@ -73,7 +73,7 @@ void for_each(Threads const& threads, std::size_t count, Body const& body)
 
 namespace detail
 {
-/// Clears the rows of a tile that are told by bits.
+/// Clears the rows of a tile whose bits are set.
 template <class GridType, int channels, class Number>
 void clear_rows(Number* tile, std::uint64_t rows)
 {
@@ -85,7 +85,7 @@ void clear_rows(Number* tile, std::uint64_t rows)
         }
 }
 
-/// What of a block's tile its items touch: rows, and `ends` (see touched_by).
+/// The part of a block's tile that its items touch: rows, and `ends` (see touched_by).
 template <class GridType, class Order>
 std::uint64_t touched_by_items(Order const& cells, std::size_t b)
 {
@@ -96,13 +96,13 @@ std::uint64_t touched_by_items(Order const& cells, std::size_t b)
     return rows;
 }
 
-/// A group of cells, of one type whether or not the grid may change: what is inlined into it is compiled
+/// A group of cells. The type is the same for a const grid, so that the code inlined into it is compiled
 /// once.
 template <class Lane, class GridType>
 using GroupOf = CellGroup<Lane, std::remove_const_t<GridType>>;
 
-/// Calls `use(items, how many)` for the items of some groups of cells, each for itself. (Out of line: it is
-/// seldom, and between loops that are not.)
+/// Calls `use(items, how many)` for the items of some groups of cells, each with its own nodes. Out of line:
+/// it is rare, and stands between loops that are not.
 template <class Lane, class GridType, class Order, class Number, class Use>
 [[gnu::noinline]] void use_alone(Order const& cells, std::size_t b, std::size_t slot, std::size_t count,
                                  Scratch<Lane, GridType::dimension>& scratch, Number const* read,
@@ -116,9 +116,9 @@ template <class Lane, class GridType, class Order, class Number, class Use>
     use(items, count);
 }
 
-/// Calls `use(group, number behind its last item)` for groups of cells whose items go side by side, from one
-/// up to another: for each that has some, or for all of these at once if they are few in many groups. `read`
-/// and `write` as in CellGroup.
+/// Calls `use(group, number behind its last item)` for each non-empty group of cells from `first` up to
+/// `behind`, or once for the items of all of them if these are few in many groups. The groups' items lie side
+/// by side; `read` and `write` as in CellGroup.
 template <class Lane, class GridType, class Order, class Number, class Use>
 void for_each_group(Order const& cells, std::size_t b, int first, int behind,
                     Scratch<Lane, GridType::dimension>& scratch, Number const* read, Number* write,
@@ -141,8 +141,8 @@ void for_each_group(Order const& cells, std::size_t b, int first, int behind,
     }
 }
 
-/// What some items keep, given by the cells of their group: row by row of their stencils, so that the sums of
-/// a row stay in registers.
+/// Scatters the contributions of a group's items, row by row of their stencils, so that the sums of a row
+/// stay in registers.
 template <class Scatter, class Group, class Spreads>
 FIRN_INLINE_WHOLE void scatter(Group& group, Spreads& spreads)
 {
@@ -164,11 +164,11 @@ FIRN_INLINE_WHOLE void scatter(Group& group, Spreads& spreads)
     }
 }
 
-/// What as many ranks give as are summed at once.
+/// The contributions of as many ranks as are summed at once.
 template <class Lane, class Scatter>
 using Spreads = std::array<typename Scatter::template Spread<Lane>, ranks_at_once>;
 
-/// What a thread gives with.
+/// A thread's buffers for scattering.
 template <class Lane, class Scatter>
 struct ScatterBuffers
 {
@@ -188,9 +188,9 @@ FIRN_INLINE_WHOLE void begin_items(Phase const& phase, Items& items)
     phase.begin(items);
 }
 
-/// What a group's items take from its nodes. (Like give(), named after what is taken, not after the phase
-/// that takes: phases share the code.) Where few cells are left that have so many items, these go side by
-/// side, whatever their cells. The group's items end before number `end` of those that the scratch has.
+/// Gathers from a group's nodes. Like scatter(), this is a template over what is gathered, not over the
+/// phase, so that phases share the code. Where only few cells have so many items, these are processed side by
+/// side, whatever their cells. The group's items end before number `end` in the scratch.
 template <class Gather, class Group, class Nodes>
 FIRN_INLINE_WHOLE void gather(Group& group, std::size_t end, Nodes& nodes)
 {
@@ -208,8 +208,8 @@ FIRN_INLINE_WHOLE void gather(Group& group, std::size_t end, Nodes& nodes)
     }
 }
 
-/// What the parts of a loop find out, part by part: merged in their order, whoever has done them. Each begins
-/// with begin(), which its own thread calls: the others need not have it in their caches.
+/// The results of the parts of a loop, merged in the order of the parts, whichever thread did them. The
+/// thread that works on a part calls begin() for it: then no other thread's cache needs to hold it.
 template <class Result>
 class ResultsOf
 {
@@ -232,7 +232,7 @@ private:
     std::vector<Result> of_;
 };
 
-/// A phase that finds out bounds has them in a result of the thread's: who starts each block at zero finds a
+/// A phase that finds bounds keeps them in one result per thread: starting each block at zero would find a
 /// new largest value many times over.
 template <class Phase, class Items>
 FIRN_INLINE_WHOLE void update_items(Phase const& phase, Items& items, typename Phase::Result& of_thread,
@@ -245,7 +245,7 @@ FIRN_INLINE_WHOLE void update_items(Phase const& phase, Items& items, typename P
 }
 } // namespace detail
 
-/// Each block of cells sums what its items give into its own tile: afresh, or onto what is there.
+/// Each block of cells sums the contributions of its items into its own tile: afresh, or onto what is there.
 template <class Lane, class Order, class GridType, class Phase>
 void scatter(Threads const& threads, Order const& cells, GridType& grid, Phase const& phase, bool afresh)
 {
@@ -281,8 +281,8 @@ void scatter(Threads const& threads, Order const& cells, GridType& grid, Phase c
 
 namespace detail
 {
-/// Copies what some items of a group give, listed cell by cell, to where a group of cells looks for it: rank
-/// by rank.
+/// Copies the contributions of a group's items, listed cell by cell, to where a group of cells expects them:
+/// rank by rank.
 template <int channels, class Lane, int d, class Leaver>
 void copy_contributions(Leaver const* leavers, std::uint32_t const* counts, Scratch<Lane, d>& scratch)
 {
@@ -301,7 +301,7 @@ void copy_contributions(Leaver const* leavers, std::uint32_t const* counts, Scra
     }
 }
 
-/// What some items give to the tile of their block, listed in the order of their cells.
+/// Scatters listed items, in the order of their cells, to the tile of their block.
 template <class Lane, class Scatter, class Layer, class Leaver>
 void scatter_listed(std::span<Leaver const> leavers, Layer const&, typename Scatter::Number* tile,
                     std::uint64_t& touched, ScatterBuffers<Lane, Scatter>& buffers)
@@ -354,8 +354,8 @@ void scatter_listed(std::span<Leaver const> leavers, Layer const&, typename Scat
 }
 } // namespace detail
 
-/// Completes the order of cells, where that is to be done, and sums that were given by items in the blocks
-/// where they were: those that departed from them give where they are now.
+/// Completes the order of cells if needed, and the sums: items in the cells where they stayed have scattered
+/// already; the leavers scatter where they are now.
 template <class Lane, class Phase, class Order, class GridType>
 void scatter_leavers(Order& cells, GridType& grid)
 {
@@ -371,7 +371,7 @@ void scatter_leavers(Order& cells, GridType& grid)
 
 namespace detail
 {
-/// What nodes of a phase look around for, if they do: found once for all that a thread updates.
+/// What nodes of a phase look around for, if they do: found once for all nodes that a thread updates.
 template <class Phase>
 auto surroundings(Phase const& phase)
 {
@@ -382,8 +382,8 @@ auto surroundings(Phase const& phase)
 }
 } // namespace detail
 
-/// Nodes add up the tiles that cover them and are updated, row by row, home by home. Threads have the parts
-/// that they have of `cells` if these are the only order, as a rule (see share).
+/// Nodes add up the tiles that cover them and are updated, row by row, owner by owner. Threads get the same
+/// partitions as of `cells` if that is the only order (see parallel_for).
 template <class Lane, class Order, class GridType, class Phase>
 typename Phase::Result for_each_node(Threads const& threads, Order const& cells, GridType& grid,
                                      Phase const& phase)
@@ -462,7 +462,7 @@ void fill_tile(GridType const& grid, std::size_t b, std::uint64_t rows, Number* 
 
 namespace detail
 {
-/// What a thread takes with, and gives on.
+/// A thread's buffers for gathering.
 template <class Lane, class GridType, class Phase>
 struct Taker
 {
@@ -471,7 +471,7 @@ struct Taker
     Scratch<Lane, Phase::d> scratch;
 };
 
-/// One thread's giving to the next step's grid, block by block and group by group.
+/// A thread's scatter to the next step's grid, block by block and group by group.
 template <class Lane, class Order, class GridType, class Phase>
 struct ScatterToNext
 {
@@ -499,7 +499,7 @@ struct ScatterToNext
     void end(std::size_t) {}
 };
 
-/// The same of items that move: of those who leave their cells some give when the others have (see
+/// The same for items that move. Of the leavers, some scatter when the rest of their block has (see
 /// CellOrder::note_outgoing).
 template <class Lane, class Order, class GridType, class Phase>
 struct MoveAndScatter
@@ -529,7 +529,7 @@ struct MoveAndScatter
     }
 };
 
-/// For who only takes.
+/// For loops that only gather.
 template <class Lane, class Order, class Phase>
 struct ScatterNothing
 {
@@ -546,9 +546,9 @@ struct ScatterNothing
     void end(std::size_t) {}
 };
 
-/// Each block of cells copies the nodes it needs side by side; its items take from them and answer, and what
-/// they keep then is given on, by what each thread makes for itself: `make_giver(its number)`. Cells take and
-/// give group by group; in between their items answer in whole packs, which few of several groups share.
+/// Each block of cells copies the nodes it needs into one tile; its items gather from it and are updated, and
+/// their contributions are scattered by the buffers of each thread: `make_buffers(its number)`. Gather and
+/// scatter go group by group; the update in between goes by whole packs, which sparse groups share.
 template <class Lane, class Order, class GridType, class Phase, class MakeBuffers>
 typename Phase::Result gather_and_update(Threads const& threads, Order& cells, GridType& grid,
                                          Phase const& phase, Workspace& workspace,
@@ -560,12 +560,12 @@ typename Phase::Result gather_and_update(Threads const& threads, Order& cells, G
     auto& results = ResultsOf<Result>::make_ready(workspace, cells.blocks().size());
     workspace.for_threads(threads.count);
     parallel_for(threads, blocks, cells.partitions(), [&](int thread) {
-        // Not on the stack: compilers would take it apart and copy it for every group.
+        // On the heap: compilers would split it into scalars and copy these for every group.
         auto& taker = workspace.of<Taker<Lane, GridType, Phase>>(thread);
         taker.nodes.resize(Phase::node_channels * GridType::tile_channel);
         return [&, found = Result{}, buffers = make_buffers(thread)](int b) mutable {
             Result& result = results.begin(static_cast<std::size_t>(b));
-            // no structured binding: clang's OpenMP lets no function object have one
+            // no structured binding: clang's OpenMP does not capture it in a lambda
             auto& nodes = taker.nodes;
             auto& nodes_of_cells = taker.nodes_of_cells;
             auto& scratch = taker.scratch;
@@ -602,7 +602,7 @@ typename Phase::Result gather_and_update(Threads const& threads, Order& cells, G
 }
 } // namespace detail
 
-/// Items take from the nodes, move, and give to their block's tile for the next step.
+/// Items gather from the nodes, move, and scatter to their block's tile for the next step.
 template <class Lane, class Order, class GridType, class Phase>
 typename Phase::Result move(Threads const& threads, Order& cells, GridType& grid, Phase const& phase)
 {
@@ -616,7 +616,7 @@ typename Phase::Result move(Threads const& threads, Order& cells, GridType& grid
     });
 }
 
-/// Items take from the nodes and give, where they are, to what will be the next sums.
+/// Items gather from the nodes and scatter in place to the next sums.
 template <class Lane, class Order, class GridType, class Phase>
 void scatter_back(Threads const& threads, Order const& cells, GridType& grid, Phase const& phase)
 {
@@ -627,8 +627,8 @@ void scatter_back(Threads const& threads, Order const& cells, GridType& grid, Ph
     });
 }
 
-/// Items take from the nodes as they did when they moved last, and the phase keeps what they took. (Several
-/// threads of the host may do so at the same time: none of them works with what the cells keep for loops.)
+/// Items gather from the nodes as in their last move, and the phase stores the results. Several host threads
+/// may do so at the same time, so this does not use the workspace of the cells.
 template <class Lane, class Order, class GridType, class Phase>
 void gather(Threads const& threads, Order const& cells, GridType const& grid, Phase const& phase)
 {

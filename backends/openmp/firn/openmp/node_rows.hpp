@@ -16,7 +16,7 @@ namespace firn::openmp
 
 namespace detail
 {
-/// Adds up, for one row of a node block, the tiles of a layer that cover it; `any` becomes true if one does.
+/// Adds up, for one row of a node block, the tiles of a layer that cover it; sets `any` if one does.
 template <class LayerType, int channels, class Number>
 void add_row(LayerType const& layer, std::array<int, LayerType::corners> const& covered_by, int row,
              Number (&sums)[std::size_t(channels)][std::size_t(LayerType::Shape::along)], bool& any)
@@ -76,13 +76,13 @@ class LookingNodes : public NodeLanes<Lane, GridType, d>
 public:
     using Number = typename Base::Number;
 
-    /// `node` are those of a row of a block, of which `sums` has all.
+    /// `node` is a pack of nodes in a row of a block; `sums` holds the whole row.
     LookingNodes(Base const& node, Number const* sums, GridType& grid, int block, int row)
         : Base(node), sums_(sums), grid_(grid), block_(block), row_(row)
     {}
 
-    /// The sums of the nodes first + along, the latter on the last axis, for some lanes; zeros where there is
-    /// no node, and in other lanes.
+    /// The sums of the nodes `first` + `along`, the latter on the last axis, in the lanes of `which`; zeros
+    /// where there is no node, and in other lanes.
     template <int channels>
     void sums_at(Coordinates<d> const& first, Lane const& along, Mask<Lane> const& which,
                  Lane (&found)[std::size_t(channels)]) const
@@ -93,7 +93,7 @@ public:
         Number other[std::size_t(channels)][std::size_t(Shape::along)];
         Number const* const sums = row_sums<channels>(block, row, other);
 
-        // most lanes look at one another's neighbours, in turn
+        // most packs look at consecutive nodes
         Mask<Lane> const in_turn = exactly_equal(along, counting<Lane>());
         for (int c = 0; c < channels; ++c)
             found[c] = select(which & in_turn, LaneTraits<Lane>::load(sums + c * Shape::along + place[d - 1]),
@@ -118,7 +118,7 @@ public:
     }
 
 private:
-    /// The sums of a row of a block, in `other` unless they are there already.
+    /// The sums of a row of a block; computed into `other` unless this row's are at hand.
     template <int channels>
     Number const* row_sums(Coordinates<d> const& block, int row,
                            Number (&other)[std::size_t(channels)][std::size_t(Shape::along)]) const

@@ -19,7 +19,7 @@ struct OffsetLane
     static Stored load(ScalarOf<Lane> const* from) { return LaneTraits<Lane>::load(from); }
     static void store(Stored const& stored, ScalarOf<Lane>* to) { LaneTraits<Lane>::store(stored, to); }
 
-    /// Packs of them as those of numbers with the same bits, which are loaded and stored as such.
+    /// Packs of offsets are loaded and stored as packs of numbers with the same bits.
     static Stored of_bits(Lane const& bits) { return bits; }
     static Lane bits(Stored const& stored) { return stored; }
 };
@@ -36,15 +36,15 @@ struct OffsetLane<float>
 
 #if defined(FIRN_HAS_XSIMD)
 
-// As in lanes.hpp: g++ 12's own intrinsics.
+// As in lanes.hpp: warnings about g++ 12's own intrinsics.
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wuninitialized"
 #if !defined(__clang__)
 #pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
 #endif
 
-/// Whole numbers of 32 bits, one for each lane of a pack of floats, with what CellOffset asks of them. They
-/// stay in registers: a loop over numbers one by one goes through memory in other widths than packs, and what
+/// Integers of 32 bits, one per lane of a pack of floats, with the operations that CellOffset needs. They
+/// stay in registers: a loop over single numbers would go through memory in other widths than packs, and what
 /// was stored in two parts cannot be loaded as one before it has reached the cache.
 template <class NumbersType>
 struct WholePack

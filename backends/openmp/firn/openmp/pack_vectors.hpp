@@ -8,10 +8,11 @@
 
 #if defined(FIRN_HAS_XSIMD)
 
-// Sums and multiples of vectors and matrices of packs, which formulas find before Eigen's own: those are
-// expressions, each a type of its own that a compiler makes some fifty functions of, where packs are
-// registers already and there is nothing to put off. What these return is a value: an expression of Eigen's
-// made of it (`(a + b).transpose()`) must not outlive the line, so it is not kept by `auto`.
+// Sums and multiples of vectors and matrices of packs. Overload resolution prefers them to Eigen's operators,
+// which return expressions: each is a type of its own for which a compiler generates some fifty functions,
+// and deferring work gains nothing for packs, which are registers already. These operators return values. An
+// Eigen expression built from one (`(a + b).transpose()`) must not outlive the line, so do not store it with
+// `auto`.
 namespace firn::openmp
 {
 

@@ -13,13 +13,13 @@
 namespace firn::openmp
 {
 
-/// The sources of a group's items, a row of lanes for each rank, as one thread changes them.
+/// The sources of a group's items while one thread changes them: a row of lanes for each rank.
 template <int lanes>
 class Ranks
 {
 public:
-    /// Starts with no items, in cells that have had `before` of them and will have `counts`, which are
-    /// now at most too large.
+    /// Starts without items, in cells that had `before` of them. `counts` are the new numbers; items that
+    /// leave are still in them and are subtracted later.
     void start(std::uint32_t const* before, std::uint32_t const* counts)
     {
         before_ = before;
@@ -32,7 +32,7 @@ public:
 
     std::uint32_t* row(std::uint32_t rank) { return &at_[std::size_t(rank) * lanes]; }
 
-    /// Takes out the item at a rank times `lanes` plus a lane; those of a cell by rising rank.
+    /// Removes the item at `at`, a rank times `lanes` plus a lane; those of one cell come by rising rank.
     void leave(std::uint32_t at)
     {
         std::uint32_t const lane = at % lanes;
@@ -42,7 +42,7 @@ public:
         at_[at] = hole;
     }
 
-    /// Puts a new item into the first hole of a cell, or behind its items.
+    /// Puts a new item into the first hole of its cell, or behind its items.
     void fill(int lane, std::uint32_t source)
     {
         std::uint32_t const first = first_hole_[std::size_t(lane)];
@@ -52,7 +52,7 @@ public:
         first_hole_[std::size_t(lane)] = is_behind ? none : next_hole_[first];
     }
 
-    /// Fills the holes that are left with the last items of their cells.
+    /// Fills the remaining holes with the last items of their cells.
     void close_holes()
     {
         for (std::uint64_t fewer = lanes_above<lanes>(before_, counts_); fewer != 0; fewer &= fewer - 1) {

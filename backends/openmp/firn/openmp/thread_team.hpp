@@ -21,7 +21,7 @@
 namespace firn::openmp
 {
 
-/// The threads that a loop may have: how many, and what they are if not OpenMP's.
+/// The threads that a loop may use: how many, and the host's executor if they are not OpenMP's.
 struct Threads
 {
     int count = 1;
@@ -36,18 +36,18 @@ namespace detail
 
 class SharedIndices;
 
-/// What each thread of a loop does; it returns the share of the loop that it did, in [0, 1].
+/// What each thread of a loop does; returns the share of the loop that it did, in [0, 1].
 struct ThreadWork
 {
     double (*run)(void const* context, SharedIndices& indices, int thread, int threads);
     void const* context;
 };
 
-/// The first exception of several threads.
+/// The first exception that any of several threads threw.
 class FirstFailure
 {
 public:
-    /// Calls `work()` and keeps what it throws.
+    /// Calls `work()` and stores what it throws.
     template <class Work>
     void guard(Work const& work) noexcept
     {
@@ -59,7 +59,7 @@ public:
             if (!failure_) failure_ = std::current_exception();
         }
     }
-    /// Throws it, once no thread is at work any more.
+    /// Throws it; to be called once no thread is at work any more.
     void rethrow()
     {
         if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
@@ -70,7 +70,7 @@ private:
     std::exception_ptr failure_;
 };
 
-/// Whether the calling thread is at work for a loop: a loop within it has this one thread.
+/// Whether the calling thread is working for a loop: a nested loop runs on this thread alone.
 inline thread_local bool is_in_loop = false;
 
 class InLoop
@@ -85,21 +85,21 @@ private:
     bool before_;
 };
 
-/// Threads of OpenMP that wait for the loops of one thread of the host, their leader.
+/// A team of OpenMP threads that wait for the loops of one host thread, their leader.
 ///
-/// They are those of one parallel region, which stays open between loops and calls: to open one takes longer
-/// than many a loop, and threads that leave one stay awake for milliseconds. A thread of the team looks for
-/// the next loop for a tenth of a millisecond and then sleeps. The region belongs to a thread of its own,
-/// whose place among the team's threads (OMP_PLACES) is the leader's.
+/// They belong to one parallel region, which stays open between loops and calls: to open one takes longer
+/// than many a loop, and threads that leave one stay awake for milliseconds. A thread of the team waits awake
+/// for the next loop for a tenth of a millisecond and then sleeps. The region is opened by a thread of its
+/// own; the leader takes the place of that thread within the team (OMP_PLACES).
 ///
-/// A loop is offered to them. Those that are late find it withdrawn and are not waited for: another program
-/// may have their cores. Those that lose their cores in the middle of it are left out for a while, if loops
-/// are slower for it (Efficiency, Bench).
+/// A loop is offered to the threads. A late thread finds the offer withdrawn and is not waited for: another
+/// program may have its core. Threads that lose their cores in the middle of a loop are left out for a while,
+/// if loops are slower for it (Efficiency, Bench).
 class ThreadTeam
 {
 public:
-    /// Up to `threads` threads do the same work, and share what `indices` has; what one of them throws leaves
-    /// when all are through.
+    /// Up to `threads` threads run `work` and share `indices`. An exception in one of them is rethrown when
+    /// all have finished.
     static void run(int threads, ThreadWork const& work, SharedIndices& indices)
     {
         ThreadTeam* const team = of_this_thread(threads);
@@ -131,27 +131,27 @@ private:
     enum State : std::uint32_t
     {
         idle,
-        offered,  ///< by the leader, which may withdraw it
-        taken,    ///< by the thread, which is waited for
-        on_trial, ///< the thread is to find out whether it has a core
+        offered,  ///< by the leader, which may withdraw the offer
+        taken,    ///< by the worker, which is now waited for
+        on_trial, ///< the worker must find out whether it has a core
         dismissed
     };
     struct alignas(64) Worker
     {
         std::atomic<std::uint32_t> state{idle};
         std::atomic<bool> sleeps{false}, has_core{false};
-        // the leader's alone
+        // used by the leader alone
         Bench bench;
-        bool is_asked = false, has_stalled = false; ///< in the loop at hand
+        bool is_asked = false, has_stalled = false; ///< in the current loop
     };
 
     int size() const { return static_cast<int>(workers_.size()) + 1; }
 
-    /// The team that the calling thread leads, of at least so many threads; none where it has work to do for
-    /// a loop itself, or its OpenMP would give it no further threads.
+    /// The team that the calling thread leads, with at least so many threads. Null if the thread is itself
+    /// working for a loop, or if OpenMP would not give it further threads.
     static ThreadTeam* of_this_thread(int threads)
     {
-        /// A loop may still come when what belongs to a thread has been destroyed: it has one thread.
+        /// Loops may still come after a thread's own objects were destroyed; these run on one thread.
         struct Owner
         {
             std::unique_ptr<ThreadTeam> team;
@@ -161,7 +161,7 @@ private:
                 forget_after_fork();
                 is_over_ = true;
             }
-            /// The threads are those of another process: their team is left as it is.
+            /// After a fork the threads are those of the parent process: the team is leaked, not joined.
             void forget_after_fork()
             {
                 if (std::exchange(process, processes()) != processes()) static_cast<void>(team.release());
@@ -171,15 +171,16 @@ private:
         thread_local Owner owner;
         owner.forget_after_fork();
         if (owner.team == nullptr || owner.team->size() < threads) try {
-                owner.team.reset(); // before others take its place
+                owner.team.reset(); // frees the threads before new ones start
                 owner.team = std::make_unique<ThreadTeam>(threads);
             }
-            catch (std::exception const&) { // no memory or no thread to be had: this one does the work
+            catch (std::exception const&) { // no memory or no thread available: this thread does the work
             }
         return owner.team.get();
     }
 
-    /// Asks those threads that have cores, and others to see whether they have; returns how many work.
+    /// Offers work to threads that have cores, and has the others test whether they have; returns how many
+    /// may work.
     int ask(int threads, Clock::time_point now)
     {
         int active = 1;
@@ -193,7 +194,7 @@ private:
             else if (one.state.load(std::memory_order_relaxed) == idle && one.bench.is_to_try(now))
                 one.state.store(on_trial, std::memory_order_release);
         }
-        // either a thread that goes to sleep sees that it is asked, or this one sees that it sleeps
+        // either a thread that goes to sleep sees the offer, or the leader sees that it sleeps
         std::atomic_thread_fence(std::memory_order_seq_cst);
         for (int i = 0; i + 1 < threads; ++i) {
             Worker& one = workers_[static_cast<std::size_t>(i)];
@@ -223,8 +224,8 @@ private:
             if (!one.is_asked) continue;
             std::uint32_t seen = one.state.load(std::memory_order_acquire);
             if (seen == offered && one.state.compare_exchange_strong(seen, idle, std::memory_order_acq_rel))
-                continue;                // it comes too late
-            if (seen != taken) continue; // it is through
+                continue;                // the thread is late
+            if (seen != taken) continue; // the thread is through
             auto const since = now;
             if (most_awake() == 0 || !changes_soon(one.state, taken))
                 sleep_until_changed(one.state, taken, leader_sleeps_);
@@ -256,7 +257,7 @@ private:
                     InLoop const mark;
                     work_.run(work_.context, *indices_, thread, threads_);
                 });
-                // unless it was dismissed meanwhile: work of the leader's may have ended the program
+                // unless it was dismissed meanwhile: the leader's work may have ended the program
                 seen = taken;
                 own.state.compare_exchange_strong(seen, idle, std::memory_order_acq_rel);
                 std::atomic_thread_fence(std::memory_order_seq_cst);
@@ -272,7 +273,7 @@ private:
         awake_.fetch_sub(1, std::memory_order_relaxed);
     }
 
-    /// Changes where this process is a child of fork(), which has the thread that called it and no others.
+    /// Changes if this process is a child of fork(), which inherits only the thread that called it.
     static int processes()
     {
         static std::atomic<int> forks{0};
@@ -281,8 +282,8 @@ private:
         return forks.load(std::memory_order_relaxed);
     }
 
-    /// How many threads may be awake while they wait: one for each core, or none where the environment asks
-    /// OpenMP's to sleep meanwhile.
+    /// How many threads may wait awake: one per core, or none if the environment asks OpenMP's threads to
+    /// sleep.
     static int most_awake()
     {
         static int const most = [] {
@@ -293,7 +294,7 @@ private:
         return most;
     }
 
-    /// Whether a state becomes another one in about a tenth of a millisecond: waits awake.
+    /// Spins until a state changes, for about a tenth of a millisecond; true if it did.
     static bool changes_soon(std::atomic<std::uint32_t> const& state, std::uint32_t old)
     {
         for (int looks = 5000; looks > 0; --looks) {
@@ -306,7 +307,7 @@ private:
         }
         return false;
     }
-    /// Sleeps until it does; the thread that changes it wakes this one if `sleeps`.
+    /// Sleeps until it changes; the thread that changes it must wake this one if `sleeps` is set.
     static void sleep_until_changed(std::atomic<std::uint32_t> const& state, std::uint32_t old,
                                     std::atomic<bool>& sleeps)
     {
@@ -316,14 +317,14 @@ private:
         sleeps.store(false, std::memory_order_relaxed);
     }
 
-    static inline thread_local bool is_over_ = false; ///< the team of the calling thread is no more
-    static inline std::atomic<int> awake_{0};         ///< threads of all teams, but for leaders
+    static inline thread_local bool is_over_ = false; ///< the calling thread's team has been destroyed
+    static inline std::atomic<int> awake_{0};         ///< threads of all teams, without leaders
 
     std::vector<Worker> workers_;
     std::thread region_;
     Efficiency efficiency_;
     FirstFailure failure_;
-    // What threads read when they have taken an offer: written before it is made.
+    // Read by threads that have accepted an offer; written before it is made.
     alignas(64) ThreadWork work_{};
     SharedIndices* indices_ = nullptr;
     int threads_ = 1;

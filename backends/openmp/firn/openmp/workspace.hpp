@@ -9,9 +9,9 @@
 namespace firn::openmp
 {
 
-/// What the threads of a loop work with, kept for the next one: an allocator takes longer to give a dozen
-/// lists, and to take them back, than a thread to go through a small scene. Objects by their type, one for
-/// each thread; what they hold from before is to be overwritten.
+/// What the threads of a loop work with, reused by the next loop: allocating and freeing a dozen lists takes
+/// longer than a thread needs for a small scene. Objects are found by their type, one for each thread. They
+/// hold what the last loop left, which is to be overwritten.
 class Workspace
 {
 public:
@@ -23,7 +23,7 @@ public:
         return *this;
     }
 
-    /// The thread's own object, made when it is asked for first.
+    /// The thread's own object, created on first use.
     template <class T>
     T& of(int thread)
     {
@@ -35,7 +35,7 @@ public:
     }
 
 private:
-    /// Its address stands for the type.
+    /// The address of this variable identifies the type.
     template <class T>
     static inline char const name_of = 0;
 
