@@ -18,8 +18,8 @@ inline constexpr unsigned block_threads = 64; ///< one per cell, and one per nod
 /// precision need two each, and are faster with half as many threads.
 template <class Number>
 inline constexpr unsigned most_teams = sizeof(Number) > sizeof(float) ? 4 : 8;
-/// The same for the loop that moves items: a phase that holds many values across a call gets six teams, which
-/// leave 168 registers.
+/// The same for the loop that moves items. A phase that holds many values across a call is limited to six
+/// teams, in effect four, and 168 registers are left for each thread.
 template <class Phase>
 inline constexpr unsigned most_teams_that_move = Phase::calls_amid_much
                                                      ? std::min(most_teams<typename Phase::Number>, 6u)

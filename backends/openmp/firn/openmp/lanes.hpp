@@ -15,7 +15,7 @@
 #include <type_traits>
 #include <utility>
 
-// Packs are there where xsimd is, unless FIRN_NO_XSIMD is defined.
+// Packs exist where xsimd is installed, unless FIRN_NO_XSIMD is defined.
 #if !defined(FIRN_NO_XSIMD) && __has_include(<xsimd/xsimd.hpp>)
 #if defined(__NVCC__)
 #error "nvcc does not compile firn/openmp.hpp with xsimd: include it in a .cpp file."
@@ -24,9 +24,9 @@
 #include <xsimd/xsimd.hpp>
 #endif
 
-// Without SSE4.1 xsimd rounds by adding a large number and taking it away again, which -fassociative-math
-// (part of -ffast-math) simplifies to nothing: exp is off by a third then. clang does likewise to its
-// logarithm. These functions are the C library's there, one number at a time.
+// Without SSE4.1 xsimd rounds by adding a large number and subtracting it again, which -fassociative-math
+// (part of -ffast-math) simplifies to nothing: exp is then off by a third. clang does the same to xsimd's
+// logarithm. There these functions are computed by the C library, one number at a time.
 #if (defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__)) && (defined(__clang__) || !defined(__SSE4_1__))
 #define FIRN_FUNCTIONS_BY_NUMBER
 #endif
@@ -34,8 +34,8 @@
 namespace firn::openmp
 {
 
-// Everything that runs on lanes is a template over a type of this namespace, whose name is part of every
-// symbol: files of one program compiled for different processors never share a function by accident.
+// Everything that runs on lanes is a template over a type of this namespace, so that the namespace's name is
+// part of every symbol. Files of one program compiled for different processors then never share a function.
 #if defined(__AVX512VL__) && defined(__AVX512DQ__) && defined(__AVX512BW__)
 inline namespace avx512
 #elif defined(__AVX512F__)
@@ -59,7 +59,7 @@ inline namespace plain
 
 #if defined(FIRN_HAS_XSIMD)
 
-// g++ 12 takes the "undefined" registers inside its own AVX-512 intrinsics for mistakes (its bug 105593).
+// g++ 12 mistakes the "undefined" registers inside its own AVX-512 intrinsics for errors (its bug 105593).
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wuninitialized"
 #if !defined(__clang__)
@@ -67,8 +67,8 @@ inline namespace plain
 #endif
 
 #if defined(__AVX512F__)
-/// A mask register as a number. g++ 12 may spill the register's one or two bytes and read eight back: the
-/// empty assembly hides where the number comes from, and what is beyond the mask is cut off after that.
+/// A mask register as a number. g++ 12 may spill the register's one or two bytes and read eight back. The
+/// empty assembly hides where the number comes from, so that the bits beyond the mask are really cut off.
 template <class Register>
 std::uint64_t number_of(Register mask)
 {
@@ -79,16 +79,16 @@ std::uint64_t number_of(Register mask)
 #endif
 
 #if defined(__AVX2__) && !defined(__AVX512VL__)
-/// What AVX2 has instead of instructions that compress and expand: tables of where each word of 32 bits comes
-/// from, by the pattern of lanes; -1 for a zero. A lane is one word or two.
+/// AVX2 has no instructions that compress and expand. These tables replace them: for each pattern of lanes,
+/// the source of each word of 32 bits, or -1 for zero. A lane is one word or two.
 template <int words>
 struct WordsByPattern
 {
     static constexpr int lanes = 8 / words;
     using Words = std::array<signed char, 8>;
 
-    std::array<Words, 1 << lanes> together; ///< the lanes of the pattern side by side
-    std::array<Words, 1 << lanes> apart;    ///< lanes that lie side by side, in the lanes of the pattern
+    std::array<Words, 1 << lanes> together; ///< compress: the lanes of the pattern side by side
+    std::array<Words, 1 << lanes> apart;    ///< expand: consecutive lanes to the lanes of the pattern
 
     constexpr WordsByPattern() : together{}, apart{}
     {
@@ -112,7 +112,7 @@ struct WordsByPattern
 template <int words>
 inline constexpr WordsByPattern<words> words_by_pattern;
 
-/// The words of a register from where a table says.
+/// Permutes the words of a register by a table of sources.
 inline __m256 moved(__m256 words, std::array<signed char, 8> const& from)
 {
     __m256i const places =
@@ -121,7 +121,7 @@ inline __m256 moved(__m256 words, std::array<signed char, 8> const& from)
                             _mm256_castsi256_ps(places));
 }
 
-/// Eight words, whatever they are of.
+/// Eight words of any type.
 inline __m256 load_words(void const* from)
 {
     return _mm256_castsi256_ps(_mm256_loadu_si256(static_cast<__m256i const*>(from)));
@@ -131,8 +131,8 @@ inline void store_words(__m256 words, void* to)
     _mm256_storeu_si256(static_cast<__m256i*>(to), _mm256_castps_si256(words));
 }
 
-/// The first `count` words at `from`, and zeros. In the parts in which they are stored:
-/// what was stored a moment ago in other ones would have to reach the cache before it is loaded.
+/// The first `count` words at `from`, then zeros. They are loaded in the parts in which store_first_words()
+/// stores them: other parts would have to reach the cache before they could be loaded.
 inline __m256 load_first_words(int count, void const* from)
 {
     if (count == 8) return load_words(from);
@@ -156,7 +156,7 @@ inline __m256 load_first_words(int count, void const* from)
     return _mm256_castsi256_ps(_mm256_set_m128i(is_long ? rest : first, is_long ? first : rest));
 }
 
-/// Writes the first `count` words and nothing behind.
+/// Writes the first `count` words and nothing beyond.
 inline void store_first_words(__m256 words, int count, void* to)
 {
     if (count == 8) return store_words(words, to);
@@ -179,8 +179,8 @@ inline void store_first_words(__m256 words, int count, void* to)
 }
 #endif
 
-/// One truth value per number of a pack. It does not convert to bool, so that `if (mask)` does not compile:
-/// use select(), any(), all() or bits().
+/// One truth value per number of a pack. There is no conversion to bool, so `if (mask)` does not compile: use
+/// select(), any(), all() or bits().
 template <class Number, class Arch>
 struct PackMask
 {
@@ -263,13 +263,13 @@ struct Pack
     Pack(Number number) : value(number) {} // implicit: formulas mix lanes and plain numbers
     explicit Pack(Batch batch) : value(batch) {}
 
-    /// The numbers at `from`, `from + 1`, …; no alignment is asked for.
+    /// The numbers at `from`, `from + 1`, …; need not be aligned.
     static Pack load(Number const* from) { return Pack(Batch::load_unaligned(from)); }
 
-    /// Writes the numbers to `to`, `to + 1`, …; no alignment is asked for.
+    /// Writes the numbers to `to`, `to + 1`, …; need not be aligned.
     void store(Number* to) const { value.store_unaligned(to); }
 
-    /// The first `count` numbers at `from`, and zeros: nothing behind them is read.
+    /// The first `count` numbers at `from`, then zeros; reads nothing beyond.
     static Pack load_first(int count, Number const* from)
     {
 #if defined(__AVX512VL__)
@@ -290,7 +290,7 @@ struct Pack
         return Pack(Batch::load_aligned(lanes));
     }
 
-    /// Writes the first `count` of them and nothing behind.
+    /// Writes the first `count` numbers and nothing beyond.
     void store_first(int count, Number* to) const
     {
 #if defined(__AVX512VL__)
@@ -308,7 +308,8 @@ struct Pack
 #endif
         alignas(64) Number lanes[std::size_t(width)];
         value.store_aligned(lanes);
-        for (int i = 0; i < count; ++i) std::memcpy(to + i, lanes + i, sizeof(Number)); // or integers' bits
+        for (int i = 0; i < count; ++i)
+            std::memcpy(to + i, lanes + i, sizeof(Number)); // memcpy: they may be bits of integers
     }
 
     /// The numbers at `base[index[0]]`, `base[index[1]]`, …
@@ -349,7 +350,7 @@ struct Pack
         return Pack(Batch::load_aligned(to));
     }
 
-    /// The reverse: lanes 0, 1, … go to the lanes of the pattern; zeros elsewhere.
+    /// The reverse: lanes 0, 1, … go to the lanes of the pattern; the others are zero.
     Pack expanded(std::uint64_t pattern) const
     {
 #if defined(__AVX512VL__)
@@ -375,7 +376,8 @@ struct Pack
         return Pack(Batch::load_aligned(to));
     }
 
-    /// Of the numbers of `low` followed by those of `high`, as many as fit in a pack from place `first` on.
+    /// A pack of consecutive numbers, from place `first` on, out of those of `low` followed by those of
+    /// `high`.
     template <int first>
     static Pack window(Pack low, Pack high)
     {
@@ -410,7 +412,8 @@ struct Pack
     friend Mask operator==(Pack a, Pack b) { return {a.value == b.value}; }
     friend Mask operator!=(Pack a, Pack b) { return !(a == b); }
 
-    /// Where a magnitude, 0 or above, lies below a bound, which NaN does not: by bits, as in the scalar lane.
+    /// Where a magnitude, 0 or above, is below a bound, which NaN is not: compares bits, as the scalar lane
+    /// does.
     friend Mask is_below(Pack magnitude, Pack bound)
     {
         if constexpr (finite_math_only) {
@@ -433,8 +436,8 @@ struct Pack
         return Pack(xsimd::select(condition.value, if_true.value, if_false.value));
     }
 
-    // NaN and signed zeros come out as in the scalar lane: with x86 by the order of the arguments, while NEON
-    // has a rule of its own.
+    // NaN and signed zeros come out as in the scalar lane. On x86 the order of the arguments ensures that;
+    // NEON has a rule of its own.
 #if defined(__ARM_NEON)
     friend Pack min(Pack a, Pack b) { return select(b < a, b, a); }
     friend Pack max(Pack a, Pack b) { return select(a < b, b, a); }
@@ -446,7 +449,7 @@ struct Pack
     friend Pack abs(Pack a) { return Pack(xsimd::abs(a.value)); }
     friend Pack sqrt(Pack a)
     {
-#if defined(__aarch64__) // nor is its root more than an estimate, refined
+#if defined(__aarch64__) // its root, too, is a refined estimate
         if constexpr (sizeof(Number) == 4) return Pack(Batch(vsqrtq_f32(a.value.data)));
 #endif
         return Pack(xsimd::sqrt(a.value));
@@ -478,7 +481,7 @@ struct Pack
         else if constexpr (sizeof(Number) == 4)
             return Pack(xsimd::log(a.value));
         else {
-            // xsimd 8.1 scales denormal doubles, but takes the exponent from before.
+            // xsimd 8.1 scales denormal doubles, but takes the exponent of the unscaled number.
             Mask const small = a < Pack(std::numeric_limits<Number>::min());
             Pack const of_scaled(xsimd::log(select(small, a * Number(0x1p54), a).value));
             return of_scaled - select(small, Pack(Number(54 * 0.693147180559945309417)), Pack(0));
@@ -539,9 +542,9 @@ private:
         return Pack(Batch(__builtin_shufflevector(low.value.data, high.value.data, (first + place)...)));
     }
 
-    /// The logarithm where the processor takes numbers apart, denormal ones too: with x = 2ⁿ (1 + r), r from
-    /// -1/4 to 1/2, n ln 2 + r − r²/2 + r³ p(r) where p has the least largest error of its degree, 5e-9 of
-    /// the whole. It needs no branch and no quotient, of which xsimd's has one each.
+    /// The logarithm by an instruction that splits numbers, denormal ones included. With x = 2ⁿ (1 + r), r
+    /// from -1/4 to 1/2, it is n ln 2 + r − r²/2 + r³ p(r), where p has the least largest error of its
+    /// degree, 5e-9 of the whole. It needs no branch and no quotient; xsimd's has one of each.
     static Pack log_by_mantissa([[maybe_unused]] Pack x)
     {
 #if defined(__AVX512F__)
@@ -564,7 +567,7 @@ private:
 #endif
     }
 
-    /// Bits of the processor's estimate of 1/√x, 0 where it has none (or only one of 8 bits).
+    /// The precision in bits of the processor's estimate of 1/√x; 0 if it has none, or only one of 8 bits.
     static constexpr int estimate_bits()
     {
         if (sizeof(Number) != 4) return 0;
@@ -592,7 +595,7 @@ private:
 #endif
     }
 
-    /// 1 − a b, rounded once where the processor can; xsimd 8.1 does not know how for AVX-512.
+    /// 1 − a b, rounded once where the processor can; xsimd 8.1 cannot for AVX-512.
     static Batch one_minus(Batch a, Batch b)
     {
         Batch const one(Number(1));
@@ -602,7 +605,7 @@ private:
             return xsimd::fnma(a, b, one);
     }
 
-    /// a b − what it was rounded to, where the processor can tell.
+    /// The rounding error of `product` = a b, where the processor can compute it.
     static Batch lost_by_rounding([[maybe_unused]] Batch a, [[maybe_unused]] Batch b,
                                   [[maybe_unused]] Batch product)
     {
@@ -628,7 +631,7 @@ private:
             return select(error == error, y + y * (error * Number(0.5)), y);
         }
         else {
-            // The short estimate takes denormal numbers for zero.
+            // The 12-bit estimate treats denormal numbers as zero.
             Mask const small = x < Pack(std::numeric_limits<Number>::min());
             Pack const scaled = select(small, x * Number(0x1p24), x);
             Pack const y(estimate(scaled.value));
@@ -642,7 +645,7 @@ private:
     }
 };
 
-/// Whether the processor moves the numbers of a pack to other lanes by one instruction.
+/// Whether one instruction can permute the numbers of a pack.
 template <class Pack>
 inline constexpr bool has_permutation = [] {
     [[maybe_unused]] constexpr std::size_t bytes = Pack::width * sizeof(typename Pack::Number);
@@ -656,7 +659,7 @@ inline constexpr bool has_permutation = [] {
 }();
 
 #if defined(__AVX2__) && !defined(__AVX512VL__)
-/// Which words of 32 bits are lanes of 64.
+/// The words of 32 bits that make up lanes of 64.
 inline __m256i words_of_lanes(__m128i lanes)
 {
     __m256i const first = _mm256_slli_epi64(_mm256_cvtepu32_epi64(lanes), 1);
@@ -664,9 +667,8 @@ inline __m256i words_of_lanes(__m128i lanes)
 }
 #endif
 
-/// Reads one number for each lane from places of an array that mostly lie in runs, if with gaps: a few
-/// windows of two packs, each permuted. Up to two packs beyond the places are read as well (see
-/// Array::padding).
+/// Loads one number per lane from places of an array that mostly lie in runs, possibly with gaps: a few
+/// windows of two packs each, permuted. Reads up to two packs beyond the places (see Array::padding).
 template <class Pack>
 class RunsOfPlaces
 {
@@ -675,7 +677,7 @@ class RunsOfPlaces
     static constexpr int width = Pack::width;
 
 public:
-    /// The places are to stay where they are.
+    /// `places` must outlive this object's loads.
     void follow(std::uint32_t const (&places)[std::size_t(width)])
     {
         places_ = places;
@@ -721,7 +723,8 @@ private:
     std::uint32_t window_[std::size_t(width)];
     Mask mask_[std::size_t(width)];
 
-    /// Lays windows until they cover all lanes; `lay(where, which lanes are left)` says which one covers.
+    /// Adds windows until they cover all lanes; `lay(window, remaining lanes)` returns the lanes that a
+    /// window covers.
     template <class Lay>
     void cover(Lay const& lay)
     {
@@ -838,7 +841,7 @@ private:
     {
         __m256 const low = _mm256_permutevar8x32_ps(load_words(from), steps_);
         __m256 const high = _mm256_permutevar8x32_ps(load_words(from + width), steps_);
-        // a step from 8 on is one into the second register: its bit 3 becomes the sign
+        // a step of 8 or more leads into the second register: shifted, its bit 3 becomes the sign
         __m256 const found = _mm256_blendv_ps(low, high, _mm256_castsi256_ps(_mm256_slli_epi32(steps_, 28)));
         using Batch = typename Pack::Batch;
         if constexpr (sizeof(Number) == 4)
@@ -859,7 +862,7 @@ private:
 #endif
 };
 
-/// Puts the lanes of packs where they are wanted, the same lane in several places too.
+/// Permutes the lanes of packs; a lane may go to several places.
 template <class Pack>
 class LanesInOrder
 {
@@ -868,10 +871,10 @@ class LanesInOrder
     static constexpr int width = Pack::width;
 
 public:
-    /// Whether the processor can do it in one instruction.
+    /// Whether one instruction can do it.
     static constexpr bool is_fast = has_permutation<Pack>;
 
-    /// Lane l will be that of number from[l].
+    /// Lane l of the result will be lane from[l].
     void follow(std::uint32_t const* from)
     {
 #if defined(__AVX512VL__)
@@ -948,7 +951,7 @@ private:
 namespace chosen
 {
 
-// What xsimd adds for AVX-512 BW is integers of 8 and 16 bits, and in 8.1 an error without optimisation.
+// For AVX-512 BW xsimd adds only integers of 8 and 16 bits, and 8.1 has an error there without optimisation.
 template <class Arch>
 using WithoutShortIntegers =
     std::conditional_t<std::derived_from<Arch, xsimd::avx512dq>, xsimd::avx512dq, Arch>;
@@ -984,17 +987,17 @@ template <class Number, int width>
 using PackOf =
     Pack<Number, decltype(chosen::ArchOfWidth<Number, width, xsimd::supported_architectures>::find())>;
 
-/// The lane type to use unless told otherwise.
+/// The default lane type.
 template <class Number>
 using NativeLane = NativePack<Number>;
 
 #else
 
-/// The lane type to use unless told otherwise: without xsimd, one number at a time.
+/// The default lane type without xsimd: one number at a time.
 template <class Number>
 using NativeLane = Number;
 
-// Packs need them.
+// Defined for packs only.
 template <class Pack>
 class RunsOfPlaces;
 template <class Pack>
@@ -1002,9 +1005,9 @@ class LanesInOrder;
 
 #endif
 
-/// The first `count` of some integers, of which nothing behind is read, and the last once more for each lane
-/// beyond. Written whole, as it is read next: what is in two stores must reach the cache before it is in one
-/// register.
+/// The first `count` integers, and the last of them again in each lane beyond; reads nothing behind them.
+/// Stored whole where possible, as it is loaded next: two stores would have to reach the cache before they
+/// could be loaded into one register.
 template <int lanes>
 void copy_first(std::uint32_t const* from, int count, std::uint32_t (&to)[std::size_t(lanes)])
 {
@@ -1022,7 +1025,7 @@ void copy_first(std::uint32_t const* from, int count, std::uint32_t (&to)[std::s
     for (int l = 0; l < lanes; ++l) to[l] = l < count ? from[l] : last;
 }
 
-/// The integers from `first` on, written whole, too.
+/// The integers from `first` on, also stored whole.
 template <int lanes>
 void count_up(std::uint32_t first, std::uint32_t (&to)[std::size_t(lanes)])
 {
@@ -1047,7 +1050,7 @@ std::uint64_t lanes_above(std::uint32_t const* counts, std::uint32_t rank)
         return number_of(_mm256_cmpgt_epu32_mask(_mm256_loadu_si256(reinterpret_cast<__m256i const*>(counts)),
                                                  _mm256_set1_epi32(static_cast<int>(rank))));
 #elif defined(__AVX2__) && defined(FIRN_HAS_XSIMD)
-    // above as a number without a sign: at least one more
+    // `counts` > `rank` as unsigned numbers: at least rank + 1
     if constexpr (lanes == 8) {
         __m256i const all = _mm256_loadu_si256(reinterpret_cast<__m256i const*>(counts));
         __m256i const more = _mm256_max_epu32(all, _mm256_set1_epi32(static_cast<int>(rank + 1)));
@@ -1064,7 +1067,7 @@ std::uint64_t lanes_above(std::uint32_t const* counts, std::uint32_t rank)
     return pattern;
 }
 
-/// The same for each of `lanes` counts that is above its `other`.
+/// One bit for each of `lanes` counts that is above its `other`.
 template <int lanes>
 std::uint64_t lanes_above(std::uint32_t const* counts, std::uint32_t const* other)
 {
@@ -1081,7 +1084,7 @@ std::uint64_t lanes_above(std::uint32_t const* counts, std::uint32_t const* othe
     return pattern;
 }
 
-/// The largest of `lanes` counts. (A loop that compilers turn into packs, which std::max_element is not.)
+/// The largest of `lanes` counts. A plain loop, because compilers do not vectorise std::max_element.
 template <int lanes>
 std::uint32_t most_of(std::uint32_t const* counts)
 {
@@ -1090,8 +1093,8 @@ std::uint32_t most_of(std::uint32_t const* counts)
     return most;
 }
 
-/// Integers that lie side by side go to the lanes of the pattern; the other places may hold anything
-/// afterwards. Up to `lanes` integers are read.
+/// Expands consecutive integers to the lanes of the pattern; the other places are undefined afterwards. Reads
+/// up to `lanes` integers.
 template <int lanes>
 void expand(std::uint32_t const* from, std::uint64_t pattern, std::uint32_t* to)
 {
@@ -1111,12 +1114,12 @@ void expand(std::uint32_t const* from, std::uint64_t pattern, std::uint32_t* to)
     for (; pattern != 0; pattern &= pattern - 1) to[std::countr_zero(pattern)] = *from++;
 }
 
-/// The reverse: the integers in the lanes of the pattern are written side by side, and nothing behind them.
+/// The reverse: writes the integers in the lanes of the pattern side by side, and nothing beyond.
 template <int lanes>
 void compress(std::uint32_t const* from, std::uint64_t pattern, std::uint32_t* to)
 {
 #if defined(__AVX512VL__) && defined(FIRN_HAS_XSIMD)
-    // Stores under a mask: the instruction that compresses into memory is a slow one on some processors.
+    // Masked stores: compressing directly into memory is slow on some processors.
     auto const together = (std::uint64_t{1} << std::popcount(pattern)) - 1;
     if constexpr (lanes == 16)
         return _mm512_mask_storeu_epi32(
