@@ -59,7 +59,7 @@ private:
     std::vector<pid_t> children_;
 };
 
-/// Particle-steps per second, and the processors that it took.
+/// Particle-steps per second, and the number of processors used.
 struct Speed
 {
     double steps, processors;

@@ -13,7 +13,8 @@
 namespace firn::bench
 {
 
-/// A number that counts the sums, products, quotients and roots it takes part in (exp and log as one each).
+/// A number that counts the sums, products, quotients and roots that it is part of (exp and log count as
+/// one).
 template <class Number>
 struct Counted
 {
@@ -162,8 +163,8 @@ using MoveOf = G2p2g<typename Solver::Space, typename Solver::Model, typename So
                      typename Solver::Transfer, Chain<>, typename Solver::template MaterialTraits<>::Stored,
                      typename Solver::template MaterialTraits<>::Derived>;
 
-/// The operations of one particle in one step that takes, answers and gives, with its share of what is done
-/// once per cell; the grid is left out.
+/// The operations of one particle in one step of gather, update and scatter, with its share of what is done
+/// once per cell; the grid's own are left out.
 template <class Model, class Kernel, class Transfer>
 double flops_per_particle_step()
 {

@@ -48,7 +48,7 @@ cmake --preset cuda -DFIRN_TESTS_IN_TURN=ON ${prefix:+-DCMAKE_PREFIX_PATH="$pref
 tests=$root/build/cuda/tests
 rm -f "$tests/cuda_every_loop" "$tests/hard_cases.csv"
 failed="" build=""
-leave() { # nothing goes on behind who has called this
+leave() { # no background job outlives the script
     local status=$?
     [ -z "$build" ] || kill "$build" 2>/dev/null || true
     wait
@@ -91,7 +91,7 @@ done
 part cuda_every_loop ./cuda_every_loop & beside+=($!)
 for program in $programs; do
     built $program
-    if [ $program = cuda_fault ]; then # nobody beside it
+    if [ $program = cuda_fault ]; then # it runs alone
         for sanitizer in "${beside[@]}"; do wait "$sanitizer" || failed=yes; done
     fi
     part $program ./$program '~[memory]' || failed=yes

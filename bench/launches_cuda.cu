@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// What it takes to start loops one behind another on a device, without work in them: as the backend does, and
+// The cost of launching loops one behind another on a device, without work in them: as the backend does, and
 // in a CUDA graph.
 #include "step_cuda.hpp"
 

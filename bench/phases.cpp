@@ -41,7 +41,7 @@ struct TimedOpenMP : OpenMP
         using Base = OpenMP::CellOrder<Number, d>;
         explicit CellOrder(TimedOpenMP const& backend) : Base(backend), times(backend.times) {}
 
-        /// All of it, so that it is told apart from what those who moved give next.
+        /// Times all of the rebinning here, so that it is separate from the scatter of the leavers.
         template <class Offsets>
         void begin_rebin(Offsets const& offsets)
         {
@@ -85,7 +85,7 @@ struct TimedOpenMP : OpenMP
 };
 
 /// Times one phase of a step. `scatter` is what remains to be done where each step has another length than
-/// the one before: particles have given for a wrong length and correct that.
+/// the one before: particles have scattered for a wrong length and correct that.
 template <class Model, class Kernel, class Transfer>
 void phase(benchmark::State& run, std::string const& name, bool equal_steps, Layout layout, int count,
            int threads)

@@ -109,7 +109,7 @@ def save(figure, path):
     drawn = io.StringIO()
     figure.savefig(drawn, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     plt.close(figure)
-    # a third of the size: a hundredth of a point is seen by nobody
+    # a third of the size: a hundredth of a point is invisible
     text = re.sub(r"-?\d+\.\d{3,}", lambda number: f"{float(number[0]):.2f}".rstrip("0").rstrip("."), drawn.getvalue())
     text = re.sub(r"<!--.*?-->|; stroke-linejoin: miter|; stroke-linecap: square", "", text)
     path.write_text("\n".join(line.strip() for line in text.splitlines() if line.strip()) + "\n")

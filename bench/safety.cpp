@@ -6,8 +6,8 @@ namespace firn::bench
 namespace
 {
 
-/// What is done so that nothing goes wrong in silence: steps of a given length, whose outcome is looked at;
-/// steps whose length is chosen; particles that may be taken out; and a question about the whole scene.
+/// The ways to guard against failures: steps of given length with a check of the outcome; steps whose length
+/// the solver chooses; a quarantine for failing particles; and an occupancy query over the whole scene.
 enum class Care
 {
     steps,

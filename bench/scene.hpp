@@ -105,8 +105,8 @@ struct Scene
         return found;
     }
 
-    /// The share of the particles that a step takes to another cell, on average; it takes ten steps. (Layers
-    /// of a lattice change together, every few steps.)
+    /// The share of the particles that leave their cells in a step, averaged over ten steps. Layers of a
+    /// lattice change cells together, every few steps.
     double leaver_share()
     {
         double left = 0;

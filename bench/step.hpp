@@ -19,9 +19,9 @@ namespace firn::bench
 
 inline std::pair<std::string, std::shared_ptr<void>> scene_under_way; ///< of which entry, see scene_of()
 
-/// The scene of the entry that is under way, and the share of its particles that leave their cells: Google
-/// Benchmark comes back for it until it has run for long enough, and a splash takes longer to make than to
-/// time.
+/// The scene of the current benchmark, and the share of its particles that leave their cells. Google
+/// Benchmark calls the function again until it has run for long enough, and a splash takes longer to set up
+/// than to time.
 template <class Solver>
 std::pair<Scene<Solver>, double>& scene_of(std::string const& entry, Layout layout, int count, int threads)
 {
@@ -67,7 +67,9 @@ void step(benchmark::State& run, std::string const& entry, Layout layout, int co
     run.counters["per_second_of_user_time"] = particle_steps / cpu;
     run.counters["bytes_per_particle"] = double(Solver::bytes_per_particle);
     run.counters["memory_per_particle"] = double(solver.memory()) / double(solver.size());
-    if constexpr (!requires(Transfer transfer) { transfer.passes(); }) { // who takes and gives once
+    if constexpr (!requires(Transfer transfer) {
+                      transfer.passes();
+                  }) { // transfers that gather and scatter once
         run.counters["bytes_per_particle_step"] = traffic;
         run.counters["percent_of_copy_bandwidth"] = 100 * traffic * particle_steps / cpu / copy_bandwidth();
         run.counters["flops_per_particle_step"] = flops;

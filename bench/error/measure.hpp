@@ -29,10 +29,10 @@ Backend backend_of(Patience const& patience)
 }
 } // namespace detail
 
-/// Solves a problem with a setting until it has been seen often enough. The clock is on while time advances:
-/// neither for the set-up nor while the state is compared.
+/// Solves a problem with a setting until enough runs have been timed. The clock runs while time advances, but
+/// not during the set-up or the comparison of states.
 ///
-/// What goes wrong is a row like others, with its status.
+/// A run that fails is a row like others, with its status.
 template <template <class> class Problem, class Scene>
 Row measure(Setting const& setting, Patience const& patience, typename Scene::Transfer const& transfer)
 {
@@ -44,7 +44,7 @@ Row measure(Setting const& setting, Patience const& patience, typename Scene::Tr
     try {
         StepControl control;
         control.wave = setting.cfl_fraction;
-        control.smallest = 1e-5; // of a piece: with the tent some come to steps that would take for ever
+        control.smallest = 1e-5; // with the tent some runs reach steps so short that they would never end
         Problem<Scene> problem(setting.cells, setting.per_cell, transfer, control,
                                detail::backend_of<typename Scene::Backend>(patience));
         auto const start = problem.solver.snapshot();

@@ -9,7 +9,7 @@
 #include <string>
 #include <vector>
 
-// What speed_against_error measures: a problem solved with a setting gives a row.
+// What speed_against_error measures: each problem, solved with a setting, is a row.
 namespace firn::bench
 {
 
@@ -35,8 +35,8 @@ struct Row
     std::uint64_t steps = 0, rejected = 0;
     double particle_steps = 0; ///< rejected ones included
     std::size_t bytes_per_particle = 0;
-    std::string status; ///< ok, or what went wrong
-    /// Of the energy at the start, at the end, where a problem tells.
+    std::string status; ///< ok, or the failure
+    /// The energy lost, relative to the energy at the start, where a problem measures it.
     double energy_lost = std::numeric_limits<double>::quiet_NaN();
 };
 

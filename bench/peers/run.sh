@@ -10,7 +10,7 @@
 #   --only CASE     neo_hookean_early, neo_hookean, fixed_corotated, snow_early, snow_packed or snow_cubic, instead of all
 #   --particles N   about so many (125000)
 #   --steps K       timed steps (50), after those that bring the body into its state
-#   --rounds R      turns that every program takes (3); medians are printed
+#   --rounds R      turns of every program (3); medians are printed
 #   --threads T     of the runs with several threads (2)
 #   --double        compares the peers in double precision, too
 #   --patience S    waits up to S seconds before a run for other programs to leave the machine alone (0)

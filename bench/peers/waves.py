@@ -75,7 +75,7 @@ class WithTaichi:
         self.x, self.v, self.C, self.F, self.strain, self.n = x, v, C, F, strain, n
 
         @ti.func
-        def give(p, s):  # what a particle gives beside m v: (m C - dt V0 D^-1 tau) h
+        def give(p, s):  # what a particle scatters beside m v: (m C - dt V0 D^-1 tau) h
             G = F[p]
             J = G.determinant()
             tau = MU * (G @ G.transpose())

@@ -9,7 +9,7 @@
 namespace firn::test
 {
 
-/// A scene by its name whose first half is run by one backend, and the second by another.
+/// A named scene: one backend runs the first half, another the second.
 struct RestartCase
 {
     std::string name;
@@ -91,8 +91,8 @@ Outcome go_on(std::string const& path)
 } // namespace detail
 
 // The two lists: every model, every kernel and every transfer at least once in space in float, and in double
-// in the plane or in space; not in all pairs. (In space in float snow is in splash(), and the tent, which
-// goes wrong at free surfaces, in standing_waves().)
+// in the plane or in space, but not all pairs. In space in float, snow is in splash(), and the tent, which
+// fails at free surfaces, in standing_waves().
 
 /// The scenes in space, on one backend.
 template <class Backend>

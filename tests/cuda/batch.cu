@@ -148,8 +148,8 @@ TEST_CASE("so are equal steps, of which half of the particles leave their cells 
 namespace
 {
 
-/// What 25 steps of crumbs come to, taken that many at a time. Each lies in a cell and a block of its own;
-/// every second one flies, and every seven steps a fourth of those comes to a new block.
+/// The result of 25 steps of crumbs, in batches of that size. Each crumb lies in a cell and a block of its
+/// own; every second one flies, and every seven steps a fourth of those comes to a new block.
 auto crumbs(int count, std::size_t batch)
 {
     Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver solver(lattice(0.05), {}, {}, {},
@@ -175,7 +175,7 @@ auto crumbs(int count, std::size_t batch)
 
 TEST_CASE("so are those on whose way more blocks than eight teams take are born and forgotten")
 {
-    int const count = 120; // eight teams take 128 blocks or less, four take more
+    int const count = 120; // up to 128 blocks have eight teams each, more have four
     auto const one_by_one = crumbs(count, 1);
     for (std::size_t batch : {5, 64}) CHECK((crumbs(count, batch) == one_by_one));
 }
@@ -272,7 +272,7 @@ TEST_CASE("who wanted new blocks in a step that went wrong is forgotten when the
         for (auto* const scene : {&solver, &untroubled}) scene->steps(20, dt);
         auto const a = solver.positions(), b = untroubled.positions();
         REQUIRE(a.size() == b.size());
-        double worst = 0; // velocities were looked at on the way, and given afresh
+        double worst = 0; // velocities were read on the way, and particles scattered afresh
         for (std::size_t i = 0; i < a.size(); ++i) worst = std::max(worst, (a[i] - b[i]).norm());
         CHECK(worst <= 1e-7);
     }

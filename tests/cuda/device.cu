@@ -66,7 +66,7 @@ struct Nowhere
 } // namespace
 
 TEST_CASE("where memory is short an error says how much was needed and had, and the scene goes on as it was",
-          "[memory]") // of the whole device: nobody else has any
+          "[memory]") // needs the whole device for itself
 {
     Jelly solver(lattice(0.05)), untouched(lattice(0.05));
     for (auto* const scene : {&solver, &untouched}) {
@@ -93,7 +93,7 @@ TEST_CASE("where memory is short an error says how much was needed and had, and 
         solver.step(1e-4, Gravity{});
         untouched.step(1e-4, Gravity{});
     }
-    double worst = 0; // velocities were looked at on the way, and given afresh
+    double worst = 0; // velocities were read on the way, and particles scattered afresh
     auto const a = solver.positions(), b = untouched.positions();
     for (std::size_t i = 0; i < a.size(); ++i) worst = std::max(worst, (a[i] - b[i]).norm());
     CHECK(worst <= 1e-7);

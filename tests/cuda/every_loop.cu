@@ -28,7 +28,7 @@ TEMPLATE_LIST_TEST_CASE("a few steps through every loop", "", Short)
     solver.step(1e-5);
     CHECK(solver.positions().size() == 2 * points.size());
 
-    // queued steps: blocks are born and forgotten; a crowd in one cell, somebody far away, some who go
+    // queued steps: blocks appear and are removed; a crowd in one cell, one particle far away, some removed
     typename TestType::Solver flying(lattice(0.1));
     flying.add(points, std::pow(0.05, d));
     flying.add(std::vector(40, Vector<double, d>(Vector<double, d>::Constant(0.51))), 1e-6);

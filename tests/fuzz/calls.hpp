@@ -8,8 +8,8 @@
 #include <algorithm>
 #include <optional>
 
-// Calls in any order: particles come and go, effects move, states are saved, uploaded and taken back, and who
-// goes wrong may be taken out.
+// Calls in any order: particles come and go, effects move, states are saved, uploaded and restored, and
+// failing particles may go to the quarantine.
 namespace firn::fuzz
 {
 
@@ -108,8 +108,8 @@ private:
             expect(std::abs(told.masses[i] - masses_[i]) <= 1e-6 * masses_[i], "a mass has changed");
     }
 
-    /// Those who were taken out since the last call are gone from the books, too: each was there, and they
-    /// are no more than may be.
+    /// Removes the particles isolated since the last call from the books, too: each must have existed, and
+    /// they must be no more than the quarantine allows.
     void let_go()
     {
         auto const& gone = solver_.isolated();
@@ -244,8 +244,8 @@ private:
                    ReflectingWall{.axis = 0, .node = wall_node, .side = -1});
     }
 
-    /// Momentum has changed by what gravity, for so long, and the obstacles gave, and nobody is behind a
-    /// wall.
+    /// The change of momentum equals the impulses of gravity and of the obstacles over that time, and no
+    /// particle is behind a wall.
     template <class Reactions>
     void expect_balance(Told<Solver> const& before, StepBounds const& bounds, double steps, double elapsed,
                         double beyond, Reactions const& reactions)
@@ -253,7 +253,8 @@ private:
         Told<Solver> const after(solver_);
         Vector<double, d> expected =
             before.momentum() + before.mass() * elapsed * gravity_.acceleration.template head<d>();
-        // what rounding is measured by: momenta, impulses, and what stresses gave and took within the body
+        // the scale of rounding errors: momenta, impulses, and the stresses' exchange of momentum within the
+        // body
         double scale =
             before.momenta() + after.momenta() + before.mass() * elapsed * gravity_.acceleration.norm() +
             before.mass() * std::max(bounds.wave_speed, solver_.bounds().wave_speed) * steps * beyond;
@@ -438,11 +439,11 @@ private:
     Input& input_;
     Model model_;
     Solver solver_;
-    std::vector<std::uint32_t> ids_; ///< of who is there, in rising order
+    std::vector<std::uint32_t> ids_; ///< of the particles that exist, in rising order
     std::vector<double> masses_;     ///< [kg]
     std::uint32_t next_ = 0;
     std::size_t in_quarantine_ = 0; ///< as many may be
-    std::size_t isolated_ = 0;      ///< of those who were taken out, as many are gone from the books
+    std::size_t isolated_ = 0;      ///< how many of the isolated particles are gone from the books
     std::optional<Saved> saved_;
     Gravity gravity_;
     Contact contact_ = Contact::coulomb(0.3);

@@ -23,7 +23,7 @@ Solver reader_of_checkpoints()
     return solver;
 }
 
-/// The bytes with a preamble that is right for what follows it, so that it is looked at.
+/// The bytes with a preamble that fits what follows it, so that the rest is examined.
 inline std::vector<std::uint8_t> signed_anew(Bytes bytes)
 {
     detail::CheckpointPreamble preamble;

@@ -7,8 +7,8 @@
 #include <array>
 #include <map>
 
-// Scenes of which any parameter is any number, finite or not: refused, or run with all invariants kept until
-// an Error.
+// Scenes in which any parameter is any number, finite or not: they are refused, or run with all invariants
+// intact until an Error.
 namespace firn::fuzz
 {
 
@@ -103,7 +103,7 @@ void run_with(Input& input)
     parameters.next_of_transfer(transfer);
     StepControl control;
     parameters.next(control);
-    // a share that is positive and less is good, and who asks for it may wait for ever
+    // any smaller positive share is valid too, but the run might then never end
     if (control.smallest > 0 && control.smallest < 1e-2) control.smallest = 1e-2;
     double h = 0.05, volume = 6e-4, dt = 1e-4, duration = 1e-3;
     Eigen::Vector3d origin = Eigen::Vector3d::Zero();

@@ -33,7 +33,7 @@ std::string content(fs::path const& path)
     return {std::istreambuf_iterator<char>(file), {}};
 }
 
-/// A few particles of snow that have taken a step, of whom somebody was taken out.
+/// A few particles of snow after a step in which one of them was isolated.
 template <class Solver>
 Solver some_snow()
 {

@@ -97,7 +97,7 @@ case $case in
         quietly host installed "-DHOST_COMPONENTS=${components^^}" "${prefix[@]}" "$@"
         rm -rf "$work/host"
         quietly host installed "-DHOST_EXPECTS=$components" "${prefix[@]}" "$@"
-        if [[ ";$components;" == *";io;"* ]]; then # whose package is gone: left out, and said unless QUIET
+        if [[ ";$components;" == *";io;"* ]]; then # its package is missing: left out, with a message unless QUIET
             rm -rf "$work/host"
             gone=(-DCMAKE_DISABLE_FIND_PACKAGE_assimp=ON "${prefix[@]}")
             quietly host installed "-DHOST_EXPECTS=$(sed 's/;\?\<io\>//' <<<"$components")" "${gone[@]}" "$@"

@@ -59,9 +59,8 @@ void lie_still(std::string const& name, double h, double duration)
     H10.at_most(name + ": way of the foot [cells]", std::abs(front(solver.positions()) - before) / h, 0.1);
 }
 
-/// The room that sand takes in a box 0.4 m wide [m^2 per metre of depth] after it has come to rest: the sum
-/// over columns of two cells of what is below the highest particle. It may be thrown up first, and apart
-/// [1/s].
+/// The room of sand at rest in a box 0.4 m wide [m^2 per metre of depth]: the sum over columns of two cells
+/// of what is below the highest particle. The sand may be thrown up first, and apart [1/s].
 double room_in_box(double h, Point const& thrown, double apart)
 {
     SandScene::Solver solver(lattice(h), sand(1e5));
@@ -185,10 +184,9 @@ TEST_CASE("H7: a block 1e4 times as heavy lies on a light one, one 1e4 times as 
 TEST_CASE("H10: sand below its angle of repose lies still") { lie_still("2 s", 0.03, 2); }
 TEST_CASE("H10: for 10 s", "[.full]") { lie_still("10 s", 0.02, 10); }
 
-// A paddle's steps are at most of half a cell at its tips. Who asks for more by step() gets a warning, and an
-// error once it deforms a particle by more than half in one. The plan asks that the power is that of the
-// reactions to 5 %: sand loses some of the work in itself, so that what is asked for is that it gains no
-// more.
+// A paddle's steps are at most half a cell at its tips. A longer step() gives a warning, and an error once it
+// deforms a particle by more than half in one step. The plan asks that the power equals that of the reactions
+// to 5 %. Sand loses some of the work internally, so the test asks that it gains no more.
 TEST_CASE("H17: a paddle turns in sand")
 {
     stir("paddle", 0.02, 40);
@@ -216,11 +214,11 @@ TEST_CASE("H17: a paddle turns in sand")
 
 TEST_CASE("H17: the same in finer cells", "[.full]") { stir("paddle in fine cells", 0.005, 80); }
 
-// The plan's 3 % are not reached: sand that was thrown takes 3 to 23 % more room, by how and in what
-// cells; 2.4 to 3 times as much in all where the volume that it gained is not taken back. A part is loose
-// volume that particles at rest still have, of 0 to 0.17 in the mean. The rest, 6 % after a toss of 0.5 m/s
-// that leaves none loose, is in no particle's state: particles that have changed their places lie further
-// apart than J says, and nothing in the method brings the two together again.
+// The plan's 3 % are not reached: sand that was thrown needs 3 to 23 % more room, depending on how and in
+// what cells; 2.4 to 3 times as much in all if the volume gained is not recovered. A part is loose volume
+// that particles at rest still have, of 0 to 0.17 in the mean. The rest, 6 % after a toss of 0.5 m/s that
+// leaves none loose, is in no particle's state: particles that have changed their places lie further apart
+// than J says, and nothing in the method brings the two together again.
 TEST_CASE("H20: sand that was thrown up and apart does not swell without end")
 {
     HardCase const H20{"H20"};

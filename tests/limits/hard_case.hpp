@@ -74,8 +74,8 @@ public:
     }
 
 private:
-    /// The file is named by FIRN_HARD_CASES, or is hard_cases.csv in the working directory. Whoever comes
-    /// first writes the head.
+    /// The file is named by FIRN_HARD_CASES, or is hard_cases.csv in the working directory. The first call
+    /// writes the header.
     static void append(std::string const& line)
     {
         char const* const named = std::getenv("FIRN_HARD_CASES");

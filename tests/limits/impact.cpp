@@ -221,8 +221,9 @@ TEST_CASE("H2: the same, of 32 cells a side", "[.full]")
 
 // The plan asks that 99 % of such particles return to det F > 0. None ever does, in any code that updates F
 // by F' = (I + dt L) F and keeps dt |L| below 1: det (I + dt L) is then above 0, and the sign of det F stays
-// what it was (a mesh that takes F from its nodes' places can untangle). What is asked for instead: nothing
-// grows, nobody else is turned, and the same particle of a law that has no stress for it is an error.
+// as it was. (A mesh that computes F from the places of its nodes can untangle.) The test asks instead that
+// nothing grows, that no other particle is inverted, and that the same particle of a law without a stress for
+// it is an error.
 TEST_CASE("H3: particles that are turned inside out stay so, shrink, and disturb nobody")
 {
     HardCase const H3{"H3"};
@@ -352,7 +353,7 @@ TEST_CASE("H13: a particle whose stress is beyond all numbers does not spoil the
     auto solver = running_block(), without = running_block();
     std::uint32_t const bad = solver.add(std::vector<Vector<double, 3>>{{5, 5, 5}}, 1.25e-4);
     auto H = solver.download<DisplacementGradient>();
-    without.upload<DisplacementGradient>(without.download<DisplacementGradient>()); // gives afresh, too
+    without.upload<DisplacementGradient>(without.download<DisplacementGradient>()); // scatters afresh, too
     H.back()(0, 1) = 1e200;
     solver.upload<DisplacementGradient>(H);
     std::string said;

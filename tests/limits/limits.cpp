@@ -29,7 +29,7 @@ Model jelly(double young = 1e5, double density = 1000)
     return model;
 }
 
-/// Offsets from the middle of a cell at which a code may go wrong, in cells, and some others.
+/// Offsets from the middle of a cell at which a code may fail, in cells, and some others.
 std::vector<double> offsets_of_interest(std::mt19937& random)
 {
     double const ulp = 0x1p-30, small = 0x1p-24, lightest = 0x1p-19; // nodes of no less weight count
@@ -94,7 +94,7 @@ void fly_at_walls(std::string const& name, bool on_particles, double deepest_all
     H5.at_most(name + ": fastest approach of a wall at the end / at the start", outward, 1e-3);
 }
 
-/// Strained particles out of reach of one another take a step.
+/// One step of strained particles out of reach of one another.
 template <class SceneType>
 void sweep_positions(std::string const& name, double largest_kick, int batches)
 {
@@ -297,7 +297,7 @@ double time_of_step(int count, double side)
     return shortest;
 }
 
-/// What an error says that a call throws, and how long that takes [s].
+/// The error message of a call that throws, and how long the call takes [s].
 template <class Call>
 std::pair<std::string, double> complaint(Call const& call)
 {
@@ -328,10 +328,11 @@ TEST_CASE("H5: particles on the walls, edges and corners of a box fly at them")
     fly_at_walls("nodes and particles", true, 1e-6);
 }
 
-// The plan's 1e-6 is not reached by forces of the kernel's gradient (APIC, not MLS) in single precision. A
-// node at the rim of the kernel, a distance t from it, gets a velocity of 3 / t times what moves the
-// particle; what the particle takes of it would be small, but CellPolynomial sums it about the cell's middle,
-// where it is not, and leaves a rounding of it. Nodes below 1e-20 of the mass, t = 4e-7, do not count.
+// With forces from the kernel's gradient (APIC, not MLS) the plan's 1e-6 is not reached in single precision.
+// A node at the rim of the kernel, at a distance t from it, gets a velocity of 3 / t times what moves the
+// particle. What the particle gathers of it would be small, but CellPolynomial sums it about the cell's
+// middle, where it is not small, and leaves a rounding error. Nodes below 1e-20 of the mass, t = 4e-7, do not
+// count.
 TEST_CASE("H6: a strained particle with no neighbours, wherever it is in its cell")
 {
     sweep_positions<Quadratic>("quadratic MLS", 1e-6, 3);

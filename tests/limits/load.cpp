@@ -35,7 +35,7 @@ void run(Jelly& solver, double duration = 1e-2)
     solver.advance(duration, Gravity{}, Obstacle<HalfSpace>{});
 }
 
-/// Sanitizers keep what is given back for a while, and watch it.
+/// Sanitizers keep freed memory for a while to watch it.
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 constexpr bool sanitized = true;
 #elif defined(__has_feature)
@@ -48,9 +48,8 @@ constexpr bool sanitized = false;
 constexpr bool sanitized = false;
 #endif
 
-/// What is taken where solvers lie [bytes]. Of a processor's memory: what was asked for and not given back.
-/// What is resident would also count what the allocator has free, more or less than a solver's worth, as
-/// chance has it.
+/// Memory in use where solvers lie [bytes]. On a processor: allocated and not freed. Resident memory would
+/// also count free memory of the allocator, which varies by more than a solver's worth.
 double held()
 {
 #if defined(__CUDACC__)
@@ -133,7 +132,7 @@ TEST_CASE("two solvers on two threads at once come to the same bits as each alon
 namespace
 {
 
-/// Asks somebody else, once, while it looks for particles to remove: removes none.
+/// Calls `ask` on another thread, once, while the solver looks for particles to remove; removes none.
 template <class Ask>
 struct Interrupted
 {
@@ -170,7 +169,7 @@ TEST_CASE("a call that comes from another thread while one is under way is refus
         attempt([&] { solver.add(std::vector<Vector<double, 3>>(1), 1e-5); });
         attempt([&] { solver.positions(); });
         attempt([&] { solver.snapshot(); });
-        attempt([&] { run(other); }); // another solver is nobody's business
+        attempt([&] { run(other); }); // another solver is independent
     };
     auto const count = solver.size();
     CHECK(solver.remove_if(Interrupted<decltype(ask)>{&ask}) == 0);

@@ -25,7 +25,7 @@ struct Outcome
 };
 
 /// A ball that particles push falls on two materials upon a floor, between a wall and a box that comes
-/// nearer; a source above, a drain beside, two who go wrong, and a state that is taken back.
+/// nearer; a source above, a drain beside, two failing particles, and a state that is restored.
 Outcome run(int threads)
 {
     double const cell = 0.025, dt = 2e-3;

@@ -63,10 +63,10 @@ Points lone_particles()
 
 Points free_block() { return box_of_points<2>({0, 0}, {8 * h, 8 * h}, h); }
 
-/// The largest energy that follows in so many steps of `courant` h / c, of the largest in the first twenty:
-/// near the limit that of symplectic Euler swings by a factor of 39 within a few steps. Stops when it has
-/// grown by 1e4. A step that is refused is no growth: it is infinite then, or, where it must grow, what it
-/// was before, of that at the start; a factor of 39 is not enough there.
+/// The largest energy in the next steps of `courant` h / c, relative to the largest in the first twenty: near
+/// the limit that of symplectic Euler swings by a factor of 39 within a few steps. Stops when it has grown by
+/// 1e4. A refused step does not count as growth: the result is then infinite, or, where growth is required,
+/// the last energy relative to the start; a factor of 39 is not enough there.
 template <class SceneType>
 double growth(Points const& points, double courant, int steps, typename SceneType::Transfer const& transfer,
               bool must_grow)
@@ -270,7 +270,7 @@ void rotate_long(std::string const& name, int steps, double angular)
             volume += (1 + double(volume_change<float, 2>(H))) / double(points.size());
         return volume;
     };
-    solver.steps(2000, dt); // it takes on the strain of its rotation
+    solver.steps(2000, dt); // it adopts the strain of its rotation
     double const volume = mean_volume();
     solver.steps(static_cast<std::size_t>(steps), dt);
     Totals const after(solver);

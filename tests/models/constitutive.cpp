@@ -313,9 +313,9 @@ TEMPLATE_LIST_TEST_CASE("in single precision a material answers as in double pre
                                   A[i].wave_modulus);
     }
     std::sort(off.begin(), off.end());
-    // At the tips of its ellipse Cam-Clay's shear is a root of a pressure: sqrt(1e-7 of it) is lost. And how
-    // much it hardens jumps there, for who comes from beyond the tip or from beyond the side: one element in
-    // some hundred comes so near that it is taken for the other.
+    // At the tips of its ellipse Cam-Clay's shear is a root of a pressure: sqrt(1e-7 of it) is lost. The
+    // hardening jumps there, too, between returns from beyond the tip and from beyond the side: one element
+    // in some hundred is so near that rounding exchanges the two.
     bool const has_tips = std::is_same_v<TestType, CamClay<typename TestType::Space>>;
     CAPTURE(off[count - 3], off[count - 2], off[count - 1]);
     CHECK(off[count - (has_tips ? 2 : 1)] <= (has_tips ? 2e-4 : 1e-5));

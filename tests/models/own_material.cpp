@@ -6,7 +6,7 @@
 
 using namespace firn::test;
 
-/// One whose call has forgotten the time step.
+/// A material whose call operator lacks the time step.
 template <class SpaceType>
 struct Forgetful : SoftFoam<SpaceType>
 {
@@ -15,8 +15,7 @@ struct Forgetful : SoftFoam<SpaceType>
     respond(Particle&, firn::Matrix<Real, SpaceType::dimension> const&) const;
 };
 
-/// The plastic flow of somebody's own: what cracks where a stretch goes beyond a limit, and keeps count of
-/// it.
+/// A user-defined plastic flow: it cracks where a stretch exceeds a limit, and counts that.
 template <class SpaceType>
 struct Cracking
 {

@@ -12,7 +12,7 @@ using namespace firn::test;
 namespace
 {
 
-/// A material for which a map of a state that is kept as it was is asked: hardening moves the yield surface.
+/// A material for maps of an otherwise unchanged state: hardening moves the yield surface.
 template <class Model>
 void forget_flow(typename OneElement<Model>::State& state)
 {
@@ -185,7 +185,7 @@ TEMPLATE_TEST_CASE("Cam-Clay's flow in shear keeps the volume of random trial st
     double const p0 = kappa * (1e-5 + std::sinh(-material.model.hardening * material.model.start));
     std::mt19937 random(29);
     auto deformations = random_deformations<d>(random, 2000, 0.5, 2);
-    for (auto& F : deformations) { // to a volume whose pressure lies within the ellipse
+    for (auto& F : deformations) { // to a volume with a pressure within the ellipse
         double const p = std::uniform_real_distribution<double>(-0.4 * p0, 0.9 * p0)(random);
         F *= std::pow(std::sqrt(1 - 2 * p / kappa) / F.determinant(), 1.0 / d);
     }
@@ -400,7 +400,7 @@ TEMPLATE_TEST_CASE("sand's return goes along the flow of its dilatancy to the co
                 CHECK(trace <= d * tension + 1e-9 * mu);
                 CHECK(energy(model, F_E) <= energy(model, deformations[i]) * (1 + 1e-12));
                 if (flow.norm() < 1e-9) continue;
-                if (loose > 1e-12) { // all of it is taken back
+                if (loose > 1e-12) { // all of it is recovered
                     CHECK(trace == Approx(d * tension).margin(1e-9 * mu));
                     CHECK(loose == Approx(growth).epsilon(1e-9));
                     CHECK(growth >= dilated - 1e-12);
@@ -565,7 +565,7 @@ TEST_CASE("Cam-Clay is compacted up to the pressure that it can bear, and sheare
     auto const& model = material.model;
     auto state = material.at_rest(1).front();
     auto const alpha = [&] { return model.start + state[LogPlasticVolumeRatio{}]; };
-    // to half of its volume at once, whose logarithm is twice what it takes, and back until no stress is left
+    // to half of its volume at once, where the logarithm is twice the limit, and back until no stress is left
     CHECK(material.answer(state, Eigen::Matrix3d::Identity() * std::cbrt(0.5)).capped);
     CHECK(model.hardening * alpha() == Approx(-std::asinh(0.5 - 1e-5)).epsilon(1e-5));
     double const elastic = material.elastic_part(state).determinant();

@@ -16,7 +16,7 @@ using namespace firn::test;
 namespace
 {
 
-/// What else is chosen than policies: see bench::Setting, whose short set this is a part of.
+/// The choices beside policies: see bench::Setting, of which this is a short version.
 struct Setting
 {
     int cells;

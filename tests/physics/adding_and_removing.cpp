@@ -156,7 +156,7 @@ TEMPLATE_LIST_TEST_CASE("a body flies on as if one far away had never been there
             if (i == 30) {
                 if (with_other)
                     CHECK(solver.remove_if(OnTheLeft{-2}) == ball.size());
-                else // gives afresh, too
+                else // scatters afresh, too
                     solver.template upload<Velocity>(solver.template download<Velocity>());
             }
             solver.step(2e-4, Gravity{}, floor);
@@ -200,7 +200,7 @@ TEMPLATE_LIST_TEST_CASE("who is removed bounds no step any more", "", Cases)
 TEST_CASE("particles are removed by what they are as well as by where they are")
 {
     using Solver =
-        Scene<NeoHookean<Solid>, QuadraticBSpline, Mls>::Solver; // velocities are taken when asked for
+        Scene<NeoHookean<Solid>, QuadraticBSpline, Mls>::Solver; // velocities are gathered on demand
     Solver solver(lattice(0.1));
     auto const box = box_of_points<3>({0.01, 0, 0}, {0.2, 0.2, 0.2}, 0.1);
     auto far = box;
@@ -288,7 +288,7 @@ TEST_CASE("where particles were removed rows follow one another, and what is loo
     typename TestedBackend::Array<float> buffer{TestedBackend{}};
     buffer.resize(3 * solver.size());
     solver.write_positions(buffer.data());
-    decltype(solver)(lattice(0.1)).write_positions(nullptr); // nobody to write
+    decltype(solver)(lattice(0.1)).write_positions(nullptr); // no particles to write
     std::vector<float> written(buffer.size());
     buffer.download(0, written);
     auto const x = solver.positions();
@@ -310,7 +310,7 @@ TEST_CASE("where particles were removed rows follow one another, and what is loo
     solver.write<PlasticVolumeRatio>(buffer.data(), stride); // is stored
     have(values);
     solver.step(1e-4, Gravity{});
-    solver.write<Velocity>(buffer.data(), stride); // is taken from the grid
+    solver.write<Velocity>(buffer.data(), stride); // is gathered from the grid
     have(solver.download<Velocity>());
     solver.upload<Velocity>(std::vector<Eigen::Vector3f>(64, {1, 2, 3}));
     solver.write<Velocity>(buffer.data(), stride); // is held

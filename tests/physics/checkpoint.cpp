@@ -58,8 +58,8 @@ typename SceneType::Solver new_solver([[maybe_unused]] int threads)
 #endif
 }
 
-/// Bodies of two masses that hit the floor, of which a part is then removed: ids are no rows, blocks were
-/// born and have died.
+/// Bodies of two masses that hit the floor. A part is then removed, so that ids are not rows, and blocks have
+/// been created and removed.
 template <class SceneType>
 typename SceneType::Solver scene(int threads)
 {
@@ -105,7 +105,7 @@ std::vector<double> run_on(Solver& solver, int rounds)
         for (auto const& reaction : report.reactions)
             for (int a = 0; a < 3; ++a) told.push_back(reaction.impulse[a]);
         solver.steps(3, 1e-4, Gravity{}, floor_of_scene,
-                     ball_of_scene); // of the same effects: each set takes time to compile
+                     ball_of_scene); // the same types of effects: each set of types costs compile time
         if (i % 3 == 1) {
             Vector<double, d> const high = Vector<double, d>::Constant(0.45 + 0.05 * i);
             told.push_back(solver.template add<Last<Solver>>(

@@ -27,8 +27,7 @@ std::vector<Vector<double, d>> random_points(int count, double side, unsigned se
     return points;
 }
 
-/// A splash: a body of random particles thrown on a floor and a moving ball; `go(effects...)` takes the
-/// steps.
+/// A splash: a body of random particles thrown on a floor and a moving ball; `go(effects...)` runs the steps.
 template <class Solver, class Go>
 auto splash(Solver& solver, int count, Go const& go)
 {
@@ -400,8 +399,8 @@ using OnePass =
                  Scene<FixedCorotated<Plane>, CubicBSpline, Apic>, Scene<Snow<Plane>, QuadraticBSpline, Pic>,
                  Scene<Fluid<Plane>, QuadraticBSpline, Asflip>>;
 
-// A step gives to the next grid in the pass that moves the particles, for a step as long as itself; after an
-// upload particles give afresh.
+// A step scatters to the next grid in the pass that moves the particles, for a next step of the same length.
+// After an upload particles scatter afresh.
 TEMPLATE_LIST_TEST_CASE(
     "giving while moving is giving afresh, for particles that change their cells and steps "
     "that change their length too",
@@ -423,7 +422,7 @@ TEMPLATE_LIST_TEST_CASE(
         solver->template upload<Velocity>(velocities);
     }
     for (int i = 0; i < 60; ++i) {
-        // now and then another length than the one they gave for
+        // now and then another length than the one that particles scattered for
         double const length = i % 7 == 3 ? 0.6 * dt : i % 7 == 5 ? 1.3 * dt : dt;
         once.step(length);
         afresh.step(length);

@@ -13,7 +13,8 @@ namespace
 
 constexpr double cell = 0.05, speed = 3; // [m], [m/s]
 #if defined(__CUDACC__)
-constexpr int dust = 400; // all end up in a few cells, whose particles a device works on one after another
+constexpr int dust =
+    400; // all end up in a few cells; a device handles the particles of a cell one after another
 #else
 constexpr int dust = 1000;
 #endif
@@ -169,8 +170,8 @@ void check(Corner const& corner, int count, int frames, double within = 3)
     CAPTURE(corner.angle, int(corner.faces[0]), int(corner.faces[1]), int(corner.faces[2]), outcome.mean);
     CHECK(outcome.behind_a_wall == 0);
     CHECK(outcome.through_a_shell == 0);
-    // What ParticleContact takes for outside is 2e-5 cells. A solid that closes in on another face leaves no
-    // place that surely is: what comes out over several steps is inside meanwhile.
+    // ParticleContact counts 2e-5 cells as outside. A solid that closes in on another face leaves no place
+    // that surely is outside: what comes out over several steps is inside meanwhile.
     CHECK(outcome.deepest <= (corner.closing > 0 ? 2e-3 : 4e-5));
     CHECK(outcome.unbooked <= (is_float ? 1e-5 : 1e-12));
     CHECK(outcome.mean < within);
@@ -201,9 +202,9 @@ TEST_CASE("nor does it where three of them meet, as in a hopper")
                                                                {Is::wall, Is::shell, Is::other_shell},
                                                                {Is::shell, Is::other_shell, Is::solid},
                                                                {Is::other_shell, Is::solid, Is::shell}}})
-        // 1 000, of which a cell holds hundreds in the end: in single precision what they give is summed one
-        // after the other, with an error that grows with their number (on a device 4e-6 of the momentum, 5e-5
-        // where they are 12 000).
+        // With 1 000 particles a cell holds hundreds in the end: in single precision their contributions are
+        // summed one after the other, with an error that grows with their number. (On a device it is 4e-6 of
+        // the momentum, and 5e-5 with 12 000 particles.)
         for (double angle : {60.0, 30.0}) check<SolidFloat, Mls>({.angle = angle, .faces = faces}, 1000, 30);
 }
 

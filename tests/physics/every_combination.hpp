@@ -18,8 +18,9 @@ using EverySpace = std::tuple<
     Scene<Model<Solid>, QuadraticBSpline, Transfer>, Scene<Model<Solid>, CubicBSpline, Transfer>,
     Scene<Model<SolidFloat>, QuadraticBSpline, Transfer>, Scene<Model<SolidFloat>, CubicBSpline, Transfer>>;
 
-/// A block that is compressed from all sides as it falls on a ball: whatever it is made of, its momentum
-/// changes by what gravity and the ball give it. With the tent, for which no step is safe, steps are shorter.
+/// A block that is compressed from all sides as it falls on a ball: whatever its material, its momentum
+/// changes by the impulses of gravity and of the ball. With the tent, for which no step is safe, steps are
+/// shorter.
 template <class SceneType>
 void check_momentum()
 {

@@ -151,7 +151,7 @@ void compare(int m)
     solver.template upload<Velocity>(velocities);
     solver.template upload<DisplacementGradient>(deformations);
     Gravity const gravity{{1, -9.81, d == 3 ? 2.0 : 0.0}};
-    double const rounding = SceneType::is_float ? 1e-5 : 1e-13; // and what follows from 6 steps of it
+    double const rounding = SceneType::is_float ? 1e-5 : 1e-13; // and what 6 steps make of it
     for (int i = 0; i < steps; ++i) {
         solver.step(dt, gravity);
         reference.step(dt, m, gravity.acceleration.template head<d>());

@@ -123,7 +123,7 @@ void check_shells(int count, int steps)
 
 void check_walls(int count, int steps)
 {
-    // They move with the grid, whose velocity across the wall is zero on it.
+    // They move with the grid. Its velocity across the wall is zero there.
     auto const driven = drive_into_corner<float>(count, steps);
     CAPTURE(driven.steps, driven.longest, driven.mean);
     CHECK(driven.deepest <= 1e-6);
@@ -159,7 +159,7 @@ TEST_CASE("how fast a solid made of distances turns bounds steps before anything
     CHECK(report.largest_dt * fastest >= 0.3 * cell); // and not by more than it has to
 }
 
-// Pairs of particles in one place, whose own velocities are none to the grid: it moves both alike.
+// Pairs of particles in one place: their own velocities cancel on the grid, which moves both alike.
 TEST_CASE("what flies at an obstacle by a velocity of its own, but moves with the grid, is not pushed away")
 {
     for (double slide : {0.0, 1.0}) {

@@ -70,7 +70,7 @@ using Blends = Combinations<
     Scene<FixedCorotated<Plane>, QuadraticBSpline, Flip>, Scene<FixedCorotated<Plane>, QuadraticBSpline, Pic>,
     Scene<FixedCorotated<Plane>, CubicBSpline, Flip>, Scene<FixedCorotated<Plane>, CubicBSpline, Pic>>;
 
-// What PIC takes it takes in every step: what is lost in a revolution belongs to the length of the steps.
+// PIC dissipates in every step, so the loss in a revolution depends on the length of the steps.
 TEMPLATE_LIST_TEST_CASE(
     "pure FLIP loses a few per cent of a rotation in a revolution, with a twentieth of PIC "
     "nine tenths of it, and PIC all",

@@ -136,7 +136,8 @@ TEST_CASE("a cone that is given by the angle of flow flows from there")
 }
 
 // The critical height of a vertical cut, 4 c tan(45 + phi/2) / (rho g), is that of a plane wedge which slides
-// (Terzaghi 1943, *Theoretical Soil Mechanics*): an upper bound. Without tension a crack takes a third of it.
+// (Terzaghi 1943, *Theoretical Soil Mechanics*): an upper bound. Without tension a crack reduces it by a
+// third.
 TEST_CASE("a vertical cut stands with twice the cohesion of its critical height, and falls with half of it")
 {
     double const height = 0.4, h = 0.04, phi = 30 * degrees;

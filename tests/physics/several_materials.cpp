@@ -186,7 +186,7 @@ TEST_CASE("the step that is stable is the smallest of those of all materials")
     };
     Fluid<Plane> thin, thick;
     thick.viscosity = 300;
-    thick.bulk_modulus = 1e3; // whose wave alone would allow a step seven times as long
+    thick.bulk_modulus = 1e3; // its wave alone would allow a step seven times as long
     auto const check = [&](auto const& a, auto const& b, auto order) {
         double const both = stable(a, b, true, true, order), only_a = stable(a, b, true, false, order),
                      only_b = stable(a, b, false, true, order);

@@ -255,7 +255,7 @@ std::pair<double, double> column_of_water(int cells, Floor const& floor)
 
 } // namespace
 
-// The scene of "a column of water at rest has the pressure of its weight", whose floor stops nodes.
+// The scene of "a column of water at rest has the pressure of its weight", with a floor that stops nodes.
 TEST_CASE("on a reflecting wall a column of water has the pressure of its weight down to its foot")
 {
     auto const [error, top] = column_of_water(32, ReflectingWall{});

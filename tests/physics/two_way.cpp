@@ -32,7 +32,7 @@ TEST_CASE("a ball that snow stops: its momentum and the snow's change by what gr
     Eigen::Vector3d given = Eigen::Vector3d::Zero(); // by floor and gravity
     double const energy = 0.5 * ball.momentum().dot(ball.motion.velocity);
     double highest = energy;
-    // some of the packs of particles that the ball touches are not full: their empty lanes give it nothing
+    // some of the packs of particles that the ball touches are not full: empty lanes must not push it
     for (int i = 0; i < 400; ++i) {
         Obstacle<Sphere> const sphere{
             .shape = {radius}, .contact = Contact::coulomb(0.5), .motion = ball.motion, .on_particles = true};

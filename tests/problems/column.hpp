@@ -9,7 +9,8 @@
 namespace firn::test
 {
 
-/// A column of height 1 m and two cells' width that settles under its own weight between slippery walls.
+/// A column of height 1 m and two cells' width that comes to rest under its own weight between slippery
+/// walls.
 ///
 /// Whatever the law, the first Piola-Kirchhoff stress is then -rho_0 g (H - Y), Y being the height at rest.
 template <class SceneType>

@@ -61,8 +61,8 @@ FIRN_HOST_DEVICE Real sine_of_half_periods(Real t)
 /// A neo-Hookean solid that StandingWaves are forced on.
 ///
 /// Waves need a force per mass b with rho_0 b = rho_0 u'' - dP/dX, P being the stress of their strains. It
-/// enters as a stress, S = E/4 (F - 1) - P of the exact F, of which rho_0 b is the divergence: a force that
-/// particles give to the grid as they give their stress, so that no error is added by how it is spread.
+/// enters as a stress, S = E/4 (F - 1) - P of the exact F, with the divergence rho_0 b: particles scatter
+/// this force as they scatter their stress, so that the spreading adds no error.
 template <class ModelType>
 struct Driven : ModelType
 {

@@ -70,8 +70,8 @@ struct RestPosition
     static constexpr auto shape = FieldShape::vector;
 };
 
-/// A neo-Hookean solid that a Vortex is forced on: the acceleration that it needs, which is none of the
-/// grid's effects, since it depends on the place, changes the velocity that a particle has taken.
+/// A neo-Hookean solid that a Vortex is forced on. The acceleration that it needs depends on the place, so it
+/// is no effect on the grid: it changes the velocity that a particle has gathered.
 template <class ModelType>
 struct Spun : ModelType
 {

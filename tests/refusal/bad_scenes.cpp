@@ -233,7 +233,7 @@ TEST_CASE("steps behind one that was far too long are what they would have been 
         }
         solver.advance(0.01, Gravity{});
         untouched.advance(0.01, Gravity{});
-        // but for rounding: what was given once more may be summed in another order
+        // equal but for rounding: scattering once more may sum in another order
         auto const x = solver.positions(), there = untouched.positions();
         auto const v = solver.download<Velocity>(), moves = untouched.download<Velocity>();
         double way = 0, speed = 0;
@@ -278,7 +278,7 @@ TEST_CASE(
     CHECK_THAT(refused([&] { solver.advance(0.02, Obstacle<HalfSpace>{}); }).remedy(),
                Contains("last good step, but for velocities"));
     CHECK(solver.time() > 0);
-    // what the floor is owed for the steps that were taken
+    // the impulse on the floor in the steps that were taken
     auto const& done = solver.until_error();
     REQUIRE(done.reactions.size() == 1);
     CHECK(done.rejected == 1);

@@ -203,11 +203,11 @@ TEST_CASE("nothing bounds the steps of a scene where nobody is")
         solver.advance(1e6, Gravity{}, Obstacle<Sphere>{.shape = {0.1}, .motion = {.velocity = {1e3, 0, 0}}});
     CHECK(report.substeps < 1000);
     CHECK(solver.time() == Approx(1e6));
-    // for those who come then steps are as short as ever, and begin with the forces of their own length
+    // for new particles steps are as short as ever, and begin with the forces of their own length
     solver.add(std::vector<Eigen::Vector2d>{{0, 1}}, 1e-3, {0, 0});
     CHECK(solver.step(1e-6, Gravity{}).time_of_forces == Approx(1e-6));
     CHECK(solver.advance(1e-2, Gravity{{0, -1e6, 0}}).limited_by[int(StepLimit::acceleration)] > 0);
-    // the last one is taken out in the middle of a call
+    // the last particle is isolated in the middle of a call
     solver.upload<DisplacementGradient>({Eigen::Matrix2d{{-3, 0}, {0, 0}}});
     solver.quarantine(1);
     auto const last = solver.advance(1e6, Gravity{}, Obstacle<Sphere>{.motion = {.velocity = {1e3, 0, 0}}});
@@ -238,7 +238,7 @@ TEST_CASE("bounds that steps found for who is gone, or was changed, hold nobody 
     restored.restore(corrected.snapshot());
     CHECK(corrected.advance(1e-2).substeps < 100);
     CHECK(restored.advance(1e-2).substeps < 100);
-    // but who is stopped by an effect keeps them
+    // but particles that an effect stops keep them
     auto stopped = hasty();
     stopped.upload<AffineVelocity>(std::vector<Eigen::Matrix2d>(stopped.size(), Eigen::Matrix2d::Zero()));
     auto const before = stopped.bounds();
@@ -303,7 +303,7 @@ TEST_CASE("a time that would be lost to rounding is refused: nobody waits for it
     old.time = 0x1p53 - 2; // [s]: there are no odd numbers from the end of the second step on
     auto late = block<NeoHookean<Plane>>();
     late.restore(old);
-    late.remove_if(Outside<Sphere>{.shape = {1e-6}}); // who moved by a cell would be an error, too
+    late.remove_if(Outside<Sphere>{.shape = {1e-6}}); // particles that move by a cell would be an error, too
     CHECK_THAT(refused([&] { late.steps(5, 1); }).what_is_wrong(), Contains("too short"));
     CHECK(late.time() == 0x1p53);
     CHECK(solver.advance(0).substeps == 0);
@@ -363,7 +363,8 @@ TEST_CASE("who gets a stress that is no number is named before it spoils what ot
     CHECK(reports[static_cast<std::size_t>(before)].isolated.size() == 1);
     CHECK((queued.positions() == isolates.positions()));
 
-    // steps that follow the bound shrink before it as before a wall: the error, or the report, still says who
+    // steps that follow the bound shrink before it as before a wall; the error or the report still names the
+    // particle
     auto shrinks = scene(), goes_on = scene();
     auto const advance = [](Solver& solver) {
         for (int i = 0; i < 20; ++i) solver.advance(1e-3);
@@ -381,7 +382,7 @@ TEST_CASE("who gets a stress that is no number is named before it spoils what ot
     REQUIRE(goes_on.isolated().size() == 1);
     CHECK(goes_on.isolated()[0].particle == weakest);
 
-    auto two = scene(); // the last of all is as weak: when it goes wrong, rows are others
+    auto two = scene(); // the last particle is as weak, and rows have changed when it fails
     auto sound = two.download<Soundness>();
     sound.back() = sound[weakest];
     two.upload<Soundness>(sound);
@@ -449,7 +450,7 @@ TEST_CASE("who is so fast that no step gets on is named, or taken out")
         without.advance(1e-2);
         CHECK((goes_on.positions() == without.positions()));
     }
-    // of several of them each is named until they are too many; gravity is nobody's fault
+    // of several such particles each is named until they are too many; gravity is not the cause
     auto all = block<NeoHookean<Plane>>();
     all.upload<Velocity>(std::vector<Eigen::Vector2d>(all.size(), {1e14, 0}));
     all.quarantine(3);
@@ -513,7 +514,7 @@ TEST_CASE("who was taken out is back with the snapshot that has them, and may be
     using Ids = std::vector<std::uint32_t>;
     take_out(20);
     auto const snapshot = solver.snapshot();
-    take_out(30); // the 30th of those who are left
+    take_out(30); // the 30th of the particles that are left
     CHECK(ids_of() == Ids{20, 31});
     solver.restore(snapshot);
     CHECK(ids_of() == Ids{20});

@@ -38,7 +38,7 @@ Sheet small_scene(double cell_size = 0.05)
     solver.step(1e-4, Gravity{});
     solver.remove_if(Inside<Sphere>{.shape = {0.03}, .pose = {.position = {0, 0, 0}}});
     auto snapshot = solver.snapshot();
-    snapshot.isolated = {gone}; // as if it had been taken out
+    snapshot.isolated = {gone}; // as if it had been isolated
     solver.restore(snapshot);
     return solver;
 }
@@ -55,7 +55,7 @@ void write(std::filesystem::path const& path, std::string const& bytes)
     std::ofstream(path, std::ios::binary) << bytes;
 }
 
-/// The bytes with checksums that are right, as only somebody who means it would write them.
+/// The bytes with correct checksums: no accidental damage produces these.
 std::string signed_anew(std::string bytes)
 {
     detail::CheckpointPreamble preamble;
@@ -69,7 +69,7 @@ std::string signed_anew(std::string bytes)
     return bytes;
 }
 
-/// Runs what must be refused; returns what it says, whose three parts must be there.
+/// Runs what must be refused; returns the message, which must have its three parts.
 template <class Call>
 std::string refused(Call const& call)
 {
@@ -238,7 +238,8 @@ TEST_CASE("a pipe or a device is not replaced by a file, nor read as one")
     CHECK_THAT(refused([&] { write_checkpoint(pipe, solver); }), Contains("a device or a pipe"));
     CHECK(std::filesystem::is_fifo(pipe));
     CHECK(!std::filesystem::exists(folder / "pipe.part"));
-    CHECK_THAT(refused([&] { read_checkpoint(pipe, solver); }), Contains("no file")); // and nobody waits
+    CHECK_THAT(refused([&] { read_checkpoint(pipe, solver); }),
+               Contains("no file")); // and the call does not block
     CHECK_THAT(refused([&] { write_checkpoint(folder / "", solver); }), Contains("a folder"));
     CHECK_THAT(refused([&] { write_checkpoint("", solver); }), Contains("no name"));
     CHECK_THAT(refused([&] { read_checkpoint("", solver); }), Contains("no name"));
@@ -528,11 +529,12 @@ TEST_CASE("a snapshot that was changed by hand to what cannot be is refused")
     refuses([](auto&, auto& snow) { snow.mass_groups[0].mass = 0; });
     refuses([](auto&, auto& snow) { snow.mass_groups[0].volume = -1; });
     refuses([](auto& all, auto&) { all.masses.unit = 0; });
-    refuses([](auto& all, auto&) { all.masses.largest = 1e25; }); // nodes would take all others for none
+    refuses(
+        [](auto& all, auto&) { all.masses.largest = 1e25; }); // nodes would treat all other masses as zero
     refuses([](auto& all, auto&) { all.bounds.material = 1; });
     refuses([](auto& all, auto&) { all.bounds.speed = std::nan(""); });
     refuses([](auto& all, auto&) { all.time = std::nan(""); });
-    refuses([](auto& all, auto&) { all.isolated[0].particle = 1; }); // who is there
+    refuses([](auto& all, auto&) { all.isolated[0].particle = 1; }); // this particle exists
     refuses([](auto& all, auto&) { all.isolated[0].particle = all.next_id; });
     refuses([](auto& all, auto&) { all.isolated.push_back(all.isolated[0]); });
     refuses([](auto& all, auto&) { all.isolated[0].material = 1; });
@@ -553,7 +555,8 @@ TEST_CASE("a checkpoint that cannot be written leaves the one of before, and the
     solver.step(1e-4);
     CHECK_THAT(refused([&] { write_checkpoint(folder / "nowhere" / "a.firn", solver); }),
                Contains("cannot be created"));
-    // what lies where the unfinished file would be is somebody's: nothing happens to it, nobody waits for it
+    // an existing file where the unfinished one would be is another program's: it is left alone, and not
+    // waited for
     std::filesystem::path const part = folder / "a.firn.part", aim = folder / "aim";
     auto const leaves_it = [&] {
         CHECK_THAT(refused([&] { write_checkpoint(path, solver); }), Contains("is no file, but a folder"));
@@ -589,7 +592,7 @@ TEST_CASE("a checkpoint that cannot be written leaves the one of before, and the
     CHECK_THAT(refusal, Contains("Is the disk full?"));
     CHECK(content(path) == whole);
     CHECK(!std::filesystem::exists(folder / "a.firn.part"));
-    // the steps that follow are those after a checkpoint that was written
+    // the next steps are those after a checkpoint that was written
     write_checkpoint(path, other);
     other.step(1e-4);
     write_checkpoint(path, other);
@@ -666,7 +669,7 @@ TEST_CASE("a program that is killed as it writes loses the newest checkpoint at 
         using Clock = std::chrono::steady_clock;
         auto const first = Clock::now();
         REQUIRE(hear());
-        // at any time between two of them, however long that takes here
+        // at any time between two of them, however long one takes here
         std::this_thread::sleep_for((Clock::now() - first) *
                                     std::uniform_real_distribution<double>(0, 1)(random));
         ::kill(writer, SIGKILL);

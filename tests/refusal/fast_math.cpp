@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // A program to be compiled with flags that let a compiler assume that there is no NaN (see fast_math.sh), for
 // either backend: what the library refuses without them it refuses with them, and a step that makes NaN is
-// rejected. Without a test framework, whose own comparisons such flags may change.
+// rejected. Without a test framework, since such flags may change a framework's own comparisons.
 #include <firn/firn.hpp>
 #if defined(__CUDACC__)
 #include <firn/cuda.hpp>
@@ -53,7 +53,7 @@ void refuses_both(char const* what, Make const& make)
     refuses(what, [&] { make(infinity); });
 }
 
-/// A gas without pressure whose stress is NaN (or whatever `stress` is) where it has grown by a hundredth.
+/// A gas without pressure. Its stress is NaN (or whatever `stress` is) where it has grown by a hundredth.
 template <class SpaceType>
 struct Bursting
 {

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: MIT
-// As fast_math.cpp, for lanes alone: it is compiled soon, and by compilers that take no more than these.
+// As fast_math.cpp, for lanes alone: it compiles quickly, and with compilers that cannot compile more.
 #include <firn/openmp/lanes.hpp>
 
 #include <bit>
@@ -40,7 +40,7 @@ void check_guards(char const* name)
     std::uint64_t finite = 0;
     for (int i = 1; i < width - 1; ++i) finite |= std::uint64_t{1} << i;
     check(bits(is_below(abs(value), largest)) == finite, "what is finite", name);
-    // clang follows what it assumes of sums into their bits
+    // clang carries its assumptions about sums into their bits
     check(bits(is_below(abs(value + value), Real(Number(2.5)))) == finite, "a sum below a bound", name);
     check(bits(is_below(abs(value), Real(Number(1)))) == 0, "what is not below 1", name);
     check(!firn::is_finite(values[0]) && !firn::is_finite(values[0] + Number(1)), "NaN", name);

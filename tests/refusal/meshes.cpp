@@ -133,7 +133,7 @@ TEST_CASE("a flat sheet has no interior, with repair neither")
     auto const squashed = meshes::box({0, 0, 0}, {1, 1, 0});
     CHECK_FALSE(interior_error(squashed).what_is_wrong().empty());
     CHECK_THAT(interior_error(squashed, Repair::fill).what_is_wrong(), Contains("no volume"));
-    auto open_slab = meshes::box({0, 0, 0}, {1, 1, 1e-7}); // would take 1e21 cubes to measure
+    auto open_slab = meshes::box({0, 0, 0}, {1, 1, 1e-7}); // would need 1e21 cubes to measure
     open_slab.triangles.pop_back();
     CHECK_THAT(interior_error(open_slab, Repair::fill).what_is_wrong(), Contains("no volume"));
 }
@@ -261,10 +261,10 @@ TEST_CASE("a defect is told in the file's coordinates and by its face")
     }());
     CHECK_THAT(interior_error(firn::read_mesh(crossing)).where(),
                Contains("face ") && Contains(" and near ("));
-    // a mesh whose triangles were changed since has only coordinates
+    // after a change to its triangles a mesh has only coordinates
     mesh.triangles.pop_back();
     CHECK_THAT(interior_error(mesh).where(), Contains(" in " + path.string()) && !Contains("face "));
-    // far away with as many digits as it takes
+    // far away with as many digits as needed
     auto far = meshes::moved(meshes::box({0, 0, 0}, {0.2, 0.2, 0.2}), {512345.4, 4649776.1, 120.3});
     far.triangles.pop_back();
     CHECK_THAT(interior_error(far).where(), Contains("4649776.2"));

@@ -31,7 +31,7 @@ struct Block
 };
 
 /// Particles so far from one another that each has a block of its own, which it leaves now and then: blocks
-/// are born, and empty ones forgotten.
+/// are created, and empty ones removed.
 struct Flight
 {
     Jelly solver;

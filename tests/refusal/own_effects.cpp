@@ -120,7 +120,7 @@ template <>
 struct Wrong<2> // empty
 {};
 template <>
-struct Wrong<3> : OnMomentum // one is right, the other takes no node
+struct Wrong<3> : OnMomentum // one is right, the other has no node parameter
 {
     template <class Real, int any>
     firn::Vector<Real, any> on_node(firn::Vector<Real, any> const&) const;
@@ -159,7 +159,7 @@ struct Wrong<8> // changes a copy
     void on_momentum(Vec<Real>, Real) const;
 };
 template <>
-struct Wrong<9> // returns what is not taken
+struct Wrong<9> // returns a type that is refused
 {
     template <class Real>
     Vec<Real> on_momentum(Vec<Real> const&, Real) const;
@@ -172,7 +172,7 @@ struct Wrong<10> : OnMomentum // several, none of which is called
     float on_node(float) const;
 };
 template <>
-struct Wrong<11> : OnNode // contact that takes no rule
+struct Wrong<11> : OnNode // contact without a rule parameter
 {
     firn::Contact contact;
     template <class Real>

@@ -113,11 +113,11 @@ TEST_CASE("a material of which nothing is there bounds no step")
     auto const report = scene.advance(1e-2, Gravity{});
     CHECK(report.limited_by[int(StepLimit::viscosity)] > 5);
     scene.remove_if<Fluid<Plane>>(Outside<Sphere>{.shape = {1e-6}});
-    CHECK(scene.bounds().material == 0); // that of who is left
+    CHECK(scene.bounds().material == 0); // that of the remaining material
     CHECK(scene.step(1e-6).stable_dt < 1.05 * jelly.step(1e-6).stable_dt);
     CHECK(scene.advance(1e-2, Gravity{}).limited_by[int(StepLimit::viscosity)] == 0);
 
-    // and those that are taken out in the middle of several steps
+    // and particles that are isolated in the middle of several steps
     using Reversed = Scene<Materials<Fluid<Plane>, Jelly>, QuadraticBSpline, Mls>::Solver;
     Reversed steps(lattice(0.1), {honey, Jelly{}});
     steps.add<Fluid<Plane>>(std::vector<Eigen::Vector2d>{{5, 0}}, 0.0025);
@@ -225,7 +225,7 @@ TEST_CASE("particles of several materials are taken out, and all others are as i
         of->advance(0.01);
     }
     CHECK(same(isolates, removes));
-    spoil(isolates, 20); // one more, of whom another was removed before: an error that names it
+    spoil(isolates, 20); // one more, where another was removed before: an error that names it
     auto const error = refused([&] { isolates.advance(0.01); });
     CHECK(error.what_is_wrong().find("particle " + std::to_string(rubber + 21) +
                                      " of neo_hookean (material 1) was turned") == 0);

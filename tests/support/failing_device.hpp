@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-// For tests on the processor that stands in for a device, whose memory ends when it is told to.
+// For tests on the processor that stands in for a device: its memory ends when a test says so.
 #include <cuda_runtime.h>
 
 namespace

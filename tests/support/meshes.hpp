@@ -14,14 +14,14 @@
 #include <numbers>
 #include <string>
 
-/// Meshes whose volume is known, and the smallest writers of files to read them back from.
+/// Meshes of known volume, and minimal writers of files to read them back from.
 namespace meshes
 {
 
 using Eigen::Vector3d;
 using firn::TriangleMesh;
 
-/// Takes `other` into `mesh` as it is: further components.
+/// Appends `other` to `mesh` unchanged, as further components.
 inline void append(TriangleMesh& mesh, TriangleMesh const& other)
 {
     auto const base = static_cast<std::uint32_t>(mesh.vertices.size());
@@ -41,7 +41,7 @@ inline TriangleMesh moved(TriangleMesh mesh, Vector3d const& by)
     return mesh;
 }
 
-/// Removes the triangles whose centre satisfies `where`.
+/// Removes the triangles with a centre that satisfies `where`.
 template <class Where>
 TriangleMesh without(TriangleMesh mesh, Where const& where)
 {
@@ -170,7 +170,7 @@ public:
         std::filesystem::remove_all(path_, ignored);
     }
     std::filesystem::path operator/(std::string const& name) const { return path_ / name; }
-    /// Writes a file of `content` and gives its path.
+    /// Writes a file of `content` and returns its path.
     std::filesystem::path file(std::string const& name, std::string const& content) const
     {
         std::ofstream(path_ / name, std::ios::binary) << content;

@@ -94,8 +94,8 @@ double mechanical_energy(Solver const& solver, double volume)
 
 namespace detail
 {
-/// What particles are taken through, where a backend's loops can reach it: component after component, those
-/// of all particles `stride` apart.
+/// The path of the particles, where a backend's loops can reach it: component after component, those of all
+/// particles `stride` apart.
 template <class Number>
 struct Drives
 {
@@ -106,7 +106,7 @@ struct Drives
     Number dt; ///< [s]
 };
 
-/// Takes a lane's worth of particles through their steps.
+/// Runs one lane's worth of particles through their steps.
 template <class Model, class Real>
 struct DriveElements
 {
@@ -202,8 +202,8 @@ struct OneElement
     using Answer = Response<Number, d>;
     Model model{};
 
-    /// What particles answer at last when each is taken through steps of `dt` [s] with velocity gradients
-    /// `path[step][particle]` [1/s], all of it so many times. The states become those at the end.
+    /// The last responses of particles that go through steps of `dt` [s] with velocity gradients
+    /// `path[step][particle]` [1/s], all of it several times. The states become those at the end.
     std::vector<Answer> drive(std::vector<State>& states, std::vector<std::vector<Tensor>> const& path,
                               double dt, int times = 1) const
     {

@@ -194,7 +194,7 @@ struct OnTheLeft
     }
 };
 
-/// Damps all velocities by e^(-rate t): settles a scene.
+/// Damps all velocities by e^(-rate t), so that a scene comes to rest.
 struct Damping
 {
     double rate; ///< [1/s]

@@ -8,7 +8,7 @@
 namespace firn::test
 {
 
-/// Runs what must be refused; returns the error, whose three parts must be there.
+/// Runs what must be refused; returns the error, which must have its three parts.
 template <class Call>
 Error refused(Call const& call)
 {

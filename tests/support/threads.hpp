@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <thread>
 
-/// A loop of two threads that runs the second half backwards: an order that nobody may rely on.
+/// A loop of two threads that runs the second half backwards: an order that no caller may rely on.
 struct TwoThreads
 {
     template <class Body>

@@ -295,7 +295,7 @@ TEST_CASE("contact takes back of a particle's way what led into the obstacle, an
     CHECK((fast.touch(floor_for_particles(Contact::coulomb(1))) - Eigen::Vector2d(-0.005, 0.007)).norm() <=
           1e-15);
     CHECK((fast.velocity - Eigen::Vector2d(0.5, 0)).norm() <= 1e-15);
-    // flies at it by itself, but rests, or slides, with the grid: there is nothing to take back
+    // flies at it by its own velocity, but rests, or slides, with the grid: no correction is due
     for (double slide : {0.0, 3.0}) {
         Lone own{-1e-4, {slide, 0}, {slide + 2, -5}};
         CHECK((own.touch(floor_for_particles(Contact::coulomb(0.1))) - Eigen::Vector2d(0, 1e-4)).norm() <=
@@ -320,7 +320,7 @@ TEST_CASE("obstacles that do not act on particles do not change how others push 
     CHECK(watched.touch(floor, far) == pushed);
     CHECK(watched.velocity == alone.velocity);
     CHECK(watched.touch(far, floor, far) == pushed);
-    // one that does: what the way was taken back by needs no push
+    // one that does: motion that was already corrected needs no push
     far.on_particles = true;
     CHECK((between.touch(floor, far) - Eigen::Vector2d(-0.0025, 0.005)).norm() <= 1e-15);
 }

@@ -22,7 +22,7 @@ namespace
 
 using Plane = Space<2, double>;
 
-/// A spline of a user's own, whose weights may be wrong.
+/// A user-defined spline that may have wrong weights.
 struct Spline : QuadraticBSpline
 {
     static inline double first_weight = 0; ///< is off by that

@@ -311,7 +311,7 @@ TEMPLATE_LIST_TEST_CASE("The first numbers alone are loaded and stored", "", Pac
     using Number = typename TestType::Number;
     constexpr int width = TestType::width;
     for (int count = 0; count <= width; ++count) {
-        // No more than `count` numbers are there: a sanitizer sees who reads or writes beyond.
+        // There are exactly `count` numbers: a sanitizer sees reads and writes beyond.
         std::vector<Number> from(std::size_t(count), Number(3)), to(std::size_t(count), Number(0));
         auto const pack = TestType::load_first(count, from.data());
         Number all[width];
@@ -508,7 +508,7 @@ TEMPLATE_LIST_TEST_CASE("Vectors and matrices of packs compute what their packs 
         c = a;
         c *= c(0); // by one of its own, as it was
         is(c, [&](P x, P) { return x * a(0); });
-        auto const kept = (a - b) / s; // not an expression: whose parts would be gone
+        auto const kept = (a - b) / s; // a value, not an expression that refers to temporaries
         is(kept, [&](P x, P y) { return (x - y) / s; });
         // beside expressions of Eigen's
         is(a + b.cwiseProduct(a) * N(2), [](P x, P y) { return x + y * x * TestType(N(2)); });

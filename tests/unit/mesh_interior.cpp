@@ -188,8 +188,8 @@ TEST_CASE("a sound mesh is the same with repair as without")
 TEST_CASE("a head with open eyes is filled to the volume of the closed one")
 {
     auto const n = 48u;
-    // The closed skull crosses its eyeballs, so that it is taken as their union: the reference. Its volume is
-    // that of a ball and what sticks out of it.
+    // The closed skull crosses its eyeballs, so the reference is their union. Its volume is that of a ball
+    // and of what sticks out of it.
     MeshInterior const open(meshes::head(n), Repair::fill);
     MeshInterior const closed(meshes::head(n, false), Repair::fill);
     CHECK(open.repaired());

@@ -11,8 +11,8 @@
 #include <utility>
 #include <vector>
 
-// What a policy says of its parameters: no member is left out, so that none differs from that of a checkpoint
-// and nobody notices.
+// What a policy says of its parameters: no member is left out, so that no difference from a checkpoint's
+// parameters goes unnoticed.
 using namespace firn;
 
 namespace
@@ -21,8 +21,8 @@ namespace
 using Solid = Space<3, double>;
 using PlaneFloat = Space<2, float>;
 
-/// Of a policy whose members take `size` bytes each: that to change any of them, and no other thing, changes
-/// one of the parameters it says, but for `silent` members that changed none.
+/// For a policy with members of `size` bytes each: changing any one of them changes exactly one of the
+/// parameters that it says, but for `silent` members that change none.
 template <class Policy>
 void require_told(std::size_t size, int silent)
 {
@@ -55,7 +55,7 @@ template <class Space>
 using Models = decltype(std::tuple_cat(std::declval<AllModels<Space>>(),
                                        std::declval<std::tuple<Heterogeneous<Snow<Space>>>>()));
 
-/// A policy of somebody's own with parameters of all kinds.
+/// A user-defined policy with parameters of all kinds.
 struct Own
 {
     enum class Kind
@@ -124,7 +124,7 @@ TEST_CASE("parameters within parameters are named by where they are")
 namespace
 {
 
-/// Says two of its numbers by one name, as who copies a line may.
+/// Says two of its numbers under one name, as a copied line would.
 struct Twice
 {
     double first = 1, second = 2;

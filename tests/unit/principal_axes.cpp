@@ -153,8 +153,8 @@ bool same(Matrix const& a, Matrix const& b)
     return (a.array() == b.array() || (a.array().isNaN() && b.array().isNaN())).all();
 }
 
-/// Gives `check` the same matrix among others, and alone in the same lane, beside zeros or what is no number:
-/// (one lane's worth, the same but for the others, the lane, whether the others are no numbers).
+/// Calls `check` with the same matrix among others, and alone in the same lane, beside zeros or NaN: (one
+/// lane's worth, the same but for the others, the lane, whether the others are NaN).
 template <class Check>
 void for_each_alone(std::size_t width, double (*size)(int), Check&& check)
 {

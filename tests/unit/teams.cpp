@@ -59,7 +59,7 @@ TEST_CASE("parts of threads may have bounds of their own, which count if they ar
     openmp::detail::SharedIndices indices(bounds);
     auto const note = [&](int i) { order.push_back(i); };
     indices.for_each<int>(1, 3, note);
-    CHECK(order == std::vector<int>{4, 3, 2, 1, 0}); // whose part is empty helps the next one
+    CHECK(order == std::vector<int>{4, 3, 2, 1, 0}); // a thread with an empty part helps the next one
 
     int const threads = GENERATE(1, 2, 3, 100), count = GENERATE(4, 5, 6);
     std::vector<std::atomic<int>> visits(8);
@@ -248,7 +248,7 @@ TEST_CASE("a thread that lost its core tries again after a pause, which doubles 
     CHECK_FALSE(bench.is_to_try(now + Bench::longest / 2)); // it grows no further
     bench.leave(now);
     CHECK_FALSE(bench.is_on());
-    bench.sit(now += Bench::longest); // it went wrong soon: the long pause
+    bench.sit(now += Bench::longest); // it failed soon: the long pause
     CHECK_FALSE(bench.is_to_try(now + Bench::longest / 2));
     bench.leave(now += Bench::longest);
     bench.sit(now += 10 * Bench::longest); // it went well for long: a short one

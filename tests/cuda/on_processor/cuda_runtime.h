@@ -23,16 +23,17 @@
 #include <utility>
 #include <vector>
 
-// As much of the CUDA runtime as Firn calls, and of CUDA's C++ as its loops are written in, on a processor:
-// what they compute is tested where there is no device, and watched by the compiler's sanitizers.
+// The part of the CUDA runtime that Firn calls, and of CUDA's C++ in which its loops are written, on a
+// processor: it tests what they compute where there is no device, under the compiler's sanitizers.
 //
-// The threads of a group are fibers, which one thread of the processor runs from one rendezvous to the next
-// (__syncthreads, a vote, a shuffle), in an order by chance: who reads what others are yet to write is found
-// out. So are loops that read what nobody has written: memory comes full of ones. Groups follow each other by
-// chance, too. Loops are queued, and a thread of their own runs them while the host goes on. What this cannot
-// show: groups at work at the same time, how memory is ordered between them, registers, time.
+// The threads of a group are fibers, which one thread of the processor runs from one barrier to the next
+// (__syncthreads, a vote, a shuffle), in random order. This exposes reads of values that other threads have
+// yet to write. Reads of memory that was never written show up too, since memory is filled with ones. Groups
+// run one after the other, also in random order. Loops are queued, and a thread of their own runs them while
+// the host goes on. What this cannot show: groups that run concurrently, how memory is ordered between them,
+// registers, time.
 //
-// ON_PROCESSOR_SEED=number is another order.
+// ON_PROCESSOR_SEED=number selects another order.
 
 #define __host__
 #define __device__
@@ -110,7 +111,7 @@ enum class Call
 struct Warp
 {
     std::uint32_t alive = 0, arrived = 0;
-    Call call{}; ///< what those who arrived have called
+    Call call{}; ///< the call of the threads that have arrived at the barrier
     std::uint64_t brought[32], seen[32];
     std::uint32_t seen_from = 0;
 };
@@ -216,7 +217,7 @@ public:
         return result_;
     }
 
-    /// The lanes that are still there bring a value each; it calls `use(lane, whose values they are,
+    /// The lanes that still run bring a value each; it calls `use(lane, mask of the lanes with values,
     /// values)`.
     template <class Use>
     auto meet(Call call, std::uint32_t mask, std::uint64_t value, Use const& use)
@@ -242,7 +243,7 @@ public:
     }
 
 private:
-    /// Whose turn it is: one by chance of those that wait for nobody; if there are none, the caller's.
+    /// The thread to run next: a random one of those that need not wait; if there are none, the caller's.
     Thread& next()
     {
         came_from_ = now_;
@@ -497,7 +498,7 @@ T __ldcg(T const* from)
 }
 inline void __threadfence() {}
 
-// Fibers leave off at a rendezvous only.
+// Fibers yield at a barrier only.
 template <class T>
 T atomicAdd(T* to, std::type_identity_t<T> value)
 {
@@ -633,7 +634,7 @@ cudaError_t cudaMalloc(T** to, std::size_t bytes)
         return on_processor::tell(cudaErrorMemoryAllocation);
     void* const there = std::aligned_alloc(256, (bytes + 255) / 256 * 256);
     if (there == nullptr) return on_processor::tell(cudaErrorMemoryAllocation);
-    if (bytes <= std::size_t(64) << 20) std::memset(there, 0xff, bytes); // more is for nobody to read
+    if (bytes <= std::size_t(64) << 20) std::memset(there, 0xff, bytes); // no test reads more
     memory.held[there] = {device, bytes};
     memory.used[device] += bytes;
     *to = static_cast<T*>(there);
@@ -725,7 +726,7 @@ inline bool is_elsewhere(cudaStream_t stream)
 }
 namespace on_processor
 {
-/// How often somebody has waited for a stream.
+/// How often the host has waited for a stream.
 inline std::size_t waits = 0;
 } // namespace on_processor
 inline cudaError_t cudaStreamSynchronize(cudaStream_t)
