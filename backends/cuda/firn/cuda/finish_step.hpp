@@ -27,8 +27,8 @@ struct MergeAndFinish
     Call call;
 
     static constexpr std::size_t all_of_one_warp = sizeof(OfNodes) + orders * sizeof(OfItems);
-    /// How many warps merge results of each kind; fewer with many obstacles, whose results need memory. A
-    /// group with fewer warps merges in several rounds, with the same bits.
+    /// How many warps merge results of each kind; fewer with many obstacles, since their results need memory.
+    /// A group with fewer warps merges in several rounds, with the same bits.
     static constexpr std::uint32_t warps = [] {
         std::uint32_t most = scanning_threads / 64;
         while (most > 1 && most * all_of_one_warp > 32 * 1024) most /= 2;

@@ -91,7 +91,7 @@ public:
     }
     /// What threads work with in loops that change something; such loops must be called one at a time.
     Workspace& workspace() const { return workspace_; }
-    /// The block's index before the last follow(), or absent.
+    /// The block's index before the last rebin(), or absent.
     int old_block(std::size_t block) const { return old_block_[block]; }
     /// The cells of consecutive slots of a block, counted along the last axis first.
     void find_places(std::size_t block, std::size_t slot, int count, int* places) const

@@ -110,7 +110,7 @@ public:
     Number* at(int channel, std::size_t item) { return &values_[std::size_t(channel) * stride_ + item]; }
     Number const* at(int channel, std::size_t item) const { return &values_[channel * stride_ + item]; }
 
-    /// The pack whose first item this is.
+    /// The pack that begins with this item.
     Pack& pack(std::size_t item) { return packs_[item / lanes]; }
 
     /// The index of an item's cell in the group; set only for PackedItems.

@@ -73,7 +73,7 @@ void for_each(Threads const& threads, std::size_t count, Body const& body)
 
 namespace detail
 {
-/// Clears the rows of a tile whose bits are set.
+/// Clears the rows of a tile that `rows` has bits for.
 template <class GridType, int channels, class Number>
 void clear_rows(Number* tile, std::uint64_t rows)
 {

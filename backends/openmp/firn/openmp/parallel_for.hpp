@@ -15,16 +15,16 @@ namespace firn::openmp
 
 namespace detail
 {
-/// Indices that threads share, some at a time. Each thread has a part of its own and goes through it from the
-/// front; when that is done it takes from the backs of the others' parts. So a thread meets much the same
-/// indices in one loop after another, and finds what they stand for in its own cache. (What one thread wrote
-/// others read behind the end of the team: that orders all, the parts nothing.)
+/// Indices that threads share, some at a time. Each thread goes through a partition of its own from the
+/// front; when that is done it helps with the others, from their backs. So a thread works on much the same
+/// indices in one loop after another, and finds their data in its own cache. Atomics here are relaxed: what
+/// one thread writes others read only after the end of the team's loop, which orders everything.
 class SharedIndices
 {
 public:
-    static constexpr int most_parts = 64; ///< more threads than that share parts
+    static constexpr int most_parts = 64; ///< more threads than that share partitions
 
-    /// `chunk` at a time, for so many threads.
+    /// `chunk` indices at a time, for so many threads.
     SharedIndices(std::int64_t count, std::int64_t chunk, int threads)
         : count_(count), chunk_(chunk), partitions_(std::clamp(threads, 1, most_parts))
     {
@@ -33,7 +33,7 @@ public:
             set(part, std::uint32_t(chunks * part / partitions_),
                 std::uint32_t(chunks * (part + 1) / partitions_));
     }
-    /// One at a time; the parts begin at these indices, and before the last of them ends the last part.
+    /// One index at a time; the partitions begin at these bounds, and the last bound ends the last partition.
     explicit SharedIndices(std::span<std::uint32_t const> bounds)
         : count_(bounds.back()), chunk_(1), partitions_(static_cast<int>(bounds.size()) - 1)
     {
@@ -41,11 +41,11 @@ public:
             set(part, bounds[std::size_t(part)], bounds[std::size_t(part) + 1]);
     }
 
-    /// Says that a thread will soon ask for some: what the leading thread has just written comes on its way.
+    /// Prefetches the partition that a thread is about to use, which the leader has just written.
     void expect(int thread, int threads) const { __builtin_prefetch(&part_[own_part(thread, threads)], 1); }
 
-    /// Calls `work(i)` for every index that the calling thread gets, number `thread` of so many; returns the
-    /// share of all that these are.
+    /// Calls `work(i)` for every index that the calling thread gets, as number `thread` of `threads`; returns
+    /// its share of all indices.
     template <class Index, class Work>
     double for_each(int thread, int threads, Work& work)
     {
@@ -81,8 +81,8 @@ private:
         std::construct_at(&part_[part], Range{begin, end});
     }
 
-    /// The next chunk of a part, from its front or its back, or -1 if there is none left. Where a thread is
-    /// `alone` it need not wait until all that it has written is on its way.
+    /// The next chunk of a partition, from its front or its back, or -1 if none is left. A thread that is
+    /// `alone` needs no compare-and-swap, which would wait for all its earlier stores.
     std::int64_t take(int part, bool from_front, bool alone)
     {
         auto& shared = part_[part].left;
@@ -101,18 +101,18 @@ private:
 
     std::int64_t count_, chunk_;
     int partitions_;
-    union // so that those beyond `parts_`, most of them, need not be made
+    union // so that unused partitions, most of them, need not be constructed
     {
         Part part_[most_parts];
     };
 };
 
-/// Threads do `make`'s work for all indices, each calling it once; `all` gives them out.
+/// Threads do `make`'s work for all indices, each calling it once; `all` hands out the indices.
 template <class Index, class Make>
 void share_out(Threads const& threads, SharedIndices& all, Make const& make)
 {
-    // The team does not know the type of the work: or compilers make the body of each loop twice, for one
-    // thread and for several.
+    // The type of the work is hidden from the team; otherwise compilers would compile the body of each loop
+    // twice, for one thread and for several.
     ThreadWork const work{[](void const* context, SharedIndices& indices, int thread, int of) {
                               indices.expect(thread, of);
                               auto work_on = (*static_cast<Make const*>(context))(thread);
@@ -128,14 +128,14 @@ void share_out(Threads const& threads, SharedIndices& all, Make const& make)
 }
 } // namespace detail
 
-/// Threads share the indices from 0 to `count`, `chunk` at a time or fewer, where there are not enough for
-/// all: each calls `make(its number)` once and what that returns for every index it gets. If one of these
-/// calls throws, so does this, and work is undone.
+/// Threads share the indices from 0 to `count`, at most `chunk` at a time, or fewer if there are not enough
+/// for all. Each calls `make(its number)` once, and what that returns for every index it gets. If one of
+/// these calls throws, so does this, and some of the work may be left undone.
 template <class Index, class Make>
 void parallel_for(Threads const& threads, Index count, int chunk, Make const& make)
 {
     if (count <= 1 && threads.count > 1) return parallel_for(Threads(1), count, chunk, make);
-    // a thread that is late finds others that help
+    // small chunks, so that others can help a late thread
     Index const fair = count / Index(4 * threads.count);
     Index const at_once =
         threads.count == 1 ? std::max(count, Index(1)) : std::clamp(fair, Index(1), Index(chunk));
@@ -143,8 +143,8 @@ void parallel_for(Threads const& threads, Index count, int chunk, Make const& ma
     detail::share_out<Index>(threads, all, make);
 }
 
-/// The same one at a time, in parts that begin at `bounds`, the last of which is where the last part ends; or
-/// in equal ones, if these are not for so many threads and indices.
+/// The same one index at a time, in partitions that begin at `bounds`; the last bound ends the last
+/// partition. If the bounds are not for so many threads and indices, the partitions are equal.
 template <class Index, class Make>
 void parallel_for(Threads const& threads, Index count, std::span<std::uint32_t const> bounds,
                   Make const& make)
