@@ -210,8 +210,8 @@ def cost_at(error, line, cost):
 
 
 def least(error, lines, programs, cost):
-    """The least that some programs pay for an error, with whatever kernel, and who pays it."""
-    paid = [(cost_at(error, line, cost), who) for who, line in lines.items() if who[0] in programs]
+    """The least that some programs pay for an error, with whatever kernel, and which of them pays it."""
+    paid = [(cost_at(error, line, cost), program) for program, line in lines.items() if program[0] in programs]
     return min((pair for pair in paid if pair[0]), default=None)
 
 
@@ -227,7 +227,7 @@ def say_programs(problem, rows, cost):
             print(f"  {PROGRAMS[other][0]} over {PROGRAMS[ours][0]}, {kernel}: {', '.join(told)}")
     print("  the best of the others over the best of Firn, whatever their kernels:")
     told = math.inf
-    for error in sorted({row.error for who, line in lines.items() if who[0] in theirs for row in line}, reverse=True):
+    for error in sorted({row.error for program, line in lines.items() if program[0] in theirs for row in line}, reverse=True):
         if error > 0.99 * told:
             continue  # another program's, and the same
         told = error

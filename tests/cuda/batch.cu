@@ -257,7 +257,7 @@ TEST_CASE("a mishap in the middle of a batch leaves the state of the last good s
     for (std::size_t batch : {4, 64}) CHECK((run(batch) == one_by_one));
 }
 
-TEST_CASE("who wanted new blocks in a step that went wrong is forgotten when the scene goes on")
+TEST_CASE("requests for new blocks of a failed step are forgotten when the scene goes on")
 {
     using Solver = Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver;
     double const dt = 1e-4;

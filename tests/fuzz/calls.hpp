@@ -113,15 +113,16 @@ private:
     void let_go()
     {
         auto const& gone = solver_.isolated();
-        expect(gone.size() >= isolated_, "who was taken out is forgotten");
+        expect(gone.size() >= isolated_, "a particle that was taken out is forgotten");
         if (gone.size() > isolated_) expect(gone.size() <= in_quarantine_, "more are gone than may be");
         for (; isolated_ < gone.size(); ++isolated_) {
             auto const& failure = gone[isolated_];
             auto const at = std::ranges::lower_bound(ids_, failure.particle);
-            expect(at != ids_.end() && *at == failure.particle, "somebody was taken out who was not there");
+            expect(at != ids_.end() && *at == failure.particle,
+                   "a particle was taken out that was not there");
             expect(failure.position.allFinite() && failure.material < Solver::materials &&
                        failure.cause != FailureCause::none && failure.count > 0,
-                   "who was taken out is not told");
+                   "the report lacks a particle that was taken out");
             masses_.erase(masses_.begin() + (at - ids_.begin()));
             ids_.erase(at);
         }
@@ -203,7 +204,7 @@ private:
         before.masses.resize(kept);
         masses_.resize(kept);
         ids_ = before.ids;
-        expect(Told<Solver>(solver_) == before, "who stays has changed");
+        expect(Told<Solver>(solver_) == before, "a particle that stays has changed");
     }
 
     template <class Tag>
@@ -294,7 +295,7 @@ private:
         expect(reports.size() == count, "not one report per step");
         std::size_t told_gone = 0;
         for (auto const& report : reports) told_gone += report.isolated.size();
-        expect(told_gone == gone, "reports do not tell who was taken out");
+        expect(told_gone == gone, "reports do not tell what was taken out");
         std::vector<Reaction> reactions;
         double beyond = 1, elapsed = 0;
         for (auto const& report : reports) {
@@ -321,7 +322,7 @@ private:
         expect(report.lost == 0, "particles were lost");
         expect(solver_.time() == before.time + duration, "it ended at another time");
         std::size_t const gone = solver_.isolated().size() - isolated_;
-        expect(report.isolated.size() == gone, "the report does not tell who was taken out");
+        expect(report.isolated.size() == gone, "the report does not tell what was taken out");
         if (gone == 0)
             expect_balance(before, bounds, double(report.substeps), report.time_of_forces, 1,
                            report.reactions);

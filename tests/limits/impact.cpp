@@ -224,7 +224,7 @@ TEST_CASE("H2: the same, of 32 cells a side", "[.full]")
 // as it was. (A mesh that computes F from the places of its nodes can untangle.) The test asks instead that
 // nothing grows, that no other particle is inverted, and that the same particle of a law without a stress for
 // it is an error.
-TEST_CASE("H3: particles that are turned inside out stay so, shrink, and disturb nobody")
+TEST_CASE("H3: particles that are turned inside out stay so, shrink, and disturb no others")
 {
     HardCase const H3{"H3"};
     double const h = 0.1, volume = std::pow(h / 2, 3);

@@ -23,7 +23,7 @@ struct Faster
     }
 };
 
-struct Nobody
+struct NoParticle
 {
     template <int d>
     FIRN_HOST_DEVICE bool operator()(Eigen::Matrix<double, d, 1> const&) const
@@ -55,8 +55,8 @@ using Cases =
                  Scene<FixedCorotated<SolidFloat>, QuadraticBSpline, Apic>,
                  Scene<Sand<PlaneFloat>, CubicBSpline, Asflip>>;
 
-TEMPLATE_LIST_TEST_CASE("who stays when others are removed keeps its id and, bit by bit, all it has", "",
-                        Cases)
+TEMPLATE_LIST_TEST_CASE(
+    "a particle that stays when others are removed keeps its id and, bit by bit, all it has", "", Cases)
 {
     constexpr int d = TestType::d;
     double const h = 0.05;
@@ -88,7 +88,7 @@ TEMPLATE_LIST_TEST_CASE("who stays when others are removed keeps its id and, bit
     }
     CHECK(removed + left == 2 * box.size());
     auto const before = everything(solver);
-    CHECK(solver.remove_if(Nobody{}) == 0);
+    CHECK(solver.remove_if(NoParticle{}) == 0);
     CHECK((everything(solver) == before));
     CHECK(solver.remove_if(Outside<Sphere>{.shape = {1e-6}, .pose = {.position = {0, -9, 0}}}) == left);
     CHECK(solver.size() == 0);
@@ -120,7 +120,7 @@ TEST_CASE("particles are added at points in any of Eigen's vectors")
     for (std::size_t i = 0; i < x.size(); ++i) CHECK((x[i] - expected[i]).norm() <= 1e-14);
 }
 
-TEST_CASE("to remove nobody changes not a bit of what follows")
+TEST_CASE("to remove no particle changes not a bit of what follows")
 {
     using Solver = Scene<Snow<Plane>, QuadraticBSpline, Mls>::Solver;
     auto const run = [](bool asks) {
@@ -176,7 +176,7 @@ TEMPLATE_LIST_TEST_CASE("a body flies on as if one far away had never been there
     CHECK(faster <= (TestType::is_float ? 1e-3 : 1e-10));
 }
 
-TEMPLATE_LIST_TEST_CASE("who is removed bounds no step any more", "", Cases)
+TEMPLATE_LIST_TEST_CASE("a removed particle bounds no step any more", "", Cases)
 {
     constexpr int d = TestType::d;
     double const h = 0.05;

@@ -337,7 +337,8 @@ TEST_CASE("extended PIC repeats steps that go wrong, and after a mishap particle
     CHECK((Totals(ending).momentum - before.momentum).norm() < 1e-12 * before.momentum.norm());
 }
 
-TEST_CASE("with extended PIC, too, who goes wrong is taken out, and all others are as if it had been removed")
+TEST_CASE("with extended PIC, too, a particle that fails is taken out, and all others are as if it had been "
+          "removed")
 {
     Jelly<Xpic> isolates(lattice(0.05), {}, Xpic{.order = 3}), removes(lattice(0.05), {}, Xpic{.order = 3});
     isolates.quarantine(1);

@@ -386,7 +386,7 @@ TEST_CASE("a particle in quarantine is gone, and all others are, bit by bit, as 
     }
 }
 
-TEST_CASE("advance goes on without who has no stress, at once, as it does where there was nobody")
+TEST_CASE("advance goes on at once without particles that have no stress, as it does in an empty scene")
 {
     for (auto const& [stretch, shear] : {std::pair(-0.5, 0.0), std::pair(1.0, 1e200)}) {
         auto isolates = running_scene(), without = running_scene();

@@ -196,7 +196,7 @@ TEST_CASE("particles behind a reflecting wall, or across it, are refused, whenev
     CHECK_NOTHROW(falling.step(1e-5, floor));
 }
 
-TEST_CASE("nothing bounds the steps of a scene where nobody is")
+TEST_CASE("nothing bounds the steps of a scene without particles")
 {
     Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>::Solver solver(lattice(0.05));
     auto const report =
@@ -215,7 +215,7 @@ TEST_CASE("nothing bounds the steps of a scene where nobody is")
     CHECK(last.substeps < 1000);
 }
 
-TEST_CASE("bounds that steps found for who is gone, or was changed, hold nobody up")
+TEST_CASE("bounds found for particles that are gone, or were changed, hold no step up")
 {
     auto const hasty = [] { // no step of it gets on
         auto solver = block<NeoHookean<Plane>>();
@@ -259,7 +259,7 @@ TEST_CASE("bounds that steps found for who is gone, or was changed, hold nobody 
     CHECK(emptied.advance(1).substeps < 10);
 }
 
-TEST_CASE("who has no stress is named, not those who go wrong by it")
+TEST_CASE("a particle without a stress is named, not those that fail because of it")
 {
     auto const wrong = [](auto solver) {
         auto states = solver.template download<DisplacementGradient>();
@@ -288,7 +288,7 @@ TEST_CASE("a state that flying sand comes to is restored")
     CHECK(again.download<LooseVolume>() == sand.download<LooseVolume>());
 }
 
-TEST_CASE("a time that would be lost to rounding is refused: nobody waits for it in vain")
+TEST_CASE("a time that would be lost to rounding is refused: no caller waits for it in vain")
 {
     auto solver = block<NeoHookean<Plane>>();
     CHECK(solver.advance(1e-20).substeps == 1); // there is none yet beside which it were lost
@@ -315,7 +315,7 @@ TEST_CASE("a time that would be lost to rounding is refused: nobody waits for it
     refused([&] { single.advance(1e-20); });
 }
 
-TEST_CASE("who gets a stress that is no number is named before it spoils what others take, or taken out")
+TEST_CASE("a particle with a stress that is no number is named, or taken out, before others gather it")
 {
     using Solver = Scene<Rotten<Plane>, QuadraticBSpline, Mls>::Solver;
     std::uint32_t const weakest = 30;
@@ -394,7 +394,7 @@ TEST_CASE("who gets a stress that is no number is named before it spoils what ot
     CHECK(gone == std::vector<std::size_t>{weakest, sound.size() - 1});
 }
 
-TEST_CASE("who is far too fast is taken out, and not those whom it carries along")
+TEST_CASE("a particle that is far too fast is taken out, and not those that it carries along")
 {
     auto solver = block<NeoHookean<Plane>>();
     std::size_t const count = solver.size();
@@ -409,7 +409,7 @@ TEST_CASE("who is far too fast is taken out, and not those whom it carries along
     CHECK(solver.size() == count - 1);
 }
 
-TEST_CASE("who is so fast that no step gets on is named, or taken out")
+TEST_CASE("a particle so fast that no step gets on is named, or taken out")
 {
     auto const scene = [](double speed) {
         auto solver = block<NeoHookean<Plane>>();
@@ -487,7 +487,7 @@ TEST_CASE("what goes wrong again and again, with steps that go well between, end
     CHECK_NOTHROW(hit(1000));
 }
 
-TEST_CASE("a state whose stress is beyond all numbers is named, and not those whom it would spoil")
+TEST_CASE("a state whose stress is beyond all numbers is named, and not those that it would spoil")
 {
     auto solver = block<NeoHookean<Plane>>();
     auto H = solver.download<DisplacementGradient>();
@@ -496,7 +496,8 @@ TEST_CASE("a state whose stress is beyond all numbers is named, and not those wh
     CHECK_THAT(refused([&] { solver.advance(1e-2); }).what_is_wrong(), Contains("since particle 9 "));
 }
 
-TEST_CASE("who was taken out is back with the snapshot that has them, and may be taken out once more")
+TEST_CASE(
+    "particles that were taken out are back with the snapshot that has them, and may be taken out once more")
 {
     auto solver = block<NeoHookean<Plane>>();
     solver.quarantine(2);

@@ -392,7 +392,7 @@ TEST_CASE("other parameters of a transfer or of any of several materials are ref
                Contains("(flip) a parameter viscosity, this solver has none of this name"));
 }
 
-TEST_CASE("who lets a snapshot forget its parameters goes on with others, by steps that suit these")
+TEST_CASE("a snapshot whose parameters are forgotten goes on with others, by steps that suit these")
 {
     meshes::Folder const folder;
     auto const path = folder / "a.firn";

@@ -67,7 +67,7 @@ TEST_CASE("bad particles of one material are refused, and nothing changes of eit
     CHECK(solver.add<Jelly>(Points{{0, 3}}, 1e-3) == untouched.size()); // no id was spent
 }
 
-TEST_CASE("a drain that makes no sense is refused, and removes nobody")
+TEST_CASE("a drain that makes no sense is refused, and removes no particle")
 {
     auto solver = running_scene();
     auto const untouched = running_scene();
@@ -85,7 +85,7 @@ TEST_CASE("a drain that makes no sense is refused, and removes nobody")
     CHECK(same(solver, untouched));
 }
 
-TEST_CASE("where nobody is left, particles of any mass may come")
+TEST_CASE("where no particle is left, particles of any mass may come")
 {
     auto solver = running_scene();
     refused([&] {

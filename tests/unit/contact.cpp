@@ -325,7 +325,7 @@ TEST_CASE("obstacles that do not act on particles do not change how others push 
     CHECK((between.touch(floor, far) - Eigen::Vector2d(-0.0025, 0.005)).norm() <= 1e-15);
 }
 
-TEST_CASE("who is in a thick shell comes out on its own side over several steps, as out of a solid")
+TEST_CASE("a particle in a thick shell comes out on its own side over several steps, as out of a solid")
 {
     Obstacle<Shell<HalfSpace>> const slab{.shape = {HalfSpace{}, 0.6}}; // six cells
     for (double side : {1.0, -1.0}) {

@@ -151,7 +151,7 @@ TEST_CASE("a grid of distances knows how far its solid reaches, to a cell, also 
     CHECK(grid_of<float, 2>(0.5f, [](auto const&) { return 1.0f; }).reach() == 0); // there is none
 }
 
-TEST_CASE("a grid of distances tells who is inside, too")
+TEST_CASE("a grid of distances tells what is inside, too")
 {
     auto const square = []<class Real>(Real) {
         std::vector<Real> distance; // to a circle of radius 1 about (2, 2)

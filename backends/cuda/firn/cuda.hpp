@@ -119,7 +119,7 @@ struct Cuda
         if (cells.size() == 0) return;
         cuda::OnDevice const here(device);
         cuda::detail::launch("for_each_place", queue(), cuda::detail::for_each_place<Order, Visit>,
-                             cells.blocks(), 1, 0, cells.signal(), visit, cells.view(), cells.settled());
+                             cells.blocks(), 1, 0, cells.signal(), visit, cells.view(), cells.committed());
     }
 
     /// All items scatter to the grid by `phase.prepare` and `scatter` (see Scatter): afresh, or onto the sums
@@ -144,11 +144,11 @@ struct Cuda
                                                                             cells.leavers(), grid.view()};
         using Tiles = cuda::detail::SharedTiles<GridType>;
         // as many as rebin() has where it scatters early, since sums are added up team by team
-        unsigned const teams = Tiles::teams_that_follow(cells.followed_blocks());
+        unsigned const teams = Tiles::teams_that_rebin(cells.rebinned_blocks());
         auto* const loop =
             teams == 1
                 ? cuda::detail::scatter_leavers<1, Order, GridType, Phase>
-                : cuda::detail::scatter_leavers<cuda::detail::most_teams_that_follow, Order, GridType, Phase>;
+                : cuda::detail::scatter_leavers<cuda::detail::most_teams_that_rebin, Order, GridType, Phase>;
         cuda::detail::launch("scatter_leavers", queue(), loop, std::min(grid.blocks(), 4096u), teams,
                              Tiles::bytes(false, true, teams), cells.signal(), grid.blocks(), scatter);
     }
@@ -278,7 +278,7 @@ struct Cuda
             return;
         }
         using Tiles = cuda::detail::SharedTiles<GridType>;
-        unsigned const teams = Tiles::teams_that_follow(cells.blocks());
+        unsigned const teams = Tiles::teams_that_rebin(cells.blocks());
         cells.rebin_early(
             offsets, rebinned.finish,
             [&](auto const& view, auto const& arrived) {

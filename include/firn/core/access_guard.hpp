@@ -66,8 +66,8 @@ public:
 #ifdef NDEBUG
         return {nullptr, 0};
 #else
-        int nobody = 0;
-        if (!inside_.compare_exchange_strong(nobody, changing)) refuse(where);
+        int none = 0;
+        if (!inside_.compare_exchange_strong(none, changing)) refuse(where);
         return {&inside_, changing};
 #endif
     }

@@ -192,7 +192,7 @@ public:
         require(left_ == 0, "the file holds more than it says", "read_checkpoint",
                 "It was not written by this library: pass another one.");
         require(crc_.value() == checksum_, "the file has changed while it was read", "read_checkpoint",
-                "Read it when nobody writes into it: write_checkpoint never does, it makes a new one.");
+                "Read it while no program writes into it: write_checkpoint never does, it makes a new one.");
     }
 
 private:

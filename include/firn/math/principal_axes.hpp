@@ -60,19 +60,19 @@ struct SomeTurn
 
 /// One step of Jacobi: turns the axes p and q so that S(p, q) vanishes. S = Uᵀ A U is symmetric, and only its
 /// upper triangle is stored.
-template <int p, int q, Lane Real, int d, class Who>
-FIRN_HOST_DEVICE inline void turn_axes(Matrix<Real, d>& S, Matrix<Real, d>& U, Who const& who)
+template <int p, int q, Lane Real, int d, class Choose>
+FIRN_HOST_DEVICE inline void turn_axes(Matrix<Real, d>& S, Matrix<Real, d>& U, Choose const& choose)
 {
     Real const difference = S(q, q) - S(p, p);
     Real root;
-    Turn<Real> const turn = who(turn_of(difference, ScalarOf<Real>(2) * S(p, q), root));
+    Turn<Real> const turn = choose(turn_of(difference, ScalarOf<Real>(2) * S(p, q), root));
     turn.template turn<p, q>(U);
 
     Real const half = ScalarOf<Real>(0.5) * (root - abs(difference)); // the mean stays
-    Real const apart = who(select(difference < Real(0), -half, half), Real(0));
+    Real const apart = choose(select(difference < Real(0), -half, half), Real(0));
     S(p, p) -= apart;
     S(q, q) += apart;
-    S(p, q) = who(Real(0), S(p, q));
+    S(p, q) = choose(Real(0), S(p, q));
     if constexpr (d == 3) {
         constexpr int r = 3 - p - q;
         Real& a = S(p < r ? p : r, p < r ? r : p);
@@ -121,10 +121,10 @@ FIRN_HOST_DEVICE inline Matrix<Real, 3> axes_of(Matrix<Real, 3>& S)
 }
 
 /// Turns the axes p and q so that they are orthogonal in their stretched form too.
-template <int p, int q, Lane Real, int d, class Who>
-FIRN_HOST_DEVICE inline void part_axes(Matrix<Real, d>& G, Matrix<Real, d>& U, Who const& who)
+template <int p, int q, Lane Real, int d, class Choose>
+FIRN_HOST_DEVICE inline void part_axes(Matrix<Real, d>& G, Matrix<Real, d>& U, Choose const& choose)
 {
-    auto const turn = who(turn_to_orthogonal<p, q>(G));
+    auto const turn = choose(turn_to_orthogonal<p, q>(G));
     turn.template turn<p, q>(G);
     turn.template turn<p, q>(U);
 }

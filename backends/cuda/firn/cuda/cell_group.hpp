@@ -119,7 +119,7 @@ public:
         for (int c = d; c < Phase::scratch_channels; ++c)
             leavers.contribution[std::size_t(i) * leavers.channels + c - d] = scratch_[c];
     }
-    __device__ void forget_given()
+    __device__ void forget_contribution()
     {
 #pragma unroll
         for (int c = 0; c < Phase::scratch_channels; ++c)

@@ -81,7 +81,7 @@ public:
         Array<Place> where(queue_);
         where.resize(cells.size());
         where.upload(0, {reinterpret_cast<Place const*>(cells.data()), cells.size()});
-        MoverArrays fresh(queue_);
+        LeaverArrays fresh(queue_);
         fresh.renew(count, 0);
         signal();
         if (blocks() == 0) set_.reserve(BlockSet::few);
@@ -92,7 +92,7 @@ public:
                          fresh.view(0), where.data(), first, count, changes(), set_.view());
             std::uint32_t const births = set_.births();
             if (births == 0) break;
-            bear_blocks(births);
+            add_blocks(births);
         }
         find_block_begins();
         rearrange(fresh.view(0), count, nullptr, {});
@@ -107,9 +107,9 @@ public:
         OnDevice const here(queue_);
         signal();
         launch_after("leave", queue_, detail::leave, blocks(), 64, begin_.data(),
-                     settled_ ? nullptr : order_.data(), gone, changes(), left_.data());
+                     committed_ ? nullptr : order_.data(), gone, changes(), left_.data());
         find_block_begins();
-        MoverArrays none(queue_);
+        LeaverArrays none(queue_);
         none.renew(0, 0);
         rearrange(none.view(0), 0, left_.data(), {});
         if (kept > 0) {
@@ -127,7 +127,7 @@ public:
         if (blocks() == 0) return;
         OnDevice const here(queue_);
         offset_ = offset;
-        followed_blocks_ = blocks();
+        rebinned_blocks_ = blocks();
         rearrange(leavers_.view(channels_), leavers_.most, left_.data(), offset);
         kept_order_ = false;
         if (crowded_) forget_empty_blocks();
@@ -138,7 +138,7 @@ public:
     void begin_rebin(std::array<Offset*, d> const& offset) { rebin(offset); }
 
     /// How many blocks there were at the last rebin, before empty ones were removed.
-    std::uint32_t followed_blocks() const { return followed_blocks_; }
+    std::uint32_t rebinned_blocks() const { return rebinned_blocks_; }
 
     /// Whether a step takes less time than a round trip to the host: few blocks, most of them well filled.
     /// Then blocks are created ahead of the missing ones, three deep, and more empty ones are kept.
@@ -151,13 +151,13 @@ public:
     /// The same while one group of threads calls `finish`. What `scatter(cells, arrived)` returns is called
     /// for each block by `teams` teams (see detail::finish_and_rearrange) with so much shared memory. Keeps
     /// the previous order for rollback().
-    template <class Finish, class Give>
-    void rebin_early(std::array<Offset*, d> const& offset, Finish const& finish, Give const& scatter,
+    template <class Finish, class Scatter>
+    void rebin_early(std::array<Offset*, d> const& offset, Finish const& finish, Scatter const& scatter,
                      unsigned teams, std::size_t shared)
     {
         OnDevice const here(queue_);
         offset_ = offset;
-        followed_blocks_ = blocks();
+        rebinned_blocks_ = blocks();
         order_before_.renew(size_);
         new_begin_.renew(blocks() * Shape::cells + 1);
         arrived_begin_.renew(new_begin_.size());
@@ -174,20 +174,20 @@ public:
         std::swap(begin_, new_begin_);
         std::swap(order_, order_before_);
         kept_order_ = true;
-        settled_ = false;
+        committed_ = false;
     }
     /// Undoes the last `follows` rebins on the host, for steps that were queued and then not run, or rebinned
     /// early. `settled`: whether items then lie at their slots. If they do, the first of these rebins wrapped
     /// the leavers' offsets in `offset`, which are unwrapped. If they do not, its offsets belong to a failed
     /// step and are not read again.
-    void rollback(int follows, bool settled, std::array<Offset*, d> const& offset)
+    void rollback(int follows, bool committed, std::array<Offset*, d> const& offset)
     {
         if (follows % 2 != 0) {
             std::swap(begin_, new_begin_);
             if (kept_order_) std::swap(order_, order_before_);
         }
-        settled_ = settled;
-        if (!settled || !kept_order_) return;
+        committed_ = committed;
+        if (!committed || !kept_order_) return;
         OnDevice const here(queue_);
         launch_after("unwrap", queue_, detail::unwrap<d, Number>, groups_of(leavers_.most, 256), 256,
                      leavers_.view(channels_), offset);
@@ -212,7 +212,7 @@ public:
         leavers_.renew(std::max<std::size_t>(leavers_.most, size_ / 32 + 256), channels);
         if (may_have_arrived_)
             launch_behind("forget_all_incoming", queue_, detail::forget_all_incoming, blocks(), 64, 0,
-                          signal(), detail::ArrivalsToForget{changes(), blocks(), leavers_.meet.data()});
+                          signal(), detail::ArrivalsToForget{changes(), blocks(), leavers_.counters.data()});
         may_have_arrived_ = true;
         is_to_find_ = !destinations().at_once;
         return leavers_.view(channels);
@@ -234,7 +234,7 @@ public:
     detail::ArrivalsToForget forget_incoming_on_the_way(std::uint32_t groups)
     {
         bool const does = groups >= blocks() && std::exchange(may_have_arrived_, false);
-        return {changes(), does ? blocks() : 0, leavers_.meet.data()};
+        return {changes(), does ? blocks() : 0, leavers_.counters.data()};
     }
 
     /// What the loop that ends a step needs. The caller must queue that loop.
@@ -313,7 +313,7 @@ public:
             return true;
         }
         if (short_.births == 0) return false;
-        bear_blocks(short_.births);
+        add_blocks(short_.births);
         is_to_find_ = true;
         return false;
     }
@@ -329,15 +329,15 @@ public:
     Leavers leavers() const { return leavers_.view(channels_); }
 
     /// Says that all items now lie at their slots.
-    void commit() { settled_ = true; }
-    bool settled() const { return settled_; }
+    void commit() { committed_ = true; }
+    bool committed() const { return committed_; }
 
     /// Calls `visit(where it lies, coordinates of its cell)` for every item, on the host.
     template <class Visit>
     void for_each(Visit const& visit) const
     {
         if (size_ == 0) return;
-        std::vector<std::uint32_t> begin(blocks() * Shape::cells + 1), order(settled_ ? 0 : size_);
+        std::vector<std::uint32_t> begin(blocks() * Shape::cells + 1), order(committed_ ? 0 : size_);
         std::vector<std::uint64_t> keys(blocks());
         begin_.download(0, begin);
         order_.download(0, order);
@@ -351,7 +351,7 @@ public:
                 for (int lane = 0; lane < Shape::lanes; ++lane) {
                     if (first[lane] + rank >= first[lane + 1]) continue;
                     int const place = static_cast<int>(group % Shape::groups) * Shape::lanes + lane;
-                    visit(settled_ ? slot : std::size_t{order[first[lane] + rank]},
+                    visit(committed_ ? slot : std::size_t{order[first[lane] + rank]},
                           Coordinates<d>(block * Shape::extent + Shape::cell(place)));
                     ++slot;
                 }
@@ -359,24 +359,24 @@ public:
     }
 
 private:
-    struct MoverArrays
+    struct LeaverArrays
     {
         std::size_t most = 0;
-        Array<detail::LeaverCounters> meet;
+        Array<detail::LeaverCounters> counters;
         Array<std::uint32_t> slot, cell, next;
         Array<std::uint8_t> way;
         Array<Number> contribution;
 
-        explicit MoverArrays(Queue queue)
-            : meet(queue), slot(queue), cell(queue), next(queue), way(queue), contribution(queue)
+        explicit LeaverArrays(Queue queue)
+            : counters(queue), slot(queue), cell(queue), next(queue), way(queue), contribution(queue)
         {}
 
         void renew(std::size_t room, int channels)
         {
             most = room;
-            if (meet.size() == 0) {
-                meet.renew(1);
-                meet.fill_bytes(0, 1, 0);
+            if (counters.size() == 0) {
+                counters.renew(1);
+                counters.fill_bytes(0, 1, 0);
             }
             for (auto* const array : {&slot, &cell, &next}) make_room(*array, room);
             make_room(way, channels > 0 ? room : 0);
@@ -395,7 +395,7 @@ private:
         Leavers view(int channels) const
         {
             auto const at = []<class T>(Array<T> const& array) { return const_cast<T*>(array.data()); };
-            return {const_cast<detail::LeaverCounters*>(meet.data()),
+            return {const_cast<detail::LeaverCounters*>(counters.data()),
                     static_cast<std::uint32_t>(most),
                     channels,
                     at(slot),
@@ -433,7 +433,7 @@ private:
     }
 
     /// Numbers the blocks that a loop found missing, or makes room for them; clears the incoming items.
-    void bear_blocks(std::uint32_t births)
+    void add_blocks(std::uint32_t births)
     {
         std::uint32_t const before = blocks();
         require(births < (std::numeric_limits<std::uint32_t>::max() - 1) / Shape::cells - before,
@@ -494,7 +494,7 @@ private:
         arrived_begin_.renew(new_begin_.size());
         arrived_.renew(count);
         Array<std::uint32_t> next(queue_);
-        bool const in_place = settled_;
+        bool const in_place = committed_;
         if (in_place)
             order_.resize(items);
         else
@@ -514,15 +514,15 @@ private:
         if (!in_place) std::swap(order_, next);
         size_ = items;
         if (comes_in || !in_place) queue_.wait(); // buffers in use are about to be freed
-        settled_ = false;
+        committed_ = false;
     }
 
     Queue queue_;
     std::size_t size_ = 0;
-    bool settled_ = true;
+    bool committed_ = true;
     bool kept_order_ = false; ///< the last rebin kept the previous order
     std::uint32_t early_ = 0; ///< number of the last early rebin
-    std::uint32_t followed_blocks_ = 0;
+    std::uint32_t rebinned_blocks_ = 0;
     std::array<Offset*, d> offset_{}; ///< those of the last rebin
     BlockSet set_;
     Array<std::uint32_t> begin_, new_begin_, order_, order_before_;
@@ -530,7 +530,7 @@ private:
     Array<std::uint32_t> stay_, incoming_, first_incoming_, group_left_, block_stay_, block_arrived_;
     Array<std::uint64_t> block_begin_;
     Array<std::uint32_t> arrived_begin_, arrived_;
-    MoverArrays leavers_;
+    LeaverArrays leavers_;
     int channels_ = 0;
     std::uint32_t generation_ = 0, blocks_kept_ = 0;
     Array<std::uint32_t> blocks_before_;

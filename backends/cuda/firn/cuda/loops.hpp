@@ -93,9 +93,9 @@ struct SharedTiles
     }
 
     /// The same for scattering the items that came into a block.
-    static unsigned teams_that_follow(std::uint32_t blocks)
+    static unsigned teams_that_rebin(std::uint32_t blocks)
     {
-        return std::min(teams(blocks), most_teams_that_follow);
+        return std::min(teams(blocks), most_teams_that_rebin);
     }
 
     static_assert(bytes(true, true) <= most_shared, "a block's tiles do not fit into shared memory");
@@ -455,7 +455,8 @@ __global__ void __launch_bounds__(most_teams_that_move<Phase>* block_threads, 1)
         if (std::uint32_t const left = __ballot_sync(~0u, cell.departed())) {
             std::uint32_t first = 0;
             if (threadIdx.x % 32 == 0) {
-                first = atomicAdd(&moved.leavers.meet->departed, static_cast<std::uint32_t>(__popc(left)));
+                first =
+                    atomicAdd(&moved.leavers.counters->departed, static_cast<std::uint32_t>(__popc(left)));
                 atomicAdd(left_group + place / 32, static_cast<std::uint32_t>(__popc(left)));
             }
             std::uint32_t const i = __shfl_sync(~0u, first, 0) + __popc(left & below);
@@ -465,7 +466,7 @@ __global__ void __launch_bounds__(most_teams_that_move<Phase>* block_threads, 1)
                     cell.write_outgoing(moved.leavers, i, c);
                     if (moved.to.at_once) find_new_cell<Phase::d>(moved.leavers, moved.to, i, c, cell.way());
                 }
-                cell.forget_given();
+                cell.forget_contribution();
             }
         }
         Phase::scatter(cell, sums);

@@ -17,7 +17,7 @@ namespace firn::cuda::detail
 
 /// Where there are few blocks, at most this many teams of 64 threads rebin one and scatter its incoming
 /// items.
-inline constexpr unsigned most_teams_that_follow = 4;
+inline constexpr unsigned most_teams_that_rebin = 4;
 
 /// Counters through which concurrent groups of threads coordinate the leavers.
 struct LeaverCounters
@@ -32,7 +32,7 @@ struct LeaverCounters
 template <class Number>
 struct Leavers
 {
-    LeaverCounters* meet;
+    LeaverCounters* counters;
     std::uint32_t most;   ///< capacity
     int channels;         ///< of a leaver's contribution
     std::uint32_t* slot;  ///< where the item lies
@@ -67,14 +67,14 @@ struct ArrivalsToForget
 {
     Changes changes;
     std::uint32_t blocks;
-    LeaverCounters* meet; ///< null if nothing has ever left
+    LeaverCounters* counters; ///< null if nothing has ever left
 
     /// Called by groups of 64 threads, at least one per block.
     __device__ void forget(std::uint32_t group) const
     {
         if (group >= blocks) return;
         forget_incoming(changes, group);
-        if (group == 0 && threadIdx.x == 0 && meet != nullptr) meet->departed = 0;
+        if (group == 0 && threadIdx.x == 0 && counters != nullptr) counters->departed = 0;
     }
 };
 
@@ -337,7 +337,7 @@ template <int d, class Number>
 __device__ void find_new_cells(Leavers<Number> const& leavers, Destinations const& to, std::uint32_t group,
                                std::uint32_t groups)
 {
-    std::uint32_t const all = leavers.meet->departed, noted = all < leavers.most ? all : leavers.most;
+    std::uint32_t const all = leavers.counters->departed, noted = all < leavers.most ? all : leavers.most;
     for (std::uint32_t leaver = group * blockDim.x + threadIdx.x; leaver < noted;
          leaver += groups * blockDim.x)
         find_new_cell<d>(leavers, to, leaver, leavers.cell[leaver], leavers.way[leaver]);
@@ -360,7 +360,7 @@ struct MovedOrder
     __device__ Stop lacking() const
     {
         if (begins.blocks == 0) return {1, 0, 0, 0};
-        return {1, __ldcg(&leavers.meet->departed), __ldcg(to.set.born_count), 0};
+        return {1, __ldcg(&leavers.counters->departed), __ldcg(to.set.born_count), 0};
     }
     __device__ bool lacks_room(Stop const& what) const
     {
@@ -400,13 +400,13 @@ __global__ void __launch_bounds__(scanning_threads)
         __syncthreads();
         if (each > 1) {
             __shared__ bool last;
-            if (threadIdx.x == 0) last = comes_last(&mine.leavers.meet->searched, each);
+            if (threadIdx.x == 0) last = comes_last(&mine.leavers.counters->searched, each);
             __syncthreads();
             if (!last) return;
         }
         std::uint32_t const live =
             mine.lacks_room(mine.lacking()) ? 0 : find_block_begins(mine.begins, mine.to.changes);
-        if (threadIdx.x == 0) mine.leavers.meet->live = live;
+        if (threadIdx.x == 0) mine.leavers.counters->live = live;
     }
     if (threadIdx.x != 0 || !comes_last(signal.words + 2, 1 + orders)) return;
 
@@ -420,8 +420,8 @@ __global__ void __launch_bounds__(scanning_threads)
 #pragma unroll
     for (int k = 0; k < orders; ++k) {
         if (of[k].begins.blocks == 0) continue;
-        of[k].leavers.meet->rebinned = why[k].departed;
-        why[k].crowded = !lack && of[k].is_crowded(__ldcg(&of[k].leavers.meet->live));
+        of[k].leavers.counters->rebinned = why[k].departed;
+        why[k].crowded = !lack && of[k].is_crowded(__ldcg(&of[k].leavers.counters->live));
         crowded = crowded || why[k].crowded != 0;
     }
     if (__ldcg(signal.words + 3) != 0 && !lack && !crowded) return;
@@ -495,25 +495,25 @@ struct NewOrder
 };
 
 /// The items that lay in the thread's cell before.
-struct LayInCell
+struct StayedInCell
 {
     std::uint32_t begin, count;
     std::uint32_t slot; ///< of the first item of the 32 cells
     bool all_stay;
 
-    __device__ LayInCell(std::uint32_t const* begins, std::uint32_t c, Changes const& changes,
-                         bool nobody_left)
+    __device__ StayedInCell(std::uint32_t const* begins, std::uint32_t c, Changes const& changes,
+                            bool none_left)
     {
         begin = begins[c];
         count = begins[c + 1] - begin;
         slot = begins[c - threadIdx.x % 32];
-        all_stay = nobody_left || changes.group_left[c / 32] == 0;
+        all_stay = none_left || changes.group_left[c / 32] == 0;
     }
 };
 
 /// Writes the items that stay, in the order in which they lie, from `at` on, 32 cells at a time. Eight loads
 /// are in flight at once to hide the latency of memory.
-static __device__ void keep_those_who_stay(LayInCell const& lay, NewOrder const& to, std::uint32_t at)
+static __device__ void keep_those_that_stay(StayedInCell const& lay, NewOrder const& to, std::uint32_t at)
 {
     constexpr int at_once = 8;
     std::uint32_t const below = (1u << threadIdx.x % 32) - 1;
@@ -597,7 +597,8 @@ __device__ ArrivedInCell rearrange_block(std::uint32_t block, std::uint32_t bloc
     std::uint32_t const c = block * 64 + place;
     std::uint32_t const incoming = changes.incoming[c], stay = changes.stay[c],
                         first_incoming = changes.first_incoming[c];
-    LayInCell const lay(begin, c, changes, to.left == nullptr); // loaded before threads wait for one another
+    StayedInCell const lay(begin, c, changes,
+                           to.left == nullptr); // loaded before threads wait for one another
     std::uint64_t total;
     std::uint64_t mine = find_begin(block);
     mine += sum_before_in_block<64>((std::uint64_t(incoming) << 32) | (stay + incoming), total);
@@ -610,7 +611,7 @@ __device__ ArrivedInCell rearrange_block(std::uint32_t block, std::uint32_t bloc
             to.begin[c + 1] = first + stay + incoming;
             to.arrived_begin[c + 1] = came.begin + incoming;
         }
-        keep_those_who_stay(lay, to, first);
+        keep_those_that_stay(lay, to, first);
     }
     if (team == 1 || teams == 1) append_incoming<d>(first_incoming, came, leavers, to, first + stay, offset);
     return came;
@@ -633,7 +634,7 @@ __global__ void __launch_bounds__(64)
 /// itself.
 __device__ inline std::uint64_t find_block_begin(std::uint32_t block, Changes const& changes)
 {
-    __shared__ std::uint64_t of_warp[most_teams_that_follow * 2];
+    __shared__ std::uint64_t of_warp[most_teams_that_rebin * 2];
     std::uint64_t sum = 0;
 #pragma unroll 4
     for (std::uint32_t b = threadIdx.x; b < block; b += blockDim.x) {
@@ -668,7 +669,7 @@ __device__ inline std::uint32_t count_live_blocks(std::uint32_t blocks, Changes 
 /// CellOrder::rollback), and call `then(block, what came into the thread's cell, teams)`. The loop's number
 /// is above 0 and differs from those of the loops queued near it.
 template <int d, class Number, class Finish, class Then>
-__global__ void __launch_bounds__(most_teams_that_follow * 64, 1)
+__global__ void __launch_bounds__(most_teams_that_rebin * 64, 1)
     finish_and_rearrange(MovedOrder<d, Number> order, std::uint32_t number, std::uint32_t const* begin,
                          NewOrder to, std::array<typename CellOffset<Number>::Stored*, d> offset,
                          Finish finish, Then then)
@@ -690,7 +691,7 @@ __global__ void __launch_bounds__(most_teams_that_follow * 64, 1)
     std::uint32_t const live = count_live_blocks(blocks, order.to.changes);
     bool const goes_on = finish(shared_memory());
     if (threadIdx.x != 0) return;
-    order.leavers.meet->rebinned = why.departed;
+    order.leavers.counters->rebinned = why.departed;
     why.crowded = !lacks && order.is_crowded(live);
     if (lacks)
         signal.stop(why);
@@ -704,7 +705,7 @@ template <int d, class Number>
 __global__ void unwrap(Leavers<Number> leavers, std::array<typename CellOffset<Number>::Stored*, d> offset)
 {
     std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
-    if (i >= leavers.meet->rebinned) return;
+    if (i >= leavers.counters->rebinned) return;
     std::uint32_t way = leavers.way[i];
     for (int a = d - 1; a >= 0; --a, way /= 3)
         CellOffset<Number>::unwrap(offset[a][leavers.slot[i]], static_cast<int>(way % 3) - 1);

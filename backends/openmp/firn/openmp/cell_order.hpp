@@ -224,7 +224,7 @@ public:
         source_.swap(new_source_);
         counts_.swap(new_counts_);
         group_begin_.swap(new_group_begin_);
-        settled_ = false;
+        committed_ = false;
     }
     void complete()
     {
@@ -275,7 +275,7 @@ public:
         append(notes.from.data(), notes.count, outgoing.from);
         outflow.outgoing = static_cast<std::uint32_t>(notes.count);
         for (Leaver const& leaver : all) ++outflow.to[leaver.direction];
-        bool const are_many = outflow.to[here<d>] * share_to_keep > blocks_[b].end - blocks_[b].begin;
+        bool const are_many = outflow.to[here<d>] * most_listed_share > blocks_[b].end - blocks_[b].begin;
         Number const* contribution = notes.contribution.data();
         if (are_many) {
             outflow.inside = std::exchange(outflow.to[here<d>], 0);
@@ -292,12 +292,12 @@ public:
         outflow.leavers = outgoing.leavers.data();
         for (Leaver const& leaver : all) {
             // built from its parts: loading as a whole what was just stored in parts would stall
-            Leaver const gives{leaver.source, leaver.place, leaver.direction, contribution};
+            Leaver const scattering{leaver.source, leaver.place, leaver.direction, contribution};
             contribution += channels;
             if (are_many && leaver.direction == here<d>)
-                notes.inside.push_back(gives);
+                notes.inside.push_back(scattering);
             else
-                outgoing.leavers[next[leaver.direction]++] = gives;
+                outgoing.leavers[next[leaver.direction]++] = scattering;
         }
         if (!are_many) return {};
 
@@ -321,7 +321,7 @@ public:
     }
 
     /// Says that all items now lie at their slots.
-    void commit() { settled_ = true; }
+    void commit() { committed_ = true; }
 
     /// Calls `visit(where it lies, coordinates of its cell)` for every item.
     template <class Visit>
@@ -373,7 +373,7 @@ private:
 
     std::uint32_t source(std::size_t slot) const
     {
-        return settled_ ? static_cast<std::uint32_t>(slot) : source_[slot];
+        return committed_ ? static_cast<std::uint32_t>(slot) : source_[slot];
     }
 
     static std::pair<Coordinates<d>, std::uint16_t> block_and_place(Coordinates<d> const& cell)
@@ -597,7 +597,7 @@ private:
             };
             std::uint32_t const begin = is_new ? 0 : group_begin(std::size_t(old), group),
                                 end = is_new ? 0 : old_group_end(old, group);
-            bool const stays_as_it_is = settled_ && (left == gone.end() || left->slot >= end) &&
+            bool const stays_as_it_is = committed_ && (left == gone.end() || left->slot >= end) &&
                                         !comes_here(leaver, inside) && !comes_here(arrival, incoming);
             if (stays_as_it_is) {
                 std::iota(new_source_.data() + slot, new_source_.data() + slot + (end - begin), begin);
@@ -610,7 +610,7 @@ private:
                               [&](std::uint32_t from, std::uint32_t rank, std::uint64_t pattern) {
                                   std::uint32_t sources[std::size_t(lanes)];
                                   count_up<lanes>(from, sources);
-                                  expand<lanes>(settled_ ? sources : &source_[from], pattern,
+                                  expand<lanes>(committed_ ? sources : &source_[from], pattern,
                                                 ranks.row(rank));
                               });
             for (; left != gone.end() && left->slot < end; ++left) {
@@ -632,7 +632,7 @@ private:
 
     Threads threads_;
     mutable Workspace workspace_;
-    bool settled_ = true, is_incomplete_ = false;
+    bool committed_ = true, is_incomplete_ = false;
     std::array<Offset*, std::size_t(d)> offset_{}; ///< of the items being rebinned
     std::uint64_t version_ = 0, generation_ = 0;
     std::vector<Block> blocks_, old_blocks_;

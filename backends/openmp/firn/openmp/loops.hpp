@@ -464,7 +464,7 @@ namespace detail
 {
 /// A thread's buffers for gathering.
 template <class Lane, class GridType, class Phase>
-struct Taker
+struct GatherBuffers
 {
     Array<typename Phase::Number> nodes;
     typename Phase::template CellNodes<Lane> nodes_of_cells;
@@ -561,14 +561,14 @@ typename Phase::Result gather_and_update(Threads const& threads, Order& cells, G
     workspace.for_threads(threads.count);
     parallel_for(threads, blocks, cells.partitions(), [&](int thread) {
         // On the heap: compilers would split it into scalars and copy these for every group.
-        auto& taker = workspace.of<Taker<Lane, GridType, Phase>>(thread);
-        taker.nodes.resize(Phase::node_channels * GridType::tile_channel);
+        auto& gather_buffers = workspace.of<GatherBuffers<Lane, GridType, Phase>>(thread);
+        gather_buffers.nodes.resize(Phase::node_channels * GridType::tile_channel);
         return [&, found = Result{}, buffers = make_buffers(thread)](int b) mutable {
             Result& result = results.begin(static_cast<std::size_t>(b));
             // no structured binding: clang's OpenMP does not capture it in a lambda
-            auto& nodes = taker.nodes;
-            auto& nodes_of_cells = taker.nodes_of_cells;
-            auto& scratch = taker.scratch;
+            auto& nodes = gather_buffers.nodes;
+            auto& nodes_of_cells = gather_buffers.nodes_of_cells;
+            auto& scratch = gather_buffers.scratch;
             typename Phase::Number* const nowhere = nullptr;
             std::uint64_t const rows = touched_by_items<GridType>(cells, std::size_t(b));
             fill_tile<GridType, Phase::node_channels>(grid, std::size_t(b), rows, nodes.data());

@@ -80,6 +80,6 @@ inline constexpr std::size_t price_of_any_cells = 3, price_of_own_cells = 2;
 /// their number takes a step of random items, a tenth of which leave their cells, 5 % longer, and one of a
 /// splash 12 %. Storing takes some 110 bytes per leaver, which matters where half of all items leave in one
 /// step.
-inline constexpr std::size_t share_to_keep = 4;
+inline constexpr std::size_t most_listed_share = 4;
 
 } // namespace firn::openmp
