@@ -8,20 +8,17 @@ namespace
 using namespace firn;
 using namespace firn::test;
 
-using Scenes =
-    std::tuple<Scene<VonMises<Plane>, QuadraticBSpline, Flip>, Scene<CamClay<Solid>, QuadraticBSpline, Flip>,
-               Scene<HerschelBulkley<Solid>, QuadraticBSpline, Flip>,
-               Scene<Hencky<Plane>, QuadraticBSpline, Flip>,
-               Scene<SplitNeoHookean<Plane>, QuadraticBSpline, Flip>,
-               Scene<Sand<Plane>, QuadraticBSpline, Flip>, Scene<Hencky<Plane>, QuadraticBSpline, Asflip>,
-               Scene<Snow<Plane>, QuadraticBSpline, Asflip>, Scene<VonMises<Plane>, QuadraticBSpline, Asflip>,
-               Scene<HardeningVonMises<Plane>, QuadraticBSpline, Asflip>,
-               Scene<CamClay<Plane>, QuadraticBSpline, Asflip>,
-               Scene<SplitNeoHookean<SolidFloat>, QuadraticBSpline, Asflip>,
-               Scene<HerschelBulkley<Plane>, QuadraticBSpline, Asflip>,
-               Scene<HardeningVonMises<Plane>, CubicBSpline, Flip>,
-               Scene<HardeningVonMises<Plane>, Linear, Flip>, Scene<FixedCorotated<PlaneFloat>, Linear, Flip>,
-               Scene<Hencky<Solid>, Linear, Flip>, Scene<HerschelBulkley<Plane>, Linear, Asflip>>;
+using Scenes = std::tuple<
+    Scene<CamClay<Plane>, QuadraticBSpline, Flip>, Scene<FixedCorotated<Plane>, Linear, Flip>,
+    Scene<HardeningVonMises<Plane>, QuadraticBSpline, Flip>, Scene<Hencky<Plane>, CubicBSpline, Flip>,
+    Scene<HerschelBulkley<Plane>, QuadraticBSpline, Flip>, Scene<Sand<Plane>, CubicBSpline, Flip>,
+    Scene<SplitNeoHookean<Plane>, Linear, Flip>, Scene<VonMises<SolidFloat>, Linear, Flip>,
+    Scene<CamClay<Plane>, QuadraticBSpline, Asflip>,
+    Scene<HardeningVonMises<SolidFloat>, QuadraticBSpline, Asflip>,
+    Scene<Hencky<Plane>, QuadraticBSpline, Asflip>, Scene<HerschelBulkley<Plane>, QuadraticBSpline, Asflip>,
+    Scene<Sand<Plane>, Linear, Asflip>, Scene<Snow<Plane>, QuadraticBSpline, Asflip>,
+    Scene<SplitNeoHookean<PlaneFloat>, CubicBSpline, Asflip>,
+    Scene<VonMises<Solid>, QuadraticBSpline, Asflip>>;
 
 TEMPLATE_LIST_TEST_CASE("pairs of policies: FLIP and its kin keep momentum", "", Scenes)
 {

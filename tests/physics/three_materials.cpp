@@ -48,9 +48,9 @@ AdvanceReport splash(Solver& solver, int steps, double dt, int count)
 }
 } // namespace
 
-using Splashes =
-    Combinations<Scene<Mixture<Plane>, QuadraticBSpline, Mls>, Scene<Mixture<Solid>, CubicBSpline, Flip>,
-                 Scene<Mixture<SolidFloat>, QuadraticBSpline, Apic>>;
+using Splashes = Combinations<More<Scene<Mixture<Plane>, QuadraticBSpline, Mls>>,
+                              Scene<Mixture<Solid>, CubicBSpline, Flip>,
+                              More<Scene<Mixture<SolidFloat>, QuadraticBSpline, Apic>>>;
 
 TEMPLATE_LIST_TEST_CASE(
     "of three materials mass stays, and momentum changes by the impulses of gravity and obstacles", "",

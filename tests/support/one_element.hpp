@@ -298,19 +298,16 @@ Matrix<double, Model::Space::dimension> elastic_deformation(std::mt19937& random
     return random_deformation<Model::Space::dimension>(random, low, high);
 }
 
-template <class... Lists>
-using Concatenated = decltype(std::tuple_cat(std::declval<Lists>()...));
-
 /// A list of types, but for those that Combinations leaves out.
 template <class List>
-struct Listed;
-template <class First, class... Others>
-struct Listed<std::tuple<First, Others...>>
+struct OfList;
+template <class... Types>
+struct OfList<std::tuple<Types...>>
 {
-    using Type = Combinations<First, Others...>;
+    using Type = Combinations<Types...>;
 };
 template <class... Lists>
-using Tested = typename Listed<Concatenated<Lists...>>::Type;
+using Tested = typename OfList<Concatenated<Lists...>>::Type;
 
 template <class Space>
 using SolidsIn = Concatenated<ElasticModels<Space>, PlasticModels<Space>>;

@@ -13,6 +13,7 @@
 #include <random>
 #include <string>
 #include <tuple>
+#include <utility>
 #include <vector>
 
 // What tests of whole scenes share: one name for a combination of policies, bodies of particles, sums over
@@ -57,14 +58,41 @@ struct Scene
     static constexpr bool is_float = std::is_same_v<Number, float>;
 };
 
+/// In a list of combinations: those that prove little beyond the others of the list and the pairs of policies
+/// (physics/pairs_*.cpp), and take minutes to compile. A device has them all, a processor with
+/// FIRN_TESTS_ALL.
+template <class... Scenes>
+struct More
+{};
+
+template <class Scene>
+struct Listed
+{
+    using Type = std::tuple<Scene>;
+};
+template <class... Scenes>
+struct Listed<More<Scenes...>>
+{
+#if defined(FIRN_TESTS_ALL) || defined(__CUDACC__)
+    using Type = std::tuple<Scenes...>;
+#else
+    using Type = std::tuple<>;
+#endif
+};
+template <class... Lists>
+using Concatenated = decltype(std::tuple_cat(std::declval<Lists>()...));
+template <class... Scenes>
+using All = Concatenated<typename Listed<Scenes>::Type...>;
+
 /// The combinations that a test goes through, written so that those in the middle may be left out where it is
 /// only to be seen whether code for a device compiles: minutes of nvcc.
 #if defined(FIRN_TESTS_FEW_COMBINATIONS)
-template <class First, class... Others>
-using Combinations = std::tuple<First, std::tuple_element_t<sizeof...(Others) - 1, std::tuple<Others...>>>;
+template <class... Scenes>
+using Combinations = std::tuple<std::tuple_element_t<0, All<Scenes...>>,
+                                std::tuple_element_t<std::tuple_size_v<All<Scenes...>> - 1, All<Scenes...>>>;
 #else
 template <class... Scenes>
-using Combinations = std::tuple<Scenes...>;
+using Combinations = All<Scenes...>;
 #endif
 
 using Plane = Space<2, double>;
