@@ -56,10 +56,12 @@ AdvanceReport splash(Solver& solver, int steps, double dt, int count = Solver::d
 
 } // namespace
 
-using Cases = Combinations<Scene<Snow<Plane>, QuadraticBSpline, Pic>, Scene<Snow<Solid>, CubicBSpline, Flip>,
-                           Scene<NeoHookean<Plane>, CubicBSpline, Apic>,
-                           Scene<FixedCorotated<Solid>, QuadraticBSpline, Mls>,
-                           Scene<Snow<SolidFloat>, CubicBSpline, Mls>>;
+using Cases = Combinations<
+    Scene<NeoHookean<Plane>, QuadraticBSpline, Apic>,
+    More<Scene<Snow<Plane>, QuadraticBSpline, Pic>, Scene<Snow<Solid>, CubicBSpline, Flip>,
+         Scene<NeoHookean<Plane>, CubicBSpline, Apic>, Scene<FixedCorotated<Solid>, QuadraticBSpline, Mls>,
+         Scene<Snow<SolidFloat>, CubicBSpline, Mls>>,
+    Scene<Snow<SolidFloat>, CubicBSpline, Flip>>;
 
 TEMPLATE_LIST_TEST_CASE("mass stays, and momentum changes by the impulses of gravity and obstacles", "",
                         Cases)
@@ -97,7 +99,7 @@ TEST_CASE("a splash of 100 000 particles gives the same bits with any number of 
 #if defined(__SANITIZE_ADDRESS__)
     int const count = 10000, steps = 20; // thirty times as slow
 #else
-    int const count = 100000, steps = 200;
+    int const count = 100000, steps = 100;
 #endif
     auto const run = [&](int threads) {
         Solver solver(lattice(0.007), {}, {}, {}, OpenMP{.threads = threads});
@@ -395,8 +397,9 @@ TEST_CASE("a body of snow that is packed takes shorter steps: hardening raises t
 }
 
 using OnePass =
-    Combinations<Scene<NeoHookean<Solid>, QuadraticBSpline, Mls>, Scene<Snow<Solid>, CubicBSpline, Flip>,
-                 Scene<FixedCorotated<Plane>, CubicBSpline, Apic>, Scene<Snow<Plane>, QuadraticBSpline, Pic>,
+    Combinations<Scene<NeoHookean<Solid>, QuadraticBSpline, Mls>,
+                 More<Scene<Snow<Solid>, CubicBSpline, Flip>, Scene<Snow<Plane>, QuadraticBSpline, Pic>>,
+                 Scene<FixedCorotated<Plane>, CubicBSpline, Apic>,
                  Scene<Fluid<Plane>, QuadraticBSpline, Asflip>>;
 
 // A step scatters to the next grid in the pass that moves the particles, for a next step of the same length.
