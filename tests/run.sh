@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # Installs what the tests need, builds them and passes them all:
-#     bash tests/run.sh [--gpu] [--full] [arguments of ctest]
+#     bash tests/run.sh [--gpu] [--all] [--full] [arguments of ctest]
 # With --gpu: the tests of the CUDA backend, on a machine with a GPU, its driver and the CUDA toolkit.
+# With --all: what is slow to compile and proves little beyond the others, too (FIRN_TESTS_ALL).
 # With --full: then the tests that are too long for every day, too, those with the tag [.full] in all programs.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -27,10 +28,11 @@ full_tests() {
     [ ${#failed[@]} -eq 0 ] || stop "full tests failed: ${failed[*]}"
 }
 
-preset=release full=no
+preset=release all=OFF full=no
 while true; do
     case "${1:-}" in
     --gpu) preset=cuda ;;
+    --all) all=ON ;;
     --full) full=yes ;;
     *) break ;;
     esac
@@ -47,7 +49,7 @@ else
         libbenchmark-dev libboost-context-dev git
 fi
 
-cmake --preset $preset
+cmake --preset $preset -DFIRN_TESTS_ALL=$all
 cmake --build --preset $preset
 ctest --preset $preset --parallel "$(nproc)" "$@"
 [ $full = no ] || full_tests build/$preset/tests

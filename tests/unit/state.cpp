@@ -29,7 +29,7 @@ TEMPLATE_LIST_TEST_CASE(
     using Solver = typename TestType::Solver;
     STATIC_REQUIRE(Solver::bytes_per_particle == 2 * state<TestType> + 8);
     Solver solver(lattice(0.01));
-    solver.add(box_of_points<3>({0, 0, 0}, {0.3, 0.3, 0.3}, 0.01), 1.25e-7);
+    solver.add(box_of_points<3>({0, 0, 0}, {0.2, 0.2, 0.2}, 0.01), 1.25e-7);
     solver.step(1e-5);
     double const per_particle = double(solver.memory()) / double(solver.size());
     CHECK(per_particle >= Solver::bytes_per_particle);
