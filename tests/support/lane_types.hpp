@@ -15,8 +15,12 @@ namespace firn::test
 // Tests of functions over lanes are compiled twice: in the program `lanes` for packs, in the program `math`
 // for the lanes every user has.
 #if !__has_include(<firn/openmp/lanes.hpp>) || !__has_include(<xsimd/xsimd.hpp>)
+#if defined(FIRN_TESTS_ALL) || defined(__CUDACC__)
 using LaneTypes = std::tuple<float, double, TestLane<float>, TestLane<double>>;
-#elif defined(__AVX512F__)
+#else
+using LaneTypes = std::tuple<float, double, TestLane<double>>;
+#endif
+#elif defined(__AVX512F__) && defined(FIRN_TESTS_ALL) // with those that a processor with AVX has
 using LaneTypes = std::tuple<openmp::NativePack<float>, openmp::NativePack<double>, openmp::PackOf<float, 8>,
                              openmp::PackOf<double, 4>, openmp::PackOf<float, 4>, openmp::PackOf<double, 2>>;
 #elif defined(__AVX__)
