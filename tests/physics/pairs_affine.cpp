@@ -9,9 +9,11 @@ using namespace firn;
 using namespace firn::test;
 
 using Scenes = std::tuple<
-    Scene<CamClay<Solid>, Linear, Apic>, Scene<HardeningVonMises<Plane>, CubicBSpline, Apic>,
-    Scene<Hencky<Plane>, QuadraticBSpline, Apic>, Scene<SplitNeoHookean<Plane>, QuadraticBSpline, Apic>,
-    Scene<VonMises<Plane>, QuadraticBSpline, Apic>, Scene<HerschelBulkley<Solid>, QuadraticBSpline, Mls>,
+    Scene<MooneyRivlin<Plane>, Linear, Apic>, Scene<MooneyRivlin<PlaneFloat>, CubicBSpline, Mls>,
+    Scene<MooneyRivlin<Solid>, QuadraticBSpline, Tpic>, Scene<CamClay<Solid>, Linear, Apic>,
+    Scene<HardeningVonMises<Plane>, CubicBSpline, Apic>, Scene<Hencky<Plane>, QuadraticBSpline, Apic>,
+    Scene<SplitNeoHookean<Plane>, QuadraticBSpline, Apic>, Scene<VonMises<Plane>, QuadraticBSpline, Apic>,
+    Scene<HerschelBulkley<Solid>, QuadraticBSpline, Mls>,
     Scene<SplitNeoHookean<Plane>, QuadraticBSpline, Mls>, Scene<VonMises<Plane>, QuadraticBSpline, Mls>,
     Scene<CamClay<Plane>, QuadraticBSpline, Tpic>, Scene<Fluid<SolidFloat>, QuadraticBSpline, Tpic>,
     Scene<HardeningVonMises<Plane>, QuadraticBSpline, Tpic>,

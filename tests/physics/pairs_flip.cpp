@@ -9,6 +9,7 @@ using namespace firn;
 using namespace firn::test;
 
 using Scenes = std::tuple<
+    Scene<MooneyRivlin<Plane>, QuadraticBSpline, Flip>, Scene<MooneyRivlin<Plane>, QuadraticBSpline, Asflip>,
     Scene<CamClay<Plane>, QuadraticBSpline, Flip>, Scene<FixedCorotated<Plane>, Linear, Flip>,
     Scene<HardeningVonMises<Plane>, QuadraticBSpline, Flip>, Scene<Hencky<Plane>, CubicBSpline, Flip>,
     Scene<HerschelBulkley<Plane>, QuadraticBSpline, Flip>, Scene<Sand<Plane>, CubicBSpline, Flip>,

@@ -9,6 +9,7 @@ using namespace firn;
 using namespace firn::test;
 
 using Scenes = std::tuple<
+    Scene<MooneyRivlin<SolidFloat>, QuadraticBSpline, Pic>, Scene<MooneyRivlin<Plane>, Linear, Xpic>,
     Scene<CamClay<Plane>, QuadraticBSpline, Pic>, Scene<Fluid<Plane>, Linear, Pic>,
     Scene<HardeningVonMises<Solid>, QuadraticBSpline, Pic>, Scene<Hencky<Plane>, Linear, Pic>,
     Scene<HerschelBulkley<SolidFloat>, QuadraticBSpline, Pic>, Scene<Sand<Plane>, QuadraticBSpline, Pic>,

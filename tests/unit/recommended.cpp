@@ -63,6 +63,7 @@ TEST_CASE("the guide to materials recommends for each material what the code doe
     check_row<FixedCorotated<Plane>>("FixedCorotated");
     check_row<Hencky<Plane>>("Hencky");
     check_row<SplitNeoHookean<Plane>>("SplitNeoHookean");
+    check_row<MooneyRivlin<Plane>>("MooneyRivlin");
     check_row<Snow<Plane>>("Snow");
     check_row<VonMises<Plane>>("VonMises");
     check_row<HardeningVonMises<Plane>>("HardeningVonMises");
