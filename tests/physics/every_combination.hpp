@@ -28,9 +28,8 @@ void check_momentum()
     using Number = typename SceneType::Number;
     double const h = 0.05, dt = HasConstantInertia<typename SceneType::Kernel> ? 1e-4 : 2e-5;
     typename SceneType::Solver solver(lattice(h));
-    double const side = d == 3 ? 0.2 : 0.4;
     Vector<double, d> const low = Vector<double, d>::Constant(0.013),
-                            high = low + Vector<double, d>::Constant(side), middle = 0.5 * (low + high);
+                            high = low + Vector<double, d>::Constant(0.4), middle = 0.5 * (low + high);
     auto const points = scattered<d>(box_of_points<d>(low, high, h), 0.2 * h);
     solver.add(points, std::pow(h / 2, d));
     std::vector<Vector<Number, d>> velocities;
