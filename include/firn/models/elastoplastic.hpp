@@ -47,7 +47,7 @@ template <class Real, int d>
 struct PrincipalStress
 {
     Vector<Real, d> kirchhoff; ///< [Pa]
-    Real wave_modulus;         ///< rho_0 c^2 of the fastest wave along a principal axis [Pa]
+    Real wave_modulus;         ///< a bound on rho_0 c^2 of waves in every direction [Pa]
 };
 
 /// The result of a plastic flow for principal trial strains.
