@@ -22,8 +22,8 @@ awk '/Function properties for/ { name = $NF }
      END { for (name in spilt) print spilt[name], name in registers ? registers[name] : 0, name }' "$work/said" |
     sort -u >"$work/loops"
 [ -s "$work/loops" ] || { echo "the compiler said nothing about registers."; exit 1; }
-# All but loops of wider stencils, and what one thread concludes at the end of a step.
-grep -vE 'CubicBSpline|ConcludeStep' "$work/loops" >"$work/hot"
+# All but loops of wider stencils, and what one thread does to finish a step.
+grep -vE 'CubicBSpline|FinishStep' "$work/loops" >"$work/hot"
 grep -q rearrange "$work/hot" || { echo "the order of cells is not among what was compiled."; exit 1; }
 spilling=$(awk '$1 > 0' "$work/hot")
 [ -z "$spilling" ] || { echo "spilt bytes, registers and functions:"; echo "$spilling"; exit 1; }
