@@ -46,9 +46,10 @@ struct ParticlesToGrid : Scatter<Space, Kernel, TransferType>
         auto const response = model.template respond<Real>(particle, L, Real(0));
         // dt f_i = -dt V0 tau grad w_i, with the gradient taken per cell
         Matrix<Real, d> const impulse = response.kirchhoff_stress * (own.volume * Real(-dt / cell_size));
-        Real const mass = impulse_only ? Real(0) : own.mass;
-        Scatter::store(items, particles.position(items), mass,
-                       transfer.template scatter<Kernel, Real, d>(particle, mass, impulse, Real(cell_size)));
+        Real const scattered_mass = impulse_only ? Real(0) : own.mass;
+        Scatter::store(
+            items, particles.position(items), scattered_mass,
+            transfer.template scatter<Kernel, Real, d>(particle, scattered_mass, impulse, Real(cell_size)));
     }
 };
 
