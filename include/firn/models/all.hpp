@@ -20,17 +20,21 @@
 namespace firn
 {
 
+/// Solids that do not yield.
 template <class Space>
 using ElasticModels = std::tuple<NeoHookean<Space>, FixedCorotated<Space>, Hencky<Space>,
                                  SplitNeoHookean<Space>, MooneyRivlin<Space>>;
 
+/// Solids that yield.
 template <class Space>
 using PlasticModels = std::tuple<Snow<Space>, VonMises<Space>, HardeningVonMises<Space>, Sand<Space>,
                                  CamClay<Space>, HerschelBulkley<Space>>;
 
+/// Fluids, which remember their volume alone.
 template <class Space>
 using FluidModels = std::tuple<Fluid<Space>>;
 
+/// All of them.
 template <class Space>
 using AllModels =
     decltype(std::tuple_cat(std::declval<ElasticModels<Space>>(), std::declval<PlasticModels<Space>>(),

@@ -198,6 +198,7 @@ inline void* allocate(int device, std::size_t bytes)
     return memory;
 }
 
+/// Returns memory of a device, and counts it as free.
 inline void free_memory(int device, void* memory, std::size_t bytes) noexcept
 {
     static_cast<void>(cudaFree(memory));

@@ -9,6 +9,7 @@
 namespace firn::openmp
 {
 
+/// Whether two cells lie in one block.
 template <int d>
 bool is_same_block(Coordinates<d> const& a, Coordinates<d> const& b)
 {

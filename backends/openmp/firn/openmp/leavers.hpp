@@ -42,6 +42,7 @@ void make_room(std::vector<T>& list, std::size_t more)
     if (needed > list.capacity()) list.reserve(std::max(needed, list.capacity() + list.capacity() / 8));
 }
 
+/// Appends items, and lets the list grow by an eighth at least.
 template <class T>
 void append(T const* from, std::size_t count, std::vector<T>& list)
 {
