@@ -642,7 +642,7 @@ public:
 
 private:
     using GridStateType = GridState<Backend, Sets, Kernel, Transfer>;
-    using Driver = StepDriver<Backend, Sets, Kernel, Transfer>;
+    using Driver = StepsOn<Backend, Sets, Kernel, Transfer>;
     using CellOrder = typename Sets::CellOrder;
     using Controller = typename Driver::Controller;
     using Failures = std::vector<StepFailure>;
@@ -827,7 +827,7 @@ private:
             grid_state_.forget();
         else
             or_break_off(
-                [&] { grid_state_.regain_velocities(sets_, smallest_node_mass(), driver_.any_step()); });
+                [&] { grid_state_.regain_velocities(sets_, smallest_node_mass()); });
         driver_.forget_spoiled_nodes();
     }
 

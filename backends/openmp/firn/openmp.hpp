@@ -5,6 +5,7 @@
 #error "firn/openmp.hpp needs OpenMP: link the target firn::openmp, or compile and link with -fopenmp."
 #endif
 
+#include <firn/core/cell_work.hpp>
 #include <firn/core/error.hpp>
 #include <firn/openmp/array.hpp>
 #include <firn/openmp/cell_order.hpp>
@@ -13,12 +14,9 @@
 #include <firn/openmp/loops.hpp>
 
 #include <algorithm>
-#include <array>
 #include <atomic>
 #include <omp.h>
 #include <string>
-#include <tuple>
-#include <utility>
 
 namespace firn
 {
@@ -61,14 +59,6 @@ struct BasicOpenMP
 #endif
     }
 
-    /// How many steps are worth queueing before the host waits: one, since loops have finished when they
-    /// return.
-    template <class CellOrders>
-    static std::size_t steps_to_queue(CellOrders const&, std::size_t)
-    {
-        return 1;
-    }
-
     int thread_count() const
     {
         validate(); // for callers without a solver, too
@@ -96,13 +86,25 @@ struct BasicOpenMP
         cells.for_each(visit);
     }
 
-    /// All items scatter to the grid, by `phase.prepare`, `scatter` and `add` (see Scatter): afresh, or onto
-    /// the sums that are there.
-    template <class Order, class GridType, class Phase>
-    void scatter(Order& cells, GridType& grid, Phase const& phase, bool afresh) const
+    /// The items of all cells gather from the nodes, are updated, move and scatter: what of that, the phase
+    /// says (see CellWork). Returns the merged results of the updates, if there are any.
+    template <class Order, class LayerType, class Phase>
+    auto for_each_cell(Order& cells, LayerType& layer, Phase const& phase) const
     {
-        cells.complete();
-        openmp::scatter<Lane<typename Phase::Number>>(threads_for(cells.size()), cells, grid, phase, afresh);
+        using Real = Lane<typename Phase::Number>;
+        constexpr CellWork work = Phase::work;
+        static_assert(!work.moves || (work.gathers && work.scatters_to == ScatterTarget::next_sums),
+                      "items that move gather before, and scatter to the next sums");
+        openmp::Threads const threads = threads_for(cells.size());
+        if constexpr (!work.gathers || work.moves) cells.complete(); // usually it is
+        if constexpr (!work.gathers)
+            openmp::scatter<Real>(threads, cells, layer, phase, !phase.adds_to_sums());
+        else if constexpr (work.moves)
+            return openmp::move<Real>(threads, cells, layer, phase);
+        else if constexpr (work.scatters_to == ScatterTarget::next_sums)
+            openmp::scatter_back<Real>(threads, cells, layer, phase);
+        else
+            openmp::gather<Real>(threads, cells, layer, phase);
     }
 
     /// Items that changed cells when they moved scatter to the grid, to which all others already have.
@@ -118,38 +120,6 @@ struct BasicOpenMP
     auto for_each_node(CellOrders const& orders, GridType& grid, Phase const& phase) const
     {
         return openmp::for_each_node<Lane<typename Phase::Number>>(all_threads(), *orders[0], grid, phase);
-    }
-
-    /// All items gather from the grid and scatter in place to the sums that swap() makes current.
-    template <class Order, class GridType, class Phase>
-    void scatter_back(Order const& cells, GridType& grid, Phase const& phase) const
-    {
-        openmp::scatter_back<Lane<typename Phase::Number>>(threads_for(cells.size()), cells, grid, phase);
-    }
-
-    /// All items gather from the grid as in their last move; the phase stores what it needs of that.
-    template <class Order, class GridType, class Phase>
-    void gather(Order const& cells, GridType const& grid, Phase const& phase) const
-    {
-        openmp::gather<Lane<typename Phase::Number>>(threads_for(cells.size()), cells, grid, phase);
-    }
-
-    /// The items of all orders of cells, each with its layer and its phase, gather from the grid, move, and
-    /// scatter to the grid of the next step (see G2p2g). Then calls `finish(results of the nodes, merged
-    /// results of each order)`.
-    template <std::size_t orders, class Order, class LayerType, class... Phase, class OfNodes, class Finish>
-    void move(std::array<Order*, orders> const& cells, std::array<LayerType, orders> const& layers,
-              std::tuple<Phase...> const& phases, OfNodes const& of_nodes, Finish const& finish) const
-    {
-        [&]<std::size_t... k>(std::index_sequence<k...>)
-        {
-            (cells[k]->complete(), ...); // usually they are
-            std::tuple const found{openmp::move<Lane<typename Phase::Number>>(
-                threads_for(cells[k]->size()), *cells[k], layers[k],
-                std::get<k>(phases))...}; // one after the other
-            finish(of_nodes, std::get<k>(found)...);
-        }
-        (std::make_index_sequence<orders>{});
     }
 };
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/cell_work.hpp>
 #include <firn/phases/gather.hpp>
 #include <firn/phases/scatter.hpp>
 
@@ -68,6 +69,7 @@ struct ReturnVelocities
     using Gather = firn::Gather<Space, Kernel, Transfer>;
     static constexpr int d = Space::dimension;
     using Number = typename Space::Scalar;
+    static constexpr CellWork work{.gathers = true, .scatters_to = ScatterTarget::next_sums};
     static constexpr int node_channels = Gather::node_channels, channels = Scatter::channels;
     static constexpr int scratch_channels = Gather::scratch_channels > Scatter::scratch_channels
                                                 ? Gather::scratch_channels

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/cell_work.hpp>
 #include <firn/core/failure_cause.hpp>
 #include <firn/phases/gather.hpp>
 #include <firn/phases/scatter.hpp>
@@ -57,6 +58,7 @@ struct G2p2g
     static constexpr int d = Space::dimension;
     using Number = typename Space::Scalar;
     using Result = G2p2gResult<Number, Effects::touching>;
+    static constexpr CellWork work{.gathers = true, .moves = true, .scatters_to = ScatterTarget::next_sums};
     static constexpr int degree = Kernel::degree;
     static constexpr int node_channels = Gather::node_channels, channels = Scatter::channels;
     static constexpr int scratch_channels = Gather::scratch_channels > Scatter::scratch_channels

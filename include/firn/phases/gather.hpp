@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/cell_work.hpp>
 #include <firn/grid/cell_polynomial.hpp>
 #include <firn/particles/table_view.hpp>
 #include <firn/phases/update_grid.hpp>
@@ -183,6 +184,7 @@ struct GatherVelocities : Gather<Space, Kernel, TransferType>
     using Gather = firn::Gather<Space, Kernel, Transfer>;
     using Gather::d;
     using Number = typename Space::Scalar;
+    static constexpr CellWork work{.gathers = true};
     /// The loop returns nothing.
     struct Result
     {

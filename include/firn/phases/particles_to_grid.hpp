@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/cell_work.hpp>
 #include <firn/phases/scatter.hpp>
 
 namespace firn
@@ -19,6 +20,7 @@ struct ParticlesToGrid : Scatter<Space, Kernel, TransferType>
     using Scatter = firn::Scatter<Space, Kernel, Transfer>;
     using Scatter::d, Scatter::scratch_channels;
     using Number = typename Space::Scalar;
+    static constexpr CellWork work{.scatters_to = ScatterTarget::sums};
 
     Model model;
     Transfer transfer;
@@ -28,6 +30,9 @@ struct ParticlesToGrid : Scatter<Space, Kernel, TransferType>
     Number dt;         ///< [s]; if `impulse_only`, the difference to the dt already scattered
     Number cell_size;  ///< [m]
     bool impulse_only; ///< mass and momentum have been scattered already
+
+    /// Whether it adds to what has been scattered before; otherwise the sums are made afresh.
+    bool adds_to_sums() const { return impulse_only; }
 
     /// Computes and stores the particles' contributions.
     template <class Items>

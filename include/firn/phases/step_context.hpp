@@ -1,6 +1,10 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/host_device.hpp>
+
+#include <cstddef>
+
 namespace firn
 {
 
@@ -13,6 +17,15 @@ struct StepContext
     Number forces;      ///< for how long forces act in it [s]
     Number next_forces; ///< for how long stresses act in the step after this one [s]
     Actions actions;    ///< of the effects
+};
+
+/// Stores the context of a step without effects that takes no time.
+template <class Context>
+struct ClearContext
+{
+    Context* to;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t) const { *to = Context{}; }
 };
 
 } // namespace firn

@@ -1,67 +1,18 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/core/failure_cause.hpp>
 #include <firn/effects/chain.hpp>
 #include <firn/phases/step_context.hpp>
 #include <firn/time_stepping/step_controller.hpp>
+#include <firn/time_stepping/step_log.hpp>
 
 #include <array>
 #include <cstddef>
-#include <cstdint>
 #include <cstring>
+#include <type_traits>
 
 namespace firn
 {
-
-/// The state of a batch of steps after a step, or where one failed.
-struct StepLog
-{
-    TimeState time_state;
-    std::uint64_t failed = 0;                ///< failed particles in the step; if any, it changed nothing
-    FailureCause cause = FailureCause::none; ///< of the first of them
-    int material = 0;                        ///< the material of that particle
-    std::uint32_t particle = 0;              ///< its row in the material's table
-};
-
-/// What one step of a batch did.
-template <int obstacles, int materials>
-struct StepRecord
-{
-    double dt = 0;     ///< [s]
-    double forces = 0; ///< for how long forces acted [s]
-    double stable = 0; ///< the bound before it [s]
-    StepLimit limit{}; ///< what bounded dt
-    std::array<std::uint64_t, std::size_t(materials)>
-        capped{};                   ///< particles whose model is at a cap, of each material
-    Reactions<obstacles> reactions; ///< impulses per mass unit
-};
-
-/// The log of a batch of steps, in memory where they run; the host reads it when they are done. Every step
-/// has its own entries, so that a repeated step simply overwrites them.
-template <int obstacles, int materials>
-struct BatchLog
-{
-    using Record = StepRecord<obstacles, materials>;
-
-    std::uint64_t* taken; ///< steps that did not fail
-    StepLog* at;          ///< before the first step, after each, and one more entry without failures
-    Record* records;
-
-    static std::size_t places(std::size_t steps) { return steps + 2; }
-    static std::size_t bytes(std::size_t steps)
-    {
-        return sizeof(std::uint64_t) + places(steps) * sizeof(StepLog) + steps * sizeof(Record);
-    }
-
-    /// The log of this many steps at `memory`.
-    static BatchLog over(void* memory, std::size_t steps)
-    {
-        auto* const taken = static_cast<std::uint64_t*>(memory);
-        auto* const at = reinterpret_cast<StepLog*>(taken + 1);
-        return {taken, at, reinterpret_cast<Record*>(at + places(steps))};
-    }
-};
 
 /// What stays the same during a batch of steps, in memory where they run.
 template <class Effects, int materials>
@@ -72,19 +23,32 @@ struct BatchPlan
     Effects effects;
 };
 
+/// The plain values that the steps of a call need where they run. A step reads one context and computes the
+/// other, which is the next step's.
+template <class Number, int materials, class Effects, class Actions>
+struct StepStorage
+{
+    using Now = StepContext<Number, Actions>;
+    using Plan = BatchPlan<Effects, materials>;
+    static_assert(std::is_trivially_destructible_v<Now>, "an effect's action is a plain value");
+    static_assert(std::is_trivially_destructible_v<Plan>, "an effect, as steps know it, is a plain value");
+
+    Now now[2];
+    Plan plan;
+};
+
 /// Prepares the log for a batch of steps that begins at the host's time state: called for every entry.
 template <int obstacles, int materials>
 struct BeginBatch
 {
     TimeState time_state;
-    BatchLog<obstacles, materials> log;
+    StepEntry<obstacles, materials>* log;
 
     FIRN_HOST_DEVICE void operator()(std::size_t place) const
     {
-        log.at[place].failed = 0;
-        if (place > 0) return;
-        *log.taken = 0;
-        log.at[0].time_state = time_state;
+        log[place].after.failed = 0;
+        log[place].taken = 0;
+        if (place == 0) log[0].after.time_state = time_state;
     }
 };
 
@@ -119,8 +83,8 @@ template <class Number, int d, int materials, class Effects, class Actions>
 struct FinishStep
 {
     BatchPlan<Effects, materials> const* plan;
-    BatchLog<Actions::obstacles, materials> log;
-    int step;                            ///< of the batch
+    StepEntry<Actions::obstacles, materials>* log;
+    int step;                            ///< of the batch, from 0 on
     StepContext<Number, Actions>* after; ///< the next step's context
 
     /// `reactions` are those of the obstacles to nodes, `found` are the results of moving the particles of
@@ -138,11 +102,12 @@ private:
     FIRN_HOST_DEVICE bool went_well(Found const&... found) const
     {
         static_assert(sizeof...(Found) == materials);
-        bool const failed = note_failures(log.at[step + 1], found...);
-        *log.taken = std::uint64_t(step + (failed ? 0 : 1));
+        StepEntry<Actions::obstacles, materials>& mine = log[step + 1];
+        bool const failed = note_failures(mine.after, found...);
+        mine.taken = failed ? 0 : 1;
         if (!failed) return true;
-        log.at[step + 1].time_state = log.at[step].time_state;
-        log.at[step + 1].time_state.ready = false;
+        mine.after.time_state = log[step].after.time_state;
+        mine.after.time_state.ready = false;
         return false;
     }
 
@@ -151,7 +116,7 @@ private:
     template <class... Found>
     FIRN_HOST_DEVICE bool goes_on(Reactions<Actions::obstacles> reactions, Found const&... found) const
     {
-        TimeState time_state = log.at[step].time_state; // copies, so that they are loaded once
+        TimeState time_state = log[step].after.time_state; // copies, so that they are loaded once
         BatchPlan<Effects, materials> const fixed = *plan;
         TimeStepController<materials> const& controller = fixed.steps;
         time_state.ready = false;
@@ -174,12 +139,12 @@ private:
         bounds.obstacle_speed = sqrt(reactions.largest_surface_speed2);
         if constexpr (Actions::touching > 0) (reactions.merge(found.reactions), ...);
         record.reactions = reactions;
-        log.records[step] = record;
+        log[step + 1].record = record;
         controller.finish(time_state, bounds);
         if (controller.goes_on(time_state) && controller.choose(time_state) && controller.gets_on(time_state))
             time_state.ready =
                 !(controller.equal > time_state.stable); // else the host handles a step that may fail
-        log.at[step + 1].time_state = time_state;
+        log[step + 1].after.time_state = time_state;
         if (!time_state.ready) return false;
         after->dt = static_cast<Number>(time_state.now.interval.length());
         after->forces = static_cast<Number>(time_state.now.interval.forces);

@@ -88,9 +88,10 @@ public:
                 Sets::for_each([&](auto k) {
                     auto& table = sets.template particles<k>();
                     auto layer = grid_.layer(k);
-                    backend_.scatter_back(table.cells(), layer,
-                                          ReturnVelocities<Space, Kernel, typename MaterialTraits<k>::Stored>{
-                                              table.current(), table.mass_groups()});
+                    backend_.for_each_cell(
+                        table.cells(), layer,
+                        ReturnVelocities<Space, Kernel, typename MaterialTraits<k>::Stored>{
+                            table.current(), table.mass_groups()});
                 });
                 grid_.swap();
                 on_nodes(false);
@@ -107,7 +108,7 @@ public:
         if constexpr (MaterialTraits<k>::Derived::components(d) > 0) {
             auto const& table = sets.template particles<k>();
             auto const layer = const_cast<Grid&>(grid_).layer(k); // only read
-            backend_.gather(
+            backend_.for_each_cell(
                 table.cells(), layer,
                 GatherVelocities<Space, Kernel, Transfer, typename MaterialTraits<k>::Stored,
                                  typename MaterialTraits<k>::Derived>{
@@ -157,16 +158,19 @@ public:
     }
 
     /// After a failed step: the grid no longer has the velocities that particles gathered, but still the sums
-    /// they scattered. Regathers from these, without the forces of the failed step. `now` may be any step's
-    /// context.
-    void regain_velocities(Sets& sets, Number smallest_node_mass, StepContext<Number, Chain<>> const* now)
+    /// they scattered. Regathers from these, without the forces of the failed step.
+    void regain_velocities(Sets& sets, Number smallest_node_mass)
     {
+        using Now = StepContext<Number, Chain<>>;
+        typename Backend::template ReadbackBuffer<Now> now(backend_);
+        now.resize(1);
+        backend_.for_each(1, ClearContext<Now>{now.data()});
         Sets::for_each([&](auto k) { scatter<k>(-scattered_dt_, true, sets); });
         scattered_dt_ = 0;
         extend_velocities(sets, smallest_node_mass);
-        backend_.for_each_node(
-            sets.orders(), grid_,
-            UpdateGrid<Space, Kernel, Transfer, Chain<>>{now, lattice_, smallest_node_mass, flip_fraction()});
+        backend_.for_each_node(sets.orders(), grid_,
+                               UpdateGrid<Space, Kernel, Transfer, Chain<>>{
+                                   now.data(), lattice_, smallest_node_mass, flip_fraction()});
         cache_grid_fields(sets);
     }
 
@@ -201,17 +205,16 @@ private:
     {
         auto& table = sets.template particles<k>();
         auto layer = grid_.layer(k);
-        backend_.scatter(table.cells(), layer,
-                         P2g<k>{{},
-                                sets.template model<k>(),
-                                transfer_,
-                                table.current(),
-                                table.derived(),
-                                table.mass_groups(),
-                                static_cast<Number>(dt),
-                                static_cast<Number>(lattice_.cell_size),
-                                impulse_only},
-                         !impulse_only);
+        backend_.for_each_cell(table.cells(), layer,
+                               P2g<k>{{},
+                                      sets.template model<k>(),
+                                      transfer_,
+                                      table.current(),
+                                      table.derived(),
+                                      table.mass_groups(),
+                                      static_cast<Number>(dt),
+                                      static_cast<Number>(lattice_.cell_size),
+                                      impulse_only});
     }
 
     Lattice lattice_;

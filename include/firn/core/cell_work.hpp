@@ -1,0 +1,24 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+namespace firn
+{
+
+/// The sums on the grid that a phase scatters to.
+enum class ScatterTarget
+{
+    nothing,
+    sums,     ///< the current ones: afresh, or onto what is there if the phase `adds_to_sums()`
+    next_sums ///< those that swap() makes the current ones, afresh
+};
+
+/// What a phase does with the items of the cells. A backend's for_each_cell() does it in this order: items
+/// gather from the nodes, are updated, may move, and scatter.
+struct CellWork
+{
+    bool gathers = false; ///< `begin`, the gather, and `update` with a result; otherwise `prepare` alone
+    bool moves = false;   ///< `update` may move items out of their cells
+    ScatterTarget scatters_to = ScatterTarget::nothing;
+};
+
+} // namespace firn

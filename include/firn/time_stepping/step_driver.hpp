@@ -1,0 +1,74 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/time_stepping/step_phases.hpp>
+
+#include <cstddef>
+
+namespace firn
+{
+
+/// Takes the steps of a scene one by one, on a backend whose loops have finished when they return. This is
+/// the step of the explicit Material Point Method:
+///
+///   rebin             particles into the cells that they have moved to
+///   activate_grid     blocks of nodes under these cells
+///   scatter_missing   P2G: particles that were added or changed, or for another dt, scatter to the nodes
+///   update_grid       momentum becomes velocity; forces, gravity and obstacles act on it
+///   g2p2g             G2P and P2G: particles gather velocities, move, deform, and scatter to the next grid
+///   finish_step       the next dt, by the bounds that the particles found; which of them failed
+///
+/// Particles are read from one buffer and written to another one, so a step that failed is not committed and
+/// has changed nothing. StepQueue takes the same steps on a backend that queues them.
+template <class Backend, class Sets, class Kernel, class Transfer>
+class StepDriver
+{
+    template <class Effects>
+    using Step = StepPhases<Backend, Sets, Kernel, Transfer, Effects>;
+
+public:
+    using Scene = StepScene<Backend, Sets, Kernel, Transfer>;
+    using Controller = TimeStepController<static_cast<int>(Sets::count)>;
+
+    StepDriver(Lattice lattice, Transfer const& transfer, Backend const& backend)
+        : memory_(lattice, transfer, backend)
+    {}
+
+    /// Takes the chosen step, and calls `visit` with its record. A failed step leaves the particles, and the
+    /// sums they scattered, unchanged. If the time state is ready, controller and effects of the step before
+    /// are used, whatever is passed here.
+    ///
+    /// If memory runs out in the middle, there is no state to go on from.
+    template <class Effects, class Visit>
+    FIRN_COLD StepLog const& take(Scene const& scene, Controller const& controller, std::size_t,
+                                  Effects const& effects, Visit const& visit)
+    {
+        Step<Effects> step(memory_, scene, controller, effects, 1);
+        step.rebin();
+        step.activate_grid();
+        step.scatter_missing();
+        auto const reactions = step.update_grid(0);
+        auto const found = step.g2p2g(0);
+        step.finish_step(0, reactions, found);
+
+        step.read_log();
+        spoiled_ = step.has_failed();
+        if (!spoiled_) {
+            step.commit();
+            memory_.turn = 1 - memory_.turn;
+        }
+        step.adopt(1, spoiled_ ? 0 : 1, spoiled_);
+        if (!spoiled_) visit(step.entry(1).record);
+        return step.entry(1).after;
+    }
+
+    /// Whether the last step failed, so that nodes do not have the velocities of the last good one.
+    bool has_spoiled_nodes() const { return spoiled_; }
+    void forget_spoiled_nodes() { spoiled_ = false; }
+
+private:
+    StepMemory<Backend, Transfer> memory_;
+    bool spoiled_ = false;
+};
+
+} // namespace firn

@@ -1,0 +1,245 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/host_device.hpp>
+#include <firn/particles/material_sets.hpp>
+#include <firn/phases/g2p2g.hpp>
+#include <firn/time_stepping/finish_step.hpp>
+#include <firn/time_stepping/grid_state.hpp>
+#include <firn/time_stepping/typed_storage.hpp>
+
+#include <array>
+#include <cstddef>
+#include <tuple>
+#include <type_traits>
+#include <utility>
+
+namespace firn
+{
+
+/// What steps change, and the values they need for it.
+template <class Backend, class Sets, class Kernel, class Transfer>
+struct StepScene
+{
+    Sets& sets;
+    GridState<Backend, Sets, Kernel, Transfer>& grid_state;
+    TimeState& time_state;
+    double mass_unit;                                ///< of masses [kg]
+    typename Sets::Space::Scalar smallest_node_mass; ///< below it a node's momentum is rounding [mass units]
+    bool may_lose_particles;                         ///< after a failed step
+};
+
+/// What steps use from one call to the next: where they run, and the memory of their plain values.
+template <class Backend, class Transfer>
+struct StepMemory
+{
+    StepMemory(Lattice where, Transfer const& scheme, Backend const& on)
+        : lattice(where), transfer(scheme), backend(on), storage(on)
+    {}
+
+    Lattice lattice;
+    Transfer transfer;
+    Backend backend;
+    TypedStorage<Backend> storage;
+    int turn = 0; ///< which of the two contexts the next step reads
+};
+
+/// The steps of one batch: the phases that a backend runs for each of them, and the host's part before and
+/// after. A batch is one step, or as many as a backend queues. Steps are counted from 0 on. StepDriver shows
+/// in which order a step calls its members.
+template <class Backend, class Sets, class Kernel, class Transfer, class Effects>
+class StepPhases
+{
+public:
+    using Space = typename Sets::Space;
+    using Number = typename Space::Scalar;
+    static constexpr int d = Space::dimension, materials = static_cast<int>(Sets::count);
+    using Scene = StepScene<Backend, Sets, Kernel, Transfer>;
+    using Memory = StepMemory<Backend, Transfer>;
+    using Controller = TimeStepController<materials>;
+    using Actions = decltype(std::declval<Effects const&>().template over<Number, d>(Interval{}));
+    using Entry = StepEntry<Actions::obstacles, materials>;
+
+    /// Prepares the log of `steps` steps at most, and the first step's context. If the time state is ready,
+    /// controller and effects of the batch before are used.
+    StepPhases(Memory& memory, Scene const& scene, Controller const& controller, Effects const& effects,
+               int steps)
+        : memory_(memory), scene_(scene),
+          largest_deformation_(static_cast<Number>(controller.control.rejection)),
+          storage_(resized(memory.storage.template of<Storage>(), 1)),
+          log_(resized(memory.storage.template of<Entry>(), Entry::count(std::size_t(steps))))
+    {
+        BeginBatch<Actions::obstacles, materials> const begin{scene.time_state, log_};
+        auto const entries = Entry::count(std::size_t(steps));
+        if (scene.time_state.ready)
+            memory.backend.for_each(entries, begin);
+        else
+            memory.backend.for_each(
+                entries, BeginSteps<Number, d, materials, Effects, Actions>{
+                             begin, {controller, scene.sets.densities(), effects}, &storage_->plan, now(0)});
+        Sets::for_each([&](auto k) {
+            had_cached_[k] = particles<k>().has_grid_fields();
+            wrote_derived_[k] = MaterialTraits<k>::Derived::components(d) > 0 &&
+                                (effects.touch_particles() || scene.may_lose_particles);
+        });
+    }
+
+    /// Rebins the particles into the cells that they have moved to. Scattering the leavers may complete it.
+    void rebin()
+    {
+        Sets::for_each([&](auto k) {
+            particles<k>().sort([](auto& cells, auto const& offsets) { cells.begin_rebin(offsets); });
+        });
+    }
+
+    /// Activates the grid blocks under the particles.
+    void activate_grid() { grid().activate(orders()); }
+
+    /// Particles scatter what they have not yet: nothing usually, since they did in the step before.
+    void scatter_missing()
+    {
+        scene_.grid_state.scatter_missing(scene_.time_state.now.interval.forces, scene_.sets);
+    }
+
+    /// Nodes turn momentum into velocity, on which the effects act. Returns the reactions of obstacles, or a
+    /// handle to them.
+    auto update_grid(int step)
+    {
+        scene_.grid_state.extend_velocities(scene_.sets, scene_.smallest_node_mass);
+        return memory_.backend.for_each_node(orders(), grid(),
+                                             UpdateGrid<Space, Kernel, Transfer, Actions>{
+                                                 now(step), memory_.lattice, scene_.smallest_node_mass,
+                                                 scene_.grid_state.flip_fraction(),
+                                                 static_cast<Number>(scene_.mass_unit)});
+    }
+
+    /// Particles gather velocities, move, and scatter to the grid of the next step. Returns what they found,
+    /// material by material.
+    auto g2p2g(int step) const
+    {
+        return [&]<std::size_t... k>(std::index_sequence<k...>)
+        {
+            auto layers = this->layers();
+            auto const phases = g2p2g_phases(step);
+            return std::tuple{memory_.backend.for_each_cell(particles<k>().cells(), layers[k],
+                                                            std::get<k>(phases))...}; // one after the other
+        }
+        (Places{});
+    }
+    /// The phases of which that consists.
+    auto g2p2g_phases(int step) const { return g2p2g_phases(step, Places{}); }
+
+    /// Chooses the next step by what the others have found.
+    template <class OfNodes, class Found>
+    void finish_step(int step, OfNodes const& of_nodes, Found const& found) const
+    {
+        std::apply([&](auto const&... of) { finish_phase(step)(of_nodes, of...); }, found);
+    }
+    /// The phase that does so.
+    auto finish_phase(int step) const
+    {
+        return FinishStep<Number, d, materials, Effects, Actions>{&storage_->plan, log_, step, now(step + 1)};
+    }
+
+    /// Commits a step that is done, or is queued and expected to succeed.
+    void commit()
+    {
+        Sets::for_each([&](auto k) { particles<k>().swap(wrote_derived_[k]); });
+        grid().swap();
+    }
+
+    /// Waits for the steps, and reads their log.
+    void read_log() { heard_ = memory_.storage.template of<Entry>().read(); }
+    Entry const& entry(int i) const { return heard_[i]; }
+    /// How many steps have been taken.
+    int taken() const
+    {
+        int count = 0;
+        while (heard_[count + 1].taken != 0) ++count;
+        return count;
+    }
+    /// Whether the step after those that were taken failed.
+    bool has_failed() const { return heard_[taken() + 1].after.failed > 0; }
+
+    /// Adopts the state that an entry of the log describes, after so many steps; `leavers_scattered` says
+    /// whether particles that changed cells in the last one have scattered to their new cells.
+    void adopt(int place, int taken, bool leavers_scattered)
+    {
+        scene_.time_state = heard_[place].after.time_state;
+        Sets::for_each([&](auto k) {
+            particles<k>().set_cached(taken > 0 ? wrote_derived_[k] : had_cached_[k], had_cached_[k]);
+        });
+        if (taken > 0)
+            scene_.grid_state.set_scattered(scene_.time_state.scattered.interval.forces, leavers_scattered);
+    }
+
+    /// The cell orders of all materials, and the grid's layers.
+    auto orders() const { return scene_.sets.orders(); }
+    auto layers() const { return layers(Places{}); }
+
+protected:
+    using GridStateType = GridState<Backend, Sets, Kernel, Transfer>;
+
+    template <std::size_t k>
+    auto& particles() const
+    {
+        return scene_.sets.template particles<k>();
+    }
+    auto& grid() const { return scene_.grid_state.grid(); }
+    bool wrote_derived(std::size_t material) const { return wrote_derived_[material]; }
+
+private:
+    template <std::size_t k>
+    using MaterialTraits = typename Sets::template MaterialTraits<k>;
+    using Places = typename Sets::Places;
+    using Storage = StepStorage<Number, materials, Effects, Actions>;
+
+    template <class Buffer>
+    static auto* resized(Buffer& buffer, std::size_t size)
+    {
+        buffer.resize(size);
+        return buffer.data();
+    }
+
+    auto* now(int step) const { return storage_->now + (memory_.turn + step) % 2; }
+
+    template <std::size_t... k>
+    auto g2p2g_phases(int step, std::index_sequence<k...>) const
+    {
+        return std::tuple{g2p2g_of<k>(step)...};
+    }
+    template <std::size_t k>
+    auto g2p2g_of(int step) const
+    {
+        auto& table = particles<k>();
+        return G2p2g<Space, typename MaterialTraits<k>::Model, Kernel, Transfer, Actions,
+                     typename MaterialTraits<k>::Stored, typename MaterialTraits<k>::Derived>{
+            scene_.sets.template model<k>(),
+            memory_.transfer,
+            now(step),
+            table.current(),
+            table.next(),
+            wrote_derived_[k] ? table.next_derived() : typename MaterialTraits<k>::Table::DerivedView{},
+            table.mass_groups(),
+            memory_.lattice,
+            largest_deformation_};
+    }
+    template <std::size_t... k>
+    auto layers(std::index_sequence<k...>) const
+    {
+        return std::array{grid().layer(k)...};
+    }
+
+    Memory& memory_;
+    Scene const& scene_;
+    Number largest_deformation_;
+    Storage* storage_;             ///< where steps run
+    Entry* log_;                   ///< where steps run
+    Entry const* heard_ = nullptr; ///< the host's copy of the log
+    /// Of each material: whether the gathered fields were cached before the batch, and whether its steps
+    /// write them. Steps must write them where obstacles push particles, which sets velocities that cannot be
+    /// regathered, and where particles may be removed after a failed step, which has overwritten the grid.
+    std::array<bool, Sets::count> had_cached_{}, wrote_derived_{};
+};
+
+} // namespace firn
