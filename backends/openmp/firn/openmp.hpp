@@ -9,9 +9,13 @@
 #include <firn/core/error.hpp>
 #include <firn/openmp/array.hpp>
 #include <firn/openmp/cell_order.hpp>
+#include <firn/openmp/gather.hpp>
 #include <firn/openmp/grid.hpp>
-#include <firn/openmp/lanes.hpp>
-#include <firn/openmp/loops.hpp>
+#include <firn/openmp/migrate.hpp>
+#include <firn/openmp/native_lane.hpp>
+#include <firn/openmp/parallel_for.hpp>
+#include <firn/openmp/scatter.hpp>
+#include <firn/openmp/update_nodes.hpp>
 
 #include <algorithm>
 #include <atomic>

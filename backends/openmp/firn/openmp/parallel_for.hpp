@@ -157,4 +157,12 @@ void parallel_for(Threads const& threads, Index count, std::span<std::uint32_t c
     detail::share_out<Index>(threads, all, make);
 }
 
+/// Calls `body(i)` for each i below `count`, in any order and on several threads.
+template <class Body>
+void for_each(Threads const& threads, std::size_t count, Body const& body)
+{
+    parallel_for(threads.limited_to(count > 256 ? threads.count : 1), static_cast<std::int64_t>(count), 256,
+                 [&](int) { return [&](std::int64_t i) { body(static_cast<std::size_t>(i)); }; });
+}
+
 } // namespace firn::openmp

@@ -1,0 +1,72 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/lane.hpp>
+#include <firn/openmp/cell_group.hpp>
+#include <firn/openmp/node_rows.hpp>
+#include <firn/openmp/parallel_for.hpp>
+#include <firn/openmp/results.hpp>
+#include <firn/openmp/tuning.hpp>
+
+#include <cstddef>
+#include <cstdint>
+
+// The loop over nodes: they add up the tiles that cover them, and are updated.
+namespace firn::openmp
+{
+
+namespace detail
+{
+/// What nodes of a phase look around for, if they do: found once for all nodes that a thread updates.
+template <class Phase>
+auto surroundings(Phase const& phase)
+{
+    if constexpr (Phase::looks_around)
+        return phase.walls();
+    else
+        return 0;
+}
+} // namespace detail
+
+/// Nodes add up the tiles that cover them and are updated, row by row, owner by owner. Threads get the same
+/// partitions as of `cells` if that is the only order (see parallel_for).
+template <class Lane, class Order, class GridType, class Phase>
+typename Phase::Result for_each_node(Threads const& threads, Order const& cells, GridType& grid,
+                                     Phase const& phase)
+{
+    constexpr int d = Phase::d;
+    using Shape = typename GridType::Shape;
+    using Number = typename Phase::Number;
+    using Result = typename Phase::Result;
+    auto& results =
+        detail::ResultsOf<Result>::make_ready(cells.workspace(), static_cast<std::size_t>(grid.owners()));
+    int const most = threads_for(grid.nodes().size(), threads.count, node_blocks_per_thread);
+    parallel_for(threads.limited_to(most), grid.owners(), cells.partitions(), [&](int) {
+        auto const update = [&, around = detail::surroundings(phase)](int n, Result& result) {
+            auto const& block = grid.nodes()[std::size_t(n)];
+            alignas(64) Number sums[Phase::Sums::channels][Shape::along];
+            for (int row = 0; row < Shape::rows; ++row) {
+                if (!detail::sum_row<GridType, Phase::Sums::channels>(grid, block, row, sums)) continue;
+                for (int place = 0; place < Shape::along; place += lane_width<Lane>) {
+                    Coordinates<d> const at = GridType::node_at(block.coordinates, row, place);
+                    Number* const values = grid.node_values(std::size_t(n)) + row * Shape::along + place;
+                    NodeLanes<Lane, GridType, d> node(&sums[0][place], values, at);
+                    if constexpr (Phase::looks_around)
+                        if (phase.looks_around_at(around, at, lane_width<Lane>)) {
+                            LookingNodes<Lane, GridType, d> looking(node, &sums[0][0], grid, n, row);
+                            phase.look_around(around, looking, result);
+                            continue;
+                        }
+                    phase(node, result);
+                }
+            }
+        };
+        return [&, update](int owner) {
+            Result& result = results.begin(static_cast<std::size_t>(owner));
+            for (std::uint32_t const n : grid.nodes_at(owner)) update(static_cast<int>(n), result);
+        };
+    });
+    return results.merged();
+}
+
+} // namespace firn::openmp
