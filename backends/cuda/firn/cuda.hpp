@@ -4,8 +4,11 @@
 #include <firn/core/error.hpp>
 #include <firn/cuda/array.hpp>
 #include <firn/cuda/cell_order.hpp>
+#include <firn/cuda/for_each.hpp>
+#include <firn/cuda/gather.hpp>
 #include <firn/cuda/grid.hpp>
-#include <firn/cuda/loops.hpp>
+#include <firn/cuda/scatter.hpp>
+#include <firn/cuda/update_nodes.hpp>
 
 #include <algorithm>
 #include <array>

@@ -6,6 +6,7 @@
 #include <firn/cuda/finish_step.hpp>
 #include <firn/cuda/shared_memory.hpp>
 #include <firn/cuda/signal.hpp>
+#include <firn/cuda/teams.hpp>
 #include <firn/cuda/tuning.hpp>
 
 #include <array>
@@ -14,10 +15,6 @@
 // The loops that keep the order of cells up to date.
 namespace firn::cuda::detail
 {
-
-/// Where there are few blocks, at most this many teams of 64 threads rebin one and scatter its incoming
-/// items.
-inline constexpr unsigned most_teams_that_rebin = 4;
 
 /// Counters through which concurrent groups of threads coordinate the leavers.
 struct LeaverCounters

@@ -1,0 +1,35 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/cuda/ranks.hpp>
+#include <firn/cuda/signal.hpp>
+#include <firn/cuda/teams.hpp>
+
+#include <cstddef>
+#include <cstdint>
+
+// The loops that need no nodes: over the places of all items, and over the numbers below a count.
+namespace firn::cuda::detail
+{
+
+/// Visits all items: at their slots, or where the order says they lie.
+template <class Order, class Visit>
+__global__ void __launch_bounds__(block_threads)
+    for_each_place(Signal signal, Visit visit, typename Order::View cells, bool at_slots)
+{
+    if (signal.stops()) return;
+    std::uint32_t const c = blockIdx.x * block_threads + threadIdx.x;
+    auto const cell = cells.cell(c);
+    Ranks(cells.begin, c).for_each([&](std::uint32_t rank, bool here, std::uint32_t slot) {
+        if (here) visit(std::size_t{at_slots ? slot : cells.order[cells.begin[c] + rank]}, cell);
+    });
+}
+
+template <class Body>
+__global__ void for_each(Body body, std::size_t count)
+{
+    std::size_t const i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
+    if (i < count) body(i);
+}
+
+} // namespace firn::cuda::detail

@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/cuda/cell_group.hpp>
+#include <firn/cuda/ranks.hpp>
+#include <firn/cuda/shared_memory.hpp>
+#include <firn/cuda/shared_tiles.hpp>
+
+#include <cstddef>
+#include <cstdint>
+
+// The loops that only scatter: all items, or those that came into another cell.
+namespace firn::cuda::detail
+{
+
+/// All items scatter, cell by cell, to the tile of their block.
+template <class Order, class GridType, class Phase>
+__global__ void __launch_bounds__(block_threads, enough_groups)
+    scatter(Signal signal, Phase phase, typename Order::View cells, typename GridType::View grid, bool afresh)
+{
+    if (signal.stops()) return;
+    SharedTiles<GridType> const tiles(shared_memory(), false);
+    tiles.clear_sums();
+    __syncthreads();
+    std::uint32_t const c = blockIdx.x * block_threads + threadIdx.x;
+    CellOfThread<Order, GridType, Phase, Phase::d> cell(cells.cell(c), nullptr);
+    SumsInTile<GridType> sums{tiles.own_sums(int(threadIdx.x))};
+    Ranks(cells.begin, c).for_each([&](std::uint32_t rank, bool here, std::uint32_t slot) {
+        cell.forget();
+        if (here) {
+            cell.enter(cells.order[cells.begin[c] + rank], slot);
+            phase.prepare(cell);
+        }
+        Phase::scatter(cell, sums);
+    });
+    __syncthreads();
+    typename GridType::Sums* const tile = grid.tiles + std::size_t(blockIdx.x) * GridType::TileShape::nodes;
+    if (afresh)
+        tiles.write_sums(tile);
+    else
+        tiles.add_sums(tile);
+}
+
+/// Items that came into the cells of a block scatter the contributions that were stored when they left
+/// theirs.
+template <class Order, class GridType, class Phase>
+struct ScatterIncoming
+{
+    typename Order::View cells;
+    typename Order::Arrived arrived;
+    typename Order::Leavers leavers;
+    typename GridType::View grid;
+
+    /// Called by all threads of a group of `teams` teams, with shared memory for the sums of each.
+    __device__ void operator()(std::uint32_t block, ArrivedInCell const& came, std::uint32_t teams) const
+    {
+        if (!__syncthreads_or(came.count > 0)) return; // most blocks have few, or none
+        SharedTiles<GridType> const tiles(shared_memory(), false);
+        tiles.clear_sums();
+        __syncthreads();
+        std::uint32_t const team = teams == 1 ? 0 : threadIdx.x / block_threads,
+                            place = threadIdx.x % block_threads;
+        CellOfThread<Order, GridType, Phase, Phase::d> cell(cells.cell(block * block_threads + place),
+                                                            nullptr);
+        SumsInTile<GridType> sums{tiles.own_sums(int(place))};
+        std::uint32_t const* const of_cell = arrived.arrived + came.begin;
+        std::uint32_t next = team < came.count ? of_cell[team] : 0; // loaded one rank ahead
+        auto const use = [&](std::uint32_t rank, bool here, std::uint32_t) {
+            cell.forget();
+            if (here) {
+                cell.read_outgoing(leavers, arrived.offset, next);
+                if (rank + teams < came.count) next = of_cell[rank + teams];
+            }
+            Phase::scatter(cell, sums);
+        };
+        Ranks(came).for_each(use, team, teams);
+        __syncthreads();
+        tiles.add_sums(grid.tiles + std::size_t(block) * GridType::TileShape::nodes, teams);
+        __syncthreads();
+    }
+};
+
+/// The same for all blocks once their order is written, with at most `most` teams. A thread in a small group
+/// uses more registers, which costs more than it gains where there are many blocks. In double precision the
+/// compiler is not told that a group may use all registers, because it would use more than there are.
+template <unsigned most, class Order, class GridType, class Phase>
+__global__ void __launch_bounds__(most* block_threads,
+                                  most > 1 && sizeof(typename GridType::Number) == sizeof(float) ? 1 : 0)
+    scatter_leavers(Signal signal, std::uint32_t blocks, ScatterIncoming<Order, GridType, Phase> scatter)
+{
+    if (signal.stops()) return;
+    for (std::uint32_t block = blockIdx.x; block < blocks; block += gridDim.x) {
+        std::uint32_t const c = block * block_threads + threadIdx.x % block_threads,
+                            begin = scatter.arrived.begin[c];
+        scatter(block, {begin, scatter.arrived.begin[c + 1] - begin},
+                most == 1 ? 1 : blockDim.x / block_threads);
+    }
+}
+
+} // namespace firn::cuda::detail
