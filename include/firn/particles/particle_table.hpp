@@ -46,8 +46,10 @@ public:
     static constexpr int d = Space::dimension;
     using Number = typename Space::Scalar;
     using View = TableView<Number, d, PersistentFields>;
+    using ConstView = TableView<Number const, d, PersistentFields>;
     using Derived = DerivedStorage<Backend, Space, DerivedFields>;
     using DerivedView = typename Derived::View;
+    using ConstDerivedView = typename Derived::ConstView;
     using CellOrder = typename Backend::template CellOrder<Number, d>;
     template <class T>
     using Array = typename Backend::template Array<T>;
@@ -66,13 +68,14 @@ public:
     CellOrder const& cells() const { return cells_; }
     CellOrder& cells() { return cells_; }
     View current() { return buffer_[0].view(); }
+    ConstView current() const { return buffer_[0].view(); }
     View next() { return buffer_[1].view(); }
     /// The buffer that the cell order refers to: after a step the one before it, until the next sort().
-    View ordered() const { return buffer_[moved_ ? 1 : 0].view(); }
+    ConstView ordered() const { return buffer_[moved_ ? 1 : 0].view(); }
 
     /// Whether the gathered fields are cached here; always, if there are none.
     bool has_grid_fields() const { return DerivedFields::components(d) == 0 || has_cached_; }
-    DerivedView derived() const { return has_cached_ ? cached_->view() : DerivedView{}; }
+    ConstDerivedView derived() const { return has_cached_ ? cached_->view() : ConstDerivedView{}; }
     /// Where they are written before they count as cached: from cache_grid_fields() on, or from the next
     /// swap() on.
     DerivedView place_for_derived() { return place(cached_); }

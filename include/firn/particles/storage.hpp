@@ -44,6 +44,7 @@ struct PersistentStorage
     static constexpr int d = Space::dimension;
     using Number = typename Space::Scalar;
     using View = TableView<Number, d, Set>;
+    using ConstView = TableView<Number const, d, Set>;
     using Offset = typename View::Offset;
     template <class T>
     using Array = typename Backend::template Array<T>;
@@ -84,16 +85,8 @@ struct PersistentStorage
                              GatherValues<Number>{from.component[c].data(), places, component[c].data()});
     }
 
-    View view() const
-    {
-        View view;
-        for (int a = 0; a < d; ++a)
-            view.offset[std::size_t(a)] = const_cast<Offset*>(offset[std::size_t(a)].data());
-        for (int c = 0; c < Set::components(d); ++c)
-            view.component[std::size_t(c)] = const_cast<Number*>(component[std::size_t(c)].data());
-        view.id = const_cast<std::uint32_t*>(id.data());
-        return view;
-    }
+    View view() { return view_of<View>(*this); }
+    ConstView view() const { return view_of<ConstView>(*this); }
 
     std::size_t memory() const
     {
@@ -101,6 +94,17 @@ struct PersistentStorage
         for (auto const& array : offset) bytes += array.memory();
         for (auto const& array : component) bytes += array.memory();
         return bytes;
+    }
+
+private:
+    template <class Which, class Storage>
+    static Which view_of(Storage& storage)
+    {
+        Which view{.offset = {}, .component = {}, .id = storage.id.data()};
+        for (std::size_t a = 0; a < view.offset.size(); ++a) view.offset[a] = storage.offset[a].data();
+        for (std::size_t c = 0; c < view.component.size(); ++c)
+            view.component[c] = storage.component[c].data();
+        return view;
     }
 };
 
@@ -114,6 +118,7 @@ class DerivedStorage
 
 public:
     using View = FieldsById<Number, d, Set>;
+    using ConstView = FieldsById<Number const, d, Set>;
 
     DerivedStorage(Backend const& backend, std::size_t count)
         : component_(detail::arrays_of<Array, Set::components(d)>(backend))
@@ -126,14 +131,8 @@ public:
         for (auto& array : component_) array.resize(count);
     }
 
-    View view() const
-    {
-        View view;
-        for (std::size_t c = 0; c < component_.size(); ++c)
-            view.component[c] = const_cast<Number*>(component_[c].data());
-        view.present = true;
-        return view;
-    }
+    View view() { return view_of<View>(component_); }
+    ConstView view() const { return view_of<ConstView>(component_); }
 
     /// Sets all components of all fields from `first` on.
     void fill(std::size_t first, Record<Number, d, Set> record)
@@ -197,6 +196,14 @@ public:
     }
 
 private:
+    template <class Which, class Arrays>
+    static Which view_of(Arrays& arrays)
+    {
+        Which view{.component = {}, .present = true};
+        for (std::size_t c = 0; c < arrays.size(); ++c) view.component[c] = arrays[c].data();
+        return view;
+    }
+
     std::array<Array, Set::components(d)> component_;
 };
 

@@ -5,6 +5,7 @@
 #include <firn/core/field_sets.hpp>
 #include <firn/grid/lattice.hpp>
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -13,18 +14,38 @@
 namespace firn
 {
 
+namespace detail
+{
+/// `Value`, const where `Number` is.
+template <class Number, class Value>
+using ConstLike = std::conditional_t<std::is_const_v<Number>, Value const, Value>;
+} // namespace detail
+
 /// A view of the particle table: positions as offsets from the centres of their cells, one array per
-/// component of each field, and the rows that identify particles (see ParticleTable).
+/// component of each field, and the rows that identify particles (see ParticleTable). With a const `Number`
+/// it is a view to read only.
 template <class Number, int d, class Set>
 struct TableView
 {
     static constexpr int components = Set::components(d);
 
-    using Offset = typename CellOffset<Number>::Stored;
+    using Offset = detail::ConstLike<Number, typename CellOffset<std::remove_const_t<Number>>::Stored>;
+    using Row = detail::ConstLike<Number, std::uint32_t>;
+    using ConstView = TableView<Number const, d, Set>;
 
     std::array<Offset*, std::size_t(d)> offset;
     std::array<Number*, std::size_t(components)> component;
-    std::uint32_t* id;
+    Row* id;
+
+    /// The same, to read only. A template, since compilers warn of a conversion from a type to itself.
+    template <class Other>
+    operator Other() const requires(!std::is_const_v<Number> && std::is_same_v<Other, ConstView>)
+    {
+        ConstView view{.offset = {}, .component = {}, .id = id};
+        std::copy(offset.begin(), offset.end(), view.offset.begin());
+        std::copy(component.begin(), component.end(), view.component.begin());
+        return view;
+    }
 
     /// Reads the items' offsets from the centres of their cells, in cells.
     template <class Items>
@@ -40,7 +61,7 @@ struct TableView
     /// position() of `before` was called for the same items. `position` becomes what was written. Returns
     /// which items are still in their cells.
     template <class Items>
-    FIRN_HOST_DEVICE auto move(Items const& items, TableView const& before,
+    FIRN_HOST_DEVICE auto move(Items const& items, ConstView const& before,
                                Vector<typename Items::Real, d> const& displacement,
                                Vector<typename Items::Real, d>& position) const
     {
@@ -86,13 +107,25 @@ struct TableView
     }
 };
 
-/// Fields that are not stored from step to step, while they are cached: one array per component, by row.
+/// Fields that are not stored from step to step, while they are cached: one array per component, by row. With
+/// a const `Number` it is a view to read only.
 template <class Number, int d, class Set>
 struct FieldsById
 {
     static constexpr int components = Set::components(d);
+    using ConstView = FieldsById<Number const, d, Set>;
+
     std::array<Number*, std::size_t(components)> component{};
     bool present = false;
+
+    /// The same, to read only. A template, since compilers warn of a conversion from a type to itself.
+    template <class Other>
+    operator Other() const requires(!std::is_const_v<Number> && std::is_same_v<Other, ConstView>)
+    {
+        ConstView view{.component = {}, .present = present};
+        std::copy(component.begin(), component.end(), view.component.begin());
+        return view;
+    }
 
     template <class Items, class Record>
     FIRN_HOST_DEVICE void load(Items const& items, std::uint32_t const* id, Record& record) const
@@ -147,7 +180,7 @@ struct WriteField
 template <class Number, int d, class Set>
 struct WritePositions
 {
-    TableView<Number, d, Set> particles;
+    TableView<Number const, d, Set> particles;
     Lattice lattice;
     int kernel_degree;
     Number* to; ///< axis a of the particle in a row at to[row * stride + a] [m]
@@ -183,8 +216,8 @@ struct FindParticles
     using Particle = Record<Number, d, Join<PersistentFields, DerivedFields>>;
     static constexpr bool by_position = TellsByPosition<IsWanted, d>;
 
-    TableView<Number, d, PersistentFields> particles;
-    FieldsById<Number, d, DerivedFields> velocities; ///< if the predicate reads fields
+    TableView<Number const, d, PersistentFields> particles;
+    FieldsById<Number const, d, DerivedFields> velocities; ///< if the predicate reads fields
     Lattice lattice;
     int kernel_degree;
     IsWanted is_wanted;

@@ -82,7 +82,7 @@ struct ReturnVelocities
         FIRN_HOST_DEVICE void merge(Result const&) {}
     };
 
-    TableView<Number, d, PersistentFields> particles;
+    TableView<Number const, d, PersistentFields> particles;
     MassGroups<Number> mass_groups;
 
     template <class Items>

@@ -73,7 +73,8 @@ struct G2p2g
     Model model;
     Transfer transfer;
     StepContext<Number, Effects> const* now;
-    TableView<Number, d, PersistentFields> before, after;
+    TableView<Number const, d, PersistentFields> before;
+    TableView<Number, d, PersistentFields> after;
     FieldsById<Number, d, DerivedFields> velocities; ///< written if present
     MassGroups<Number> mass_groups;
     Lattice lattice;

@@ -192,7 +192,7 @@ struct GatherVelocities : Gather<Space, Kernel, TransferType>
     };
 
     Transfer transfer;
-    TableView<Number, d, PersistentFields> particles;
+    TableView<Number const, d, PersistentFields> particles;
     FieldsById<Number, d, DerivedFields> velocities;
     Number cell_size; ///< [m]
 

@@ -24,8 +24,8 @@ struct ParticlesToGrid : Scatter<Space, Kernel, TransferType>
 
     Model model;
     Transfer transfer;
-    TableView<Number, d, PersistentFields> particles;
-    FieldsById<Number, d, DerivedFields> velocities;
+    TableView<Number const, d, PersistentFields> particles;
+    FieldsById<Number const, d, DerivedFields> velocities;
     MassGroups<Number> mass_groups;
     Number dt;         ///< [s]; if `impulse_only`, the difference to the dt already scattered
     Number cell_size;  ///< [m]
