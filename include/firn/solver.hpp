@@ -757,7 +757,7 @@ private:
         controller.choose(time_state_);
     }
 
-    /// Takes the chosen step and some after it: see StepDriver::take.
+    /// Takes the chosen step and some after it: see StepDriver::take and StepQueue::take.
     template <class Effects, class Visit>
     StepLog const& run(Controller const& controller, std::size_t most, Effects const& effects,
                        Visit const& visit)
@@ -826,8 +826,7 @@ private:
             // rounding errors
             grid_state_.forget();
         else
-            or_break_off(
-                [&] { grid_state_.regain_velocities(sets_, smallest_node_mass()); });
+            or_break_off([&] { grid_state_.regain_velocities(sets_, smallest_node_mass()); });
         driver_.forget_spoiled_nodes();
     }
 

@@ -1,12 +1,15 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/cell_work.hpp>
 #include <firn/core/error.hpp>
+#include <firn/core/queue_outcome.hpp>
 #include <firn/cuda/array.hpp>
 #include <firn/cuda/cell_order.hpp>
 #include <firn/cuda/for_each.hpp>
 #include <firn/cuda/gather.hpp>
 #include <firn/cuda/grid.hpp>
+#include <firn/cuda/run_steps.hpp>
 #include <firn/cuda/scatter.hpp>
 #include <firn/cuda/update_nodes.hpp>
 
@@ -14,8 +17,7 @@
 #include <array>
 #include <atomic>
 #include <string>
-#include <tuple>
-#include <utility>
+#include <type_traits>
 
 namespace firn
 {
@@ -51,7 +53,7 @@ struct Cuda
     /// How many steps are worth queueing. If the order of cells does not rebin early, the host learns only at
     /// the end of a batch that steps have stopped. With many blocks, loops queued in vain then cost more and
     /// waiting for the host costs less; half of `blindly` has gone well before. With early rebinning
-    /// throttle() finds out in time.
+    /// the host finds out in time.
     template <class Order, std::size_t orders>
     std::size_t steps_to_queue(std::array<Order*, orders> const& cells, std::size_t blindly) const
     {
@@ -59,14 +61,6 @@ struct Cuda
         std::size_t blocks = 0;
         for (Order const* const order : cells) blocks += order->blocks();
         return std::min({batch, blindly, 2 + 10000 / (1000 + blocks)});
-    }
-
-    /// Waits until the device is about to need another step, if the device reports how far it is; false if
-    /// queued steps have stopped.
-    template <class Order, std::size_t orders>
-    bool throttle(std::array<Order*, orders> const& cells) const
-    {
-        return !rebins_early(cells) || cells[0]->throttle();
     }
 
     /// Whether loops can access this address: memory of a device, host memory that is mapped for devices, or
@@ -125,35 +119,36 @@ struct Cuda
                              cells.blocks(), 1, 0, cells.signal(), visit, cells.view(), cells.committed());
     }
 
-    /// All items scatter to the grid by `phase.prepare` and `scatter` (see Scatter): afresh, or onto the sums
-    /// that are there.
-    template <class Order, class GridType, class Phase>
-    void scatter(Order const& cells, GridType& grid, Phase const& phase, bool afresh) const
+    /// The items of all cells gather from the nodes, are updated and scatter: what of that, the phase says
+    /// (see CellWork). Items move in run_steps() alone.
+    template <class Order, class AnyLayer, class Phase>
+    void for_each_cell(Order const& cells, AnyLayer& layer, Phase const& phase) const
     {
-        if (grid.blocks() == 0) return;
+        using LayerType = std::remove_const_t<AnyLayer>;
+        constexpr CellWork work = Phase::work;
+        static_assert(!work.moves, "items move in run_steps() alone");
+        if (layer.blocks() == 0) return;
         cuda::OnDevice const here(device);
-        cuda::detail::launch("scatter", queue(), cuda::detail::scatter<Order, GridType, Phase>, grid.blocks(),
-                             1, cuda::detail::SharedTiles<GridType>::bytes(false, true), cells.signal(),
-                             phase, cells.view(), grid.view(), afresh);
+        using Tiles = cuda::detail::SharedTiles<LayerType>;
+        constexpr bool scatters = work.scatters_to != ScatterTarget::nothing;
+        auto const launch = [&](char const* name, auto* loop, auto const&... more) {
+            cuda::detail::launch(name, queue(), loop, layer.blocks(), 1, Tiles::bytes(work.gathers, scatters),
+                                 cells.signal(), phase, cells.view(), layer.view(), more...);
+        };
+        if constexpr (!work.gathers)
+            launch("scatter", cuda::detail::scatter<Order, LayerType, Phase>, !phase.adds_to_sums());
+        else if constexpr (scatters)
+            launch("scatter_back", cuda::detail::scatter_back<Order, LayerType, Phase>);
+        else
+            launch("gather", cuda::detail::gather<Order, LayerType, Phase>);
     }
 
     /// Items that changed cells when they moved scatter to the grid, to which all others already have.
-    template <class Phase, class Order, class GridType>
-    void scatter_leavers(Order const& cells, GridType& grid) const
+    template <class Phase, class Order, class LayerType>
+    void scatter_leavers(Order const& cells, LayerType& layer) const
     {
-        if (grid.blocks() == 0) return;
         cuda::OnDevice const here(device);
-        cuda::detail::ScatterIncoming<Order, GridType, Phase> const scatter{cells.view(), cells.arrived(),
-                                                                            cells.leavers(), grid.view()};
-        using Tiles = cuda::detail::SharedTiles<GridType>;
-        // as many as rebin() has where it scatters early, since sums are added up team by team
-        unsigned const teams = Tiles::teams_that_rebin(cells.rebinned_blocks());
-        auto* const loop =
-            teams == 1
-                ? cuda::detail::scatter_leavers<1, Order, GridType, Phase>
-                : cuda::detail::scatter_leavers<cuda::detail::most_teams_that_rebin, Order, GridType, Phase>;
-        cuda::detail::launch("scatter_leavers", queue(), loop, std::min(grid.blocks(), 4096u), teams,
-                             Tiles::bytes(false, true, teams), cells.signal(), grid.blocks(), scatter);
+        cuda::detail::start_scattering_leavers<Phase>(cells, layer);
     }
 
     /// Calls `phase(node, result)` for every node that any layer added to; the merged result becomes known
@@ -182,185 +177,17 @@ struct Cuda
         return grid.node_results().template partial<Result>();
     }
 
-    /// All items gather from the grid and scatter in place to the sums that swap() makes current.
-    template <class Order, class GridType, class Phase>
-    void scatter_back(Order const& cells, GridType& grid, Phase const& phase) const
-    {
-        if (grid.blocks() == 0) return;
-        cuda::OnDevice const here(device);
-        cuda::detail::launch("scatter_back", queue(), cuda::detail::scatter_back<Order, GridType, Phase>,
-                             grid.blocks(), 1, cuda::detail::SharedTiles<GridType>::bytes(true, true),
-                             cells.signal(), phase, cells.view(), grid.view());
-    }
-
-    /// All items gather from the grid as in their last move; the phase stores what it needs of that.
-    template <class Order, class GridType, class Phase>
-    void gather(Order const& cells, GridType const& grid, Phase const& phase) const
-    {
-        if (grid.blocks() == 0) return;
-        cuda::OnDevice const here(device);
-        cuda::detail::launch("gather", queue(), cuda::detail::gather<Order, GridType, Phase>, grid.blocks(),
-                             1, cuda::detail::SharedTiles<GridType>::bytes(true, false), cells.signal(),
-                             phase, cells.view(), grid.view());
-    }
-
-    /// The items of all orders of cells, each with its layer and its phase, gather from the grid, move, and
-    /// scatter to the grid of the next step (see G2p2g). Then `finish(merged results of the nodes, and of the
-    /// items of each order)` is called on the device. If it returns false, or if there was no room for all
-    /// leavers, later loops do nothing until the host has polled.
-    template <class Order, class LayerType, std::size_t orders, class... Phase, class OfNodes, class Finish>
-    void move(std::array<Order*, orders> const& cells, std::array<LayerType, orders> const& layers,
-              std::tuple<Phase...> const& phases, cuda::Partial<OfNodes> const& of_nodes,
-              Finish const& finish) const
+    /// Queues at most `expected` steps of a program, and waits for them; see QueuedSteps for its members. A
+    /// step is `update_grid`, its `g2p2g_phases`, and its `finish_phase`, which is called on the device with
+    /// the merged results of the nodes and of the items of each order of cells. If that returns false, or if
+    /// there was no room for all leavers, later loops do nothing until the host has polled.
+    template <class Program>
+    QueueOutcome run_steps(Program& steps, int expected) const
     {
         cuda::OnDevice const here(device);
-        for_each_order<orders>([&](auto k) { start_moving(*cells[k], layers[k], std::get<k>(phases)); });
-        end_step(cells, merge_and_finish<Phase...>(layers, of_nodes, finish));
-    }
-
-    /// What remains of a step when its items are rebinned.
-    template <class Finish>
-    struct Rebinned
-    {
-        Finish finish;
-        bool early; ///< `finish` is still to be called, concurrently with the rebinning
-    };
-
-    /// The same if the next step is queued at once: returns what rebin() needs before that. With few blocks
-    /// the step is finished while its items are rebinned.
-    template <class Order, class LayerType, std::size_t orders, class... Phase, class OfNodes, class Finish>
-    auto move_on(std::array<Order*, orders> const& cells, std::array<LayerType, orders> const& layers,
-                 std::tuple<Phase...> const& phases, cuda::Partial<OfNodes> const& of_nodes,
-                 Finish const& finish) const
-    {
-        cuda::OnDevice const here(device);
-        for_each_order<orders>([&](auto k) { start_moving(*cells[k], layers[k], std::get<k>(phases)); });
-        auto const all = merge_and_finish<Phase...>(layers, of_nodes, finish);
-        Rebinned<std::remove_cv_t<decltype(all)>> const rebinned{all, rebins_early(cells)};
-        if (!rebinned.early) end_step(cells, all);
-        return rebinned;
-    }
-
-    /// Whether rebin() runs before the step's outcome is known, and keeps the previous order for a rollback.
-    template <class Order, std::size_t orders>
-    bool rebins_early(std::array<Order*, orders> const& cells) const
-    {
-        return orders == 1 && cells[0]->blocks() > 0 && cells[0]->rebins_early();
-    }
-
-    /// Called when the host has waited: lets loops work again if they have stopped; true if they stopped
-    /// because there was no room for all leavers.
-    template <class Order, std::size_t orders>
-    bool poll(std::array<Order*, orders> const& cells) const
-    {
-        bool lacks_room = false;
-        for (Order* const order : cells) lacks_room = order->poll() || lacks_room;
-        return lacks_room;
-    }
-
-    /// Makes room after that, and repeats what is needed of move().
-    template <class Order, class LayerType, std::size_t orders, class... Phase, class OfNodes, class Finish>
-    void complete(std::array<Order*, orders> const& cells, std::array<LayerType, orders> const& layers,
-                  std::tuple<Phase...> const& phases, cuda::Partial<OfNodes> const& of_nodes,
-                  Finish const& finish) const
-    {
-        cuda::OnDevice const here(device);
-        for_each_order<orders>([&](auto k) {
-            if (cells[k]->make_room()) start_moving(*cells[k], layers[k], std::get<k>(phases));
-        });
-        end_step(cells, merge_and_finish<Phase...>(layers, of_nodes, finish));
-    }
-
-    /// Rebins items that have moved, and scatters those that came into another cell.
-    template <class Phase, class Order, class GridType, class Offsets, class Finish>
-    void rebin(Order& cells, GridType& grid, Offsets const& offsets, Rebinned<Finish> const& rebinned) const
-    {
-        if (!rebinned.early) {
-            cells.rebin(offsets);
-            scatter_leavers<Phase>(cells, grid);
-            return;
-        }
-        using Tiles = cuda::detail::SharedTiles<GridType>;
-        unsigned const teams = Tiles::teams_that_rebin(cells.blocks());
-        cells.rebin_early(
-            offsets, rebinned.finish,
-            [&](auto const& view, auto const& arrived) {
-                return cuda::detail::ScatterIncoming<Order, GridType, Phase>{view, arrived, cells.leavers(),
-                                                                             grid.view()};
-            },
-            teams, Tiles::bytes(false, true, teams));
-    }
-
-private:
-    /// Calls `use(number)` for each order of cells.
-    template <std::size_t orders, class Use>
-    static void for_each_order(Use const& use)
-    {
-        [&]<std::size_t... k>(std::index_sequence<k...>)
-        {
-            (use(std::integral_constant<std::size_t, k>{}), ...);
-        }
-        (std::make_index_sequence<orders>{});
-    }
-
-    /// What finishes a step of these phases.
-    template <class Phase, class... Others, class LayerType, std::size_t orders, class OfNodes, class Finish>
-    static auto merge_and_finish(std::array<LayerType, orders> const& layers,
-                                 cuda::Partial<OfNodes> const& of_nodes, Finish const& finish)
-    {
-        using Result = typename Phase::Result;
-        cuda::detail::MergeAndFinish<OfNodes, Result, static_cast<int>(orders), Finish> all{
-            of_nodes, {}, finish};
-        static_assert(decltype(all)::bytes <= cuda::detail::given_shared,
-                      "a call has more obstacles than the end of a step can tell of: pass fewer");
-        for (std::size_t k = 0; k < orders; ++k)
-            if (layers[k].blocks() > 0) all.of_items[k] = layers[k].item_results().template partial<Result>();
-        return all;
-    }
-
-    /// Queues the loop that ends a step when all items have moved.
-    template <class Order, std::size_t orders, class Finish>
-    void end_step(std::array<Order*, orders> const& cells, Finish const& finish) const
-    {
-        constexpr int count = static_cast<int>(orders);
-        unsigned groups = 1; // for each order
-        for (Order const* const order : cells) groups = std::max(groups, order->groups_that_find());
-        using Moved = decltype(cells[0]->moved());
-        std::array<Moved, orders> moved;
-        for (std::size_t k = 0; k < orders; ++k) moved[k] = cells[k]->moved();
-        // Launched early however large the scene: its groups finish soon and do not block others for long.
-        cuda::launch_behind("end_step", queue(), cuda::detail::end_step<Moved, count, Finish>,
-                            cuda::Groups{1 + count * groups, true}, cuda::detail::scanning_threads,
-                            Finish::bytes, cells[0]->signal(), moved, finish);
-    }
-
-    /// Queues the loop that moves items.
-    template <class Order, class LayerType, class Phase>
-    void start_moving(Order& cells, LayerType const& layer, Phase const& phase) const
-    {
-        if (layer.blocks() == 0) return;
-        using Result = typename Phase::Result;
-        using Tiles = cuda::detail::SharedTiles<LayerType>;
-        auto const signal = cells.signal();
-        auto const leavers =
-            cells.expect_outgoing(Phase::scratch_channels - Phase::d); // an offset is stored with its item
-        constexpr unsigned most_teams = cuda::detail::most_teams_that_move<Phase>;
-        unsigned const teams = Tiles::teams(layer.blocks(), most_teams);
-        auto const results = layer.item_results().template expect<Result>(layer.blocks());
-        auto* const loop = cuda::detail::move<Order, LayerType, Phase>;
-        std::size_t const shared = Tiles::bytes(true, true, teams);
-        constexpr std::size_t declared = cuda::detail::declared_by_move<Phase>; // grows with the obstacles
-        static_assert(
-            declared <= cuda::detail::given_shared,
-            "a call has more obstacles than a device's loops can tell of: pass fewer than 60, or say "
-            "several of them as one shape");
-        // The most this loop ever needs: several host threads may set it concurrently, so all set the same.
-        constexpr std::size_t most = Tiles::bytes(true, true, Tiles::teams(0, most_teams));
-        if constexpr (most + declared > cuda::detail::given_shared) cuda::detail::allow_shared(loop, most);
-        cuda::detail::Moved<typename LayerType::Number, Result> const moved{leavers, cells.destinations(),
-                                                                            cells.left(), results};
-        cuda::detail::launch("move", queue(), loop, layer.blocks(), teams, shared, signal, phase,
-                             cells.view(), layer.view(), moved);
+        auto const orders = steps.orders();
+        auto const layers = steps.layers();
+        return cuda::StepRunner(queue(), orders, layers).run(steps, expected);
     }
 };
 

@@ -28,7 +28,8 @@ __global__ void fill(T* to, std::size_t count, T value)
 template <class T>
 class Array
 {
-    static_assert(std::is_trivially_copyable_v<T>);
+    // Eigen's types are plain values, too, although they are not trivially copyable.
+    static_assert(std::is_trivially_destructible_v<T>);
 
 public:
     using Value = T;

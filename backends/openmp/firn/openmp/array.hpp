@@ -18,7 +18,8 @@ namespace firn::openmp
 template <class T>
 class Array
 {
-    static_assert(std::is_trivially_copyable_v<T>);
+    // Eigen's types are plain values, too, although they are not trivially copyable.
+    static_assert(std::is_trivially_destructible_v<T>);
     static constexpr std::size_t alignment = 64, page = 4096;
 
 public:
