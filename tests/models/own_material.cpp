@@ -89,7 +89,7 @@ TEST_CASE("a law with a parameter of its own meets a plastic flow, and without t
     rubber.second = 1;
     CHECK((stress(rubber) - stress(model)).norm() <= 1e-13 * model.elasticity.mu);
     rubber.second = 1.5;
-    CHECK_THROWS_WITH(rubber.validate(), Catch::Contains("the second invariant is outside [0, 1]"));
+    CHECK_THROWS_WITH(rubber.validate(), Contains("the second invariant is outside [0, 1]"));
     int told = 0;
     rubber.for_each_parameter([&](std::string_view name, auto const&) { told += name == "second"; });
     CHECK(told == 1);
