@@ -51,10 +51,21 @@ struct TimedOpenMP : OpenMP
         std::shared_ptr<Times> times;
     };
 
-    template <class Order, class GridType, class Phase>
-    void scatter(Order& cells, GridType& grid, Phase const& phase, bool afresh) const
+    template <class Order, class LayerType, class Phase>
+    auto for_each_cell(Order& cells, LayerType& layer, Phase const& phase) const
     {
-        times->take("scatter", [&] { OpenMP::scatter(cells, grid, phase, afresh); });
+        auto const loop = [&] { return OpenMP::for_each_cell(cells, layer, phase); };
+        if constexpr (!Phase::work.gathers) return times->take("scatter", loop);
+        if constexpr (Phase::work.moves) {
+            // These tiles are about to be cleared anyway.
+            times->take("clear", [&] {
+                for (std::size_t b = 0; b < cells.blocks().size(); ++b)
+                    openmp::detail::clear_rows<LayerType, Phase::channels>(
+                        layer.next_tile(b), openmp::detail::touched_by_items<LayerType>(cells, b));
+            });
+            return times->take("gather_and_scatter", loop);
+        }
+        return loop();
     }
 
     template <class Phase, class Order, class GridType>
@@ -67,20 +78,6 @@ struct TimedOpenMP : OpenMP
     auto for_each_node(CellOrders const& cells, GridType& grid, Phase const& phase) const
     {
         return times->take("grid", [&] { return OpenMP::for_each_node(cells, grid, phase); });
-    }
-
-    template <class Order, class LayerType, class Phase, class OfNodes, class Finish>
-    void move(std::array<Order*, 1> const& cells, std::array<LayerType, 1> const& layers,
-              std::tuple<Phase> const& phases, OfNodes const& of_nodes, Finish const& finish) const
-    {
-        // These tiles are about to be cleared anyway.
-        times->take("clear", [&] {
-            LayerType layer = layers[0];
-            for (std::size_t b = 0; b < cells[0]->blocks().size(); ++b)
-                openmp::detail::clear_rows<LayerType, Phase::channels>(
-                    layer.next_tile(b), openmp::detail::touched_by_items<LayerType>(*cells[0], b));
-        });
-        times->take("gather_and_scatter", [&] { OpenMP::move(cells, layers, phases, of_nodes, finish); });
     }
 };
 
