@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/cuda/cell_group.hpp>
+#include <firn/cuda/migration.hpp>
 #include <firn/cuda/ranks.hpp>
 #include <firn/cuda/shared_memory.hpp>
 #include <firn/cuda/shared_tiles.hpp>

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/cuda/order.hpp>
+#include <firn/cuda/migration.hpp>
 
 #include <cstdint>
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/cuda/cell_group.hpp>
+#include <firn/cuda/migration.hpp>
 #include <firn/cuda/teams.hpp>
 
 #include <array>

@@ -1,0 +1,100 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/cuda/changes.hpp>
+#include <firn/cuda/scan.hpp>
+#include <firn/cuda/teams.hpp>
+
+#include <cstdint>
+
+// Where the items of blocks begin in the new order: found by one group of threads for all blocks, or by each
+// group for its own.
+namespace firn::cuda::detail
+{
+
+inline constexpr int scanned_at_once = 8;
+
+/// Where each block's items, and its incoming items, begin.
+struct BlockBegins
+{
+    std::uint32_t blocks;
+    std::uint64_t* of_block; ///< both counts in one number, items in the lower half
+};
+
+/// Finds them with one group of threads, since blocks are few. Returns how many hold items.
+__device__ inline std::uint32_t find_block_begins(BlockBegins const& begins, Changes const& changes)
+{
+    std::uint32_t const blocks = begins.blocks;
+    std::uint64_t before = 0;
+    std::uint32_t live = 0;
+    for (std::uint32_t first = 0; first < blocks; first += scanning_threads * scanned_at_once) {
+        std::uint64_t count[scanned_at_once], sum = 0;
+#pragma unroll
+        for (int i = 0; i < scanned_at_once; ++i) {
+            std::uint32_t const b = first + threadIdx.x * scanned_at_once + static_cast<std::uint32_t>(i);
+            count[i] = 0;
+            if (b >= blocks) continue;
+            std::uint32_t const arrived =
+                __ldcg(changes.block_arrived + b); // other multiprocessors have just counted it
+            count[i] = (std::uint64_t(arrived) << 32) | (changes.block_stay[b] + arrived);
+            live += count[i] != 0;
+        }
+#pragma unroll
+        for (int i = 0; i < scanned_at_once; ++i) sum += count[i];
+        std::uint64_t total;
+        std::uint64_t mine = before + sum_before_in_block<scanning_threads>(sum, total);
+#pragma unroll
+        for (int i = 0; i < scanned_at_once; ++i) {
+            std::uint32_t const b = first + threadIdx.x * scanned_at_once + static_cast<std::uint32_t>(i);
+            if (b < blocks) begins.of_block[b] = mine;
+            mine += count[i];
+        }
+        before += total;
+    }
+    std::uint64_t all_live;
+    sum_before_in_block<scanning_threads>(live, all_live);
+    return static_cast<std::uint32_t>(all_live);
+}
+
+/// The same as a loop of its own.
+static __global__ void __launch_bounds__(scanning_threads)
+    find_all_block_begins(BlockBegins begins, Changes changes)
+{
+    find_block_begins(begins, changes);
+}
+
+/// Where a block's items, and its incoming items, begin. With few blocks each group of threads finds it by
+/// itself.
+__device__ inline std::uint64_t find_block_begin(std::uint32_t block, Changes const& changes)
+{
+    __shared__ std::uint64_t of_warp[most_teams_that_rebin * 2];
+    std::uint64_t sum = 0;
+#pragma unroll 4
+    for (std::uint32_t b = threadIdx.x; b < block; b += blockDim.x) {
+        std::uint32_t const arrived = __ldcg(changes.block_arrived + b);
+        sum += (std::uint64_t(arrived) << 32) | (changes.block_stay[b] + arrived);
+    }
+    sum_before(sum, sum);
+    if (threadIdx.x % 32 == 0) of_warp[threadIdx.x / 32] = sum;
+    __syncthreads();
+    sum = 0;
+    for (std::uint32_t w = 0; w < blockDim.x / 32; ++w) sum += of_warp[w];
+    return sum;
+}
+
+/// How many blocks will hold items, counted by all threads of a group; the first thread gets the result.
+__device__ inline std::uint32_t count_live_blocks(std::uint32_t blocks, Changes const& changes)
+{
+    __shared__ std::uint32_t count;
+    if (threadIdx.x == 0) count = 0;
+    __syncthreads();
+    std::uint32_t live = 0;
+#pragma unroll 4
+    for (std::uint32_t b = threadIdx.x; b < blocks; b += blockDim.x)
+        live += changes.block_stay[b] + __ldcg(changes.block_arrived + b) > 0;
+    atomicAdd(&count, live);
+    __syncthreads();
+    return count;
+}
+
+} // namespace firn::cuda::detail

@@ -1,0 +1,153 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/cuda/changes.hpp>
+#include <firn/cuda/signal.hpp>
+#include <firn/cuda/tuning.hpp>
+
+#include <array>
+#include <cstdint>
+
+// The items that leave their cells: what is listed of them, and how they find their new cells.
+namespace firn::cuda::detail
+{
+
+/// Counters through which concurrent groups of threads coordinate the leavers.
+struct LeaverCounters
+{
+    std::uint32_t departed; ///< leavers of the current step
+    std::uint32_t searched; ///< groups of threads that have found new cells
+    std::uint32_t live;     ///< blocks that will hold items
+    std::uint32_t rebinned; ///< leavers of the step that was rebinned last
+};
+
+/// Items on their way to other cells.
+template <class Number>
+struct Leavers
+{
+    LeaverCounters* counters;
+    std::uint32_t most;   ///< capacity
+    int channels;         ///< of a leaver's contribution
+    std::uint32_t* slot;  ///< where the item lies
+    std::uint32_t* cell;  ///< where it came from
+    std::uint8_t* way;    ///< the neighbour it goes to: three digits of base 3, first axis highest
+    std::uint32_t* next;  ///< the next leaver that comes into the same cell, or absent
+    Number* contribution; ///< what each leaver scatters, without its offset; leaver by leaver
+};
+
+/// The items that came into a cell: a range in the list of leavers by cell.
+struct ArrivedInCell
+{
+    std::uint32_t begin, count;
+};
+
+/// Clears the incoming items of `blocks` blocks, and the count of leavers.
+struct ArrivalsToForget
+{
+    Changes changes;
+    std::uint32_t blocks;
+    LeaverCounters* counters; ///< null if nothing has ever left
+
+    /// Called by groups of 64 threads, at least one per block.
+    __device__ void forget(std::uint32_t group) const
+    {
+        if (group >= blocks) return;
+        forget_incoming(changes, group);
+        if (group == 0 && threadIdx.x == 0 && counters != nullptr) counters->departed = 0;
+    }
+};
+
+/// Where leavers find their new cells.
+struct Destinations
+{
+    Changes changes;
+    BlockSet::View set;
+    std::uint64_t const* keys; ///< of blocks
+    int ahead;                 ///< with each missing block, this many beyond it are requested too
+    bool at_once;              ///< the loop that moves items also searches; otherwise end_step does
+};
+
+/// Adds a leaver to the list of its new cell, and counts it there and in the block.
+template <class Number>
+__device__ void arrive(Leavers<Number> const& leavers, Changes const& changes, std::uint32_t leaver,
+                       std::uint32_t block, std::uint32_t place)
+{
+    std::uint32_t const cell = block * 64 + place;
+    leavers.next[leaver] = atomicExch(changes.first_incoming + cell, leaver);
+    atomicAdd(changes.incoming + cell, 1u);
+    // neighbouring leavers come into the same few blocks: one atomic per block and warp
+    std::uint32_t const with_me = __match_any_sync(__activemask(), block);
+    if (static_cast<int>(threadIdx.x % 32) == __ffs(static_cast<int>(with_me)) - 1)
+        atomicAdd(changes.block_arrived + block, static_cast<std::uint32_t>(__popc(with_me)));
+}
+
+/// Finds the new cell of a leaver from the cell `from`, or requests its block.
+template <int d, class Number>
+__device__ void find_new_cell(Leavers<Number> const& leavers, Destinations const& to, std::uint32_t leaver,
+                              std::uint32_t from, std::uint32_t way)
+{
+    using Shape = BlockShape<d>;
+    std::uint32_t block = from / Shape::cells;
+    Coordinates<d> cell = Shape::cell(static_cast<int>(from % Shape::cells)), beyond;
+    bool leaves_block = false;
+    for (int a = d - 1; a >= 0; --a, way /= 3) {
+        int const moved = cell[a] + static_cast<int>(way % 3) - 1;
+        beyond[a] = moved >> Shape::bits;
+        cell[a] = moved & (Shape::extent - 1);
+        leaves_block = leaves_block || beyond[a] != 0;
+    }
+    if (leaves_block) {
+        Coordinates<d> const there = block_of_key<d>(to.keys[block]) + beyond;
+        std::uint64_t const key = block_key<d>(there);
+        block = to.set.find(key);
+        if (block == absent) {
+            to.set.want(key);
+            for (int i = 1; i <= to.ahead; ++i) to.set.want(block_key<d>(there + i * beyond));
+            return;
+        }
+    }
+    arrive(leavers, to.changes, leaver, block, static_cast<std::uint32_t>(Shape::place(cell)));
+}
+
+/// The same for new items, which come with their cells.
+template <int d, class Number>
+__global__ void find_cells(Leavers<Number> leavers, std::array<int, d> const* cells, std::uint32_t first,
+                           std::uint32_t count, Changes changes, BlockSet::View set)
+{
+    using Shape = BlockShape<d>;
+    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
+    if (i >= count) return;
+    Coordinates<d> cell, in_block;
+    for (int a = 0; a < d; ++a) {
+        in_block[a] = cells[i][a] & (Shape::extent - 1);
+        cell[a] = cells[i][a] >> Shape::bits;
+    }
+    std::uint64_t const key = block_key<d>(cell);
+    std::uint32_t const block = set.find(key);
+    if (block == absent) {
+        set.want(key);
+        return;
+    }
+    leavers.slot[i] = first + i;
+    arrive(leavers, changes, i, block, static_cast<std::uint32_t>(Shape::place(in_block)));
+}
+
+/// Clears all incoming items and the count of leavers.
+static __global__ void __launch_bounds__(64) forget_all_incoming(Signal signal, ArrivalsToForget to_forget)
+{
+    if (signal.stops()) return;
+    to_forget.forget(blockIdx.x);
+}
+
+/// Finds the new cells of all leavers; called by each of several groups of threads.
+template <int d, class Number>
+__device__ void find_new_cells(Leavers<Number> const& leavers, Destinations const& to, std::uint32_t group,
+                               std::uint32_t groups)
+{
+    std::uint32_t const all = leavers.counters->departed, noted = all < leavers.most ? all : leavers.most;
+    for (std::uint32_t leaver = group * blockDim.x + threadIdx.x; leaver < noted;
+         leaver += groups * blockDim.x)
+        find_new_cell<d>(leavers, to, leaver, leavers.cell[leaver], leavers.way[leaver]);
+}
+
+} // namespace firn::cuda::detail
