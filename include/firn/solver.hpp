@@ -3,29 +3,26 @@
 
 #include <firn/concepts.hpp>
 #include <firn/core/access_guard.hpp>
-#include <firn/core/exactly_equal.hpp>
-#include <firn/core/finite.hpp>
 #include <firn/effects/reflecting_wall.hpp>
+#include <firn/effects/validate_effects.hpp>
 #include <firn/effects/wall_check.hpp>
 #include <firn/interpolation/quadratic_b_spline.hpp>
 #include <firn/models/several_materials.hpp>
 #include <firn/particles/material_sets.hpp>
 #include <firn/particles/occupancy.hpp>
-#include <firn/state/restore.hpp>
+#include <firn/state/save_restore.hpp>
 #include <firn/state/snapshot.hpp>
-#include <firn/time_stepping/bounds.hpp>
-#include <firn/time_stepping/failures.hpp>
+#include <firn/time_stepping/durations.hpp>
 #include <firn/time_stepping/report.hpp>
-#include <firn/time_stepping/step_queue.hpp>
+#include <firn/time_stepping/scene_state.hpp>
+#include <firn/time_stepping/time_loop.hpp>
 #include <firn/transfer/mls.hpp>
 
 #include <algorithm>
-#include <cmath>
+#include <cstddef>
 #include <cstdint>
-#include <limits>
-#include <numeric>
-#include <optional>
-#include <string>
+#include <iterator>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -137,14 +134,12 @@ public:
     /// this machine.
     explicit Solver(Lattice lattice, Model model = {}, Transfer transfer = {}, StepControl control = {},
                     Backend backend = {})
-        : lattice_(lattice_for<Number>(lattice)), transfer_(transfer), control_(control),
-          backend_(std::move(backend)), sets_(List(std::move(model)), lattice_, Kernel::degree, backend_),
-          grid_state_(lattice_, transfer_, backend_), driver_(lattice_, transfer_, backend_)
+        : scene_(lattice, List(std::move(model)), transfer, std::move(backend)), time_loop_(control, scene_)
     {
-        for_each_material([&](auto k) { model_of<k>().validate(); });
-        control_.validate();
-        backend_.validate();
-        if constexpr (requires { transfer_.validate(); }) transfer_.validate();
+        Sets::for_each([&](auto k) { scene_.sets.template model<k>().validate(); });
+        control.validate();
+        scene_.backend.validate();
+        if constexpr (requires { transfer.validate(); }) transfer.validate();
     }
 
     /// Adds particles of a material at `points` [m], each with the given volume [m^3] and the same velocity
@@ -157,30 +152,17 @@ public:
     std::uint32_t add(Points const& points, double volume_per_point,
                       Vector<double, d> const& velocity = zeros<Vector<double, d>>())
     {
-        auto const access = guard_.write("Solver::add");
-        constexpr std::size_t k = MaterialTraits<Which>::place;
         static_assert(std::remove_cvref_t<decltype(*std::begin(points))>::SizeAtCompileTime == d,
                       "points have as many coordinates as the scene has dimensions");
-        cache_grid_fields();
-        bool const is_first = size() == 0; // there are no masses to compare with
-        if (is_first) masses_ = {};
-        std::uint32_t const first = next_id_;
-        auto const added = or_break_off(
-            [&] {
-                return particles<k>().add(points, volume_per_point, double(model_of<k>().density), velocity,
-                                          first, masses_);
-            },
-            [&] { return is_half_changed(); });
-        if (added == 0) return first;
-        if (is_first) time_state_.previous = time_state_.last = 0; // earlier steps had no particles
-        next_id_ += static_cast<std::uint32_t>(added);
-        grid_state_.forget();
-        walls_.forget();
-        double const modulus = sets_.template response_at_rest<k>().wave_modulus;
-        controller_of_materials().admit(time_state_.bounds, static_cast<int>(k),
-                                        sets_.template wave_speed<k>(modulus));
-        time_state_.bounds.speed = std::max(time_state_.bounds.speed, norm(velocity));
-        time_state_.bounds = time_state_.bounds.finite();
+        constexpr std::size_t k = MaterialTraits<Which>::place;
+        std::uint32_t first = 0;
+        change("Solver::add", [&] {
+            first = scene_.next_id;
+            bool const are_first = size() == 0;
+            if (scene_.template add<k>(points, volume_per_point, velocity) == 0) return;
+            walls_.forget();
+            time_loop_.next_step().template admit<k>(scene_, norm(velocity), are_first);
+        });
         return first;
     }
 
@@ -194,42 +176,12 @@ public:
     template <class Which = Every, class Predicate>
     std::size_t remove_if(Predicate const& predicate)
     {
-        auto const access = guard_.write("Solver::remove_if");
-        if constexpr (requires { Predicate::in_host_memory; })
-            static_assert(Backend::reaches_host_memory || !Predicate::in_host_memory,
-                          "the shape lies in memory of the host: pass shape.on(backend)");
-        if constexpr (requires { predicate.validate(); }) predicate.validate();
-        if constexpr (d == 2 && requires { predicate.validate_in_plane(); }) predicate.validate_in_plane();
-        if constexpr (!TellsByPosition<Predicate, d>) cache_grid_fields();
-        std::vector<RemovalMask<Backend>> masks;
         std::size_t count = 0;
-        for_each_material([&](auto k) {
-            using Particle = Record<Number, d, typename MaterialTraits<Material<k>>::State>;
-            if constexpr (is_about<Which, k>) {
-                static_assert(
-                    TellsByPosition<Predicate, d> || TellsByFields<Predicate, d, Particle>,
-                    "predicate is to take a position, or a position and a particle, and tell yes or "
-                    "no");
-                masks.push_back(particles<k>().find(predicate));
-            }
-            else
-                masks.push_back({typename Backend::template Array<unsigned char>(backend_)});
-            count += masks.back().count;
+        change("Solver::remove_if", [&] {
+            detail::validate_predicate<Backend, d>(predicate);
+            count = scene_.template remove_if<place_of<Which>>(predicate);
+            if (count > 0) scene_.change([&] { time_loop_.next_step().follow_removal(scene_); });
         });
-        if (count == 0) return 0;
-        cache_grid_fields();
-        bool has_begun = false;
-        or_break_off(
-            [&] {
-                for_each_material([&](auto k) {
-                    particles<k>().remove(masks[k]);
-                    has_begun = has_begun || masks[k].count > 0;
-                });
-                grid_state_.forget();
-                if (is_held_up() || !has_particles(time_state_.bounds.material))
-                    find_bounds(); // of the remaining particles
-            },
-            [&] { return has_begun || is_half_changed(); });
         return count;
     }
 
@@ -239,37 +191,12 @@ public:
     template <class Tag, class Which = Every>
     void upload(std::vector<FieldValue<Tag, Number, d>> const& by_id)
     {
-        auto const access = guard_.write("Solver::upload");
-        constexpr std::size_t k = MaterialTraits<Which>::place;
         static_assert(MaterialTraits<Which>::State::template contains<Tag>,
                       "the scene's particles have no such field, or it follows from others");
-        require(by_id.size() == size<Material<k>>(), "there is not one value per particle", "Solver::upload",
-                "Pass size() values, by id.");
-        for (std::size_t i = 0; i < by_id.size(); ++i)
-            for_each_component<Tag, d>(by_id[i], [&](int, Number number) {
-                require_valid<Tag>(
-                    number, [&] { return "Solver::upload, value " + std::to_string(i); },
-                    "Pass finite values that the field may have.");
-            });
-        cache_grid_fields();
-        auto const change = [&](auto const& set) {
-            or_break_off([&] {
-                set();
-                grid_state_.forget();
-                find_bounds();
-            });
-        };
-        if constexpr (MaterialTraits<Which>::Stored::template contains<Tag>) {
-            auto const changed = particles<k>().changed([&](std::uint32_t row, auto& particle) {
-                particle[Tag{}] = by_id[row];
-                if constexpr (detail::may_object<k, Sets> &&
-                              MaterialTraits<Which>::Model::State::template contains<Tag>)
-                    detail::require_bearable<k>(sets_, particles<k>(), row, particle, "Solver::upload");
-            });
-            change([&] { particles<k>().set(changed); });
-        }
-        else
-            change([&] { particles<k>().cached().template set<Tag>(by_id); });
+        change("Solver::upload", [&] {
+            scene_.template upload<Tag, MaterialTraits<Which>::place>(by_id);
+            scene_.change([&] { time_loop_.next_step().find_bounds(scene_); });
+        });
     }
 
     /// From now on up to `most` particles in all may be removed from the scene, one after another, where a
@@ -282,10 +209,10 @@ public:
     /// list count towards it.
     void quarantine(std::size_t most)
     {
-        auto const access = guard_.write("Solver::quarantine");
-        cache_grid_fields();
-        quarantine_.most = most;
-        isolate_ = &Solver::isolate;
+        change("Solver::quarantine", [&] {
+            scene_.cache_grid_fields();
+            time_loop_.quarantine(most);
+        });
     }
 
     /// Advances the simulation by one time step of length `dt` [s].
@@ -308,47 +235,12 @@ public:
     template <NodeEffect<Real, d>... Effects>
     std::vector<StepReport> steps(std::size_t count, double dt, Effects const&... effects)
     {
-        auto const access = guard_.write("Solver::step");
-        require(is_finite(dt) && dt > 0, "the time step is not a finite number above 0", "Solver::step",
-                "Pass seconds.");
-        require(count <= std::vector<StepReport>().max_size(),
-                "the number of steps is below 0, or beyond what memory has room to report", "Solver::steps",
-                "Pass how many there are to be, 0 or above.");
-        require_to_last(dt, "Solver::step");
-        validate_effects("Solver::step", effects...);
-        require_walls_apart(effects...);
-        require_before_walls(effects...);
-        auto controller = controller_for(effects...);
-        controller.equal = dt;
-        auto const plain = plain_effects(time_state_.time, effects...);
         std::vector<StepReport> reports;
-        std::vector<StepFailure> isolated;
-        auto const take = [&] {
-            require_to_last(dt, "Solver::step"); // again: the solver's time has advanced
-            if (!time_state_.ready) choose(controller);
-            bool const beyond_stable = dt > time_state_.stable;
-            if (beyond_stable) cache_grid_fields(); // the step may fail
-            std::size_t const most = beyond_stable ? 1 : count - reports.size();
-            StepLog const& log = run(controller, most, plain, [&](auto const& record) {
-                StepReport report;
-                describe(record, report);
-                reports.push_back(std::move(report)); // filled before it is added: allocation may fail
-                reports.back().beyond_stable = dt > record.stable;
-                std::swap(reports.back().isolated, isolated); // isolated before that step
-            });
-            if (log.failed == 0) return;
-            if (!isolates(log, dt, true, isolated)) fail(log, dt);
-            release(controller);
-        };
-        try {
-            while (reports.size() < count) take();
-        }
-        catch (...) {
-            until_error_ = {};
-            for (auto const& report : reports) until_error_.add(report, StepLimit::duration);
-            throw;
-        }
-        time_state_.ready = false;
+        change("Solver::step", [&] {
+            detail::validate_steps<Number>(time(), count, dt);
+            accept("Solver::step", effects...);
+            reports = time_loop_.steps(scene_, count, dt, effects...);
+        });
         return reports;
     }
 
@@ -387,103 +279,47 @@ public:
     template <NodeEffect<Real, d>... Effects>
     AdvanceReport advance(double duration, Effects const&... effects)
     {
-        auto const access = guard_.write("Solver::advance");
-        require(is_finite(duration) && duration >= 0, "the duration is not a finite number, 0 or above",
-                "Solver::advance", "Pass seconds, e.g. 1.0 / 24.");
-        if (duration > 0) require_to_last(duration, "Solver::advance");
-        validate_effects("Solver::advance", effects...);
-        require_walls_apart(effects...);
-        require_before_walls(effects...);
-        auto controller = controller_for(effects...);
-        controller.duration = duration;
-        controller.end = time_state_.time + duration;
-        auto const plain = plain_effects(time_state_.time, effects...);
-        AdvanceReport all;
-        StepReport of_step; // reused, so that its lists are allocated once
-        StepLog failed;     // the step that is being repeated, if time_state_.retries > 0
-        auto const get_on = [&] {
-            if (!time_state_.ready) choose(controller);
-            double const tried = time_state_.now.interval.length();
-            if (!controller.gets_on(time_state_)) {
-                // repeated halving did not prevent the failure, or a particle's own state allows no step
-                bool const repeated = time_state_.retries > 0;
-                auto const failure = repeated ? detail::failure_of(sets_, failed, time_state_.time, tried)
-                                              : slowest(controller, tried);
-                if (!repeated && !failure && forgets_bounds(controller)) return;
-                if (!isolates(repeated ? failed : StepLog{}, tried, failure.has_value(), all.isolated,
-                              failure))
-                    fail_to_get_on(failure);
-                release(controller);
-                return;
-            }
-            // the number of steps if all were as long as this one, limited to what can be counted
-            auto const most = static_cast<std::size_t>(
-                std::min(std::ceil((controller.end - time_state_.time) / tried), 0x1p62));
-            StepLog const& log = run(controller, most, plain, [&](auto const& record) {
-                describe(record, of_step);
-                all.add(of_step, record.limit);
-            });
-            if (log.failed == 0) return;
-            failed = log;
-            ++all.rejected;
-            // Too many failures in a row, or a step that earlier failures have made as short. Without the
-            // second test, single good steps between failing ones would keep the loop going for ever.
-            bool const last = ++time_state_.retries > control_.retries ||
-                              time_state_.now.longest <
-                                  std::ldexp(std::min(time_state_.stable, duration), -control_.retries);
-            double const dt = time_state_.now.interval.length();
-            if (isolates(log, dt, last, all.isolated))
-                release(controller);
-            else if (last)
-                fail(log, dt);
-        };
-        try {
-            while (controller.goes_on(time_state_)) get_on();
-        }
-        catch (...) {
-            until_error_ = std::move(all);
-            throw;
-        }
-        time_state_.ready = false;
-        return all;
+        AdvanceReport report;
+        change("Solver::advance", [&] {
+            detail::validate_duration<Number>(time(), duration);
+            accept("Solver::advance", effects...);
+            report = time_loop_.advance(scene_, duration, effects...);
+        });
+        return report;
     }
 
     /// What the last call of step(), steps() or advance() that ended in an exception, after its arguments
     /// were accepted, had done until then: its steps were taken, and their reactions are still to be applied
     /// to the obstacles.
-    AdvanceReport const& until_error() const { return until_error_; }
+    AdvanceReport const& until_error() const { return time_loop_.until_error(); }
 
-    double time() const { return time_state_.time; } ///< [s]
+    double time() const { return time_loop_.next_step().time_state.time; } ///< [s]
     /// Position and size of the cells.
-    Lattice const& lattice() const { return lattice_; }
+    Lattice const& lattice() const { return scene_.lattice; }
     /// The transfer scheme with its parameters.
-    Transfer const& transfer() const { return transfer_; }
+    Transfer const& transfer() const { return scene_.transfer; }
     /// The backend that runs its loops.
-    Backend const& backend() const { return backend_; }
+    Backend const& backend() const { return scene_.backend; }
     /// The parameters of a material.
     template <class Which = Every>
     typename MaterialTraits<Which>::Model const& model() const
     {
-        return model_of<MaterialTraits<Which>::place>();
+        return scene_.sets.template model<MaterialTraits<Which>::place>();
     }
 
     /// How many particles there are.
     template <class Which = Every>
     std::size_t size() const
     {
-        std::size_t count = 0;
-        for_each_material([&](auto k) {
-            if constexpr (is_about<Which, k>) count += particles<k>().size();
-        });
-        return count;
+        return scene_.sets.template size<place_of<Which>>();
     }
 
     /// The particles removed from the scene by quarantine(), and why: since the solver was made or, if that
     /// was later, on top of the list in the restored snapshot.
-    std::vector<StepFailure> const& isolated() const { return quarantine_.isolated; }
+    std::vector<StepFailure> const& isolated() const { return time_loop_.isolated(); }
 
     /// What bounds the next time step.
-    StepBounds const& bounds() const { return time_state_.bounds; }
+    StepBounds const& bounds() const { return time_loop_.next_step().time_state.bounds; }
 
     /// The permanent ids of the particles, in rising order: 0, 1, 2, … while none has been removed.
     template <class Which = Every>
@@ -504,7 +340,7 @@ public:
     std::vector<FieldValue<Tag, Number, d>> download() const
     {
         return by_id<Which, FieldValue<Tag, Number, d>>(
-            [&](auto k) { return grid_state_.template download<Tag, k>(sets_); });
+            [&](auto k) { return scene_.grid_state.template download<Tag, k>(scene_.sets); });
     }
 
     /// A stored field in the backend's memory: `view<DisplacementGradient>()`. Nothing is copied; the view is
@@ -526,9 +362,7 @@ public:
     void write_positions(Number* to, std::size_t stride = d) const
     {
         auto const access = guard_.read("Solver::write_positions");
-        auto const& table = particles<MaterialTraits<Which>::place>();
-        require_room(to, table.size(), stride, d, "Solver::write_positions");
-        if (table.size() > 0) backend_.for_each_place(table.cells(), table.position_writer(to, stride));
+        scene_.template write_positions<MaterialTraits<Which>::place>(to, stride);
     }
 
     /// Writes a field of all particles, by rising id, to such memory as for write_positions(): component c
@@ -540,16 +374,14 @@ public:
         auto const access = guard_.read("Solver::write");
         static_assert(MaterialTraits<Which>::State::template contains<Tag>,
                       "the scene's particles have no such field, or it follows from others");
-        constexpr std::size_t k = MaterialTraits<Which>::place;
-        require_room(to, particles<k>().size(), stride, component_count<Tag>(d), "Solver::write");
-        if (particles<k>().size() > 0) grid_state_.template write<Tag, k>(sets_, to, stride);
+        scene_.template write<Tag, MaterialTraits<Which>::place>(to, stride);
     }
 
     /// Masses [kg], by rising id.
     template <class Which = Every>
     std::vector<double> masses() const
     {
-        return by_id<Which, double>([&](auto k) { return particles<k>().masses(masses_.unit); });
+        return by_id<Which, double>([&](auto k) { return particles<k>().masses(scene_.masses.unit); });
     }
 
     /// How the particles of all materials lie in the cells now: too few per cell, separated into pieces,
@@ -558,7 +390,7 @@ public:
     {
         auto const access = guard_.read("Solver::occupancy");
         std::vector<Coordinates<d>> cells;
-        for_each_material([&](auto k) { particles<k>().add_cells(cells); });
+        Sets::for_each([&](auto k) { particles<k>().add_cells(cells); });
         return detail::CellNeighbours<d>(std::move(cells), Kernel::degree).occupancy();
     }
 
@@ -569,35 +401,10 @@ public:
     /// values stay as they are; the steps that follow differ by a rounding from those without a snapshot.
     Snapshot<Number, d> snapshot()
     {
-        auto const access = guard_.write("Solver::snapshot");
-        cache_grid_fields();
-        Snapshot<Number, d> to{.kernel = detail::name_of_policy<Kernel>(),
-                               .transfer = detail::name_of_policy<Transfer>(),
-                               .kernel_degree = Kernel::degree,
-                               .transfer_parameters = detail::parameters_of(transfer_),
-                               .lattice = lattice_,
-                               .time = time_state_.time,
-                               .previous = time_state_.previous,
-                               .last = time_state_.last,
-                               .bounds = time_state_.bounds,
-                               .masses = masses_,
-                               .next_id = next_id_,
-                               .materials = {},
-                               .isolated = quarantine_.isolated};
-        or_break_off(
-            [&] {
-                for_each_material([&](auto k) {
-                    to.materials.push_back(particles<k>().snapshot());
-                    detail::name_material<k>(sets_, to.materials.back());
-                });
-            },
-            [&] { return is_half_changed(); });
-        std::vector<CellOrder> orders; // allocated before anything changes
-        for_each_material([&](auto k) { orders.push_back(particles<k>().order_of(to.materials[k])); });
-        GridStateType grid_state(lattice_, transfer_, backend_);
-        or_break_off([&] {
-            for_each_material([&](auto k) { particles<k>().restore(to.materials[k], std::move(orders[k])); });
-            go_on_from(to, to.bounds, std::move(grid_state), to.isolated);
+        Snapshot<Number, d> to;
+        change("Solver::snapshot", [&] {
+            to = detail::save(scene_, time_loop_);
+            walls_.forget();
         });
         return to;
     }
@@ -612,438 +419,60 @@ public:
     /// middle of a call may have left more than the particles half changed: restore into a new solver then.
     void restore(Snapshot<Number, d> const& from)
     {
-        auto const access = guard_.write("Solver::restore");
-        bool const same_bounds = detail::require_fits<Kernel>(from, sets_, lattice_, transfer_);
-        detail::require_whole(from, CellOrder::largest_coordinate);
-        Sets sets = sets_.emptied(lattice_, Kernel::degree, backend_);
-        for_each_material([&](auto k) {
-            auto& table = sets.template particles<k>();
-            table.restore(from.materials[k]);
-            if constexpr (detail::may_object<k, Sets>)
-                table.for_each([&](std::uint32_t row, auto const& particle) {
-                    detail::require_bearable<k>(sets, table, row, particle, "Solver::restore");
-                });
+        change("Solver::restore", [&] {
+            detail::restore(from, scene_, time_loop_);
+            walls_.forget();
         });
-        StepBounds const bounds = same_bounds ? from.bounds : bounds_of(sets, from.bounds);
-        auto isolated = from.isolated;
-        GridStateType grid_state(lattice_, transfer_, backend_);
-        sets_ = std::move(sets); // from here on nothing can fail
-        go_on_from(from, bounds, std::move(grid_state), std::move(isolated));
     }
 
     /// Bytes held by particles and grid, spare capacity included. Threads' scratch memory, some tens of
     /// kilobytes each, is not counted.
-    std::size_t memory() const
-    {
-        std::size_t bytes = grid_state_.grid().memory();
-        for_each_material([&](auto k) { bytes += particles<k>().memory(); });
-        return bytes;
-    }
+    std::size_t memory() const { return scene_.memory(); }
 
 private:
-    using GridStateType = GridState<Backend, Sets, Kernel, Transfer>;
-    using Driver = StepsOn<Backend, Sets, Kernel, Transfer>;
-    using CellOrder = typename Sets::CellOrder;
-    using Controller = typename Driver::Controller;
-    using Failures = std::vector<StepFailure>;
+    /// The place of the material that a call names; the number of materials if it is about all.
+    template <class Which>
+    static constexpr std::size_t place_of = detail::PlaceOf<Which, List>::value;
 
-    /// Checks the caller's memory before something is written to it for `count` particles.
-    void require_room(Number const* to, std::size_t count, std::size_t stride, std::size_t components,
-                      char const* where) const
-    {
-        require(to != nullptr || count == 0, "there is no memory to write to", where,
-                "Pass room for size() times stride numbers.");
-        if (stride < components)
-            throw Error{"what is written of one particle would overlap the next one's", where,
-                        "Pass a stride, in numbers, of " + std::to_string(components) + " or more."};
-        if constexpr (!Backend::reaches_host_memory)
-            require(count == 0 || backend_.reaches(to),
-                    "the memory to write to is the host's, which the backend does not reach", where,
-                    "Pass memory of the device, or take positions() or download() for the host.");
-    }
-
-    /// Goes on from a snapshot whose particles are in place already: the grid, and the planned steps, begin
-    /// afresh.
-    void go_on_from(Snapshot<Number, d> const& from, StepBounds const& bounds, GridStateType grid_state,
-                    Failures isolated)
-    {
-        grid_state_ = std::move(grid_state);
-        masses_ = from.masses;
-        next_id_ = from.next_id;
-        quarantine_.isolated = std::move(isolated);
-        time_state_ = {.time = from.time, .bounds = bounds, .previous = from.previous, .last = from.last};
-        bounds_are_old_ = true;
-        driver_.forget_spoiled_nodes();
-        walls_.forget();
-    }
-
-    template <std::size_t k>
-    auto& particles()
-    {
-        return sets_.template particles<k>();
-    }
     template <std::size_t k>
     auto const& particles() const
     {
-        return sets_.template particles<k>();
+        return scene_.sets.template particles<k>();
     }
-    template <std::size_t k>
-    auto const& model_of() const
-    {
-        return sets_.template model<k>();
-    }
-    template <class Use>
-    static void for_each_material(Use const& use)
-    {
-        Sets::for_each(use);
-    }
-
-    /// Whether a call with `Which` is about this material.
-    template <class Which, std::size_t k>
-    static constexpr bool is_about =
-        detail::PlaceOf<Which, List>::value == k || detail::PlaceOf<Which, List>::value == materials;
 
     /// The values that `ask(place)` returns for one material, or for all merged, by rising id.
     template <class Which, class Value, class Ask>
     std::vector<Value> by_id(Ask const& ask) const
     {
         auto const access = guard_.read("Solver::download");
-        constexpr std::size_t place = detail::PlaceOf<Which, List>::value;
-        if constexpr (place < materials)
-            return ask(std::integral_constant<std::size_t, place>{});
-        else {
-            std::vector<std::pair<std::uint32_t, Value>> all;
-            for_each_material([&](auto k) {
-                std::vector<Value> const values = ask(k);
-                for (std::size_t row = 0; row < values.size(); ++row)
-                    all.emplace_back(particles<k>().id(row), values[row]);
-            });
-            std::sort(all.begin(), all.end(), [](auto const& a, auto const& b) { return a.first < b.first; });
-            std::vector<Value> values;
-            for (auto const& [id, value] : all) values.push_back(value);
-            return values;
-        }
+        return scene_.sets.template by_id<place_of<Which>, Value>(ask);
     }
 
-    Controller controller_of_materials() const { return controller_of(sets_); }
-    Controller controller_of(Sets const& sets) const
-    {
-        return detail::controller_of_materials<Kernel, Transfer>(sets, control_, lattice_.cell_size);
-    }
-
-    /// After particles were removed: drops the limits that came from them.
-    void release(Controller& controller) const
-    {
-        controller.limits = controller_of_materials().limits;
-        if (size() == 0) controller.acceleration = controller.obstacle_speed = 0;
-    }
-
-    /// The time step controller of a call with these effects.
-    template <class... Effects>
-    Controller controller_for(Effects const&... effects)
-    {
-        time_state_.ready = false; // it was planned for other effects and another end
-        time_state_.retries = 0;
-        Controller controller = controller_of_materials();
-        if (size() > 0) (detail::admit_effect<d>(controller, effects), ...); // else effects bound no step
-        return controller;
-    }
-
-    /// Chooses the next step on the host.
-    void choose(Controller const& controller)
-    {
-        if (!exactly_equal(time_state_.scattered.interval.forces, grid_state_.scattered_dt()))
-            time_state_.scattered = {};
-        controller.choose(time_state_);
-    }
-
-    /// Takes the chosen step and some after it: see StepDriver::take and StepQueue::take.
-    template <class Effects, class Visit>
-    StepLog const& run(Controller const& controller, std::size_t most, Effects const& effects,
-                       Visit const& visit)
-    {
-        typename Driver::Scene const scene{sets_,        grid_state_,          time_state_,
-                                           masses_.unit, smallest_node_mass(), quarantine_.most > 0};
-        StepLog const& log =
-            *or_break_off([&] { return &driver_.take(scene, controller, most, effects, visit); });
-        if (log.failed == 0) bounds_are_old_ = false;
-        return log;
-    }
-
-    /// Runs `work`. If it throws, and `is_half_done()` is then true, there is no state to go on from, and all
-    /// later calls refuse with that reason.
-    template <class Work, class IsHalfDone>
-    auto or_break_off(Work const& work, IsHalfDone const& is_half_done)
-    {
-        try {
-            return work();
-        }
-        catch (Error const& error) {
-            if (is_half_done()) guard_.break_off(&error);
-            throw;
-        }
-        catch (...) { // most likely std::bad_alloc
-            if (is_half_done()) guard_.break_off(nullptr);
-            throw;
-        }
-    }
+    /// Runs the work of a call that changes the scene. If it breaks off with the scene half changed,
+    /// there is no state to go on from, and all later calls refuse with that reason.
     template <class Work>
-    auto or_break_off(Work const& work)
+    void change(char const* call, Work const& work)
     {
-        return or_break_off(work, [] { return true; });
+        auto const access = guard_.write(call);
+        guard_.or_break_off(work, [&] { return scene_.is_half_changed(); });
     }
 
-    bool is_half_changed() const
-    {
-        bool any = false;
-        for_each_material([&](auto k) { any = any || particles<k>().is_half_changed(); });
-        return any;
-    }
-
-    /// Overwrites a report with a record; the report may have been another step's.
-    template <class Record>
-    void describe(Record const& record, StepReport& report) const
-    {
-        report.dt = record.dt;
-        report.time_of_forces = record.forces;
-        report.stable_dt = record.stable;
-        report.capped_of.assign(record.capped.begin(), record.capped.end());
-        report.capped = std::accumulate(record.capped.begin(), record.capped.end(), std::uint64_t(0));
-        report.reactions.resize(record.reactions.of.size());
-        for (std::size_t i = 0; i < report.reactions.size(); ++i)
-            report.reactions[i] = record.reactions.of[i] * masses_.unit;
-    }
-
-    /// Caches the gathered fields beside the particles, before the grid or the particles' positions change.
-    void cache_grid_fields() { grid_state_.cache_grid_fields(sets_); }
-
-    /// After a failed step: see GridState::regain_velocities.
-    [[gnu::cold]] void regain_velocities()
-    {
-        if (!driver_.has_spoiled_nodes()) return;
-        if (sets_.has_grid_fields())
-            // the sums contain the forces of the failed step, which may be too large to subtract without
-            // rounding errors
-            grid_state_.forget();
-        else
-            or_break_off([&] { grid_state_.regain_velocities(sets_, smallest_node_mass()); });
-        driver_.forget_spoiled_nodes();
-    }
-
-    /// Finds the bounds of the next step after the state was set from outside.
-    void find_bounds()
-    {
-        time_state_.bounds = bounds_of(sets_, time_state_.bounds);
-        bounds_are_old_ = true;
-    }
-    /// The bounds for the particles of `sets`, this scene's or new ones; `found` are earlier bounds.
-    StepBounds bounds_of(Sets const& sets, StepBounds const& found) const
-    {
-        return detail::bounds_of(sets, controller_of(sets), found, values(sets));
-    }
-
-    /// Drops stale limits (found before particles changed) if they alone prevent progress; the next step
-    /// recomputes them.
-    bool forgets_bounds(Controller const& controller)
-    {
-        if (!bounds_are_old_) return false;
-        TimeState const kept = time_state_;
-        for (int k = 0; k < 2 && !controller.gets_on(time_state_); ++k) {
-            if (time_state_.now.limit == StepLimit::deformation)
-                time_state_.bounds.deformation_rate = 0;
-            else if (time_state_.now.limit == StepLimit::obstacle)
-                time_state_.bounds.obstacle_speed = 0;
-            find_bounds();
-            choose(controller);
-        }
-        bool const gets_on = controller.gets_on(time_state_);
-        if (!gets_on) time_state_ = kept;
-        return gets_on;
-    }
-
-    /// Whether a material has particles.
-    bool has_particles(int material) const
-    {
-        bool has = false;
-        for_each_material(
-            [&](auto k) { has = has || (k == std::size_t(material) && particles<k>().size() > 0); });
-        return has;
-    }
-
-    /// Whether steps are less than half as long as for particles at rest.
-    bool is_held_up() const
-    {
-        Controller const controller = controller_of_materials();
-        StepBounds at_rest;
-        for_each_material([&](auto k) {
-            if (particles<k>().size() == 0) return;
-            double const modulus = sets_.template response_at_rest<k>().wave_modulus;
-            controller.admit(at_rest, static_cast<int>(k), sets_.template wave_speed<k>(modulus));
-        });
-        return controller.stable(time_state_.bounds).dt < 0.5 * controller.stable(at_rest).dt;
-    }
-
-    /// A function that returns a field's values for a material, by row.
-    auto values() const { return values(sets_); }
-    auto values(Sets const& sets) const
-    {
-        return [this, &sets]<class Tag, std::size_t k>(Tag, std::integral_constant<std::size_t, k>) {
-            return grid_state_.template download<Tag, k>(sets);
-        };
-    }
-
-    /// The particle whose own state bounds the chosen step, of length `dt` [s]; none if something else does.
-    std::optional<StepFailure> slowest(Controller const& controller, double dt) const
-    {
-        if (time_state_.now.limit > StepLimit::deformation) return {}; // by effects, or earlier steps
-        return detail::slowest_in(sets_, controller, values(), time_state_.stable, time_state_.time, dt);
-    }
-
-    /// The node mass [mass units] below which a node's momentum is rounding error alone.
-    Number smallest_node_mass() const
-    {
-        return Number(masses_.largest) * (std::is_same_v<Number, float> ? Number(1e-20) : Number(1e-40));
-    }
-
-    /// Refuses invalid effects of a call; the error says which argument it is.
+    /// Refuses invalid effects, and walls that share nodes or have particles behind them; checks the
+    /// latter only where walls or particles are new.
     template <class... Effects>
-    void validate_effects([[maybe_unused]] char const* call, Effects const&... effects) const
+    void accept(char const* call, Effects const&... effects)
     {
-        [[maybe_unused]] int place = 0;
-        (validate_effect(call, ++place, effects), ...);
-    }
-    template <class Effect>
-    void validate_effect(char const* call, int place, Effect const& effect) const
-    {
-        if constexpr (requires { Effect::in_host_memory; })
-            static_assert(Backend::reaches_host_memory || !Effect::in_host_memory,
-                          "the obstacle's shape lies in memory of the host: pass shape.on(backend)");
-        try {
-            effect.validate();
-            if constexpr (d == 2 && requires { effect.validate_in_plane(); }) effect.validate_in_plane();
-            detail::validate_bounds<d>(effect);
-            if constexpr (Chain<detail::ActionOf<Effect, Number, d>>::uses_kilograms) require_kilograms();
-        }
-        catch (Error const& error) {
-            refuse_effect(error, place, call);
-        }
-    }
-    /// Refuses masses that the scene's precision cannot represent in kg, for effects that ask for kilograms.
-    void require_kilograms() const
-    {
-        constexpr double rounding = MassScale::range<Number>;
-        double const lightest = masses_.unit * masses_.smallest, heaviest = masses_.unit * masses_.largest;
-        require(size() == 0 || (lightest >= std::numeric_limits<Number>::min() * rounding &&
-                                heaviest <= std::numeric_limits<Number>::max() / rounding),
-                "it asks for masses in kg, and those of the scene are beyond its numbers", "an effect",
-                "Compute in double, or let particles have 1e-27 to 1e28 kg.");
-    }
-    [[noreturn, gnu::cold]] static void refuse_effect(Error const& error, int place, char const* call)
-    {
-        throw Error{error.what_is_wrong(),
-                    error.where() + ", effect " + std::to_string(place) + " of " + call, error.remedy()};
-    }
-
-    /// Refuses a time [s] that would be lost to rounding: a program that passed such times in a loop would
-    /// never end.
-    void require_to_last(double duration, char const* where) const
-    {
-        require(time_state_.time + duration > time_state_.time &&
-                    static_cast<Number>(duration) >= std::numeric_limits<Number>::min(),
-                "the time is too short: beside the solver's own, or in its precision, it is none", where,
-                "Pass a longer one.");
-        require(is_finite(time_state_.time + duration),
-                "the time is too long: with the solver's own it is beyond all numbers", where,
-                "Pass a shorter one.");
-    }
-
-    /// Refuses walls that have particles behind them; checks only where walls or particles are new.
-    template <class... Effects>
-    void require_before_walls(Effects const&... effects)
-    {
+        detail::validate_effects<Backend, Number, d>(call, scene_.bears_kilograms(), effects...);
+        require_walls_apart(effects...);
         // with transfers in which particles move by velocities of their own they may overshoot by up to half
         // a cell, where their kernels still reach mirrored nodes only
-        walls_.look(sets_, lattice_, Transfer::moves_with_grid ? 1e-3 : 0.5, effects...);
-    }
-
-    /// After a failed step, removes from the scene the particles whose own state has no stress; if there are
-    /// none and the step is not to be retried (`last`), removes `failure` or, by default, the culprit. See
-    /// quarantine(). Returns false and changes nothing if no particle qualifies, or if they would be too
-    /// many.
-    bool isolate(StepLog log, double dt, bool last, Failures& isolated,
-                 std::optional<StepFailure> const& failure)
-    {
-        if (!quarantine_.has_room_for(1)) return false;
-        Failures culprits;
-        if (log.cause != FailureCause::rejected || last) // the search stops at one more than allowed
-            culprits = detail::without_stress(sets_, quarantine_.most, time_state_.time, dt);
-        if (culprits.empty() && last)
-            culprits.push_back(failure ? *failure
-                                       : detail::furthest_in(sets_, log, values(), lattice_.cell_size,
-                                                             time_state_.time, dt));
-        if (culprits.empty() || !quarantine_.has_room_for(culprits.size())) return false;
-        auto& all = quarantine_.isolated;
-        all.reserve(all.size() + culprits.size()); // first, so that no removal goes unreported
-        isolated.reserve(isolated.size() + culprits.size());
-        or_break_off([&] { sets_.remove(culprits); });
-        all.insert(all.end(), culprits.begin(), culprits.end());
-        isolated.insert(isolated.end(), culprits.begin(), culprits.end());
-        grid_state_.forget();
-        time_state_.retries = 0;
-        time_state_.ready = false;
-        find_bounds();
-        return true;
-    }
-
-    /// The same if quarantine() was called. The call goes through a pointer so that isolate() is compiled
-    /// only for programs that ask for it.
-    bool isolates(StepLog const& log, double dt, bool last, Failures& isolated,
-                  std::optional<StepFailure> const& failure = {})
-    {
-        return isolate_ != nullptr && (this->*isolate_)(log, dt, last, isolated, failure);
-    }
-
-    [[noreturn, gnu::cold]] void fail_to_get_on(std::optional<StepFailure> const& since)
-    {
-        regain_velocities();
-        detail::throw_no_step(time_state_, since, since ? Sets::name(since->material) : "", d);
-    }
-
-    [[noreturn, gnu::cold]] void fail(StepLog const log, double dt) // a copy: later work overwrites the log
-    {
-        bool const cached = sets_.has_grid_fields();
-        regain_velocities(); // first, because what follows may run out of memory
-        std::string kept = "The state is that of the last good step";
-        if (!cached) kept += ", but for velocities, which were taken anew (see Solver::step)";
-        if (isolate_ != nullptr)
-            kept += "; of " + std::to_string(quarantine_.most) +
-                    " particles that may be in quarantine there are " +
-                    std::to_string(quarantine_.isolated.size()) + ", which stay out (Solver::isolated)";
-        StepFailure failure = detail::failure_of(sets_, log, time_state_.time, dt);
-        auto const spoilers = detail::without_stress(sets_, 0, time_state_.time, dt);
-        if (!spoilers.empty()) { // their missing stress makes other particles fail
-            failure = spoilers.front();
-            failure.count = log.failed;
-        }
-        detail::throw_step_error(failure, time_state_.stable, Sets::name(failure.material), kept, d);
+        walls_.look(scene_.sets, scene_.lattice, Transfer::moves_with_grid ? 1e-3 : 0.5, effects...);
     }
 
     detail::AccessGuard<typename Backend::SharedCount> guard_;
-    Lattice lattice_;
-    Transfer transfer_;
-    StepControl control_;
-    Backend backend_;
-    Sets sets_;
-    GridStateType grid_state_;
-    Driver driver_;
-    MassScale masses_;
-    std::uint32_t next_id_ = 0;
-    TimeState time_state_;
-    bool bounds_are_old_ = false; ///< some bounds were found by a step before particles changed
-    detail::Quarantine quarantine_;
-    bool (Solver::*isolate_)(StepLog, double, bool, Failures&, std::optional<StepFailure> const&) = nullptr;
-    detail::KnownWalls walls_;  ///< walls with no particle behind them: see require_before_walls
-    AdvanceReport until_error_; ///< see until_error()
+    SceneState<Backend, Sets, Kernel, Transfer> scene_;
+    TimeLoop<SceneState<Backend, Sets, Kernel, Transfer>> time_loop_;
+    detail::KnownWalls walls_; ///< walls with no particle behind them
 };
 
 } // namespace firn

@@ -60,6 +60,24 @@ public:
         }
     }
 
+    /// Runs the work of a call. If it throws, and `is_half_done()` is then true, there is no state to go on
+    /// from: breaks off.
+    template <class Work, class IsHalfDone>
+    auto or_break_off(Work const& work, IsHalfDone const& is_half_done)
+    {
+        try {
+            return work();
+        }
+        catch (Error const& error) {
+            if (is_half_done()) break_off(&error);
+            throw;
+        }
+        catch (...) { // most likely std::bad_alloc
+            if (is_half_done()) break_off(nullptr);
+            throw;
+        }
+    }
+
     [[nodiscard]] Access write(char const* where) const
     {
         if (state_ != State::sound) refuse_for_good(where);

@@ -1,12 +1,14 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/error.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/core/step_error.hpp>
 #include <firn/models/response.hpp>
 #include <firn/models/several_materials.hpp>
 #include <firn/particles/particle_table.hpp>
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstdint>
@@ -93,6 +95,68 @@ public:
         return std::get<k>(sets_).model;
     }
 
+    /// Whether a call about the material in `place`, or about all if that is `count`, is about this one.
+    template <std::size_t place, std::size_t k>
+    static constexpr bool is_about = place == k || place == count;
+
+    /// How many particles a material has, or all if `place` is `count`.
+    template <std::size_t place>
+    std::size_t size() const
+    {
+        std::size_t size = 0;
+        for_each([&](auto k) {
+            if constexpr (is_about<place, k>) size += particles<k>().size();
+        });
+        return size;
+    }
+
+    /// Whether a material has particles.
+    bool has_particles(int material) const
+    {
+        bool has = false;
+        for_each([&](auto k) { has = has || (k == std::size_t(material) && particles<k>().size() > 0); });
+        return has;
+    }
+
+    /// The values that `ask(place)` returns for one material, or for all merged, by rising id.
+    template <std::size_t place, class Value, class Ask>
+    std::vector<Value> by_id(Ask const& ask) const
+    {
+        if constexpr (place < count)
+            return ask(std::integral_constant<std::size_t, place>{});
+        else {
+            std::vector<std::pair<std::uint32_t, Value>> all;
+            for_each([&](auto k) {
+                std::vector<Value> const values = ask(k);
+                for (std::size_t row = 0; row < values.size(); ++row)
+                    all.emplace_back(particles<k>().id(row), values[row]);
+            });
+            std::sort(all.begin(), all.end(), [](auto const& a, auto const& b) { return a.first < b.first; });
+            std::vector<Value> values;
+            for (auto const& [id, value] : all) values.push_back(value);
+            return values;
+        }
+    }
+
+    /// Marks the particles of a material, or of all, for which a predicate is true: see Solver::remove_if.
+    template <std::size_t place, class Predicate>
+    std::vector<RemovalMask<Backend>> find(Predicate const& predicate, Backend const& backend) const
+    {
+        std::vector<RemovalMask<Backend>> masks;
+        for_each([&](auto k) {
+            using Particle = Record<Number, d, typename MaterialTraits<k>::State>;
+            if constexpr (is_about<place, k>) {
+                static_assert(
+                    TellsByPosition<Predicate, d> || TellsByFields<Predicate, d, Particle>,
+                    "predicate is to take a position, or a position and a particle, and tell yes or no");
+                masks.push_back(particles<k>().find(predicate));
+            }
+            else
+                masks.push_back({typename Backend::template Array<unsigned char>(backend)});
+        });
+        return masks;
+    }
+
     /// " of snow (material 1)" and so on, for errors; empty in a scene of one material.
     static std::string name(std::size_t material)
     {
@@ -106,6 +170,25 @@ public:
                 name += "material " + std::to_string(k);
         });
         return name;
+    }
+
+    /// Whether the model of a material may object to a state from outside.
+    template <std::size_t k>
+    static constexpr bool may_object = ObjectsToStates<typename MaterialTraits<k>::Model,
+                                                       Record<Number, d, typename MaterialTraits<k>::Stored>>;
+
+    /// Throws an Error if the model objects to the particle of a row of a table, which may be the scene's own
+    /// or a new one.
+    template <std::size_t k, class Table, class Particle>
+    void require_bearable(Table const& table, std::uint32_t row, Particle const& particle,
+                          char const* call) const
+    {
+        std::string const objection = model<k>().objection(particle);
+        if (objection.empty()) return;
+        throw Error{objection,
+                    std::string(call) + ", value " + std::to_string(row) + ", particle " +
+                        std::to_string(table.id(row)) + name(k),
+                    "Pass a state that the material could have come to."};
     }
 
     /// The model's response to a particle's state at zero velocity gradient.

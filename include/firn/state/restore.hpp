@@ -127,24 +127,4 @@ bool require_fits(Snapshot<Number, d> const& from, Sets const& sets, Lattice con
     return all_known;
 }
 
-/// Whether the model of a material may object to a state from outside.
-template <std::size_t k, class Sets>
-inline constexpr bool may_object = ObjectsToStates<
-    typename Sets::template MaterialTraits<k>::Model,
-    Record<typename Sets::Number, Sets::d, typename Sets::template MaterialTraits<k>::Stored>>;
-
-/// Throws an Error if the model objects to the particle of a row of a table, which may be the scene's own or
-/// a new one.
-template <std::size_t k, class Sets, class Table, class Particle>
-void require_bearable(Sets const& sets, Table const& table, std::uint32_t row, Particle const& particle,
-                      char const* call)
-{
-    std::string const objection = sets.template model<k>().objection(particle);
-    if (objection.empty()) return;
-    throw Error{objection,
-                std::string(call) + ", value " + std::to_string(row) + ", particle " +
-                    std::to_string(table.id(row)) + Sets::name(k),
-                "Pass a state that the material could have come to."};
-}
-
 } // namespace firn::detail

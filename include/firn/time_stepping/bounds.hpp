@@ -2,7 +2,6 @@
 #pragma once
 
 #include <firn/concepts.hpp>
-#include <firn/core/error.hpp>
 #include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/math/product.hpp>
@@ -37,26 +36,6 @@ controller_of_materials(Sets const& sets, StepControl const& control, double cel
                     shear_limit(limits.wave, model.kinematic_viscosity(), cell_size, expansion_ratio);
     });
     return controller;
-}
-
-/// Refuses a bound that is negative or not finite.
-inline void require_bound(double bound, char const* what, char const* unit)
-{
-    require(bound >= 0 && bound <= std::numeric_limits<double>::max(), what, "an effect", unit);
-}
-
-/// Refuses invalid bounds of an effect in d dimensions, by which no step could be chosen.
-template <int d, class Effect>
-void validate_bounds(Effect const& effect)
-{
-    if constexpr (requires { effect.largest_acceleration(); })
-        require_bound(effect.largest_acceleration(),
-                      "its largest acceleration is not a finite number, 0 or above", "Return m/s^2.");
-    char const* const speed = "its largest speed is not a finite number, 0 or above";
-    if constexpr (requires { effect.largest_speed(d); })
-        require_bound(effect.largest_speed(d), speed, "Return m/s.");
-    else if constexpr (requires { effect.largest_speed(); })
-        require_bound(effect.largest_speed(), speed, "Return m/s.");
 }
 
 /// Adds the bounds of an effect in d dimensions to the controller.

@@ -21,15 +21,6 @@
 namespace firn::detail
 {
 
-/// The particles removed from a scene, and how many may be.
-struct Quarantine
-{
-    std::size_t most = 0;
-    std::vector<StepFailure> isolated{};
-
-    bool has_room_for(std::size_t count) const { return isolated.size() + count <= most; }
-};
-
 /// The failure of the particle in a row.
 template <std::size_t k, class Sets>
 StepFailure failure_of(Sets const& sets, std::uint32_t row, FailureCause cause, double time, double dt,

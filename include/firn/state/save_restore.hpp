@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/state/restore.hpp>
+#include <firn/state/snapshot.hpp>
+#include <firn/time_stepping/step_controller.hpp>
+
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+// A whole scene as a snapshot, and back. `scene` is a SceneState, and `time_loop` its TimeLoop.
+namespace firn::detail
+{
+
+/// Goes on from a snapshot whose particles are in place already: the grid, and the planned steps, begin
+/// afresh.
+template <class Scene, class TimeLoop, class Number, int d>
+void go_on_from(Snapshot<Number, d> const& from, StepBounds const& bounds,
+                typename Scene::GridStateType grid_state, std::vector<StepFailure> isolated, Scene& scene,
+                TimeLoop& time_loop)
+{
+    scene.grid_state = std::move(grid_state);
+    scene.masses = from.masses;
+    scene.next_id = from.next_id;
+    time_loop.go_on_from({.time = from.time, .bounds = bounds, .previous = from.previous, .last = from.last},
+                         std::move(isolated));
+}
+
+/// Saves a scene, which then goes on as from its snapshot; see Solver::snapshot.
+template <class Scene, class TimeLoop>
+auto save(Scene& scene, TimeLoop& time_loop)
+{
+    using Sets = typename Scene::Sets;
+    using Kernel = typename Scene::Kernel;
+    scene.cache_grid_fields();
+    TimeState const& time_state = time_loop.next_step().time_state;
+    Snapshot<typename Scene::Number, Scene::d> to{.kernel = name_of_policy<Kernel>(),
+                                                  .transfer = name_of_policy<typename Scene::Transfer>(),
+                                                  .kernel_degree = Kernel::degree,
+                                                  .transfer_parameters = parameters_of(scene.transfer),
+                                                  .lattice = scene.lattice,
+                                                  .time = time_state.time,
+                                                  .previous = time_state.previous,
+                                                  .last = time_state.last,
+                                                  .bounds = time_state.bounds,
+                                                  .masses = scene.masses,
+                                                  .next_id = scene.next_id,
+                                                  .materials = {},
+                                                  .isolated = time_loop.isolated()};
+    Sets::for_each([&](auto k) {
+        to.materials.push_back(scene.sets.template particles<k>().snapshot());
+        name_material<k>(scene.sets, to.materials.back());
+    });
+    std::vector<typename Sets::CellOrder> orders; // allocated before anything changes
+    Sets::for_each(
+        [&](auto k) { orders.push_back(scene.sets.template particles<k>().order_of(to.materials[k])); });
+    typename Scene::GridStateType grid_state(scene.lattice, scene.transfer, scene.backend);
+    scene.change([&] {
+        Sets::for_each([&](auto k) {
+            scene.sets.template particles<k>().restore(to.materials[k], std::move(orders[k]));
+        });
+        go_on_from(to, to.bounds, std::move(grid_state), to.isolated, scene, time_loop);
+    });
+    return to;
+}
+
+/// Replaces a scene by that of a snapshot; see Solver::restore.
+template <class Scene, class TimeLoop, class Number, int d>
+void restore(Snapshot<Number, d> const& from, Scene& scene, TimeLoop& time_loop)
+{
+    using Sets = typename Scene::Sets;
+    using Kernel = typename Scene::Kernel;
+    bool const same_bounds = require_fits<Kernel>(from, scene.sets, scene.lattice, scene.transfer);
+    require_whole(from, Sets::CellOrder::largest_coordinate);
+    Sets sets = scene.sets.emptied(scene.lattice, Kernel::degree, scene.backend);
+    Sets::for_each([&](auto k) {
+        auto& table = sets.template particles<k>();
+        table.restore(from.materials[k]);
+        if constexpr (Sets::template may_object<k>)
+            table.for_each([&](std::uint32_t row, auto const& particle) {
+                sets.template require_bearable<k>(table, row, particle, "Solver::restore");
+            });
+    });
+    StepBounds const bounds =
+        same_bounds ? from.bounds : time_loop.next_step().bounds_of(scene, sets, from.bounds);
+    auto isolated = from.isolated;
+    typename Scene::GridStateType grid_state(scene.lattice, scene.transfer, scene.backend);
+    scene.sets = std::move(sets); // from here on nothing can fail
+    go_on_from(from, bounds, std::move(grid_state), std::move(isolated), scene, time_loop);
+}
+
+} // namespace firn::detail

@@ -1,0 +1,212 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/components.hpp>
+#include <firn/core/error.hpp>
+#include <firn/core/finite.hpp>
+#include <firn/particles/material_sets.hpp>
+#include <firn/time_stepping/grid_state.hpp>
+
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <string>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+namespace firn
+{
+
+/// The particles of a scene and its grid, without time. Before particles change from outside, the fields that
+/// they gather from the grid are cached beside them; after that they have to scatter afresh.
+template <class BackendType, class SetsType, class KernelType, class TransferType>
+class SceneState
+{
+public:
+    using Backend = BackendType;
+    using Sets = SetsType;
+    using Kernel = KernelType;
+    using Transfer = TransferType;
+    using Space = typename Sets::Space;
+    using Number = typename Space::Scalar;
+    static constexpr int d = Space::dimension;
+    using GridStateType = GridState<Backend, Sets, Kernel, Transfer>;
+
+    /// An empty scene with the materials of `list`.
+    template <class List>
+    SceneState(Lattice cells, List list, Transfer const& scheme, Backend runner)
+        : lattice(lattice_for<Number>(cells)), transfer(scheme), backend(std::move(runner)),
+          sets(std::move(list), lattice, Kernel::degree, backend), grid_state(lattice, transfer, backend)
+    {}
+
+    Lattice lattice;
+    Transfer transfer;
+    Backend backend;
+    Sets sets; ///< the materials and their particles
+    GridStateType grid_state;
+    MassScale masses{};
+    std::uint32_t next_id = 0; ///< of the next particle that is added
+
+    /// How many particles there are.
+    std::size_t size() const { return sets.template size<Sets::count>(); }
+
+    /// Runs work after which there is no state to go on from if it throws.
+    template <class Work>
+    void change(Work const& work)
+    {
+        half_changed_ = true;
+        work();
+        half_changed_ = false;
+    }
+    /// Whether a call broke off after changing a part of the scene, so that there is no state to go on from.
+    bool is_half_changed() const
+    {
+        bool any = half_changed_;
+        Sets::for_each([&](auto k) { any = any || particles<k>().is_half_changed(); });
+        return any;
+    }
+
+    /// Adds particles of a material with the volume [m^3] and velocity [m/s]. Returns how many.
+    template <std::size_t k, class Points>
+    std::size_t add(Points const& points, double volume_per_point, Vector<double, d> const& velocity)
+    {
+        cache_grid_fields();
+        if (size() == 0) masses = {}; // there are none to compare with
+        std::size_t const added = particles<k>().add(
+            points, volume_per_point, double(sets.template model<k>().density), velocity, next_id, masses);
+        if (added == 0) return 0;
+        next_id += static_cast<std::uint32_t>(added);
+        grid_state.forget();
+        return added;
+    }
+
+    /// Removes the particles of a material, or of all, for which a predicate is true. Returns how many.
+    template <std::size_t place, class Predicate>
+    std::size_t remove_if(Predicate const& predicate)
+    {
+        if constexpr (!TellsByPosition<Predicate, d>) cache_grid_fields();
+        auto const masks = sets.template find<place>(predicate, backend);
+        std::size_t count = 0;
+        for (auto const& mask : masks) count += mask.count;
+        if (count == 0) return 0;
+        cache_grid_fields();
+        Sets::for_each([&](auto k) {
+            particles<k>().remove(masks[k]);
+            half_changed_ = half_changed_ || masks[k].count > 0;
+        });
+        grid_state.forget();
+        half_changed_ = false;
+        return count;
+    }
+
+    /// Sets a field of all particles of a material, by rising id.
+    template <class Tag, std::size_t k>
+    void upload(std::vector<FieldValue<Tag, Number, d>> const& by_id)
+    {
+        using Traits = typename Sets::template MaterialTraits<k>;
+        require(by_id.size() == particles<k>().size(), "there is not one value per particle",
+                "Solver::upload", "Pass size() values, by id.");
+        for (std::size_t i = 0; i < by_id.size(); ++i)
+            for_each_component<Tag, d>(by_id[i], [&](int, Number number) {
+                require_valid<Tag>(
+                    number, [&] { return "Solver::upload, value " + std::to_string(i); },
+                    "Pass finite values that the field may have.");
+            });
+        cache_grid_fields();
+        if constexpr (Traits::Stored::template contains<Tag>) {
+            auto const changed = particles<k>().changed([&](std::uint32_t row, auto& particle) {
+                particle[Tag{}] = by_id[row];
+                if constexpr (Sets::template may_object<k> && Traits::Model::State::template contains<Tag>)
+                    sets.template require_bearable<k>(particles<k>(), row, particle, "Solver::upload");
+            });
+            change([&] { particles<k>().set(changed); });
+        }
+        else
+            change([&] { particles<k>().cached().template set<Tag>(by_id); });
+        grid_state.forget();
+    }
+
+    /// Caches the gathered fields beside the particles, before the grid or the particles' positions change.
+    void cache_grid_fields() { grid_state.cache_grid_fields(sets); }
+
+    /// A function that returns a field's values for a material, by row. `of` are the sets of this scene or
+    /// new ones.
+    auto values(Sets const& of) const
+    {
+        return [this, &of]<class Tag, std::size_t k>(Tag, std::integral_constant<std::size_t, k>) {
+            return grid_state.template download<Tag, k>(of);
+        };
+    }
+
+    /// Writes world positions of a material [m]; see Solver::write_positions.
+    template <std::size_t k>
+    void write_positions(Number* to, std::size_t stride) const
+    {
+        auto const& table = particles<k>();
+        require_room(to, table.size(), stride, d, "Solver::write_positions");
+        if (table.size() > 0) backend.for_each_place(table.cells(), table.position_writer(to, stride));
+    }
+
+    /// Writes a field of a material's particles; see Solver::write.
+    template <class Tag, std::size_t k>
+    void write(Number* to, std::size_t stride) const
+    {
+        require_room(to, particles<k>().size(), stride, component_count<Tag>(d), "Solver::write");
+        if (particles<k>().size() > 0) grid_state.template write<Tag, k>(sets, to, stride);
+    }
+
+    /// The node mass [mass units] below which a node's momentum is rounding error alone.
+    Number smallest_node_mass() const
+    {
+        return Number(masses.largest) * (std::is_same_v<Number, float> ? Number(1e-20) : Number(1e-40));
+    }
+
+    /// Whether the scene's precision can represent its masses in kg.
+    bool bears_kilograms() const
+    {
+        constexpr double rounding = MassScale::range<Number>;
+        double const lightest = masses.unit * masses.smallest, heaviest = masses.unit * masses.largest;
+        return size() == 0 || (lightest >= std::numeric_limits<Number>::min() * rounding &&
+                               heaviest <= std::numeric_limits<Number>::max() / rounding);
+    }
+
+    /// Bytes held by particles and grid.
+    std::size_t memory() const
+    {
+        std::size_t bytes = grid_state.grid().memory();
+        Sets::for_each([&](auto k) { bytes += particles<k>().memory(); });
+        return bytes;
+    }
+
+private:
+    template <std::size_t k>
+    auto& particles()
+    {
+        return sets.template particles<k>();
+    }
+    template <std::size_t k>
+    auto const& particles() const
+    {
+        return sets.template particles<k>();
+    }
+
+    /// Checks the caller's memory before something is written to it for `count` particles.
+    void require_room(Number const* to, std::size_t count, std::size_t stride, std::size_t components,
+                      char const* where) const
+    {
+        require(to != nullptr || count == 0, "there is no memory to write to", where,
+                "Pass room for size() times stride numbers.");
+        if (stride < components)
+            throw Error{"what is written of one particle would overlap the next one's", where,
+                        "Pass a stride, in numbers, of " + std::to_string(components) + " or more."};
+        if constexpr (!Backend::reaches_host_memory)
+            require(count == 0 || backend.reaches(to),
+                    "the memory to write to is the host's, which the backend does not reach", where,
+                    "Pass memory of the device, or take positions() or download() for the host.");
+    }
+
+    bool half_changed_ = false; ///< see is_half_changed()
+};
+
+} // namespace firn

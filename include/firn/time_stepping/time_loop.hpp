@@ -1,0 +1,276 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/effects/actions.hpp>
+#include <firn/time_stepping/durations.hpp>
+#include <firn/time_stepping/failures.hpp>
+#include <firn/time_stepping/next_step.hpp>
+#include <firn/time_stepping/quarantine.hpp>
+#include <firn/time_stepping/report.hpp>
+#include <firn/time_stepping/step_queue.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <numeric>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace firn
+{
+
+/// Advances a scene in time: chooses steps, has them taken, retries failed ones with half their length, and
+/// removes particles where that is allowed. `Scene` is a SceneState, the same in every call.
+template <class Scene>
+class TimeLoop
+{
+    using Sets = typename Scene::Sets;
+    using Number = typename Scene::Number;
+    using Kernel = typename Scene::Kernel;
+    using Transfer = typename Scene::Transfer;
+    static constexpr int d = Scene::d;
+    using Driver = StepsOn<typename Scene::Backend, Sets, Kernel, Transfer>;
+    using Controller = typename Driver::Controller;
+    using Failures = std::vector<StepFailure>;
+
+public:
+    TimeLoop(StepControl const& control, Scene const& scene)
+        : next_(control), driver_(scene.lattice, scene.transfer, scene.backend)
+    {}
+
+    /// The time, and what the next step depends on.
+    NextStep<Scene>& next_step() { return next_; }
+    NextStep<Scene> const& next_step() const { return next_; }
+    /// The particles that were removed from the scene.
+    Failures const& isolated() const { return quarantine_.isolated(); }
+    /// See Solver::until_error.
+    AdvanceReport const& until_error() const { return until_error_; }
+
+    /// See Solver::quarantine.
+    void quarantine(std::size_t most)
+    {
+        quarantine_.allow(most);
+        isolate_ = &TimeLoop::isolate;
+    }
+
+    /// Takes `count` steps of length `dt` [s]; see Solver::steps.
+    template <class... Effects>
+    std::vector<StepReport> steps(Scene& scene, std::size_t count, double dt, Effects const&... effects)
+    {
+        Controller controller = next_.controller_for(scene, effects...);
+        controller.equal = dt;
+        auto const plain = plain_effects(next_.time_state.time, effects...);
+        std::vector<StepReport> reports;
+        Failures isolated;
+        auto const take = [&] {
+            // again: time has advanced
+            detail::require_to_last<Number>(next_.time_state.time, dt, "Solver::step");
+            if (!next_.time_state.ready) next_.choose(scene, controller);
+            bool const beyond_stable = dt > next_.time_state.stable;
+            if (beyond_stable) scene.cache_grid_fields(); // the step may fail
+            std::size_t const most = beyond_stable ? 1 : count - reports.size();
+            StepLog const& log = run(scene, controller, most, plain, [&](auto const& record) {
+                StepReport report;
+                describe(record, scene.masses.unit, report);
+                reports.push_back(std::move(report)); // filled before it is added: allocation may fail
+                reports.back().beyond_stable = dt > record.stable;
+                std::swap(reports.back().isolated, isolated); // isolated before that step
+            });
+            if (log.failed > 0 && !isolates(scene, controller, failed_step(log, dt, true), isolated))
+                fail(scene, log, dt);
+        };
+        try {
+            while (reports.size() < count) take();
+        }
+        catch (...) {
+            until_error_ = {};
+            for (auto const& report : reports) until_error_.add(report, StepLimit::duration);
+            throw;
+        }
+        next_.time_state.ready = false;
+        return reports;
+    }
+
+    /// Takes as many stable steps as fill a duration [s]; see Solver::advance.
+    template <class... Effects>
+    AdvanceReport advance(Scene& scene, double duration, Effects const&... effects)
+    {
+        Controller controller = next_.controller_for(scene, effects...);
+        controller.duration = duration;
+        controller.end = next_.time_state.time + duration;
+        auto const plain = plain_effects(next_.time_state.time, effects...);
+        AdvanceReport all;
+        StepReport of_step; // reused, so that its lists are allocated once
+        StepLog failed;     // the step that is being repeated, if next_.time_state.retries > 0
+        auto const get_on = [&] {
+            if (!next_.time_state.ready) next_.choose(scene, controller);
+            if (!controller.gets_on(next_.time_state)) {
+                get_unstuck(scene, controller, failed, all);
+                return;
+            }
+            // the number of steps if all were as long as this one, limited to what can be counted
+            auto const most = static_cast<std::size_t>(std::min(
+                std::ceil((controller.end - next_.time_state.time) / next_.time_state.now.interval.length()),
+                0x1p62));
+            StepLog const& log = run(scene, controller, most, plain, [&](auto const& record) {
+                describe(record, scene.masses.unit, of_step);
+                all.add(of_step, record.limit);
+            });
+            if (log.failed == 0) return;
+            failed = log;
+            retry(scene, controller, failed, all);
+        };
+        try {
+            while (controller.goes_on(next_.time_state)) get_on();
+        }
+        catch (...) {
+            until_error_ = std::move(all);
+            throw;
+        }
+        next_.time_state.ready = false;
+        return all;
+    }
+
+    /// Goes on from another time and other bounds, and from another list of removed particles.
+    void go_on_from(TimeState const& time_state, Failures isolated)
+    {
+        quarantine_.go_on_from(std::move(isolated));
+        next_.go_on_from(time_state);
+        driver_.forget_spoiled_nodes();
+    }
+
+private:
+    /// Takes the chosen step and some after it: see StepDriver::take and StepQueue::take.
+    template <class Effects, class Visit>
+    StepLog const& run(Scene& scene, Controller const& controller, std::size_t most, Effects const& effects,
+                       Visit const& visit)
+    {
+        typename Driver::Scene const parts{
+            scene.sets,        scene.grid_state,           next_.time_state,
+            scene.masses.unit, scene.smallest_node_mass(), quarantine_.most() > 0};
+        StepLog const* log = nullptr;
+        scene.change([&] { log = &driver_.take(parts, controller, most, effects, visit); });
+        if (log->failed == 0) next_.trust_bounds();
+        return *log;
+    }
+
+    /// Overwrites a report with a record; the report may have been another step's.
+    template <class Record>
+    static void describe(Record const& record, double mass_unit, StepReport& report)
+    {
+        report.dt = record.dt;
+        report.time_of_forces = record.forces;
+        report.stable_dt = record.stable;
+        report.capped_of.assign(record.capped.begin(), record.capped.end());
+        report.capped = std::accumulate(record.capped.begin(), record.capped.end(), std::uint64_t(0));
+        report.reactions.resize(record.reactions.of.size());
+        for (std::size_t i = 0; i < report.reactions.size(); ++i)
+            report.reactions[i] = record.reactions.of[i] * mass_unit;
+    }
+
+    /// Where the chosen step is too short to advance time: repeated halving did not prevent the failure of
+    /// `failed`, or a particle's own state allows no step. Drops stale bounds or removes particles, or
+    /// throws.
+    void get_unstuck(Scene& scene, Controller& controller, StepLog const& failed, AdvanceReport& all)
+    {
+        double const tried = next_.time_state.now.interval.length();
+        bool const repeated = next_.time_state.retries > 0;
+        auto const failure = repeated ? detail::failure_of(scene.sets, failed, next_.time_state.time, tried)
+                                      : next_.slowest(scene, controller, tried);
+        if (!repeated && !failure && next_.forgets_bounds(scene, controller)) return;
+        auto step = failed_step(repeated ? failed : StepLog{}, tried, failure.has_value());
+        step.failure = failure;
+        if (!isolates(scene, controller, step, all.isolated)) fail_to_get_on(scene, failure);
+    }
+
+    /// After a failed step: plans it at half its length or without some particles, or throws.
+    void retry(Scene& scene, Controller& controller, StepLog const& failed, AdvanceReport& all)
+    {
+        ++all.rejected;
+        // Too many failures in a row, or a step that earlier failures have made as short. Without the second
+        // test, single good steps between failing ones would keep the loop going for ever.
+        bool const last =
+            ++next_.time_state.retries > next_.control.retries ||
+            next_.time_state.now.longest <
+                std::ldexp(std::min(next_.time_state.stable, controller.duration), -next_.control.retries);
+        double const dt = next_.time_state.now.interval.length();
+        if (!isolates(scene, controller, failed_step(failed, dt, last), all.isolated) && last)
+            fail(scene, failed, dt);
+    }
+
+    detail::FailedStep failed_step(StepLog const& log, double dt, bool last) const
+    {
+        return {.log = log, .time = next_.time_state.time, .dt = dt, .last = last};
+    }
+
+    /// Removes particles because of a failed step, and finds the bounds anew: see Quarantine::isolate.
+    bool isolate(Scene& scene, detail::FailedStep const& step, Failures& isolated)
+    {
+        if (!quarantine_.isolate(scene, step, isolated)) return false;
+        next_.time_state.retries = 0;
+        next_.time_state.ready = false;
+        next_.find_bounds(scene);
+        return true;
+    }
+
+    /// The same if quarantine() was called; drops the limits that came from the removed particles. The call
+    /// goes through a pointer so that isolate() is compiled only for programs that ask for it.
+    bool isolates(Scene& scene, Controller& controller, detail::FailedStep const& step, Failures& isolated)
+    {
+        if (isolate_ == nullptr || !(this->*isolate_)(scene, step, isolated)) return false;
+        controller.limits = next_.controller_of(scene, scene.sets).limits;
+        if (scene.size() == 0) controller.acceleration = controller.obstacle_speed = 0;
+        return true;
+    }
+
+    /// After a failed step: see GridState::regain_velocities.
+    [[gnu::cold]] void regain_velocities(Scene& scene)
+    {
+        if (!driver_.has_spoiled_nodes()) return;
+        if (scene.sets.has_grid_fields())
+            // the sums contain the forces of the failed step, which may be too large to subtract without
+            // rounding errors
+            scene.grid_state.forget();
+        else
+            scene.change([&] { scene.grid_state.regain_velocities(scene.sets, scene.smallest_node_mass()); });
+        driver_.forget_spoiled_nodes();
+    }
+
+    [[noreturn, gnu::cold]] void fail_to_get_on(Scene& scene, std::optional<StepFailure> const& since)
+    {
+        regain_velocities(scene);
+        detail::throw_no_step(next_.time_state, since, since ? Sets::name(since->material) : "", d);
+    }
+
+    [[noreturn, gnu::cold]] void fail(Scene& scene,
+                                      StepLog const log, // a copy: later work overwrites the log
+                                      double dt)
+    {
+        bool const cached = scene.sets.has_grid_fields();
+        regain_velocities(scene); // first, because what follows may run out of memory
+        std::string kept = "The state is that of the last good step";
+        if (!cached) kept += ", but for velocities, which were taken anew (see Solver::step)";
+        if (isolate_ != nullptr)
+            kept += "; of " + std::to_string(quarantine_.most()) +
+                    " particles that may be in quarantine there are " + std::to_string(isolated().size()) +
+                    ", which stay out (Solver::isolated)";
+        StepFailure failure = detail::failure_of(scene.sets, log, next_.time_state.time, dt);
+        auto const spoilers = detail::without_stress(scene.sets, 0, next_.time_state.time, dt);
+        if (!spoilers.empty()) { // their missing stress makes other particles fail
+            failure = spoilers.front();
+            failure.count = log.failed;
+        }
+        detail::throw_step_error(failure, next_.time_state.stable, Sets::name(failure.material), kept, d);
+    }
+
+    NextStep<Scene> next_;
+    Driver driver_;
+    detail::Quarantine quarantine_;
+    bool (TimeLoop::*isolate_)(Scene&, detail::FailedStep const&, Failures&) = nullptr;
+    AdvanceReport until_error_; ///< see until_error()
+};
+
+} // namespace firn
