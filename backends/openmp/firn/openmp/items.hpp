@@ -8,6 +8,7 @@
 #include <firn/grid/lattice.hpp>
 #include <firn/openmp/array.hpp>
 #include <firn/openmp/lanes.hpp>
+#include <firn/openmp/migration.hpp>
 #include <firn/openmp/offset_lane.hpp>
 #include <firn/openmp/tuning.hpp>
 
@@ -360,7 +361,8 @@ public:
             }
             std::uint32_t const at = notes_.at[slot - first_slot_];
             notes_.from[count] = {slot, at};
-            notes_.leavers[count] = Order::moved(slot, group_ * lanes + int(at % lanes), steps);
+            notes_.leavers[count] =
+                Migration<Number, d, lanes>::moved(slot, group_ * lanes + int(at % lanes), steps);
         }
         notes_.count = count;
     }
