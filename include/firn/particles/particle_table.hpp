@@ -6,7 +6,9 @@
 #include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/grid/lattice.hpp>
+#include <firn/particles/derived_cache.hpp>
 #include <firn/particles/mass_groups.hpp>
+#include <firn/particles/row_ids.hpp>
 #include <firn/particles/storage.hpp>
 #include <firn/state/snapshot.hpp>
 
@@ -28,6 +30,19 @@ struct RemovalMask
     typename Backend::template Array<unsigned char> there; ///< in the backend's memory
     std::vector<unsigned char> here{};                     ///< the same, on the host
     std::size_t count = 0;                                 ///< marked particles
+};
+
+/// How the cell order of a table stands to its current buffer.
+///
+///   sorted --swap()--> moved --sort()--> sorted       after each step; rollback() undoes both
+///   sorted --change()--> changing --> sorted          particles are added, removed or replaced
+///
+/// A call that throws while the table is `changing`, as it is during sort(), too, leaves it so.
+enum class TableState
+{
+    sorted,  ///< the cell order refers to the current buffer
+    moved,   ///< it refers to the buffer before the step, until the next sort()
+    changing ///< both are half changed
 };
 
 /// The particles of one material: two buffers of the fields that are stored from step to step, and the order
@@ -61,7 +76,8 @@ public:
 
     ParticleTable(Lattice lattice, int kernel_degree, Backend const& backend)
         : lattice_(lattice), kernel_degree_(kernel_degree),
-          backend_(backend), buffer_{Buffer(backend), Buffer(backend)}, mass_groups_(backend), cells_(backend)
+          backend_(backend), buffer_{Buffer(backend), Buffer(backend)}, gathered_(backend),
+          mass_groups_(backend), cells_(backend)
     {}
 
     std::size_t size() const { return size_; }
@@ -71,26 +87,20 @@ public:
     ConstView current() const { return buffer_[0].view(); }
     View next() { return buffer_[1].view(); }
     /// The buffer that the cell order refers to: after a step the one before it, until the next sort().
-    ConstView ordered() const { return buffer_[moved_ ? 1 : 0].view(); }
+    ConstView ordered() const { return buffer_[state_ == TableState::moved ? 1 : 0].view(); }
 
     /// Whether the gathered fields are cached here; always, if there are none.
-    bool has_grid_fields() const { return DerivedFields::components(d) == 0 || has_cached_; }
-    ConstDerivedView derived() const { return has_cached_ ? cached_->view() : ConstDerivedView{}; }
+    bool has_grid_fields() const { return DerivedFields::components(d) == 0 || gathered_.is_cached(); }
+    ConstDerivedView derived() const { return gathered_.view(); }
     /// Where they are written before they count as cached: from cache_grid_fields() on, or from the next
     /// swap() on.
-    DerivedView place_for_derived() { return place(cached_); }
-    DerivedView next_derived() { return place(next_cached_); }
-    void cache_grid_fields() { has_cached_ = cached_.has_value(); }
+    DerivedView place_for_derived() { return gathered_.place(size_); }
+    DerivedView next_derived() { return gathered_.next_place(size_); }
+    void cache_grid_fields() { gathered_.accept(); }
     /// Sets whether they are cached after some steps, and were `before`; frees storage that is unused.
-    void set_cached(bool now, bool before)
-    {
-        has_cached_ = now && cached_;
-        if (has_cached_ || before) return;
-        cached_.reset();
-        next_cached_.reset();
-    }
-    Derived& cached() { return *cached_; } ///< if has_grid_fields()
-    Derived const& cached() const { return *cached_; }
+    void set_cached(bool now, bool before) { gathered_.keep(now, before); }
+    Derived& cached() { return gathered_.values(); } ///< if has_grid_fields()
+    Derived const& cached() const { return gathered_.values(); }
     Derived new_derived() const { return Derived(backend_, size_); }
     MassGroups<Number> mass_groups() const { return mass_groups_.there(); }
 
@@ -118,30 +128,22 @@ public:
         sort(); // insert() needs up-to-date cells
 
         resize_buffers(count);
-        if (!cached_) cached_.emplace(backend_, count);
-        next_cached_.reset();
-        cached_->resize(count);
-        has_cached_ = true;
+        gathered_.resize(count);
         place(located, first, same_velocity);
         std::vector<Coordinates<d>> cells(located.size());
         for (std::size_t i = 0; i < located.size(); ++i) cells[i] = located[i].cell;
-        if (first_id != first) name_rows();
-        if (named_) ids_.reserve(count);
-
-        half_changed_ = true; // from here on a failure leaves the table half changed
-        mass_groups_.add(first, volume, density, scale);
-        cells_.insert(cells, first);
-        if (named_) {
-            ids_.resize(count);
-            std::iota(ids_.begin() + first, ids_.end(), first_id);
-        }
-        size_ = count;
-        half_changed_ = false;
+        RowIds ids = ids_.extended(size_, located.size(), first_id);
+        change([&] {
+            mass_groups_.add(first, volume, density, scale);
+            cells_.insert(cells, first);
+            ids_ = std::move(ids);
+            size_ = count;
+        });
         return located.size();
     }
 
     /// Whether add(), remove() or sort() broke off after changing existing particles, too.
-    bool is_half_changed() const { return half_changed_; }
+    bool is_half_changed() const { return state_ == TableState::changing; }
 
     /// Marks the particles for which `predicate` is true; see Solver::remove_if. Changes nothing.
     template <class Predicate>
@@ -214,28 +216,21 @@ public:
         };
         Array<std::uint32_t> const from_there = on_backend(from), rows_there = on_backend(rows),
                                    new_place_there = on_backend(new_place);
-        std::optional<Derived> derived;
-        if (has_cached_) {
-            derived.emplace(backend_, kept);
-            derived->gather(backend_, *cached_, rows_there.data());
-        }
+        std::optional<Derived> derived = gathered_.gathered(rows_there.data(), kept);
         buffer_[1].gather(backend_, buffer_[0], from_there.data(), kept);
         for (auto& place : from) place = new_row[row_at[place]];
         buffer_[1].id.upload(0, from);
 
-        half_changed_ = true; // from here on a failure leaves the table half changed
-        buffer_[0].swap(buffer_[1]);
-        resize_buffers(kept);
-        next_cached_.reset();
-        std::swap(cached_, derived);
-        cells_.erase(mask.there.data(), new_place_there.data(), kept);
-
-        name_rows();
-        for (std::size_t row = 0; row < kept; ++row) ids_[row] = ids_[rows[row]];
-        ids_.resize(kept);
-        mass_groups_.keep(new_row, kept);
-        size_ = kept;
-        half_changed_ = false;
+        RowIds ids = ids_.kept(rows);
+        change([&] {
+            buffer_[0].swap(buffer_[1]);
+            resize_buffers(kept);
+            gathered_.replace(std::move(derived));
+            cells_.erase(mask.there.data(), new_place_there.data(), kept);
+            mass_groups_.keep(new_row, kept);
+            ids_ = std::move(ids);
+            size_ = kept;
+        });
     }
 
     /// All particles, in memory of the host; requires has_grid_fields(). The caller adds the model's name and
@@ -263,7 +258,7 @@ public:
         for_each_tag(DerivedFields{}, [&](auto tag) {
             to.fields.push_back({decltype(tag)::name, {}});
             for_each_column<DerivedFields>(tag, [&](int, int c) {
-                to.fields.back().components.push_back(listed(cached_->column(c), rows));
+                to.fields.back().components.push_back(listed(cached().column(int(c)), rows));
             });
         });
         to.mass_groups = mass_groups_.all();
@@ -293,32 +288,29 @@ public:
                   [&](auto const& a, auto const& b) { return from.ids[a] < from.ids[b]; });
         for (std::size_t row = 0; row < count; ++row) rows[at_row[row]] = static_cast<std::uint32_t>(row);
 
-        resize_buffers(count);
-        if (!cached_) cached_.emplace(backend_, count);
-        cached_->resize(count);
-        next_cached_.reset();
-        for (std::size_t a = 0; a < from.offsets.size(); ++a) buffer_[0].offset[a].upload(0, from.offsets[a]);
-        buffer_[0].id.upload(0, rows);
-        for_each_tag(PersistentFields{}, [&](auto tag) {
-            auto const& field = field_of<decltype(tag)>(from);
-            for_each_column<PersistentFields>(tag, [&](std::size_t i, std::size_t c) {
-                buffer_[0].component[c].upload(0, field.components[i]);
+        change([&] {
+            resize_buffers(count);
+            gathered_.resize(count);
+            for (std::size_t a = 0; a < from.offsets.size(); ++a)
+                buffer_[0].offset[a].upload(0, from.offsets[a]);
+            buffer_[0].id.upload(0, rows);
+            for_each_tag(PersistentFields{}, [&](auto tag) {
+                auto const& field = field_of<decltype(tag)>(from);
+                for_each_column<PersistentFields>(tag, [&](std::size_t i, std::size_t c) {
+                    buffer_[0].component[c].upload(0, field.components[i]);
+                });
             });
-        });
-        for_each_tag(DerivedFields{}, [&](auto tag) {
-            auto const& field = field_of<decltype(tag)>(from);
-            for_each_column<DerivedFields>(tag, [&](std::size_t i, int c) {
-                cached_->column(c).upload(0, listed(field.components[i], at_row));
+            for_each_tag(DerivedFields{}, [&](auto tag) {
+                auto const& field = field_of<decltype(tag)>(from);
+                for_each_column<DerivedFields>(tag, [&](std::size_t i, int c) {
+                    cached().column(c).upload(0, listed(field.components[i], at_row));
+                });
             });
+            ids_ = RowIds(listed(from.ids, at_row));
+            mass_groups_.set(from.mass_groups);
+            size_ = count;
+            cells_ = std::move(cells);
         });
-        ids_ = listed(from.ids, at_row);
-        named_ = count > 0 && ids_.back() != count - 1;
-        if (!named_) ids_.clear();
-        mass_groups_.set(from.mass_groups);
-        has_cached_ = true;
-        moved_ = false;
-        size_ = count;
-        cells_ = std::move(cells);
     }
 
     /// Refuses a snapshot whose particles have other fields; `where` is the material.
@@ -355,18 +347,10 @@ public:
     }
 
     /// The permanent id of a row; the ids of all, in rising order.
-    std::uint32_t id(std::size_t row) const { return named_ ? ids_[row] : static_cast<std::uint32_t>(row); }
+    std::uint32_t id(std::size_t row) const { return ids_.id(row); }
     /// The row of an existing id.
-    std::uint32_t row(std::uint32_t id) const
-    {
-        return named_ ? static_cast<std::uint32_t>(std::ranges::lower_bound(ids_, id) - ids_.begin()) : id;
-    }
-    std::vector<std::uint32_t> ids() const
-    {
-        std::vector<std::uint32_t> ids(size_);
-        for (std::size_t row = 0; row < size_; ++row) ids[row] = id(row);
-        return ids;
-    }
+    std::uint32_t row(std::uint32_t id) const { return ids_.row(id); }
+    std::vector<std::uint32_t> ids() const { return ids_.first(size_); }
 
     /// Brings the cell order up to date with positions that have moved.
     void sort()
@@ -378,11 +362,8 @@ public:
     template <class Rebin>
     void sort(Rebin const& rebin)
     {
-        if (!moved_) return;
-        half_changed_ = true;
-        rebin(cells_, current().offset);
-        half_changed_ = false;
-        moved_ = false;
+        if (state_ != TableState::moved) return;
+        change([&] { rebin(cells_, current().offset); });
         require(cells_.size() == size_, "particles were lost while they were sorted into cells",
                 "ParticleTable::sort", "This is a mistake in the library: please report the scene.");
     }
@@ -391,10 +372,9 @@ public:
     void swap(bool wrote_derived)
     {
         buffer_[0].swap(buffer_[1]);
-        if (wrote_derived) std::swap(cached_, next_cached_);
-        has_cached_ = wrote_derived;
+        gathered_.swap(wrote_derived);
         cells_.commit();
-        moved_ = true;
+        state_ = TableState::moved;
     }
 
     /// Undoes the last calls of swap() and sort() for steps that were then not taken: as many of both, or one
@@ -404,10 +384,11 @@ public:
         if (sorted == 0) return;
         if (accepted % 2 != 0) {
             buffer_[0].swap(buffer_[1]);
-            if (wrote_derived) std::swap(cached_, next_cached_);
+            if (wrote_derived) gathered_.swap_back();
         }
-        moved_ = sorted > accepted;
-        cells_.rollback(sorted, moved_, current().offset);
+        bool const moved = sorted > accepted;
+        state_ = moved ? TableState::moved : TableState::sorted;
+        cells_.rollback(sorted, moved, current().offset);
     }
 
     /// The fields of all particles, one column per component, in memory of the host.
@@ -528,25 +509,26 @@ public:
     /// Bytes held, spare capacity included.
     std::size_t memory() const
     {
-        std::size_t bytes = buffer_[0].memory() + buffer_[1].memory() + cells_.memory();
-        return bytes + (cached_ ? cached_->memory() : 0) + (next_cached_ ? next_cached_->memory() : 0);
+        return buffer_[0].memory() + buffer_[1].memory() + cells_.memory() + gathered_.memory();
     }
 
 private:
     using Buffer = PersistentStorage<Backend, Space, PersistentFields>;
 
-    /// Resizes for `count` particles, and keeps the existing ones. The other buffer needs no contents, unless
-    /// the cell order still refers to it.
+    /// Changes the table by `work`, after which the cell order refers to the current buffer.
+    template <class Work>
+    void change(Work const& work)
+    {
+        state_ = TableState::changing; // a failure leaves it so
+        work();
+        state_ = TableState::sorted;
+    }
+
+    /// Resizes for `count` particles, and keeps the existing ones; the other buffer needs no contents.
     void resize_buffers(std::size_t count)
     {
         buffer_[0].resize(count, size_);
-        buffer_[1].resize(count, moved_ ? size_ : 0);
-    }
-
-    DerivedView place(std::optional<Derived>& derived)
-    {
-        if (!derived) derived.emplace(backend_, size_);
-        return derived->view();
+        buffer_[1].resize(count, 0);
     }
 
     /// Writes new particles behind the existing ones: with a velocity, otherwise at rest.
@@ -572,7 +554,7 @@ private:
         else
             derived[Velocity{}] = velocity;
         stored.for_each([&](int c, Number const& value) { columns[c].fill(first, count, value); });
-        cached_->fill(first, derived);
+        cached().fill(first, derived);
     }
 
     Columns columns() const
@@ -652,26 +634,14 @@ private:
         return *std::ranges::find(from.fields, std::string(Tag::name), &FieldSnapshot<Number>::name);
     }
 
-    /// From now on rows differ from ids: stores the ids.
-    void name_rows()
-    {
-        if (named_) return;
-        named_ = true;
-        ids_.resize(size_);
-        std::iota(ids_.begin(), ids_.end(), std::uint32_t(0));
-    }
-
     Lattice lattice_;
     int kernel_degree_;
     Backend backend_;
     std::size_t size_ = 0;
-    bool moved_ = false;
-    bool half_changed_ = false;                   ///< in the middle of add(), remove() or sort()
-    bool named_ = false;                          ///< whether rows differ from ids
-    std::vector<std::uint32_t> ids_;              ///< if so, the ids of all rows, in rising order
-    std::array<Buffer, 2> buffer_;                ///< the current one, and the next
-    std::optional<Derived> cached_, next_cached_; ///< storage of the gathered fields; see has_grid_fields()
-    bool has_cached_ = false;                     ///< whether `cached_` has values
+    TableState state_ = TableState::sorted;
+    RowIds ids_;
+    std::array<Buffer, 2> buffer_; ///< the current one, and the next
+    DerivedCache<Backend, Space, DerivedFields> gathered_;
     MassGroupList<Backend, Number> mass_groups_;
     CellOrder cells_;
 };
