@@ -1,11 +1,17 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/cuda/block_begins.hpp>
+#include <firn/cuda/block_set.hpp>
+#include <firn/cuda/empty_blocks.hpp>
 #include <firn/cuda/finish_step.hpp>
+#include <firn/cuda/host_signal.hpp>
+#include <firn/cuda/migration_arrays.hpp>
+#include <firn/cuda/new_order.hpp>
+#include <firn/cuda/tuning.hpp>
 
 #include <algorithm>
 #include <bit>
-#include <chrono>
 #include <limits>
 #include <span>
 #include <utility>
@@ -51,10 +57,8 @@ public:
     template <class Backend>
     explicit CellOrder(Backend const& backend)
         : queue_(backend.queue()), set_(queue_), begin_(queue_), new_begin_(queue_), order_(queue_),
-          order_before_(queue_), left_(queue_), stay_(queue_), incoming_(queue_), first_incoming_(queue_),
-          group_left_(queue_), block_stay_(queue_), block_arrived_(queue_), block_begin_(queue_),
-          arrived_begin_(queue_), arrived_(queue_), leavers_(queue_), blocks_before_(queue_),
-          stopped_(queue_), told_(queue_)
+          order_before_(queue_), left_(queue_), changes_(queue_), block_begin_(queue_),
+          arrived_begin_(queue_), arrived_(queue_), leavers_(queue_), blocks_before_(queue_), signal_(queue_)
     {}
 
     Queue const& queue() const { return queue_; }
@@ -65,10 +69,8 @@ public:
     std::size_t memory() const
     {
         return set_.memory() + begin_.memory() + new_begin_.memory() + order_.memory() +
-               order_before_.memory() + left_.memory() + stay_.memory() + incoming_.memory() +
-               first_incoming_.memory() + group_left_.memory() + block_stay_.memory() +
-               block_arrived_.memory() + block_begin_.memory() + arrived_begin_.memory() + arrived_.memory() +
-               leavers_.memory() + blocks_before_.memory();
+               order_before_.memory() + left_.memory() + changes_.memory() + block_begin_.memory() +
+               arrived_begin_.memory() + arrived_.memory() + leavers_.memory() + blocks_before_.memory();
     }
 
     /// Adds items that lie at first, first + 1, … in the given cells.
@@ -167,7 +169,7 @@ public:
             arrived_.data(), order_before_.data(), leavers_.cell.data()};
         auto const then = scatter(view(), arrived());
         using Then = std::remove_cv_t<decltype(then)>;
-        std::uint32_t const number = early_ = early_ % (1u << 31) + 1;
+        std::uint32_t const number = signal_.next_number();
         launch_behind("finish_and_rearrange", queue_, detail::finish_and_rearrange<d, Number, Finish, Then>,
                       1 + blocks(), teams * 64, std::max(shared, Finish::bytes), moved(), number,
                       begin_.data(), to, offset, finish, then);
@@ -218,11 +220,7 @@ public:
         return leavers_.view(channels);
     }
     unsigned char* left() { return left_.data(); }
-    detail::Changes changes()
-    {
-        return {stay_.data(),       incoming_.data(),   first_incoming_.data(),
-                group_left_.data(), block_stay_.data(), block_arrived_.data()};
-    }
+    detail::Changes changes() { return changes_.view(); }
     detail::Destinations destinations()
     {
         return {changes(), set_.view(), set_.keys(), is_small() ? 3 : 0, rebins_early()};
@@ -252,53 +250,20 @@ public:
     }
 
     /// The signal by which loops know whether they have work to do.
-    detail::Signal signal()
-    {
-        if (stopped_.size() == 0) {
-            OnDevice const here(queue_);
-            stopped_.renew(detail::Signal::count);
-            stopped_.fill_bytes(0, detail::Signal::count, 0);
-            told_.template as<detail::Told>();
-        }
-        return std::as_const(*this).signal();
-    }
-    detail::Signal signal() const ///< once there are items
-    {
-        return {const_cast<std::uint32_t*>(stopped_.data()), told_.template get<detail::Told>()};
-    }
+    detail::Signal signal() { return signal_.view(); }
+    detail::Signal signal() const { return signal_.view(); } ///< once there are items
 
-    /// Waits until at most two of the queued steps, those of rebin_early(), are still to come. Returns false
-    /// if steps have stopped, since what is queued behind that is queued in vain. Gives up after a hundredth
-    /// of a second: steps are long, or a device has failed, which its next call reports.
-    bool throttle() const
-    {
-        constexpr std::uint32_t few = 2;
-        using Clock = std::chrono::steady_clock;
-        auto const* const told = told_.template get<detail::Told>();
-        auto const now = [](std::uint32_t const& word) { // the device writes it
-            return *static_cast<std::uint32_t const volatile*>(&word);
-        };
-        Clock::time_point end{};
-        for (unsigned tries = 1; now(told->stop.stopped) == 0; ++tries) {
-            if (early_ - now(told->chosen) <= few) return true;
-            if (tries % 1024 != 0) continue;
-            if (tries == 1024) end = Clock::now() + std::chrono::milliseconds(10);
-            if (Clock::now() >= end) return true;
-        }
-        return false;
-    }
+    /// Waits until at most two of the queued steps, those of rebin_early(), are still to come; false if steps
+    /// have stopped (see HostSignal).
+    bool throttle() const { return signal_.throttle(); }
 
     /// Called when the host has waited: lets loops work again if they have stopped; true if they stopped
     /// because there was no room for all leavers.
     bool poll()
     {
-        auto* const told = told_.template as<detail::Told>();
-        told->chosen = early_; // stopped steps did not report it
-        short_ = told->stop;
+        short_ = signal_.poll();
         if (short_.stopped == 0) return false;
-        told->stop = {};
         may_have_arrived_ = true; // even if the loop that clears them was queued
-        stopped_.fill_bytes(0, detail::Signal::count, 0);
         crowded_ = short_.crowded != 0;
         return short_.births > 0 || short_.departed > leavers_.most;
     }
@@ -359,57 +324,7 @@ public:
     }
 
 private:
-    struct LeaverArrays
-    {
-        std::size_t most = 0;
-        Array<detail::LeaverCounters> counters;
-        Array<std::uint32_t> slot, cell, next;
-        Array<std::uint8_t> way;
-        Array<Number> contribution;
-
-        explicit LeaverArrays(Queue queue)
-            : counters(queue), slot(queue), cell(queue), next(queue), way(queue), contribution(queue)
-        {}
-
-        void renew(std::size_t room, int channels)
-        {
-            most = room;
-            if (counters.size() == 0) {
-                counters.renew(1);
-                counters.fill_bytes(0, 1, 0);
-            }
-            for (auto* const array : {&slot, &cell, &next}) make_room(*array, room);
-            make_room(way, channels > 0 ? room : 0);
-            make_room(contribution, room * static_cast<std::size_t>(channels));
-        }
-
-        /// For exactly `room` elements: callers have added the spare.
-        template <class T>
-        static void make_room(Array<T>& array, std::size_t room)
-        {
-            if (room <= array.size()) return;
-            array.clear();
-            array.resize(room);
-        }
-
-        Leavers view(int channels) const
-        {
-            auto const at = []<class T>(Array<T> const& array) { return const_cast<T*>(array.data()); };
-            return {const_cast<detail::LeaverCounters*>(counters.data()),
-                    static_cast<std::uint32_t>(most),
-                    channels,
-                    at(slot),
-                    at(cell),
-                    at(way),
-                    at(next),
-                    const_cast<Number*>(contribution.data())};
-        }
-
-        std::size_t memory() const
-        {
-            return slot.memory() + cell.memory() + way.memory() + next.memory() + contribution.memory();
-        }
-    };
+    using LeaverArrays = detail::LeaverArrays<Number>;
 
     /// Where the device stores the blocks' beginnings.
     detail::BlockBegins begins()
@@ -448,12 +363,7 @@ private:
         begin_.resize(std::size_t(cells) + 1);
         new_begin_.renew(begin_.size()); // stopped loops load from it before they see that they are stopped
         new_begin_.fill_bytes(0, new_begin_.size(), 0);
-        stay_.resize(cells);
-        incoming_.resize(cells);
-        first_incoming_.resize(cells);
-        group_left_.resize(blocks() * Shape::groups);
-        block_stay_.resize(blocks());
-        block_arrived_.resize(blocks());
+        changes_.resize(blocks());
         launch_after("clear_cells", queue_, detail::clear_cells, groups_of(cells, 256), 256,
                      before * Shape::cells, cells, static_cast<std::uint32_t>(size_), begin_.data(),
                      changes());
@@ -470,14 +380,14 @@ private:
         blocks_before_.download(before, {&count, 1});
         new_begin_.renew(std::size_t(count) * Shape::cells + 1);
         auto& new_arrived_begin =
-            first_incoming_; // no longer needed: this step's incoming items are in the order
+            changes_.first_incoming; // no longer needed: this step's incoming items are in the order
         may_have_arrived_ = true;
         new_arrived_begin.renew(new_begin_.size());
         launch_after("keep_blocks", queue_, detail::keep_blocks, count, 64, blocks_before_.data(),
                      begin_.data(), arrived_begin_.data(), new_begin_.data(), new_arrived_begin.data());
         std::swap(begin_, new_begin_);
         std::swap(arrived_begin_, new_arrived_begin);
-        first_incoming_.renew(std::size_t(count) * Shape::cells);
+        changes_.first_incoming.renew(std::size_t(count) * Shape::cells);
         set_.keep(blocks_before_.data(), count);
         blocks_kept_ = count;
         ++generation_;
@@ -521,21 +431,19 @@ private:
     std::size_t size_ = 0;
     bool committed_ = true;
     bool kept_order_ = false; ///< the last rebin kept the previous order
-    std::uint32_t early_ = 0; ///< number of the last early rebin
     std::uint32_t rebinned_blocks_ = 0;
     std::array<Offset*, d> offset_{}; ///< those of the last rebin
     BlockSet set_;
     Array<std::uint32_t> begin_, new_begin_, order_, order_before_;
     Array<unsigned char> left_; ///< per slot: whether the item left its cell
-    Array<std::uint32_t> stay_, incoming_, first_incoming_, group_left_, block_stay_, block_arrived_;
+    detail::ChangeArrays changes_;
     Array<std::uint64_t> block_begin_;
     Array<std::uint32_t> arrived_begin_, arrived_;
     LeaverArrays leavers_;
     int channels_ = 0;
     std::uint32_t generation_ = 0, blocks_kept_ = 0;
     Array<std::uint32_t> blocks_before_;
-    Array<std::uint32_t> stopped_; ///< whether loops have nothing to do until the host has polled
-    HostMemory told_;              ///< why, and how far the device is
+    detail::HostSignal signal_;
     detail::Stop short_{};         ///< what was reported last
     bool crowded_ = false;         ///< many blocks hold no items
     bool is_to_find_ = false;      ///< the leavers have yet to find their new cells
