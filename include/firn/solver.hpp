@@ -10,6 +10,7 @@
 #include <firn/models/several_materials.hpp>
 #include <firn/particles/material_sets.hpp>
 #include <firn/particles/occupancy.hpp>
+#include <firn/particles/readback.hpp>
 #include <firn/state/save_restore.hpp>
 #include <firn/state/snapshot.hpp>
 #include <firn/time_stepping/durations.hpp>
@@ -332,7 +333,7 @@ public:
     template <class Which = Every>
     std::vector<Vector<double, d>> positions() const
     {
-        return by_id<Which, Vector<double, d>>([&](auto k) { return particles<k>().positions(); });
+        return by_id<Which, Vector<double, d>>([&](auto k) { return positions_of(particles<k>()); });
     }
 
     /// A field's values, by rising id: `download<Velocity>()`.
@@ -352,7 +353,7 @@ public:
                       "this field is not stored: ask for it with download(), and for positions with "
                       "write_positions()");
         auto const access = guard_.read("Solver::view");
-        return particles<MaterialTraits<Which>::place>().template view<Tag>();
+        return field_view<Tag>(particles<MaterialTraits<Which>::place>());
     }
 
     /// Writes world positions [m], by rising id, to memory that the backend's loops reach: axis a of the i-th
@@ -381,7 +382,7 @@ public:
     template <class Which = Every>
     std::vector<double> masses() const
     {
-        return by_id<Which, double>([&](auto k) { return particles<k>().masses(scene_.masses.unit); });
+        return by_id<Which, double>([&](auto k) { return masses_of(particles<k>(), scene_.masses.unit); });
     }
 
     /// How the particles of all materials lie in the cells now: too few per cell, separated into pieces,
@@ -390,7 +391,7 @@ public:
     {
         auto const access = guard_.read("Solver::occupancy");
         std::vector<Coordinates<d>> cells;
-        Sets::for_each([&](auto k) { particles<k>().add_cells(cells); });
+        Sets::for_each([&](auto k) { append_cells(particles<k>(), cells); });
         return detail::CellNeighbours<d>(std::move(cells), Kernel::degree).occupancy();
     }
 

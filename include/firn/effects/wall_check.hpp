@@ -5,6 +5,8 @@
 #include <firn/core/step_error.hpp>
 #include <firn/effects/reflecting_wall.hpp>
 #include <firn/grid/lattice.hpp>
+#include <firn/particles/add_remove.hpp>
+#include <firn/particles/readback.hpp>
 
 #include <algorithm>
 #include <array>
@@ -61,7 +63,7 @@ public:
             if (!knows_all) {
                 auto const of_any = behind_any(walls, lattice, spared, std::make_index_sequence<count>{});
                 Sets::for_each([&](auto k) {
-                    if (sets.template particles<k>().find(of_any).count == 0) return;
+                    if (find_particles(sets.template particles<k>(), of_any).count == 0) return;
                     for (auto const& wall : walls) require_before<k>(sets, lattice, spared, wall);
                 });
             }
@@ -84,11 +86,11 @@ private:
                                ReflectingWall const& wall)
     {
         auto const& particles = sets.template particles<k>();
-        auto const found = particles.find(BehindWall(wall, lattice, spared));
+        auto const found = find_particles(particles, BehindWall(wall, lattice, spared));
         if (found.count == 0) return;
-        auto const row = particles.first_row(found);
+        auto const row = first_row(particles, found);
         throw_behind_wall(particles.id(row), Sets::name(k), found.count,
-                          in_space<Sets::d>(particles.position(row)), Sets::d, wall);
+                          in_space<Sets::d>(position_of(particles, row)), Sets::d, wall);
     }
 
     std::vector<ReflectingWall> walls_;

@@ -4,9 +4,10 @@
 #include <firn/core/error.hpp>
 #include <firn/core/exactly_equal.hpp>
 #include <firn/core/finite.hpp>
-#include <firn/particles/table_view.hpp>
-#include <firn/state/snapshot.hpp>
+#include <firn/core/host_device.hpp>
+#include <firn/core/lane.hpp>
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <type_traits>
@@ -15,6 +16,77 @@
 
 namespace firn
 {
+
+/// The mass unit and range of masses, shared by all materials of a scene, as nodes add up their masses.
+struct MassScale
+{
+    double unit = 0;                  ///< [kg]: the unit of masses on the grid; 0: not set yet
+    double largest = 0, smallest = 0; ///< of a particle, in units
+
+    /// The largest allowed ratio of two masses: beyond it the lighter particle would be lost to rounding on a
+    /// node, or its node be taken for an empty one.
+    template <class Number>
+    static constexpr double range = std::is_same_v<Number, float> ? 1e10 : 1e20;
+
+    template <class Number>
+    bool bears(double mass) const
+    {
+        return is_finite(mass) && (exactly_equal(unit, 0) ||
+                                   (mass / smallest < range<Number> && largest / mass < range<Number>));
+    }
+    void admit(double mass)
+    {
+        smallest = exactly_equal(largest, 0) ? mass : std::min(smallest, mass);
+        largest = std::max(largest, mass);
+    }
+};
+
+/// Particles of equal mass and volume: those from row `first_row` up to the next group's.
+template <class Number>
+struct MassGroup
+{
+    std::uint32_t first_row;
+    Number mass;   ///< in units of the scene's mass unit
+    Number volume; ///< V0 [m^3] per mass unit [kg]
+};
+
+/// Mass and volume of every particle: one value per mass group, found by the particle's row, so that none is
+/// stored per particle.
+template <class Number>
+struct MassGroups
+{
+    MassGroup<Number> const* of;
+    int count;
+
+    /// The lanes' masses and volumes: both zero in lanes without an item.
+    template <class Items>
+    FIRN_HOST_DEVICE auto find(Items const& items, std::uint32_t const* id) const
+    {
+        using Real = typename Items::Real;
+        struct Found
+        {
+            Real mass, volume;
+        };
+        Found found{Real(of[0].mass), Real(of[0].volume)};
+        if (count > 1) {
+            found.mass = items.map([&](std::size_t particle) { return of[index(id[particle])].mass; });
+            found.volume = items.map([&](std::size_t particle) { return of[index(id[particle])].volume; });
+        }
+        found.mass = select(items.here(), found.mass, Real(0));
+        found.volume = select(items.here(), found.volume, Real(0));
+        return found;
+    }
+
+    FIRN_HOST_DEVICE int index(std::uint32_t row) const
+    {
+        int low = 0, high = count; // of[low].first_row <= row < of[high].first_row
+        while (high - low > 1) {
+            int const middle = (low + high) / 2;
+            (of[middle].first_row <= row ? low : high) = middle;
+        }
+        return low;
+    }
+};
 
 /// Masses and volumes of a table's particles, one of each per mass group (see MassGroups), on the host
 /// (`here`) and in the backend's memory (`there`).

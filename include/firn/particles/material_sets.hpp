@@ -6,6 +6,7 @@
 #include <firn/core/step_error.hpp>
 #include <firn/models/response.hpp>
 #include <firn/models/several_materials.hpp>
+#include <firn/particles/add_remove.hpp>
 #include <firn/particles/particle_table.hpp>
 
 #include <algorithm>
@@ -149,10 +150,10 @@ public:
                 static_assert(
                     TellsByPosition<Predicate, d> || TellsByFields<Predicate, d, Particle>,
                     "predicate is to take a position, or a position and a particle, and tell yes or no");
-                masks.push_back(particles<k>().find(predicate));
+                masks.push_back(find_particles(particles<k>(), predicate));
             }
             else
-                masks.push_back({typename Backend::template Array<unsigned char>(backend)});
+                masks.emplace_back(backend);
         });
         return masks;
     }
@@ -243,7 +244,7 @@ public:
             std::vector<std::uint32_t> rows;
             for (auto const& failure : failures)
                 if (failure.material == k) rows.push_back(particles<k>().row(failure.particle));
-            particles<k>().remove(particles<k>().removal_mask(rows));
+            remove_particles(particles<k>(), mark_rows(particles<k>(), rows));
         });
     }
 

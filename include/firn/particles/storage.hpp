@@ -36,6 +36,17 @@ auto downloaded(Array const& array)
 }
 } // namespace detail
 
+/// Copies the listed elements of an array.
+template <class T>
+struct GatherValues
+{
+    T const* from;
+    std::uint32_t const* places;
+    T* to;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const { to[i] = from[places[i]]; }
+};
+
 /// One array per component of the fields that are stored from step to step, positions and rows among them, in
 /// any order of particles.
 template <class Backend, class Space, class Set>
@@ -164,17 +175,6 @@ public:
             for (std::size_t row = 0; row < count; ++row) component_of<Tag, d>(values[row], c) = column[row];
         }
         return values;
-    }
-
-    /// The function object that writes a field by row; see Solver::write.
-    template <class Tag>
-    WriteField<Number, component_count<Tag>(d)> writer(Number* to, std::size_t stride) const
-    {
-        constexpr int first = Set::template first_component<Tag>(d);
-        WriteField<Number, component_count<Tag>(d)> write{{}, nullptr, to, stride};
-        for (int c = 0; c < component_count<Tag>(d); ++c)
-            write.component[std::size_t(c)] = component_[std::size_t(first + c)].data();
-        return write;
     }
 
     Array const& column(int c) const { return component_[static_cast<std::size_t>(c)]; }

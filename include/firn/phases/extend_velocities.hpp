@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/cell_work.hpp>
+#include <firn/particles/mass_groups.hpp>
 #include <firn/phases/gather.hpp>
 #include <firn/phases/scatter.hpp>
 

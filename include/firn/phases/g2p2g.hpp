@@ -3,6 +3,7 @@
 
 #include <firn/core/cell_work.hpp>
 #include <firn/core/failure_cause.hpp>
+#include <firn/particles/mass_groups.hpp>
 #include <firn/phases/gather.hpp>
 #include <firn/phases/scatter.hpp>
 

@@ -121,7 +121,7 @@ bool require_fits(Snapshot<Number, d> const& from, Sets const& sets, Lattice con
         if (!any_modulus && !(is_finite(difference) && difference <= 1e-5 * ours.wave_modulus))
             refuse_snapshot(owner + " the wave modulus at rest [Pa]", theirs.wave_modulus, ours.wave_modulus,
                             remedy_of_parameters);
-        Sets::template MaterialTraits<k>::Table::require_same_fields(theirs, named);
+        require_same_fields<typename Sets::template MaterialTraits<k>::Table>(theirs, named);
         all_known = all_known && names_all && !any_modulus;
     });
     return all_known;

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/particles/readback.hpp>
+#include <firn/particles/table_snapshot.hpp>
 #include <firn/state/restore.hpp>
 #include <firn/state/snapshot.hpp>
 #include <firn/time_stepping/step_controller.hpp>
@@ -49,16 +51,17 @@ auto save(Scene& scene, TimeLoop& time_loop)
                                                   .materials = {},
                                                   .isolated = time_loop.isolated()};
     Sets::for_each([&](auto k) {
-        to.materials.push_back(scene.sets.template particles<k>().snapshot());
+        to.materials.push_back(snapshot_of(scene.sets.template particles<k>()));
         name_material<k>(scene.sets, to.materials.back());
     });
     std::vector<typename Sets::CellOrder> orders; // allocated before anything changes
-    Sets::for_each(
-        [&](auto k) { orders.push_back(scene.sets.template particles<k>().order_of(to.materials[k])); });
+    Sets::for_each([&](auto k) {
+        orders.push_back(cell_order_of(scene.sets.template particles<k>(), to.materials[k]));
+    });
     typename Scene::GridStateType grid_state(scene.lattice, scene.transfer, scene.backend);
     scene.change([&] {
         Sets::for_each([&](auto k) {
-            scene.sets.template particles<k>().restore(to.materials[k], std::move(orders[k]));
+            restore_particles(scene.sets.template particles<k>(), to.materials[k], std::move(orders[k]));
         });
         go_on_from(to, to.bounds, std::move(grid_state), to.isolated, scene, time_loop);
     });
@@ -76,9 +79,9 @@ void restore(Snapshot<Number, d> const& from, Scene& scene, TimeLoop& time_loop)
     Sets sets = scene.sets.emptied(scene.lattice, Kernel::degree, scene.backend);
     Sets::for_each([&](auto k) {
         auto& table = sets.template particles<k>();
-        table.restore(from.materials[k]);
+        restore_particles(table, from.materials[k]);
         if constexpr (Sets::template may_object<k>)
-            table.for_each([&](std::uint32_t row, auto const& particle) {
+            for_each_particle(table, [&](std::uint32_t row, auto const& particle) {
                 sets.template require_bearable<k>(table, row, particle, "Solver::restore");
             });
     });

@@ -3,82 +3,22 @@
 
 #include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
-#include <firn/core/exactly_equal.hpp>
 #include <firn/core/finite.hpp>
 #include <firn/core/parameters.hpp>
 #include <firn/core/step_error.hpp>
 #include <firn/grid/lattice.hpp>
-#include <firn/particles/table_view.hpp>
+#include <firn/particles/table_snapshot.hpp>
 #include <firn/time_stepping/stable_time_step.hpp>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstdint>
 #include <limits>
 #include <string>
-#include <type_traits>
 #include <vector>
 
 namespace firn
 {
-
-/// The mass unit and range of masses, shared by all materials of a scene, as nodes add up their masses.
-struct MassScale
-{
-    double unit = 0;                  ///< [kg]: the unit of masses on the grid; 0: not set yet
-    double largest = 0, smallest = 0; ///< of a particle, in units
-
-    /// The largest allowed ratio of two masses: beyond it the lighter particle would be lost to rounding on a
-    /// node, or its node be taken for an empty one.
-    template <class Number>
-    static constexpr double range = std::is_same_v<Number, float> ? 1e10 : 1e20;
-
-    template <class Number>
-    bool bears(double mass) const
-    {
-        return is_finite(mass) && (exactly_equal(unit, 0) ||
-                                   (mass / smallest < range<Number> && largest / mass < range<Number>));
-    }
-    void admit(double mass)
-    {
-        smallest = exactly_equal(largest, 0) ? mass : std::min(smallest, mass);
-        largest = std::max(largest, mass);
-    }
-};
-
-/// One field of all particles of a material.
-template <class Number>
-struct FieldSnapshot
-{
-    std::string name;                            ///< the name of its tag
-    std::vector<std::vector<Number>> components; ///< per component, one number per particle [SI units]
-};
-
-/// The particles of one material, in cell order.
-template <class Number, int d>
-struct MaterialSnapshot
-{
-    using Offset = typename CellOffset<Number>::Stored;
-
-    std::string name;                    ///< of the model
-    double density = 0;                  ///< of the model [kg/m^3]
-    double wave_modulus = 0;             ///< rho c^2 of the model at rest [Pa]; 0: not compared
-    std::vector<Parameter> parameters{}; ///< the model's parameters
-    std::vector<std::uint32_t> ids{};    ///< permanent
-    std::vector<Coordinates<d>> cells{}; ///< the particles' cells
-    std::array<std::vector<Offset>, std::size_t(d)>
-        offsets{}; ///< offsets from the cells' centres, as CellOffset stores them
-    std::vector<FieldSnapshot<Number>> fields{};  ///< the particles' other fields
-    std::vector<MassGroup<Number>> mass_groups{}; ///< mass and volume, by row (the rank of the id)
-
-    /// See Snapshot::forget_parameters.
-    void forget_parameters()
-    {
-        parameters.clear();
-        wave_modulus = 0;
-    }
-};
 
 /// All that the next steps of a solver depend on, except for the arguments of its constructor and its calls:
 /// step control and effects. In memory of the host, whatever the backend.

@@ -5,6 +5,7 @@
 #include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/math/product.hpp>
+#include <firn/particles/readback.hpp>
 #include <firn/time_stepping/step_controller.hpp>
 
 #include <algorithm>
@@ -63,7 +64,7 @@ FIRN_COLD StepBounds bounds_of(Sets const& sets, Controller const& controller, S
         bounds.deformation_rate = std::max(bounds.deformation_rate, found.deformation_rate);
         bounds.obstacle_speed = found.obstacle_speed;
         double modulus = 0;
-        sets.template particles<k>().for_each([&](std::uint32_t, auto& particle) {
+        for_each_particle(sets.template particles<k>(), [&](std::uint32_t, auto& particle) {
             double const own = sets.template response<k>(particle).wave_modulus;
             modulus = is_finite(own) ? std::max(modulus, own) : std::numeric_limits<double>::infinity();
         });

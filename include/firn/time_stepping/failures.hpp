@@ -6,6 +6,7 @@
 #include <firn/core/host_device.hpp>
 #include <firn/core/step_error.hpp>
 #include <firn/math/product.hpp>
+#include <firn/particles/readback.hpp>
 #include <firn/time_stepping/finish_step.hpp>
 
 #include <algorithm>
@@ -29,7 +30,7 @@ StepFailure failure_of(Sets const& sets, std::uint32_t row, FailureCause cause, 
     auto const& particles = sets.template particles<k>();
     StepFailure failure{
         .cause = cause, .particle = particles.id(row), .material = k, .time = time, .dt = dt, .count = count};
-    failure.position = in_space<Sets::d>(particles.position(row));
+    failure.position = in_space<Sets::d>(position_of(particles, row));
     return failure;
 }
 
@@ -53,7 +54,7 @@ FIRN_COLD std::vector<StepFailure> without_stress(Sets const& sets, std::size_t 
 {
     std::vector<StepFailure> found;
     Sets::for_each([&](auto k) {
-        sets.template particles<k>().for_each([&](std::uint32_t row, auto& particle) {
+        for_each_particle(sets.template particles<k>(), [&](std::uint32_t row, auto& particle) {
             auto const response = sets.template response<k>(particle);
             bool const finite =
                 all_finite(response.kirchhoff_stress) && is_finite(double(response.wave_modulus));
@@ -78,7 +79,7 @@ template <class Sets, class Values>
     Sets::for_each([&](auto k) {
         auto const velocities = values(Velocity{}, k);
         std::optional<std::uint32_t> worst;
-        sets.template particles<k>().for_each([&](std::uint32_t row, auto& particle) {
+        for_each_particle(sets.template particles<k>(), [&](std::uint32_t row, auto& particle) {
             auto const response = sets.template response<k>(particle);
             double const way = dt * std::max(double(norm(velocities[row])),
                                              sets.template wave_speed<k>(double(response.wave_modulus)));
@@ -112,7 +113,7 @@ template <class Sets, class Controller, class Values>
         }
         std::optional<std::uint32_t> slowest;
         FailureCause cause{};
-        sets.template particles<k>().for_each([&](std::uint32_t row, auto& particle) {
+        for_each_particle(sets.template particles<k>(), [&](std::uint32_t row, auto& particle) {
             auto const response = sets.template response<k>(particle);
             bounds[row].wave_speed = sets.template wave_speed<k>(double(response.wave_modulus));
             double const step = controller.stable(bounds[row].finite()).dt;

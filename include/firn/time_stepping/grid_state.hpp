@@ -4,6 +4,7 @@
 #include <firn/core/exactly_equal.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/effects/chain.hpp>
+#include <firn/particles/readback.hpp>
 #include <firn/phases/extend_velocities.hpp>
 #include <firn/phases/gather.hpp>
 #include <firn/phases/particles_to_grid.hpp>
@@ -134,7 +135,7 @@ public:
     {
         auto const& table = sets.template particles<k>();
         if constexpr (MaterialTraits<k>::Stored::template contains<Tag>)
-            return table.template download<Tag>();
+            return download_field<Tag>(table);
         else {
             std::optional<DerivedOf<k>> again;
             return derived<k>(sets, again).template by_row<Tag>(table.size());
@@ -147,7 +148,7 @@ public:
     {
         auto const& table = sets.template particles<k>();
         auto const write_by = [&](auto const& fields) {
-            backend_.for_each(table.size(), fields.template writer<Tag>(to, stride));
+            backend_.for_each(table.size(), field_writer<Tag>(fields, to, stride));
         };
         if constexpr (MaterialTraits<k>::Stored::template contains<Tag>)
             write_by(table);

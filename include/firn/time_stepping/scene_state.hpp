@@ -4,7 +4,9 @@
 #include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
 #include <firn/core/finite.hpp>
+#include <firn/particles/add_remove.hpp>
 #include <firn/particles/material_sets.hpp>
+#include <firn/particles/readback.hpp>
 #include <firn/time_stepping/grid_state.hpp>
 
 #include <cstddef>
@@ -73,8 +75,9 @@ public:
     {
         cache_grid_fields();
         if (size() == 0) masses = {}; // there are none to compare with
-        std::size_t const added = particles<k>().add(
-            points, volume_per_point, double(sets.template model<k>().density), velocity, next_id, masses);
+        std::size_t const added =
+            add_particles(particles<k>(), points, volume_per_point, double(sets.template model<k>().density),
+                          velocity, next_id, masses);
         if (added == 0) return 0;
         next_id += static_cast<std::uint32_t>(added);
         grid_state.forget();
@@ -92,7 +95,7 @@ public:
         if (count == 0) return 0;
         cache_grid_fields();
         Sets::for_each([&](auto k) {
-            particles<k>().remove(masks[k]);
+            remove_particles(particles<k>(), masks[k]);
             half_changed_ = half_changed_ || masks[k].count > 0;
         });
         grid_state.forget();
@@ -115,12 +118,12 @@ public:
             });
         cache_grid_fields();
         if constexpr (Traits::Stored::template contains<Tag>) {
-            auto const changed = particles<k>().changed([&](std::uint32_t row, auto& particle) {
+            auto const changed = changed_columns(particles<k>(), [&](std::uint32_t row, auto& particle) {
                 particle[Tag{}] = by_id[row];
                 if constexpr (Sets::template may_object<k> && Traits::Model::State::template contains<Tag>)
                     sets.template require_bearable<k>(particles<k>(), row, particle, "Solver::upload");
             });
-            change([&] { particles<k>().set(changed); });
+            change([&] { set_columns(particles<k>(), changed); });
         }
         else
             change([&] { particles<k>().cached().template set<Tag>(by_id); });
@@ -145,7 +148,7 @@ public:
     {
         auto const& table = particles<k>();
         require_room(to, table.size(), stride, d, "Solver::write_positions");
-        if (table.size() > 0) backend.for_each_place(table.cells(), table.position_writer(to, stride));
+        if (table.size() > 0) backend.for_each_place(table.cells(), position_writer(table, to, stride));
     }
 
     /// Writes a field of a material's particles; see Solver::write.

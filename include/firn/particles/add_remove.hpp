@@ -1,0 +1,276 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/components.hpp>
+#include <firn/core/error.hpp>
+#include <firn/core/finite.hpp>
+#include <firn/core/host_device.hpp>
+#include <firn/grid/lattice.hpp>
+#include <firn/particles/mass_groups.hpp>
+#include <firn/particles/row_ids.hpp>
+#include <firn/particles/storage.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <numeric>
+#include <string>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+// Adds, finds and removes particles. `Table` is a ParticleTable.
+namespace firn
+{
+
+namespace detail
+{
+/// The cells of `points` [m], and their offsets there; refuses points out of range.
+template <class Table, class Points>
+std::vector<CellPosition<Table::d>> locate_all(Table const& table, Points const& points)
+{
+    constexpr int d = Table::d;
+    constexpr auto largest = Table::CellOrder::largest_coordinate;
+    Lattice const& lattice = table.lattice();
+    std::vector<CellPosition<d>> located;
+    located.reserve(std::size(points));
+    for (auto const& point : points) {
+        Vector<double, d> const x = vector_of<double, d>(point);
+        bool is_near = true; // false for NaN, too
+        for (int a = 0; a < d; ++a)
+            is_near = is_near && is_finite(x[a]) &&
+                      std::abs(x[a] - lattice.origin[a]) / lattice.cell_size < largest;
+        if (!is_near)
+            throw Error{"point " + std::to_string(located.size()) +
+                            " is not finite or too far from the lattice's origin",
+                        "Solver::add",
+                        "Pass finite positions in metres, within " +
+                            std::to_string(static_cast<long>(largest)) +
+                            " cells of the origin: use a larger cell or move the lattice's origin."};
+        located.push_back(locate<d>(lattice, table.kernel_degree(), x));
+    }
+    return located;
+}
+
+/// Writes new particles behind the existing ones, where there is room: with a velocity, otherwise at rest.
+template <class Table, int d = Table::d, class Number = typename Table::Number>
+void place(Table& table, std::vector<CellPosition<d>> const& located, std::uint32_t first,
+           Vector<Number, d> const& velocity)
+{
+    auto& buffer = table.contents().buffer[0];
+    std::size_t const count = located.size();
+    std::vector<typename Table::Offset> offsets(count);
+    for (int a = 0; a < d; ++a) {
+        for (std::size_t i = 0; i < count; ++i) offsets[i] = CellOffset<Number>::from(located[i].offset[a]);
+        buffer.offset[std::size_t(a)].upload(first, offsets);
+    }
+    std::vector<std::uint32_t> rows(count);
+    std::iota(rows.begin(), rows.end(), first);
+    buffer.id.upload(first, rows);
+    auto stored = Record<Number, d, typename Table::PersistentFields>::at_rest();
+    auto derived = Record<Number, d, typename Table::DerivedFields>::at_rest();
+    if constexpr (Table::PersistentFields::template contains<Velocity>)
+        stored[Velocity{}] = velocity;
+    else
+        derived[Velocity{}] = velocity;
+    auto* const columns = buffer.component.data();
+    stored.for_each([&](int c, Number const& value) { columns[c].fill(first, count, value); });
+    table.cached().fill(first, derived);
+}
+} // namespace detail
+
+/// Adds particles with a velocity, otherwise at rest, whose ids begin with `first_id`; see Solver::add.
+/// Returns how many.
+template <class Table, class Points>
+FIRN_COLD std::size_t add_particles(Table& table, Points const& points, double volume, double density,
+                                    Vector<double, Table::d> const& velocity, std::uint32_t first_id,
+                                    MassScale& scale)
+{
+    constexpr int d = Table::d;
+    using Number = typename Table::Number;
+    std::vector<CellPosition<d>> const located = detail::locate_all(table, points);
+    require(is_finite(volume) && volume > 0, "the volume per point is not a finite number above 0",
+            "Solver::add",
+            "Pass the volume in m^3 that one particle stands for: the body's volume over the number of "
+            "points.");
+    Vector<Number, d> const same_velocity = vector_of<Number, d>(velocity);
+    require(all_finite(same_velocity), "the velocity is not finite", "Solver::add",
+            "Pass metres per second, within the range of the scene's numbers.");
+    std::size_t const count = table.size() + located.size();
+    require(first_id + located.size() < std::numeric_limits<std::uint32_t>::max(),
+            "there would have been more than 4 294 967 294 particles", "Solver::add",
+            "Use fewer particles, or several solvers.");
+    auto const first = static_cast<std::uint32_t>(table.size());
+    if (located.empty()) return 0;
+    auto& to = table.contents();
+    to.mass_groups.require_comparable(volume, density, scale);
+    table.sort(); // insert() needs up-to-date cells
+
+    to.resize_buffers(count);
+    to.gathered.resize(count);
+    detail::place(table, located, first, same_velocity);
+    std::vector<Coordinates<d>> cells(located.size());
+    for (std::size_t i = 0; i < located.size(); ++i) cells[i] = located[i].cell;
+    RowIds ids = to.ids.extended(table.size(), located.size(), first_id);
+    table.change([&] {
+        to.mass_groups.add(first, volume, density, scale);
+        to.cells.insert(cells, first);
+        to.ids = std::move(ids);
+        to.size = count;
+    });
+    return located.size();
+}
+
+/// The particles of a table that are marked for removal, by place.
+template <class Backend>
+struct RemovalMask
+{
+    typename Backend::template Array<unsigned char> there; ///< in the backend's memory
+    std::vector<unsigned char> here{};                     ///< the same, on the host
+    std::size_t count = 0;                                 ///< marked particles
+
+    explicit RemovalMask(Backend const& backend) : there(backend) {}
+};
+
+/// Predicates of a particle's position [m], or of that and its fields.
+template <class Call, int d>
+concept TellsByPosition = std::is_invocable_r_v < bool,
+        Call const&, Vector<double, d>
+const& > ;
+template <class Call, int d, class Particle>
+concept TellsByFields = std::is_invocable_r_v < bool,
+        Call const&, Vector<double, d>
+const&, Particle const& > ;
+
+/// Finds the particles for which a predicate is true: called for every particle with its place and its cell.
+template <class Number, int d, class PersistentFields, class DerivedFields, class IsWanted>
+struct FindParticles
+{
+    using Particle = Record<Number, d, Join<PersistentFields, DerivedFields>>;
+    static constexpr bool by_position = TellsByPosition<IsWanted, d>;
+
+    TableView<Number const, d, PersistentFields> particles;
+    FieldsById<Number const, d, DerivedFields> velocities; ///< if the predicate reads fields
+    Lattice lattice;
+    int kernel_degree;
+    IsWanted is_wanted;
+    unsigned char* found; ///< 1 or 0, by the particle's place
+
+    FIRN_HOST_DEVICE void operator()(std::size_t particle, Coordinates<d> const& cell) const
+    {
+        Vector<double, d> in_cell;
+        FIRN_UNROLL
+        for (int a = 0; a < d; ++a)
+            in_cell[a] = CellOffset<Number>::exact(particles.offset[std::size_t(a)][particle]);
+        Vector<double, d> const x = world_position<d>(lattice, kernel_degree, cell, in_cell);
+        if constexpr (by_position)
+            found[particle] = is_wanted(x) ? 1 : 0;
+        else {
+            Particle fields;
+            for_each_component_of<PersistentFields, d>(
+                fields, [&](int c, Number& value) { value = particles.component[c][particle]; });
+            for_each_component_of<DerivedFields, d>(fields, [&](int c, Number& value) {
+                value = velocities.component[c][particles.id[particle]];
+            });
+            found[particle] = is_wanted(x, fields) ? 1 : 0;
+        }
+    }
+};
+
+/// Marks the particles for which `predicate` is true; see Solver::remove_if. Changes nothing.
+template <class Table, class Predicate, class Backend = typename Table::Backend>
+RemovalMask<Backend> find_particles(Table const& table, Predicate const& predicate)
+{
+    RemovalMask<Backend> mask(table.backend());
+    if (table.size() == 0) return mask;
+    mask.there.resize(table.size());
+    table.backend().for_each_place(
+        table.cells(), FindParticles<typename Table::Number, Table::d, typename Table::PersistentFields,
+                                     typename Table::DerivedFields, Predicate>{
+                           table.current(), table.derived(), table.lattice(), table.kernel_degree(),
+                           predicate, mask.there.data()});
+    mask.here = detail::downloaded(mask.there);
+    mask.count = static_cast<std::size_t>(std::count(mask.here.begin(), mask.here.end(), 1));
+    return mask;
+}
+
+/// Marks the particles of some rows, as find_particles() does.
+template <class Table, class Backend = typename Table::Backend>
+RemovalMask<Backend> mark_rows(Table const& table, std::vector<std::uint32_t> const& rows)
+{
+    RemovalMask<Backend> mask(table.backend());
+    if (rows.empty()) return mask;
+    std::size_t const size = table.size();
+    auto const row_at = detail::downloaded(table.contents().buffer[0].id);
+    std::vector<unsigned char> goes(size, 0);
+    for (auto const row : rows) goes[row] = 1;
+    mask.here.resize(size);
+    for (std::size_t place = 0; place < size; ++place) mask.here[place] = goes[row_at[place]];
+    mask.there.resize(size);
+    mask.there.upload(0, mask.here);
+    mask.count = rows.size();
+    return mask;
+}
+
+/// The first marked row, or the table's size if none is.
+template <class Table, class Backend>
+std::uint32_t first_row(Table const& table, RemovalMask<Backend> const& found)
+{
+    auto const row = detail::downloaded(table.contents().buffer[0].id);
+    auto first = static_cast<std::uint32_t>(table.size());
+    for (std::size_t place = 0; place < table.size(); ++place)
+        if (found.here[place]) first = std::min(first, row[place]);
+    return first;
+}
+
+/// Removes the marked particles; since they were marked only sort() and cache_grid_fields() of the table may
+/// have been called. The others keep all their values, and their order.
+template <class Table, class Backend>
+void remove_particles(Table& table, RemovalMask<Backend> const& mask)
+{
+    if (mask.count == 0) return;
+    table.sort();
+    auto& to = table.contents();
+    std::size_t const size = table.size(), kept = size - mask.count;
+    auto const row_at = detail::downloaded(to.buffer[0].id);
+    std::vector<std::uint32_t> from, new_place(size), rows;
+    std::vector<char> keeps_row(size, 0);
+    for (std::uint32_t place = 0; place < size; ++place) {
+        if (mask.here[place]) continue;
+        keeps_row[row_at[place]] = 1;
+        new_place[place] = static_cast<std::uint32_t>(from.size());
+        from.push_back(place);
+    }
+    std::vector<std::uint32_t> new_row(size);
+    for (std::uint32_t row = 0; row < size; ++row) {
+        new_row[row] = static_cast<std::uint32_t>(rows.size()); // for a removed row, that of the next
+        if (keeps_row[row]) rows.push_back(row);
+    }
+
+    auto const on_backend = [&](std::vector<std::uint32_t> const& list) {
+        typename Backend::template Array<std::uint32_t> there(table.backend());
+        there.resize(list.size());
+        there.upload(0, list);
+        return there;
+    };
+    auto const from_there = on_backend(from), rows_there = on_backend(rows),
+               new_place_there = on_backend(new_place);
+    auto derived = to.gathered.gathered(rows_there.data(), kept);
+    to.buffer[1].gather(table.backend(), to.buffer[0], from_there.data(), kept);
+    for (auto& place : from) place = new_row[row_at[place]];
+    to.buffer[1].id.upload(0, from);
+    RowIds ids = to.ids.kept(rows);
+    table.change([&] {
+        to.buffer[0].swap(to.buffer[1]);
+        to.resize_buffers(kept);
+        to.gathered.replace(std::move(derived));
+        to.cells.erase(mask.there.data(), new_place_there.data(), kept);
+        to.mass_groups.keep(new_row, kept);
+        to.ids = std::move(ids);
+        to.size = kept;
+    });
+}
+
+} // namespace firn

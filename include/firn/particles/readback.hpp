@@ -1,0 +1,259 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/components.hpp>
+#include <firn/core/host_device.hpp>
+#include <firn/grid/lattice.hpp>
+#include <firn/particles/storage.hpp>
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <vector>
+
+// Reads particles back, or shows them where they lie. `Table` is a ParticleTable; values are by row.
+namespace firn
+{
+
+/// One field of all particles in the backend's memory, for example to render it there without a copy.
+///
+/// Component c of the particle in row `row[i]` of a download is `component[c][i * stride]`; the row is the
+/// particle's permanent id until one is removed, or one of another material added (see Solver::ids). Every
+/// step changes the order of particles and the pointers: request a new view after it.
+template <class Number, int components>
+struct FieldView
+{
+    std::array<Number const*, std::size_t(components)> component;
+    std::uint32_t const* row;
+    std::size_t stride = 1; ///< from one particle to the next [numbers]
+    std::size_t count;      ///< particles
+};
+
+/// Writes one field of a particle: called for every place of a particle, or for every row if fields are
+/// stored by row.
+template <class Number, int components>
+struct WriteField
+{
+    std::array<Number const*, std::size_t(components)> component;
+    std::uint32_t const* row; ///< of the particle at a place; null if the place is the row
+    Number* to;               ///< component c of the particle in a row at to[row * stride + c]
+    std::size_t stride;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t place) const
+    {
+        std::size_t const first = (row ? row[place] : place) * stride;
+        FIRN_UNROLL
+        for (int c = 0; c < components; ++c)
+            to[first + static_cast<unsigned>(c)] = component[std::size_t(c)][place];
+    }
+};
+
+/// Writes the world position of a particle: called for every particle with its place and its cell.
+template <class Number, int d, class Set>
+struct WritePositions
+{
+    TableView<Number const, d, Set> particles;
+    Lattice lattice;
+    int kernel_degree;
+    Number* to; ///< axis a of the particle in a row at to[row * stride + a] [m]
+    std::size_t stride;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t particle, Coordinates<d> const& cell) const
+    {
+        Vector<double, d> in_cell;
+        FIRN_UNROLL
+        for (int a = 0; a < d; ++a)
+            in_cell[a] = CellOffset<Number>::exact(particles.offset[std::size_t(a)][particle]);
+        Vector<double, d> const x = world_position<d>(lattice, kernel_degree, cell, in_cell);
+        FIRN_UNROLL
+        for (int a = 0; a < d; ++a)
+            to[particles.id[particle] * stride + std::size_t(a)] = static_cast<Number>(x[a]);
+    }
+};
+
+/// The fields of all particles, one column per component, in memory of the host and in the buffer's order.
+template <class Table>
+using ColumnsOf =
+    std::array<std::vector<typename Table::Number>, Table::PersistentFields::components(Table::d)>;
+
+namespace detail
+{
+template <class Table>
+ColumnsOf<Table> columns_of(Table const& table)
+{
+    ColumnsOf<Table> columns;
+    for (std::size_t c = 0; c < columns.size(); ++c)
+        columns[c] = downloaded(table.contents().buffer[0].component[c]);
+    return columns;
+}
+
+template <class Table>
+auto offsets_of(Table const& table)
+{
+    std::array<std::vector<typename Table::Offset>, std::size_t(Table::d)> offset;
+    for (std::size_t a = 0; a < offset.size(); ++a)
+        offset[a] = downloaded(table.contents().buffer[0].offset[a]);
+    return offset;
+}
+
+/// Calls `use(row, record, place)` for a copy of every particle in the columns.
+template <class Table, class Use>
+void for_each_record(Table const& table, ColumnsOf<Table> const& columns, Use const& use)
+{
+    auto const row = downloaded(table.contents().buffer[0].id);
+    for (std::size_t i = 0; i < table.size(); ++i) {
+        Record<typename Table::Number, Table::d, typename Table::PersistentFields> record;
+        record.for_each([&](int c, auto& value) { value = columns[std::size_t(c)][i]; });
+        use(row[i], record, i);
+    }
+}
+
+/// Calls `visit(row, position)` for every particle.
+template <class Table, class Visit>
+void for_each_position(Table const& table, Visit const& visit)
+{
+    constexpr int d = Table::d;
+    auto const row = downloaded(table.contents().buffer[0].id);
+    auto const offset = offsets_of(table);
+    table.cells().for_each([&](std::size_t particle, Coordinates<d> const& cell) {
+        Vector<double, d> in_cell;
+        for (int a = 0; a < d; ++a)
+            in_cell[a] = CellOffset<typename Table::Number>::exact(offset[std::size_t(a)][particle]);
+        visit(row[particle], world_position<d>(table.lattice(), table.kernel_degree(), cell, in_cell));
+    });
+}
+} // namespace detail
+
+/// Calls `visit(row, record)` for a copy of every particle's stored fields.
+template <class Table, class Visit>
+void for_each_particle(Table const& table, Visit const& visit)
+{
+    detail::for_each_record(table, detail::columns_of(table),
+                            [&](std::uint32_t row, auto& record, std::size_t) { visit(row, record); });
+}
+
+/// The stored fields of all particles after `change(row, record)` on a copy of each.
+template <class Table, class Change>
+ColumnsOf<Table> changed_columns(Table const& table, Change const& change)
+{
+    ColumnsOf<Table> columns = detail::columns_of(table);
+    detail::for_each_record(table, columns, [&](std::uint32_t row, auto& record, std::size_t i) {
+        change(row, record);
+        record.for_each([&](int c, auto const& value) { columns[std::size_t(c)][i] = value; });
+    });
+    return columns;
+}
+/// Stores such columns.
+template <class Table>
+void set_columns(Table& table, ColumnsOf<Table> const& columns)
+{
+    for (std::size_t c = 0; c < columns.size(); ++c)
+        table.contents().buffer[0].component[c].upload(0, columns[c]);
+}
+
+/// World positions [m].
+template <class Table>
+std::vector<Vector<double, Table::d>> positions_of(Table const& table)
+{
+    std::vector<Vector<double, Table::d>> by_row(table.size());
+    detail::for_each_position(table, [&](std::uint32_t row, auto const& x) { by_row[row] = x; });
+    return by_row;
+}
+
+/// The position [m] of one particle, for error messages.
+template <class Table>
+Vector<double, Table::d> position_of(Table const& table, std::uint32_t row)
+{
+    constexpr int d = Table::d;
+    Vector<double, d> found =
+        make_vector<double, d>([](int) { return std::numeric_limits<double>::quiet_NaN(); });
+    detail::for_each_position(table, [&](std::uint32_t other, Vector<double, d> const& x) {
+        if (other == row) found = x;
+    });
+    return found;
+}
+
+/// Masses [kg]; `mass_unit` is that of the scene [kg].
+template <class Table>
+std::vector<double> masses_of(Table const& table, double mass_unit)
+{
+    auto const here = table.contents().mass_groups.here();
+    std::vector<double> by_row(table.size());
+    for (std::size_t row = 0; row < by_row.size(); ++row)
+        by_row[row] = mass_unit * here.of[here.index(static_cast<std::uint32_t>(row))].mass;
+    return by_row;
+}
+
+/// A stored field in memory of the host.
+template <class Tag, class Table>
+auto download_field(Table const& table)
+{
+    using Number = typename Table::Number;
+    constexpr int d = Table::d;
+    constexpr int first = Table::PersistentFields::template first_component<Tag>(d);
+    std::vector<FieldValue<Tag, Number, d>> by_row(table.size(), value_at_rest<Tag, Number, d>());
+    auto const& buffer = table.contents().buffer[0];
+    auto const row = detail::downloaded(buffer.id);
+    for (int c = 0; c < component_count<Tag>(d); ++c) {
+        auto const column = detail::downloaded(buffer.component[std::size_t(first + c)]);
+        for (std::size_t i = 0; i < by_row.size(); ++i) component_of<Tag, d>(by_row[row[i]], c) = column[i];
+    }
+    return by_row;
+}
+
+/// A stored field in the backend's memory.
+template <class Tag, class Table>
+auto field_view(Table const& table)
+{
+    constexpr int d = Table::d;
+    auto const& buffer = table.contents().buffer[0];
+    FieldView<typename Table::Number, component_count<Tag>(d)> field{
+        .component = {}, .row = buffer.id.data(), .count = table.size()};
+    constexpr int first = Table::PersistentFields::template first_component<Tag>(d);
+    for (int c = 0; c < component_count<Tag>(d); ++c)
+        field.component[std::size_t(c)] = buffer.component[std::size_t(first + c)].data();
+    return field;
+}
+
+/// The function object that writes a stored field; see Solver::write.
+template <class Tag, class Table>
+auto field_writer(Table const& table, typename Table::Number* to, std::size_t stride)
+{
+    auto const field = field_view<Tag>(table);
+    return WriteField<typename Table::Number, component_count<Tag>(Table::d)>{field.component, field.row, to,
+                                                                              stride};
+}
+/// The same for a field that is gathered from the grid.
+template <class Tag, class Backend, class Space, class Set>
+auto field_writer(DerivedStorage<Backend, Space, Set> const& fields, typename Space::Scalar* to,
+                  std::size_t stride)
+{
+    constexpr int d = Space::dimension, first = Set::template first_component<Tag>(d);
+    WriteField<typename Space::Scalar, component_count<Tag>(d)> write{{}, nullptr, to, stride};
+    for (int c = 0; c < component_count<Tag>(d); ++c)
+        write.component[std::size_t(c)] = fields.column(first + c).data();
+    return write;
+}
+
+/// The function object that writes world positions; see Solver::write_positions.
+template <class Table>
+auto position_writer(Table const& table, typename Table::Number* to, std::size_t stride)
+{
+    return WritePositions<typename Table::Number, Table::d, typename Table::PersistentFields>{
+        table.current(), table.lattice(), table.kernel_degree(), to, stride};
+}
+
+/// Appends the particles' current cells to a list, one per particle.
+template <class Table>
+void append_cells(Table const& table, std::vector<Coordinates<Table::d>>& list)
+{
+    auto offset = detail::offsets_of(table);
+    table.cells().for_each([&](std::size_t particle, Coordinates<Table::d> cell) {
+        for (int a = 0; a < Table::d; ++a)
+            cell[a] += CellOffset<typename Table::Number>::wrap(offset[std::size_t(a)][particle]);
+        list.push_back(cell);
+    });
+}
+
+} // namespace firn
