@@ -16,7 +16,7 @@ constexpr double cell = 0.05, speed = 3; // [m], [m/s]
 constexpr int dust =
     400; // all end up in a few cells; a device handles the particles of a cell one after another
 #else
-constexpr int dust = 1000;
+constexpr int dust = sample_of(400, 1000);
 #endif
 
 /// What a face of a corner is.

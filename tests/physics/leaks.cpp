@@ -8,6 +8,8 @@ using namespace firn::test;
 namespace
 {
 
+constexpr int driven_count = sample_of(600, 2000);
+
 /// Drives particles into the corner of three walls that mirror.
 template <class Number>
 Driven drive_into_corner(int count, int steps)
@@ -134,12 +136,12 @@ void check_walls(int count, int steps)
 
 TEST_CASE("nothing passes into a moving solid by more than the reach of the kernel, whatever drives it")
 {
-    check_solids<float>(2000, 200, false);
+    check_solids<float>(driven_count, 200, false);
 }
 
 TEST_CASE("with contact of the particles too nothing is inside a moving solid")
 {
-    check_solids<float>(2000, 200, true);
+    check_solids<float>(driven_count, 200, true);
 }
 
 // The first step after it was passed, too: nothing has touched it yet, so no step before has found its speed.
@@ -187,7 +189,7 @@ TEST_CASE("what flies at an obstacle by a velocity of its own, but moves with th
 
 TEST_CASE("nothing passes through a shell a twentieth of a cell thick, from either side, however it moves")
 {
-    check_shells<float>(2000, 200);
+    check_shells<float>(driven_count, 200);
 #if defined(FIRN_TESTS_ALL) || defined(__CUDACC__) // corners.cpp has shells in double precision
     check_shells<double>(500, 200);
 #endif

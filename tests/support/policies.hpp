@@ -95,6 +95,17 @@ template <class... Scenes>
 using Combinations = All<Scenes...>;
 #endif
 
+/// How many particles, steps or points a test takes: `all` of them on a device and with FIRN_TESTS_ALL, and
+/// else `few`, which proves the same of a smaller sample.
+constexpr int sample_of([[maybe_unused]] int few, [[maybe_unused]] int all)
+{
+#if defined(FIRN_TESTS_ALL) || defined(__CUDACC__)
+    return all;
+#else
+    return few;
+#endif
+}
+
 using Plane = Space<2, double>;
 using PlaneFloat = Space<2, float>;
 using Solid = Space<3, double>;

@@ -269,15 +269,16 @@ TEST_CASE("the cells of a filled surface tell what its winding number tells")
         firn::WindingNumber const winding(mesh);
         firn::FilledSurface const filled(mesh);
         int wrong = 0, inside = 0;
-        for (auto const& x : random_points(filled.bounding_box(), 10000)) {
+        int const count = firn::test::sample_of(4000, 10000);
+        for (auto const& x : random_points(filled.bounding_box(), count)) {
             double const w = winding(x);
             inside += w > 0.5;
             if (std::abs(w - 0.5) > 0.05) wrong += filled.contains(x) != (w > 0.5);
         }
         CHECK(wrong == 0);
-        double const box = filled.bounding_box().volume(), share = inside / 10000.0;
+        double const box = filled.bounding_box().volume(), share = double(inside) / count;
         CHECK(filled.volume() / box ==
-              Approx(share).margin(4 * std::sqrt(share * (1 - share) / 10000) + 1e-3));
+              Approx(share).margin(4 * std::sqrt(share * (1 - share) / count) + 1e-3));
     }
 }
 
@@ -394,7 +395,7 @@ void check_leaks(int count, int steps)
 
 TEST_CASE("nothing gets into or through obstacles that are made of meshes, moving and turning")
 {
-    check_leaks(1000, 200);
+    check_leaks(firn::test::sample_of(300, 1000), 200);
 }
 
 TEST_CASE("nor do 1e5 particles in 2 000 steps", "[.full]") { check_leaks(100000, 2000); }
