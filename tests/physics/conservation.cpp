@@ -308,7 +308,7 @@ TEST_CASE("a ball given by signed distances on a grid acts as the ball itself, a
 
 TEST_CASE("a particle may be anywhere: blocks of the grid are born under it and die behind it")
 {
-    using Solver = Scene<Snow<SolidFloat>, QuadraticBSpline, Mls>::Solver;
+    using Solver = Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver;
     Solver solver(lattice(0.05));
     std::vector<Eigen::Vector3d> points;
     for (double x : {-900.0, -3.0, 0.0, 2.5, 777.0})
@@ -325,7 +325,7 @@ TEST_CASE("a particle may be anywhere: blocks of the grid are born under it and 
 
 TEST_CASE("particles added while a scene runs join it")
 {
-    using Solver = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>::Solver;
+    using Solver = Scene<NeoHookean<Plane>, QuadraticBSpline, Apic>::Solver;
     Solver solver(lattice(0.05));
     auto const block = box_of_points<2>({0, 0}, {0.2, 0.2}, 0.05);
     CHECK(solver.add(block, 0.025 * 0.025, {1, 0}) == 0);
@@ -346,8 +346,8 @@ TEST_CASE("particles added while a scene runs join it")
 
 TEST_CASE("particles may be added at any time and in any place: none of them is displaced")
 {
-    using Solver = Scene<FixedCorotated<Solid>, CubicBSpline, Pic>::Solver;
-    FixedCorotated<Solid> soft; // so that steps of a tenth of a cell are stable
+    using Solver = Scene<NeoHookean<Solid>, QuadraticBSpline, Pic>::Solver;
+    NeoHookean<Solid> soft; // so that steps of a tenth of a cell are stable
     soft.elasticity = lame(10, 0.3);
     Solver solver(lattice(0.02), soft);
     std::mt19937 random(12);
