@@ -61,7 +61,7 @@ TEMPLATE_LIST_TEST_CASE("a block in free flight follows the discrete parabola an
 
 TEST_CASE("advance takes a frame in whole and lands on its end")
 {
-    using Solver = Scene<Snow<Plane>, QuadraticBSpline, Mls>::Solver;
+    using Solver = Scene<Snow<Plane>, CubicBSpline, Mls>::Solver;
     Solver solver(lattice(0.05));
     solver.add(box_of_points<2>({0, 0}, {0.2, 0.2}, 0.05), 0.025 * 0.025);
     double const frame = 1.0 / 24;
@@ -81,7 +81,7 @@ TEST_CASE("advance takes a frame in whole and lands on its end")
 
 TEST_CASE("a scene without particles advances its time")
 {
-    Scene<Snow<Solid>, QuadraticBSpline, Mls>::Solver solver(lattice(0.1));
+    Scene<Snow<Solid>, CubicBSpline, Flip>::Solver solver(lattice(0.1));
     CHECK(solver.advance(0.5, Gravity{}).substeps > 0);
     CHECK(solver.time() == 0.5);
     solver.add(std::vector<Eigen::Vector3d>{}, 1e-6);
@@ -92,7 +92,7 @@ TEST_CASE("a scene far from the origin runs as it does at the origin")
 {
     // The lattice's own coordinates go far out; a kilometre in single precision would otherwise stall slow
     // particles.
-    using Solver = Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver;
+    using Solver = Scene<FixedCorotated<SolidFloat>, QuadraticBSpline, Apic>::Solver;
     double const h = 0.0625;
     Eigen::Vector3d const far(1024, -2048, 512);
     auto const points = box_of_points<3>({0, 0, 0}, {0.25, 0.25, 0.25}, h);
