@@ -45,6 +45,10 @@ struct Counted
     friend Counted inverse_sqrt(Counted a) { return counted(firn::inverse_sqrt(a.value)); }
     friend Counted exp(Counted a) { return counted(firn::exp(a.value)); }
     friend Counted log(Counted a) { return counted(firn::log(a.value)); }
+    friend Counted pow(Counted a, Counted b) { return counted(firn::pow(a.value, b.value)); }
+    friend Counted sin(Counted a) { return counted(firn::sin(a.value)); }
+    friend Counted cos(Counted a) { return counted(firn::cos(a.value)); }
+    friend Counted tanh(Counted a) { return counted(firn::tanh(a.value)); }
 
     friend bool operator<(Counted a, Counted b) { return a.value < b.value; }
     friend bool operator>(Counted a, Counted b) { return a.value > b.value; }

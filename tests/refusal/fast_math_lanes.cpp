@@ -53,7 +53,7 @@ void check_guards(char const* name)
 template <class Real>
 void check_functions(char const* name)
 {
-    using firn::exp, firn::floor, firn::inverse_sqrt, firn::log;
+    using firn::cos, firn::exp, firn::floor, firn::inverse_sqrt, firn::log, firn::pow, firn::sin, firn::tanh;
     using Number = firn::ScalarOf<Real>;
     double const most = 64 * double(std::numeric_limits<Number>::epsilon());
     auto const first = [](Real lanes) {
@@ -68,8 +68,13 @@ void check_functions(char const* name)
         Number const x = Number(number);
         near(first(exp(Real(x))), std::exp(double(x)), "exp");
         near(first(floor(Real(x))), std::floor(double(x)), "floor");
+        near(first(sin(Real(x))), std::sin(double(x)), "sin");
+        near(first(cos(Real(x))), std::cos(double(x)), "cos");
+        near(first(tanh(Real(x))), std::tanh(double(x)), "tanh");
         Number const positive = std::abs(x);
         near(first(log(Real(positive))), std::log(double(positive)), "log");
+        near(first(pow(Real(positive), Real(Number(1.3)))), std::pow(double(positive), double(Number(1.3))),
+             "pow");
         near(first(inverse_sqrt(Real(positive))), 1 / std::sqrt(double(positive)), "inverse_sqrt");
         check(first(-Real(x)) == -double(x), "the negative", name);
     }

@@ -109,6 +109,10 @@ struct TestLane
     friend TestLane sqrt(TestLane a) { return make([&](auto i) { return firn::sqrt(a.value[i]); }); }
     friend TestLane exp(TestLane a) { return make([&](auto i) { return firn::exp(a.value[i]); }); }
     friend TestLane log(TestLane a) { return make([&](auto i) { return firn::log(a.value[i]); }); }
+    friend TestLane pow(TestLane a, TestLane b) { return make([&](auto i) { return firn::pow(a.value[i], b.value[i]); }); }
+    friend TestLane sin(TestLane a) { return make([&](auto i) { return firn::sin(a.value[i]); }); }
+    friend TestLane cos(TestLane a) { return make([&](auto i) { return firn::cos(a.value[i]); }); }
+    friend TestLane tanh(TestLane a) { return make([&](auto i) { return firn::tanh(a.value[i]); }); }
     friend TestLane floor(TestLane a) { return make([&](auto i) { return firn::floor(a.value[i]); }); }
     friend TestLane inverse_sqrt(TestLane a) { return make([&](auto i) { return firn::inverse_sqrt(a.value[i]); }); }
     // clang-format on

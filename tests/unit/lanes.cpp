@@ -224,6 +224,113 @@ TEMPLATE_LIST_TEST_CASE("Functions of a pack are exact to two units of the last 
                           [=](N x) { return x < lowest - 1 || x > highest + 1; }) == 0);
 }
 
+TEMPLATE_LIST_TEST_CASE("Sines, cosines and hyperbolic tangents are exact to two units of the last place", "",
+                        Packs)
+{
+    using N = ScalarOf<TestType>;
+    CHECK(worst<TestType>([](auto x) { return sin(x); }, [](N x) { return std::sin(double(x)); },
+                          everything) <= 2);
+    CHECK(worst<TestType>([](auto x) { return cos(x); }, [](N x) { return std::cos(double(x)); },
+                          everything) <= 2);
+    CHECK(worst<TestType>([](auto x) { return tanh(x); }, [](N x) { return std::tanh(double(x)); },
+                          everything) <= 3); // the C library itself is off by up to two for doubles
+    // and where angles are reduced most: close to multiples of a right angle, up to the bound and beyond
+    double found = 0;
+    for (int n = -540000; n + TestType::width < 540000; n += 7 * TestType::width) {
+        N x[TestType::width], sines[TestType::width], cosines[TestType::width];
+        for (int l = 0; l < TestType::width; ++l) x[l] = N((n + l) * 1.57079632679489661923);
+        sin(TestType::load(x)).store(sines);
+        cos(TestType::load(x)).store(cosines);
+        for (int l = 0; l < TestType::width; ++l) {
+            found = std::max(found, distance(sines[l], std::sin(double(x[l]))));
+            found = std::max(found, distance(cosines[l], std::cos(double(x[l]))));
+        }
+    }
+    CHECK(found <= 2);
+    N zeros[TestType::width], results[TestType::width];
+    for (N& each : zeros) each = N(-0.0);
+    for (auto const& of_zero : {sin(TestType::load(zeros)), tanh(TestType::load(zeros))}) {
+        of_zero.store(results);
+        for (N result : results) CHECK(same_bits(result, N(-0.0)));
+    }
+}
+
+TEMPLATE_LIST_TEST_CASE("Powers are exact to two units of the last place, denormal ones included", "", Packs)
+{
+    using N = ScalarOf<TestType>;
+    for (N const y : {N(0.5), N(-0.5), N(2), N(-1), N(3), N(1) / 3, N(7.25), N(-12.1), N(0.001), N(-60)}) {
+        CAPTURE(y);
+        CHECK(worst<TestType>([=](auto x) { return pow(x, y); },
+                              [=](N x) { return N(std::pow(double(x), double(y))); }, everything) <= 2);
+    }
+    for (N const x : {N(0.5), N(0.999), N(1.001), N(1.7), N(2), N(10), N(1e-30)}) {
+        CAPTURE(x);
+        CHECK(worst<TestType>([=](auto y) { return pow(x, y); },
+                              [=](N y) { return N(std::pow(double(x), double(y))); }, everything) <= 2);
+    }
+}
+
+TEMPLATE_LIST_TEST_CASE("Powers of zeros, infinities, NaN and negative numbers are as std::pow has them", "",
+                        Packs)
+{
+    using N = ScalarOf<TestType>;
+    N const odd = N(std::ldexp(1, Limits<N>::digits) - 1), even = odd + 1; // the largest odd number
+    std::vector<N> const special{N(0.0),
+                                 Limits<N>::infinity(),
+                                 Limits<N>::quiet_NaN(),
+                                 Limits<N>::denorm_min(),
+                                 Limits<N>::min(),
+                                 Limits<N>::max(),
+                                 N(0.25),
+                                 N(0.5),
+                                 N(1) - Limits<N>::epsilon(),
+                                 N(1),
+                                 N(1) + Limits<N>::epsilon(),
+                                 N(2),
+                                 N(2.5),
+                                 N(3),
+                                 odd,
+                                 even};
+    for (N const base : special)
+        for (N const exponent : special)
+            for (int signs = 0; signs < 4; ++signs) {
+                N const x = signs & 1 ? -base : base, y = signs & 2 ? -exponent : exponent;
+                N const expected = std::pow(x, y);
+                CAPTURE(x, y, expected);
+                N found[TestType::width];
+                pow(TestType(x), TestType(y)).store(found);
+                CHECK(std::signbit(found[0]) * !std::isnan(expected) ==
+                      std::signbit(expected) * !std::isnan(expected));
+                CHECK(distance(found[0], double(expected)) <= 2);
+            }
+}
+
+TEMPLATE_LIST_TEST_CASE("Functions of a number have the same bits in any pack and beside any numbers", "",
+                        Packs)
+{
+    using N = ScalarOf<TestType>;
+    using Narrow = PackOf<N, 16 / sizeof(N)>;
+    auto const all = numbers<N>();
+    std::size_t const count = all.size() - all.size() % TestType::width;
+    auto const check = [&](auto const& function) {
+        std::vector<N> wide(count), narrow(count);
+        for (std::size_t i = 0; i < count; i += TestType::width)
+            function(TestType::load(&all[i])).store(&wide[i]);
+        std::vector<N> backwards(all.rbegin() + std::ptrdiff_t(all.size() - count), all.rend());
+        for (std::size_t i = 0; i < count; i += Narrow::width)
+            function(Narrow::load(&backwards[i])).store(&narrow[i]);
+        int different = 0;
+        for (std::size_t i = 0; i < count; ++i) different += !same_bits(wide[i], narrow[count - 1 - i]);
+        CHECK(different == 0);
+    };
+    check([](auto x) { return sin(x); });
+    check([](auto x) { return cos(x); });
+    check([](auto x) { return tanh(x); });
+    check([](auto x) { return pow(x, x); });
+    check([](auto x) { return pow(x, N(-1.3)); });
+    check([](auto x) { return pow(N(1.3), x); });
+}
+
 TEMPLATE_LIST_TEST_CASE("The inverse square root is exact to 2e-7 for every number, denormal ones included",
                         "", Packs)
 {

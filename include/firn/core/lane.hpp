@@ -100,6 +100,15 @@ template <std::floating_point Number> FIRN_HOST_DEVICE inline Number abs(Number 
 template <std::floating_point Number> FIRN_HOST_DEVICE inline Number exp(Number x) { return std::exp(x); }
 /// The natural logarithm.
 template <std::floating_point Number> FIRN_HOST_DEVICE inline Number log(Number x) { return std::log(x); }
+// What follows is as accurate as the library of the host or of the device; packs say what they guarantee.
+/// x to the power of y; NaN for a negative x and a y that is not whole.
+template <std::floating_point Number> FIRN_HOST_DEVICE inline Number pow(Number x, Number y) { return std::pow(x, y); }
+/// The sine of an angle in radians.
+template <std::floating_point Number> FIRN_HOST_DEVICE inline Number sin(Number x) { return std::sin(x); }
+/// The cosine of an angle in radians.
+template <std::floating_point Number> FIRN_HOST_DEVICE inline Number cos(Number x) { return std::cos(x); }
+/// The hyperbolic tangent.
+template <std::floating_point Number> FIRN_HOST_DEVICE inline Number tanh(Number x) { return std::tanh(x); }
 /// The largest whole number that is not above x.
 template <std::floating_point Number> FIRN_HOST_DEVICE inline Number floor(Number x) { return std::floor(x); }
 /// The smaller one, or `a` if one of them is NaN.
@@ -166,6 +175,18 @@ concept Lane = requires(Real a, Real b, ScalarOf<Real> number, Mask<Real> mask)
         } -> std::same_as<Real>;
     {
         log(a)
+        } -> std::same_as<Real>;
+    {
+        pow(a, b)
+        } -> std::same_as<Real>;
+    {
+        sin(a)
+        } -> std::same_as<Real>;
+    {
+        cos(a)
+        } -> std::same_as<Real>;
+    {
+        tanh(a)
         } -> std::same_as<Real>;
     {
         floor(a)

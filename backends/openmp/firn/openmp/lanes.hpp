@@ -1183,8 +1183,7 @@ struct Eigen::NumTraits<firn::openmp::Pack<Number, Arch>>
     static Real lowest() { return Eigen::NumTraits<Number>::lowest(); }
 };
 
-static_assert(firn::Lane<firn::openmp::NativePack<float>> && firn::Lane<firn::openmp::NativePack<double>>);
-
 #endif
 
-#include <firn/openmp/pack_vectors.hpp> // wherever packs are
+#include <firn/openmp/functions.hpp> // wherever packs are
+#include <firn/openmp/pack_vectors.hpp>
