@@ -2,6 +2,7 @@
 // What an error costs: speed_against_error --grid short|long [options], see
 // notes/2026-11-23-how-it-is-measured.md.
 #include "error/grids.hpp"
+#include "lists.hpp"
 
 #include <firn/firn.hpp>
 
@@ -57,10 +58,10 @@ Options options_of(int argc, char** argv)
 template <class Transfer>
 void offer_kernels(Offer& offers)
 {
-    if constexpr (!std::is_same_v<Transfer, Mls>)
-        offer<Linear, Transfer>(offers); // with the tent MLS is APIC
-    offer<QuadraticBSpline, Transfer>(offers);
-    offer<CubicBSpline, Transfer>(offers);
+    for_each_type<AllKernels>([&]<class Kernel>() {
+        if constexpr (HasConstantInertia<Kernel> || !std::is_same_v<Transfer, Mls>)
+            offer<Kernel, Transfer>(offers); // with the tent MLS is APIC
+    });
 }
 
 /// A field of a line: without what would end it.

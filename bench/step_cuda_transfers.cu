@@ -1,13 +1,11 @@
 // SPDX-License-Identifier: MIT
+#include "lists.hpp"
 #include "step_cuda.hpp"
 
 void firn::bench::add_transfers()
 {
-    using S = Space<3, float>;
-    add_million<NeoHookean<S>, Pic>();
-    add_million<NeoHookean<S>, Flip>();
-    add_million<NeoHookean<S>, Apic>();
-    add_million<NeoHookean<S>, Tpic>();
-    add_million<NeoHookean<S>, Asflip>();
-    add_million<NeoHookean<S>, Xpic>();
+    for_each_type<AllTransfers>([]<class Transfer>() {
+        if constexpr (!is_one_of<Transfer, Mls>) // which the materials are measured with
+            add_million<NeoHookean<Space<3, float>>, Transfer>();
+    });
 }

@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "lists.hpp"
 #include "step.hpp"
 
 namespace firn::bench
@@ -19,17 +20,13 @@ void add_one(int threads)
 void add_material_steps(int threads)
 {
     using S = Space<3, float>;
-    add_one<Hencky<S>>(threads);
-    add_one<SplitNeoHookean<S>>(threads);
-    add_one<VonMises<S>>(threads);
-    add_one<HardeningVonMises<S>>(threads);
-    add_one<Sand<S>>(threads);
-    add_one<CamClay<S>>(threads);
-    add_one<HerschelBulkley<S>>(threads);
-    add_one<Fluid<S>>(threads);
-    add_one<NeoHookean<S>, Tpic>(threads);
-    add_one<NeoHookean<S>, Asflip>(threads);
-    add_one<NeoHookean<S>, Xpic>(threads);
+    for_each_type<AllModels<S>>([=]<class Model>() {
+        // benchmarks.cpp has these at all sizes
+        if constexpr (!is_one_of<Model, NeoHookean<S>, FixedCorotated<S>, Snow<S>>) add_one<Model>(threads);
+    });
+    for_each_type<AllTransfers>([=]<class Transfer>() {
+        if constexpr (!is_one_of<Transfer, Mls>) add_one<NeoHookean<S>, Transfer>(threads);
+    });
 }
 
 } // namespace firn::bench

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: MIT
 # Pages for readers: pages.sh LAW FOLDER. Prints what breaks a law and exits with 1; with 77 where it cannot be judged.
 # LAW: figures (the tables of bench/README.md are those of bench/results), results (what benchmarks write becomes rows),
-# lines (of Markdown are short), links (of pages of bench/ and tests/ lead to files); can_fail breaks some of them in a copy.
+# lines (of Markdown are short), links (of pages of bench/ and tests/ lead to files), rows (the guides' tables of policies have
+# those of the library's lists); can_fail breaks some of them in a copy.
 set -euo pipefail
 law=$1 folder=$2
 self=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)/pages.sh
@@ -134,6 +135,31 @@ JSON
         done < <(pages)
         exit $broken
         ;;
+    rows)
+        perl -e '
+            sub text { open my $in, "<", $_[0] or die "$_[0]: $!"; local $/; <$in> }
+            sub list { # FOLDER NAME: the types on the list of all.hpp
+                my ($types) = text("include/firn/$_[0]/all.hpp") =~ /$_[1] = std::tuple<([^>]*)>/;
+                die "$_[0]/all.hpp has no list $_[1]\n" unless $types;
+                $types =~ /\w+/g;
+            }
+            my @models = grep { !/Models$/ } text("include/firn/models/all.hpp") =~ /(\w+)<Space>/g;
+            my $broken = 0;
+            # each table of the guide whose first column has this title
+            for (["models", "model", @models], ["models", "material", @models], ["transfer", "transfer", list("transfer", "AllTransfers")],
+                 ["transfer", "kernel", list("interpolation", "AllKernels")], ["effects", "shape", list("effects/shapes", "AllPlainShapes")]) {
+                my ($folder, $title, @listed) = @$_;
+                my $guide = "include/firn/$folder/README.md";
+                my @tables = text($guide) =~ /^\| \Q$title\E \|.*\n\|[-|]+\n((?:\|.*\n)+)/mg;
+                @tables or ++$broken, print "$guide has no table of each $title.\n";
+                for my $table (@tables) {
+                    my %row = map { $_ => 1 } $table =~ /^\| `(\w+)/mg;
+                    for (@listed) { delete $row{$_} or ++$broken, print "$guide: a table has no row for the $title $_.\n" }
+                    for (sort keys %row) { ++$broken, print "$guide: a table has a row for $_, which is on no list.\n" }
+                }
+            }
+            exit($broken > 0)'
+        ;;
     can_fail)
         need_python
         copy=$(mktemp -d)
@@ -141,7 +167,7 @@ JSON
         # breaks <law> <file> <text> [lawful text]: bench/ obeys the law, and no more with the text at the end of that file
         breaks() {
             rm -rf "${copy:?}"/*
-            cp -r bench "$copy/"
+            cp -r bench include "$copy/"
             touch "$copy/README.md" # pages of bench/ link to it
             printf '%s' "${4:-}" >>"$copy/$2"
             bash "$self" "$1" "$copy" >/dev/null || { echo "$1 refuses a lawful house."; exit 1; }
@@ -154,6 +180,10 @@ JSON
         breaks lines bench/notes/2099-01-01-late.md "a [link](to.md), and more $longest"
         breaks links bench/README.md "[a page](notes/none.md)"
         breaks links bench/peers/README.md "[a part](none.md#of-it)"
+        breaks rows include/firn/models/all.hpp 'using MoreModels = std::tuple<Late<Space>>;'
+        breaks rows include/firn/transfer/README.md $'| kernel | use |\n|---|---|\n| `CubicBSpline` | waves |\n| `Linear` | none |'
+        breaks rows include/firn/effects/README.md $'| shape |\n|---|\n| `HalfSpace` |\n| `Sphere` |\n| `Capsule` |\n| `Box` |\n| `Cone` |' \
+            $'\n| shape |\n|---|\n| `Box` |\n| `Sphere` |\n| `Capsule` |\n| `HalfSpace` |\n\n'
         breaks figures bench/results/steps_cuda.csv \
             "2999-01-01,abcdef0,h200,step/cuda/neo_hookean/quadratic/mls/float/jittered/1000000,0.01,G/s,"
         breaks figures bench/results/steps.csv "2026-11-28,abcdef0,abacus,step/openmp/one,1,M/s,"

@@ -7,15 +7,15 @@
 #include <firn/grid/cell_polynomial.hpp>
 #include <firn/grid/lattice.hpp>
 #include <firn/grid/stencil.hpp>
-#include <firn/interpolation/cubic_b_spline.hpp>
-#include <firn/interpolation/linear.hpp>
-#include <firn/interpolation/quadratic_b_spline.hpp>
+#include <firn/interpolation/all.hpp>
 
 #include <algorithm>
 #include <iterator>
 #include <new>
 #include <random>
 #include <tuple>
+#include <type_traits>
+#include <utility>
 
 using namespace firn;
 using namespace firn::test;
@@ -80,12 +80,30 @@ void for_each_offset(int count, Use const& use)
 
 } // namespace
 
-using Cases = std::tuple<Case<Linear, Space<2, double>>, Case<QuadraticBSpline, Space<2, double>>,
-                         Case<CubicBSpline, Space<2, double>>, Case<Linear, Space<3, double>>,
-                         Case<QuadraticBSpline, Space<3, double>>, Case<CubicBSpline, Space<3, double>>,
-                         Case<QuadraticBSpline, Space<2, float>>, Case<CubicBSpline, Space<2, float>>,
-                         Case<QuadraticBSpline, Space<3, float>>, Case<CubicBSpline, Space<3, float>>,
-                         Case<Linear, Space<3, float>>>;
+/// Each kernel of a list in each space.
+template <class Kernels>
+struct InEachSpace;
+template <class... Kernels>
+struct InEachSpace<std::tuple<Kernels...>>
+{
+    template <class Space>
+    using In = std::tuple<Case<Kernels, Space>...>;
+    using Type =
+        decltype(std::tuple_cat(std::declval<In<Space<2, double>>>(), std::declval<In<Space<3, double>>>(),
+                                std::declval<In<Space<2, float>>>(), std::declval<In<Space<3, float>>>()));
+};
+using Cases = InEachSpace<AllKernels>::Type;
+
+/// Those of a list with continuous derivatives, so that the sum of (dN/dx)^2 / N is bounded.
+template <class Kernels>
+struct Smooth;
+template <class... Kernels>
+struct Smooth<std::tuple<Kernels...>>
+{
+    using Type = decltype(std::tuple_cat(
+        std::declval<std::conditional_t<(Kernels::degree > 1), std::tuple<Kernels>, std::tuple<>>>()...));
+};
+using SmoothKernels = Smooth<AllKernels>::Type;
 
 TEMPLATE_LIST_TEST_CASE("weights sum to one, reproduce positions, and gradients do so for linear fields", "",
                         Cases)
@@ -108,11 +126,8 @@ TEMPLATE_LIST_TEST_CASE("weights sum to one, reproduce positions, and gradients 
     CHECK(worst <= tolerance);
 }
 
-TEMPLATE_TEST_CASE("what particles find by the expansion of their cell is what the weights give", "",
-                   (Case<Linear, Space<3, double>>), (Case<QuadraticBSpline, Space<3, double>>),
-                   (Case<CubicBSpline, Space<3, double>>), (Case<QuadraticBSpline, Space<2, double>>),
-                   (Case<CubicBSpline, Space<2, double>>), (Case<QuadraticBSpline, Space<3, float>>),
-                   (Case<CubicBSpline, Space<3, float>>))
+TEMPLATE_LIST_TEST_CASE("what particles find by the expansion of their cell is what the weights give", "",
+                        Cases)
 {
     using Kernel = typename TestType::Kernel;
     using Real = typename TestType::Real;
@@ -175,8 +190,7 @@ TEMPLATE_TEST_CASE("what particles find by the expansion of their cell is what t
     }
 }
 
-TEMPLATE_TEST_CASE("derivatives of weights are those of the weights", "", Linear, QuadraticBSpline,
-                   CubicBSpline)
+TEMPLATE_LIST_TEST_CASE("derivatives of weights are those of the weights", "", AllKernels)
 {
     double const step = 1e-6;
     for (double t = -0.49; t < 0.49; t += 0.01) {
@@ -187,8 +201,8 @@ TEMPLATE_TEST_CASE("derivatives of weights are those of the weights", "", Linear
     }
 }
 
-TEMPLATE_TEST_CASE("weights are continuous from one cell to the next, and of splines so are the derivatives",
-                   "", Linear, QuadraticBSpline, CubicBSpline)
+TEMPLATE_LIST_TEST_CASE(
+    "weights are continuous from one cell to the next, and of splines so are the derivatives", "", AllKernels)
 {
     auto const end = TestType::weights(0.5), begin = TestType::weights(-0.5);
     auto const end_slope = TestType::derivatives(0.5), begin_slope = TestType::derivatives(-0.5);
@@ -199,8 +213,7 @@ TEMPLATE_TEST_CASE("weights are continuous from one cell to the next, and of spl
     CHECK(std::abs(end[0]) <= 1e-15);
 }
 
-TEMPLATE_TEST_CASE("the gradient bound of a kernel is the largest sum of |dN|^2 / N", "", QuadraticBSpline,
-                   CubicBSpline)
+TEMPLATE_LIST_TEST_CASE("the gradient bound of a kernel is the largest sum of |dN|^2 / N", "", SmoothKernels)
 {
     double largest = 0;
     for (double t = -0.5 + 1e-6; t < 0.5; t += 1e-5) {
@@ -213,8 +226,7 @@ TEMPLATE_TEST_CASE("the gradient bound of a kernel is the largest sum of |dN|^2 
     CHECK(largest >= 0.999 * TestType::gradient_bound);
 }
 
-TEMPLATE_TEST_CASE("a kernel gives a pack of numbers what it gives each number", "", Linear, QuadraticBSpline,
-                   CubicBSpline)
+TEMPLATE_LIST_TEST_CASE("a kernel gives a pack of numbers what it gives each number", "", AllKernels)
 {
     using Pack = TestLane<double>;
     STATIC_REQUIRE(InterpolationKernel<TestType, Pack>);
