@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // As fast_math.cpp, for lanes alone: it compiles quickly, and with compilers that cannot compile more.
-#include <firn/openmp/lanes.hpp>
+#include <firn/openmp/native_lane.hpp>
 
 #include <bit>
 #include <cmath>

@@ -3,8 +3,8 @@
 
 #include "support/test_lane.hpp"
 
-#if __has_include(<firn/openmp/lanes.hpp>)
-#include <firn/openmp/lanes.hpp>
+#if __has_include(<firn/openmp/native_lane.hpp>)
+#include <firn/openmp/native_lane.hpp>
 #endif
 
 #include <tuple>
@@ -14,7 +14,7 @@ namespace firn::test
 
 // Tests of functions over lanes are compiled twice: in the program `lanes` for packs, in the program `math`
 // for the lanes every user has.
-#if !__has_include(<firn/openmp/lanes.hpp>) || !__has_include(<xsimd/xsimd.hpp>)
+#if !__has_include(<firn/openmp/native_lane.hpp>) || !__has_include(<xsimd/xsimd.hpp>)
 #if defined(FIRN_TESTS_ALL) || defined(__CUDACC__)
 using LaneTypes = std::tuple<float, double, TestLane<float>, TestLane<double>>;
 #else

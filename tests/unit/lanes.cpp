@@ -2,8 +2,11 @@
 #include "catch.hpp"
 #include "support/test_lane.hpp"
 
-#include <firn/openmp/lanes.hpp>
+#include <firn/openmp/compress.hpp>
+#include <firn/openmp/indirect_load.hpp>
+#include <firn/openmp/native_lane.hpp>
 #include <firn/openmp/offset_lane.hpp>
+#include <firn/openmp/permutation.hpp>
 
 #include <algorithm>
 #include <bit>

@@ -2,8 +2,10 @@
 #pragma once
 
 #include <firn/core/components.hpp>
+#include <firn/openmp/compress.hpp>
 #include <firn/openmp/grid.hpp>
 #include <firn/openmp/items.hpp>
+#include <firn/openmp/permutation.hpp>
 #include <firn/openmp/tuning.hpp>
 
 #include <algorithm>

@@ -6,7 +6,7 @@
 #include <firn/grid/block_key.hpp>
 #include <firn/openmp/block_list.hpp>
 #include <firn/openmp/block_map.hpp>
-#include <firn/openmp/lanes.hpp>
+#include <firn/openmp/compress.hpp>
 #include <firn/openmp/migration.hpp>
 #include <firn/openmp/new_order.hpp>
 #include <firn/openmp/parallel_for.hpp>

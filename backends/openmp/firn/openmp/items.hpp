@@ -7,7 +7,8 @@
 #include <firn/core/space.hpp>
 #include <firn/grid/lattice.hpp>
 #include <firn/openmp/array.hpp>
-#include <firn/openmp/lanes.hpp>
+#include <firn/openmp/compress.hpp>
+#include <firn/openmp/indirect_load.hpp>
 #include <firn/openmp/migration.hpp>
 #include <firn/openmp/offset_lane.hpp>
 #include <firn/openmp/tuning.hpp>

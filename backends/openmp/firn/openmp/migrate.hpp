@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/lane.hpp>
+#include <firn/openmp/compress.hpp>
 #include <firn/openmp/for_each_group.hpp>
 #include <firn/openmp/items.hpp>
 #include <firn/openmp/scatter.hpp>

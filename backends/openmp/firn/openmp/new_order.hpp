@@ -2,7 +2,7 @@
 #pragma once
 
 #include <firn/openmp/array.hpp>
-#include <firn/openmp/lanes.hpp>
+#include <firn/openmp/compress.hpp>
 #include <firn/openmp/leavers.hpp>
 #include <firn/openmp/ranks.hpp>
 #include <firn/openmp/tuning.hpp>

@@ -4,7 +4,6 @@
 #include <firn/core/exactly_equal.hpp>
 #include <firn/openmp/cell_group.hpp>
 #include <firn/openmp/grid.hpp>
-#include <firn/openmp/lanes.hpp>
 
 #include <algorithm>
 #include <array>

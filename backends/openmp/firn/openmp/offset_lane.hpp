@@ -2,7 +2,7 @@
 #pragma once
 
 #include <firn/core/cell_offset.hpp>
-#include <firn/openmp/lanes.hpp>
+#include <firn/openmp/pack.hpp>
 
 #include <bit>
 #include <cstdint>
@@ -36,7 +36,7 @@ struct OffsetLane<float>
 
 #if defined(FIRN_HAS_XSIMD)
 
-// As in lanes.hpp: warnings about g++ 12's own intrinsics.
+// As in pack.hpp: warnings about g++ 12's own intrinsics.
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wuninitialized"
 #if !defined(__clang__)

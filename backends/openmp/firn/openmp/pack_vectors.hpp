@@ -2,11 +2,36 @@
 #pragma once
 
 #include <firn/core/components.hpp>
-#include <firn/openmp/lanes.hpp>
+#include <firn/openmp/pack.hpp>
 
 #include <concepts>
 
 #if defined(FIRN_HAS_XSIMD)
+
+/// Lets a pack be the scalar of an Eigen matrix.
+template <class Number, class Arch>
+struct Eigen::NumTraits<firn::openmp::Pack<Number, Arch>>
+    : Eigen::GenericNumTraits<firn::openmp::Pack<Number, Arch>>
+{
+    using Real = firn::openmp::Pack<Number, Arch>;
+    using NonInteger = Real;
+    using Nested = Real;
+    using Literal = Real;
+    enum
+    {
+        IsComplex = 0,
+        IsInteger = 0,
+        IsSigned = 1,
+        RequireInitialization = 0,
+        ReadCost = 1,
+        AddCost = 1,
+        MulCost = 1
+    };
+    static Real epsilon() { return Eigen::NumTraits<Number>::epsilon(); }
+    static Real dummy_precision() { return Eigen::NumTraits<Number>::dummy_precision(); }
+    static Real highest() { return Eigen::NumTraits<Number>::highest(); }
+    static Real lowest() { return Eigen::NumTraits<Number>::lowest(); }
+};
 
 // Sums and multiples of vectors and matrices of packs. Overload resolution prefers them to Eigen's operators,
 // which return expressions: each is a type of its own for which a compiler generates some fifty functions,

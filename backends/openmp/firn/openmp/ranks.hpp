@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/openmp/lanes.hpp>
+#include <firn/openmp/compress.hpp>
 
 #include <algorithm>
 #include <array>

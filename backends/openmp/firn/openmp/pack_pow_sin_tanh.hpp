@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/openmp/lanes.hpp>
+#include <firn/openmp/native_lane.hpp>
 
 #include <bit>
 #include <cmath>
@@ -26,6 +26,8 @@
 #endif
 
 namespace firn::openmp
+{
+inline namespace FIRN_INSTRUCTION_SET
 {
 
 namespace functions
@@ -452,6 +454,7 @@ Pack<Number, Arch> pow(std::type_identity_t<Number> x, Pack<Number, Arch> y)
     return pow(Pack<Number, Arch>(x), y);
 }
 
+} // namespace FIRN_INSTRUCTION_SET
 } // namespace firn::openmp
 
 static_assert(firn::Lane<firn::openmp::NativePack<float>> && firn::Lane<firn::openmp::NativePack<double>>);
