@@ -41,34 +41,116 @@ concept InterpolationKernel = Lane<Real> && requires(Real t, std::array<Real, T:
     };
 };
 
-/// A transfer scheme: the fields it adds to a particle, those of them that are stored from step to step, the
-/// terms it needs, and its scatter and gather. It may name its parameters, too: see SaysParameters.
-template <class T, class Kernel, class Real, int d>
-concept TransferScheme = Lane<Real> &&
-    requires(T const transfer, Record<Real, d, typename T::State> particle, Gathered<Real, d> gathered,
-             Matrix<Real, d> stress_impulse, Real number, typename T::Stored stored)
+/// The requirements on a transfer scheme, member by member, so that the compiler can name the missing one.
+namespace detail
+{
+template <class T>
+concept HasFieldsOfTransfer = requires
+{
+    {
+        T::State::components(2)
+        } -> std::convertible_to<int>;
+};
+
+template <class T>
+concept HasStored = requires
+{
+    {
+        T::Stored::components(2)
+        } -> std::convertible_to<int>;
+};
+
+template <class T, class Kernel>
+concept HasScatterTerms = requires
 {
     {
         T::template scatter_terms<Kernel>
         } -> std::convertible_to<Terms>;
+};
+
+template <class T, class Kernel>
+concept HasGatherTerms = requires
+{
     {
         T::template gather_terms<Kernel>
         } -> std::convertible_to<Terms>;
+};
+
+template <class T>
+concept SaysWhatItKeeps = requires
+{
     {
         T::keeps_old_velocity
         } -> std::convertible_to<bool>;
-    requires !T::keeps_old_velocity || requires { transfer.fraction; }; // of its own velocity: see Flip
+};
+
+template <class T>
+concept SaysHowItMoves = requires
+{
     {
-        T::moves_with_grid // if not, by transfer.motion(particle, gathered)
+        T::moves_with_grid
         } -> std::convertible_to<bool>;
-    requires !ExtendsVelocities<T> || T::keeps_old_velocity; // v^n - v* is stored in its place: see Xpic
+};
+
+/// Of a particle's own velocity: see Flip.
+template <class T>
+concept HasFraction = requires(T const transfer)
+{
+    {
+        transfer.fraction
+        } -> std::convertible_to<double>;
+};
+
+template <class T, class Kernel, class Real, int d>
+concept Scatters = requires(T const transfer, Record<Real, d, typename T::State> particle,
+                            Matrix<Real, d> stress_impulse, Real number)
+{
     {
         transfer.template scatter<Kernel, Real, d>(particle, number, stress_impulse, number)
         } -> std::same_as<ParticleContribution<Real, d>>;
+};
+
+template <class T, class Kernel, class Real, int d>
+concept Gathers = requires(T const transfer, Record<Real, d, typename T::State> particle,
+                           Gathered<Real, d> gathered, Real number)
+{
     {
         transfer.template gather<Kernel, Real, d>(particle, gathered, number)
         } -> std::same_as<Matrix<Real, d>>;
 };
+
+template <class T, class Kernel, class Real, int d>
+concept MovesParticles = requires(T const transfer, Record<Real, d, typename T::State> particle,
+                                  Gathered<Real, d> gathered)
+{
+    {
+        transfer.template motion<Kernel, Real, d>(particle, gathered)
+        } -> std::same_as<Vector<Real, d>>;
+};
+
+template <class T>
+concept KeepsOldVelocity = SaysWhatItKeeps<T> && T::keeps_old_velocity;
+
+template <class T>
+concept HasFractionIfItKeeps = !KeepsOldVelocity<T> || HasFraction<T>;
+
+/// v^n - v* is stored in place of the old velocity: see Xpic.
+template <class T>
+concept KeepsIfItExtends = !ExtendsVelocities<T> || KeepsOldVelocity<T>;
+
+template <class T, class Kernel, class Real, int d>
+concept HasMotion = bool(T::moves_with_grid) || MovesParticles<T, Kernel, Real, d>;
+} // namespace detail
+
+/// A transfer scheme: the fields it adds to a particle, those of them that are stored from step to step, the
+/// terms it needs, and its scatter and gather. One that keeps the old velocity has a `fraction`, and one that
+/// does not move with the grid a `motion`: see Asflip. It may name its parameters, too: see SaysParameters.
+template <class T, class Kernel, class Real, int d>
+concept TransferScheme = Lane<Real> && detail::HasFieldsOfTransfer<T> && detail::HasStored<T> &&
+    detail::HasScatterTerms<T, Kernel> && detail::HasGatherTerms<T, Kernel> && detail::SaysWhatItKeeps<T> &&
+    detail::SaysHowItMoves<T> && detail::HasFractionIfItKeeps<T> && detail::KeepsIfItExtends<T> &&
+    detail::Scatters<T, Kernel, Real, d> && detail::Gathers<T, Kernel, Real, d> &&
+    detail::HasMotion<T, Kernel, Real, d>;
 
 /// The requirements on a material, member by member, so that the compiler can name the missing one.
 namespace detail
@@ -136,6 +218,55 @@ struct Complete
                   "the model lacks 'template <firn::Lane Real, class Particle> firn::Response<Real, d> "
                   "respond(Particle& state, firn::Matrix<Real, d> const& velocity_gradient, Real dt) const'");
     static constexpr bool value = ConstitutiveModel<Model, Real>;
+};
+
+/// Reports in a sentence which member a transfer scheme lacks; the compiler's note beside it names the
+/// scheme.
+template <class Transfer, class Kernel, class Real, int d>
+struct CompleteTransfer
+{
+    static constexpr bool has_fields = HasFieldsOfTransfer<Transfer>;
+    static_assert(has_fields, "the transfer scheme lacks 'using State = firn::Fields<...>', what a particle "
+                              "has for it after the gather");
+    static_assert(HasStored<Transfer>, "the transfer scheme lacks 'using Stored = firn::Fields<...>', what a "
+                                       "particle keeps of its State from step to step");
+    static_assert(HasScatterTerms<Transfer, Kernel>,
+                  "the transfer scheme lacks 'template <class Kernel> static constexpr firn::Terms "
+                  "scatter_terms'");
+    static_assert(HasGatherTerms<Transfer, Kernel>,
+                  "the transfer scheme lacks 'template <class Kernel> static constexpr firn::Terms "
+                  "gather_terms'");
+    static_assert(SaysWhatItKeeps<Transfer>, "the transfer scheme lacks 'static constexpr bool "
+                                             "keeps_old_velocity'");
+    static_assert(SaysHowItMoves<Transfer>, "the transfer scheme lacks 'static constexpr bool "
+                                            "moves_with_grid'");
+    static_assert(HasFractionIfItKeeps<Transfer>,
+                  "the transfer scheme lacks 'fraction', which goes with keeps_old_velocity: the share of a "
+                  "particle's own velocity");
+    static_assert(!SaysWhatItKeeps<Transfer> || KeepsIfItExtends<Transfer>,
+                  "the transfer scheme lacks 'keeps_old_velocity = true', which goes with passes()");
+    static_assert(
+        !has_fields || Scatters<Transfer, Kernel, Real, d>,
+        "the transfer scheme lacks 'template <class Kernel, firn::Lane Real, int d, class Particle> "
+        "firn::ParticleContribution<Real, d> scatter(Particle const& particle, Real mass, "
+        "firn::Matrix<Real, d> const& stress_impulse, Real cell_size) const'");
+    static_assert(
+        !has_fields || Gathers<Transfer, Kernel, Real, d>,
+        "the transfer scheme lacks 'template <class Kernel, firn::Lane Real, int d, class Particle> "
+        "firn::Matrix<Real, d> gather(Particle& particle, firn::Gathered<Real, d> const& gathered, "
+        "Real inverse_cell_size) const'");
+    static constexpr bool moves()
+    {
+        if constexpr (has_fields && SaysHowItMoves<Transfer>)
+            return Transfer::moves_with_grid || MovesParticles<Transfer, Kernel, Real, d>;
+        else
+            return true; // another sentence says so
+    }
+    static_assert(
+        moves(), "the transfer scheme lacks 'template <class Kernel, firn::Lane Real, int d, class Particle> "
+                 "firn::Vector<Real, d> motion(Particle const& particle, firn::Gathered<Real, d> const& "
+                 "gathered) const', which goes with moves_with_grid = false");
+    static constexpr bool value = TransferScheme<Transfer, Kernel, Real, d>;
 };
 } // namespace detail
 

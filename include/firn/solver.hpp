@@ -49,6 +49,20 @@ struct KernelFor
                         "degree 3 or less");
     using Type = std::conditional_t<fits, Kernel, QuadraticBSpline>;
 };
+/// Refuses a transfer scheme that lacks a member with a sentence, and substitutes another one so that the
+/// compiler reports nothing more.
+template <class Backend, class Model, class Kernel, class Transfer>
+struct TransferFor
+{
+    using Type = Transfer; // of a model without a Space, which is refused
+};
+template <class Backend, HasSpace Model, class Kernel, class Transfer>
+struct TransferFor<Backend, Model, Kernel, Transfer>
+{
+    using Real = typename Backend::template Lane<typename Model::Space::Scalar>;
+    static constexpr bool fits = CompleteTransfer<Transfer, Kernel, Real, Model::Space::dimension>::value;
+    using Type = std::conditional_t<fits, Transfer, Mls>;
+};
 } // namespace detail
 
 /// An explicit Material Point Method solver.
@@ -73,14 +87,15 @@ class Solver
                   "the model lacks 'using Space = firn::Space<d, number>', its dimension and precision");
     using List = typename detail::MaterialsOf<ModelType>::Type;
     using Every = EveryMaterial;
-    using Sets = MaterialSets<Backend, List, TransferType>;
     using Kernel = typename detail::KernelFor<Backend, KernelType>::Type;
+    using Scheme = typename detail::TransferFor<Backend, ModelType, Kernel, TransferType>::Type;
+    using Sets = MaterialSets<Backend, List, Scheme>;
 
 public:
     /// The material, or Materials<...>.
     using Model = ModelType;
     /// The transfer scheme between particles and grid.
-    using Transfer = TransferType;
+    using Transfer = Scheme;
     /// Dimension and precision.
     using Space = typename Model::Space;
     /// float or double.
@@ -93,8 +108,6 @@ public:
     using Real = typename Backend::template Lane<Number>;
     static_assert(detail::are_materials<Real, List>,
                   "what is said to be a material is none: see ConstitutiveModel in firn/concepts.hpp");
-    static_assert(TransferScheme<Transfer, Kernel, Real, d>,
-                  "the transfer scheme lacks scatter or gather: see firn/concepts.hpp");
 
     /// How many materials there are.
     static constexpr std::size_t materials = Sets::count;

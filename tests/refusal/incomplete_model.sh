@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # A model that forgets a member is refused by the compiler, a host's or nvcc, with a sentence that names it, and by nvcc
-# one that a device cannot call; so is what is no effect of a scene, one of which something would be ignored, and an obstacle of a
-# shape without a surface: incomplete_model.sh COMPILER SOURCE EIGEN.
+# one that a device cannot call; so is a transfer scheme or a plastic flow, what is no effect of a scene, one of which something
+# would be ignored, and an obstacle of a shape without a surface: incomplete_model.sh COMPILER SOURCE EIGEN.
 set -euo pipefail
 compiler=$1 source=$2 eigen=$3
 said=$(mktemp)
@@ -20,9 +20,9 @@ compiles() {
         "$source/tests/refusal/$unit" >"$said" 2>&1
 }
 
-# names <times> <member>: so often the compiler says that a model lacks this member
+# names <times> <member> [policy]: so often the compiler says that a model, or this policy, lacks this member
 names() {
-    local -r times=$(grep -cF "the model lacks '$2" "$said" || true)
+    local -r times=$(grep -cF "the ${3:-model} lacks '$2" "$said" || true)
     # a compiler may show the line of the sentence, too
     [ "$times" = "$1" ] || [ "$times" = $((2 * $1)) ] ||
         { cat "$said"; echo "'$2' is named $times times where it is missing $1 times."; exit 1; }
@@ -43,6 +43,25 @@ refused=$(grep -c 'error.*this scene: pass Gravity, Obstacle<Shape>' "$said" || 
 if compiles -DNO_SURFACE; then echo "an obstacle of a shape without a surface compiles."; exit 1; fi
 grep -q "a shape lacks 'template <firn::Lane Real, int d> firn::SurfaceSample<Real, d> surface(" "$said" ||
     { cat "$said"; echo "it is not said what a shape lacks."; exit 1; }
+unit=incomplete_transfer.cpp
+compiles || { cat "$said"; echo "a complete transfer scheme is refused."; exit 1; }
+if compiles -DINCOMPLETE; then echo "transfer schemes without their members compile."; exit 1; fi
+while read -r times member; do names "$times" "$member" "transfer scheme"; done <<'END'
+1 using State
+1 using Stored
+1 template <class Kernel> static constexpr firn::Terms scatter_terms'
+1 template <class Kernel> static constexpr firn::Terms gather_terms'
+1 static constexpr bool keeps_old_velocity'
+1 static constexpr bool moves_with_grid'
+1 fraction'
+1 keeps_old_velocity = true'
+1 template <class Kernel, firn::Lane Real, int d, class Particle> firn::ParticleContribution<Real, d> scatter(
+2 template <class Kernel, firn::Lane Real, int d, class Particle> firn::Matrix<Real, d> gather(
+1 template <class Kernel, firn::Lane Real, int d, class Particle> firn::Vector<Real, d> motion(
+END
+names 1 "using State = firn::Fields<...>'" "plastic flow"
+errors=$(grep -cE '(error: |: error)' "$said" || true)
+[ "$errors" = 13 ] || { cat "$said"; echo "there are $errors errors, not one for each transfer scheme and flow."; exit 1; }
 unit=own_effects.cpp
 if compiles; then echo "effects that would be ignored compile."; exit 1; fi
 while read -r times sentence; do
@@ -63,4 +82,4 @@ if [[ $(basename "$compiler") == nvcc* ]]; then # or it would compile into nothi
     grep -q 'calling a __host__ function' "$said" && grep -q 'respond' "$said" ||
         { cat "$said"; echo "it is not said that a device cannot call the model."; exit 1; }
 fi
-echo "a model without its Space, State, density, validate() or respond() is refused with a sentence that names it, and so is what is no effect, an effect of which something would be ignored, and an obstacle of no shape"
+echo "a model without its Space, State, density, validate() or respond() is refused with a sentence that names it, and so is a transfer scheme or a flow without a member, what is no effect, an effect of which something would be ignored, and an obstacle of no shape"

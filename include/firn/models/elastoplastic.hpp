@@ -119,6 +119,22 @@ constexpr char const* name_of_solid()
     else
         return Law::name;
 }
+
+/// The fields that a flow stores; without them it is refused with a sentence.
+template <class Flow>
+struct FieldsOfFlow
+{
+    static_assert(sizeof(Flow) == 0,
+                  "the plastic flow lacks 'using State = firn::Fields<...>', what it stores "
+                  "for a particle; firn::Fields<> if that is nothing");
+    using Type = Fields<>;
+};
+template <class Flow>
+    requires requires { typename Flow::State; }
+struct FieldsOfFlow<Flow>
+{
+    using Type = typename Flow::State;
+};
 } // namespace detail
 
 /// An isotropic solid of an elastic law and a plastic flow; the parameters of both are members of the solid,
@@ -134,7 +150,7 @@ struct Elastoplastic : FlowType, LawType
     using Flow = FlowType;
     using Space = typename Flow::Space;
     using Number = typename Space::Scalar;
-    using State = Join<Fields<DisplacementGradient>, typename Flow::State>;
+    using State = Join<Fields<DisplacementGradient>, typename detail::FieldsOfFlow<Flow>::Type>;
     static constexpr auto name = detail::name_of_solid<Law, Flow>();
     static constexpr bool yields = !std::is_same_v<Flow, NoFlow<Space>>;
     static_assert(Flow::template supports<Law>, "this plastic flow is stated in the strains of another law");
