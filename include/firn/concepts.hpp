@@ -4,13 +4,14 @@
 #include <firn/core/parameters.hpp>
 #include <firn/effects/effect.hpp>
 #include <firn/models/response.hpp>
+#include <firn/transfer/carrying.hpp>
 #include <firn/transfer/transfer.hpp>
 
 #include <array>
 
-// Every kind of policy on one page: the requirements on a kernel, a transfer scheme and a material. Effects
-// are in effects/effect.hpp, shapes in effects/shapes/shape.hpp, lanes in core/lane.hpp, backends in
-// backends/README.md.
+// Every kind of policy on one page: the requirements on a kernel, a transfer scheme, a field that it carries,
+// and a material. Effects are in effects/effect.hpp, shapes in effects/shapes/shape.hpp, lanes in
+// core/lane.hpp, backends in backends/README.md.
 namespace firn
 {
 
@@ -151,6 +152,74 @@ concept TransferScheme = Lane<Real> && detail::HasFieldsOfTransfer<T> && detail:
     detail::SaysHowItMoves<T> && detail::HasFractionIfItKeeps<T> && detail::KeepsIfItExtends<T> &&
     detail::Scatters<T, Kernel, Real, d> && detail::Gathers<T, Kernel, Real, d> &&
     detail::HasMotion<T, Kernel, Real, d>;
+
+/// The requirements on what a transfer scheme carries, member by member.
+namespace detail
+{
+template <class T>
+concept HasFieldLists = requires
+{
+    T::State::components(2) + T::Stored::components(2) + T::NodeFields::components(2);
+    T::ScatteredTerms::components(2) + T::GatheredTerms::components(2);
+};
+
+template <class T, class Real, int d>
+concept ScattersField = requires(T const policy, Record<Real, d, typename T::State> const particle,
+                                 Record<Real, d, typename T::ScatteredTerms> terms, Real number)
+{
+    policy.template scatter<Real, d>(particle, number, number, terms);
+};
+
+template <class T, class Real, int d>
+concept UpdatesField = requires(T const policy,
+                                Record<Real, d, FieldsOfTerms<typename T::ScatteredTerms>> const sums,
+                                Record<Real, d, typename T::NodeFields> values, Real number)
+{
+    policy.template update<Real, d>(sums, number, number, values);
+};
+
+template <class T, class Real, int d>
+concept GathersField = requires(T const policy, Record<Real, d, typename T::State> particle,
+                                Record<Real, d, typename T::GatheredTerms> const terms, Real number)
+{
+    policy.template gather<Real, d>(particle, terms, number);
+};
+} // namespace detail
+
+/// A field that a transfer scheme carries through the grid (see transfer/carrying.hpp): its lists, and what
+/// becomes of it in the scatter, on a node and in the gather. It may have a largest_step, and name its
+/// parameters: see SaysParameters.
+template <class T, class Real, int d>
+concept CarriedField = Lane<Real> && detail::HasFieldLists<T> && detail::ScattersField<T, Real, d> &&
+    detail::UpdatesField<T, Real, d> && detail::GathersField<T, Real, d>;
+
+namespace detail
+{
+/// Reports in a sentence which member a carried field lacks.
+template <class Policy, class Real, int d>
+struct CompleteField
+{
+    static_assert(HasFieldLists<Policy>,
+                  "the carried field lacks a list: using State, Stored, ScatteredTerms, NodeFields and "
+                  "GatheredTerms = firn::Fields<...>");
+    static_assert(!HasFieldLists<Policy> || ScattersField<Policy, Real, d>,
+                  "the carried field lacks 'template <firn::Lane Real, int d, class Particle, class Terms> "
+                  "void scatter(Particle const&, Real mass, Real cell_size, Terms&) const'");
+    static_assert(!HasFieldLists<Policy> || UpdatesField<Policy, Real, d>,
+                  "the carried field lacks 'template <firn::Lane Real, int d, class Sums, class Values> "
+                  "void update(Sums const&, Real inverse_mass, Real dt, Values&) const'");
+    static_assert(!HasFieldLists<Policy> || GathersField<Policy, Real, d>,
+                  "the carried field lacks 'template <firn::Lane Real, int d, class Particle, class Terms> "
+                  "void gather(Particle&, Terms const&, Real inverse_cell_size) const'");
+    static constexpr bool value = CarriedField<Policy, Real, d>;
+};
+
+template <class Real, int d, class... Policies>
+constexpr bool are_carried(CarriedFields<Policies...> const*)
+{
+    return (CompleteField<Policies, Real, d>::value && ...);
+}
+} // namespace detail
 
 /// The requirements on a material, member by member, so that the compiler can name the missing one.
 namespace detail

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/checked_policies.hpp>
 #include <firn/concepts.hpp>
 #include <firn/core/access_guard.hpp>
 #include <firn/effects/reflecting_wall.hpp>
@@ -29,41 +30,6 @@
 
 namespace firn
 {
-
-namespace detail
-{
-/// Whether all types of a scene's material list are materials, for this lane type.
-template <class Real, class List>
-inline constexpr bool are_materials = false;
-template <class Real, class... Models>
-inline constexpr bool are_materials<Real, Materials<Models...>> = (Complete<Models, Real>::value && ...);
-
-/// Refuses a kernel of too high a degree for the backend with a sentence, and substitutes another one so that
-/// the compiler reports nothing more.
-template <class Backend, class Kernel>
-struct KernelFor
-{
-    static constexpr bool fits = Kernel::degree <= Backend::largest_degree;
-    static_assert(fits, "the kernel's degree is beyond what the backend's tiles take "
-                        "(Backend::largest_degree): choose QuadraticBSpline, CubicBSpline or another one of "
-                        "degree 3 or less");
-    using Type = std::conditional_t<fits, Kernel, QuadraticBSpline>;
-};
-/// Refuses a transfer scheme that lacks a member with a sentence, and substitutes another one so that the
-/// compiler reports nothing more.
-template <class Backend, class Model, class Kernel, class Transfer>
-struct TransferFor
-{
-    using Type = Transfer; // of a model without a Space, which is refused
-};
-template <class Backend, HasSpace Model, class Kernel, class Transfer>
-struct TransferFor<Backend, Model, Kernel, Transfer>
-{
-    using Real = typename Backend::template Lane<typename Model::Space::Scalar>;
-    static constexpr bool fits = CompleteTransfer<Transfer, Kernel, Real, Model::Space::dimension>::value;
-    using Type = std::conditional_t<fits, Transfer, Mls>;
-};
-} // namespace detail
 
 /// An explicit Material Point Method solver.
 ///
@@ -108,6 +74,8 @@ public:
     using Real = typename Backend::template Lane<Number>;
     static_assert(detail::are_materials<Real, List>,
                   "what is said to be a material is none: see ConstitutiveModel in firn/concepts.hpp");
+    static_assert(detail::are_carried<Real, d>(static_cast<CarriedBy<Transfer>*>(nullptr)),
+                  "what the transfer is to carry is no field: see CarriedField in firn/concepts.hpp");
 
     /// How many materials there are.
     static constexpr std::size_t materials = Sets::count;

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // Read by incomplete_model.sh: a complete model, and with INCOMPLETE defined one for each member that is
 // missing; for devices with UNMARKED defined a step with one that they cannot call; with NO_EFFECT steps with
-// what is none.
+// what is none; with NO_FIELD transfers that carry what is none.
 #include <firn/firn.hpp>
 
 #if defined(__CUDACC__)
@@ -77,6 +77,43 @@ void step(SolverOf<ItsSpace, ItsState, ItsDensity, ItsValidate, ItsRespond>& sol
 {
     solver.step(1e-4, firn::Obstacle<Nothing>{});
 }
+#elif defined(NO_FIELD)
+struct ItsLists
+{
+    using State = firn::Fields<firn::Stiffness>;
+    using Stored = State;
+    using ScatteredTerms = firn::Fields<firn::NodeMass>;
+    using NodeFields = ScatteredTerms;
+    using GatheredTerms = ScatteredTerms;
+};
+struct ItsScatter
+{
+    template <firn::Lane Real, int d, class Particle, class Terms>
+    FIRN_HOST_DEVICE void scatter(Particle const&, Real, Real, Terms&) const
+    {}
+};
+struct ItsUpdate
+{
+    template <firn::Lane Real, int d, class Sums, class Values>
+    FIRN_HOST_DEVICE void update(Sums const&, Real, Real, Values&) const
+    {}
+};
+struct ItsGather
+{
+    template <firn::Lane Real, int d, class Particle, class Terms>
+    FIRN_HOST_DEVICE void gather(Particle&, Terms const&, Real) const
+    {}
+};
+template <class... Members>
+using Carries = firn::detail::CompleteField<Model<Members...>, float, 3>;
+static_assert(Carries<ItsLists, ItsScatter, ItsUpdate, ItsGather>::value);
+bool without_lists = Carries<ItsScatter, ItsUpdate, ItsGather>::value;
+bool without_scatter = Carries<ItsLists, ItsUpdate, ItsGather>::value;
+bool without_update = Carries<ItsLists, ItsScatter, ItsGather>::value;
+bool without_gather = Carries<ItsLists, ItsScatter, ItsUpdate>::value;
+std::size_t carries_nothing_whole =
+    sizeof(firn::Solver<Backend, Model<ItsSpace, ItsState, ItsDensity, ItsValidate, ItsRespond>,
+                        firn::QuadraticBSpline, firn::Carrying<firn::Pic, Model<ItsLists, ItsScatter>>>);
 #elif !defined(INCOMPLETE)
 std::size_t complete = sizeof(SolverOf<ItsSpace, ItsState, ItsDensity, ItsValidate, ItsRespond>);
 #else

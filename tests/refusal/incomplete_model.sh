@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # A model that forgets a member is refused by the compiler, a host's or nvcc, with a sentence that names it, and by nvcc
-# one that a device cannot call; so is a transfer scheme or a plastic flow, what is no effect of a scene, one of which something
-# would be ignored, and an obstacle of a shape without a surface: incomplete_model.sh COMPILER SOURCE EIGEN.
+# one that a device cannot call; so is a transfer scheme or a plastic flow, what is no effect of a scene, one of which
+# something would be ignored, a field that a transfer cannot carry, and an obstacle of a shape without a surface:
+# incomplete_model.sh COMPILER SOURCE EIGEN.
 set -euo pipefail
 compiler=$1 source=$2 eigen=$3
 said=$(mktemp)
@@ -40,6 +41,16 @@ refused=$(grep -cE "error.*the kernel's degree is beyond" "$said" || true)
 if compiles -DNO_EFFECT; then echo "steps with what is no effect compile."; exit 1; fi
 refused=$(grep -c 'error.*this scene: pass Gravity, Obstacle<Shape>' "$said" || true)
 [ "$refused" = 3 ] || { cat "$said"; echo "it is said $refused times that something is no effect, not three times."; exit 1; }
+if compiles -DNO_FIELD; then echo "a transfer carries fields without their members."; exit 1; fi
+while read -r times member; do
+    said_times=$(grep 'error' "$said" | grep -cF "the carried field lacks $member" || true)
+    [ "$said_times" = "$times" ] || { cat "$said"; echo "it is said $said_times times, not $times, that a field lacks $member."; exit 1; }
+done <<'END'
+1 a list
+1 'template <firn::Lane Real, int d, class Particle, class Terms> void scatter(
+2 'template <firn::Lane Real, int d, class Sums, class Values> void update(
+2 'template <firn::Lane Real, int d, class Particle, class Terms> void gather(
+END
 if compiles -DNO_SURFACE; then echo "an obstacle of a shape without a surface compiles."; exit 1; fi
 grep -q "a shape lacks 'template <firn::Lane Real, int d> firn::SurfaceSample<Real, d> surface(" "$said" ||
     { cat "$said"; echo "it is not said what a shape lacks."; exit 1; }

@@ -61,7 +61,7 @@ void run_with_weights_off_by(double error)
 void update_node_of_mass(double mass)
 {
     StepContext<double, Chain<>> const now{.dt = 1e-3, .forces = 1e-3, .next_forces = 1e-3, .actions = {}};
-    UpdateGrid<Plane, Spline, Mls, Chain<>> const update{&now, lattice(0.1), 1e-40, 0};
+    UpdateGrid<Plane, Spline, Mls, Chain<>> const update{{}, &now, lattice(0.1), 1e-40, 0};
     UpdateGrid<Plane, Spline, Mls, Chain<>>::Result result{};
     Node node{mass};
     update(node, result);

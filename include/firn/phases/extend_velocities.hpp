@@ -23,8 +23,8 @@ struct ExtendVelocities
 {
     static constexpr int d = Space::dimension;
     using Number = typename Space::Scalar;
-    using Sums = NodeSums<d, true>;
-    using Velocities = NodeVelocities<d, true>;
+    using Sums = NodeSums<d, Fields<NodeMass, NodeMomentum, NodeImpulse>>;
+    using Values = NodeValues<d, Fields<NodeVelocity, NodeOldVelocity>>;
     static constexpr bool looks_around = false;
     /// The loop returns nothing.
     struct Result
@@ -45,10 +45,10 @@ struct ExtendVelocities
         Real const inverse_mass = select(filled, Real(1) / select(filled, mass, Real(1)), Real(0));
         for (int a = 0; a < d; ++a) {
             Real const found = node.sum(Sums::momentum + a) * inverse_mass;
-            Real const old = first ? found : node.value(Velocities::old_velocity + a);
-            Real const now = first ? found : node.value(Velocities::velocity + a) + (old - found);
-            node.set(Velocities::old_velocity + a, old);
-            node.set(Velocities::velocity + a, now);
+            Real const old = first ? found : node.value(Values::old_velocity + a);
+            Real const now = first ? found : node.value(Values::velocity + a) + (old - found);
+            node.set(Values::old_velocity + a, old);
+            node.set(Values::velocity + a, now);
         }
     }
 };
@@ -106,7 +106,7 @@ struct ReturnVelocities
         Real const mass = mass_groups.find(items, particles.id).mass;
         ParticleContribution<Real, d> contribution;
         contribution.momentum = Gather::template gathered<Real>(items).velocity * mass;
-        Scatter::store(items, x, mass, contribution);
+        Scatter::store(items, x, mass, contribution, {});
     }
 
     template <class Row, class SumsOfCells>

@@ -114,12 +114,14 @@ struct G2p2g
         using Real = typename Items::Real;
         Vector<Real, d> x = Gather::template position_of<Real>(items);
         Gathered<Real, d> const gathered = Gather::template gathered<Real>(items);
+        auto const carried_terms = Gather::template carried_terms<Real>(items);
         Record<Real, d, Join<PersistentFields, DerivedFields>> particle;
         before.load(items, particle);
 
         Real const inverse_h(static_cast<Number>(1 / lattice.cell_size));
         Vector<Real, d> displacement = motion<Real>(particle, gathered) * Real(now->dt);
         Matrix<Real, d> const L = transfer.template gather<Kernel, Real, d>(particle, gathered, inverse_h);
+        carried_by(transfer).template gather<Real, d>(particle, carried_terms, inverse_h);
         touch_obstacles<Real>(items, x, particle, displacement, rare.reactions);
         displacement = displacement * inverse_h;
 
@@ -171,8 +173,11 @@ private:
         auto const [mass, volume] = mass_groups.find(items, before.id);
         assert(all(mass >= Real(0)) && "the mass of a particle is not below 0");
         Matrix<Real, d> const impulse = stress * (volume * Real(-now->next_forces / h));
+        Record<Real, d, typename Scatter::CarriedTerms> carried_terms;
+        carried_by(transfer).template scatter<Real, d>(particle, mass, Real(h), carried_terms);
         Scatter::store(items, x, mass,
-                       transfer.template scatter<Kernel, Real, d>(particle, mass, impulse, Real(h)));
+                       transfer.template scatter<Kernel, Real, d>(particle, mass, impulse, Real(h)),
+                       carried_terms);
     }
 
     template <class Real>

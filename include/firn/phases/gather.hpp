@@ -18,15 +18,17 @@ struct Gather
 {
     static constexpr int d = Space::dimension;
     using Number = typename Space::Scalar;
-    using Velocities = NodeVelocities<d, Transfer::keeps_old_velocity>;
-    static constexpr int node_channels = Velocities::channels;
+    using Values = NodeValues<d, ValuesOf<Transfer>>;
+    using CarriedTerms = typename CarriedBy<Transfer>::GatheredTerms;
+    static constexpr int node_channels = Values::template channels<Kernel>;
     static constexpr Terms terms = Transfer::template gather_terms<Kernel>;
 
     // Scratch channels of a particle: its position, and what it gathered.
     static constexpr int velocity = d, old_velocity = 2 * d;
     static constexpr int affine = old_velocity + (Transfer::keeps_old_velocity ? d : 0);
     static constexpr int gradient = affine + (terms.affine ? d * d : 0);
-    static constexpr int scratch_channels = gradient + (terms.gradient ? d * d : 0);
+    static constexpr int carried = gradient + (terms.gradient ? d * d : 0);
+    static constexpr int scratch_channels = carried + CarriedTerms::components(d);
 
     template <class Real, class Items>
     FIRN_HOST_DEVICE static void set_position(Items& items, Vector<Real, d> const& x)
@@ -44,10 +46,9 @@ struct Gather
         return x;
     }
 
-    /// The nodes of a row of cells, expanded for all of its particles: a few channels at a time, no more than
-    /// stay in the fastest cache.
+    /// The nodes of a row of cells, expanded for all of its particles: a few channels at a time.
     template <class Real>
-    using CellNodes = CellPolynomial<Kernel, Real, d, Kernel::degree <= 2 ? d : 1>;
+    using CellNodes = CellPolynomial<Kernel, Real, d, channels_at_once<Kernel, d>>;
 
     /// Gathers some channels of the cells' nodes into the scratch of a row of particles. A particle's cell
     /// may lie in another lane: `row.of_cells(value)` moves a value from the lanes of cells to those of their
@@ -57,11 +58,17 @@ struct Gather
     {
         Monomials<Kernel, Real, d> const powers(position_of<Real>(row_of_cells));
         auto const of_cells = [&](Real const& term) { return row_of_cells.of_cells(term); };
-        if (Transfer::keeps_old_velocity && first >= Velocities::old_velocity) {
+        if constexpr (CarriedBy<Transfer>::any)
+            if (first >= Values::carried) {
+                constexpr bool has_gradient = FieldsOfGradients<CarriedTerms>::components(d) > 0;
+                store_carried(row_of_cells, nodes.template at<false, has_gradient>(powers, of_cells), first);
+                return;
+            }
+        if (Transfer::keeps_old_velocity && first >= Values::old_velocity) {
             auto const found = nodes.template at<false, false>(powers, of_cells);
             FIRN_UNROLL
             for (int c = 0; c < nodes.channels; ++c)
-                row_of_cells.set_scratch(old_velocity + first - Velocities::old_velocity + c, found.value[c]);
+                row_of_cells.set_scratch(old_velocity + first - Values::old_velocity + c, found.value[c]);
             return;
         }
         auto const found = nodes.template at<terms.affine, terms.gradient>(powers, of_cells);
@@ -95,6 +102,7 @@ struct Gather
                     row_of_cells.set_scratch(gradient + i * d + j, sum.gradient(i, j));
             }
         }
+        if constexpr (CarriedBy<Transfer>::any) gather_carried<Real>(row_of_cells);
     }
 
     /// The gathered sums of some particles.
@@ -115,7 +123,82 @@ struct Gather
         return sum;
     }
 
+    /// The gathered terms of what the transfer carries.
+    template <class Real, class Items>
+    FIRN_HOST_DEVICE static Record<Real, d, CarriedTerms> carried_terms([[maybe_unused]] Items const& items)
+    {
+        Record<Real, d, CarriedTerms> gathered;
+        for_each_component_of<CarriedTerms, d>(
+            gathered, [&](int c, Real& value) { value = items.scratch(carried + c); });
+        return gathered;
+    }
+
 private:
+    /// Where a term of a carried field begins in the scratch.
+    template <class Term>
+    static constexpr int place_of = carried + CarriedTerms::template first_component<Term>(d);
+
+    /// Stores those terms of carried fields that belong to the channels from `first` on.
+    template <class Row, class Found>
+    FIRN_HOST_DEVICE static void store_carried(Row& row_of_cells, Found const& found, int first)
+    {
+        for_each_field(CarriedTerms{}, [&](auto term) {
+            using Term = decltype(term);
+            using Tag = FieldOfTerm<Term>;
+            for (int c = 0; c < component_count<Tag>(d); ++c) {
+                int const channel = Values::template channel<Tag> + c - first;
+                if (channel < 0 || channel >= channels_at_once<Kernel, d>) continue;
+                if constexpr (std::is_same_v<Tag, Term>)
+                    row_of_cells.set_scratch(place_of<Term> + c, found.value[channel]);
+                else {
+                    FIRN_UNROLL
+                    for (int j = 0; j < d; ++j)
+                        row_of_cells.set_scratch(place_of<Term> + c * d + j, found.gradient[channel][j]);
+                }
+            }
+        });
+    }
+
+    /// The fallback for carried fields. Values are relative to the middle node's, as velocities are below.
+    template <class Real, class Row>
+    FIRN_HOST_DEVICE static void gather_carried(Row& row_of_cells)
+    {
+        using Nodes = Stencil<Kernel, Real, d>;
+        Nodes const nodes(position_of<Real>(row_of_cells));
+        for_each_field(FieldsOfTerms<CarriedTerms>{}, [&](auto tag) {
+            using Tag = decltype(tag);
+            constexpr bool has_value = CarriedTerms::template contains<Tag>,
+                           has_gradient = CarriedTerms::template contains<GradientTerm<Tag>>;
+            FIRN_UNROLL
+            for (int c = 0; c < component_count<Tag>(d); ++c) {
+                int const channel = Values::template channel<Tag> + c;
+                Real const middle = row_of_cells.node(channel, Nodes::rows / 2, Nodes::width / 2);
+                Real sum(0);
+                Vector<Real, d> slopes = zeros<Vector<Real, d>>();
+                FIRN_UNROLL_ON_DEVICE
+                for (int row = 0; row < Nodes::rows; ++row) {
+                    Real plain(0), slope(0);
+                    FIRN_UNROLL
+                    for (int k = 0; k < Nodes::width; ++k) {
+                        Real const value = row_of_cells.node(channel, row, k) - middle;
+                        plain += value * nodes.weight[Nodes::last][k];
+                        slope += value * nodes.derivative[Nodes::last][k];
+                    }
+                    sum += plain * nodes.row_weight(row);
+                    FIRN_UNROLL
+                    for (int a = 0; a < Nodes::last; ++a) slopes[a] += plain * nodes.row_gradient(row, a);
+                    slopes[Nodes::last] += slope * nodes.row_weight(row);
+                }
+                if constexpr (has_value) row_of_cells.set_scratch(place_of<Tag> + c, middle + sum);
+                if constexpr (has_gradient) {
+                    FIRN_UNROLL
+                    for (int j = 0; j < d; ++j)
+                        row_of_cells.set_scratch(place_of<GradientTerm<Tag>> + c * d + j, slopes[j]);
+                }
+            }
+        });
+    }
+
     /// The sums over a particle's stencil. Velocities are relative to that of the stencil's middle node. The
     /// weights add up to one, and their distances and gradients to zero, only up to a rounding, which in
     /// steady motion would be the same in every step.
@@ -133,10 +216,10 @@ private:
         Vector<Real, d> middle, old_middle;
         FIRN_UNROLL
         for (int a = 0; a < d; ++a) {
-            middle[a] = row_of_cells.node(Velocities::velocity + a, Nodes::rows / 2, Nodes::width / 2);
+            middle[a] = row_of_cells.node(Values::velocity + a, Nodes::rows / 2, Nodes::width / 2);
             if constexpr (Transfer::keeps_old_velocity)
                 old_middle[a] =
-                    row_of_cells.node(Velocities::old_velocity + a, Nodes::rows / 2, Nodes::width / 2);
+                    row_of_cells.node(Values::old_velocity + a, Nodes::rows / 2, Nodes::width / 2);
         }
         FIRN_UNROLL_ON_DEVICE
         for (int row = 0; row < Nodes::rows; ++row) {
@@ -148,13 +231,12 @@ private:
                            dw = nodes.derivative[Nodes::last][k];
                 FIRN_UNROLL
                 for (int a = 0; a < d; ++a) {
-                    Real const v = row_of_cells.node(Velocities::velocity + a, row, k) - middle[a];
+                    Real const v = row_of_cells.node(Values::velocity + a, row, k) - middle[a];
                     plain[a] += v * w;
                     if constexpr (terms.affine) reach[a] += v * w_distance;
                     if constexpr (terms.gradient) slope[a] += v * dw;
                     if constexpr (Transfer::keeps_old_velocity)
-                        old[a] +=
-                            (row_of_cells.node(Velocities::old_velocity + a, row, k) - old_middle[a]) * w;
+                        old[a] += (row_of_cells.node(Values::old_velocity + a, row, k) - old_middle[a]) * w;
                 }
             }
             Real const w_row = nodes.row_weight(row);
@@ -206,9 +288,12 @@ struct GatherVelocities : Gather<Space, Kernel, TransferType>
     FIRN_HOST_DEVICE void update(Items& items, Result&) const
     {
         using Real = typename Items::Real;
-        Record<Real, d, DerivedFields> particle;
+        // a scheme may also set fields that are stored; they are not written
+        auto particle = Record<Real, d, typename Transfer::State>::at_rest();
         transfer.template gather<Kernel, Real, d>(particle, Gather::template gathered<Real>(items),
                                                   Real(1 / cell_size));
+        carried_by(transfer).template gather<Real, d>(particle, Gather::template carried_terms<Real>(items),
+                                                      Real(1 / cell_size));
         velocities.store(items, particles.id, particle);
     }
 };

@@ -47,7 +47,8 @@ FIRN_HOST_DEVICE std::array<WallPlane, Chain<Actions...>::walls> walls_of(Chain<
 ///
 /// What particles scatter to a node behind a wall, their mirror images scatter to the node in front of it,
 /// with momentum along the wall's axis of opposite sign. So the sum of both solves the whole problem, body
-/// and image; where walls meet, axis by axis. A wall across the row's own axis mirrors single lanes, one
+/// and image; where walls meet, axis by axis. Other vectors are mirrored as momentum is, and scalars keep
+/// their sign. A wall across the row's own axis mirrors single lanes, one
 /// across another axis whole rows.
 template <class Sums, class Real, int d, std::size_t count>
 struct MirroredNode
@@ -170,9 +171,10 @@ private:
             momentum_behind[w] += found[Sums::momentum + walls[w].axis];
             if constexpr (Sums::forces_are_apart) impulse_behind[w] += found[Sums::impulse + walls[w].axis];
         }
-        sums[Sums::mass] += found[Sums::mass];
-        for (int c = 1; c < Sums::channels; ++c)
-            sums[c] += reverse[std::size_t((c - 1) % d)] ? -found[c] : found[c];
+        for (int c = 0; c < Sums::channels; ++c) {
+            int const axis = Sums::axis(c);
+            sums[c] += axis >= 0 && reverse[std::size_t(axis)] ? -found[c] : found[c];
+        }
     }
 };
 

@@ -53,9 +53,13 @@ struct ParticlesToGrid : Scatter<Space, Kernel, TransferType>
         // dt f_i = -dt V0 tau grad w_i, with the gradient taken per cell
         Matrix<Real, d> const impulse = response.kirchhoff_stress * (own.volume * Real(-dt / cell_size));
         Real const scattered_mass = impulse_only ? Real(0) : own.mass;
+        Record<Real, d, typename Scatter::CarriedTerms> carried_terms;
+        carried_by(transfer).template scatter<Real, d>(particle, scattered_mass, Real(cell_size),
+                                                       carried_terms);
         Scatter::store(
             items, particles.position(items), scattered_mass,
-            transfer.template scatter<Kernel, Real, d>(particle, scattered_mass, impulse, Real(cell_size)));
+            transfer.template scatter<Kernel, Real, d>(particle, scattered_mass, impulse, Real(cell_size)),
+            carried_terms);
     }
 };
 

@@ -13,34 +13,27 @@
 namespace firn
 {
 
-/// A node's channels between its update and the gather: the new velocity, and the old one if the transfer
-/// keeps it.
-template <int d, bool keeps_old_velocity>
-struct NodeVelocities
-{
-    static constexpr int velocity = 0;
-    static constexpr int old_velocity = d;
-    static constexpr int channels = keeps_old_velocity ? 2 * d : d;
-};
-
 /// Phase 2: forces, gravity and obstacles act on momentum, which becomes velocity.
 ///
 ///   v_i = chain((m v + dt f + dt m g)_i / m_i)      Stomakhin et al. 2013, steps 4 and 5
 ///
+/// What the transfer carries beside mass and momentum is updated by the policies that declare it.
+///
 /// A node of less than `smallest_mass` counts as empty: its quotient would be rounding error alone.
 ///
 /// A node beside a reflecting wall adds the sums of its images to its own, see MirroredNode: it reads them
-/// (`looks_around`), and so does each image. Both then have the same velocity, but for its sign across the
-/// wall, and 0 on it.
+/// (`looks_around`), and so does each image. Both then have the same values, but for the sign of vectors
+/// across the wall, which are 0 along its axis on it.
 template <class Space, class Kernel, class Transfer, class Effects>
-struct UpdateGrid
+struct UpdateGrid : CarriedBy<Transfer>
 {
     static constexpr int d = Space::dimension;
     using Number = typename Space::Scalar;
-    using Sums = NodeSums<d, Transfer::keeps_old_velocity>;
-    using Velocities = NodeVelocities<d, Transfer::keeps_old_velocity>;
+    using Carried = CarriedBy<Transfer>;
+    using Sums = NodeSums<d, SumsOf<Transfer>>;
+    using Values = NodeValues<d, ValuesOf<Transfer>>;
     using Result = Reactions<Effects::obstacles>;
-    static constexpr int channels = Velocities::channels;
+    static constexpr int channels = Values::template channels<Kernel>;
     static constexpr bool looks_around = Effects::walls > 0;
 
     static_assert(!(ExtendsVelocities<Transfer> && looks_around),
@@ -88,18 +81,21 @@ struct UpdateGrid
                                     kernel_reach(Kernel::degree)};
         place.offset[d - 1] = mirrored.along;
         Mask<Real> const received = !mirrored.is_image(); // else reactions were booked twice
-        Real velocity[std::size_t(channels)];
+        Real values[std::size_t(channels)];
         update<Real>(
             place, [&](int c) { return mirrored.sums[c]; }, [](int) { return Real(0); },
-            [&](int c, Real const& value) { velocity[c] = value; }, received, reactions);
-        book_walls(mirrored, velocity, place.relative_to({0, 0, 0}), received, reactions);
+            [&](int c, Real const& value) { values[c] = value; }, received, reactions);
+        book_walls(mirrored, values, place.relative_to({0, 0, 0}), received, reactions);
         for (int a = 0; a < d; ++a) {
             Mask<Real> const on_wall = mirrored.on_wall(a);
-            for (int c = a; c < channels; c += d) {
-                Real const value = select(on_wall, Real(0), velocity[c]);
+            for (int c = 0; c < channels; ++c) {
+                if (Values::axis(c) != a) continue;
+                Real const value = select(on_wall, Real(0), values[c]);
                 node.set(c, select(mirrored.flipped[std::size_t(a)], -value, value));
             }
         }
+        for (int c = Values::carried; c < channels; ++c)
+            if (Values::axis(c) < 0) node.set(c, values[c]);
     }
 
 private:
@@ -108,7 +104,7 @@ private:
     FIRN_HOST_DEVICE static Real withheld(Node const& node, int a)
     {
         if constexpr (ExtendsVelocities<Transfer>)
-            return node.value(Velocities::old_velocity + a) - node.value(Velocities::velocity + a);
+            return node.value(Values::old_velocity + a) - node.value(Values::velocity + a);
         else
             return Real(0);
     }
@@ -127,7 +123,7 @@ private:
         for (int a = 0; a < d; ++a) {
             momentum[a] = sum(Sums::momentum + a);
             if constexpr (Transfer::keeps_old_velocity) {
-                set(Velocities::old_velocity + a,
+                set(Values::old_velocity + a,
                     ExtendsVelocities<Transfer> ? withheld(a) : momentum[a] * inverse_mass);
                 momentum[a] += sum(Sums::impulse + a);
             }
@@ -137,7 +133,28 @@ private:
         apply_on_momentum<Real, d>(now->actions, place, nodes, momentum);
         Vector<Real, d> velocity = momentum * inverse_mass;
         velocity = apply_on_nodes<Real, d>(now->actions, place, nodes, velocity, reactions);
-        for (int a = 0; a < d; ++a) set(Velocities::velocity + a, select(filled, velocity[a], Real(0)));
+        for (int a = 0; a < d; ++a) set(Values::velocity + a, select(filled, velocity[a], Real(0)));
+        if constexpr (Carried::any) update_carried<Real>(sum, filled, inverse_mass, set);
+    }
+
+    template <class Real, class Sum, class Set>
+    FIRN_HOST_DEVICE void update_carried(Sum const& sum, Mask<Real> const& filled, Real inverse_mass,
+                                         Set const& set) const
+    {
+        using Summed = FieldsOfTerms<typename Carried::ScatteredTerms>;
+        using Held = typename Carried::NodeFields;
+        Record<Real, d, Summed> sums;
+        for_each_field(Summed{}, [&](auto tag) {
+            using Tag = decltype(tag);
+            for_each_component<Tag, d>(
+                sums[tag], [&](int c, Real& value) { value = sum(Sums::template channel<Tag> + c); });
+        });
+        Record<Real, d, Held> held;
+        static_cast<Carried const&>(*this).template update<Real, d>(sums, inverse_mass, Real(now->dt), held);
+        for_each_component_of<Held, d>(held, [&](int c, Real const& value) {
+            set(Values::carried + c, select(filled, value, Real(0)));
+        });
+        for (int c = Values::fields; c < channels; ++c) set(c, Real(0));
     }
 
     /// Books the impulse that walls receive along their axes: what particles lose to their images.
@@ -156,12 +173,12 @@ private:
             WallPlane const& wall = mirrored.walls[w];
             int const a = wall.axis;
             Real const m = mirrored.mass_behind[w], p = mirrored.momentum_behind[w],
-                       v = velocity[Velocities::velocity + a];
+                       v = velocity[Values::velocity + a];
             Real on = mirrored.sums[Sums::mass] * v, beside = two * (p + m * v);
             if constexpr (Transfer::keeps_old_velocity) {
                 on -= blend * mirrored.sums[Sums::momentum + a];
-                beside += two * (mirrored.impulse_behind[w] -
-                                 blend * (p + m * velocity[Velocities::old_velocity + a]));
+                beside +=
+                    two * (mirrored.impulse_behind[w] - blend * (p + m * velocity[Values::old_velocity + a]));
             }
             Real const received = select(which, select(mirrored.on[w], on, beside), Real(0));
             // most lanes contribute nothing: for a wall across the lanes all but two

@@ -7,6 +7,7 @@
 #include <firn/math/product.hpp>
 #include <firn/particles/readback.hpp>
 #include <firn/time_stepping/step_controller.hpp>
+#include <firn/transfer/carrying.hpp>
 
 #include <algorithm>
 #include <cstdint>
@@ -17,13 +18,16 @@
 namespace firn::detail
 {
 
-/// The time step controller with the limits of the materials alone. A material without particles imposes no
-/// viscous limit.
+/// The time step controller with the limits of the materials and of what the transfer carries alone. A
+/// material without particles imposes no viscous limit.
 template <class Kernel, class Transfer, class Sets>
 TimeStepController<static_cast<int>(Sets::count)>
-controller_of_materials(Sets const& sets, StepControl const& control, double cell_size)
+controller_of_materials(Sets const& sets, Transfer const& transfer, StepControl const& control,
+                        double cell_size)
 {
     TimeStepController<static_cast<int>(Sets::count)> controller{.control = control, .cell_size = cell_size};
+    if (sets.template size<Sets::count>() > 0)
+        controller.field = carried_by(transfer).template largest_step<Kernel>(cell_size);
     Sets::for_each([&](auto k) {
         auto const& model = sets.template model<k>();
         double expansion_ratio = Sets::d; // the largest possible, for models that do not declare one

@@ -12,6 +12,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <sstream>
 #include <string>
@@ -100,6 +101,7 @@ template <class Sets, class Controller, class Values>
                                                     double dt)
 {
     controller.acceleration = controller.obstacle_speed = 0;
+    controller.field = std::numeric_limits<double>::infinity();
     double shortest = 1.001 * stable;
     std::optional<StepFailure> found;
     Sets::for_each([&](auto k) {

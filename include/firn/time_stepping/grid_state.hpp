@@ -27,9 +27,10 @@ public:
     using Space = typename Sets::Space;
     using Number = typename Space::Scalar;
     static constexpr int d = Space::dimension;
-    using Grid = typename Backend::template Grid<
-        Number, d, Kernel::degree, NodeSums<d, Transfer::keeps_old_velocity>::channels,
-        NodeVelocities<d, Transfer::keeps_old_velocity>::channels, static_cast<int>(Sets::count)>;
+    using Grid =
+        typename Backend::template Grid<Number, d, Kernel::degree, NodeSums<d, SumsOf<Transfer>>::channels,
+                                        NodeValues<d, ValuesOf<Transfer>>::template channels<Kernel>,
+                                        static_cast<int>(Sets::count)>;
     template <std::size_t k>
     using MaterialTraits = typename Sets::template MaterialTraits<k>;
     /// The scatter phase of a material.
@@ -169,9 +170,10 @@ public:
         Sets::for_each([&](auto k) { scatter<k>(-scattered_dt_, true, sets); });
         scattered_dt_ = 0;
         extend_velocities(sets, smallest_node_mass);
-        backend_.for_each_node(sets.orders(), grid_,
-                               UpdateGrid<Space, Kernel, Transfer, Chain<>>{
-                                   now.data(), lattice_, smallest_node_mass, flip_fraction()});
+        backend_.for_each_node(
+            sets.orders(), grid_,
+            UpdateGrid<Space, Kernel, Transfer, Chain<>>{
+                {carried_by(transfer_)}, now.data(), lattice_, smallest_node_mass, flip_fraction()});
         cache_grid_fields(sets);
     }
 

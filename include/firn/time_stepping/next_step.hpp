@@ -20,7 +20,6 @@ class NextStep
 {
     using Sets = typename Scene::Sets;
     using Kernel = typename Scene::Kernel;
-    using Transfer = typename Scene::Transfer;
     static constexpr int d = Scene::d;
 
 public:
@@ -34,7 +33,8 @@ public:
     /// The time step controller for the materials of `sets`, the scene's or new ones, without effects.
     Controller controller_of(Scene const& scene, Sets const& sets) const
     {
-        return detail::controller_of_materials<Kernel, Transfer>(sets, control, scene.lattice.cell_size);
+        return detail::controller_of_materials<Kernel>(sets, scene.transfer, control,
+                                                       scene.lattice.cell_size);
     }
 
     /// The time step controller of a call with these effects.

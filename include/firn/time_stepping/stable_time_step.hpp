@@ -22,17 +22,18 @@ enum class StepLimit
     deformation,  ///< the largest velocity gradient
     acceleration, ///< gravity
     obstacle,     ///< the fastest obstacle surface that touches something
+    field,        ///< what the transfer carries beside mass and motion, such as heat that is conducted
     growth,       ///< the step before: steps grow by StepControl::growth at most
     duration,     ///< what is left of the time asked for
 };
 /// How many kinds of StepLimit there are.
-inline constexpr int step_limit_count = 8;
+inline constexpr int step_limit_count = 9;
 
 /// The limit in one word.
 constexpr char const* describe(StepLimit limit)
 {
-    constexpr char const* names[]{"wave",         "viscosity", "advection", "deformation",
-                                  "acceleration", "obstacle",  "growth",    "duration"};
+    constexpr char const* names[]{"wave",     "viscosity", "advection", "deformation", "acceleration",
+                                  "obstacle", "field",     "growth",    "duration"};
     return names[static_cast<int>(limit)];
 }
 
@@ -44,7 +45,8 @@ constexpr char const* describe(StepLimit limit)
 /// F <= 0 where there is no stress for it, a particle that moves by a cell or leaves the range of cells.
 struct StepControl
 {
-    double wave = 0.9;        ///< share of the isolated-particle limit, see isolated_limit and shear_limit
+    double wave = 0.9;        ///< share of the isolated-particle limit, see isolated_limit and shear_limit,
+                              ///< and of what carried fields allow
     double advection = 0.3;   ///< cells a particle may move per step, at most 0.5
     double deformation = 0.2; ///< dt |L|
     double obstacle = 0.5;    ///< cells an obstacle's surface may move per step

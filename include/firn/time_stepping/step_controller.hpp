@@ -9,6 +9,7 @@
 #include <array>
 #include <cmath>
 #include <cstddef>
+#include <limits>
 
 namespace firn
 {
@@ -46,6 +47,7 @@ struct TimeStepController
     std::array<MaterialLimits, std::size_t(materials)> limits{}; ///< of each material
     double acceleration = 0;                                     ///< of the effects [m/s^2]
     double obstacle_speed = 0;                                   ///< of the effects [m/s]
+    double field = std::numeric_limits<double>::infinity();      ///< largest step of carried fields [s]
     double duration = 0;                                         ///< of the call [s]
     double end = 0;                                              ///< when it ends [s]
     double equal = 0; ///< length of all steps [s]; 0: they are as long as is stable
@@ -59,7 +61,10 @@ struct TimeStepController
     {
         now.acceleration = max(now.acceleration, acceleration);
         now.obstacle_speed = max(now.obstacle_speed, obstacle_speed);
-        return stable_time_step(control, now, cell_size, limits[static_cast<std::size_t>(now.material)]);
+        ChosenStep step =
+            stable_time_step(control, now, cell_size, limits[static_cast<std::size_t>(now.material)]);
+        step.bound(control.wave * field, StepLimit::field);
+        return step;
     }
 
     /// Adds the fastest wave [m/s] in a material to the bounds, which keep the wave that bounds the step

@@ -221,7 +221,9 @@ private:
     bool isolates(Scene& scene, Controller& controller, detail::FailedStep const& step, Failures& isolated)
     {
         if (isolate_ == nullptr || !(this->*isolate_)(scene, step, isolated)) return false;
-        controller.limits = next_.controller_of(scene, scene.sets).limits;
+        Controller const of_rest = next_.controller_of(scene, scene.sets);
+        controller.limits = of_rest.limits;
+        controller.field = of_rest.field;
         if (scene.size() == 0) controller.acceleration = controller.obstacle_speed = 0;
         return true;
     }

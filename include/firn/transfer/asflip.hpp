@@ -69,11 +69,8 @@ struct Asflip
     FIRN_HOST_DEVICE Matrix<Real, d> gather(Particle& particle, Gathered<Real, d> const& gathered,
                                             Real inverse_cell_size) const
     {
-        // Regathering fields that are not stored passes particles without a velocity.
-        if constexpr (requires { particle[Velocity{}]; }) {
-            Vector<Real, d>& v = particle[Velocity{}];
-            v = gathered.velocity + (v - gathered.old_velocity) * Real(ScalarOf<Real>(fraction));
-        }
+        Vector<Real, d>& v = particle[Velocity{}];
+        v = gathered.velocity + (v - gathered.old_velocity) * Real(ScalarOf<Real>(fraction));
         Matrix<Real, d> const gradient = gathered.gradient * inverse_cell_size;
         if constexpr (HasConstantInertia<Kernel>)
             particle[AffineVelocity{}] = gathered.affine * inverse_cell_size;
