@@ -3,6 +3,8 @@
 
 #include <firn/transfer/apic.hpp>
 #include <firn/transfer/asflip.hpp>
+#include <firn/transfer/carrying.hpp>
+#include <firn/transfer/conduction.hpp>
 #include <firn/transfer/flip.hpp>
 #include <firn/transfer/mls.hpp>
 #include <firn/transfer/pic.hpp>

@@ -1,0 +1,243 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/meshes.hpp"
+#include "support/policies.hpp"
+
+#include <firn/io/checkpoint.hpp>
+#include <firn/transfer/conduction.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <random>
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+using WarmMls = Carrying<Mls, Conduction>;
+using WarmFlip = Carrying<Flip, Conduction>;
+using WarmApic = Carrying<Apic, Conduction>;
+
+template <class Number>
+double sum_of_heat(std::vector<double> const& m, std::vector<Number> const& T)
+{
+    double sum = 0;
+    for (std::size_t i = 0; i < T.size(); ++i) sum += m[i] * double(T[i]);
+    return sum;
+}
+
+/// A block that flies, turns and swings, of temperatures between 0 and 1 that change within some cells.
+template <class SceneType>
+typename SceneType::Solver flying_block(double diffusivity, typename SceneType::Backend const& backend = {})
+{
+    constexpr int d = SceneType::d;
+    using Number = typename SceneType::Number;
+    double const h = 0.05;
+    typename SceneType::Solver solver(lattice(h), {}, {{}, {.diffusivity = diffusivity}}, {}, backend);
+    auto const points = scattered<d>(
+        box_of_points<d>(Vector<double, d>::Constant(0.013), Vector<double, d>::Constant(0.313), h), 0.2 * h);
+    solver.add(points, std::pow(h / 2, d));
+    std::vector<Vector<Number, d>> velocities;
+    std::vector<Number> temperatures;
+    for (auto const& x : points) {
+        Vector<double, d> v = Vector<double, d>::Constant(1.5);
+        v[0] += -4 * (x[1] - 0.15) + std::sin(20 * x[0]);
+        v[1] += 4 * (x[0] - 0.15);
+        velocities.push_back(v.template cast<Number>());
+        temperatures.push_back(Number(0.5 + 0.5 * std::sin(10 * x[0]) * std::cos(12 * x[1])));
+    }
+    solver.template upload<Velocity>(velocities);
+    solver.template upload<Temperature>(temperatures);
+    return solver;
+}
+
+double const some_diffusivity = 0.05; // [m^2/s]; the block's length squared over it is 2 s
+
+} // namespace
+
+using Blocks = Combinations<Scene<NeoHookean<Plane>, QuadraticBSpline, WarmMls>,
+                            Scene<NeoHookean<Plane>, CubicBSpline, WarmApic>,
+                            Scene<NeoHookean<SolidFloat>, QuadraticBSpline, WarmFlip>>;
+
+// On the nodes of one particle alone the flow is m D g . grad w_i, so that its next gradient is -l g, with l
+// = dt D sum of |dN/dx|^2 / N along the axis of g.
+TEMPLATE_LIST_TEST_CASE(
+    "of a particle alone the gradient changes as its kernel says, and not the temperature", "", Blocks)
+{
+    constexpr int d = TestType::d;
+    using Number = typename TestType::Number;
+    using Kernel = typename TestType::Kernel;
+    double const h = 0.1, D = 2, dt = 1e-3, offset = 0.3; // of the cell
+    typename TestType::Solver solver(lattice(h), {}, {{}, {.diffusivity = D}});
+    double const centre = Kernel::degree % 2 == 0 ? 0 : 0.5;
+    solver.add(std::vector<Vector<double, d>>{Vector<double, d>::Constant(h * (centre + offset))},
+               std::pow(h / 2, d));
+    Vector<Number, d> g;
+    for (int a = 0; a < d; ++a) g[a] = Number(3 + a);
+    solver.template upload<Temperature>({Number(7)});
+    solver.template upload<TemperatureGradient>({g});
+    solver.steps(3, dt);
+    auto const weights = Kernel::weights(offset), derivatives = Kernel::derivatives(offset);
+    double sum = 0;
+    for (std::size_t i = 0; i < weights.size(); ++i) sum += derivatives[i] * derivatives[i] / weights[i];
+    double const l = dt * D * sum / (h * h), rounding = TestType::is_float ? 1e-5 : 1e-13;
+    CHECK(l > 0.5);
+    auto const after = solver.template download<TemperatureGradient>()[0];
+    for (int a = 0; a < d; ++a) CHECK(double(after[a]) == Approx(-l * l * l * g[a]).epsilon(100 * rounding));
+    CHECK(double(solver.template download<Temperature>()[0]) == Approx(7).epsilon(rounding));
+}
+
+TEMPLATE_LIST_TEST_CASE("heat is conserved in a block that flies and turns, and its temperatures even out",
+                        "", Blocks)
+{
+    auto solver = flying_block<TestType>(some_diffusivity);
+    auto const start = solver.template download<Temperature>();
+    double const heat = sum_of_heat(solver.masses(), start);
+    auto const report = solver.advance(0.1);
+    CHECK(report.substeps > 20);
+    auto const end = solver.template download<Temperature>();
+    CHECK(std::abs(sum_of_heat(solver.masses(), end) / heat - 1) <= (TestType::is_float ? 1e-6 : 1e-13));
+    auto const contrast = [](auto const& T) {
+        auto const [low, high] = std::minmax_element(T.begin(), T.end());
+        return *high - *low;
+    };
+    CHECK(contrast(end) < 0.7 * contrast(start));
+}
+
+TEMPLATE_LIST_TEST_CASE("one temperature stays one, and where nothing is conducted each keeps its bits", "",
+                        Blocks)
+{
+    using Number = typename TestType::Number;
+    auto solver = flying_block<TestType>(some_diffusivity);
+    solver.template upload<Temperature>(std::vector<Number>(solver.size(), Number(293)));
+    solver.template upload<TemperatureGradient>(
+        std::vector<Vector<Number, TestType::d>>(solver.size(), zeros<Vector<Number, TestType::d>>()));
+    solver.advance(0.02);
+    double worst = 0;
+    for (Number const T : solver.template download<Temperature>())
+        worst = std::max(worst, std::abs(double(T) / 293 - 1));
+    CHECK(worst <= 100 * double(std::numeric_limits<Number>::epsilon()));
+
+    auto other = flying_block<TestType>(0);
+    auto const before = other.template download<Temperature>();
+    other.advance(0.02);
+    CHECK(other.template download<Temperature>() == before);
+}
+
+namespace
+{
+
+/// The largest error of T = cos(pi x) exp(-D pi^2 t) in a bar of length 1 at rest between reflecting walls,
+/// when the exponent is -1. Two cells high, so that there are corners.
+double error_of_mode(int cells)
+{
+    using Bar = Scene<NeoHookean<Plane>, QuadraticBSpline, WarmMls>;
+    double const h = 1.0 / cells, D = 0.01, until = 1 / (D * M_PI * M_PI);
+    Bar::Model soft;
+    soft.elasticity = lame<double>(1e-3, 0);
+    soft.density = 1;
+    Bar::Solver solver(lattice(h), soft, {{}, {.diffusivity = D}});
+    auto const points = box_of_points<2>({0, 0}, {1, 2 * h}, h);
+    solver.add(points, h * h / 4);
+    std::vector<double> temperatures;
+    std::vector<Vector<double, 2>> gradients;
+    for (auto const& x : points) {
+        temperatures.push_back(std::cos(M_PI * x.x()));
+        gradients.emplace_back(-M_PI * std::sin(M_PI * x.x()), 0);
+    }
+    solver.upload<Temperature>(temperatures);
+    solver.upload<TemperatureGradient>(gradients);
+    ReflectingWall const below{.axis = 1}, above{.axis = 1, .node = 2, .side = -1}, left{.axis = 0},
+        right{.axis = 0, .node = cells, .side = -1};
+    auto const steps = std::size_t(std::ceil(20 * until * D / (h * h)));
+    solver.steps(steps, until / double(steps), below, above, left, right);
+    double worst = 0;
+    auto const now = solver.download<Temperature>();
+    for (std::size_t i = 0; i < now.size(); ++i)
+        worst = std::max(worst, std::abs(now[i] - temperatures[i] * std::exp(-1)));
+    CHECK(std::abs(sum_of_heat(solver.masses(), now)) <= 1e-13);
+    return worst;
+}
+
+} // namespace
+
+// Each pass between particles and nodes takes (k h)^2 / 8 of a mode away, and there are four of them from the
+// temperatures to the change that particles gather: the exponent is too small by the share (k h)^2 / 2, which
+// at an exponent of 1 is that share of exp(-1). Walls are insulated: the mode is that of no flow at its ends.
+TEST_CASE("a mode between reflecting walls decays with D k^2, less (k h)^2 / 2 of that")
+{
+    double const coarse = error_of_mode(16), fine = error_of_mode(32);
+    CAPTURE(coarse, fine);
+    auto const expected = [](int cells) { return 0.5 * std::pow(M_PI / cells, 2) * std::exp(-1); };
+    CHECK(coarse <= 1.2 * expected(16));
+    CHECK(fine <= 1.2 * expected(32));
+    CHECK(fine >= 0.5 * expected(32)); // else the reason above is not the reason
+    CHECK(std::log2(coarse / fine) >= 1.9);
+}
+
+TEST_CASE("conduction bounds the step, and steps of that length are stable")
+{
+    using Block = Scene<NeoHookean<Plane>, QuadraticBSpline, WarmMls>;
+    double const D = 100;
+    auto solver = flying_block<Block>(D);
+    solver.upload<Velocity>(std::vector<Vector<double, 2>>(solver.size(), Vector<double, 2>::Zero()));
+    std::mt19937 random(3);
+    std::uniform_real_distribution<double> any(-1, 1);
+    std::vector<double> T(solver.size());
+    for (double& one : T) one = any(random);
+    solver.upload<Temperature>(T);
+    double const bound = 0.05 * 0.05 / (QuadraticBSpline::gradient_bound * D);
+    auto const report = solver.advance(1000 * bound);
+    CHECK(report.usual_limit() == StepLimit::field);
+    CHECK(report.largest_dt <= 0.9 * bound);
+    CHECK(report.largest_dt > 0.85 * bound);
+    auto const squares = [](std::vector<double> const& of) {
+        double sum = 0;
+        for (double const one : of) sum += one * one;
+        return sum;
+    };
+    CHECK(squares(solver.download<Temperature>()) <= squares(T));
+    CHECK(solver.step(2 * bound).beyond_stable);
+    solver.steps(200, 6 * bound);
+    CHECK(squares(solver.download<Temperature>()) > 100 * squares(T)); // the control
+}
+
+#if !defined(__CUDACC__)
+TEST_CASE("temperatures have the same bits with any number of threads")
+{
+    using Block = Scene<NeoHookean<Plane>, QuadraticBSpline, WarmMls>;
+    std::vector<double> of_one;
+    for (int const threads : {1, 2, 3}) {
+        auto solver = flying_block<Block>(some_diffusivity, OpenMP{.threads = threads});
+        solver.advance(0.02);
+        auto const T = solver.download<Temperature>();
+        if (threads == 1) of_one = T;
+        CHECK(T == of_one);
+    }
+}
+#endif
+
+TEST_CASE("a checkpoint keeps temperatures, and the run that goes on from it is the same")
+{
+    using Block = Scene<NeoHookean<Plane>, QuadraticBSpline, WarmMls>;
+    meshes::Folder const folder;
+    auto const path = folder / "warm.firn";
+    auto solver = flying_block<Block>(some_diffusivity);
+    solver.advance(0.01);
+    write_checkpoint(path, solver);
+    Block::Solver other(lattice(0.05), {}, {{}, {.diffusivity = some_diffusivity}});
+    read_checkpoint(path, other);
+    CHECK(other.download<Temperature>() == solver.download<Temperature>());
+    CHECK(other.download<TemperatureGradient>() == solver.download<TemperatureGradient>());
+    solver.advance(0.01);
+    other.advance(0.01);
+    CHECK(other.download<Temperature>() == solver.download<Temperature>());
+    CHECK(other.positions() == solver.positions());
+    Block::Solver colder(lattice(0.05), {}, {{}, {.diffusivity = 0.5 * some_diffusivity}});
+    CHECK(solver.snapshot().transfer == "mls, conduction");
+    CHECK_THROWS_AS(read_checkpoint(path, colder), Error);
+    CHECK_THROWS_AS(Block::Solver(lattice(0.05), {}, {{}, {.diffusivity = -1}}), Error);
+}
