@@ -257,12 +257,12 @@ void remove_particles(Table& table, RemovalMask<Backend> const& mask)
     };
     auto const from_there = on_backend(from), rows_there = on_backend(rows),
                new_place_there = on_backend(new_place);
-    auto derived = to.gathered.gathered(rows_there.data(), kept);
-    to.buffer[1].gather(table.backend(), to.buffer[0], from_there.data(), kept);
-    for (auto& place : from) place = new_row[row_at[place]];
-    to.buffer[1].id.upload(0, from);
     RowIds ids = to.ids.kept(rows);
-    table.change([&] {
+    auto derived = to.gathered.gathered(rows_there.data(), kept);
+    for (auto& place : from) place = new_row[row_at[place]];
+    table.change([&] { // from here on a buffer has fewer elements than there are particles
+        to.buffer[1].gather(table.backend(), to.buffer[0], from_there.data(), kept);
+        to.buffer[1].id.upload(0, from);
         to.buffer[0].swap(to.buffer[1]);
         to.resize_buffers(kept);
         to.gathered.replace(std::move(derived));

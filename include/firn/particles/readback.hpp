@@ -6,6 +6,7 @@
 #include <firn/grid/lattice.hpp>
 #include <firn/particles/storage.hpp>
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -83,8 +84,9 @@ template <class Table>
 ColumnsOf<Table> columns_of(Table const& table)
 {
     ColumnsOf<Table> columns;
-    for (std::size_t c = 0; c < columns.size(); ++c)
-        columns[c] = downloaded(table.contents().buffer[0].component[c]);
+    auto const& components = table.contents().buffer[0].component;
+    std::transform(components.begin(), components.end(), columns.begin(),
+                   [](auto const& array) { return downloaded(array); });
     return columns;
 }
 

@@ -3,6 +3,7 @@
 
 #include <firn/particles/table_view.hpp>
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -113,8 +114,8 @@ private:
     {
         Which view{.offset = {}, .component = {}, .id = storage.id.data()};
         for (std::size_t a = 0; a < view.offset.size(); ++a) view.offset[a] = storage.offset[a].data();
-        for (std::size_t c = 0; c < view.component.size(); ++c)
-            view.component[c] = storage.component[c].data();
+        std::transform(storage.component.begin(), storage.component.end(), view.component.begin(),
+                       [](auto& array) { return array.data(); });
         return view;
     }
 };
