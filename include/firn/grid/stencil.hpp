@@ -54,16 +54,16 @@ struct Stencil
     /// The product of the weights of all axes but the last.
     FIRN_HOST_DEVICE Real row_weight(int row) const
     {
-        Real product = weight[0][index(row, 0)];
-        if constexpr (d == 3) product = product * weight[1][index(row, 1)];
+        Real product = weight[0][place(row, 0)];
+        if constexpr (d == 3) product = product * weight[1][place(row, 1)];
         return product;
     }
 
     /// The row's part of the gradient along `axis` (not the last): the derivative there, weights elsewhere.
     FIRN_HOST_DEVICE Real row_gradient(int row, int axis) const
     {
-        Real product = derivative[axis][index(row, axis)];
-        if constexpr (d == 3) product = product * weight[1 - axis][index(row, 1 - axis)];
+        Real product = derivative[std::size_t(axis)][place(row, axis)];
+        if constexpr (d == 3) product = product * weight[std::size_t(1 - axis)][place(row, 1 - axis)];
         return product;
     }
 
@@ -76,7 +76,16 @@ struct Stencil
     }
 
     /// The row's distance along `axis` (not the last), in cells.
-    FIRN_HOST_DEVICE Real row_distance(int row, int axis) const { return distance[axis][index(row, axis)]; }
+    FIRN_HOST_DEVICE Real row_distance(int row, int axis) const
+    {
+        return distance[std::size_t(axis)][place(row, axis)];
+    }
+
+private:
+    FIRN_HOST_DEVICE static constexpr std::size_t place(int row, int axis)
+    {
+        return static_cast<std::size_t>(index(row, axis));
+    }
 };
 
 } // namespace firn

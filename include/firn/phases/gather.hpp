@@ -226,9 +226,9 @@ private:
             Vector<Real, d> plain = Vector<Real, d>::Zero(), old = plain, reach = plain, slope = plain;
             FIRN_UNROLL
             for (int k = 0; k < Nodes::width; ++k) {
-                Real const w = nodes.weight[Nodes::last][k];
-                Real const w_distance = w * nodes.distance[Nodes::last][k],
-                           dw = nodes.derivative[Nodes::last][k];
+                Real const w = nodes.weight[Nodes::last][std::size_t(k)];
+                Real const w_distance = w * nodes.distance[Nodes::last][std::size_t(k)],
+                           dw = nodes.derivative[Nodes::last][std::size_t(k)];
                 FIRN_UNROLL
                 for (int a = 0; a < d; ++a) {
                     Real const v = row_of_cells.node(Values::velocity + a, row, k) - middle[a];
