@@ -11,7 +11,7 @@
 
 // Every kind of policy on one page: the requirements on a kernel, a transfer scheme, a field that it carries,
 // and a material. Effects are in effects/effect.hpp, shapes in effects/shapes/shape.hpp, lanes in
-// core/lane.hpp, backends in backends/README.md.
+// core/lane.hpp, backends in backend.hpp.
 namespace firn
 {
 

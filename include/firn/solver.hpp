@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/backend.hpp>
 #include <firn/checked_policies.hpp>
 #include <firn/concepts.hpp>
 #include <firn/core/access_guard.hpp>
@@ -70,6 +71,7 @@ public:
     using kernel = Kernel;
     /// 2 or 3.
     static constexpr int d = Space::dimension;
+    static_assert(CompleteBackend<Backend, Number, d>, "the backend lacks a member: see firn/backend.hpp");
     /// The lane type: what a loop of the backend computes with at once.
     using Real = typename Backend::template Lane<Number>;
     static_assert(detail::are_materials<Real, List>,
