@@ -4,6 +4,9 @@
 
 #include <firn/core/error.hpp>
 
+#ifdef HOST_HAS_REFERENCE
+#include <firn/reference.hpp>
+#endif
 #ifdef HOST_HAS_OPENMP
 #include <firn/openmp.hpp>
 #endif

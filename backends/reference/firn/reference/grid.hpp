@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/components.hpp>
+#include <firn/grid/lattice.hpp>
+#include <firn/reference/array.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cassert>
+#include <cstddef>
+#include <map>
+
+// The nodes, and one of them as a phase sees it.
+namespace firn::reference
+{
+
+/// Numbers of nodes by the nodes' coordinates, the first axis first. Those of a new node are 0.
+template <class Numbers, int d>
+using NodeMap = std::map<std::array<int, std::size_t(d)>, Numbers>;
+
+/// A node's key in such a map.
+template <int d>
+std::array<int, std::size_t(d)> key_of(Coordinates<d> const& node)
+{
+    std::array<int, std::size_t(d)> key;
+    std::copy_n(node.data(), d, key.begin());
+    return key;
+}
+
+/// The numbers of the nodes of a cell's stencil: `stencil[k][row][channel]`, as phases count nodes.
+template <class Number, int d, int degree>
+class Stencil
+{
+public:
+    static constexpr int width = degree + 1, rows = d == 3 ? width * width : width;
+
+    Stencil() = default;
+    /// `find(key)` says where the numbers of a node are.
+    template <class Find>
+    Stencil(Coordinates<d> const& cell, Find const& find)
+    {
+        Coordinates<d> const first = cell - Coordinates<d>::Constant(stencil_reach(degree));
+        for (int row = 0; row < rows; ++row)
+            for (int k = 0; k < width; ++k) {
+                Coordinates<d> node = first;
+                node[0] += d == 3 ? row / width : row;
+                if (d == 3) node[1] += row % width;
+                node[d - 1] += k;
+                node_[k][row] = find(key_of<d>(node));
+            }
+    }
+
+    auto& operator[](int k) const
+    {
+        assert(k >= 0 && k < width && "a node is in the stencil of its cell");
+        return node_[k];
+    }
+
+private:
+    Number* node_[std::size_t(width)][std::size_t(rows)]{};
+};
+
+/// The nodes under the cells. They appear when something is added to them. Each order of cells has a *layer*:
+/// sums of its own, of this step and of the next one. All layers share the values.
+template <class Number, int d, int degree, int sums, int values, int layers>
+class Grid
+{
+public:
+    /// In double precision for any Number, so that the order in which items are added hardly matters.
+    using Sums = std::array<double, std::size_t(sums)>;
+    using Values = std::array<Number, std::size_t(values)>;
+
+    /// The grid as one order of cells sees it. A light handle, made when needed.
+    struct Layer
+    {
+        NodeMap<Sums, d>&sums_now, &next_sums;
+        NodeMap<Values, d> const& node_values;
+
+        /// The values around a cell; all of these nodes have been updated.
+        Stencil<Number const, d, degree> values_around(Coordinates<d> const& cell) const
+        {
+            return {cell, [&](auto const& key) { return node_values.at(key).data(); }};
+        }
+        /// The sums around a cell, of this step or of the next one.
+        Stencil<double, d, degree> sums_around(Coordinates<d> const& cell, NodeMap<Sums, d>& of) const
+        {
+            return {cell, [&](auto const& key) { return of[key].data(); }};
+        }
+    };
+
+    explicit Grid(Reference const&) {}
+
+    Layer layer(std::size_t of) { return {now_[of], next_[of], values_}; }
+
+    /// Prepares the nodes for a step: the values of the last one are not needed any more.
+    template <class Orders>
+    void activate(Orders const&)
+    {
+        values_.clear();
+    }
+
+    /// Makes the sums of the next step those of this one.
+    void swap() { now_.swap(next_); }
+
+    /// The sums of all nodes, added up layer by layer.
+    NodeMap<Sums, d> all_sums() const
+    {
+        NodeMap<Sums, d> all;
+        for (auto const& of_layer : now_)
+            for (auto const& [node, more] : of_layer) {
+                Sums& found = all[node];
+                for (std::size_t c = 0; c < found.size(); ++c) found[c] += more[c];
+            }
+        return all;
+    }
+    Values& values_at(std::array<int, std::size_t(d)> const& node) { return values_[node]; }
+
+    /// As much as a node of a map has usually: its numbers, its key, three links and a colour.
+    std::size_t memory() const
+    {
+        std::size_t const more = 4 * sizeof(void*);
+        std::size_t bytes = values_.size() * (sizeof(*values_.begin()) + more);
+        for (auto const* both : {&now_, &next_})
+            for (auto const& of_layer : *both) bytes += of_layer.size() * (sizeof(*of_layer.begin()) + more);
+        return bytes;
+    }
+
+private:
+    std::array<NodeMap<Sums, d>, std::size_t(layers)> now_, next_; ///< by layer
+    NodeMap<Values, d> values_;
+};
+
+/// One node, as a phase sees it.
+template <class Number, int d, class Sums, class Values>
+class Node
+{
+public:
+    using Real = Number;
+
+    /// `all` are the sums of all nodes, and `at` is one of them.
+    Node(NodeMap<Sums, d> const& all, typename NodeMap<Sums, d>::const_iterator at, Values& values)
+        : all_(all), at_(at), before_(values), values_(values)
+    {}
+
+    Number sum(int channel) const { return static_cast<Number>(at_->second[std::size_t(channel)]); }
+    /// The value from before this update.
+    Number value(int channel) const { return before_[std::size_t(channel)]; }
+    void set(int channel, Number value) { values_[std::size_t(channel)] = value; }
+
+    Coordinates<d> first() const { return Coordinates<d>(at_->first.data()); }
+    Vector<Number, d> offset() const { return zeros<Vector<Number, d>>(); }
+
+    /// The sums of the node that lies `along` the last axis from `first`; zeros if there is none.
+    template <int channels>
+    void sums_at(Coordinates<d> first, Number along, bool, Number (&found)[std::size_t(channels)]) const
+    {
+        first[d - 1] += static_cast<int>(along);
+        auto const other = all_.find(key_of<d>(first));
+        for (std::size_t c = 0; c < channels; ++c)
+            found[c] = other == all_.end() ? Number(0) : static_cast<Number>(other->second[c]);
+    }
+
+private:
+    NodeMap<Sums, d> const& all_;
+    typename NodeMap<Sums, d>::const_iterator at_;
+    Values const before_;
+    Values& values_;
+};
+
+} // namespace firn::reference
