@@ -50,11 +50,11 @@ typename SceneType::Solver new_solver([[maybe_unused]] int threads)
     typename SceneType::Solver::Transfer transfer;
     typename SceneType::Solver::Model model;
     Eigen::Vector3d const origin(0.1, -0.2, 0.3);
-#if defined(__CUDACC__)
-    return typename SceneType::Solver(lattice(0.05, origin), model, transfer);
-#else
+#if defined(FIRN_TESTS_ON_OPENMP)
     return typename SceneType::Solver(lattice(0.05, origin), model, transfer, {},
                                       typename SceneType::Backend{.threads = threads});
+#else
+    return typename SceneType::Solver(lattice(0.05, origin), model, transfer);
 #endif
 }
 
@@ -117,10 +117,10 @@ std::vector<double> run_on(Solver& solver, int rounds)
 }
 
 std::vector<int> const thread_counts =
-#if defined(__CUDACC__)
-    {1};
-#else
+#if defined(FIRN_TESTS_ON_OPENMP)
     {1, 2};
+#else
+    {1};
 #endif
 
 } // namespace

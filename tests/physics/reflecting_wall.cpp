@@ -204,7 +204,7 @@ TEST_CASE("walls that are none, or share nodes, are refused, and nothing has cha
     CHECK_NOTHROW(solver.step(1e-5, wall, ReflectingWall{.axis = 0, .node = 200, .side = -1}));
 }
 
-#if !defined(__CUDACC__)
+#if defined(FIRN_TESTS_ON_OPENMP)
 
 TEST_CASE("with walls, too, results are the same bits with any number of threads")
 {

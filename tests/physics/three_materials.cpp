@@ -78,12 +78,12 @@ TEMPLATE_LIST_TEST_CASE(
 TEST_CASE("three materials give the same bits with any number of threads, and every time")
 {
     using Solver = Scene<Mixture<SolidFloat>, QuadraticBSpline, Mls>::Solver;
-#if defined(__CUDACC__)
-    auto const run = [](int) {
-        Solver solver(lattice(0.01));
-#else
+#if defined(FIRN_TESTS_ON_OPENMP)
     auto const run = [](int threads) {
         Solver solver(lattice(0.01), {}, {}, {}, OpenMP{.threads = threads});
+#else
+    auto const run = [](int) {
+        Solver solver(lattice(0.01));
 #endif
         splash(solver, sample_of(20, 60), 3e-5, 6000);
         auto const some_go = solver.remove_if(Inside<Box>{.shape = {{0.05, 0.05, 0.3}}});

@@ -5,7 +5,10 @@
 
 #if defined(__CUDACC__)
 #include <firn/cuda.hpp>
+#elif defined(FIRN_TESTS_ON_REFERENCE)
+#include <firn/reference.hpp>
 #else
+#define FIRN_TESTS_ON_OPENMP
 #include <firn/openmp.hpp>
 #endif
 
@@ -24,6 +27,8 @@ namespace firn::test
 /// The backend that this file is compiled for: tests of whole scenes are compiled once for each.
 #if defined(__CUDACC__)
 using TestedBackend = Cuda;
+#elif defined(FIRN_TESTS_ON_REFERENCE)
+using TestedBackend = Reference;
 #else
 using TestedBackend = OpenMP;
 #endif
@@ -32,7 +37,7 @@ using TestedBackend = OpenMP;
 template <class Number, class Backend = TestedBackend>
 using TestedLane = typename Backend::template Lane<Number>;
 
-#if defined(FIRN_HAS_XSIMD)
+#if defined(FIRN_TESTS_ON_OPENMP) && defined(FIRN_HAS_XSIMD)
 /// Lanes that are packs of so many bytes: 16, which every processor that has packs has, or more where the
 /// compile flags allow.
 template <int bytes>
