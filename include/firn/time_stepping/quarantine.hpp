@@ -14,12 +14,11 @@ namespace firn::detail
 /// A step that failed, or one that advances no time.
 struct FailedStep
 {
-    StepLog log{};     ///< a copy: later work overwrites the log
-    double time = 0;   ///< at which it began [s]
-    double dt = 0;     ///< its length [s]
-    bool last = false; ///< it is not to be retried
-    std::optional<StepFailure>
-        failure{}; ///< the particle to remove if none is without stress, if it is known
+    StepLog log{};                        ///< a copy: later work overwrites the log
+    double time = 0;                      ///< at which it began [s]
+    double dt = 0;                        ///< its length [s]
+    bool last = false;                    ///< it is not to be retried
+    std::optional<StepFailure> failure{}; ///< of the particle known to cause it
 };
 
 /// The particles that were removed from a scene because steps failed, and how many may be in all. See

@@ -174,7 +174,8 @@ private:
     /// Where the chosen step is too short to advance time: repeated halving did not prevent the failure of
     /// `failed`, or a particle's own state allows no step. Drops stale bounds or removes particles, or
     /// throws.
-    void get_unstuck(Scene& scene, Controller& controller, StepLog const& failed, AdvanceReport& all)
+    [[gnu::cold]] void get_unstuck(Scene& scene, Controller& controller, StepLog const& failed,
+                                   AdvanceReport& all)
     {
         double const tried = next_.time_state.now.interval.length();
         bool const repeated = next_.time_state.retries > 0;
@@ -187,7 +188,7 @@ private:
     }
 
     /// After a failed step: plans it at half its length or without some particles, or throws.
-    void retry(Scene& scene, Controller& controller, StepLog const& failed, AdvanceReport& all)
+    [[gnu::cold]] void retry(Scene& scene, Controller& controller, StepLog const& failed, AdvanceReport& all)
     {
         ++all.rejected;
         // Too many failures in a row, or a step that earlier failures have made as short. Without the second
@@ -218,7 +219,8 @@ private:
 
     /// The same if quarantine() was called; drops the limits that came from the removed particles. The call
     /// goes through a pointer so that isolate() is compiled only for programs that ask for it.
-    bool isolates(Scene& scene, Controller& controller, detail::FailedStep const& step, Failures& isolated)
+    [[gnu::cold]] bool isolates(Scene& scene, Controller& controller, detail::FailedStep const& step,
+                                Failures& isolated)
     {
         if (isolate_ == nullptr || !(this->*isolate_)(scene, step, isolated)) return false;
         Controller const of_rest = next_.controller_of(scene, scene.sets);
