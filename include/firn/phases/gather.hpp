@@ -169,11 +169,11 @@ private:
             using Tag = decltype(tag);
             constexpr bool has_value = CarriedTerms::template contains<Tag>,
                            has_gradient = CarriedTerms::template contains<GradientTerm<Tag>>;
-            FIRN_UNROLL
-            for (int c = 0; c < component_count<Tag>(d); ++c) {
+            FieldValue<Tag, Real, d> sums;
+            for_each_component<Tag, d>(sums, [&](int c, Real& sum) {
                 int const channel = Values::template channel<Tag> + c;
                 Real const middle = row_of_cells.node(channel, Nodes::rows / 2, Nodes::width / 2);
-                Real sum(0);
+                sum = Real(0);
                 Vector<Real, d> slopes = zeros<Vector<Real, d>>();
                 FIRN_UNROLL_ON_DEVICE
                 for (int row = 0; row < Nodes::rows; ++row) {
@@ -181,8 +181,8 @@ private:
                     FIRN_UNROLL
                     for (int k = 0; k < Nodes::width; ++k) {
                         Real const value = row_of_cells.node(channel, row, k) - middle;
-                        plain += value * nodes.weight[Nodes::last][k];
-                        slope += value * nodes.derivative[Nodes::last][k];
+                        plain += value * nodes.weight[Nodes::last][std::size_t(k)];
+                        slope += value * nodes.derivative[Nodes::last][std::size_t(k)];
                     }
                     sum += plain * nodes.row_weight(row);
                     FIRN_UNROLL
@@ -195,7 +195,7 @@ private:
                     for (int j = 0; j < d; ++j)
                         row_of_cells.set_scratch(place_of<GradientTerm<Tag>> + c * d + j, slopes[j]);
                 }
-            }
+            });
         });
     }
 

@@ -92,7 +92,7 @@ namespace detail
 template <class Policy>
 struct CarriedSlot
 {
-    Policy policy;
+    Policy carried_policy;
 };
 } // namespace detail
 
@@ -109,7 +109,7 @@ struct CarriedFields : detail::CarriedSlot<Policies>...
     template <class Policy>
     FIRN_HOST_DEVICE Policy const& get() const
     {
-        return static_cast<detail::CarriedSlot<Policy> const&>(*this).policy;
+        return static_cast<detail::CarriedSlot<Policy> const&>(*this).carried_policy;
     }
 
     /// Sets the terms that particles scatter.
