@@ -99,16 +99,16 @@ struct BasicOpenMP
         constexpr CellWork work = Phase::work;
         static_assert(!work.moves || (work.gathers && work.scatters_to == ScatterTarget::next_sums),
                       "items that move gather before, and scatter to the next sums");
-        openmp::Threads const threads = threads_for(cells.size());
+        openmp::Threads const team = threads_for(cells.size());
         if constexpr (!work.gathers || work.moves) cells.complete(); // usually it is
         if constexpr (!work.gathers)
-            openmp::scatter<Real>(threads, cells, layer, phase, !phase.adds_to_sums());
+            openmp::scatter<Real>(team, cells, layer, phase, !phase.adds_to_sums());
         else if constexpr (work.moves)
-            return openmp::move<Real>(threads, cells, layer, phase);
+            return openmp::move<Real>(team, cells, layer, phase);
         else if constexpr (work.scatters_to == ScatterTarget::next_sums)
-            openmp::scatter_back<Real>(threads, cells, layer, phase);
+            openmp::scatter_back<Real>(team, cells, layer, phase);
         else
-            openmp::gather<Real>(threads, cells, layer, phase);
+            openmp::gather<Real>(team, cells, layer, phase);
     }
 
     /// Items that changed cells when they moved scatter to the grid, to which all others already have.
