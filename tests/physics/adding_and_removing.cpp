@@ -248,7 +248,7 @@ TEMPLATE_LIST_TEST_CASE(
         inside = double(layers * layer.size() - gone);
         REQUIRE(solver.size() == layers * layer.size() - gone);
         Totals const now(solver);
-        CHECK(now.mass == Approx(inside * 1000 * std::pow(spacing, d)).epsilon(1e-12));
+        CHECK(now.mass == Approx(inside * double(soft.density) * std::pow(spacing, d)).epsilon(1e-12));
         CHECK((now.momentum - now.mass * v).norm() <= 1e-10 * now.mass * speed);
         if (i == 30) most_memory = solver.memory();
     }
