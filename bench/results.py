@@ -38,7 +38,8 @@ def stop(text):
 
 
 def number(value):
-    return f"{float(value):.4g}"
+    value = float(value)
+    return f"{value:.3g}" if abs(value) < 999.5 else f"{value:.0f}"
 
 
 def row(entry, value, unit, spread="", date="", commit=""):

@@ -82,7 +82,7 @@ JSON
         }
         expect steps.csv '2026-01-02,abcdef0,h200,step/openmp/snow/cubic/mls/float/random/1000/threads:2,11,M/s,0.091
 2026-01-02,abcdef0,h200,step/openmp/snow/cubic/mls/float/random/1000/threads:2,6,M/s/core,0
-2026-01-02,abcdef0,h200,step/openmp/snow/cubic/mls/float/random/1000/threads:2,150.4,B,0
+2026-01-02,abcdef0,h200,step/openmp/snow/cubic/mls/float/random/1000/threads:2,150,B,0
 2026-01-02,abcdef0,h200,compile/minimal_host/threads:2,6.5,s,'
         expect steps_cuda.csv '2026-01-02,abcdef0,h200,step/cuda/snow/cubic/mls/float/random/1000,4.5,G/s,
 2026-01-02,abcdef0,h200,step/cuda/snow/cubic/mls/float/random/1000,26.5,us,'
