@@ -150,9 +150,9 @@ concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::t
 // Results are merged by `merge(other)`, in an order that does not depend on how the work was divided. No
 // concept can ask for these loops without compiling one, so tests/agreement compiles them.
 //
-//   for_each_cell(order, layer, phase)     all items gather, are updated, may move, and scatter: what of
-//                                          that, `Phase::work` says (see CellWork). Returns the merged
-//                                          results of a phase that moves items
+//   for_each_cell(order, layer, phase)     all items gather, are updated, may move, and scatter;
+//                                          `Phase::work` says which of these (see CellWork). Returns the
+//                                          merged results of a phase that moves items
 //   scatter_leavers<Phase>(order, layer)   items that moved to other cells, and were rebinned, scatter there
 //                                          to the current sums
 //   for_each_node(orders, grid, phase)     updates all nodes that any layer added to. Returns the merged

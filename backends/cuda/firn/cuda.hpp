@@ -119,8 +119,8 @@ struct Cuda
                              cells.blocks(), 1, 0, cells.signal(), visit, cells.view(), cells.committed());
     }
 
-    /// The items of all cells gather from the nodes, are updated and scatter: what of that, the phase says
-    /// (see CellWork). Items move in run_steps() alone.
+    /// The items of all cells gather from the nodes, are updated and scatter; the phase says which of
+    /// these (see CellWork). Items move in run_steps() alone.
     template <class Order, class AnyLayer, class Phase>
     void for_each_cell(Order const& cells, AnyLayer& layer, Phase const& phase) const
     {

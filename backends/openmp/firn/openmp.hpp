@@ -90,8 +90,8 @@ struct BasicOpenMP
         cells.for_each(visit);
     }
 
-    /// The items of all cells gather from the nodes, are updated, move and scatter: what of that, the phase
-    /// says (see CellWork). Returns the merged results of the updates, if there are any.
+    /// The items of all cells gather from the nodes, are updated, move and scatter; the phase says which
+    /// of these (see CellWork). Returns the merged results of the updates, if there are any.
     template <class Order, class LayerType, class Phase>
     auto for_each_cell(Order& cells, LayerType& layer, Phase const& phase) const
     {

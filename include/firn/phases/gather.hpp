@@ -11,8 +11,15 @@ namespace firn
 
 /// The gather (G2P): the sums over a particle's stencil that a transfer scheme asks for.
 ///
-/// Nodes are read once for all particles of a cell (`CellNodes`), and particles gather from that (`gather`).
-/// The sums are stored in scratch until they are asked for, particle by particle (`gathered`).
+///   v_p      = sum_i w_ip v_i                                    and, for FLIP, that of the old velocities
+///   affine   = sum_i w_ip v_i (x_i - x_p)^T D^-1                 D: the kernel's inertia
+///   gradient = sum_i v_i grad w_ip^T
+///   s_p      = sum_i w_ip s_i, or sum_i s_i grad w_ip            the terms of what the transfer carries
+///
+/// What becomes of them is for the scheme's own `gather` to say. They are computed in one of two ways. Either
+/// nodes are read once for all particles of a cell (`CellNodes`), and particles gather from that. Or each
+/// particle reads the nodes itself. A backend chooses. The sums are stored in scratch until they are asked
+/// for, particle by particle (`gathered`).
 template <class Space, class Kernel, class Transfer>
 struct Gather
 {
@@ -85,7 +92,7 @@ struct Gather
         }
     }
 
-    /// Fallback: each particle reads the nodes directly.
+    /// The other way: each particle reads the nodes directly.
     template <class Row, class Real = typename Row::Real>
     FIRN_HOST_DEVICE static void gather(Row& row_of_cells)
     {
@@ -159,7 +166,7 @@ private:
         });
     }
 
-    /// The fallback for carried fields. Values are relative to the middle node's, as velocities are below.
+    /// The same for carried fields. Values are relative to the middle node's, as velocities are below.
     template <class Real, class Row>
     FIRN_HOST_DEVICE static void gather_carried(Row& row_of_cells)
     {

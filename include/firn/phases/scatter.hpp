@@ -18,8 +18,9 @@ namespace firn
 ///   s_i      = sum_p (w_ip s_p + grad w_ip . g_p)                 the terms of what the transfer carries
 ///
 /// (Stomakhin et al. 2013, eq. 6 with V^n sigma = V0 tau; Jiang et al. 2015, eq. 8). First each particle's
-/// terms are computed, particle by particle, and stored in scratch. Then each cell sums its particles'
-/// contributions to each node of its stencil, and adds them to the grid once, however many particles it has.
+/// terms are computed by the scheme's own `scatter`, in G2p2g or ParticlesToGrid, and stored in scratch. Then
+/// each cell sums its particles' contributions to each node of its stencil, and adds them to the grid once,
+/// however many particles it has.
 template <class Space, class Kernel, class Transfer>
 struct Scatter
 {

@@ -35,7 +35,8 @@ public:
         });
     }
 
-    /// Undoes commit() and rebin_by() for steps that were queued and then not taken.
+    /// Undoes so many calls of commit() and rebin_by(), for steps that were queued and then not taken: see
+    /// ParticleTable::rollback, which also undoes what the backend's order of cells did.
     void rollback(int committed, int rebinned)
     {
         Sets::for_each([&](auto k) {

@@ -179,9 +179,9 @@ public:
         committed_ = false;
     }
     /// Undoes the last `follows` rebins on the host, for steps that were queued and then not run, or rebinned
-    /// early. `settled`: whether items then lie at their slots. If they do, the first of these rebins wrapped
-    /// the leavers' offsets in `offset`, which are unwrapped. If they do not, its offsets belong to a failed
-    /// step and are not read again.
+    /// early. `committed`: whether items then lie at their slots. If they do, the first of these rebins
+    /// wrapped the leavers' offsets in `offset`, which are unwrapped. If they do not, its offsets belong to a
+    /// failed step and are not read again.
     void rollback(int follows, bool committed, std::array<Offset*, d> const& offset)
     {
         if (follows % 2 != 0) {
