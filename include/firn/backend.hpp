@@ -12,8 +12,8 @@
 #include <cstdint>
 #include <span>
 
-// What a backend owes, and what its loops show to phases, on one page. `backends/reference` does all of it by
-// plain loops.
+// What a backend owes, and what its loops show to phases, on one page. `backends/reference` does all of it
+// but queueing by plain loops.
 //
 // A backend knows items, cells and nodes, and not what phases compute of them. An *item* lies at a *place* of
 // all arrays. The order of cells visits the items, and an item's number in this order is its *slot*. A loop
@@ -25,7 +25,12 @@ namespace firn
 
 namespace detail
 {
-// What stands for the function objects of callers.
+// What stands for any plain value, and for the function objects of callers.
+struct alignas(32) AnyPlain
+{
+    explicit AnyPlain(int);
+    double of[4];
+};
 struct AnyBody
 {
     void operator()(std::size_t) const;
@@ -75,7 +80,8 @@ concept BackendArray = std::constructible_from<T, B const&> && std::movable<T> &
     std::size_t{constant.memory()}; // bytes held, spare capacity included
 };
 
-/// `B::ReadbackBuffer<T>`: values that loops write and the host reads.
+/// `B::ReadbackBuffer<T>`: values that loops write and the host reads, of any plain type: it may lack a
+/// default constructor, and be aligned to more than a number. The destructor waits for loops that use it.
 template <class T, class B>
 concept BackendReadbackBuffer = std::constructible_from<T, B const&> && requires(T buffer, std::size_t size)
 {
@@ -130,7 +136,7 @@ concept QueueingBackend = requires(B const backend, Order order, std::array<Orde
                                    std::size_t blindly, int count, detail::AnySteps& steps,
                                    std::array<typename CellOffset<Number>::Stored*, std::size_t(d)> offsets)
 {
-    std::size_t{backend.steps_to_queue(orders, blindly)}; // how many, if `blindly` as many may be in vain
+    std::size_t{backend.steps_to_queue(orders, blindly)}; // how many; `blindly` is the most to risk in vain
     QueueOutcome{backend.run_steps(steps, count)};        // queues at most so many QueuedSteps, and waits
     order.rollback(count, true, offsets); // undoes so many rebin(); whether the items lie at their slots then
 };
@@ -138,7 +144,7 @@ concept QueueingBackend = requires(B const backend, Order order, std::array<Orde
 /// All that a solver asks of a backend before it compiles a loop.
 template <class B, class Number, int d>
 concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::template Array<Number>, B> &&
-    BackendReadbackBuffer<typename B::template ReadbackBuffer<Number>, B> &&
+    BackendReadbackBuffer<typename B::template ReadbackBuffer<detail::AnyPlain>, B> &&
     BackendCellOrder<detail::OrderOf<B, Number, d>, B, Number, d> &&
     BackendGrid<detail::GridOf<B, Number, d>, B, detail::OrderOf<B, Number, d>> &&
     BackendLoops<B, detail::OrderOf<B, Number, d>, d> &&

@@ -3,11 +3,14 @@
 
 #include <firn/core/parameters.hpp>
 #include <firn/effects/effect.hpp>
+#include <firn/interpolation/quadratic_b_spline.hpp>
 #include <firn/models/response.hpp>
 #include <firn/transfer/carrying.hpp>
 #include <firn/transfer/transfer.hpp>
 
 #include <array>
+#include <concepts>
+#include <string_view>
 
 // Every kind of policy on one page: the requirements on a kernel, a transfer scheme, a field that it carries,
 // and a material. Effects are in effects/effect.hpp, shapes in effects/shapes/shape.hpp, lanes in
@@ -184,6 +187,24 @@ concept GathersField = requires(T const policy, Record<Real, d, typename T::Stat
 {
     policy.template gather<Real, d>(particle, terms, number);
 };
+
+template <class T>
+concept IsNamed = requires
+{
+    std::string_view(T::name);
+};
+
+/// Whether a bound on the step is called as the library calls it, or there is none.
+template <class T>
+concept BoundsStepsOrNot = requires(T const policy)
+{
+    {
+        policy.template largest_step<QuadraticBSpline>(1.0)
+        } -> std::convertible_to<double>;
+}
+|| !(
+       requires(T policy) { policy.largest_step(1.0); } ||
+       requires(T policy) { policy.template largest_step<QuadraticBSpline>(1.0); });
 } // namespace detail
 
 /// A field that a transfer scheme carries through the grid (see transfer/carrying.hpp): its lists, and what
@@ -191,7 +212,8 @@ concept GathersField = requires(T const policy, Record<Real, d, typename T::Stat
 /// parameters: see SaysParameters.
 template <class T, class Real, int d>
 concept CarriedField = Lane<Real> && detail::HasFieldLists<T> && detail::ScattersField<T, Real, d> &&
-    detail::UpdatesField<T, Real, d> && detail::GathersField<T, Real, d>;
+    detail::UpdatesField<T, Real, d> && detail::GathersField<T, Real, d> && detail::IsNamed<T> &&
+    detail::BoundsStepsOrNot<T>;
 
 namespace detail
 {
@@ -211,6 +233,10 @@ struct CompleteField
     static_assert(!HasFieldLists<Policy> || GathersField<Policy, Real, d>,
                   "the carried field lacks 'template <firn::Lane Real, int d, class Particle, class Terms> "
                   "void gather(Particle&, Terms const&, Real inverse_cell_size) const'");
+    static_assert(IsNamed<Policy>, "the carried field lacks 'static constexpr auto name'");
+    static_assert(BoundsStepsOrNot<Policy>,
+                  "the carried field's bound on steps is to be 'template <class Kernel> double "
+                  "largest_step(double cell_size) const'");
     static constexpr bool value = CarriedField<Policy, Real, d>;
 };
 

@@ -78,13 +78,23 @@ void step(SolverOf<ItsSpace, ItsState, ItsDensity, ItsValidate, ItsRespond>& sol
     solver.step(1e-4, firn::Obstacle<Nothing>{});
 }
 #elif defined(NO_FIELD)
-struct ItsLists
+struct ItsName
+{
+    static constexpr auto name = "own";
+};
+struct ItsFields
 {
     using State = firn::Fields<firn::Stiffness>;
     using Stored = State;
     using ScatteredTerms = firn::Fields<firn::NodeMass>;
     using NodeFields = ScatteredTerms;
     using GatheredTerms = ScatteredTerms;
+};
+struct ItsLists : ItsName, ItsFields
+{};
+struct BoundsStepsOfAnyKernel
+{
+    double largest_step(double) const { return 1; }
 };
 struct ItsScatter
 {
@@ -107,7 +117,10 @@ struct ItsGather
 template <class... Members>
 using Carries = firn::detail::CompleteField<Model<Members...>, float, 3>;
 static_assert(Carries<ItsLists, ItsScatter, ItsUpdate, ItsGather>::value);
-bool without_lists = Carries<ItsScatter, ItsUpdate, ItsGather>::value;
+bool without_lists = Carries<ItsName, ItsScatter, ItsUpdate, ItsGather>::value;
+bool without_name = Carries<ItsFields, ItsScatter, ItsUpdate, ItsGather>::value;
+bool with_a_bound_that_is_not_called =
+    Carries<ItsLists, ItsScatter, ItsUpdate, ItsGather, BoundsStepsOfAnyKernel>::value;
 bool without_scatter = Carries<ItsLists, ItsUpdate, ItsGather>::value;
 bool without_update = Carries<ItsLists, ItsScatter, ItsGather>::value;
 bool without_gather = Carries<ItsLists, ItsScatter, ItsUpdate>::value;

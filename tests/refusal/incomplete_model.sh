@@ -50,7 +50,10 @@ done <<'END'
 1 'template <firn::Lane Real, int d, class Particle, class Terms> void scatter(
 2 'template <firn::Lane Real, int d, class Sums, class Values> void update(
 2 'template <firn::Lane Real, int d, class Particle, class Terms> void gather(
+1 'static constexpr auto name'
 END
+bounds=$(grep -c "error.*the carried field's bound on steps is to be" "$said" || true)
+[ "$bounds" = 1 ] || { cat "$said"; echo "it is said $bounds times that a bound on steps is not called."; exit 1; }
 if compiles -DNO_SURFACE; then echo "an obstacle of a shape without a surface compiles."; exit 1; fi
 grep -q "a shape lacks 'template <firn::Lane Real, int d> firn::SurfaceSample<Real, d> surface(" "$said" ||
     { cat "$said"; echo "it is not said what a shape lacks."; exit 1; }

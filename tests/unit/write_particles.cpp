@@ -159,7 +159,7 @@ TEST_CASE("a second writer of a file is refused as long as the first one writes,
     auto const nothing = [] {};
     (void)folder.file("a.part", "left by a program that was killed, and longer");
     write("first", [&] { // the same in another thread: the lock is on the file
-        CHECK_THROWS_WITH(write("second", nothing), Contains("somebody else is writing this file"));
+        CHECK_THROWS_WITH(write("second", nothing), Contains("another program is writing this file"));
     });
     CHECK(content(path) == "first");
     CHECK(files_in(folder) == 1);

@@ -126,6 +126,9 @@ struct Cuda
     {
         using LayerType = std::remove_const_t<AnyLayer>;
         constexpr CellWork work = Phase::work;
+        static_assert(
+            work.gathers == (work.scatters_to != ScatterTarget::sums),
+            "a phase that gathers scatters to the next sums or to none, another one to the current sums");
         static_assert(!work.moves, "items move in run_steps() alone");
         if (layer.blocks() == 0) return;
         cuda::OnDevice const here(device);

@@ -97,6 +97,9 @@ struct BasicOpenMP
     {
         using Real = Lane<typename Phase::Number>;
         constexpr CellWork work = Phase::work;
+        static_assert(
+            work.gathers == (work.scatters_to != ScatterTarget::sums),
+            "a phase that gathers scatters to the next sums or to none, another one to the current sums");
         static_assert(!work.moves || (work.gathers && work.scatters_to == ScatterTarget::next_sums),
                       "items that move gather before, and scatter to the next sums");
         openmp::Threads const team = threads_for(cells.size());

@@ -13,7 +13,8 @@ enum class ScatterTarget
 };
 
 /// What a phase does with the items of the cells. A backend's for_each_cell() does it in this order: items
-/// gather from the nodes, are updated, may move, and scatter.
+/// gather from the nodes, are updated, may move, and scatter. A phase that gathers scatters to the next sums
+/// or to none, another one to the current sums.
 struct CellWork
 {
     bool gathers = false; ///< `begin`, the gather, and `update` with a result; otherwise `prepare` alone

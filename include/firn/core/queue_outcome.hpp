@@ -4,7 +4,7 @@
 namespace firn
 {
 
-/// How a batch of steps ended that a backend has queued.
+/// How a batch of queued steps ended.
 struct QueueOutcome
 {
     int queued = 0;              ///< steps, the last of which is not committed yet

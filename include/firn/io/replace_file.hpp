@@ -136,7 +136,7 @@ void replace_file(std::filesystem::path const& named, Write const& write,
                     temporary.string(), "Move it away."};
     OnlyWriter const writer(temporary);
     if (!writer.is_alone())
-        throw Error{"somebody else is writing this file at this time", path.string(),
+        throw Error{"another program is writing this file at this time", path.string(),
                     "Let one program, and one thread of it, write to a path."};
     std::ofstream out(temporary, std::ios::binary | std::ios::trunc);
     if (!out)

@@ -34,7 +34,7 @@ enum class TableState
 ///
 /// A step reads the current buffer through the cell order and writes the next one in that order; swap()
 /// commits the step. Beside it only what add_remove.hpp, readback.hpp (set_columns) and table_snapshot.hpp do
-/// with contents() changes the table's values. Gathered fields have storage here only while they are cached
+/// with contents() changes the stored values. Gathered fields have storage here only while they are cached
 /// (see cache_grid_fields).
 ///
 /// Particles are numbered by *rows*, from 0 on, in the order of their permanent ids: values are returned row

@@ -295,8 +295,11 @@ struct GatherVelocities : Gather<Space, Kernel, TransferType>
     FIRN_HOST_DEVICE void update(Items& items, Result&) const
     {
         using Real = typename Items::Real;
-        // a scheme may also set fields that are stored; they are not written
-        auto particle = Record<Real, d, typename Transfer::State>::at_rest();
+        // A scheme may also set fields that are stored; they are not written. What it carries may depend on
+        // them, as in G2p2g.
+        auto particle =
+            Record<Real, d, Join<typename Transfer::State, PersistentFields, DerivedFields>>::at_rest();
+        if constexpr (CarriedBy<Transfer>::any) particles.load(items, particle);
         transfer.template gather<Kernel, Real, d>(particle, Gather::template gathered<Real>(items),
                                                   Real(1 / cell_size));
         carried_by(transfer).template gather<Real, d>(particle, Gather::template carried_terms<Real>(items),

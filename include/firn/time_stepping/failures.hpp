@@ -163,7 +163,8 @@ template <class Sets, class Controller, class Values>
     where << "Solver::advance at t = " << time_state.time << " s";
     remedy << "Check masses, moduli and velocities of the scene: wave speed " << time_state.bounds.wave_speed
            << " m/s, fastest particle " << time_state.bounds.speed
-           << " m/s. Fast obstacles and viscous stress bound steps, too.";
+           << " m/s. Fast obstacles, viscous stress and what the transfer carries (Conduction) bound "
+              "steps, too.";
     if (!since) throw Error{what.str(), where.str(), remedy.str()};
     what << ", since particle " << since->particle << material << " " << describe(since->cause);
     where << ", " << at_place(since->position, d);

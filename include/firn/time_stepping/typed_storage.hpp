@@ -16,6 +16,8 @@ class TypedStorage
 {
 public:
     explicit TypedStorage(Backend const& backend) : backend_(backend) {}
+    TypedStorage(TypedStorage&&) = default; // a copy would share the arrays
+    TypedStorage& operator=(TypedStorage&&) = default;
 
     /// The array of this type of value; initially empty.
     template <class T>
