@@ -3,7 +3,7 @@
 
 #include <firn/core/failure_cause.hpp>
 #include <firn/core/host_device.hpp>
-#include <firn/effects/effect.hpp>
+#include <firn/effects/actions.hpp>
 #include <firn/time_stepping/step_controller.hpp>
 
 #include <array>
