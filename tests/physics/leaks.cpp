@@ -8,7 +8,7 @@ using namespace firn::test;
 namespace
 {
 
-constexpr int driven_count = sample_of(600, 2000);
+constexpr int driven_count = 2000;
 
 /// Drives particles into the corner of three walls that mirror.
 template <class Number>
