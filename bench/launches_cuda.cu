@@ -3,6 +3,7 @@
 // in a CUDA graph.
 #include "step_cuda.hpp"
 
+#include <chrono>
 #include <utility>
 
 namespace firn::bench

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "step.hpp"
 
+#include <chrono>
 #include <map>
 #include <memory>
 

@@ -4,6 +4,7 @@
 #include "results.hpp"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <iostream>
 

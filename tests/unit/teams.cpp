@@ -207,26 +207,26 @@ TEST_CASE("a child of fork() has threads of its own, and a program may end withi
 
 TEST_CASE("threads that others wait for are left out where loops are slower for it, and only there")
 {
-    using namespace std::chrono_literals;
     using openmp::detail::Efficiency;
+    constexpr double us = 1e-6, ms = 1e-3; // in s
     Efficiency of_two;
     CHECK_FALSE(of_two.is_low());
-    for (int i = 0; i < 100; ++i) of_two.add(2, 100us, 5us, 0.5); // as it should be
+    for (int i = 0; i < 100; ++i) of_two.add(2, 100 * us, 5 * us, 0.5); // as it should be
     CHECK_FALSE(of_two.is_low());
-    of_two.add(2, 100us, 1ms, 0.5); // something came between, once
+    of_two.add(2, 100 * us, 1 * ms, 0.5); // something came between, once
     CHECK_FALSE(of_two.is_low());
-    of_two.add(2, 100us, 4ms, 0.5);
-    of_two.add(2, 150us, 4ms, 0.75);
+    of_two.add(2, 100 * us, 4 * ms, 0.5);
+    of_two.add(2, 150 * us, 4 * ms, 0.75);
     CHECK(of_two.is_low());
 
     Efficiency of_large_loops; // a thread that lost its core: the leader does what it would have done
-    for (int i = 0; i < 5; ++i) of_large_loops.add(2, 60ms, 4ms, 0.75);
+    for (int i = 0; i < 5; ++i) of_large_loops.add(2, 60 * ms, 4 * ms, 0.75);
     CHECK_FALSE(of_large_loops.is_low());
 
     Efficiency of_sixteen;
-    for (int i = 0; i < 100; ++i) of_sixteen.add(16, 100us, 10us, 1.0 / 16);
+    for (int i = 0; i < 100; ++i) of_sixteen.add(16, 100 * us, 10 * us, 1.0 / 16);
     CHECK_FALSE(of_sixteen.is_low());
-    for (int i = 0; i < 4; ++i) of_sixteen.add(16, 100us, 2ms, 1.0 / 16);
+    for (int i = 0; i < 4; ++i) of_sixteen.add(16, 100 * us, 2 * ms, 1.0 / 16);
     CHECK(of_sixteen.is_low());
 }
 
@@ -234,7 +234,7 @@ TEST_CASE("a thread that lost its core tries again after a pause, which doubles 
 {
     using openmp::detail::Bench;
     Bench bench;
-    openmp::detail::Clock::time_point now = openmp::detail::Clock::now();
+    double now = openmp::detail::clock_time();
     CHECK_FALSE(bench.is_on());
     CHECK_FALSE(bench.is_to_try(now));
     bench.sit(now);

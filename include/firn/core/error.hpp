@@ -32,10 +32,19 @@ private:
     std::string wrong_, where_, remedy_;
 };
 
+namespace detail
+{
+[[noreturn, gnu::cold, gnu::noinline]] inline void refuse(char const* what_is_wrong, char const* where,
+                                                          char const* remedy)
+{
+    throw Error{what_is_wrong, where, remedy};
+}
+} // namespace detail
+
 /// Throws an Error unless `condition` holds; for checks that are not on a hot path.
 inline void require(bool condition, char const* what_is_wrong, char const* where, char const* remedy)
 {
-    if (!condition) throw Error{what_is_wrong, where, remedy};
+    if (!condition) detail::refuse(what_is_wrong, where, remedy);
 }
 
 } // namespace firn

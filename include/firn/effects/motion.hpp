@@ -43,13 +43,18 @@ struct Motion
         Motion motion{.position = before.position, .orientation = before.orientation, .time = before.time};
         motion.validate(where);
         Motion{.position = after.position, .orientation = after.orientation}.validate(where);
-        Eigen::Quaterniond const turn = after.unit_orientation() * before.unit_orientation().conjugate();
+        Eigen::Quaterniond const from = before.unit_orientation();
+        Eigen::Quaterniond const turn =
+            after.unit_orientation() * Eigen::Quaterniond(from.w(), -from.x(), -from.y(), -from.z());
         // twice the logarithm of the rotation; q and -q are the same rotation
         double const sine = std::sqrt(turn.x() * turn.x() + turn.y() * turn.y() + turn.z() * turn.z());
         double const angle = 2 * std::atan2(sine, std::abs(turn.w()));
         double const per_sine = (sine > 0 ? angle / sine : 0) * (turn.w() < 0 ? -1 : 1);
-        motion.velocity = (after.position - before.position) / dt;
-        motion.angular_velocity = Eigen::Vector3d(turn.x(), turn.y(), turn.z()) * per_sine / dt;
+        double const axis[]{turn.x(), turn.y(), turn.z()};
+        for (int i = 0; i < 3; ++i) {
+            motion.velocity[i] = (after.position[i] - before.position[i]) / dt;
+            motion.angular_velocity[i] = axis[i] * per_sine / dt;
+        }
         motion.validate(where);
         return motion;
     }

@@ -1,9 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <memory>
-#include <utility>
-#include <vector>
+#include <firn/core/objects_by_type.hpp>
 
 namespace firn
 {
@@ -16,26 +14,17 @@ class TypedStorage
 {
 public:
     explicit TypedStorage(Backend const& backend) : backend_(backend) {}
-    TypedStorage(TypedStorage&&) = default; // a copy would share the arrays
-    TypedStorage& operator=(TypedStorage&&) = default;
 
     /// The array of this type of value; initially empty.
     template <class T>
     auto& of()
     {
-        using Buffer = typename Backend::template ReadbackBuffer<T>;
-        for (auto const& [type, buffer] : buffers_)
-            if (type == &identity<T>) return *static_cast<Buffer*>(buffer.get());
-        buffers_.emplace_back(&identity<T>, std::make_shared<Buffer>(backend_));
-        return *static_cast<Buffer*>(buffers_.back().second.get());
+        return buffers_.of<typename Backend::template ReadbackBuffer<T>>(backend_);
     }
 
 private:
-    template <class T>
-    static inline char identity = 0; ///< its address stands for the type: host programs may have no RTTI
-
     Backend backend_;
-    std::vector<std::pair<char const*, std::shared_ptr<void>>> buffers_;
+    ObjectsByType buffers_;
 };
 
 } // namespace firn

@@ -2,16 +2,17 @@
 #pragma once
 
 #include <algorithm>
-#include <chrono>
+#include <omp.h>
 
 namespace firn::openmp::detail
 {
 
-using Clock = std::chrono::steady_clock;
+/// The time since some moment in the past [s]. <chrono> alone takes a tenth of a second to compile.
+inline double clock_time() { return omp_get_wtime(); }
 
-/// A thread that others wait for longer than this has lost its core. It is longer than a piece of work takes,
-/// and shorter than the time slice of another program.
-inline constexpr Clock::duration stall = std::chrono::microseconds(400);
+/// A thread that others wait for longer than this [s] has lost its core. It is longer than a piece of work
+/// takes, and shorter than the time slice of another program.
+inline constexpr double stall = 400e-6;
 
 /// Whether a loop gains from its threads, learned from how long its leader waits for the others.
 ///
@@ -25,13 +26,13 @@ public:
     static constexpr double least = 0.55;
 
     /// Records a finished loop of so many threads. Its leader did this share of the work, (0, 1], and then
-    /// waited for the others.
-    void add(int threads, Clock::duration worked, Clock::duration waited, double share)
+    /// waited for the others. Times in s.
+    void add(int threads, double worked, double waited, double share)
     {
         if (all_ > window * threads) alone_ *= 0.5, all_ *= 0.5; // older loops count less
         // one thread would have needed as long for all of it as the leader for its share, scaled up
-        alone_ += std::chrono::duration<double>(worked).count() / share;
-        all_ += std::chrono::duration<double>(worked + waited).count() * threads;
+        alone_ += worked / share;
+        all_ += (worked + waited) * threads;
     }
     bool is_low() const { return alone_ < least * all_; }
     /// Other threads take part from now on.
@@ -49,19 +50,18 @@ private:
 class Bench
 {
 public:
-    static constexpr Clock::duration shortest = std::chrono::milliseconds(5),
-                                     longest = std::chrono::milliseconds(160);
+    static constexpr double shortest = 5e-3, longest = 160e-3; ///< pauses [s]
 
     bool is_on() const { return is_on_; }
     /// The thread lost its core.
-    void sit(Clock::time_point now)
+    void sit(double now)
     {
         pause_ = now - since_ > 8 * pause_ ? shortest : std::min(2 * pause_, longest);
         trial_ = now + pause_;
         is_on_ = true;
     }
     /// Whether the thread should try now; if so, schedules the next trial.
-    bool is_to_try(Clock::time_point now)
+    bool is_to_try(double now)
     {
         if (!is_on_ || now < trial_) return false;
         pause_ = std::min(2 * pause_, longest);
@@ -69,7 +69,7 @@ public:
         return true;
     }
     /// The thread had a core to itself.
-    void leave(Clock::time_point now)
+    void leave(double now)
     {
         is_on_ = false;
         since_ = now;
@@ -77,18 +77,18 @@ public:
 
 private:
     bool is_on_ = false;
-    Clock::time_point trial_{}, since_{}; ///< when it tries next; when it last took part again
-    Clock::duration pause_ = shortest;
+    double trial_ = 0, since_ = 0; ///< when it tries next; when it last took part again
+    double pause_ = shortest;
 };
 
 /// Whether the calling thread has a core to itself: it spins for some milliseconds and checks the clock for
 /// gaps. Programs that share a core take turns of 1.4 to 3 ms with current Linux schedulers.
 inline bool has_free_core()
 {
-    constexpr Clock::duration trial = std::chrono::milliseconds(4);
-    auto const begin = Clock::now();
-    for (auto before = begin;;) {
-        auto const now = Clock::now();
+    constexpr double trial = 4e-3;
+    double const begin = clock_time();
+    for (double before = begin;;) {
+        double const now = clock_time();
         if (now - before > stall) return false;
         if (now - begin > trial) return true;
         before = now;

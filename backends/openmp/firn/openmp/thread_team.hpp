@@ -11,10 +11,9 @@
 #include <cstdlib>
 #include <exception>
 #include <memory>
-#include <mutex>
+#include <new>
 #include <omp.h>
 #include <pthread.h>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -55,19 +54,20 @@ public:
             work();
         }
         catch (...) {
-            std::scoped_lock const lock(mutex_);
-            if (!failure_) failure_ = std::current_exception();
+            if (!has_failed_.test_and_set()) failure_ = std::current_exception();
         }
     }
     /// Throws it; to be called once no thread is at work any more.
     void rethrow()
     {
-        if (failure_) std::rethrow_exception(std::exchange(failure_, nullptr));
+        if (!failure_) return;
+        has_failed_.clear();
+        std::rethrow_exception(std::exchange(failure_, nullptr));
     }
 
 private:
-    std::mutex mutex_;
-    std::exception_ptr failure_;
+    std::atomic_flag has_failed_;
+    std::exception_ptr failure_; ///< written by the thread that set the flag
 };
 
 /// Whether the calling thread is working for a loop: a nested loop runs on this thread alone.
@@ -110,11 +110,12 @@ public:
 
     explicit ThreadTeam(int threads) : workers_(static_cast<std::size_t>(threads - 1))
     {
-        region_ = std::thread([this, threads] {
-#pragma omp parallel num_threads(threads)
-            if (int const thread = omp_get_thread_num(); thread > 0)
-                serve(workers_[static_cast<std::size_t>(thread - 1)], thread);
-        });
+        // <thread> and <mutex> would take a third of a second to compile
+        auto const begin = [](void* team) -> void* {
+            static_cast<ThreadTeam*>(team)->open_region();
+            return nullptr;
+        };
+        if (pthread_create(&region_, nullptr, begin, this) != 0) throw std::bad_alloc();
     }
     ~ThreadTeam()
     {
@@ -122,7 +123,7 @@ public:
             worker.state.store(dismissed);
             worker.state.notify_one();
         }
-        region_.join();
+        pthread_join(region_, nullptr);
     }
     ThreadTeam(ThreadTeam const&) = delete;
     ThreadTeam& operator=(ThreadTeam const&) = delete;
@@ -181,7 +182,7 @@ private:
 
     /// Offers work to threads that have cores, and has the others test whether they have; returns how many
     /// may work.
-    int ask(int threads, Clock::time_point now)
+    int ask(int threads, double now)
     {
         int active = 1;
         for (int i = 0; i + 1 < threads; ++i) {
@@ -205,7 +206,7 @@ private:
 
     void lead(int threads, ThreadWork const& work, SharedIndices& indices)
     {
-        auto const begin = Clock::now();
+        double const begin = clock_time();
         work_ = work;
         indices_ = &indices;
         threads_ = threads;
@@ -215,8 +216,8 @@ private:
             InLoop const mark;
             share = work.run(work.context, indices, 0, active > 1 ? threads : 1);
         });
-        auto const done = Clock::now();
-        auto now = done;
+        double const done = clock_time();
+        double now = done;
         bool have_stalled = false;
         for (int i = 0; i + 1 < threads; ++i) {
             Worker& one = workers_[static_cast<std::size_t>(i)];
@@ -226,10 +227,10 @@ private:
             if (seen == offered && one.state.compare_exchange_strong(seen, idle, std::memory_order_acq_rel))
                 continue;                // the thread is late
             if (seen != taken) continue; // the thread is through
-            auto const since = now;
+            double const since = now;
             if (most_awake() == 0 || !changes_soon(one.state, taken))
                 sleep_until_changed(one.state, taken, leader_sleeps_);
-            now = Clock::now();
+            now = clock_time();
             one.has_stalled = now - since > stall;
             have_stalled = have_stalled || one.has_stalled;
         }
@@ -240,6 +241,13 @@ private:
             efficiency_.forget();
         }
         failure_.rethrow();
+    }
+
+    void open_region()
+    {
+#pragma omp parallel num_threads(size())
+        if (int const thread = omp_get_thread_num(); thread > 0)
+            serve(workers_[static_cast<std::size_t>(thread - 1)], thread);
     }
 
     void serve(Worker& own, int thread)
@@ -321,7 +329,7 @@ private:
     static inline std::atomic<int> awake_{0};         ///< threads of all teams, without leaders
 
     std::vector<Worker> workers_;
-    std::thread region_;
+    pthread_t region_{};
     Efficiency efficiency_;
     FirstFailure failure_;
     // Read by threads that have accepted an offer; written before it is made.

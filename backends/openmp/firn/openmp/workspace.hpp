@@ -1,9 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/objects_by_type.hpp>
+
 #include <cstddef>
-#include <memory>
-#include <utility>
 #include <vector>
 
 namespace firn::openmp
@@ -27,19 +27,11 @@ public:
     template <class T>
     T& of(int thread)
     {
-        auto& objects = of_threads_[static_cast<std::size_t>(thread)];
-        for (auto const& [type, object] : objects)
-            if (type == &name_of<T>) return *static_cast<T*>(object.get());
-        objects.emplace_back(&name_of<T>, std::make_shared<T>());
-        return *static_cast<T*>(objects.back().second.get());
+        return of_threads_[static_cast<std::size_t>(thread)].of<T>();
     }
 
 private:
-    /// The address of this variable identifies the type.
-    template <class T>
-    static inline char const name_of = 0;
-
-    std::vector<std::vector<std::pair<void const*, std::shared_ptr<void>>>> of_threads_;
+    std::vector<ObjectsByType> of_threads_;
 };
 
 } // namespace firn::openmp
