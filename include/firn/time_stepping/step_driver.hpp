@@ -3,8 +3,6 @@
 
 #include <firn/time_stepping/step_phases.hpp>
 
-#include <cstddef>
-
 namespace firn
 {
 
@@ -23,27 +21,20 @@ namespace firn
 template <class Backend, class Sets, class Kernel, class Transfer>
 class StepDriver
 {
-    template <class Effects>
-    using Step = StepPhases<Backend, Sets, Kernel, Transfer, Effects>;
-
 public:
+    using Memory = StepMemory<Backend, Transfer>;
     using Scene = StepScene<Backend, Sets, Kernel, Transfer>;
     using Controller = TimeStepController<static_cast<int>(Sets::count)>;
-
-    StepDriver(Lattice lattice, Transfer const& transfer, Backend const& backend)
-        : memory_(lattice, transfer, backend)
-    {}
+    template <class Effects>
+    using Steps = StepPhases<Backend, Sets, Kernel, Transfer, Effects>;
 
     /// Takes the chosen step, and calls `visit` with its record. A failed step leaves the particles, and the
-    /// sums they scattered, unchanged. If the time state is ready, controller and effects of the step before
-    /// are used, whatever is passed here.
+    /// sums they scattered, unchanged.
     ///
     /// If memory runs out in the middle, there is no state to go on from.
     template <class Effects, class Visit>
-    FIRN_COLD StepLog const& take(Scene const& scene, Controller const& controller, std::size_t,
-                                  Effects const& effects, Visit const& visit)
+    FIRN_COLD StepLog const& take(Steps<Effects>& step, Visit const& visit)
     {
-        Step<Effects> step(memory_, scene, controller, effects, 1);
         step.rebin();
         step.activate_grid();
         step.scatter_missing();
@@ -52,23 +43,13 @@ public:
         step.finish_step(0, reactions, found);
 
         step.read_log();
-        spoiled_ = step.has_failed();
-        if (!spoiled_) {
-            step.commit();
-            memory_.turn = 1 - memory_.turn;
-        }
-        step.adopt(1, spoiled_ ? 0 : 1, spoiled_);
-        if (!spoiled_) visit(step.entry(1).record);
+        bool const failed = step.has_failed();
+        if (!failed) step.commit();
+        step.adopt(1, failed ? 0 : 1, failed);
+        step.end(failed ? 0 : 1, failed);
+        if (!failed) visit(step.entry(1).record);
         return step.entry(1).after;
     }
-
-    /// Whether the last step failed, so that nodes do not have the velocities of the last good one.
-    bool has_spoiled_nodes() const { return spoiled_; }
-    void forget_spoiled_nodes() { spoiled_ = false; }
-
-private:
-    StepMemory<Backend, Transfer> memory_;
-    bool spoiled_ = false;
 };
 
 } // namespace firn

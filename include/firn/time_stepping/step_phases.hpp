@@ -41,7 +41,8 @@ struct StepMemory
     Transfer transfer;
     Backend backend;
     TypedStorage<Backend> storage;
-    int turn = 0; ///< which of the two contexts the next step reads
+    int turn = 0;               ///< which of the two contexts the next step reads
+    bool nodes_spoiled = false; ///< the last step failed: nodes lack the velocities of the last good one
 };
 
 /// The steps of one batch: the phases that a backend runs for each of them, and the host's part before and
@@ -60,17 +61,17 @@ public:
     using Actions = decltype(std::declval<Effects const&>().template over<Number, d>(Interval{}));
     using Entry = StepEntry<Actions::obstacles, materials>;
 
-    /// Prepares the log of `steps` steps at most, and the first step's context. If the time state is ready,
-    /// controller and effects of the batch before are used.
-    StepPhases(Memory& memory, Scene const& scene, Controller const& controller, Effects const& effects,
-               int steps)
-        : memory_(memory), scene_(scene),
+    /// Prepares the log of `most` steps, and the first step's context. If the time state is ready, controller
+    /// and effects of the batch before are used, whatever is passed here.
+    FIRN_COLD StepPhases(Memory& memory, Scene const& scene, Controller const& controller,
+                         Effects const& effects, int most)
+        : memory_(memory), scene_(scene), most_(most),
           largest_deformation_(static_cast<Number>(controller.control.rejection)),
           storage_(resized(memory.storage.template of<Storage>(), 1)),
-          log_(resized(memory.storage.template of<Entry>(), Entry::count(std::size_t(steps))))
+          log_(resized(memory.storage.template of<Entry>(), Entry::count(std::size_t(most))))
     {
         BeginBatch<Actions::obstacles, materials> const begin{scene.time_state, log_};
-        auto const entries = Entry::count(std::size_t(steps));
+        auto const entries = Entry::count(std::size_t(most));
         if (scene.time_state.ready)
             memory.backend.for_each(entries, begin);
         else
@@ -83,6 +84,10 @@ public:
                                 (effects.touch_particles() || scene.may_lose_particles);
         });
     }
+
+    Backend const& backend() const { return memory_.backend; }
+    /// How many steps there are at most.
+    int most() const { return most_; }
 
     /// Rebins the particles into the cells that they have moved to. Scattering the leavers may complete it.
     void rebin()
@@ -176,6 +181,14 @@ public:
             scene_.grid_state.set_scattered(scene_.time_state.scattered.interval.forces, leavers_scattered);
     }
 
+    /// Says how the batch ended, for the next one: how many steps were taken, and whether the one behind them
+    /// failed.
+    void end(int taken, bool failed)
+    {
+        memory_.turn = (memory_.turn + taken) % 2;
+        memory_.nodes_spoiled = failed;
+    }
+
     /// The cell orders of all materials, and the grid's layers.
     auto orders() const { return scene_.sets.orders(); }
     auto layers() const { return layers(Places{}); }
@@ -235,6 +248,7 @@ private:
 
     Memory& memory_;
     Scene const& scene_;
+    int most_;
     Number largest_deformation_;
     Storage* storage_;             ///< where steps run
     Entry* log_;                   ///< where steps run

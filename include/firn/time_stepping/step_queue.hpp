@@ -51,50 +51,44 @@ public:
 template <class Backend, class Sets, class Kernel, class Transfer>
 class StepQueue
 {
+public:
+    using Memory = StepMemory<Backend, Transfer>;
+    using Scene = StepScene<Backend, Sets, Kernel, Transfer>;
+    using Controller = TimeStepController<static_cast<int>(Sets::count)>;
     template <class Effects>
     using Steps = QueuedSteps<Backend, Sets, Kernel, Transfer, Effects>;
 
-public:
-    using Scene = StepScene<Backend, Sets, Kernel, Transfer>;
-    using Controller = TimeStepController<static_cast<int>(Sets::count)>;
+    /// How many steps of `most` to take at once: as many as the backend queues.
+    int steps_at_once(Memory const& memory, Scene const& scene, std::size_t most) const
+    {
+        return static_cast<int>(std::min(most, memory.backend.steps_to_queue(scene.sets.orders(), blindly_)));
+    }
 
-    StepQueue(Lattice lattice, Transfer const& transfer, Backend const& backend)
-        : memory_(lattice, transfer, backend)
-    {}
-
-    /// Takes the chosen step and those after it, `most` in all: as many as the backend queues, and as long as
-    /// they go as planned. Calls `visit` with the record of each. Otherwise as StepDriver::take.
+    /// Takes the chosen step and those after it, as long as they go as planned. Calls `visit` with the record
+    /// of each. Otherwise as StepDriver::take.
     ///
     /// If memory runs out or a device fails in the middle, there is no state to go on from.
     template <class Effects, class Visit>
-    FIRN_COLD StepLog const& take(Scene const& scene, Controller const& controller, std::size_t most,
-                                  Effects const& effects, Visit const& visit)
+    FIRN_COLD StepLog const& take(Steps<Effects>& steps, Visit const& visit)
     {
-        int const expected =
-            static_cast<int>(std::min(most, memory_.backend.steps_to_queue(scene.sets.orders(), blindly_)));
-        Steps<Effects> steps(memory_, scene, controller, effects, expected);
         steps.rebin();
         steps.activate_grid();
         steps.scatter_missing();
-        QueueOutcome const ran = memory_.backend.run_steps(steps, expected);
+        QueueOutcome const ran = steps.backend().run_steps(steps, steps.most());
 
         int const taken = steps.taken();
-        spoiled_ = taken < ran.queued && steps.has_failed();
-        int const failed = spoiled_ ? 1 : 0, dropped = ran.queued - 1 - taken;
+        bool const has_failed = taken < ran.queued && steps.has_failed();
+        int const failed = has_failed ? 1 : 0, dropped = ran.queued - 1 - taken;
         if (taken == ran.queued)
             steps.commit();
         else
             steps.rollback(dropped, dropped + 1 - failed);
-        steps.adopt(taken + failed, taken, spoiled_ || ran.rebinned_early);
-        memory_.turn = (memory_.turn + taken) % 2;
-        learn(taken, taken == expected && !ran.lacked_room);
+        steps.adopt(taken + failed, taken, has_failed || ran.rebinned_early);
+        steps.end(taken, has_failed);
+        learn(taken, taken == steps.most() && !ran.lacked_room);
         for (int i = 1; i <= taken; ++i) visit(steps.entry(i).record);
         return steps.entry(taken + failed).after;
     }
-
-    /// Whether the last step failed, so that nodes do not have the velocities of the last good one.
-    bool has_spoiled_nodes() const { return spoiled_; }
-    void forget_spoiled_nodes() { spoiled_ = false; }
 
 private:
     /// Learns from a batch of `taken` steps how many to queue next time.
@@ -109,10 +103,8 @@ private:
         }
     }
 
-    StepMemory<Backend, Transfer> memory_;
     std::size_t blindly_ = 1;   ///< how many steps may be queued blindly: half as many succeeded
     std::size_t unstopped_ = 0; ///< steps since queued ones were last stopped
-    bool spoiled_ = false;      ///< see has_spoiled_nodes()
 };
 
 /// What takes the steps on a backend.

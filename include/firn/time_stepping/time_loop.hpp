@@ -38,7 +38,7 @@ class TimeLoop
 
 public:
     TimeLoop(StepControl const& control, Scene const& scene)
-        : next_(control), driver_(scene.lattice, scene.transfer, scene.backend)
+        : next_(control), memory_(scene.lattice, scene.transfer, scene.backend)
     {}
 
     /// The time, and what the next step depends on.
@@ -139,11 +139,12 @@ public:
     {
         quarantine_.go_on_from(std::move(isolated));
         next_.go_on_from(time_state);
-        driver_.forget_spoiled_nodes();
+        memory_.nodes_spoiled = false;
     }
 
 private:
-    /// Takes the chosen step and some after it: see StepDriver::take and StepQueue::take.
+    /// Takes the chosen step and, on a backend that queues, some of the `most - 1` after it: see
+    /// StepDriver::take and StepQueue::take.
     template <class Effects, class Visit>
     StepLog const& run(Scene& scene, Controller const& controller, std::size_t most, Effects const& effects,
                        Visit const& visit)
@@ -151,8 +152,13 @@ private:
         typename Driver::Scene const parts{
             scene.sets,        scene.grid_state,           next_.time_state,
             scene.masses.unit, scene.smallest_node_mass(), quarantine_.most() > 0};
+        int at_once = 1;
+        if constexpr (Scene::Backend::queues) at_once = driver_.steps_at_once(memory_, parts, most);
         StepLog const* log = nullptr;
-        scene.change([&] { log = &driver_.take(parts, controller, most, effects, visit); });
+        scene.change([&] {
+            typename Driver::template Steps<Effects> steps(memory_, parts, controller, effects, at_once);
+            log = &driver_.take(steps, visit);
+        });
         if (log->failed == 0) next_.trust_bounds();
         return *log;
     }
@@ -233,14 +239,14 @@ private:
     /// After a failed step: see GridState::regain_velocities.
     [[gnu::cold]] void regain_velocities(Scene& scene)
     {
-        if (!driver_.has_spoiled_nodes()) return;
+        if (!memory_.nodes_spoiled) return;
         if (scene.sets.has_grid_fields())
             // the sums contain the forces of the failed step, which may be too large to subtract without
             // rounding errors
             scene.grid_state.forget();
         else
             scene.change([&] { scene.grid_state.regain_velocities(scene.sets, scene.smallest_node_mass()); });
-        driver_.forget_spoiled_nodes();
+        memory_.nodes_spoiled = false;
     }
 
     [[noreturn, gnu::cold]] void fail_to_get_on(Scene& scene, std::optional<StepFailure> const& since)
@@ -271,6 +277,7 @@ private:
     }
 
     NextStep<Scene> next_;
+    typename Driver::Memory memory_;
     Driver driver_;
     detail::Quarantine quarantine_;
     bool (TimeLoop::*isolate_)(Scene&, detail::FailedStep const&, Failures&) = nullptr;
