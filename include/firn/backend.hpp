@@ -138,7 +138,7 @@ concept QueueingBackend = requires(B const backend, Order order, std::array<Orde
 {
     std::size_t{backend.steps_to_queue(orders, blindly)}; // how many; `blindly` is the most to risk in vain
     QueueOutcome{backend.run_steps(steps, count)};        // queues at most so many QueuedSteps, and waits
-    order.rollback(count, true, offsets); // undoes so many rebin(); whether the items lie at their slots then
+    order.rollback(count, count, offsets);                // undoes so many commit() and rebin()
 };
 
 /// All that a solver asks of a backend before it compiles a loop.

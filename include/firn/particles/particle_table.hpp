@@ -164,18 +164,18 @@ public:
         state_ = TableState::moved;
     }
 
-    /// Undoes the last calls of swap() and sort() for steps that were then not taken: as many of both, or one
-    /// sort() more.
-    void rollback(int accepted, int sorted, bool wrote_derived) requires Backend::queues
+    /// Undoes `commits` calls of swap() and `rebins` calls of sort(), for steps that were then not taken: as
+    /// many of both, or one sort() more.
+    void rollback(int commits, int rebins, bool wrote_derived) requires Backend::queues
     {
-        if (sorted == 0) return;
-        if (accepted % 2 != 0) {
+        if (rebins == 0) return;
+        if (commits % 2 != 0) {
             contents_.buffer[0].swap(contents_.buffer[1]);
             if (wrote_derived) contents_.gathered.swap_back();
         }
-        bool const moved = sorted > accepted;
+        bool const moved = rebins > commits;
         state_ = moved ? TableState::moved : TableState::sorted;
-        contents_.cells.rollback(sorted, moved, current().offset);
+        contents_.cells.rollback(commits, rebins, current().offset);
     }
 
     /// Bytes held, spare capacity included.

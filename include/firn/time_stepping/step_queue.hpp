@@ -35,14 +35,13 @@ public:
         });
     }
 
-    /// Undoes so many calls of commit() and rebin_by(), for steps that were queued and then not taken: see
-    /// ParticleTable::rollback, which also undoes what the backend's order of cells did.
-    void rollback(int committed, int rebinned)
+    /// Undoes so many `commits` and `rebins` by commit() and rebin_by(), for steps that were queued and then
+    /// not taken: see ParticleTable::rollback, which also undoes what the backend's order of cells did.
+    void rollback(int commits, int rebins)
     {
-        Sets::for_each([&](auto k) {
-            this->template particles<k>().rollback(committed, rebinned, this->wrote_derived(k));
-        });
-        if (committed % 2 != 0) this->grid().swap(); // an odd number of swaps is undone by one
+        Sets::for_each(
+            [&](auto k) { this->template particles<k>().rollback(commits, rebins, this->wrote_derived(k)); });
+        if (commits % 2 != 0) this->grid().swap(); // an odd number of swaps is undone by one
     }
 };
 

@@ -178,18 +178,18 @@ public:
         kept_order_ = true;
         committed_ = false;
     }
-    /// Undoes the last `follows` rebins on the host, for steps that were queued and then not run, or rebinned
-    /// early. `committed`: whether items then lie at their slots. If they do, the first of these rebins
-    /// wrapped the leavers' offsets in `offset`, which are unwrapped. If they do not, its offsets belong to a
-    /// failed step and are not read again.
-    void rollback(int follows, bool committed, std::array<Offset*, d> const& offset)
+    /// Undoes so many `commits` and `rebins` on the host, for steps that were queued and then not run, or
+    /// rebinned early. If there is one rebin more, items then lie at their slots, and the first of the rebins
+    /// wrapped the leavers' offsets in `offset`, which are unwrapped. If there are as many of both, the
+    /// offsets that it wrapped belong to a failed step and are not read again.
+    void rollback(int commits, int rebins, std::array<Offset*, d> const& offset)
     {
-        if (follows % 2 != 0) {
+        if (rebins % 2 != 0) {
             std::swap(begin_, new_begin_);
             if (kept_order_) std::swap(order_, order_before_);
         }
-        committed_ = committed;
-        if (!committed || !kept_order_) return;
+        committed_ = rebins > commits;
+        if (!committed_ || !kept_order_) return;
         OnDevice const here(queue_);
         launch_after("unwrap", queue_, detail::unwrap<d, Number>, groups_of(leavers_.most, 256), 256,
                      leavers_.view(channels_), offset);
