@@ -204,7 +204,7 @@ public:
         if (is_incomplete_) complete([](int) { return [](int) {}; });
     }
 
-    /// Lists the position of each item of a group within it, see Departure.
+    /// Lists the position of each item of a group within it, see OutgoingSlot.
     void list_places(std::size_t block, int group, std::vector<std::uint32_t>& at) const
     {
         std::uint32_t const begin = group_begin(block, group);
@@ -299,7 +299,7 @@ private:
             auto const old = static_cast<std::size_t>(index);
             before = {counts(old, 0), &order_.group_begin[old * Shape::groups], blocks_.before()[old].end,
                       committed_ ? nullptr : order_.source.data()};
-            changes.gone = migration_.departures(old);
+            changes.outgoing = migration_.outgoing(old);
             changes.inside = migration_.scattered_inside(old);
         }
         std::array<std::uint32_t, Shape::cells> came;

@@ -61,7 +61,7 @@ struct Leaver
 };
 
 /// Where an item was before it left its cell.
-struct Departure
+struct OutgoingSlot
 {
     std::uint32_t slot;
     std::uint32_t at; ///< in its group: its rank times `lanes`, and its lane
@@ -71,7 +71,7 @@ struct Departure
 template <class Number>
 struct Outgoing
 {
-    std::vector<Departure> from; ///< all of them, in the order of slots
+    std::vector<OutgoingSlot> from; ///< all of them, in the order of slots
     std::vector<Leaver<Number>>
         scattered_inside; ///< those in another cell of the block that have scattered there, by cell
     std::vector<Leaver<Number>> leavers; ///< the others, by direction
@@ -102,10 +102,10 @@ template <class Number>
 struct LeaverNotes
 {
     std::size_t count = 0, channels = 0;
-    std::vector<Departure> from;
+    std::vector<OutgoingSlot> from;
     std::vector<Leaver<Number>> leavers;
     std::vector<Number> contribution;             ///< `channels` numbers of each, see Leaver
-    std::vector<std::uint32_t> at;                ///< for all items of a group, see Departure
+    std::vector<std::uint32_t> at;                ///< for all items of a group, see OutgoingSlot
     std::vector<Leaver<Number>> inside, in_order; ///< those that scatter at once, as they left and by cell
 
     /// Starts a block of so many items.

@@ -128,7 +128,7 @@ public:
     }
 
     /// Records that an item leaves its block and goes nowhere.
-    void erase(std::size_t b, Departure const& from)
+    void erase(std::size_t b, OutgoingSlot const& from)
     {
         outgoing_[b].from.push_back(from);
         ++outflows_[b].outgoing;
@@ -163,7 +163,7 @@ public:
     /// How many items leave an old block for others.
     std::uint32_t lost(std::size_t b) const { return outflows_[b].outgoing - outflows_[b].inside; }
     /// The items that leave their cells of an old block, in the order of slots.
-    std::span<Departure const> departures(std::size_t b) const { return outgoing_[b].from; }
+    std::span<OutgoingSlot const> outgoing(std::size_t b) const { return outgoing_[b].from; }
     /// Those that came to other cells of the same block and have scattered, by cell.
     std::span<Leaver const> scattered_inside(std::size_t b) const { return outgoing_[b].scattered_inside; }
     /// The items that come to a new block and have not scattered, by cell.

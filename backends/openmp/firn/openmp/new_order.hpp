@@ -78,7 +78,7 @@ struct NewBlock
 template <class Number>
 struct ChangesOfBlock
 {
-    std::span<Departure const> gone;          ///< the items that leave their cells, by slot
+    std::span<OutgoingSlot const> outgoing;   ///< the items that leave their cells, by slot
     std::span<Leaver<Number> const> inside;   ///< those that came to other cells of the block, by cell
     std::span<Leaver<Number> const> incoming; ///< those that come and have not scattered yet, by cell
 };
@@ -91,9 +91,9 @@ template <class Shape, int lanes, class Number>
 void write_block(OldBlock<Shape> const& old, ChangesOfBlock<Number> const& changes, NewBlock const& to,
                  Ranks<lanes>& ranks)
 {
-    auto left = changes.gone.begin();
-    auto leaver = changes.inside.begin();
-    auto arrival = changes.incoming.begin();
+    auto outgoing = changes.outgoing.begin();
+    auto inside = changes.inside.begin();
+    auto incoming = changes.incoming.begin();
     std::uint32_t slot = to.first_slot;
     for (int group = 0; group < Shape::groups; ++group) {
         int const first = group * lanes;
@@ -104,8 +104,8 @@ void write_block(OldBlock<Shape> const& old, ChangesOfBlock<Number> const& chang
         std::uint32_t const begin = old.group_begin[group],
                             end = group + 1 < Shape::groups ? old.group_begin[group + 1] : old.end;
         bool const stays_as_it_is =
-            old.source == nullptr && (left == changes.gone.end() || left->slot >= end) &&
-            !comes_here(leaver, changes.inside) && !comes_here(arrival, changes.incoming);
+            old.source == nullptr && (outgoing == changes.outgoing.end() || outgoing->slot >= end) &&
+            !comes_here(inside, changes.inside) && !comes_here(incoming, changes.incoming);
         if (stays_as_it_is) {
             std::iota(to.source + slot, to.source + slot + (end - begin), begin);
             slot += end - begin;
@@ -119,14 +119,14 @@ void write_block(OldBlock<Shape> const& old, ChangesOfBlock<Number> const& chang
                                  expand<lanes>(old.source == nullptr ? sources : old.source + from, pattern,
                                                ranks.row(rank));
                              });
-        for (; left != changes.gone.end() && left->slot < end; ++left) {
-            ranks.leave(left->at);
-            --to.counts[std::uint32_t(first) + left->at % lanes];
+        for (; outgoing != changes.outgoing.end() && outgoing->slot < end; ++outgoing) {
+            ranks.leave(outgoing->at);
+            --to.counts[std::uint32_t(first) + outgoing->at % lanes];
         }
-        for (; comes_here(leaver, changes.inside); ++leaver)
-            ranks.fill(leaver->place - first, leaver->source);
-        for (; comes_here(arrival, changes.incoming); ++arrival)
-            ranks.fill(arrival->place - first, arrival->source);
+        for (; comes_here(inside, changes.inside); ++inside)
+            ranks.fill(inside->place - first, inside->source);
+        for (; comes_here(incoming, changes.incoming); ++incoming)
+            ranks.fill(incoming->place - first, incoming->source);
         ranks.close_holes();
         for (std::uint32_t rank = 0;; ++rank) {
             std::uint64_t const pattern = lanes_above<lanes>(to.counts + first, rank);
