@@ -38,7 +38,7 @@ constexpr char const* describe(FailureCause cause)
     case FailureCause::rejected:
         return "moved by a cell or more, or deformed by more than a step may";
     case FailureCause::stalled:
-        return "is too fast, or its waves are, for any time step that gets on";
+        return "is too fast, or its waves are, for any time step that makes progress";
     }
     return "";
 }
