@@ -432,13 +432,14 @@ private:
         return scene_.sets.template by_id<place_of<Which>, Value>(ask);
     }
 
-    /// Runs the work of a call that changes the scene. If it breaks off with the scene half changed,
-    /// there is no state to go on from, and all later calls refuse with that reason.
+    /// Runs the work of a call that changes the scene. If it breaks off with the scene half changed, or with
+    /// velocities lost, there is no state to go on from, and all later calls refuse with that reason.
     template <class Work>
     void change(char const* call, Work const& work)
     {
         auto const access = guard_.write(call);
-        guard_.or_break_off(work, [&] { return scene_.is_half_changed(); });
+        guard_.or_break_off(
+            work, [&] { return scene_.is_half_changed() || time_loop_.has_lost_velocities(scene_); });
     }
 
     /// Refuses invalid effects, and walls that share nodes or have particles behind them; checks the

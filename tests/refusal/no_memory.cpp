@@ -45,6 +45,21 @@ struct Flight
     }
 };
 
+/// Gravity far too strong, which has no memory for a second step.
+struct StrongGravity
+{
+    int* steps;
+    Gravity gravity{{0, -1e9, 0}};
+
+    void validate() const {}
+    template <class Number, int d>
+    auto over(Interval const& interval) const
+    {
+        if (++*steps > 1) throw std::bad_alloc{};
+        return gravity.over<Number, d>(interval);
+    }
+};
+
 /// How often a call failed, and after how many of these times the solver went on.
 struct Failures
 {
@@ -126,6 +141,12 @@ TEST_CASE("where memory ends in the middle of a call, the solver goes on or says
         else // where it has been before it asks a device for none
             CHECK(failures.all == 0);
     }
+    SECTION("a step with other effects than before: it goes on where there is no room for what they store")
+    {
+        auto const known = fail_everywhere([](Block& b) { b.solver.step(1e-3, Gravity{}); });
+        auto const others = fail_everywhere([](Block& b) { b.solver.step(1e-3); });
+        CHECK(others.gone_on > known.gone_on);
+    }
     SECTION("steps into new blocks, and those that leave many behind")
     {
         int all = 0;
@@ -203,6 +224,16 @@ TEST_CASE("where memory ends in the middle of a call, the solver goes on or says
         int const few = TestedBackend::reaches_host_memory ? 3 : 0; // devices ask for memory up front
         CHECK(refused > few);
         CHECK(kept > few);
+    }
+    SECTION("a step that went wrong and is to be repeated, where the grid alone had the velocities")
+    {
+        if constexpr (TestedBackend::reaches_host_memory) { // loops of a device throw nothing
+            Block block;
+            int steps = 0;
+            CHECK_THROWS_AS(block.solver.advance(0.9e-3, StrongGravity{&steps}), std::bad_alloc);
+            CHECK(steps == 2);
+            CHECK_THROWS_WITH(block.solver.positions(), Contains("broke off"));
+        }
     }
     SECTION("upload")
     {

@@ -49,6 +49,13 @@ public:
     /// See Solver::until_error.
     AdvanceReport const& until_error() const { return until_error_; }
 
+    /// Whether a call broke off after a failed step, with velocities that only the grid had and that are no
+    /// longer there.
+    bool has_lost_velocities(Scene const& scene) const
+    {
+        return memory_.nodes_spoiled && !scene.sets.has_grid_fields();
+    }
+
     /// See Solver::quarantine.
     void quarantine(std::size_t most)
     {
@@ -154,11 +161,10 @@ private:
             scene.masses.unit, scene.smallest_node_mass(), quarantine_.most() > 0};
         int at_once = 1;
         if constexpr (Scene::Backend::queues) at_once = driver_.steps_at_once(memory_, parts, most);
+        // outside of the change: this may run out of memory before the scene changes
+        typename Driver::template Steps<Effects> steps(memory_, parts, controller, effects, at_once);
         StepLog const* log = nullptr;
-        scene.change([&] {
-            typename Driver::template Steps<Effects> steps(memory_, parts, controller, effects, at_once);
-            log = &driver_.take(steps, visit);
-        });
+        scene.change([&] { log = &driver_.take(steps, visit); });
         if (log->failed == 0) next_.trust_bounds();
         return *log;
     }
