@@ -1,16 +1,17 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# Whether a scene in the plane and one in space compile, warnings being errors, for every kind of device since 7.5: architectures.sh NVCC SOURCE EIGEN.
+# Whether a scene in the plane and one in space compile, warnings being errors, for every kind of device since 7.5: architectures.sh NVCC SOURCE EIGEN CODE...
 # They never run, so they are optimised as little as the compiler can.
 set -euo pipefail
 nvcc=$1 source=$2 eigen=$3
+shift 3
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 known=$("$nvcc" --list-gpu-code)
 quickly=(-O1)
 [[ $("$nvcc" --help) != *--Ofast-compile* ]] || quickly+=(-Ofc=min)
 targets=()
-for code in sm_75 sm_80 sm_86 sm_89 sm_90 sm_100 sm_120; do
+for code in "$@"; do
     grep -qx "$code" <<<"$known" || { echo "this nvcc does not know $code."; exit 1; }
     targets+=(-gencode "arch=compute_${code#sm_},code=$code")
 done

@@ -91,7 +91,8 @@ struct Thrown
         velocity[1] = -speed;
         Vector<double, d> centre = Vector<double, d>::Constant(0.013);
         centre[1] = 0.4;
-        solver.add(ball_of_points<d>(centre, 0.2, 0.05), std::pow(0.025, d), velocity);
+        double const radius = 0.01 * sample_of(14, 20);
+        solver.add(ball_of_points<d>(centre, radius, 0.05), std::pow(0.025, d), velocity);
     }
 };
 
@@ -106,9 +107,10 @@ TEMPLATE_LIST_TEST_CASE("steps that are queued together are those that are taken
 {
     auto const run = [](std::size_t batch) {
         Thrown<TestType> scene(batch, 6);
-        auto const first = scene.solver.advance(0.05, Gravity{}, scene.floor, scene.sphere);
+        auto const first =
+            scene.solver.advance(0.001 * sample_of(30, 50), Gravity{}, scene.floor, scene.sphere);
         CHECK(first.substeps > 10);
-        auto const second = scene.solver.advance(0.03, Gravity{}, scene.floor);
+        auto const second = scene.solver.advance(0.001 * sample_of(15, 30), Gravity{}, scene.floor);
         return std::tuple{told(first), told(second), state(scene.solver)};
     };
     auto const one_by_one = run(1);
@@ -132,14 +134,16 @@ TEST_CASE("so are equal steps, of which half of the particles leave their cells 
 {
     using Solver = Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver;
     auto const run = [](bool together) {
+        int const steps = sample_of(40, 100);
+        double const high = 0.01 + 0.05 * sample_of(5, 10);
         Solver solver(lattice(0.05));
-        solver.add(box_of_points<3>({0.01, 0.01, 0.01}, {0.51, 0.51, 0.51}, 0.05), std::pow(0.025, 3),
+        solver.add(box_of_points<3>({0.01, 0.01, 0.01}, {high, high, high}, 0.05), std::pow(0.025, 3),
                    {3, -20, 1});
         std::vector<decltype(told(StepReport{}))> all;
         if (together)
-            for (auto const& report : solver.steps(100, 2e-4, Gravity{})) all.push_back(told(report));
+            for (auto const& report : solver.steps(steps, 2e-4, Gravity{})) all.push_back(told(report));
         else
-            for (int i = 0; i < 100; ++i) all.push_back(told(solver.step(2e-4, Gravity{})));
+            for (int i = 0; i < steps; ++i) all.push_back(told(solver.step(2e-4, Gravity{})));
         return std::tuple{all, state(solver)};
     };
     CHECK((run(true) == run(false)));
@@ -148,7 +152,7 @@ TEST_CASE("so are equal steps, of which half of the particles leave their cells 
 namespace
 {
 
-/// The result of 25 steps of crumbs, in batches of that size. Each crumb lies in a cell and a block of its
+/// The result of some steps of crumbs, in batches of that size. Each crumb lies in a cell and a block of its
 /// own; every second one flies, and every seven steps a fourth of those comes to a new block.
 auto crumbs(int count, std::size_t batch)
 {
@@ -159,15 +163,15 @@ auto crumbs(int count, std::size_t batch)
     for (int k = 0; k < count; ++k) {
         Vector<double, 3> const low(0.4 * (k % row) + 0.05 * (k / 2 % 4) + 0.027, 0.4 * (k / row) + 0.077,
                                     0.077);
-        auto const crumb =
-            scattered<3>(box_of_points<3>(low, low + Vector<double, 3>::Constant(0.05), 0.05, 3), 0.002);
+        auto const crumb = scattered<3>(
+            box_of_points<3>(low, low + Vector<double, 3>::Constant(0.05), 0.05, sample_of(1, 3)), 0.002);
         auto& points = k % 2 == 0 ? resting : flying;
         points.insert(points.end(), crumb.begin(), crumb.end());
     }
     solver.add(resting, 1e-6);
     solver.add(flying, 1e-6, {35, 0.3, 0.1});
     std::vector<decltype(told(StepReport{}))> all;
-    for (auto const& report : solver.steps(25, 2e-4, Gravity{})) all.push_back(told(report));
+    for (auto const& report : solver.steps(sample_of(9, 25), 2e-4, Gravity{})) all.push_back(told(report));
     return std::tuple{all, state(solver)};
 }
 
@@ -201,10 +205,11 @@ TEST_CASE(
         };
         solver.add<Material<0>>(box(0.01, 0.21), std::pow(0.025, 3), {4, -12, 0});
         solver.add<Material<2>>(box(0.31, 0.51), std::pow(0.025, 3), {-4, -3, 0}); // the second has none
-        auto const report = solver.advance(0.03, Gravity{}, Obstacle<HalfSpace>{});
+        auto const report = solver.advance(0.001 * sample_of(15, 30), Gravity{}, Obstacle<HalfSpace>{});
         CHECK(report.substeps > 10);
         std::vector<decltype(told(StepReport{}))> equal;
-        for (auto const& each : solver.steps(20, 0.4 * report.smallest_dt, Obstacle<HalfSpace>{}))
+        for (auto const& each :
+             solver.steps(sample_of(8, 20), 0.4 * report.smallest_dt, Obstacle<HalfSpace>{}))
             equal.push_back(told(each));
         return std::tuple{told(report),
                           equal,

@@ -1,12 +1,13 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
-# What the compiler made of the loops of a step: budget.sh NVCC SOURCE EIGEN. Fails if a loop with quadratic kernels
+# What the compiler made of the loops of a step: budget.sh NVCC SOURCE EIGEN [FLAG...]. Fails if a loop with quadratic kernels
 # spills registers on sm_90, or if anything in device code became a trap: Eigen's calls that a device has not do so.
 set -euo pipefail
 nvcc=$1 source=$2 eigen=$3
+shift 3
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-"$nvcc" -std=c++20 -O3 -DNDEBUG --expt-relaxed-constexpr -diag-suppress=1675,20012 -arch=sm_90 -Xptxas -v --keep --keep-dir "$work" \
+"$nvcc" -std=c++20 -O3 -DNDEBUG "$@" --expt-relaxed-constexpr -diag-suppress=1675,20012 -arch=sm_90 -Xptxas -v --keep --keep-dir "$work" \
     -I"$source/include" -I"$source/backends/cuda" -isystem "$eigen" -cubin "$source/tests/cuda/budget.cu" -o "$work/budget.cubin" \
     2>"$work/said" || { cat "$work/said"; exit 1; }
 

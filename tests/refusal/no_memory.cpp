@@ -39,7 +39,7 @@ struct Flight
     explicit Flight(int steps) : solver(lattice(0.05))
     {
         std::vector<Eigen::Vector2d> points;
-        for (int i = 0; i < 20; ++i) points.emplace_back(0.013 + 2 * i, 0.013);
+        for (int i = 0; i < sample_of(6, 20); ++i) points.emplace_back(0.013 + 2 * i, 0.013);
         solver.add(points, 1e-5, {0, 20});
         for (int i = 0; i < steps; ++i) solver.step(1e-3);
     }

@@ -104,7 +104,7 @@ using Combinations = All<Scenes...>;
 /// else `few`, which proves the same of a smaller sample.
 constexpr int sample_of([[maybe_unused]] int few, [[maybe_unused]] int all)
 {
-#if defined(FIRN_TESTS_ALL) || defined(__CUDACC__)
+#if defined(FIRN_TESTS_ALL) || (defined(__CUDACC__) && !defined(FIRN_ON_PROCESSOR))
     return all;
 #else
     return few;
