@@ -15,7 +15,6 @@
 #include <omp.h>
 #include <pthread.h>
 #include <utility>
-#include <vector>
 
 namespace firn::openmp
 {
@@ -108,7 +107,8 @@ public:
         work.run(work.context, indices, 0, 1);
     }
 
-    explicit ThreadTeam(int threads) : workers_(static_cast<std::size_t>(threads - 1))
+    explicit ThreadTeam(int threads)
+        : size_(threads), workers_(std::make_unique<Worker[]>(static_cast<std::size_t>(threads - 1)))
     {
         // <thread> and <mutex> would take a third of a second to compile
         auto const begin = [](void* team) -> void* {
@@ -119,7 +119,8 @@ public:
     }
     ~ThreadTeam()
     {
-        for (Worker& worker : workers_) {
+        for (int i = 0; i + 1 < size_; ++i) {
+            Worker& worker = worker_at(i);
             worker.state.store(dismissed);
             worker.state.notify_one();
         }
@@ -146,7 +147,7 @@ private:
         bool is_asked = false, has_stalled = false; ///< in the current loop
     };
 
-    int size() const { return static_cast<int>(workers_.size()) + 1; }
+    Worker& worker_at(int i) { return workers_[static_cast<std::size_t>(i)]; }
 
     /// The team that the calling thread leads, with at least so many threads. Null if the thread is itself
     /// working for a loop, or if OpenMP would not give it further threads.
@@ -171,7 +172,7 @@ private:
         if (is_in_loop || is_over_ || omp_get_active_level() >= omp_get_max_active_levels()) return nullptr;
         thread_local Owner owner;
         owner.forget_after_fork();
-        if (owner.team == nullptr || owner.team->size() < threads) try {
+        if (owner.team == nullptr || owner.team->size_ < threads) try {
                 owner.team.reset(); // frees the threads before new ones start
                 owner.team = std::make_unique<ThreadTeam>(threads);
             }
@@ -186,7 +187,7 @@ private:
     {
         int active = 1;
         for (int i = 0; i + 1 < threads; ++i) {
-            Worker& one = workers_[static_cast<std::size_t>(i)];
+            Worker& one = worker_at(i);
             if (one.bench.is_on() && one.has_core.exchange(false, std::memory_order_relaxed))
                 one.bench.leave(now);
             one.is_asked = !one.bench.is_on();
@@ -198,7 +199,7 @@ private:
         // either a thread that goes to sleep sees the offer, or the leader sees that it sleeps
         std::atomic_thread_fence(std::memory_order_seq_cst);
         for (int i = 0; i + 1 < threads; ++i) {
-            Worker& one = workers_[static_cast<std::size_t>(i)];
+            Worker& one = worker_at(i);
             if (one.sleeps.load(std::memory_order_relaxed)) one.state.notify_one();
         }
         return active;
@@ -220,7 +221,7 @@ private:
         double now = done;
         bool have_stalled = false;
         for (int i = 0; i + 1 < threads; ++i) {
-            Worker& one = workers_[static_cast<std::size_t>(i)];
+            Worker& one = worker_at(i);
             one.has_stalled = false;
             if (!one.is_asked) continue;
             std::uint32_t seen = one.state.load(std::memory_order_acquire);
@@ -237,7 +238,7 @@ private:
         if (active > 1 && share > 0) efficiency_.add(active, done - begin, now - done, share);
         if (have_stalled && efficiency_.is_low()) {
             for (int i = 0; i + 1 < threads; ++i)
-                if (Worker& one = workers_[static_cast<std::size_t>(i)]; one.has_stalled) one.bench.sit(now);
+                if (Worker& one = worker_at(i); one.has_stalled) one.bench.sit(now);
             efficiency_.forget();
         }
         failure_.rethrow();
@@ -245,9 +246,8 @@ private:
 
     void open_region()
     {
-#pragma omp parallel num_threads(size())
-        if (int const thread = omp_get_thread_num(); thread > 0)
-            serve(workers_[static_cast<std::size_t>(thread - 1)], thread);
+#pragma omp parallel num_threads(size_)
+        if (int const thread = omp_get_thread_num(); thread > 0) serve(worker_at(thread - 1), thread);
     }
 
     void serve(Worker& own, int thread)
@@ -328,7 +328,8 @@ private:
     static inline thread_local bool is_over_ = false; ///< the calling thread's team has been destroyed
     static inline std::atomic<int> awake_{0};         ///< threads of all teams, without leaders
 
-    std::vector<Worker> workers_;
+    int const size_; ///< threads, the leader included
+    std::unique_ptr<Worker[]> workers_;
     pthread_t region_{};
     Efficiency efficiency_;
     FirstFailure failure_;
@@ -348,7 +349,7 @@ inline void run_on(Executor const& executor, int threads, ThreadWork const& work
     }
     FirstFailure failure;
     std::atomic<int> through = 0;
-    std::vector<std::atomic<bool>> begun(static_cast<std::size_t>(threads));
+    auto const begun = std::make_unique<std::atomic<bool>[]>(static_cast<std::size_t>(threads));
     executor(threads, [&](int thread) {
         if (thread < 0 || thread >= threads || begun[static_cast<std::size_t>(thread)].exchange(true)) return;
         failure.guard([&] {
