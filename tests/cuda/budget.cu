@@ -14,7 +14,7 @@ void step(Effects const&... effects)
     solver.advance(0.1, effects...);
 }
 
-// FIRN_TESTS_ALL: each transfer, and more materials, shapes and precisions. They take nvcc four minutes.
+// Each transfer, and more materials, shapes and precisions: most of what nvcc would take.
 #if defined(FIRN_TESTS_ALL)
 void more()
 {

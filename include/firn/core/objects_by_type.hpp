@@ -30,7 +30,7 @@ private:
     struct Object
     {
         void const* type;
-        // std::shared_ptr<void> would take fifty functions to compile for each type
+        // std::shared_ptr<void> would add dozens of functions for each type
         std::unique_ptr<void, void (*)(void*)> pointer;
     };
 

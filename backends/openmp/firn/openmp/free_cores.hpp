@@ -7,7 +7,7 @@
 namespace firn::openmp::detail
 {
 
-/// The time since some moment in the past [s]. <chrono> alone takes a tenth of a second to compile.
+/// The time since some moment in the past [s]. It is OpenMP's, since <chrono> takes long to compile.
 inline double clock_time() { return omp_get_wtime(); }
 
 /// A thread that others wait for longer than this [s] has lost its core. It is longer than a piece of work

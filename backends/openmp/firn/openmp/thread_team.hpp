@@ -110,7 +110,7 @@ public:
     explicit ThreadTeam(int threads)
         : size_(threads), workers_(std::make_unique<Worker[]>(static_cast<std::size_t>(threads - 1)))
     {
-        // <thread> and <mutex> would take a third of a second to compile
+        // not by <thread>, which takes every host program long to compile
         auto const begin = [](void* team) -> void* {
             static_cast<ThreadTeam*>(team)->open_region();
             return nullptr;
