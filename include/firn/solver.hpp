@@ -21,7 +21,6 @@
 #include <firn/time_stepping/time_loop.hpp>
 #include <firn/transfer/mls.hpp>
 
-#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <iterator>
@@ -90,29 +89,12 @@ public:
         static constexpr std::size_t place = detail::PlaceOf<Which, List>::value;
     };
 
-private:
-    using Places = std::make_index_sequence<materials>;
-    template <std::size_t... k>
-    static CommonToAll<typename MaterialTraits<Material<k>>::State...>
-        common_state(std::index_sequence<k...>);
-    template <std::size_t... k>
-    static constexpr std::size_t most_state_bytes(std::index_sequence<k...>)
-    {
-        return std::max({MaterialTraits<Material<k>>::state_bytes_per_particle...});
-    }
-    template <std::size_t... k>
-    static constexpr std::size_t most_bytes(std::index_sequence<k...>)
-    {
-        return std::max({MaterialTraits<Material<k>>::bytes_per_particle...});
-    }
-
-public:
     /// The fields that particles of all materials have in common.
-    using State = typename decltype(common_state(Places{}))::Type;
+    using State = typename Sets::CommonState;
     /// MaterialTraits' bytes; of several materials, the largest.
-    static constexpr std::size_t state_bytes_per_particle = most_state_bytes(Places{});
+    static constexpr std::size_t state_bytes_per_particle = Sets::state_bytes_per_particle;
     /// The same with both buffers and the cell order.
-    static constexpr std::size_t bytes_per_particle = most_bytes(Places{});
+    static constexpr std::size_t bytes_per_particle = Sets::bytes_per_particle;
 
     /// An empty scene. Throws an Error if a parameter is outside its range, or if the backend cannot run on
     /// this machine.
@@ -263,13 +245,28 @@ public:
     template <NodeEffect<Real, d>... Effects>
     AdvanceReport advance(double duration, Effects const&... effects)
     {
-        AdvanceReport report;
-        change("Solver::advance", [&] {
-            detail::validate_duration<Number>(time(), duration);
-            accept("Solver::advance", effects...);
-            report = time_loop_.advance(scene_, duration, effects...);
-        });
-        return report;
+        return advance_by([](double) { return FullPace{}; }, duration, effects...);
+    }
+
+    /// The same within a Budget (firn/budget.hpp) of seconds by a clock or of steps: takes what fits, and
+    /// says in the report what is left of the duration.
+    template <StepBudget Budget, NodeEffect<Real, d>... Effects>
+    AdvanceReport advance(double duration, Budget const& budget, Effects const&... effects)
+    {
+        budget.validate();
+        return advance_by([&](double now) { return typename Budget::Pace(budget, now); }, duration,
+                          effects...);
+    }
+
+    /// The longest stable step from the present state on with these effects [s]; infinity if nothing bounds
+    /// it. See bounds() for what it depends on, and StepControl::growth for what steps keep to besides.
+    template <NodeEffect<Real, d>... Effects>
+    double stable_step(Effects const&... effects) const
+    {
+        auto const access = guard_.read("Solver::stable_step");
+        detail::validate_effects<Backend, Number, d>("Solver::stable_step", scene_.bears_kilograms(),
+                                                     effects...);
+        return time_loop_.next_step().stable(scene_, effects...).dt;
     }
 
     /// What the last call of step(), steps() or advance() that ended in an exception, after its arguments
@@ -440,6 +437,18 @@ private:
         auto const access = guard_.write(call);
         guard_.or_break_off(
             work, [&] { return scene_.is_half_changed() || time_loop_.has_lost_velocities(scene_); });
+    }
+
+    template <class Pace, class... Effects>
+    AdvanceReport advance_by(Pace const& pace, double duration, Effects const&... effects)
+    {
+        AdvanceReport report;
+        change("Solver::advance", [&] {
+            detail::validate_duration<Number>(time(), duration);
+            accept("Solver::advance", effects...);
+            report = time_loop_.advance(scene_, duration, pace(time()), effects...);
+        });
+        return report;
     }
 
     /// Refuses invalid effects, and walls that share nodes or have particles behind them; checks the

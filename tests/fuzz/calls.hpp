@@ -3,6 +3,7 @@
 
 #include "scenes.hpp"
 
+#include <firn/budget.hpp>
 #include <firn/io/checkpoint.hpp>
 
 #include <algorithm>
@@ -310,17 +311,31 @@ private:
 
     void advance()
     {
-        double const duration = std::pow(10.0, input_.between(-6, -2.5));
+        double const exponent = input_.between(-6, -2.5);
+        double const duration = std::pow(10.0, exponent);
         Told<Solver> const before(solver_);
         StepBounds const bounds = solver_.bounds();
+        // of four calls one has a budget; the input is not asked, so that what was found keeps its meaning
+        int const kind = static_cast<int>(-1e4 * exponent) % 16;
+        Budget const budget{.steps = static_cast<std::uint64_t>(kind), .cut_last_step = kind % 2 == 0};
+        bool const has_budget = kind < 4;
         AdvanceReport report;
         if (refused([&] {
-                report = with_effects(
-                    [&](auto const&... effects) { return solver_.advance(duration, effects...); });
+                report = with_effects([&](auto const&... effects) {
+                    return has_budget ? solver_.advance(duration, budget, effects...)
+                                      : solver_.advance(duration, effects...);
+                });
             }))
             return;
         expect(report.lost == 0, "particles were lost");
-        expect(solver_.time() == before.time + duration, "it ended at another time");
+        if (has_budget) {
+            double const end = before.time + duration;
+            expect(report.substeps <= budget.steps, "it took more steps than it may");
+            expect(std::abs(solver_.time() + report.left - end) <= 1e-12 * end,
+                   "what is left is not the rest of the duration");
+        }
+        else
+            expect(report.left == 0 && solver_.time() == before.time + duration, "it ended at another time");
         std::size_t const gone = solver_.isolated().size() - isolated_;
         expect(report.isolated.size() == gone, "the report does not tell what was taken out");
         if (gone == 0)

@@ -55,6 +55,27 @@ public:
     };
     using CellOrder = typename MaterialTraits<0>::Table::CellOrder;
 
+private:
+    template <std::size_t... k>
+    static CommonToAll<typename MaterialTraits<k>::State...> common_state(std::index_sequence<k...>);
+    template <std::size_t... k>
+    static constexpr std::size_t most_state_bytes(std::index_sequence<k...>)
+    {
+        return std::max({MaterialTraits<k>::state_bytes_per_particle...});
+    }
+    template <std::size_t... k>
+    static constexpr std::size_t most_bytes(std::index_sequence<k...>)
+    {
+        return std::max({MaterialTraits<k>::bytes_per_particle...});
+    }
+
+public:
+    /// The fields that particles of all materials have in common.
+    using CommonState = typename decltype(common_state(Places{}))::Type;
+    /// MaterialTraits' bytes; of several materials, the largest.
+    static constexpr std::size_t state_bytes_per_particle = most_state_bytes(Places{}),
+                                 bytes_per_particle = most_bytes(Places{});
+
     MaterialSets(List list, Lattice lattice, int kernel_degree, Backend const& backend)
         : MaterialSets(std::move(list), lattice, kernel_degree, backend, Places{})
     {}

@@ -143,7 +143,8 @@ private:
         controller.finish(time_state, bounds);
         if (controller.goes_on(time_state) && controller.choose(time_state) && controller.gets_on(time_state))
             time_state.ready =
-                !(controller.equal > time_state.stable); // else the host handles a step that may fail
+                controller.fits(time_state) &&
+                !(controller.equal > time_state.stable); // else the host handles it: it may fail
         log[step + 1].after.time_state = time_state;
         if (!time_state.ready) return false;
         after->dt = static_cast<Number>(time_state.now.interval.length());

@@ -43,10 +43,14 @@ public:
     {
         time_state.ready = false; // it was planned for other effects and another end
         time_state.retries = 0;
-        Controller controller = controller_of(scene, scene.sets);
-        if (scene.size() > 0) // else effects bound no step
-            (detail::admit_effect<d>(controller, effects), ...);
-        return controller;
+        return controller_with(scene, effects...);
+    }
+
+    /// The longest stable step from the present state on with these effects.
+    template <class... Effects>
+    ChosenStep stable(Scene const& scene, Effects const&... effects) const
+    {
+        return controller_with(scene, effects...).stable(time_state.bounds);
     }
 
     /// Chooses the next step on the host.
@@ -126,6 +130,15 @@ public:
     }
 
 private:
+    template <class... Effects>
+    Controller controller_with(Scene const& scene, Effects const&... effects) const
+    {
+        Controller controller = controller_of(scene, scene.sets);
+        if (scene.size() > 0) // else effects bound no step
+            (detail::admit_effect<d>(controller, effects), ...);
+        return controller;
+    }
+
     /// Whether steps are less than half as long as for particles at rest.
     bool is_held_up(Scene const& scene) const
     {

@@ -25,6 +25,23 @@ struct StepReport
     std::vector<StepFailure> isolated;    ///< particles removed from the scene, and why: Solver::quarantine
 };
 
+/// What ended a call of Solver::advance before its duration was over.
+enum class StoppedBy
+{
+    nothing, ///< the duration is over, but for what is shorter than a step where steps are not cut
+    seconds, ///< Budget::seconds
+    steps,   ///< Budget::steps
+    cancel,  ///< Budget::cancelled
+};
+
+/// What a call of Solver::advance may spend; `Pace` keeps to it (see FullPace). The library's is Budget.
+template <class T>
+concept StepBudget = requires(T const budget)
+{
+    typename T::Pace;
+    budget.validate();
+};
+
 /// What a call of Solver::advance did.
 struct AdvanceReport
 {
@@ -34,6 +51,8 @@ struct AdvanceReport
     double smallest_dt = std::numeric_limits<double>::infinity(); ///< [s]
     double largest_dt = 0;                                        ///< [s]
     double time_of_forces = 0; ///< for how long stresses and gravity acted [s]: see TimeStepController
+    double left = 0; ///< of the duration, what was not simulated [s]: 0 without a budget and an error
+    StoppedBy stopped_by = StoppedBy::nothing;                ///< why
     std::array<std::uint64_t, step_limit_count> limited_by{}; ///< substeps by what bounded them: a StepLimit
     std::uint64_t capped = 0;             ///< the most particles at a cap of their model in any substep
     std::vector<std::uint64_t> capped_of; ///< the same of each material, in their order
@@ -64,7 +83,7 @@ struct AdvanceReport
         add_isolated(step.isolated);
     }
 
-    /// Adds the report of another call.
+    /// Adds the report of the call after it, whose `left` and `stopped_by` are those of both.
     void merge(AdvanceReport const& other)
     {
         substeps += other.substeps;
@@ -74,6 +93,8 @@ struct AdvanceReport
         smallest_dt = std::min(smallest_dt, other.smallest_dt);
         largest_dt = std::max(largest_dt, other.largest_dt);
         time_of_forces += other.time_of_forces;
+        left = other.left;
+        stopped_by = other.stopped_by;
         capped = std::max(capped, other.capped);
         lost += other.lost;
         add_capped(other.capped_of);

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/exactly_equal.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/effects/effect.hpp>
 #include <firn/time_stepping/stable_time_step.hpp>
@@ -51,6 +52,8 @@ struct TimeStepController
     double duration = 0;                                         ///< of the call [s]
     double end = 0;                                              ///< when it ends [s]
     double equal = 0; ///< length of all steps [s]; 0: they are as long as is stable
+    bool cuts =
+        true; ///< steps are whole shares of the time that is left; false: all are as long as is stable
 
     /// A step planned one step ahead is kept if its length is within these multiples of what the current
     /// bounds allow. StepControl's safety factors have room for the longer one; the shorter one still costs
@@ -103,10 +106,10 @@ struct TimeStepController
         PlannedStep best = plan(longest_now, time_state.time, end, time_state.previous, time_state.retries);
         best.interval.forces = forces(best, time_state.last, time_state.retries);
         double const planned = time_state.scattered.interval.length(), longest = best.interval.length();
-        bool const fits = planned > 0 &&
-                          exactly_equal(time_state.scattered.interval.begin, time_state.time) &&
-                          time_state.scattered.interval.end <= end && planned <= longest_plan * longest &&
-                          planned >= shortest_plan * longest && time_state.retries == 0;
+        bool const fits =
+            planned > 0 && exactly_equal(time_state.scattered.interval.begin, time_state.time) &&
+            (!cuts || time_state.scattered.interval.end <= end) && planned <= longest_plan * longest &&
+            planned >= shortest_plan * longest && time_state.retries == 0;
         time_state.now = fits ? time_state.scattered : best;
         // the step after it, predicted from the bounds at the begin of this one
         double const next_end = time_state.now.interval.end < end ? end : end + duration;
@@ -122,6 +125,12 @@ struct TimeStepController
     {
         return time_state.now.interval.length() > control.smallest * duration &&
                time_state.now.interval.end > time_state.time;
+    }
+
+    /// Whether the chosen step ends in time: one that was not cut may not.
+    FIRN_HOST_DEVICE bool fits(TimeState const& time_state) const
+    {
+        return cuts || time_state.now.interval.end <= end;
     }
 
     /// Whether time is left.
@@ -157,18 +166,18 @@ struct TimeStepController
     }
 
 private:
-    /// A step from `begin` that is as long as is stable, not much longer than the one before, and a whole
-    /// share of the time until `until`. Each of `retries` failures halves it.
+    /// A step from `begin` that is as long as is stable, not much longer than the one before, and with `cuts`
+    /// a whole share of the time until `until`. Each of `retries` failures halves it.
     FIRN_HOST_DEVICE PlannedStep plan(ChosenStep step, double begin, double until, double previous,
                                       int retries) const
     {
         double const remaining = until - begin;
         if (previous > 0) step.bound(control.growth * previous, StepLimit::growth);
         double const longest = step.dt;
-        bool const last = longest >= remaining && retries == 0;
-        if (longest >= remaining)
+        bool const ends = longest >= remaining && (cuts || !is_finite(longest)), last = ends && retries == 0;
+        if (ends)
             step = {remaining, StepLimit::duration};
-        else
+        else if (cuts)
             step.dt = remaining / std::ceil(remaining / longest);
         // half of what failed, also where that was all the remaining time
         for (int i = 0; i < retries; ++i) step.dt /= 2;

@@ -13,6 +13,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <numeric>
 #include <optional>
 #include <string>
@@ -21,6 +22,17 @@
 
 namespace firn
 {
+
+/// The pace of a call without a budget: all steps, the last one cut to end with the duration.
+struct FullPace
+{
+    static constexpr bool cuts_last_step() { return true; }
+    static constexpr StoppedBy stopped_by() { return StoppedBy::nothing; }
+    /// How many steps may come next; 0: the call ends.
+    static std::size_t steps_allowed(AdvanceReport const&) { return std::numeric_limits<std::size_t>::max(); }
+    /// After some steps, or after a failed one.
+    static void tell(double /*time*/, double /*end*/, AdvanceReport const&) {}
+};
 
 /// Advances a scene in time: chooses steps, has them taken, retries failed ones with half their length, and
 /// removes particles where that is allowed. `Scene` is a SceneState, the same in every call.
@@ -101,43 +113,57 @@ public:
         return reports;
     }
 
-    /// Takes as many stable steps as fill a duration [s]; see Solver::advance.
-    template <class... Effects>
-    AdvanceReport advance(Scene& scene, double duration, Effects const&... effects)
+    /// Takes as many stable steps as fill a duration [s], or as `pace` allows; see Solver::advance.
+    template <class Pace, class... Effects>
+    AdvanceReport advance(Scene& scene, double duration, Pace&& pace, Effects const&... effects)
     {
         Controller controller = next_.controller_for(scene, effects...);
+        controller.cuts = pace.cuts_last_step();
         controller.duration = duration;
         controller.end = next_.time_state.time + duration;
         auto const plain = plain_effects(next_.time_state.time, effects...);
         AdvanceReport all;
         StepReport of_step; // reused, so that its lists are allocated once
         StepLog failed;     // the step that is being repeated, if next_.time_state.retries > 0
-        auto const get_on = [&] {
+        auto const get_on = [&](std::size_t allowed) { // returns false where a whole step does not fit
             if (!next_.time_state.ready) next_.choose(scene, controller);
             if (!controller.gets_on(next_.time_state)) {
                 get_unstuck(scene, controller, failed, all);
-                return;
+                return true;
             }
+            if (!controller.fits(next_.time_state)) return false;
             // the number of steps if all were as long as this one, limited to what can be counted
             auto const most = static_cast<std::size_t>(std::min(
                 std::ceil((controller.end - next_.time_state.time) / next_.time_state.now.interval.length()),
                 0x1p62));
-            StepLog const& log = run(scene, controller, most, plain, [&](auto const& record) {
-                describe(record, scene.masses.unit, of_step);
-                all.add(of_step, record.limit);
-            });
-            if (log.failed == 0) return;
+            StepLog const& log =
+                run(scene, controller, std::min(most, allowed), plain, [&](auto const& record) {
+                    describe(record, scene.masses.unit, of_step);
+                    all.add(of_step, record.limit);
+                });
+            if (log.failed == 0) return true;
             failed = log;
             retry(scene, controller, failed, all);
+            return true;
+        };
+        auto const finish = [&] {
+            all.left = std::max(controller.end - next_.time_state.time, 0.0);
+            all.stopped_by = pace.stopped_by();
         };
         try {
-            while (controller.goes_on(next_.time_state)) get_on();
+            while (controller.goes_on(next_.time_state)) {
+                std::size_t const allowed = pace.steps_allowed(all);
+                if (allowed == 0 || !get_on(allowed)) break;
+                pace.tell(next_.time_state.time, controller.end, all);
+            }
         }
         catch (...) {
+            finish();
             until_error_ = std::move(all);
             throw;
         }
         next_.time_state.ready = false;
+        finish();
         return all;
     }
 
