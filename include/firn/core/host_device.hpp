@@ -3,6 +3,8 @@
 
 #include <firn/core/compiler.hpp>
 
+#include <cstdint>
+
 #if defined(__GNUC__) && !defined(__EXCEPTIONS) && !defined(__CUDACC__)
 #error "firn: it throws errors, which -fno-exceptions forbids: compile without that flag."
 #endif
@@ -64,3 +66,19 @@
 #else
 #define FIRN_COLD
 #endif
+
+namespace firn
+{
+
+/// Adds to a number to which several parts of a loop may add at the same time. Integers come to the same sum
+/// in any order.
+FIRN_HOST_DEVICE inline void add_in_any_order(std::int64_t& to, std::int64_t value)
+{
+#if defined(__CUDA_ARCH__)
+    atomicAdd(reinterpret_cast<unsigned long long*>(&to), static_cast<unsigned long long>(value));
+#else
+    __atomic_fetch_add(&to, value, __ATOMIC_RELAXED);
+#endif
+}
+
+} // namespace firn

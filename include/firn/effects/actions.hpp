@@ -45,7 +45,7 @@ struct Chain;
 template <>
 struct Chain<>
 {
-    static constexpr int obstacles = 0, walls = 0, shells = 0, lookups = 0, touching = 0;
+    static constexpr int obstacles = 0, groups = 0, walls = 0, shells = 0, lookups = 0, touching = 0;
     static constexpr bool may_touch_particles = false, uses_kilograms = false;
     template <class Visit>
     FIRN_HOST_DEVICE void for_each(Visit const&) const
@@ -59,6 +59,7 @@ struct Chain<First, Rest...>
     First first;
     Chain<Rest...> rest;
     static constexpr int obstacles = int(is_obstacle<First>) + Chain<Rest...>::obstacles;
+    static constexpr int groups = int(is_group<First>) + Chain<Rest...>::groups;
     static constexpr int walls = int(is_wall<First>) + Chain<Rest...>::walls;
     static constexpr int shells = int(keeps_sides<First>) + Chain<Rest...>::shells;
     static constexpr int lookups = int(looks_up<First>) + Chain<Rest...>::lookups;

@@ -63,6 +63,18 @@ FIRN_HOST_DEVICE Vector<Real, d> apply_on_nodes(Chain<Actions...> const& chain,
     Mask<Real> once = Real(1) < Real(0), twice = once;
 
     auto const pass = [&](bool first_pass, bool only_non_penetration) {
+        auto const meet = [&](auto const& action, Reaction& received) { // returns whether they touch
+            Contact const rule = only_non_penetration ? Contact::slip() : action.contact;
+            auto const touched = action.touch(place, velocity, rule);
+            if (!any(touched.inside)) return false;
+            detail::book<Real, d>(received, touched, velocity, nodes.booked_mass);
+            velocity = touched.velocity;
+            reactions.largest_surface_speed2 =
+                max(reactions.largest_surface_speed2, double(largest(touched.surface_speed2)));
+            twice = twice | (once & touched.inside);
+            once = once | touched.inside;
+            return true;
+        };
         int obstacle = 0;
         chain.for_each([&](auto const& action) {
             using Action = std::decay_t<decltype(action)>;
@@ -72,24 +84,18 @@ FIRN_HOST_DEVICE Vector<Real, d> apply_on_nodes(Chain<Actions...> const& chain,
                     Vector<Real, d> const after = action.on_node(node, velocity);
                     for (int a = 0; a < d; ++a) velocity[a] = select(nodes.filled, after[a], velocity[a]);
                 }
-            if constexpr (!is_wall<Action> && is_obstacle<Action>) {
-                Contact const rule = only_non_penetration ? Contact::slip() : action.contact;
-                auto const touched = action.touch(place, velocity, rule);
-                if (any(touched.inside)) {
-                    detail::book<Real, d>(reactions.of[std::size_t(obstacle)], touched, velocity,
-                                          nodes.booked_mass);
-                    velocity = touched.velocity;
-                    reactions.largest_surface_speed2 =
-                        max(reactions.largest_surface_speed2, double(largest(touched.surface_speed2)));
-                    twice = twice | (once & touched.inside);
-                    once = once | touched.inside;
-                }
-            }
+            if constexpr (is_group<Action>)
+                action.for_each_near(place, [&](auto const& one, auto const& receive) {
+                    Reaction received;
+                    if (meet(one, received)) receive(received);
+                });
+            else if constexpr (!is_wall<Action> && is_obstacle<Action>)
+                meet(action, reactions.of[std::size_t(obstacle)]);
             obstacle += int(is_obstacle<Action>);
         });
     };
     pass(true, false);
-    if constexpr (obstacles > 1)
+    if constexpr (obstacles > 1 || Chain<Actions...>::groups > 0)
         if (any(twice)) {
             pass(false, false);
             for (int i = 0; i < 4; ++i) pass(false, true);

@@ -73,6 +73,13 @@ inline constexpr bool is_wall = requires
     requires Action::mirrors;
 };
 
+/// Whether an action is that of many obstacles, whose number is known at run time: see Obstacles.
+template <class Action>
+inline constexpr bool is_group = requires
+{
+    requires Action::is_group;
+};
+
 /// Whether an action is that of an obstacle, which has a reaction.
 template <class Action>
 inline constexpr bool is_obstacle = is_wall<Action> || detail::has_touch<Action>;
@@ -185,7 +192,7 @@ namespace detail
 template <class Action, class Real, int d>
 constexpr bool has_only_hooks_that_are_called()
 {
-    bool has = is_obstacle<Action>, called = true;
+    bool has = is_obstacle<Action> || is_group<Action>, called = true;
     if constexpr (has_acceleration<Action>) has = true, called = called && AcceleratesNodes<Action, Real, d>;
     if constexpr (has_on_momentum<Action>) has = true, called = called && ChangesMomentum<Action, Real, d>;
     if constexpr (has_on_node<Action>) has = true, called = called && ChangesVelocity<Action, Real, d>;
@@ -371,8 +378,9 @@ struct CheckedEffect
 {
     static_assert(
         describes,
-        "what was passed is no effect of this scene: pass Gravity, Obstacle<Shape>, ReflectingWall or one "
-        "of your own, which has 'void validate() const' and 'template <class Number, int d> Action "
+        "what was passed is no effect of this scene: pass Gravity, Obstacle<Shape>, Obstacles<Shape>, "
+        "ReflectingWall or one of your own, which has 'void validate() const' and 'template <class Number, "
+        "int d> Action "
         "over(firn::Interval const&) const', each as an argument; a RigidBody goes in as an Obstacle with "
         "its motion");
     static constexpr bool value = false;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/effects/actions.hpp>
+#include <firn/effects/groups.hpp>
 #include <firn/time_stepping/durations.hpp>
 #include <firn/time_stepping/failures.hpp>
 #include <firn/time_stepping/next_step.hpp>
@@ -17,6 +18,7 @@
 #include <numeric>
 #include <optional>
 #include <string>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -50,7 +52,7 @@ class TimeLoop
 
 public:
     TimeLoop(StepControl const& control, Scene const& scene)
-        : next_(control), memory_(scene.lattice, scene.transfer, scene.backend)
+        : next_(control), memory_(scene.lattice, scene.transfer, scene.backend), groups_(scene.backend)
     {}
 
     /// The time, and what the next step depends on.
@@ -81,7 +83,8 @@ public:
     {
         Controller controller = next_.controller_for(scene, effects...);
         controller.equal = dt;
-        auto const plain = plain_effects(next_.time_state.time, effects...);
+        auto plain = plain_effects(next_.time_state.time, effects...);
+        groups_.stage(plain, scene.lattice, next_.time_state.time, double(count) * dt, effects...);
         std::vector<StepReport> reports;
         Failures isolated;
         auto const take = [&] {
@@ -93,7 +96,7 @@ public:
             std::size_t const most = beyond_stable ? 1 : count - reports.size();
             StepLog const& log = run(scene, controller, most, plain, [&](auto const& record) {
                 StepReport report;
-                describe(record, scene.masses.unit, report);
+                describe<Effects...>(record, scene.masses.unit, report);
                 reports.push_back(std::move(report)); // filled before it is added: allocation may fail
                 reports.back().beyond_stable = dt > record.stable;
                 std::swap(reports.back().isolated, isolated); // isolated before that step
@@ -121,7 +124,8 @@ public:
         controller.cuts = pace.cuts_last_step();
         controller.duration = duration;
         controller.end = next_.time_state.time + duration;
-        auto const plain = plain_effects(next_.time_state.time, effects...);
+        auto plain = plain_effects(next_.time_state.time, effects...);
+        groups_.stage(plain, scene.lattice, next_.time_state.time, duration, effects...);
         AdvanceReport all;
         StepReport of_step; // reused, so that its lists are allocated once
         StepLog failed;     // the step that is being repeated, if next_.time_state.retries > 0
@@ -138,7 +142,7 @@ public:
                 0x1p62));
             StepLog const& log =
                 run(scene, controller, std::min(most, allowed), plain, [&](auto const& record) {
-                    describe(record, scene.masses.unit, of_step);
+                    describe<Effects...>(record, scene.masses.unit, of_step);
                     all.add(of_step, record.limit);
                 });
             if (log.failed == 0) return true;
@@ -186,7 +190,10 @@ private:
             scene.sets,        scene.grid_state,           next_.time_state,
             scene.masses.unit, scene.smallest_node_mass(), quarantine_.most() > 0};
         int at_once = 1;
-        if constexpr (Scene::Backend::queues) at_once = driver_.steps_at_once(memory_, parts, most);
+        if constexpr (detail::has_groups<Effects>)
+            groups_.clear(); // the host reads what they receive in each step
+        else if constexpr (Scene::Backend::queues)
+            at_once = driver_.steps_at_once(memory_, parts, most);
         // outside of the change: this may run out of memory before the scene changes
         typename Driver::template Steps<Effects> steps(memory_, parts, controller, effects, at_once);
         StepLog const* log = nullptr;
@@ -196,17 +203,23 @@ private:
     }
 
     /// Overwrites a report with a record; the report may have been another step's.
-    template <class Record>
-    static void describe(Record const& record, double mass_unit, StepReport& report)
+    template <class... Effects, class Record>
+    void describe(Record const& record, double mass_unit, StepReport& report)
     {
         report.dt = record.dt;
         report.time_of_forces = record.forces;
         report.stable_dt = record.stable;
         report.capped_of.assign(record.capped.begin(), record.capped.end());
         report.capped = std::accumulate(record.capped.begin(), record.capped.end(), std::uint64_t(0));
-        report.reactions.resize(record.reactions.of.size());
-        for (std::size_t i = 0; i < report.reactions.size(); ++i)
-            report.reactions[i] = record.reactions.of[i] * mass_unit;
+        report.reactions.clear();
+        std::size_t obstacles = 0, groups = 0;
+        auto const append = [&]<class Action>(std::type_identity<Action>) {
+            if constexpr (is_group<Action>)
+                groups_.append(groups++, report.reactions, mass_unit);
+            else if constexpr (is_obstacle<Action>)
+                report.reactions.push_back(record.reactions.of[obstacles++] * mass_unit);
+        };
+        (append(std::type_identity<detail::ActionOf<Effects, Number, d>>{}), ...);
     }
 
     /// Where the chosen step is too short to advance time: repeated halving did not prevent the failure of
@@ -311,6 +324,7 @@ private:
     NextStep<Scene> next_;
     typename Driver::Memory memory_;
     Driver driver_;
+    Groups<typename Scene::Backend, d> groups_;
     detail::Quarantine quarantine_;
     bool (TimeLoop::*isolate_)(Scene&, detail::FailedStep const&, Failures&) = nullptr;
     AdvanceReport until_error_; ///< see until_error()

@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: MIT
+// What obstacles cost that are far from most nodes: steps by turns with a floor and a ball as two arguments,
+// with both as one, and with 198 crates beside them:
+//     many_obstacles [rounds]
+// Prints medians of milliseconds per step, and their ratio to the first. The same file is compiled for a
+// device.
+#include "timing.hpp"
+
+#include <firn/effects/obstacles.hpp>
+#include <firn/firn.hpp>
+#if defined(__CUDACC__)
+#include <firn/cuda.hpp>
+#else
+#include <firn/openmp.hpp>
+#endif
+
+#include <chrono>
+#include <cmath>
+#include <cstdio>
+#include <cstdlib>
+#include <vector>
+
+using namespace firn;
+
+namespace
+{
+
+#if defined(__CUDACC__)
+using Backend = Cuda;
+int const side = 128; // particles along two of the axes; half of it along the third
+Backend backend() { return {}; }
+#else
+using Backend = OpenMP;
+int const side = 64;
+Backend backend() { return {.threads = 1}; }
+#endif
+using SolverOfBench = Solver<Backend, NeoHookean<Space<3, float>>>;
+
+double const h = 0.05;
+
+SolverOfBench block()
+{
+    std::vector<Eigen::Vector3d> points;
+    for (int i = 0; i < side; ++i)
+        for (int j = 0; j < side / 2; ++j)
+            for (int k = 0; k < side; ++k)
+                points.push_back(h / 2 * Eigen::Vector3d(i + 0.5, j + 0.5, k + 0.5));
+    SolverOfBench solver(lattice(h), {}, {}, {}, backend());
+    solver.add(points, std::pow(h / 2, 3));
+    return solver;
+}
+
+/// Seconds per step of five steps.
+template <class... Effects>
+double timed(SolverOfBench& solver, double dt, Effects const&... effects)
+{
+    auto const start = std::chrono::steady_clock::now();
+    for (int i = 0; i < 5; ++i) solver.step(dt, Gravity{}, effects...);
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() / 5;
+}
+
+} // namespace
+
+int main(int argc, char** argv)
+{
+    int const rounds = argc > 1 ? std::atoi(argv[1]) : 15;
+    double const width = side * h / 2;
+    Obstacle<HalfSpace> const ground{.contact = Contact::coulomb(0.3)};
+    Obstacle<Sphere> const ball{
+        .shape = {0.2}, .motion = {.position = {width / 2, 0.1, width / 2}, .angular_velocity = {0, 3, 0}}};
+    Obstacles<> both{
+        {{.shape = ground.shape, .contact = ground.contact}, {.shape = ball.shape, .motion = ball.motion}}};
+    Obstacles<> all = both;
+    for (int i = 0; i < 198; ++i)
+        all.list.push_back(
+            {.shape = Box{{0.8 * h, 0.8 * h, 0.8 * h}},
+             .motion = {.position = {width * (i % 14 + 0.5) / 14, h, width * (i / 14 + 0.5) / 15},
+                        .angular_velocity = {0, 1, 0}}});
+    SolverOfBench apart = block(), together = block(), crowded = block();
+    double const dt = 0.5 * apart.stable_step(Gravity{}, ground, ball);
+    std::vector<double> seconds[3];
+    for (int i = 0; i < rounds; ++i) {
+        seconds[0].push_back(timed(apart, dt, ground, ball));
+        seconds[1].push_back(timed(together, dt, both));
+        seconds[2].push_back(timed(crowded, dt, all));
+    }
+    char const* const names[]{"two arguments", "two in one argument", "200 in one argument"};
+    double const first = bench::median(seconds[0]);
+    std::printf("%zu particles\n", apart.size());
+    for (int i = 0; i < 3; ++i) {
+        double const middle = bench::median(seconds[i]);
+        std::printf("%-20s %8.3f ms %6.3f\n", names[i], 1e3 * middle, middle / first);
+    }
+}

@@ -1,0 +1,171 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/host_device.hpp>
+#include <firn/core/space.hpp>
+#include <firn/grid/lattice.hpp>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+// Which of many obstacles may touch nodes of a place. Space is cut into cubes of some cells, and each cube
+// that an obstacle's box meets has a list of such obstacles, by rising number. A cube is found by a hash
+// table.
+namespace firn
+{
+
+/// The cells that an obstacle may meet during a call.
+template <int d>
+struct SweptBox
+{
+    std::array<int, std::size_t(d)> low{}, high{}; ///< both included
+    bool is_bounded = false;                       ///< false: it is everywhere
+
+    friend bool operator==(SweptBox const&, SweptBox const&) = default;
+};
+
+/// A cube and where its list begins and ends in all lists; an empty place of the table has no end.
+template <int d>
+struct ListOfCube
+{
+    std::array<int, std::size_t(d)> cube{};
+    std::uint32_t begin = 0, end = 0;
+};
+
+/// The lists in the memory where loops read them: a plain value.
+template <int d>
+struct NearObstacles
+{
+    ListOfCube<d> const* table = nullptr;
+    std::uint32_t mask = 0; ///< the table's size, a power of two, less one
+    std::uint32_t const* lists = nullptr;
+    std::uint32_t everywhere = 0; ///< the length of the first list, of obstacles that are everywhere
+    int shift = 3;                ///< cubes have 2^shift cells along each axis
+
+    /// Calls `use(obstacle)` for all that may meet nodes from this cell on, by rising number.
+    template <class Use>
+    FIRN_HOST_DEVICE void for_each(Coordinates<d> const& cell, Use const& use) const
+    {
+        std::array<int, std::size_t(d)> cube{};
+        for (int a = 0; a < d; ++a) cube[std::size_t(a)] = cell[a] >> shift;
+        std::uint32_t begin = 0, end = everywhere;
+        for (std::uint32_t at = hash(cube) & mask; table[at].end != 0; at = (at + 1) & mask)
+            if (same(table[at].cube, cube)) {
+                begin = table[at].begin;
+                end = table[at].end;
+                break;
+            }
+        for (std::uint32_t i = begin; i < end; ++i) use(lists[i]);
+    }
+
+    FIRN_HOST_DEVICE static std::uint32_t hash(std::array<int, std::size_t(d)> const& cube)
+    {
+        std::uint64_t mixed = 0;
+        for (int a = 0; a < d; ++a) {
+            mixed ^= static_cast<std::uint32_t>(cube[std::size_t(a)]);
+            mixed *= 0x9e3779b97f4a7c15u;
+            mixed ^= mixed >> 29;
+        }
+        return static_cast<std::uint32_t>(mixed >> 16);
+    }
+
+private:
+    FIRN_HOST_DEVICE static bool same(std::array<int, std::size_t(d)> const& a,
+                                      std::array<int, std::size_t(d)> const& b)
+    {
+        bool equal = true;
+        for (std::size_t i = 0; i < std::size_t(d); ++i) equal = equal && a[i] == b[i];
+        return equal;
+    }
+};
+
+/// Makes the lists on the host.
+template <int d>
+class BroadPhase
+{
+    using Cube = std::array<int, std::size_t(d)>;
+
+public:
+    std::vector<ListOfCube<d>> table;
+    std::vector<std::uint32_t> lists;
+    std::uint32_t everywhere = 0;
+    int shift = 3;
+
+    explicit BroadPhase(std::vector<SweptBox<d>> const& boxes)
+    {
+        // large cubes where there are many or large obstacles: time and memory are bounded
+        double const most = 65536 + 64 * double(boxes.size());
+        while (shift < 30 && cubes_of(boxes) > most) ++shift;
+        std::vector<std::pair<Cube, std::uint32_t>> met;
+        for (std::uint32_t i = 0; i < boxes.size(); ++i) {
+            if (!boxes[i].is_bounded)
+                lists.push_back(i);
+            else
+                for_each_cube(boxes[i], [&](Cube const& cube) { met.push_back({cube, i}); });
+        }
+        everywhere = static_cast<std::uint32_t>(lists.size());
+        std::sort(met.begin(), met.end());
+        std::size_t cubes = 0;
+        for (std::size_t i = 0; i < met.size(); ++i) cubes += i == 0 || met[i].first != met[i - 1].first;
+        table.resize(std::bit_ceil(2 * cubes + 1));
+        for (std::size_t i = 0; i < met.size();) {
+            std::size_t last = i;
+            while (last < met.size() && met[last].first == met[i].first) ++last;
+            add_list(met, i, last);
+            i = last;
+        }
+    }
+
+private:
+    template <class Use>
+    void for_each_cube(SweptBox<d> const& box, Use const& use) const
+    {
+        Cube low, high;
+        for (std::size_t a = 0; a < std::size_t(d); ++a)
+            low[a] = box.low[a] >> shift, high[a] = box.high[a] >> shift;
+        Cube cube = low;
+        for (;;) {
+            use(cube);
+            std::size_t a = 0;
+            while (a < std::size_t(d) && ++cube[a] > high[a]) cube[a] = low[a], ++a;
+            if (a == std::size_t(d)) return;
+        }
+    }
+
+    double cubes_of(std::vector<SweptBox<d>> const& boxes) const
+    {
+        double sum = 0;
+        for (auto const& box : boxes) {
+            double cubes = 1;
+            for (std::size_t a = 0; a < std::size_t(d); ++a)
+                cubes *= double(box.high[a] >> shift) - double(box.low[a] >> shift) + 1;
+            if (box.is_bounded) sum += cubes;
+        }
+        return sum;
+    }
+
+    /// The list of one cube: the obstacles that meet it, and those that are everywhere.
+    void add_list(std::vector<std::pair<Cube, std::uint32_t>> const& met, std::size_t first, std::size_t last)
+    {
+        ListOfCube<d> of{met[first].first, static_cast<std::uint32_t>(lists.size()), 0};
+        std::size_t unbounded = 0;
+        for (std::size_t i = first; i < last; ++i) {
+            for (; unbounded < everywhere && lists[unbounded] < met[i].second; ++unbounded)
+                lists.push_back(std::uint32_t(lists[unbounded]));
+            lists.push_back(met[i].second);
+        }
+        for (; unbounded < everywhere; ++unbounded) lists.push_back(std::uint32_t(lists[unbounded]));
+        of.end = static_cast<std::uint32_t>(lists.size());
+        auto const mask = static_cast<std::uint32_t>(table.size() - 1);
+        std::uint32_t at = NearObstacles<d>::hash(of.cube) & mask;
+        while (table[at].end != 0) at = (at + 1) & mask;
+        table[at] = of;
+    }
+};
+
+} // namespace firn

@@ -1,0 +1,275 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/effects/broad_phase.hpp>
+#include <firn/effects/groups.hpp>
+#include <firn/effects/obstacle.hpp>
+#include <firn/effects/reaction_sums.hpp>
+#include <firn/effects/shapes/any_shape.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace firn
+{
+
+template <class ShapeType>
+struct PlainObstacles;
+template <class Backend, class ShapeType, int d>
+class StagedObstacles;
+
+/// Any number of obstacles, one argument of a call. They act one after the other as if each were an argument
+/// of its own, and the report has one reaction for each, in their order. Obstacles may be added, changed and
+/// removed between calls:
+///
+///     firn::Obstacles<> scene;
+///     scene.list.push_back({.shape = firn::Box{{1, 0.1, 1}}, .contact = firn::Contact::coulomb(0.3)});
+///     scene.list.push_back({.shape = firn::Sphere{0.2}, .motion = {.position = {0, 1, 0}}});
+///     auto const report = solver.advance(frame, firn::Gravity{}, scene);
+///
+/// Nodes meet only those that are near: obstacles are sorted into cubes of 8 cells at the begin of a call, by
+/// what they sweep during it. Shapes of your own are named in the type, Obstacles<AnyShape<Pillar>>, or all
+/// are of one type, Obstacles<Sphere>. Obstacles that act on particles, and so shells, are arguments of their
+/// own.
+///
+/// On a backend that queues steps the host waits for each step of a call with such obstacles.
+template <class ShapeType = AnyShape<>>
+struct Obstacles
+{
+    static_assert(!is_two_sided<ShapeType>,
+                  "a Shell acts on particles, which Obstacles do not: pass it as an Obstacle of its own");
+
+    std::vector<Obstacle<ShapeType>> list{};
+
+    /// Throws an Error unless each of them makes sense; the error says which one does not.
+    void validate() const
+    {
+        require(list.size() < std::numeric_limits<std::uint32_t>::max() / 32, "there are too many obstacles",
+                "Obstacles", "Pass fewer than 1e8.");
+        for_each([](auto const& obstacle) {
+            obstacle.validate();
+            require(!obstacle.on_particles, "it acts on particles, which Obstacles do not", "Obstacle",
+                    "Pass it as an argument of its own.");
+        });
+    }
+    /// Throws an Error if one of them leaves the plane, in a scene of two dimensions.
+    void validate_in_plane() const
+    {
+        for_each([](auto const& obstacle) { obstacle.validate_in_plane(); });
+    }
+
+    /// A bound on the speed of their surfaces [m/s]: see Obstacle.
+    double largest_speed(int dimension) const
+    {
+        double largest = 0;
+        for (auto const& obstacle : list) largest = std::max(largest, obstacle.largest_speed(dimension));
+        return largest;
+    }
+
+    static constexpr bool in_host_memory = requires { requires ShapeType::in_host_memory; };
+
+    /// The memory of a call's obstacles: see Groups.
+    template <class Backend, int d>
+    using Staged = StagedObstacles<Backend, ShapeType, d>;
+
+    /// What steps know, without the obstacles, which Staged adds.
+    PlainObstacles<detail::Plain<ShapeType>> plain() const { return {}; }
+
+private:
+    template <class Use>
+    void for_each(Use const& use) const
+    {
+        for (std::size_t i = 0; i < list.size(); ++i) {
+            try {
+                use(list[i]);
+            }
+            catch (Error const& error) {
+                throw Error{error.what_is_wrong(),
+                            error.where() + ", number " + std::to_string(i) + " of Obstacles",
+                            error.remedy()};
+            }
+        }
+    }
+};
+
+/// The action of many obstacles: what it gives to nodes is asked of each that is near.
+template <class ShapeType, class Number, int d>
+struct ObstaclesAction
+{
+    static constexpr bool is_group = true;
+    static constexpr bool looks_up = is_sampled<ShapeType>;
+
+    Obstacle<ShapeType> const* obstacles;
+    float const* reach; ///< of each [m]; 0: unbounded
+    NearObstacles<d> near;
+    ReactionSums sums;
+    Interval interval;
+
+    /// Calls `use(action, receive)` for each obstacle that may touch lanes at a place; `receive(reaction)`
+    /// adds to what it received.
+    template <Lane Real, class Use>
+    FIRN_HOST_DEVICE void for_each_near(LanePosition<Real, d> const& place, Use const& use) const
+    {
+        if (sums.obstacles == 0) return;
+        near.for_each(place.first, [&](std::uint32_t i) {
+            if (is_far(place, i)) return;
+            use(obstacles[i].template over<Number, d>(interval), [&](Reaction const& received) {
+                std::uint32_t slot = 0;
+                for (int a = 0; a < d; ++a) slot = 7 * slot + static_cast<std::uint32_t>(place.first[a]);
+                sums.add(i, slot, received);
+            });
+        });
+    }
+
+private:
+    /// Whether an obstacle is too far from all lanes to touch one of them.
+    template <Lane Real>
+    FIRN_HOST_DEVICE bool is_far(LanePosition<Real, d> const& place, std::uint32_t i) const
+    {
+        if (!(reach[i] > 0)) return false;
+        Motion const& motion = obstacles[i].motion;
+        double const elapsed = interval.end - motion.time.value_or(interval.end);
+        Eigen::Vector3d centre = motion.position;
+        for (int a = 0; a < d; ++a) centre[a] += motion.velocity[a] * elapsed;
+        Vector<Real, d> const away = place.relative_to(centre);
+        Real const furthest(static_cast<Number>(1.001 * double(reach[i])));
+        return !any(dot<Real, d>(away, away) <= furthest * furthest);
+    }
+};
+
+/// Obstacles as steps know them: a plain value.
+template <class ShapeType>
+struct PlainObstacles
+{
+    static constexpr bool is_group = true;
+
+    Obstacle<ShapeType> const* obstacles = nullptr;
+    float const* reach = nullptr;
+    NearObstacles<2> near_in_plane{};
+    NearObstacles<3> near_in_space{};
+    ReactionSums sums{};
+
+    template <class Number, int d>
+    FIRN_HOST_DEVICE ObstaclesAction<ShapeType, Number, d> over(Interval const& interval) const
+    {
+        if constexpr (d == 2)
+            return {obstacles, reach, near_in_plane, sums, interval};
+        else
+            return {obstacles, reach, near_in_space, sums, interval};
+    }
+};
+
+/// The memory in which a backend's loops find the obstacles of a call, kept for later calls.
+template <class Backend, class ShapeType, int d>
+class StagedObstacles : public GroupMemory
+{
+    using Plain = detail::Plain<ShapeType>;
+    template <class T>
+    using Array = typename Backend::template Array<T>;
+
+public:
+    explicit StagedObstacles(Backend const& backend)
+        : backend_(backend), obstacles_(backend), reach_(backend), table_(backend), lists_(backend),
+          sums_(backend)
+    {}
+
+    /// Stores the obstacles of a call that takes a time [s] from `begin` on. The effects' plain value `to`
+    /// gets to know where.
+    void stage(Obstacles<ShapeType> const& from, Lattice const& lattice, double begin, double duration,
+               PlainObstacles<Plain>& to)
+    {
+        std::vector<Obstacle<Plain>> plain;
+        std::vector<float> reach;
+        std::vector<SweptBox<d>> boxes;
+        for (auto const& obstacle : from.list) {
+            plain.push_back(obstacle.plain(begin));
+            reach.push_back(static_cast<float>(detail::reach_of(obstacle.shape, d)));
+            boxes.push_back(
+                box_of(plain.back().motion, double(reach.back()), lattice, begin, begin + duration));
+        }
+        store(obstacles_, plain);
+        store(reach_, reach);
+        if (!is_sorted_ || boxes != boxes_) {
+            is_sorted_ = false;
+            BroadPhase<d> const sorted(boxes);
+            store(table_, sorted.table);
+            store(lists_, sorted.lists);
+            near_ = {table_.data(), static_cast<std::uint32_t>(sorted.table.size() - 1), lists_.data(),
+                     sorted.everywhere, sorted.shift};
+            boxes_ = std::move(boxes);
+            is_sorted_ = true;
+        }
+        to.obstacles = obstacles_.data();
+        to.reach = reach_.data();
+        if constexpr (d == 2)
+            to.near_in_plane = near_;
+        else
+            to.near_in_space = near_;
+        to.sums.obstacles = static_cast<std::uint32_t>(plain.size());
+        to.sums.slots = ReactionSums::slots_of(plain.size());
+        sums_.resize(std::max<std::size_t>(to.sums.size(), 1));
+        to.sums.memory = sums_.data();
+        of_step_ = to.sums;
+    }
+
+    /// Before a step: nothing has been received.
+    void clear() const override { backend_.for_each(of_step_.size(), ClearReactionSums{of_step_.memory}); }
+
+    /// After it: appends what each obstacle received, times a factor.
+    void append(std::vector<Reaction>& to, double factor) override
+    {
+        if (of_step_.obstacles == 0) return;
+        std::int64_t const* const copy = sums_.read();
+        for (std::uint32_t i = 0; i < of_step_.obstacles; ++i) to.push_back(of_step_.of(i, copy) * factor);
+    }
+
+private:
+    template <class T>
+    void store(Array<T>& to, std::vector<T> const& values)
+    {
+        to.resize(std::max<std::size_t>(values.size(), 1)); // so that it has an address
+        to.upload(0, values);
+    }
+
+    /// The cells from which on lanes of nodes may meet an obstacle.
+    static SweptBox<d> box_of(Motion const& motion, double reach, Lattice const& lattice, double begin,
+                              double end)
+    {
+        SweptBox<d> box;
+        if (!(reach > 0)) return box;
+        box.is_bounded = true;
+        Eigen::Vector3d const from = motion.at(begin).position, to = motion.at(end).position;
+        auto const cell = [&](int a, double x) {
+            constexpr double furthest = 0x1p30;
+            double const c = std::floor((x - lattice.origin[a]) / lattice.cell_size);
+            return static_cast<int>(std::min(std::max(c, -furthest), furthest));
+        };
+        for (int a = 0; a < d; ++a) {
+            // along the last axis lanes reach up to 17 cells beyond the first, and images in a wall 2 before
+            // it
+            box.low[std::size_t(a)] =
+                cell(a, std::min(from[a], to[a]) - 1.001 * reach) - (a == d - 1 ? 18 : 1);
+            box.high[std::size_t(a)] = cell(a, std::max(from[a], to[a]) + 1.001 * reach) + 3;
+        }
+        return box;
+    }
+
+    Backend backend_;
+    Array<Obstacle<Plain>> obstacles_;
+    Array<float> reach_;
+    Array<ListOfCube<d>> table_;
+    Array<std::uint32_t> lists_;
+    typename Backend::template ReadbackBuffer<std::int64_t> sums_;
+    std::vector<SweptBox<d>> boxes_; ///< for which the lists are
+    bool is_sorted_ = false;
+    NearObstacles<d> near_{};
+    ReactionSums of_step_{};
+};
+
+} // namespace firn

@@ -1,0 +1,93 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/host_device.hpp>
+#include <firn/effects/effect.hpp>
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+
+namespace firn
+{
+
+/// The sums of what any number of obstacles received, to which all parts of a loop add. They are integers, so
+/// that they do not depend on the order: a number is split into multiples of 2^20, 2^-20 and 2^-60, and each
+/// of these has a sum of its own, which has room for 2^23 numbers.
+///
+/// Every obstacle has several such sums, its slots, so that parts of a loop seldom wait for one another.
+struct ReactionSums
+{
+    static constexpr int numbers = 6; ///< of a reaction: impulse and angular impulse
+    static constexpr int words = 3;   ///< of a number
+
+    std::int64_t* memory = nullptr; ///< size() integers
+    std::uint32_t obstacles = 0, slots = 1;
+
+    /// How many slots this many obstacles have: more where there are few.
+    static std::uint32_t slots_of(std::size_t obstacles)
+    {
+        std::uint32_t slots = 32;
+        while (slots > 1 && slots * obstacles > 512) slots /= 2;
+        return slots;
+    }
+    FIRN_HOST_DEVICE std::size_t size() const { return std::size_t(obstacles) * slots * numbers * words; }
+
+    /// Adds what an obstacle received, in one of the slots (modulo their number).
+    FIRN_HOST_DEVICE void add(std::uint32_t obstacle, std::uint32_t slot, Reaction const& received) const
+    {
+        std::int64_t* const to = memory + first(obstacle, slot % slots);
+        for (int i = 0; i < 3; ++i) {
+            add(to + words * i, received.impulse[i]);
+            add(to + words * (3 + i), received.angular_impulse[i]);
+        }
+    }
+
+    /// What an obstacle received, from a copy of the memory on the host.
+    Reaction of(std::uint32_t obstacle, std::int64_t const* copy) const
+    {
+        double sums[numbers];
+        for (int i = 0; i < numbers; ++i) {
+            std::int64_t of_word[words]{};
+            for (std::uint32_t slot = 0; slot < slots; ++slot)
+                for (int w = 0; w < words; ++w)
+                    of_word[w] += copy[first(obstacle, slot) + std::size_t(words * i + w)];
+            sums[i] = 0;
+            for (int w = words; w-- > 0;) sums[i] += double(of_word[w]) * unit(w); // the small ones first
+        }
+        return {{sums[0], sums[1], sums[2]}, {sums[3], sums[4], sums[5]}};
+    }
+
+private:
+    FIRN_HOST_DEVICE static double unit(int word)
+    {
+        return word == 0 ? 0x1p20 : word == 1 ? 0x1p-20 : 0x1p-60;
+    }
+
+    FIRN_HOST_DEVICE std::size_t first(std::uint32_t obstacle, std::uint32_t slot) const
+    {
+        return (std::size_t(slot) * obstacles + obstacle) * numbers * words;
+    }
+
+    FIRN_HOST_DEVICE static void add(std::int64_t* to, double number)
+    {
+        // a step that gave more than that fails: it moves particles by more than a cell
+        if (!(std::abs(number) < 0x1p80)) return;
+        for (int w = 0; w < words; ++w) {
+            auto const share = static_cast<std::int64_t>(number * (1 / unit(w)));
+            if (share == 0) continue;
+            add_in_any_order(to[w], share);
+            number -= double(share) * unit(w); // exact: what is left has fewer digits
+        }
+    }
+};
+
+/// Sets them to 0.
+struct ClearReactionSums
+{
+    std::int64_t* memory;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t place) const { memory[place] = 0; }
+};
+
+} // namespace firn

@@ -1,0 +1,256 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/policies.hpp"
+#include "support/refused.hpp"
+
+#include <firn/effects/obstacles.hpp>
+
+#include <algorithm>
+#include <limits>
+#include <random>
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+using InPlane = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>::Solver;
+using InSpace = Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver;
+double const h = 0.05;
+
+template <class SolverType>
+SolverType block()
+{
+    constexpr int d = SolverType::d;
+    SolverType solver(lattice(h));
+    using Vec = Vector<double, d>;
+    Vec low = Vec::Zero();
+    low[1] = 0.02;
+    solver.add(box_of_points<d>(low, low + Vec::Constant(0.3), h), std::pow(h / 2, d), 0.5 * Vec::UnitX());
+    return solver;
+}
+
+template <class SolverType>
+double apart(SolverType const& one, SolverType const& other)
+{
+    auto const x = one.positions(), y = other.positions();
+    double most = 0;
+    for (std::size_t i = 0; i < x.size(); ++i) most = std::max(most, (x[i] - y[i]).norm());
+    return most;
+}
+
+bool agree(Reaction const& one, Reaction const& other, double tolerance)
+{
+    return (one.impulse - other.impulse).norm() <= tolerance &&
+           (one.angular_impulse - other.angular_impulse).norm() <= tolerance;
+}
+
+Obstacle<HalfSpace> const ground{.contact = Contact::coulomb(0.3)};
+Obstacle<Sphere> const ball{
+    .shape = {0.1},
+    .contact = Contact::coulomb(0.5),
+    .motion = {.position = {0.42, 0.1, 0.1}, .velocity = {-0.4, 0, 0}, .angular_velocity = {0, 0, 3}}};
+Obstacle<Box> const crate{
+    .shape = {{0.1, 0.2, 1}}, .contact = Contact::sticky(), .motion = {.position = {-0.12, 0.1, 0}}};
+
+Obstacles<> all_of_them()
+{
+    return {{{.shape = ground.shape, .contact = ground.contact},
+             {.shape = ball.shape, .contact = ball.contact, .motion = ball.motion},
+             {.shape = crate.shape, .contact = crate.contact, .motion = crate.motion}}};
+}
+
+/// A shape of a program's own: all on the right of a line.
+struct RightOf
+{
+    double x = 0;
+
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& at) const
+    {
+        Vector<Real, d> normal = zeros<Vector<Real, d>>();
+        normal[0] = Real(-1);
+        return {Real(static_cast<ScalarOf<Real>>(x)) - at[0], normal};
+    }
+};
+
+/// Compares obstacles that are arguments each with those that are one, for a while.
+template <class SolverType>
+void compare(double tolerance)
+{
+    auto one_by_one = block<SolverType>(), together = block<SolverType>();
+    Obstacles<> const all = all_of_them();
+    double const mass = 1000 * std::pow(0.3, SolverType::d);
+    double received = 0;
+    for (int i = 0; i < 8; ++i) {
+        auto const expected = one_by_one.advance(0.02, Gravity{}, ground, ball, crate);
+        auto const found = together.advance(0.02, Gravity{}, all);
+        CHECK(found.substeps == expected.substeps);
+        REQUIRE(found.reactions.size() == 3);
+        for (std::size_t k = 0; k < 3; ++k) {
+            CHECK(agree(found.reactions[k], expected.reactions[k], tolerance * mass));
+            received += k > 0 && expected.reactions[k].impulse.norm() > 0.01 * mass;
+        }
+    }
+    CHECK(apart(one_by_one, together) <= tolerance);
+    CHECK(received > 2); // or nothing would have been compared
+}
+
+} // namespace
+
+TEST_CASE("obstacles in one argument act as if each were an argument of its own")
+{
+    compare<InPlane>(1e-11);
+    compare<InSpace>(1e-4);
+}
+
+TEST_CASE("reactions are in the order of arguments, groups and fixed obstacles mixed")
+{
+    Obstacles<Sphere> balls{{ball, ball}};
+    balls.list[1].motion.position = {5, 5, 0}; // touches nothing
+    Obstacles<AnyShape<RightOf>> const right{{{.shape = RightOf{0.33}}}};
+    auto solver = block<InPlane>();
+    Totals const before(solver);
+    auto const report = solver.advance(0.1, balls, ground, Gravity{}, right);
+    Totals const after(solver);
+    REQUIRE(report.reactions.size() == 4);
+    CHECK(report.reactions[0].impulse.x() > 0);
+    CHECK(report.reactions[1].impulse.norm() == 0);
+    CHECK(report.reactions[2].impulse.y() < 0);
+    CHECK(report.reactions[3].impulse.x() > 0);
+    Eigen::Vector2d given = before.mass * report.time_of_forces * Eigen::Vector2d(0, -9.81);
+    for (auto const& reaction : report.reactions) given -= reaction.impulse.head<2>();
+    CHECK((after.momentum - before.momentum - given).norm() <= 1e-12 * before.mass);
+}
+
+TEST_CASE("obstacles come and go between calls, and two groups of a type do not mix")
+{
+    auto solver = block<InPlane>();
+    Obstacles<> some, others;
+    auto report = solver.advance(0.01, Gravity{}, some, others);
+    CHECK(report.reactions.empty());
+    some = all_of_them();
+    report = solver.advance(0.05, Gravity{}, some, others);
+    REQUIRE(report.reactions.size() == 3);
+    others.list.push_back(some.list.back());
+    some.list.erase(some.list.begin() + 1, some.list.end());
+    report = solver.advance(0.02, Gravity{}, some, others);
+    REQUIRE(report.reactions.size() == 2);
+    CHECK(report.reactions[0].impulse.y() < 0); // the ground
+    CHECK(std::abs(report.reactions[0].impulse.x()) < 1000);
+    some.list.clear();
+    others.list.clear();
+    Totals const before(solver);
+    report = solver.advance(0.02, Gravity{}, some, others); // it falls
+    CHECK(report.reactions.empty());
+    CHECK(Totals(solver).momentum.y() - before.momentum.y() ==
+          Approx(-9.81 * report.time_of_forces * before.mass));
+}
+
+TEST_CASE("an obstacle that crosses the scene in one call is met wherever it comes")
+{
+    // 2 m in 0.1 s: it begins and ends far from what it hits
+    Obstacle<Sphere> fast{.shape = {0.08}, .motion = {.position = {-1, 0.15, 0}, .velocity = {20, 0, 0}}};
+    auto alone = block<InPlane>(), in_group = block<InPlane>();
+    auto const expected = alone.advance(0.1, fast);
+    auto const found = in_group.advance(0.1, Obstacles<Sphere>{{fast}});
+    CHECK(expected.reactions[0].impulse.norm() > 10);
+    CHECK(agree(found.reactions[0], expected.reactions[0], 1e-9 * expected.reactions[0].impulse.norm()));
+}
+
+TEST_CASE("a step that failed leaves no trace in reactions")
+{
+    auto solver = block<InPlane>();
+    Obstacles<> const all = all_of_them();
+    solver.advance(0.05, Gravity{}, all);
+    CHECK_THROWS_AS(solver.step(0.5, Gravity{}, all), StepError);
+    Totals const before(solver);
+    auto const report = solver.step(1e-4, Gravity{}, all);
+    Eigen::Vector2d given = before.mass * report.time_of_forces * Eigen::Vector2d(0, -9.81);
+    for (auto const& reaction : report.reactions) given -= reaction.impulse.head<2>();
+    CHECK((Totals(solver).momentum - before.momentum - given).norm() <= 1e-12 * before.mass);
+}
+
+TEST_CASE("obstacles of a group that make no sense are refused by their number")
+{
+    auto solver = block<InPlane>();
+    auto const before = solver.positions();
+    auto const refuses = [&](auto const& change, char const* what) {
+        Obstacles<> wrong = all_of_them();
+        change(wrong.list[1]);
+        Error const error = refused([&] { solver.advance(0.01, Gravity{}, wrong); });
+        CHECK(error.where().find("number 1 of Obstacles") != std::string::npos);
+        CHECK(error.what_is_wrong().find(what) != std::string::npos);
+    };
+    refuses([](auto& one) { one.shape = Sphere{-1}; }, "radius");
+    refuses([](auto& one) { one.motion.velocity.z() = 1; }, "plane");
+    refuses([](auto& one) { one.motion.position.x() = std::numeric_limits<double>::infinity(); }, "motion");
+    refuses([](auto& one) { one.on_particles = true; }, "particles");
+    CHECK((solver.positions() == before));
+}
+
+TEST_CASE("a cell's list has all obstacles whose boxes it lies in, by rising number")
+{
+    std::mt19937 random(1);
+    auto const below = [&](int n) { return static_cast<int>(random() % static_cast<unsigned>(n)); };
+    for (int const reach : {3, 60, 100000}) { // cubes of several sizes
+        std::vector<SweptBox<3>> boxes(200);
+        for (std::size_t i = 0; i < boxes.size(); ++i) {
+            boxes[i].is_bounded = i % 17 != 0;
+            for (std::size_t a = 0; a < 3; ++a) {
+                boxes[i].low[a] = below(200) - 100;
+                boxes[i].high[a] = boxes[i].low[a] + below(reach);
+            }
+        }
+        BroadPhase<3> const sorted(boxes);
+        NearObstacles<3> const near{sorted.table.data(), static_cast<std::uint32_t>(sorted.table.size() - 1),
+                                    sorted.lists.data(), sorted.everywhere, sorted.shift};
+        for (int k = 0; k < 2000; ++k) {
+            Coordinates<3> const cell(below(300) - 150, below(300) - 150, below(300) - 150);
+            std::vector<std::uint32_t> listed;
+            near.for_each(cell, [&](std::uint32_t i) { listed.push_back(i); });
+            if (!std::is_sorted(listed.begin(), listed.end())) FAIL("not by rising number");
+            for (std::uint32_t i = 0; i < boxes.size(); ++i) {
+                bool inside = true;
+                for (std::size_t a = 0; a < 3; ++a)
+                    inside = inside && boxes[i].low[a] <= cell[int(a)] && cell[int(a)] <= boxes[i].high[a];
+                if ((inside || !boxes[i].is_bounded) && !std::binary_search(listed.begin(), listed.end(), i))
+                    FAIL("obstacle " << i << " is missing");
+            }
+        }
+    }
+}
+
+TEST_CASE("sums of reactions do not depend on the order, and are exact to rounding")
+{
+    std::mt19937 random(1);
+    std::normal_distribution<double> normal;
+    std::vector<Reaction> parts(10000);
+    for (auto& part : parts) {
+        double const scale = std::exp(8 * normal(random)); // from 1e-12 to 1e12
+        for (int a = 0; a < 3; ++a) {
+            part.impulse[a] = scale * normal(random);
+            part.angular_impulse[a] = 1e-9 * scale * normal(random);
+        }
+    }
+    auto const sum = [&](std::uint32_t slots) {
+        std::vector<std::int64_t> memory(ReactionSums{nullptr, 2, slots}.size());
+        ReactionSums const sums{memory.data(), 2, slots};
+        for (std::uint32_t i = 0; i < parts.size(); ++i) sums.add(1, i, parts[i]);
+        CHECK(sums.of(0, memory.data()).impulse.norm() == 0);
+        return sums.of(1, memory.data());
+    };
+    Reaction const forwards = sum(1);
+    std::reverse(parts.begin(), parts.end());
+    Reaction const backwards = sum(4);
+    CHECK((forwards.impulse == backwards.impulse));
+    CHECK((forwards.angular_impulse == backwards.angular_impulse));
+    // the smallest first, so that little is rounded
+    std::sort(parts.begin(), parts.end(), [](Reaction const& one, Reaction const& other) {
+        return one.impulse.squaredNorm() < other.impulse.squaredNorm();
+    });
+    Eigen::Vector3d expected(0, 0, 0);
+    for (auto const& part : parts) expected += part.impulse;
+    CHECK((forwards.impulse - expected).norm() <= 1e-13 * expected.norm());
+}
