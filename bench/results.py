@@ -2,7 +2,7 @@
 """Appends what a benchmark has written to the figures in bench/results: `results.py --machine ID FILE...`.
 
 A FILE is the JSON of Google Benchmark, the table of speed_against_error, peers.json or waves.csv of peers/run.sh, or
-the text that busy_cores prints. Each becomes rows of one CSV with the columns date, commit, machine, entry, value, unit
+the text that busy_cores or real_time prints. Each becomes rows of one CSV with the columns date, commit, machine, entry, value, unit
 and spread. The machine is an id of results/machines.csv. The spread is half the range of the runs over the value; it is
 empty where a value is of one run. The newest row of an entry is the one that tables.py shows.
 """
@@ -138,6 +138,19 @@ def of_busy_cores(text):
     return "busy_cores.csv", rows
 
 
+def of_real_time(text):
+    """Rows of what real_time prints: of frames of a sixtieth of a second, the median and the slowest, and steps."""
+    rows = []
+    for line in text.splitlines():
+        words = line.split()
+        if len(words) != 7 or not words[2].isdigit():
+            continue
+        material, kernel, cells, _, steps, median, slowest = words
+        entry = f"real_time/{material}/{kernel}/{cells}"
+        rows += [row(entry, median, "ms"), row(entry + "/slowest", slowest, "ms"), row(entry, steps, "steps")]
+    return "real_time.csv", rows
+
+
 def rows_of(path):
     if not path.is_file():
         stop(f"there is no {path}.")
@@ -152,6 +165,8 @@ def rows_of(path):
         return of_errors(list(csv.DictReader(text.splitlines())))
     elif "calls/frame" in text:
         return of_busy_cores(text)
+    elif "steps/frame" in text:
+        return of_real_time(text)
     stop(f"{path} is of no benchmark that is known here.")
 
 

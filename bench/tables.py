@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: MIT
-"""Writes the tables of bench/README.md from bench/results: `tables.py [--check]`.
+"""Writes the tables of bench/README.md and of the guides from bench/results: `tables.py [--check]`.
 
 A table stands between the lines `<!-- table: NAME -->` and `<!-- end -->`, and shows the newest row of each entry. With
-`--check` nothing is written, and the exit is 1 if the page and the CSVs differ. A row without a machine or a commit is
+`--check` nothing is written, and the exit is 1 if a page and the CSVs differ. A row without a machine or a commit is
 kept in the CSVs and not shown.
 """
 
@@ -205,31 +205,57 @@ def machines(figures):
                  [[machine[key] for key in ("id", "processor", "cores", "compiler")] for machine in figures.machines])
 
 
-TABLES = {make.__name__: make for make in (at_a_glance, steps, steps_cuda, busy_cores, errors, peers, waves, machines)}
+def real_time(figures):
+    """Of each material and kernel, the finest cells whose slowest frame took no more than it may."""
+    rows = []
+    for machine in ("epyc-25-1", "h200"):
+        for material, name in (("water", "water that flows at 3 m/s at most"), ("water_1.5", "the same, at 1.5 m/s"),
+                               ("jelly", "jelly"), ("snow", "fresh snow")):
+            for kernel in ("quadratic", "cubic"):
+                finest = 0
+                for cells in (8, 12, 16, 24, 32, 48, 64, 96, 128):
+                    slowest = figures.newest.get((f"real_time/{material}/{kernel}/{cells}/slowest", "ms", machine))
+                    if slowest is not None and float(slowest["value"]) <= 1000 / 60:
+                        finest = cells
+                if finest == 0:
+                    stop(f"{machine} holds no {material} with {kernel} kernels.")
+                entry = f"real_time/{material}/{kernel}/{finest}"
+                of = [figures.need(entry, "steps", machine), figures.need(entry, "ms", machine),
+                      figures.need(entry + "/slowest", "ms", machine)]
+                particles = f"{8 * finest ** 3:,}".replace(",", " ")
+                rows.append([name, kernel, str(finest), particles, *of, figures.source()])
+    return table(["a cube of 1 m", "kernel", "cells per metre", "particles", "steps per frame", "median frame [ms]",
+                  "slowest [ms]", "measured on"], rows)
 
 
-def rewritten(text, figures):
+PAGES = {HERE / "README.md": (at_a_glance, steps, steps_cuda, busy_cores, errors, peers, waves, machines),
+         HERE.parent / "include" / "firn" / "REAL_TIME.md": (real_time,)}
+
+
+def rewritten(page, text, figures):
     """The page with every table anew."""
+    tables = {make.__name__: make for make in PAGES[page]}
     there = [match[1] for match in BLOCK.finditer(text)]
-    if sorted(there) != sorted(TABLES) or text.count("<!-- table:") != len(there):
-        stop(f"the page is to have one table each of {', '.join(TABLES)}, and has {', '.join(there) or 'none'}.")
-    return BLOCK.sub(lambda match: f"<!-- table: {match[1]} -->\n{TABLES[match[1]](figures)}<!-- end -->", text)
+    if sorted(there) != sorted(tables) or text.count("<!-- table:") != len(there):
+        stop(f"{page} is to have one table each of {', '.join(tables)}, and has {', '.join(there) or 'none'}.")
+    return BLOCK.sub(lambda match: f"<!-- table: {match[1]} -->\n{tables[match[1]](figures)}<!-- end -->", text)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--check", action="store_true", help="writes nothing; exits with 1 if the page would change")
-    parser.add_argument("--page", type=pathlib.Path, default=HERE / "README.md")
+    parser.add_argument("--check", action="store_true", help="writes nothing; exits with 1 if a page would change")
     parser.add_argument("--results", type=pathlib.Path, default=RESULTS, help="folder of the CSVs")
     options = parser.parse_args()
-    before = options.page.read_text(encoding="utf-8")
-    after = rewritten(before, Figures(options.results))
-    if not options.check:
-        options.page.write_text(after, encoding="utf-8")
-    elif after != before:
-        lines = before.splitlines(True), after.splitlines(True)
-        sys.stdout.writelines(difflib.unified_diff(*lines, "the page", "the CSVs"))
-        stop("the tables of the page are not those of the CSVs: python3 bench/tables.py writes them.")
+    figures = Figures(options.results)
+    for page in PAGES:
+        before = page.read_text(encoding="utf-8")
+        after = rewritten(page, before, figures)
+        if not options.check:
+            page.write_text(after, encoding="utf-8")
+        elif after != before:
+            lines = before.splitlines(True), after.splitlines(True)
+            sys.stdout.writelines(difflib.unified_diff(*lines, str(page), "the CSVs"))
+            stop(f"the tables of {page} are not those of the CSVs: python3 bench/tables.py writes them.")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # Pages for readers: pages.sh LAW FOLDER. Prints what breaks a law and exits with 1; with 77 where it cannot be judged.
-# LAW: figures (the tables of bench/README.md are those of bench/results), results (what benchmarks write becomes rows),
+# LAW: figures (the tables of bench/README.md and the guides are those of bench/results), results (what benchmarks write becomes rows),
 # lines (of Markdown are short), links (of Markdown lead to files), rows (the guides' tables of policies have
 # those of the library's lists); can_fail breaks some of them in a copy.
 set -euo pipefail
@@ -72,8 +72,12 @@ JSON
             echo "busy  particles  calls/frame  one [M/s]  default [M/s]  default/one (least, median, most)  processors"
             echo "   1       2197           16       4.90           4.75   0.91   0.97   1.03                     1.02"
         } >"$work/busy.txt"
+        {
+            echo "material   kernel      cells  particles  steps/frame  median [ms]  slowest [ms]"
+            echo "snow       cubic          16      32768     14.9    40.53    47.94"
+        } >"$work/real_time.txt"
         python3 bench/results.py --machine h200 --commit abcdef0 --date 2026-01-05 --results "$work" \
-            "$work"/{bench.json,bench_cuda.json,errors.csv.new,waves.csv.new,peers.json,busy.txt} >/dev/null || fail "results.py stopped"
+            "$work"/{bench.json,bench_cuda.json,errors.csv.new,waves.csv.new,peers.json,busy.txt,real_time.txt} >/dev/null || fail "results.py stopped"
         expect() { # FILE LINES: all of its rows
             local rows
             rows=$(tail -n +2 "$work/$1")
@@ -99,6 +103,9 @@ JSON
 2026-01-04,abcdef0,h200,peers/snow_packed/wall_best/threads:2,8.25,x,'
         expect busy_cores.csv '2026-01-05,abcdef0,h200,busy_cores/1/2197/16,4.9,M/s,
 2026-01-05,abcdef0,h200,busy_cores/1/2197/16,0.97,x,0.062'
+        expect real_time.csv '2026-01-05,abcdef0,h200,real_time/snow/cubic/16,40.5,ms,
+2026-01-05,abcdef0,h200,real_time/snow/cubic/16/slowest,47.9,ms,
+2026-01-05,abcdef0,h200,real_time/snow/cubic/16,14.9,steps,'
         refuses() { # SENTENCE ARGUMENTS...
             local sentence=$1 said
             shift

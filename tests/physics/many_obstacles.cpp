@@ -205,7 +205,8 @@ TEST_CASE("a cell's list has all obstacles whose boxes it lies in, by rising num
         }
         BroadPhase<3> const sorted(boxes);
         NearObstacles<3> const near{sorted.table.data(), static_cast<std::uint32_t>(sorted.table.size() - 1),
-                                    sorted.lists.data(), sorted.everywhere, sorted.shift};
+                                    sorted.lists.data(), boxes.data(),
+                                    sorted.everywhere,   sorted.shift};
         for (int k = 0; k < 2000; ++k) {
             Coordinates<3> const cell(below(300) - 150, below(300) - 150, below(300) - 150);
             std::vector<std::uint32_t> listed;

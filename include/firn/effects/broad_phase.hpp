@@ -26,6 +26,13 @@ struct SweptBox
     std::array<int, std::size_t(d)> low{}, high{}; ///< both included
     bool is_bounded = false;                       ///< false: it is everywhere
 
+    FIRN_HOST_DEVICE bool contains(Coordinates<d> const& cell) const
+    {
+        bool inside = true;
+        for (int a = 0; a < d; ++a)
+            inside = inside && low[std::size_t(a)] <= cell[a] && cell[a] <= high[std::size_t(a)];
+        return inside || !is_bounded;
+    }
     friend bool operator==(SweptBox const&, SweptBox const&) = default;
 };
 
@@ -44,10 +51,11 @@ struct NearObstacles
     ListOfCube<d> const* table = nullptr;
     std::uint32_t mask = 0; ///< the table's size, a power of two, less one
     std::uint32_t const* lists = nullptr;
-    std::uint32_t everywhere = 0; ///< the length of the first list, of obstacles that are everywhere
-    int shift = 3;                ///< cubes have 2^shift cells along each axis
+    SweptBox<d> const* boxes = nullptr; ///< of each obstacle
+    std::uint32_t everywhere = 0;       ///< the length of the first list, of obstacles that are everywhere
+    int shift = 0;                      ///< cubes have 2^shift cells along each axis
 
-    /// Calls `use(obstacle)` for all that may meet nodes from this cell on, by rising number.
+    /// Calls `use(obstacle)` for all whose boxes a cell lies in, by rising number.
     template <class Use>
     FIRN_HOST_DEVICE void for_each(Coordinates<d> const& cell, Use const& use) const
     {
@@ -60,7 +68,8 @@ struct NearObstacles
                 end = table[at].end;
                 break;
             }
-        for (std::uint32_t i = begin; i < end; ++i) use(lists[i]);
+        for (std::uint32_t i = begin; i < end; ++i)
+            if (boxes[lists[i]].contains(cell)) use(lists[i]);
     }
 
     FIRN_HOST_DEVICE static std::uint32_t hash(std::array<int, std::size_t(d)> const& cube)
@@ -94,12 +103,12 @@ public:
     std::vector<ListOfCube<d>> table;
     std::vector<std::uint32_t> lists;
     std::uint32_t everywhere = 0;
-    int shift = 3;
+    int shift = 2; ///< as large as a block of nodes, which then have one list
 
     explicit BroadPhase(std::vector<SweptBox<d>> const& boxes)
     {
         // large cubes where there are many or large obstacles: time and memory are bounded
-        double const most = 65536 + 64 * double(boxes.size());
+        double const most = 8192 + 16 * double(boxes.size());
         while (shift < 30 && cubes_of(boxes) > most) ++shift;
         std::vector<std::pair<Cube, std::uint32_t>> met;
         for (std::uint32_t i = 0; i < boxes.size(); ++i) {

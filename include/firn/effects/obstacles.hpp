@@ -33,10 +33,10 @@ class StagedObstacles;
 ///     scene.list.push_back({.shape = firn::Sphere{0.2}, .motion = {.position = {0, 1, 0}}});
 ///     auto const report = solver.advance(frame, firn::Gravity{}, scene);
 ///
-/// Nodes meet only those that are near: obstacles are sorted into cubes of 8 cells at the begin of a call, by
-/// what they sweep during it. Shapes of your own are named in the type, Obstacles<AnyShape<Pillar>>, or all
-/// are of one type, Obstacles<Sphere>. Obstacles that act on particles, and so shells, are arguments of their
-/// own.
+/// Nodes meet only those that are near: obstacles are sorted into cubes of some cells at the begin of a call,
+/// by what they sweep during it. Shapes of your own are named in the type, Obstacles<AnyShape<Pillar>>, or
+/// all are of one type, Obstacles<Sphere>. Obstacles that act on particles, and so shells, are arguments of
+/// their own.
 ///
 /// On a backend that queues steps the host waits for each step of a call with such obstacles.
 template <class ShapeType = AnyShape<>>
@@ -176,7 +176,7 @@ class StagedObstacles : public GroupMemory
 public:
     explicit StagedObstacles(Backend const& backend)
         : backend_(backend), obstacles_(backend), reach_(backend), table_(backend), lists_(backend),
-          sums_(backend)
+          boxes_there_(backend), sums_(backend)
     {}
 
     /// Stores the obstacles of a call that takes a time [s] from `begin` on. The effects' plain value `to`
@@ -200,7 +200,9 @@ public:
             BroadPhase<d> const sorted(boxes);
             store(table_, sorted.table);
             store(lists_, sorted.lists);
-            near_ = {table_.data(), static_cast<std::uint32_t>(sorted.table.size() - 1), lists_.data(),
+            store(boxes_there_, boxes);
+            near_ = {table_.data(),     static_cast<std::uint32_t>(sorted.table.size() - 1),
+                     lists_.data(),     boxes_there_.data(),
                      sorted.everywhere, sorted.shift};
             boxes_ = std::move(boxes);
             is_sorted_ = true;
@@ -250,12 +252,13 @@ private:
             double const c = std::floor((x - lattice.origin[a]) / lattice.cell_size);
             return static_cast<int>(std::min(std::max(c, -furthest), furthest));
         };
+        // lanes are a row along the last axis; images in a wall lie up to 2 cells beside it
+        int const row = lane_width<typename Backend::template Lane<float>> - 1;
         for (int a = 0; a < d; ++a) {
-            // along the last axis lanes reach up to 17 cells beyond the first, and images in a wall 2 before
-            // it
+            bool const is_along = a == d - 1;
             box.low[std::size_t(a)] =
-                cell(a, std::min(from[a], to[a]) - 1.001 * reach) - (a == d - 1 ? 18 : 1);
-            box.high[std::size_t(a)] = cell(a, std::max(from[a], to[a]) + 1.001 * reach) + 3;
+                cell(a, std::min(from[a], to[a]) - 1.001 * reach) - (is_along ? row + 2 : 0);
+            box.high[std::size_t(a)] = cell(a, std::max(from[a], to[a]) + 1.001 * reach) + (is_along ? 3 : 1);
         }
         return box;
     }
@@ -265,6 +268,7 @@ private:
     Array<float> reach_;
     Array<ListOfCube<d>> table_;
     Array<std::uint32_t> lists_;
+    Array<SweptBox<d>> boxes_there_;
     typename Backend::template ReadbackBuffer<std::int64_t> sums_;
     std::vector<SweptBox<d>> boxes_; ///< for which the lists are
     bool is_sorted_ = false;

@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/effects/shapes/half_space.hpp>
+#include <firn/effects/shapes/all.hpp>
 #include <firn/effects/shapes/shape.hpp>
-#include <firn/effects/shapes/solids.hpp>
 
 #include <concepts>
+#include <tuple>
 #include <type_traits>
 #include <utility>
 #include <variant>
@@ -15,13 +15,6 @@ namespace firn
 
 namespace detail
 {
-/// Whether a shape's values lie in memory of the host: see SignedDistanceGrid::on.
-template <class ShapeType>
-inline constexpr bool lies_on_host = requires
-{
-    requires ShapeType::in_host_memory;
-};
-
 /// One of several shapes, as a plain value: `which` says which of them counts.
 template <class... Shapes>
 struct PlainAnyShape;
@@ -70,6 +63,15 @@ struct ChosenShape
         return all.template of<Real, d>(which, x);
     }
 };
+/// The library's plain shapes and others.
+template <class Library, class... Own>
+struct ShapesToChoose;
+template <class... Library, class... Own>
+struct ShapesToChoose<std::tuple<Library...>, Own...>
+{
+    using Variant = std::variant<Library..., Own...>;
+    using Chosen = ChosenShape<Library..., Plain<Own>...>;
+};
 } // namespace detail
 
 /// A solid whose kind is chosen when the program runs: one of the library's plain shapes (HalfSpace, Sphere,
@@ -81,12 +83,13 @@ struct ChosenShape
 template <class... Own>
 class AnyShape
 {
-    using Variant = std::variant<HalfSpace, Sphere, Capsule, Box, Own...>;
+    using Shapes = detail::ShapesToChoose<AllPlainShapes, Own...>;
+    using Variant = typename Shapes::Variant;
     static_assert(!(false || ... || is_two_sided<Own>),
                   "a shell of any shape is Shell<AnyShape<...>>: AnyShape has solids alone");
 
 public:
-    static constexpr bool in_host_memory = (false || ... || detail::lies_on_host<Own>);
+    static constexpr bool in_host_memory = (false || ... || lies_on_host<Own>);
 
     AnyShape() = default;
     /// A shape of one of its types.
@@ -132,7 +135,7 @@ public:
     /// The same as a plain value.
     auto view() const
     {
-        detail::ChosenShape<HalfSpace, Sphere, Capsule, Box, detail::Plain<Own>...> plain;
+        typename Shapes::Chosen plain;
         plain.which = static_cast<int>(shape_.index());
         std::visit([&](auto const& shape) { set(plain.all, detail::plain(shape)); }, shape_);
         return plain;

@@ -66,6 +66,13 @@ inline constexpr bool is_two_sided = requires
     requires ShapeType::is_two_sided;
 };
 
+/// Whether a shape's values lie in memory of the host: see SignedDistanceGrid::on.
+template <class ShapeType>
+inline constexpr bool lies_on_host = requires
+{
+    requires ShapeType::in_host_memory;
+};
+
 /// Whether a shape says that it reads its surface from samples in memory, which costs a device many
 /// registers.
 template <class ShapeType>

@@ -1,0 +1,69 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/error.hpp>
+#include <firn/core/finite.hpp>
+#include <firn/effects/motion.hpp>
+
+#include <Eigen/Geometry>
+
+#include <algorithm>
+#include <cstddef>
+#include <vector>
+
+namespace firn
+{
+
+/// Where a body is at given times, its keys. Between two of them its position lies on the straight line and
+/// its orientation turns about one axis at a constant rate, the shorter way (slerp: Shoemake 1985, *Animating
+/// rotation with quaternion curves*). Before the first key and after the last one it stands still.
+///
+/// A call's obstacle moves by `path.during(solver.time(), duration)`.
+class PosePath
+{
+public:
+    /// Adds a key at a time [s] behind all others: a position [m] and an orientation, from the body's frame
+    /// to the world's. Throws an Error, and adds none, if the time does not come after the last one, or an
+    /// obstacle may not have such a pose.
+    void add(double time, Eigen::Vector3d const& position,
+             Eigen::Quaterniond const& orientation = Eigen::Quaterniond::Identity())
+    {
+        Motion const pose{.position = position, .orientation = orientation, .time = time};
+        pose.validate("PosePath::add");
+        require(keys_.empty() || time > *keys_.back().time, "a key does not come after the one before it",
+                "PosePath::add", "Add keys by rising time.");
+        keys_.push_back(pose);
+        keys_.back().orientation.normalize();
+    }
+
+    std::size_t size() const { return keys_.size(); } ///< how many keys there are
+
+    /// The pose at a time [s]; velocities are 0.
+    Motion at(double time) const
+    {
+        require(!keys_.empty(), "a path has no key", "PosePath::at", "Add poses first.");
+        require(is_finite(time), "the time is not finite", "PosePath::at", "Pass seconds.");
+        auto const after = std::upper_bound(keys_.begin(), keys_.end(), time,
+                                            [](double t, Motion const& key) { return t < *key.time; });
+        Motion pose = after == keys_.begin() ? keys_.front() : after[-1];
+        if (after != keys_.begin() && after != keys_.end()) {
+            double const share = (time - *pose.time) / (*after->time - *pose.time);
+            pose.position += share * (after->position - pose.position);
+            pose.orientation = pose.orientation.slerp(share, after->orientation);
+        }
+        pose.time = time;
+        return pose;
+    }
+
+    /// The motion of a call that begins at a time [s] and takes `duration` [s]: a constant twist from the
+    /// pose at its begin to that at its end. Throws an Error if the duration is not a finite number above 0.
+    Motion during(double begin, double duration) const
+    {
+        return Motion::between(at(begin), at(begin + duration), duration);
+    }
+
+private:
+    std::vector<Motion> keys_;
+};
+
+} // namespace firn
