@@ -3,9 +3,14 @@
 #include "limits/hard_case.hpp"
 #include "support/meshes.hpp"
 #include "support/policies.hpp"
+#include "support/refused.hpp"
 
 #include <firn/io/checkpoint.hpp>
 
+#include <fstream>
+#include <iterator>
+#include <sstream>
+#include <string>
 #include <tuple>
 
 using namespace firn;
@@ -128,6 +133,46 @@ std::vector<int> const thread_counts =
 using Cases = Combinations<Scene<Snow<Plane>, QuadraticBSpline, Mls>,
                            Scene<Heterogeneous<Snow<SolidFloat>>, CubicBSpline, Flip>,
                            Scene<Materials<Sand<PlaneFloat>, Fluid<PlaneFloat>>, QuadraticBSpline, Asflip>>;
+
+TEST_CASE("a checkpoint in memory or in a stream is the one of a file")
+{
+    using InPlane = Scene<Snow<Plane>, QuadraticBSpline, Mls>;
+    meshes::Folder const folder;
+    auto solver = scene<InPlane>(1), other = new_solver<InPlane>(1);
+    run_on(solver, 2);
+    write_checkpoint(folder / "run.firn", solver, 7);
+    std::string const bytes = checkpoint_in_memory(solver, 7);
+    std::ifstream file(folder / "run.firn", std::ios::binary);
+    CHECK((bytes == std::string(std::istreambuf_iterator<char>(file), {})));
+    int frame = 0;
+    restore_from_memory(bytes, other, frame);
+    CHECK(frame == 7);
+    CHECK(same(solver, other));
+
+    std::stringstream stream(std::ios::in | std::ios::out | std::ios::binary);
+    stream << "before";
+    write_checkpoint(stream, solver, 8); // two, one behind the other
+    run_on(solver, 1);
+    write_checkpoint(stream, solver, 9);
+    stream.ignore(6);
+    read_checkpoint(stream, other, frame);
+    CHECK(frame == 8);
+    CHECK(!same(solver, other));
+    read_checkpoint(stream, other, frame);
+    CHECK(frame == 9);
+    CHECK(same(solver, other));
+
+    auto const before = other.positions();
+    refused([&] { read_checkpoint(stream, other, frame); }); // there are no more
+    refused([&] { restore_from_memory(bytes + "x", other, frame); });
+    for (std::size_t const cut : {std::size_t(0), std::size_t(20), std::size_t(32), bytes.size() - 1}) {
+        refused([&] { restore_from_memory(bytes.substr(0, cut), other, frame); });
+        std::istringstream short_one(bytes.substr(0, cut));
+        refused([&] { read_checkpoint(short_one, other, frame); });
+    }
+    CHECK(frame == 9);
+    CHECK((other.positions() == before));
+}
 
 TEMPLATE_LIST_TEST_CASE("a run that goes on from a file is the run that wrote it, bit by bit", "", Cases)
 {

@@ -8,6 +8,9 @@
 #include <filesystem>
 #include <fstream>
 #include <new>
+#include <ostream>
+#include <sstream>
+#include <string>
 #include <tuple>
 #include <utility>
 
@@ -58,12 +61,12 @@ namespace firn
 
 namespace detail
 {
-/// Passes the snapshot in a file to `take`, and if that accepts it, restores `companions`.
+/// Passes the snapshot in a checkpoint to `take`, and if that accepts it, restores `companions`; `where`
+/// names it in errors.
 template <class Number, int d, class Take, class... Companions>
-void take_checkpoint(std::filesystem::path const& path, Take const& take, Companions&... companions)
+void take_checkpoint(CheckpointReader reader, std::string const& where, Take const& take,
+                     Companions&... companions)
 {
-    std::ifstream in;
-    auto reader = open_checkpoint(path, in);
     try {
         Snapshot<Number, d> snapshot;
         auto read = get_checkpoint<Companions...>(reader, snapshot);
@@ -71,14 +74,42 @@ void take_checkpoint(std::filesystem::path const& path, Take const& take, Compan
         std::tie(companions...) = std::move(read);
     }
     catch (Error const& error) {
-        throw Error{error.what_is_wrong(), path.string() + ", " + error.where(), error.remedy()};
+        throw Error{error.what_is_wrong(), where + ", " + error.where(), error.remedy()};
     }
     catch (std::bad_alloc const&) {
-        throw Error{"there is not enough memory for what the file holds", path.string(),
+        throw Error{"there is not enough memory for what the file holds", where,
                     "Read it where there is more."};
     }
 }
 
+/// The same for a file.
+template <class Number, int d, class Take, class... Companions>
+void take_checkpoint(std::filesystem::path const& path, Take const& take, Companions&... companions)
+{
+    std::ifstream in;
+    auto const reader = open_checkpoint(path, in);
+    take_checkpoint<Number, d>(reader, path.string(), take, companions...);
+}
+
+/// Writes a whole checkpoint to a stream that can be moved in.
+template <class SnapshotType, class... Companions>
+void write_whole_checkpoint(std::ostream& out, SnapshotType const& snapshot, Companions const&... companions)
+{
+    CheckpointPreamble preamble;
+    auto const begin = out.tellp();
+    auto const put_preamble = [&] {
+        out.write(preamble.memory().data(), static_cast<std::streamsize>(preamble.memory().size()));
+    };
+    put_preamble(); // to be written once more when the rest is known
+    CheckpointWriter writer(out);
+    put_checkpoint(writer, snapshot, companions...);
+    preamble.bytes = sizeof(preamble) + writer.written();
+    preamble.checksum = writer.checksum();
+    preamble.own_checksum = preamble.find_own_checksum();
+    out.seekp(begin);
+    put_preamble();
+    out.seekp(0, std::ios::end);
+}
 } // namespace detail
 
 /// Writes all that the next steps of a solver depend on into a file: particles with their ids and all of
@@ -99,22 +130,49 @@ void write_checkpoint(std::filesystem::path const& path, Solver& solver, Compani
 {
     auto const snapshot = solver.snapshot();
     detail::replace_file(
-        path,
-        [&](std::ostream& out) {
-            detail::CheckpointPreamble preamble;
-            auto const put_preamble = [&] {
-                out.write(preamble.memory().data(), static_cast<std::streamsize>(preamble.memory().size()));
-            };
-            put_preamble(); // to be written once more when the rest is known
-            detail::CheckpointWriter writer(out);
-            detail::put_checkpoint(writer, snapshot, companions...);
-            preamble.bytes = sizeof(preamble) + writer.written();
-            preamble.checksum = writer.checksum();
-            preamble.own_checksum = preamble.find_own_checksum();
-            out.seekp(0);
-            put_preamble();
-        },
+        path, [&](std::ostream& out) { detail::write_whole_checkpoint(out, snapshot, companions...); },
         detail::Survives::machine);
+}
+
+/// The same in memory, for a host that keeps its own files or sends a state elsewhere: the bytes that a file
+/// would have.
+template <class Solver, detail::Companion... Companions>
+std::string checkpoint_in_memory(Solver& solver, Companions const&... companions)
+{
+    std::ostringstream out(std::ios::binary);
+    detail::write_whole_checkpoint(out, solver.snapshot(), companions...);
+    require(bool(out), "there is not enough memory for the checkpoint", "checkpoint_in_memory",
+            "Write it into a file.");
+    return std::move(out).str();
+}
+
+/// Restores a solver and `companions` from the bytes of checkpoint_in_memory() or of a checkpoint's file; see
+/// read_checkpoint. Bytes behind the checkpoint are an error, as in a file.
+template <class Solver, detail::Companion... Companions>
+void restore_from_memory(std::string const& bytes, Solver& solver, Companions&... companions)
+{
+    std::istringstream in(bytes, std::ios::binary);
+    std::string const where = "restore_from_memory";
+    detail::take_checkpoint<typename Solver::Number, Solver::d>(
+        detail::checked_checkpoint(in, bytes.size(), where), where,
+        [&](auto const& snapshot) { solver.restore(snapshot); }, companions...);
+}
+
+/// Writes the same to a stream, from where it is. Throws an Error if the stream does not take it.
+template <class Solver, detail::Companion... Companions>
+void write_checkpoint(std::ostream& out, Solver& solver, Companions const&... companions)
+{
+    std::string const bytes = checkpoint_in_memory(solver, companions...);
+    out.write(bytes.data(), static_cast<std::streamsize>(bytes.size()));
+    require(bool(out), "the stream did not take the checkpoint", "write_checkpoint",
+            "Open it for writing bytes, and check its place.");
+}
+
+/// Restores a solver and `companions` from a stream, which is then behind the checkpoint: others may follow.
+template <class Solver, detail::Companion... Companions>
+void read_checkpoint(std::istream& in, Solver& solver, Companions&... companions)
+{
+    restore_from_memory(detail::bytes_of_checkpoint(in), solver, companions...);
 }
 
 /// Restores a solver and `companions` from a file. The solver must have the same lattice, policies and

@@ -10,6 +10,7 @@
 #include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <istream>
@@ -155,18 +156,13 @@ private:
     Crc32 crc_;
 };
 
-/// Opens a checkpoint, checks its length and checksums, and returns a reader behind its preamble.
-inline CheckpointReader open_checkpoint(std::filesystem::path const& path, std::ifstream& in)
+/// Checks the length and checksums of a checkpoint of so many bytes, which a stream is at the begin of, and
+/// returns a reader behind its preamble. `where` names it in errors.
+inline CheckpointReader checked_checkpoint(std::istream& in, std::uint64_t bytes, std::string const& where)
 {
     auto const refuse = [&](std::string what, char const* remedy) {
-        throw Error{std::move(what), path.string(), remedy};
+        throw Error{std::move(what), where, remedy};
     };
-    require(!path.empty(), "a file has no name", "read_checkpoint", "Pass the path of a checkpoint.");
-    std::error_code failed;
-    if (std::filesystem::is_regular_file(path, failed)) in.open(path, std::ios::binary | std::ios::ate);
-    if (!in.is_open() || !in) refuse("there is no file that can be read", "Pass the path of a checkpoint.");
-    auto const bytes = static_cast<std::uint64_t>(in.tellg()); // of the open file, whatever has its name now
-    in.seekg(0);
     CheckpointPreamble preamble;
     if (bytes < sizeof(preamble) || !in.read(reinterpret_cast<char*>(&preamble), sizeof(preamble)))
         refuse("the file has " + std::to_string(bytes) + " bytes, too few for a checkpoint",
@@ -200,6 +196,43 @@ inline CheckpointReader open_checkpoint(std::filesystem::path const& path, std::
     if (crc.value() != preamble.checksum) refuse("the checkpoint is damaged", damaged);
     in.seekg(sizeof(preamble));
     return {in, bytes - sizeof(preamble), preamble.checksum};
+}
+
+/// The bytes of the checkpoint that a stream is at the begin of; fewer where the stream ends before. What is
+/// no checkpoint is read as far as its preamble would be.
+inline std::string bytes_of_checkpoint(std::istream& in)
+{
+    CheckpointPreamble preamble;
+    std::string bytes(sizeof(preamble), '\0');
+    auto const read = [&](std::size_t first, std::uint64_t count) {
+        in.read(bytes.data() + first, static_cast<std::streamsize>(count));
+        bytes.resize(first + static_cast<std::size_t>(in.gcount()));
+    };
+    read(0, sizeof(preamble));
+    if (bytes.size() < sizeof(preamble)) return bytes;
+    std::memcpy(&preamble, bytes.data(), sizeof(preamble));
+    if (preamble.magic != checkpoint_magic || preamble.own_checksum != preamble.find_own_checksum())
+        return bytes;
+    while (in && bytes.size() < preamble.bytes) { // in pieces: a wrong length asks for no more than there is
+        std::size_t const first = bytes.size();
+        std::uint64_t const next = std::min<std::uint64_t>(preamble.bytes - first, std::uint64_t(1) << 24);
+        bytes.resize(first + static_cast<std::size_t>(next));
+        read(first, next);
+    }
+    return bytes;
+}
+
+/// What checked_checkpoint() returns, for a file, which it opens.
+inline CheckpointReader open_checkpoint(std::filesystem::path const& path, std::ifstream& in)
+{
+    require(!path.empty(), "a file has no name", "read_checkpoint", "Pass the path of a checkpoint.");
+    std::error_code failed;
+    if (std::filesystem::is_regular_file(path, failed)) in.open(path, std::ios::binary | std::ios::ate);
+    if (!in.is_open() || !in)
+        throw Error{"there is no file that can be read", path.string(), "Pass the path of a checkpoint."};
+    auto const bytes = static_cast<std::uint64_t>(in.tellg()); // of the open file, whatever has its name now
+    in.seekg(0);
+    return checked_checkpoint(in, bytes, path.string());
 }
 
 } // namespace firn::detail
