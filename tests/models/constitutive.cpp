@@ -50,6 +50,57 @@ TEMPLATE_LIST_TEST_CASE(
 namespace
 {
 
+/// Compares the energy of small strains with that of linear elasticity.
+template <class Model>
+void check_small_energy(double strain)
+{
+    constexpr int d = Model::Space::dimension;
+    using Number = typename Model::Space::Scalar;
+    Model const model{};
+    std::mt19937 random(29);
+    for (int i = 0; i < 20; ++i) {
+        Matrix<Number, d> const H = (strain * random_matrix<d>(random)).template cast<Number>();
+        Matrix<double, d> const eps = 0.5 * (H + H.transpose()).template cast<double>();
+        double const mu = double(model.elasticity.mu), lambda = double(model.elasticity.lambda),
+                     linear = mu * eps.squaredNorm() + lambda / 2 * eps.trace() * eps.trace();
+        auto state = Record<Number, d, typename Model::State>::at_rest();
+        state[DisplacementGradient{}] = H;
+        CHECK(double(model.template energy<Number>(state)) == Approx(linear).epsilon(30 * strain));
+    }
+}
+
+} // namespace
+
+using SmallSolids = Tested<ElasticModels<PlaneFloat>, ElasticModels<SolidFloat>, ElasticModels<Solid>>;
+
+TEMPLATE_LIST_TEST_CASE("the energy of small strains is that of linear elasticity, in single precision too",
+                        "", SmallSolids)
+{
+    check_small_energy<TestType>(std::is_same_v<typename TestType::Space::Scalar, float> ? 1e-5 : 1e-7);
+}
+
+TEST_CASE("the energy of hardened snow and of a stiffer particle grows as their moduli do")
+{
+    Snow<Solid> const snow;
+    auto state = Record<double, 3, Snow<Solid>::State>::at_rest();
+    state[DisplacementGradient{}] = -0.01 * Eigen::Matrix3d::Identity();
+    double const soft = snow.energy<double>(state);
+    CHECK(soft > 0);
+    state[PlasticVolumeRatio{}] = 0.9;
+    CHECK(snow.energy<double>(state) == Approx(std::exp(snow.hardening * 0.1) * soft));
+    CHECK(state[PlasticVolumeRatio{}] == 0.9);
+
+    Heterogeneous<NeoHookean<Solid>> const varied;
+    auto stiff = Record<double, 3, Heterogeneous<NeoHookean<Solid>>::State>::at_rest();
+    stiff[DisplacementGradient{}] = state[DisplacementGradient{}];
+    double const usual = varied.energy<double>(stiff);
+    stiff[Stiffness{}] = 3;
+    CHECK(varied.energy<double>(stiff) == Approx(3 * usual));
+}
+
+namespace
+{
+
 /// Compares the wave modulus with the largest eigenvalue of the acoustic tensors along the principal axes: it
 /// is that, or above by a factor of `above` at most.
 template <class Model>

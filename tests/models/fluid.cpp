@@ -42,6 +42,7 @@ TEMPLATE_TEST_CASE("a fluid's pressure is the derivative of Tait's energy, and i
             double const up = energy_of_volume(K, gamma, J * (1 + step)),
                          here = energy_of_volume(K, gamma, J),
                          down = energy_of_volume(K, gamma, J * (1 - step));
+            CHECK(fluid.model.template energy<double>(state) == Approx(here).epsilon(1e-9));
             Matrix<double, d> const expected = Matrix<double, d>::Identity() * ((up - down) / (2 * step));
             CHECK((response.kirchhoff_stress - expected).norm() <= 1e-7 * K);
             double const modulus = (up - 2 * here + down) / (step * step);

@@ -5,72 +5,28 @@
 
 #include <utility>
 
-// Single particles of a material, driven by their deformation gradients: the energies that stresses must come
-// from, and deformations within the elastic range and beyond it.
+// Single particles of a material, driven by their deformation gradients: their energies, and deformations
+// within the elastic range and beyond it.
 namespace firn::test
 {
 
-/// The energies of the elastic laws [Pa].
-template <int d>
-double energy(FixedCorotatedLaw, Lame<double> const& elasticity, Matrix<double, d> const& F)
-{
-    double const J = F.determinant();
-    return elasticity.mu * (singular_values(F).sigma - Vector<double, d>::Ones()).squaredNorm() +
-           0.5 * elasticity.lambda * (J - 1) * (J - 1);
-}
-
-template <int d>
-double energy(HenckyLaw, Lame<double> const& elasticity, Matrix<double, d> const& F)
-{
-    Vector<double, d> const strains = singular_values(F).sigma.array().log();
-    return elasticity.mu * strains.squaredNorm() + 0.5 * elasticity.lambda * std::pow(strains.sum(), 2);
-}
-
-template <int d>
-double energy(SplitNeoHookeanLaw, Lame<double> const& elasticity, Matrix<double, d> const& F)
-{
-    double const J = F.determinant(), bulk = elasticity.lambda + 2 * elasticity.mu / d;
-    return 0.5 * elasticity.mu * (std::pow(J, -2.0 / d) * F.squaredNorm() - d) +
-           0.5 * bulk * (0.5 * (J * J - 1) - std::log(J));
-}
-
-template <int d>
-double energy(MooneyRivlinLaw<double> const& law, Lame<double> const& elasticity, Matrix<double, d> const& F)
-{
-    Eigen::Matrix3d C = Eigen::Matrix3d::Identity(); // in the plane nothing is strained across it
-    C.topLeftCorner<d, d>() = F.transpose() * F;
-    double const J = F.determinant(), bulk = elasticity.lambda + 2 * elasticity.mu / 3;
-    double const first = std::pow(J, -2.0 / 3) * C.trace(),
-                 second = std::pow(J, -4.0 / 3) * 0.5 * (C.trace() * C.trace() - (C * C).trace());
-    return 0.5 * elasticity.mu * ((1 - law.second) * (first - 3) + law.second * (second - 3)) +
-           0.5 * bulk * (0.5 * (J * J - 1) - std::log(J));
-}
-
-/// The energy of a model; of snow before it has hardened.
+/// The energy [J/m^3] of a deformation gradient that does not yield; of snow before it has hardened.
 template <class Law, class Flow, int d = Flow::Space::dimension>
 double energy(Elastoplastic<Law, Flow> const& model, Matrix<double, d> const& F)
 {
-    return energy<d>(static_cast<Law const&>(model), model.elasticity, F);
+    Law const& law = model;
+    auto const axes = principal_axes<double, d>(F - Matrix<double, d>::Identity());
+    return law.template energy<double, d>(law.template strains<double, d>(axes.extension),
+                                          double(model.elasticity.mu), double(model.elasticity.lambda));
 }
 
-template <class SpaceType, int d = SpaceType::dimension>
-double energy(FixedCorotated<SpaceType> const& model, Matrix<double, d> const& F)
+template <class Model, int d = Model::Space::dimension>
+    requires(!requires { typename Model::Flow; })
+double energy(Model const& model, Matrix<double, d> const& F)
 {
-    return energy<d>(FixedCorotatedLaw{}, model.elasticity, F);
-}
-
-template <class SpaceType, int d = SpaceType::dimension>
-double energy(SplitNeoHookean<SpaceType> const& model, Matrix<double, d> const& F)
-{
-    return energy<d>(SplitNeoHookeanLaw{}, model.elasticity, F);
-}
-
-template <class SpaceType, int d = SpaceType::dimension>
-double energy(NeoHookean<SpaceType> const& model, Matrix<double, d> const& F)
-{
-    double const log_J = std::log(F.determinant());
-    return 0.5 * model.elasticity.mu * (F.squaredNorm() - d) - model.elasticity.mu * log_J +
-           0.5 * model.elasticity.lambda * log_J * log_J;
+    auto state = Record<double, d, typename Model::State>::at_rest();
+    state[DisplacementGradient{}] = F - Matrix<double, d>::Identity();
+    return model.template energy<double>(state);
 }
 
 /// The elastic energy [J] of a scene's particles, all of one rest volume [m^3], before any hardening.

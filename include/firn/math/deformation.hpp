@@ -20,15 +20,25 @@ FIRN_HOST_DEVICE inline Matrix<Real, d> deformation_gradient(Matrix<Real, d> con
     return F;
 }
 
+/// J - 1 - tr H, what the volume changes by beyond the first order.
+template <Lane Real, int d>
+FIRN_HOST_DEVICE inline Real volume_remainder(Matrix<Real, d> const& H)
+{
+    auto const minor = [&](int i, int j) { return H(i, i) * H(j, j) - H(i, j) * H(j, i); };
+    if constexpr (d == 2)
+        return minor(0, 1);
+    else
+        return minor(0, 1) + minor(0, 2) + minor(1, 2) + H.determinant();
+}
+
 /// J - 1 = det(I + H) - 1, without the cancellation near rest.
 template <Lane Real, int d>
 FIRN_HOST_DEVICE inline Real volume_change(Matrix<Real, d> const& H)
 {
-    auto const minor = [&](int i, int j) { return H(i, i) * H(j, j) - H(i, j) * H(j, i); };
     if constexpr (d == 2)
-        return H(0, 0) + H(1, 1) + minor(0, 1);
+        return H(0, 0) + H(1, 1) + volume_remainder<Real, d>(H);
     else
-        return H(0, 0) + H(1, 1) + H(2, 2) + (minor(0, 1) + minor(0, 2) + minor(1, 2) + H.determinant());
+        return H(0, 0) + H(1, 1) + H(2, 2) + volume_remainder<Real, d>(H);
 }
 
 /// V^2 - I = F F^T - I with the left stretch V, without the cancellation near rest.

@@ -23,6 +23,8 @@
 //
 // - stress(strains, mu, lambda): PrincipalStress
 //
+// - energy(strains, mu, lambda) [Pa], of which the stress is the derivative; may be left out
+//
 // - inverted(extension): where there is no stress for such stretches
 //
 // - capped(extension): where the law clamps stretches; MeasuredByExtension has strains, extensions and this
@@ -135,6 +137,12 @@ struct FieldsOfFlow<Flow>
 {
     using Type = typename Flow::State;
 };
+
+template <class Law, class Real, int d>
+concept LawTellsEnergy = requires(Law const law, Vector<Real, d> const strains, Real modulus)
+{
+    law.template energy<Real, d>(strains, modulus, modulus);
+};
 } // namespace detail
 
 /// An isotropic solid of an elastic law and a plastic flow; the parameters of both are members of the solid,
@@ -218,6 +226,27 @@ struct Elastoplastic : FlowType, LawType
         response.kirchhoff_stress = axes.U * principal.kirchhoff.asDiagonal() * axes.U.transpose();
         response.wave_modulus = principal.wave_modulus;
         return response;
+    }
+
+    /// The elastic energy [J/m^3], with hardened moduli where the flow hardens them.
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Real
+    energy(Particle const& state) const requires detail::LawTellsEnergy<Law, Real, Space::dimension>
+    {
+        constexpr int d = Space::dimension;
+        Law const& law = *this;
+        auto const axes = principal_axes<Real, d>(state[DisplacementGradient{}]);
+        Vector<Real, d> strains = law.template strains<Real, d>(axes.extension);
+        Real mu(elasticity.mu), lambda(elasticity.lambda);
+        if constexpr (yields) { // no further, but the flow knows the hardening
+            Particle after = state;
+            PlasticFlow<Real, d> const plastic =
+                this->Flow::template flow<Real, d>(strains, Lame<Real>{mu, lambda}, after, Real(0));
+            strains = plastic.strains;
+            mu = mu * plastic.hardening;
+            lambda = lambda * plastic.hardening;
+        }
+        return law.template energy<Real, d>(strains, mu, lambda);
     }
 };
 

@@ -50,6 +50,13 @@ struct Heterogeneous : ModelType
         response.wave_modulus = response.wave_modulus * stiffness;
         return response;
     }
+
+    /// The elastic energy [J/m^3].
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Real energy(Particle const& state) const requires TellsEnergy<Model, Real, Particle>
+    {
+        return Model::template energy<Real>(state) * state[Stiffness{}];
+    }
 };
 
 } // namespace firn

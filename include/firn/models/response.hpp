@@ -39,6 +39,16 @@ concept ObjectsToStates = requires(Model const model, Particle const state)
         } -> std::convertible_to<std::string>;
 };
 
+/// A material that tells its elastic energy per volume at rest [J/m^3], of which its stress is the
+/// derivative.
+template <class Model, class Real, class Particle>
+concept TellsEnergy = requires(Model const model, Particle const state)
+{
+    {
+        model.template energy<Real>(state)
+        } -> std::same_as<Real>;
+};
+
 /// The trial deformation (I + dt L) F of a step (Stomakhin et al. 2013, eq. 11), in terms of H = F - I.
 template <Lane Real, int d>
 FIRN_HOST_DEVICE inline Matrix<Real, d> deformed(Matrix<Real, d> const& H,

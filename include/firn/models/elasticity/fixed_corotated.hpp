@@ -39,6 +39,14 @@ struct FixedCorotatedLaw : MeasuredByExtension
         return found;
     }
 
+    /// Psi [Pa].
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE static Real energy(Vector<Real, d> const& extension, Real mu, Real lambda)
+    {
+        Real const volume = volume_change<Real, d>(extension);
+        return mu * dot<Real, d>(extension, extension) + Real(ScalarOf<Real>(0.5)) * lambda * volume * volume;
+    }
+
     /// The wave modulus from the longest stretch less one. The shear values 2 mu sigma_1^2 (1 - 1/(sigma_1 +
     /// sigma_j)) are at most mu sigma_1 (2 sigma_1 - 1): below the longitudinal one, unless nu < 0. In
     /// compression sigma_1 may be below 1, but the modulus is not below the one at rest.
@@ -98,6 +106,16 @@ struct FixedCorotated
         response.inverted = no_lanes<Real>();
         response.capped = no_lanes<Real>();
         return response;
+    }
+
+    /// Psi [J/m^3].
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Real energy(Particle const& state) const
+    {
+        constexpr int d = Space::dimension;
+        return FixedCorotatedLaw::energy<Real, d>(
+            principal_axes<Real, d>(state[DisplacementGradient{}]).extension, Real(elasticity.mu),
+            Real(elasticity.lambda));
     }
 };
 

@@ -67,6 +67,14 @@ struct HenckyLaw : RefusesInversion
         found.wave_modulus = max(max(longitudinal, mu * (Real(1) + Real(2) * (high - low))), rest);
         return found;
     }
+
+    /// Psi [Pa].
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE static Real energy(Vector<Real, d> const& strains, Real mu, Real lambda)
+    {
+        Real const trace = sum_of<Real, d>([&](int i) { return strains[i]; });
+        return mu * dot<Real, d>(strains, strains) + Real(ScalarOf<Real>(0.5)) * lambda * trace * trace;
+    }
 };
 
 /// St. Venant–Kirchhoff–Hencky solid: linear in the logarithms of the stretches, for large strains in

@@ -75,6 +75,27 @@ struct MooneyRivlinLaw : MeasuredByExtension, RefusesInversion
         found.wave_modulus = max(max(longitudinal, shear), lambda + Real(2) * mu);
         return found;
     }
+
+    /// Psi [Pa]: I_1 / 3 and I_2 / 3 from their logarithms, which are of the second order in the strains.
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE Real energy(Vector<Real, d> const& extension, Real mu, Real lambda) const
+    {
+        Real const third(Number(1.0 / 3)), two_thirds(Number(2.0 / 3)), b(second);
+        Vector<Real, d> const x = squares_less_one<Real, d>(extension);
+        Real sum = x[0] + x[1], products = x[0] * x[1];
+        if constexpr (d == 3) {
+            products += sum * x[2];
+            sum += x[2];
+        }
+        Real const volume = volume_change<Real, d>(extension),
+                   shape = two_thirds * (stretch_remainder<Real, d>(extension) + log_remainder(volume));
+        Real const log_of_first = shape - log_remainder(sum * third);
+        Real const log_of_second =
+            Real(2) * shape + products * third - log_remainder((Real(2) * sum + products) * third);
+        return Real(Number(1.5)) * mu *
+                   ((Real(1) - b) * exp_minus_one(log_of_first) + b * exp_minus_one(log_of_second)) +
+               detail::energy_of_volume(volume, lambda + two_thirds * mu);
+    }
 };
 
 /// Mooney–Rivlin solid: rubber that stiffens less in shear with stretch than a neo-Hookean one. An inverted

@@ -3,6 +3,7 @@
 
 #include <firn/core/field_sets.hpp>
 #include <firn/models/lame.hpp>
+#include <firn/models/remainders.hpp>
 #include <firn/models/response.hpp>
 
 namespace firn
@@ -53,6 +54,17 @@ struct NeoHookean
         response.inverted = inverted;
         response.capped = no_lanes<Real>();
         return response;
+    }
+
+    /// Psi [J/m^3].
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Real energy(Particle const& state) const
+    {
+        constexpr int d = Space::dimension;
+        Matrix<Real, d> const& H = state[DisplacementGradient{}];
+        Real const growth = volume_change<Real, d>(H), log_J = log_one_plus(growth);
+        return Real(elasticity.mu) * (stretch_remainder<Real, d>(H) + log_remainder(growth)) +
+               Real(Number(0.5)) * Real(elasticity.lambda) * log_J * log_J;
     }
 
 private:

@@ -3,6 +3,7 @@
 
 #include <firn/math/largest_eigenvalue.hpp>
 #include <firn/models/elastoplastic.hpp>
+#include <firn/models/remainders.hpp>
 
 namespace firn
 {
@@ -16,6 +17,17 @@ FIRN_HOST_DEVICE inline Real root_of_volume(Real J)
     else
         return exp(log(J) * Real(ScalarOf<Real>(1.0 / 3)));
 }
+
+namespace detail
+{
+/// kappa/2 ((J^2 - 1)/2 - ln J), the energy of volume that goes with kappa/2 (J^2 - 1) [Pa].
+template <Lane Real>
+FIRN_HOST_DEVICE inline Real energy_of_volume(Real volume, Real kappa)
+{
+    Real const half(ScalarOf<Real>(0.5));
+    return half * kappa * (half * volume * volume + log_remainder(volume));
+}
+} // namespace detail
 
 /// The neo-Hookean law that splits shape from volume, with the bulk modulus kappa = lambda + 2 mu / d:
 /// Psi = mu/2 (J^(-2/d) |F|^2 - d) + kappa/2 ((J^2 - 1)/2 - ln J) (Simo & Hughes 1998, eq. 9.2.3 and 9.2.6).
@@ -48,6 +60,29 @@ struct SplitNeoHookeanLaw : MeasuredByExtension, RefusesInversion
         for (int i = 0; i < d; ++i) found.kirchhoff[i] = shear * (square[i] - mean) + pressure;
         found.wave_modulus = wave_modulus<d>(least, most, mean, shear, pressure, mu, lambda);
         return found;
+    }
+
+    /// Psi [Pa].
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE static Real energy(Vector<Real, d> const& extension, Real mu, Real lambda)
+    {
+        Vector<Real, d> const square = squares_less_one<Real, d>(extension);
+        return energy_of<d>(stretch_remainder<Real, d>(extension),
+                            sum_of<Real, d>([&](int i) { return square[i]; }),
+                            volume_change<Real, d>(extension), mu, lambda);
+    }
+
+    /// Psi from stretch_remainder, |F|^2 - d and J - 1: ln(J^(-2/d) |F|^2 / d) is 2/d times the remainder of
+    /// the stretch, but for those of the logarithms.
+    template <int d, Lane Real>
+    FIRN_HOST_DEVICE static Real energy_of(Real remainder, Real sum, Real volume, Real mu, Real lambda)
+    {
+        using Number = ScalarOf<Real>;
+        Real const share(Number(2.0 / d));
+        Real const log_of_shape =
+            share * (remainder + log_remainder(volume)) - log_remainder(sum * Real(Number(1.0 / d)));
+        return mu * Real(Number(0.5 * d)) * exp_minus_one(log_of_shape) +
+               detail::energy_of_volume(volume, lambda + mu * share);
     }
 
     /// From the smallest and the largest sigma_i^2 - 1 and their mean: sigma_i^2 Psi_ii = mu J^(-2/d)
@@ -114,6 +149,17 @@ struct SplitNeoHookean
                                                                     largest_eigenvalue<Real>(square), mean,
                                                                     shear, pressure, mu, lambda);
         return response;
+    }
+
+    /// Psi [J/m^3].
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Real energy(Particle const& state) const
+    {
+        constexpr int d = Space::dimension;
+        Matrix<Real, d> const& H = state[DisplacementGradient{}];
+        return SplitNeoHookeanLaw::energy_of<d>(
+            stretch_remainder<Real, d>(H), squared_stretch_less_one<Real, d>(H).trace(),
+            volume_change<Real, d>(H), Real(elasticity.mu), Real(elasticity.lambda));
     }
 };
 

@@ -4,6 +4,7 @@
 #include <firn/core/field_sets.hpp>
 #include <firn/core/finite.hpp>
 #include <firn/models/lame.hpp>
+#include <firn/models/remainders.hpp>
 #include <firn/models/response.hpp>
 
 #include <limits>
@@ -119,6 +120,19 @@ struct Fluid
         response.inverted = no_lanes<Real>();
         response.capped = parts ? no_lanes<Real>() : capped; // the same for all particles
         return response;
+    }
+
+    /// The energy of Tait's pressure [J/m^3]: K/gamma (J - 1 + (J^(1 - gamma) - 1) / (gamma - 1)), or for
+    /// gamma = 1 its limit K (J - 1 - ln J).
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Real energy(Particle const& state) const
+    {
+        Real const log_J =
+            min(state[LogVolumeRatio{}], Real(static_cast<Number>(largest_log_volume_ratio())));
+        Real sum = exp_remainder(log_J);
+        if (exponent > 1) // the same for all particles
+            sum += exp_remainder(Real(1 - exponent) * log_J) / Real(exponent - 1);
+        return Real(bulk_modulus / exponent) * sum;
     }
 
 private:
