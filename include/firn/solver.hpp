@@ -316,12 +316,13 @@ public:
         return by_id<Which, Vector<double, d>>([&](auto k) { return positions_of(particles<k>()); });
     }
 
-    /// A field's values, by rising id: `download<Velocity>()`.
+    /// A field's values, by rising id: `download<Velocity>()`, or `download<Stress>()` and its like, which
+    /// are computed from what is stored (particles/observables.hpp).
     template <class Tag, class Which = Every>
     std::vector<FieldValue<Tag, Number, d>> download() const
     {
         return by_id<Which, FieldValue<Tag, Number, d>>(
-            [&](auto k) { return scene_.grid_state.template download<Tag, k>(scene_.sets); });
+            [&](auto k) { return scene_.template download<Tag, k>(); });
     }
 
     /// A stored field in the backend's memory: `view<DisplacementGradient>()`. Nothing is copied; the view is
@@ -348,12 +349,13 @@ public:
 
     /// Writes a field of all particles, by rising id, to such memory as for write_positions(): component c
     /// (of matrices row by row) of the i-th particle goes to `to[i * stride + c]`. Velocities that are not
-    /// stored are gathered from the grid for it, which takes a part of a step's time.
+    /// stored are gathered from the grid for it, which takes a part of a step's time. It takes all that
+    /// download() does.
     template <class Tag, class Which = Every>
     void write(Number* to, std::size_t stride = component_count<Tag>(d)) const
     {
         auto const access = guard_.read("Solver::write");
-        static_assert(MaterialTraits<Which>::State::template contains<Tag>,
+        static_assert(ObservedField<Tag> || MaterialTraits<Which>::State::template contains<Tag>,
                       "the scene's particles have no such field, or it follows from others");
         scene_.template write<Tag, MaterialTraits<Which>::place>(to, stride);
     }

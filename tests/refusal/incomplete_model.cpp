@@ -153,4 +153,9 @@ static_assert(firn::InterpolationKernel<Quartic, float>);
 std::size_t of_too_high_a_degree =
     sizeof(firn::Solver<Backend, Model<ItsSpace, ItsState, ItsDensity, ItsValidate, ItsRespond>, Quartic>);
 std::size_t without_space = sizeof(SolverOf<ItsState, ItsDensity, ItsValidate, ItsRespond>);
+float without_energy(Model<ItsSpace, ItsState, ItsDensity, ItsValidate, ItsRespond> const& model)
+{
+    auto const particle = firn::Record<float, 3, ItsState::State>::at_rest();
+    return firn::EnergyDensity::observe<float, 3>(model, particle, Eigen::Matrix3f::Zero().eval());
+}
 #endif

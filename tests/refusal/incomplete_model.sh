@@ -36,6 +36,7 @@ names 1 "density"
 names 1 "void validate()"
 names 2 "template <firn::Lane Real, class Particle> firn::Response<Real, d> respond("
 names 1 "using Space"
+names 1 "template <firn::Lane Real, class Particle> Real energy("
 refused=$(grep -cE "error.*the kernel's degree is beyond" "$said" || true)
 [ "$refused" = 1 ] || { cat "$said"; echo "it is said $refused times that a kernel's degree is too high."; exit 1; }
 if compiles -DNO_EFFECT; then echo "steps with what is no effect compile."; exit 1; fi

@@ -71,6 +71,22 @@ TEST_CASE("a VTP file holds positions, fields and time where its head says")
     CHECK(files_in(folder) == 1);
 }
 
+TEST_CASE("a matrix is nine numbers, row by row, of which the plane has four")
+{
+    meshes::Folder const folder;
+    Eigen::Matrix2f stress;
+    stress << 1, 2, 3, 4;
+    firn::ParticleFrame frame;
+    frame.at(std::vector<Vector3d>{{0, 0, 0}}).matrix("stress", std::vector<Eigen::Matrix2f>{stress});
+    CHECK(frame.fields[0].values == std::vector<float>{1, 2, 0, 3, 4, 0, 0, 0, 0});
+    firn::write_vtp(folder / "a.vtp", frame);
+    CHECK_THAT(content(folder / "a.vtp"), Contains("Name=\"stress\" NumberOfComponents=\"9\""));
+    firn::write_ply(folder / "a.ply", frame);
+    CHECK_THAT(content(folder / "a.ply"),
+               Contains("property float stress_xx\nproperty float stress_xy\nproperty float stress_xz\n"
+                        "property float stress_yx\n"));
+}
+
 TEST_CASE("a PLY file holds one row of floats for each particle")
 {
     meshes::Folder const folder;

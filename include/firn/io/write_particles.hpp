@@ -26,7 +26,7 @@ namespace firn
 struct ParticleField
 {
     std::string name; ///< letters, digits and `_`
-    int components;   ///< 1: a scalar, 3: a vector
+    int components;   ///< 1: a scalar, 3: a vector, 9: a matrix, row by row
     std::vector<float> values;
 };
 
@@ -66,6 +66,19 @@ struct ParticleFrame
             Eigen::Vector3f const v = in_space(value).template cast<float>();
             fields.back().values.insert(fields.back().values.end(), v.data(), v.data() + 3);
         }
+        return *this;
+    }
+
+    /// Adds a field of one 2 x 2 or 3 x 3 matrix per particle; zeros for what two dimensions lack.
+    template <class Range>
+    ParticleFrame& matrix(std::string name, Range const& range)
+    {
+        fields.push_back({std::move(name), 9, {}});
+        for (auto const& value : range)
+            for (int i = 0; i < 3; ++i)
+                for (int j = 0; j < 3; ++j)
+                    fields.back().values.push_back(
+                        i < value.rows() && j < value.cols() ? static_cast<float>(value(i, j)) : 0.f);
         return *this;
     }
 
@@ -119,9 +132,9 @@ inline void check_frame(ParticleFrame const& frame, std::filesystem::path const&
             refuse("the field name '" + field->name + "' is not plain", "Use letters, digits and `_` only.");
         if (std::any_of(frame.fields.begin(), field, [&](auto const& f) { return f.name == field->name; }))
             refuse("two fields are named '" + field->name + "'", "Give each field its own name.");
-        if (field->components != 1 && field->components != 3)
+        if (field->components != 1 && field->components != 3 && field->components != 9)
             refuse("the field '" + field->name + "' has " + std::to_string(field->components) + " components",
-                   "Use 1 (scalar) or 3 (vector).");
+                   "Use 1 (scalar), 3 (vector) or 9 (matrix).");
         if (field->values.size() != frame.positions.size() * std::size_t(field->components))
             refuse("the field '" + field->name + "' holds " + std::to_string(field->values.size()) +
                        " numbers for " + std::to_string(frame.positions.size()) + " particles",
@@ -188,7 +201,8 @@ inline void write_vtp(std::filesystem::path const& path, ParticleFrame const& fr
 }
 
 /// Writes a frame as a binary little-endian PLY point cloud: x, y, z [m] and the fields as float, a vector
-/// `name` as `name_x`, `name_y`, `name_z`; the time [s] is a comment. Houdini and Blender open it.
+/// `name` as `name_x`, `name_y`, `name_z`, a matrix as `name_xx`, `name_xy` and so on; the time [s] is a
+/// comment. Houdini and Blender open it.
 ///
 /// Throws firn::Error: the file cannot be created or not written to its end, a field does not fit the frame.
 inline void write_ply(std::filesystem::path const& path, ParticleFrame const& frame)
@@ -199,7 +213,13 @@ inline void write_ply(std::filesystem::path const& path, ParticleFrame const& fr
         if (field.components == 1)
             properties.push_back(field.name);
         else
-            for (char const* axis : {"_x", "_y", "_z"}) properties.push_back(field.name + axis);
+            for (std::string const axis : {"_x", "_y", "_z"}) {
+                if (field.components == 3)
+                    properties.push_back(field.name + axis);
+                else
+                    for (char const* second : {"x", "y", "z"})
+                        properties.push_back(field.name + axis + second);
+            }
     }
     std::string head = "ply\nformat binary_little_endian 1.0\ncomment firn schema 1\ncomment time " +
                        detail::exact_text(frame.time) + " s\nelement vertex " +

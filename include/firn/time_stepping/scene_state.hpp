@@ -8,6 +8,7 @@
 #include <firn/particles/material_sets.hpp>
 #include <firn/particles/readback.hpp>
 #include <firn/time_stepping/grid_state.hpp>
+#include <firn/time_stepping/observe.hpp>
 
 #include <cstddef>
 #include <cstdint>
@@ -156,7 +157,21 @@ public:
     void write(Number* to, std::size_t stride) const
     {
         require_room(to, particles<k>().size(), stride, component_count<Tag>(d), "Solver::write");
-        if (particles<k>().size() > 0) grid_state.template write<Tag, k>(sets, to, stride);
+        if (particles<k>().size() == 0) return;
+        if constexpr (ObservedField<Tag>)
+            write_observed<Tag, k>(*this, to, stride);
+        else
+            grid_state.template write<Tag, k>(sets, to, stride);
+    }
+
+    /// A field of a material's particles, by row: see GridState::download, and observe.hpp.
+    template <class Tag, std::size_t k>
+    std::vector<FieldValue<Tag, Number, d>> download() const
+    {
+        if constexpr (ObservedField<Tag>)
+            return download_observed<Tag, k>(*this);
+        else
+            return grid_state.template download<Tag, k>(sets);
     }
 
     /// The node mass [mass units] below which a node's momentum is rounding error alone.

@@ -1,0 +1,207 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/policies.hpp"
+
+#include <cmath>
+#include <vector>
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+using Jelly = NeoHookean<Plane>;
+using Water = Fluid<Plane>;
+using Both = Scene<Materials<Jelly, Water>, QuadraticBSpline, Mls>;
+using SnowInSpace = Scene<Snow<SolidFloat>, QuadraticBSpline, Flip>;
+
+double const density = 1000, gravity = 9.81, h = 1.0 / 16;
+auto const moduli = lame(1e5, 0.3);
+
+Jelly jelly()
+{
+    Jelly model;
+    model.density = density;
+    model.elasticity = moduli;
+    return model;
+}
+Water water(double viscosity)
+{
+    Water model;
+    model.density = density;
+    model.bulk_modulus = 1e5;
+    model.viscosity = viscosity;
+    model.parts = false;
+    return model;
+}
+
+Both::Solver both(double viscosity = 0) { return Both::Solver(lattice(h), {jelly(), water(viscosity)}); }
+
+/// One jelly particle for each displacement gradient, and its stress and energy.
+struct Strained
+{
+    explicit Strained(std::vector<Eigen::Matrix2d> const& H) : solver(both())
+    {
+        for (std::size_t i = 0; i < H.size(); ++i) points.emplace_back(0.1 * double(i), 0.3);
+        solver.add<Jelly>(points, 1e-4);
+        solver.upload<DisplacementGradient, Jelly>(H);
+    }
+    std::vector<Eigen::Vector2d> points;
+    Both::Solver solver;
+};
+
+Eigen::Matrix2d matrix(double xx, double xy, double yx, double yy)
+{
+    Eigen::Matrix2d H;
+    H << xx, xy, yx, yy;
+    return H;
+}
+
+} // namespace
+
+TEST_CASE("stress, pressure, volume and energy of a stretch along one axis, of shear and of a turn are those "
+          "of the neo-Hookean law")
+{
+    double const s = 0.7, g = 0.4, angle = 1.1, c = std::cos(angle), n = std::sin(angle), log_s = std::log(s);
+    Strained const strained({matrix(s - 1, 0, 0, 0), matrix(0, g, 0, 0), matrix(c - 1, -n, n, c - 1)});
+    auto const stress = strained.solver.download<Stress, Jelly>();
+    auto const pressure = strained.solver.download<Pressure, Jelly>();
+    auto const equivalent = strained.solver.download<VonMisesStress, Jelly>();
+    auto const energy = strained.solver.download<EnergyDensity, Jelly>();
+    auto const volume = strained.solver.download<VolumeRatio, Jelly>();
+    double const mu = moduli.mu, lambda = moduli.lambda, unit = lambda + 2 * mu;
+
+    double const along = (mu * (s * s - 1) + lambda * log_s) / s, across = lambda * log_s / s;
+    CHECK((stress[0] - matrix(along, 0, 0, across)).norm() <= 1e-12 * unit);
+    CHECK(pressure[0] == Approx(-(along + across) / 2).epsilon(1e-12));
+    CHECK(equivalent[0] == Approx(std::sqrt(0.75) * std::abs(along - across)).epsilon(1e-12));
+    CHECK(energy[0] == Approx(mu / 2 * (s * s - 1) - mu * log_s + lambda / 2 * log_s * log_s).epsilon(1e-12));
+    CHECK(volume[0] == Approx(s).epsilon(1e-12));
+
+    CHECK((stress[1] - mu * matrix(g * g, g, g, 0)).norm() <= 1e-12 * unit);
+    CHECK(energy[1] == Approx(mu / 2 * g * g).epsilon(1e-12));
+    CHECK(volume[1] == Approx(1).epsilon(1e-12));
+
+    CHECK(stress[2].norm() <= 1e-12 * unit);
+    CHECK(std::abs(energy[2]) <= 1e-12 * unit);
+    CHECK(volume[2] == Approx(1).epsilon(1e-12));
+}
+
+TEST_CASE("a viscous fluid's stress is Tait's pressure and Newton's stress of the velocity gradient")
+{
+    double const viscosity = 20, rate = 3, log_J = -0.01;
+    auto solver = both(viscosity);
+    std::vector<Eigen::Vector2d> const points{{0.1, 0.1}, {0.15, 0.12}};
+    solver.add<Water>(points, 1e-4);
+    solver.upload<AffineVelocity, Water>({matrix(0, rate, 0, 0), matrix(0, 0, 0, 0)});
+    solver.upload<LogVolumeRatio, Water>({0, log_J});
+    double const pressure = 1e5 / 7 * std::expm1(-7 * log_J);
+    auto const stress = solver.download<Stress, Water>();
+    CHECK((stress[0] - viscosity * matrix(0, rate, rate, 0)).norm() <= 1e-12 * viscosity * rate);
+    CHECK((stress[1] + pressure * Eigen::Matrix2d::Identity()).norm() <= 1e-12 * pressure);
+    CHECK(solver.download<Pressure, Water>()[1] == Approx(pressure).epsilon(1e-12));
+    CHECK(solver.download<VolumeRatio, Water>()[1] == Approx(std::exp(log_J)).epsilon(1e-12));
+    CHECK(solver.download<VelocityGradient, Water>()[0] == matrix(0, rate, 0, 0));
+    CHECK(solver.download<VonMisesStress, Water>()[0] == Approx(std::sqrt(3.0) * viscosity * rate));
+    double const J = std::exp(log_J);
+    CHECK(solver.download<EnergyDensity, Water>()[1] ==
+          Approx(1e5 / 7 * ((std::pow(J, -6) - 7) / 6 + J)).epsilon(1e-9));
+}
+
+TEST_CASE("an observed field of all materials has the values of each in their places, downloaded or written")
+{
+    auto solver = both();
+    using Point = std::vector<Eigen::Vector2d>;
+    solver.add<Jelly>(Point{{0, 0}}, 1e-4);
+    solver.add<Water>(Point{{0.5, 0}}, 1e-4);
+    solver.add<Jelly>(Point{{1, 0}}, 1e-4);
+    solver.upload<DisplacementGradient, Jelly>({matrix(0.1, 0, 0, 0), matrix(0.2, 0, 0, 0)});
+    solver.upload<LogVolumeRatio, Water>({-0.1});
+    auto const all = solver.download<VolumeRatio>();
+    CHECK(all[0] == Approx(1.1));
+    CHECK(all[1] == Approx(std::exp(-0.1)));
+    CHECK(all[2] == Approx(1.2));
+
+    TestedBackend const backend{};
+    TestedBackend::Array<double> there(backend);
+    there.resize(10);
+    there.fill(0, 10, -1.0);
+    solver.write<Stress, Jelly>(there.data(), 5);
+    std::vector<double> here(10);
+    there.download(0, here);
+    auto const stress = solver.download<Stress, Jelly>();
+    for (int i = 0; i < 2; ++i) {
+        for (int c = 0; c < 4; ++c) CHECK(here[5 * i + c] == stress[i](c / 2, c % 2));
+        CHECK(here[5 * i + 4] == -1);
+    }
+    CHECK_THROWS_AS((solver.write<Stress, Jelly>(there.data(), 3)), Error);
+    CHECK_THROWS_AS((solver.write<Stress, Jelly>(nullptr)), Error);
+    CHECK(both().download<Stress>().empty());
+}
+
+TEST_CASE("of snow that yields the stress is that of its elastic part, hardened, and asking changes nothing")
+{
+    SnowInSpace::Solver solver(lattice(h));
+    auto const points = box_of_points<3>({0, 0, 0}, {0.25, 0.25, 0.25}, h);
+    solver.add(points, std::pow(h / 2, 3));
+    std::vector<Eigen::Vector3f> v;
+    double const rate = -20;
+    for (auto const& x : points) v.emplace_back(float(rate * x[0]), 0.f, 0.f);
+    solver.upload<Velocity>(v);
+    double const dt = 1e-4;
+    for (int i = 0; i < 25; ++i) solver.step(dt);
+    auto const H = solver.download<DisplacementGradient>();
+    auto const J_P = solver.download<PlasticVolumeRatio>();
+    auto const x = solver.positions();
+    auto const stress = solver.download<Stress>();
+    auto const energy = solver.download<EnergyDensity>();
+    auto const volume = solver.download<VolumeRatio>();
+    double least = 1, worst_stress = 0, worst_energy = 0, worst_volume = 0;
+    auto const& model = solver.model();
+    for (std::size_t i = 0; i < H.size(); ++i) {
+        Eigen::Matrix3d const F = Eigen::Matrix3d::Identity() + H[i].cast<double>();
+        Eigen::JacobiSVD<Eigen::Matrix3d> const svd(F, Eigen::ComputeFullU | Eigen::ComputeFullV);
+        Eigen::Matrix3d const R = svd.matrixU() * svd.matrixV().transpose();
+        double const J = F.determinant(), hard = std::exp(10 * (1 - double(J_P[i])));
+        double const mu = hard * double(model.elasticity.mu), lambda = hard * double(model.elasticity.lambda);
+        Eigen::Matrix3d const sigma =
+            (2 * mu * (F - R) * F.transpose() + lambda * (J - 1) * J * Eigen::Matrix3d::Identity()) /
+            (J * double(J_P[i]));
+        double const psi = mu * (F - R).squaredNorm() + lambda / 2 * (J - 1) * (J - 1);
+        worst_stress = std::max(worst_stress, (stress[i].cast<double>() - sigma).norm() / mu);
+        worst_energy = std::max(worst_energy, std::abs(double(energy[i]) - psi) / mu);
+        worst_volume = std::max(worst_volume, std::abs(double(volume[i]) - J * double(J_P[i])));
+        least = std::min(least, double(J_P[i]));
+    }
+    CHECK(least < 0.99); // some have yielded
+    CHECK(worst_stress <= 1e-5);
+    CHECK(worst_energy <= 1e-6);
+    CHECK(worst_volume <= 1e-6);
+    CHECK(solver.download<DisplacementGradient>() == H);
+    CHECK(solver.download<PlasticVolumeRatio>() == J_P);
+    CHECK(solver.positions() == x);
+    CHECK(solver.download<Stress>() == stress);
+}
+
+TEST_CASE("without an affine matrix the velocity gradient is that of the last step, and 0 after a change")
+{
+    SnowInSpace::Solver solver(lattice(h), {}, Flip{1});
+    auto const points = box_of_points<3>({0, 0, 0}, {0.5, 0.5, 0.5}, h);
+    solver.add(points, std::pow(h / 2, 3));
+    Eigen::Matrix3f G;
+    G << 1, 2, 3, -4, 5, 6, 7, -8, -9;
+    std::vector<Eigen::Vector3f> v;
+    for (auto const& x : points) v.push_back(G * x.cast<float>());
+    solver.upload<Velocity>(v);
+    CHECK(solver.download<VelocityGradient>()[0].norm() == 0);
+    solver.step(1e-7);
+    auto const L = solver.download<VelocityGradient>();
+    double worst = 0;
+    for (std::size_t i = 0; i < points.size(); ++i) // others see what nodes beyond the surface have
+        if ((points[i].array() > 3 * h).all() && (points[i].array() < 0.5 - 3 * h).all())
+            worst = std::max(worst, double((L[i] - G).norm()));
+    CHECK(worst <= 1e-3);
+    solver.upload<Velocity>(v);
+    CHECK(solver.download<VelocityGradient>()[0].norm() == 0);
+}
