@@ -18,6 +18,7 @@
 #include <firn/time_stepping/durations.hpp>
 #include <firn/time_stepping/report.hpp>
 #include <firn/time_stepping/scene_state.hpp>
+#include <firn/time_stepping/scene_totals.hpp>
 #include <firn/time_stepping/time_loop.hpp>
 #include <firn/transfer/mls.hpp>
 
@@ -58,18 +59,12 @@ class Solver
     using Sets = MaterialSets<Backend, List, Scheme>;
 
 public:
-    /// The material, or Materials<...>.
-    using Model = ModelType;
-    /// The transfer scheme between particles and grid.
-    using Transfer = Scheme;
-    /// Dimension and precision.
-    using Space = typename Model::Space;
-    /// float or double.
-    using Number = typename Space::Scalar;
-    /// The interpolation kernel.
-    using kernel = Kernel;
-    /// 2 or 3.
-    static constexpr int d = Space::dimension;
+    using Model = ModelType;                   ///< the material, or Materials<...>
+    using Transfer = Scheme;                   ///< the transfer scheme between particles and grid
+    using Space = typename Model::Space;       ///< dimension and precision
+    using Number = typename Space::Scalar;     ///< float or double
+    using kernel = Kernel;                     ///< the interpolation kernel
+    static constexpr int d = Space::dimension; ///< 2 or 3
     static_assert(CompleteBackend<Backend, Number, d>, "the backend lacks a member: see firn/backend.hpp");
     /// The lane type: what a loop of the backend computes with at once.
     using Real = typename Backend::template Lane<Number>;
@@ -78,8 +73,7 @@ public:
     static_assert(detail::are_carried<Real, d>(static_cast<CarriedBy<Transfer>*>(nullptr)),
                   "what the transfer is to carry is no field: see CarriedField in firn/concepts.hpp");
 
-    /// How many materials there are.
-    static constexpr std::size_t materials = Sets::count;
+    static constexpr std::size_t materials = Sets::count; ///< how many materials there are
 
     /// The types and sizes of one material: see MaterialSets::MaterialTraits.
     template <class Which = Every>
@@ -347,10 +341,10 @@ public:
         scene_.template write_positions<MaterialTraits<Which>::place>(to, stride);
     }
 
-    /// Writes a field of all particles, by rising id, to such memory as for write_positions(): component c
-    /// (of matrices row by row) of the i-th particle goes to `to[i * stride + c]`. Velocities that are not
-    /// stored are gathered from the grid for it, which takes a part of a step's time. It takes all that
-    /// download() does.
+    /// Writes a field that download() has of all particles, by rising id, to such memory as for
+    /// write_positions(): component c (of matrices row by row) of the i-th particle goes to `to[i * stride +
+    /// c]`. Velocities that are not stored are gathered from the grid for it, which takes a part of a step's
+    /// time.
     template <class Tag, class Which = Every>
     void write(Number* to, std::size_t stride = component_count<Tag>(d)) const
     {
@@ -365,6 +359,23 @@ public:
     std::vector<double> masses() const
     {
         return by_id<Which, double>([&](auto k) { return masses_of(particles<k>(), scene_.masses.unit); });
+    }
+
+    /// Kinetic and elastic energy [J], and with gravity that of height: see Energy. Computed on the host.
+    template <class Which = Every>
+    Energy energy(Gravity const& gravity = {zeros<Eigen::Vector3d>()}) const
+    {
+        auto const access = guard_.read("Solver::energy");
+        return energy_of<place_of<Which>>(scene_, gravity);
+    }
+
+    /// Mass, its centre, momentum, and angular momentum about a point [m]: see SceneTotals. Computed on the
+    /// host.
+    template <class Which = Every>
+    SceneTotals<d> totals(Vector<double, d> const& about = zeros<Vector<double, d>>()) const
+    {
+        auto const access = guard_.read("Solver::totals");
+        return totals_of<place_of<Which>>(scene_, about);
     }
 
     /// How the particles of all materials lie in the cells now: too few per cell, separated into pieces,

@@ -205,3 +205,177 @@ TEST_CASE("without an affine matrix the velocity gradient is that of the last st
     solver.upload<Velocity>(v);
     CHECK(solver.download<VelocityGradient>()[0].norm() == 0);
 }
+
+namespace
+{
+
+double const height = 1, width = 2 * h, modulus = moduli.p_wave_modulus();
+
+/// Fills a column of a height of 1 m.
+template <class Material>
+std::vector<Eigen::Vector2d> fill_column(Both::Solver& solver)
+{
+    auto const points = box_of_points<2>({0, 0}, {width, height}, h);
+    solver.add<Material>(points, h * h / 4);
+    return points;
+}
+
+/// Lets a column swing, or come to rest, between slippery walls.
+void advance(Both::Solver& solver, double duration, double g, double damping)
+{
+    solver.advance(duration, Gravity{{0, -g, 0}}, Damping{damping}, ReflectingWall{.axis = 0},
+                   ReflectingWall{.axis = 0, .node = 2, .side = -1}, ReflectingWall{.axis = 1});
+}
+
+/// The root mean square difference of some values from -rho g times the depth at rest, over that at the foot.
+template <class Value>
+double off_weight(std::vector<Eigen::Vector2d> const& points, double g, Value const& value)
+{
+    double squares = 0;
+    for (std::size_t i = 0; i < points.size(); ++i)
+        squares += std::pow(value(i) / (-density * g) - (height - points[i].y()), 2);
+    return std::sqrt(squares / double(points.size())) / height;
+}
+
+} // namespace
+
+// Whatever the law, the stress along the column is the weight of what was above it at rest, since its section
+// stays. Across it is K0 = nu / (1 - nu) of that in small strains. A weight that is laid on at once loses
+// twice the energy U = A (rho g)^2 H^3 / (6 M) that the column then has.
+TEST_CASE(
+    "a column at rest has the stress of its weight, K0 of it across, and lost as much energy as it stores")
+{
+    double const g = 0.1 * gravity, period = 4 * height / std::sqrt(modulus / density);
+    auto solver = both();
+    auto const points = fill_column<Jelly>(solver);
+    Gravity const down{{0, -g, 0}};
+    Energy const before = solver.energy(down);
+    CHECK(before.gravitational == Approx(density * g * height * width * height / 2));
+    CHECK(before.elastic == 0);
+    advance(solver, 12 * period, g, 1.4 * 2 * M_PI / period);
+    auto const stress = solver.download<Stress, Jelly>();
+    CHECK(off_weight(points, g, [&](std::size_t i) { return stress[i](1, 1); }) <= 0.01);
+    CHECK(off_weight(points, g, [&](std::size_t i) { return stress[i](0, 0) * (1 - 0.3) / 0.3; }) <= 0.015);
+    Energy const after = solver.energy(down);
+    double const stored = width * std::pow(density * g, 2) * std::pow(height, 3) / (6 * modulus);
+    CHECK(after.elastic == Approx(stored).epsilon(0.02));
+    CHECK(after.kinetic <= 1e-3 * stored);
+    CHECK(after.dissipated_since(before) == Approx(stored).epsilon(0.02));
+}
+
+TEST_CASE("a column of fluid at rest has the pressure of its depth")
+{
+    double const g = 0.1 * gravity, period = 4 * height / std::sqrt(1e5 / density);
+    auto solver = both();
+    auto const points = fill_column<Water>(solver);
+    advance(solver, 12 * period, g, 1.4 * 2 * M_PI / period);
+    auto const pressure = solver.download<Pressure, Water>();
+    CHECK(off_weight(points, g, [&](std::size_t i) { return -pressure[i]; }) <= 0.01);
+}
+
+TEST_CASE("a column that swings turns kinetic energy into elastic energy and back, and keeps their sum")
+{
+    auto solver = both();
+    auto const points = fill_column<Jelly>(solver);
+    double const c = std::sqrt(modulus / density), speed = 0.01 * c, period = 4 * height / c;
+    std::vector<Eigen::Vector2d> velocity;
+    std::vector<Eigen::Matrix2d> affine;
+    for (auto const& x : points) {
+        double const turn = M_PI / (2 * height);
+        velocity.emplace_back(0, speed * std::sin(turn * x.y()));
+        affine.push_back(matrix(0, 0, 0, speed * turn * std::cos(turn * x.y())));
+    }
+    solver.upload<Velocity, Jelly>(velocity);
+    solver.upload<AffineVelocity, Jelly>(affine);
+    Energy const start = solver.energy();
+    CHECK(start.kinetic == Approx(density * width * height * speed * speed / 4).epsilon(5e-3));
+    CHECK(start.elastic == 0);
+    advance(solver, period / 4, 0, 0);
+    Energy const strained = solver.energy<Jelly>();
+    CHECK(strained.elastic >= 0.99 * start.kinetic);
+    CHECK(strained.kinetic <= 0.01 * start.kinetic);
+    advance(solver, period / 4, 0, 0);
+    Energy const back = solver.energy();
+    CHECK(back.kinetic >= 0.98 * start.kinetic);
+    CHECK(std::abs(back.dissipated_since(start)) <= 5e-3 * start.kinetic);
+    CHECK(solver.energy<Water>().total() == 0);
+}
+
+// Of n points s apart along an axis the mean square distance from their middle is s^2 (n^2 - 1) / 12, and the
+// affine velocity of each adds that of its nodes, h^2 / 4.
+TEST_CASE(
+    "mass, centre, momentum and angular momentum of a square that turns and flies are those of its sums")
+{
+    auto solver = both();
+    int const n = 16;
+    double const s = h / 2, turn = 3, m = density * n * n * s * s;
+    Eigen::Vector2d const low(0.3, -0.2), centre = low + Eigen::Vector2d::Constant(n * s / 2), fly(2, -1);
+    auto const points = box_of_points<2>(low, low + Eigen::Vector2d::Constant(n * s), h);
+    solver.add<Jelly>(points, s * s, fly);
+    auto const spin = matrix(0, -turn, turn, 0);
+    std::vector<Eigen::Vector2d> velocity;
+    for (auto const& x : points) velocity.push_back(fly + spin * (x - centre));
+    solver.upload<Velocity, Jelly>(velocity);
+    solver.upload<AffineVelocity, Jelly>(std::vector<Eigen::Matrix2d>(points.size(), spin));
+    double const inertia = m * (s * s * (n * n - 1) / 6 + h * h / 2);
+    auto const totals = solver.totals();
+    CHECK(totals.mass == Approx(m).epsilon(1e-12));
+    CHECK((totals.centre_of_mass - centre).norm() <= 1e-12);
+    CHECK((totals.momentum - m * fly).norm() <= 1e-12 * m);
+    double const orbit = m * (centre.x() * fly.y() - centre.y() * fly.x());
+    CHECK(totals.angular_momentum.z() == Approx(orbit + inertia * turn).epsilon(1e-12));
+    CHECK(solver.totals(centre).angular_momentum.z() == Approx(inertia * turn).epsilon(1e-12));
+    CHECK(solver.energy().kinetic ==
+          Approx(0.5 * m * fly.squaredNorm() + 0.5 * inertia * turn * turn).epsilon(1e-12));
+    CHECK(solver.totals<Water>().mass == 0);
+    CHECK(solver.totals<Water>().centre_of_mass.norm() == 0);
+
+    double const nan = std::numeric_limits<double>::quiet_NaN();
+    CHECK_THROWS_AS(solver.totals({0, nan}), Error);
+    CHECK_THROWS_AS(solver.energy(Gravity{{0, nan, 0}}), Error);
+    CHECK_THROWS_AS(solver.energy(Gravity{{0, 0, 1}}), Error);
+}
+
+TEST_CASE("in space a cube's angular momentum has all three components, and is that of its sums")
+{
+    SnowInSpace::Solver solver(lattice(h));
+    int const n = 6;
+    double const s = h / 2, m = 400 * std::pow(n * s, 3);
+    Eigen::Vector3d const low(0.1, 0.2, -0.3), centre = low + Eigen::Vector3d::Constant(n * s / 2),
+                                               turn(1, -2, 0.5), fly(3, 1, 2);
+    auto const points = box_of_points<3>(low, low + Eigen::Vector3d::Constant(n * s), h);
+    solver.add(points, s * s * s);
+    std::vector<Eigen::Vector3f> velocity;
+    for (auto const& x : points) velocity.push_back((fly + turn.cross(x - centre)).cast<float>());
+    solver.upload<Velocity>(velocity);
+    double const inertia = m * s * s * (n * n - 1) / 6;
+    Eigen::Vector3d const expected = m * centre.cross(fly) + inertia * turn;
+    CHECK((solver.totals().angular_momentum - expected).norm() <= 1e-6 * expected.norm());
+    CHECK((solver.totals(centre).angular_momentum - inertia * turn).norm() <= 1e-4 * inertia * turn.norm());
+}
+
+TEST_CASE("the nodes of a particle lie as far from it as its kernel says")
+{
+    Lattice const cells = lattice(h);
+    Eigen::Vector2d const x(0.3 * h, 0.6 * h);
+    auto const of = [&]<class Kernel>(Kernel) { return detail::inertia_of<Kernel, 2>(cells, x); };
+    CHECK((of(Linear{}) - Eigen::Vector2d(0.3 * 0.7, 0.6 * 0.4)).norm() <= 1e-12);
+    CHECK(of(QuadraticBSpline{})[0] == Approx(0.25));
+    CHECK(of(CubicBSpline{})[0] == Approx(1.0 / 3));
+}
+
+#if defined(FIRN_TESTS_ON_OPENMP)
+TEST_CASE("energy and momentum have the same bits with any number of threads")
+{
+    std::vector<Energy> energies;
+    for (int const threads : {1, 3}) {
+        Both::Solver solver(lattice(h), {jelly(), water(1)}, {}, {}, OpenMP{.threads = threads});
+        fill_column<Jelly>(solver);
+        advance(solver, 0.02, gravity, 0);
+        energies.push_back(solver.energy(Gravity{}));
+    }
+    CHECK(energies[0].kinetic == energies[1].kinetic);
+    CHECK(energies[0].elastic == energies[1].elastic);
+    CHECK(energies[0].gravitational == energies[1].gravitational);
+}
+#endif

@@ -187,6 +187,17 @@ std::vector<double> masses_of(Table const& table, double mass_unit)
     return by_row;
 }
 
+/// Volumes at rest [m^3]; `mass_unit` is that of the scene [kg].
+template <class Table>
+std::vector<double> volumes_of(Table const& table, double mass_unit)
+{
+    auto const here = table.contents().mass_groups.here();
+    std::vector<double> by_row(table.size());
+    for (std::size_t row = 0; row < by_row.size(); ++row)
+        by_row[row] = mass_unit * here.of[here.index(static_cast<std::uint32_t>(row))].volume;
+    return by_row;
+}
+
 /// A stored field in memory of the host.
 template <class Tag, class Table>
 auto download_field(Table const& table)
