@@ -13,6 +13,7 @@
 #include <firn/particles/material_sets.hpp>
 #include <firn/particles/occupancy.hpp>
 #include <firn/particles/readback.hpp>
+#include <firn/particles/sample_fields.hpp>
 #include <firn/state/save_restore.hpp>
 #include <firn/state/snapshot.hpp>
 #include <firn/time_stepping/durations.hpp>
@@ -87,8 +88,8 @@ public:
     using State = typename Sets::CommonState;
     /// MaterialTraits' bytes; of several materials, the largest.
     static constexpr std::size_t state_bytes_per_particle = Sets::state_bytes_per_particle;
-    /// The same with both buffers and the cell order.
-    static constexpr std::size_t bytes_per_particle = Sets::bytes_per_particle;
+    static constexpr std::size_t bytes_per_particle =
+        Sets::bytes_per_particle; ///< with both buffers and order
 
     /// An empty scene. Throws an Error if a parameter is outside its range, or if the backend cannot run on
     /// this machine.
@@ -269,12 +270,9 @@ public:
     AdvanceReport const& until_error() const { return time_loop_.until_error(); }
 
     double time() const { return time_loop_.next_step().time_state.time; } ///< [s]
-    /// Position and size of the cells.
-    Lattice const& lattice() const { return scene_.lattice; }
-    /// The transfer scheme with its parameters.
-    Transfer const& transfer() const { return scene_.transfer; }
-    /// The backend that runs its loops.
-    Backend const& backend() const { return scene_.backend; }
+    Lattice const& lattice() const { return scene_.lattice; }              ///< position and size of the cells
+    Transfer const& transfer() const { return scene_.transfer; }           ///< the scheme with its parameters
+    Backend const& backend() const { return scene_.backend; }              ///< which runs its loops
     /// The parameters of a material.
     template <class Which = Every>
     typename MaterialTraits<Which>::Model const& model() const
@@ -376,6 +374,13 @@ public:
     {
         auto const access = guard_.read("Solver::totals");
         return totals_of<place_of<Which>>(scene_, about);
+    }
+
+    /// Density, velocity and stress at any `points` [m], by the host: see sample_fields().
+    template <class Which = Every, class Points>
+    auto sample(Points const& points) const
+    {
+        return sample_fields<Which>(*this, points);
     }
 
     /// How the particles of all materials lie in the cells now: too few per cell, separated into pieces,

@@ -1,8 +1,16 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
+#include "support/meshes.hpp"
 #include "support/policies.hpp"
 
+#include <firn/io/csv_series.hpp>
+#include <firn/io/write_samples.hpp>
+
 #include <cmath>
+#include <fstream>
+#include <iterator>
+#include <limits>
+#include <string>
 #include <vector>
 
 using namespace firn;
@@ -379,3 +387,143 @@ TEST_CASE("energy and momentum have the same bits with any number of threads")
     CHECK(energies[0].gravitational == energies[1].gravitational);
 }
 #endif
+
+namespace
+{
+
+/// A block of jelly that is stretched along x, with a linear flow.
+Both::Solver sheared_block(Eigen::Matrix2d const& G, Eigen::Vector2d const& fly, double strain)
+{
+    auto solver = both();
+    auto const points = box_of_points<2>({0, 0}, {10 * h, 10 * h}, h);
+    solver.add<Jelly>(points, h * h / 4);
+    std::vector<Eigen::Vector2d> velocity;
+    for (auto const& x : points) velocity.push_back(fly + G * x);
+    solver.upload<Velocity, Jelly>(velocity);
+    solver.upload<AffineVelocity, Jelly>(std::vector<Eigen::Matrix2d>(points.size(), G));
+    solver.upload<DisplacementGradient, Jelly>(
+        std::vector<Eigen::Matrix2d>(points.size(), matrix(strain, 0, 0, 0)));
+    return solver;
+}
+
+std::string content(std::filesystem::path const& path)
+{
+    std::ifstream file(path, std::ios::binary);
+    return {std::istreambuf_iterator<char>(file), {}};
+}
+
+} // namespace
+
+TEST_CASE("inside a block samples are its density, its stress and its velocity, and outside all is 0")
+{
+    auto const G = matrix(1, 2, 3, 4);
+    Eigen::Vector2d const fly(5, 6);
+    double const strain = 0.1, s = 1 + strain;
+    auto const solver = sheared_block(G, fly, strain);
+    std::vector<Eigen::Vector2d> const places{{0.31, 0.3}, {0.2501, 0.33}, {-0.5, 0.1}, {1e30, 0}};
+    auto const samples = solver.sample(places);
+    REQUIRE(samples.size() == 4);
+    double const along = (moduli.mu * (s * s - 1) + moduli.lambda * std::log(s)) / s,
+                 across = moduli.lambda * std::log(s) / s;
+    for (int i = 0; i < 2; ++i) { // particles as they lay at rest, so their density is that at rest
+        CHECK(samples[i].density == Approx(density).epsilon(1e-9));
+        CHECK((samples[i].velocity - fly - G * places[i]).norm() <= 1e-12 * fly.norm());
+        CHECK((samples[i].stress - matrix(along, 0, 0, across)).norm() <= 1e-12 * modulus);
+    }
+    for (int i = 2; i < 4; ++i) {
+        CHECK(samples[i].density == 0);
+        CHECK(samples[i].velocity.norm() == 0);
+        CHECK(samples[i].stress.norm() == 0);
+    }
+    // at an edge half of the kernel is empty; what is a mean stays
+    auto const edge = solver.sample(std::vector<Eigen::Vector2d>{{0, 0.3}})[0];
+    CHECK(edge.density == Approx(density / 2).epsilon(1e-9));
+    CHECK((edge.stress - samples[0].stress).norm() <= 1e-12 * modulus);
+    CHECK(solver.sample<Water>(places)[0].density == 0);
+    CHECK(solver.sample<Jelly>(places)[0].density == samples[0].density);
+}
+
+TEST_CASE("where materials of different volumes meet, velocity is weighted by mass and stress by volume")
+{
+    auto solver = both();
+    using Point = std::vector<Eigen::Vector2d>;
+    Eigen::Vector2d const x(0.1, 0.2);
+    solver.add<Jelly>(Point{x}, 1e-4, {1, 0});
+    solver.add<Water>(Point{x}, 3e-4, {5, 0});
+    double const log_J = std::log(0.9), pressure = 1e5 / 7 * std::expm1(-7 * log_J);
+    solver.upload<LogVolumeRatio, Water>({log_J});
+    auto const sample = solver.sample(Point{x})[0];
+    CHECK(sample.velocity.x() == Approx(4));
+    CHECK(sample.stress(0, 0) == Approx(-pressure * 2.7 / 3.7));
+}
+
+TEST_CASE("a grid of samples is that of its points, in VTI and CSV files too")
+{
+    meshes::Folder const folder;
+    auto const solver = sheared_block(matrix(0, 1, 0, 0), {1, 0}, 0.1);
+    auto const grid = sample_grid(solver, {0.2, 0.25}, {0.4, 0.3}, {3, 2});
+    REQUIRE(grid.samples.size() == 6);
+    CHECK((grid.place(1) - Eigen::Vector2d(0.3, 0.25)).norm() <= 1e-15);
+    CHECK((grid.place(5) - Eigen::Vector2d(0.4, 0.3)).norm() <= 1e-15);
+    for (std::size_t i = 0; i < 6; ++i) CHECK(grid.samples[i].velocity.x() == Approx(1 + grid.place(i).y()));
+
+    write_vti(folder / "a.vti", grid, 0.5);
+    auto const vti = content(folder / "a.vti");
+    CHECK_THAT(vti, Contains("WholeExtent=\"0 2 0 1 0 0\" Origin=\"0.2 0.25 0\""));
+    CHECK_THAT(vti, Contains("NumberOfTuples=\"1\" format=\"ascii\">0.5<"));
+    CHECK_THAT(vti, Contains("Name=\"velocity\" NumberOfComponents=\"3\" format=\"appended\" offset=\"56\""));
+    CHECK_THAT(vti, Contains("Name=\"stress\" NumberOfComponents=\"9\" format=\"appended\" offset=\"208\""));
+    auto const at = vti.find("\n_") + 2;
+    auto const number = [&](std::size_t place) {
+        double value;
+        std::copy_n(vti.data() + at + place, sizeof value, reinterpret_cast<char*>(&value));
+        return value;
+    };
+    CHECK(number(8) == grid.samples[0].density);
+    CHECK(number(56 + 8 + 5 * 24) == grid.samples[5].velocity.x());
+    CHECK(number(208 + 8 + 72 + 4 * 8) == grid.samples[1].stress(1, 1));
+    CHECK(vti.substr(at + 208 + 8 + 6 * 72) == "\n</AppendedData>\n</VTKFile>\n");
+
+    write_csv(folder / "a.csv", grid);
+    auto const csv = content(folder / "a.csv");
+    CHECK_THAT(
+        csv,
+        StartsWith("x,y,density,velocity_x,velocity_y,stress_xx,stress_xy,stress_yx,stress_yy\n0.2,0.25,"));
+    CHECK(std::count(csv.begin(), csv.end(), '\n') == 7);
+    auto broken = grid;
+    broken.samples.pop_back();
+    CHECK_THROWS_AS(write_vti(folder / "a.vti", broken), Error);
+    CHECK_THROWS_AS(write_csv(folder / "a.csv", broken), Error);
+    CHECK(content(folder / "a.csv") == csv);
+}
+
+TEST_CASE("places that are none are refused, and so are grids that are none")
+{
+    auto const solver = sheared_block(matrix(0, 0, 0, 0), {0, 0}, 0);
+    double const nan = std::numeric_limits<double>::quiet_NaN();
+    using Points = std::vector<Eigen::Vector2d>;
+    CHECK_THROWS_WITH(solver.sample(Points{}), Contains("no point"));
+    CHECK_THROWS_WITH(solver.sample(Points{{0, 0}, {nan, 0}}), Contains("point 1"));
+    CHECK_THROWS_AS(sample_grid(solver, {0, 0}, {0, 1}, {2, 2}), Error);
+    CHECK_THROWS_AS(sample_grid(solver, {0, nan}, {1, 1}, {2, 2}), Error);
+    CHECK_THROWS_AS(sample_grid(solver, {0, 0}, {1, 1}, {0, 2}), Error);
+    CHECK_THROWS_WITH(sample_grid(solver, {0, 0}, {1, 1}, {2000000000, 2000000000}), Contains("2^31 - 1"));
+    CHECK(sample_grid(solver, {0.3, 0.3}, {0.3, 0.4}, {1, 2}).samples[1].density == Approx(density));
+}
+
+TEST_CASE("a table of energies has its rows as they come, and refuses those that do not fit")
+{
+    meshes::Folder const folder;
+    auto const path = folder / "energy.csv";
+    CsvSeries series(path, {"time [s]", "kinetic [J]"});
+    CHECK(content(path) == "time [s],kinetic [J]\n");
+    series.add({0, 1.5});
+    series.add({0.1, -2e-300});
+    CHECK(content(path) == "time [s],kinetic [J]\n0,1.5\n0.1,-2e-300\n");
+    CHECK_THROWS_AS(series.add({1}), Error);
+    CHECK_THROWS_AS(CsvSeries(folder / "b.csv", {"a,b"}), Error);
+    CHECK_THROWS_AS(CsvSeries(folder / "b.csv", {"a", "a"}), Error);
+    CHECK_THROWS_AS(CsvSeries(folder / "b.csv", {}), Error);
+    CHECK_THROWS_AS(CsvSeries(folder / "none/b.csv", {"a"}), Error);
+    CHECK(content(path) == "time [s],kinetic [J]\n0,1.5\n0.1,-2e-300\n");
+}
