@@ -134,8 +134,9 @@ struct EnergyDensity
     }
 };
 
-/// The volume over that at rest, J [-]: see volume_ratio. Sand's is without what it opens by dilatancy, and
-/// that of a fluid that parts is at most 1.
+/// The volume over that at rest, J [-]: see volume_ratio. Where materials do not store it there is a
+/// difference: sand's is without what it opens by dilatancy, Cam-Clay's has the changes of alpha by flow in
+/// shear in it, and that of a fluid that parts is at most 1.
 struct VolumeRatio
 {
     static constexpr auto name = "volume_ratio";
