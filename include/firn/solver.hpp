@@ -67,29 +67,24 @@ public:
     using kernel = Kernel;                     ///< the interpolation kernel
     static constexpr int d = Space::dimension; ///< 2 or 3
     static_assert(CompleteBackend<Backend, Number, d>, "the backend lacks a member: see firn/backend.hpp");
-    /// The lane type: what a loop of the backend computes with at once.
-    using Real = typename Backend::template Lane<Number>;
+    using Real = typename Backend::template Lane<Number>; ///< the lane type: what a loop computes with
     static_assert(detail::are_materials<Real, List>,
                   "what is said to be a material is none: see ConstitutiveModel in firn/concepts.hpp");
     static_assert(detail::are_carried<Real, d>(static_cast<CarriedBy<Transfer>*>(nullptr)),
                   "what the transfer is to carry is no field: see CarriedField in firn/concepts.hpp");
-
     static constexpr std::size_t materials = Sets::count; ///< how many materials there are
 
     /// The types and sizes of one material: see MaterialSets::MaterialTraits.
     template <class Which = Every>
     struct MaterialTraits : Sets::template MaterialTraits<detail::PlaceOf<Which, List>::value>
     {
-        /// The material's index, from 0 on.
-        static constexpr std::size_t place = detail::PlaceOf<Which, List>::value;
+        static constexpr std::size_t place = detail::PlaceOf<Which, List>::value; ///< its index
     };
 
-    /// The fields that particles of all materials have in common.
-    using State = typename Sets::CommonState;
+    using State = typename Sets::CommonState; ///< the fields that particles of all materials have
     /// MaterialTraits' bytes; of several materials, the largest.
     static constexpr std::size_t state_bytes_per_particle = Sets::state_bytes_per_particle;
-    static constexpr std::size_t bytes_per_particle =
-        Sets::bytes_per_particle; ///< with both buffers and order
+    static constexpr std::size_t bytes_per_particle = Sets::bytes_per_particle; ///< both buffers, order
 
     /// An empty scene. Throws an Error if a parameter is outside its range, or if the backend cannot run on
     /// this machine.
@@ -308,8 +303,7 @@ public:
         return by_id<Which, Vector<double, d>>([&](auto k) { return positions_of(particles<k>()); });
     }
 
-    /// A field's values, by rising id: `download<Velocity>()`, or `download<Stress>()` and its like, which
-    /// are computed from what is stored (particles/observables.hpp).
+    /// A field's values, by rising id: `download<Velocity>()`, `download<Stress>()` (observables.hpp).
     template <class Tag, class Which = Every>
     std::vector<FieldValue<Tag, Number, d>> download() const
     {
@@ -339,10 +333,9 @@ public:
         scene_.template write_positions<MaterialTraits<Which>::place>(to, stride);
     }
 
-    /// Writes a field that download() has of all particles, by rising id, to such memory as for
-    /// write_positions(): component c (of matrices row by row) of the i-th particle goes to `to[i * stride +
-    /// c]`. Velocities that are not stored are gathered from the grid for it, which takes a part of a step's
-    /// time.
+    /// Writes what download() returns to such memory as for write_positions(): component c (of matrices row
+    /// by row) of the i-th particle goes to `to[i * stride + c]`. Velocities that are not stored are gathered
+    /// from the grid for it, which takes a part of a step's time.
     template <class Tag, class Which = Every>
     void write(Number* to, std::size_t stride = component_count<Tag>(d)) const
     {
@@ -359,7 +352,7 @@ public:
         return by_id<Which, double>([&](auto k) { return masses_of(particles<k>(), scene_.masses.unit); });
     }
 
-    /// Kinetic and elastic energy [J], and with gravity that of height: see Energy. Computed on the host.
+    /// Kinetic and elastic energy [J], and with gravity that of height, on the host: see Energy.
     template <class Which = Every>
     Energy energy(Gravity const& gravity = {zeros<Eigen::Vector3d>()}) const
     {
@@ -367,8 +360,7 @@ public:
         return energy_of<place_of<Which>>(scene_, gravity);
     }
 
-    /// Mass, its centre, momentum, and angular momentum about a point [m]: see SceneTotals. Computed on the
-    /// host.
+    /// Mass, its centre, momentum, and angular momentum about a point [m], on the host: see SceneTotals.
     template <class Which = Every>
     SceneTotals<d> totals(Vector<double, d> const& about = zeros<Vector<double, d>>()) const
     {
@@ -376,7 +368,7 @@ public:
         return totals_of<place_of<Which>>(scene_, about);
     }
 
-    /// Density, velocity and stress at any `points` [m], by the host: see sample_fields().
+    /// Density, velocity and stress at any points [m], on the host: see sample_fields().
     template <class Which = Every, class Points>
     auto sample(Points const& points) const
     {
@@ -388,9 +380,7 @@ public:
     Occupancy occupancy() const
     {
         auto const access = guard_.read("Solver::occupancy");
-        std::vector<Coordinates<d>> cells;
-        Sets::for_each([&](auto k) { append_cells(particles<k>(), cells); });
-        return detail::CellNeighbours<d>(std::move(cells), Kernel::degree).occupancy();
+        return detail::CellNeighbours<d>(cells_of(scene_.sets), Kernel::degree).occupancy();
     }
 
     /// All that the next steps depend on, in memory of the host.

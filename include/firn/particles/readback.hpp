@@ -269,4 +269,13 @@ void append_cells(Table const& table, std::vector<Coordinates<Table::d>>& list)
     });
 }
 
+/// The cells of the particles of all materials, one per particle; `sets` are MaterialSets.
+template <class Sets>
+std::vector<Coordinates<Sets::d>> cells_of(Sets const& sets)
+{
+    std::vector<Coordinates<Sets::d>> cells;
+    Sets::for_each([&](auto k) { append_cells(sets.template particles<k>(), cells); });
+    return cells;
+}
+
 } // namespace firn
