@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/effects/damping.hpp>
 #include <firn/firn.hpp>
 
 #if defined(__CUDACC__)
@@ -235,33 +236,6 @@ struct OnTheLeft
     FIRN_HOST_DEVICE bool operator()(Eigen::Matrix<double, d, 1> const& at) const
     {
         return at[0] < x;
-    }
-};
-
-/// Damps all velocities by e^(-rate t), so that a scene comes to rest.
-struct Damping
-{
-    double rate; ///< [1/s]
-
-    void validate() const {}
-
-    template <class Number>
-    struct Action
-    {
-        Number factor;
-
-        template <Lane Real, int d>
-        FIRN_HOST_DEVICE Vector<Real, d> on_node(LaneNode<Real, d> const&,
-                                                 Vector<Real, d> const& velocity) const
-        {
-            return velocity * Real(factor);
-        }
-    };
-
-    template <class Number, int d>
-    FIRN_HOST_DEVICE Action<Number> over(Interval const& interval) const
-    {
-        return {static_cast<Number>(std::exp(-rate * interval.length()))};
     }
 };
 

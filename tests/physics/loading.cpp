@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "problems/column.hpp"
+#include "support/policies.hpp"
+#include "support/refused.hpp"
+
+#include <firn/effects/force.hpp>
+#include <firn/settle.hpp>
+
+#include <algorithm>
+#include <limits>
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+using SceneType = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>;
+
+/// A column between slippery walls is brought to rest under its own weight.
+SettleReport load(Column<SceneType>& column, Settling const& how)
+{
+    return settle(column.solver, how, Gravity{}, ReflectingWall{.axis = 0},
+                  ReflectingWall{.axis = 0, .node = 2, .side = -1}, ReflectingWall{.axis = 1});
+}
+
+} // namespace
+
+TEST_CASE("a column settles under its weight: stress and height are those of equilibrium")
+{
+    Column<SceneType> column(16);
+    double const c = std::sqrt(double(column.solver.model().elasticity.p_wave_modulus()) / 1000);
+    auto const report = load(column, {.rate = M_PI * c, .share = 1e-8, .longest = 10});
+    CHECK(report.is_at_rest);
+    CHECK(report.kinetic <= 1e-8 * report.largest_kinetic);
+    CHECK(column.solver.time() < 10);
+    column.observe(0);
+    CHECK(column.error() <= 6e-3); // of the foot's stress, with 16 cells
+    Column<SceneType> damped(16);  // for twelve periods
+    damped.advance(0);
+    damped.observe(0);
+    CHECK(column.error() == Approx(damped.error()).margin(1e-4));
+    CHECK(column.tip() == Approx(damped.tip()).epsilon(1e-3));
+    // sigma = -rho g (H - Y) = M e for small strains: the top sinks by rho g H^2 / 2 M
+    double const sunk = 1000 * 9.81 / (2 * 1000 * c * c);
+    CHECK(-column.tip() == Approx(sunk).epsilon(0.06)); // strains are 7 per cent at the foot
+
+    Column<SceneType> other(16);
+    auto const too_short = load(other, {.rate = M_PI * c, .share = 1e-8, .longest = 0.05});
+    CHECK(!too_short.is_at_rest);
+    CHECK(other.solver.time() == Approx(0.05));
+}
+
+TEST_CASE("a force accelerates what is inside its region, and only that")
+{
+    double const h = 0.05;
+    SceneType::Solver solver(lattice(h));
+    auto const inside = box_of_points<2>({0.2, 0.2}, {0.4, 0.4}, h),
+               outside = box_of_points<2>({2, 0}, {2.2, 0.2}, h),
+               half = box_of_points<2>({0.7, 0.2}, {1.3, 0.4}, h);
+    for (auto const& points : {inside, outside, half}) solver.add(points, h * h / 4);
+    // it ends at x = 1, in the middle of the third block
+    Force<Box> const wind{.shape = {{1, 1, 1}}, .acceleration = {0, 3, 0}};
+    double time = 0;
+    for (int i = 0; i < 20; ++i) time += solver.step(1e-4, wind).time_of_forces;
+    auto const v = solver.download<Velocity>();
+    auto const mean = [&](std::size_t first, std::size_t count) {
+        Eigen::Vector2d sum(0, 0);
+        for (std::size_t i = first; i < first + count; ++i) sum += v[i];
+        return Eigen::Vector2d(sum / double(count));
+    };
+    CHECK((mean(0, inside.size()) - Eigen::Vector2d(0, 3 * time)).norm() <= 1e-12);
+    CHECK(mean(inside.size(), outside.size()).norm() == 0);
+    CHECK(mean(inside.size() + outside.size(), half.size()).y() == Approx(1.5 * time).epsilon(1e-3));
+    CHECK(solver.stable_step(wind) <= std::sqrt(0.5 * h / 3));
+
+    // a region that moves is where it is in the middle of the step
+    SceneType::Solver other(lattice(h));
+    other.add(inside, h * h / 4);
+    Force<Box> passing = wind;
+    passing.motion = {.position = {10, 0, 0}, .velocity = {-1, 0, 0}, .time = 0};
+    other.step(1e-4, passing);
+    CHECK(other.download<Velocity>()[0].norm() == 0);
+    passing.motion.time = -10;
+    other.step(1e-4, passing);
+    CHECK(other.download<Velocity>()[0].y() > 0);
+}
+
+TEST_CASE("loads and dampings that make no sense are refused, and nothing changes")
+{
+    SceneType::Solver solver(lattice(0.1));
+    solver.add(box_of_points<2>({0, 0}, {0.2, 0.2}, 0.1), 0.0025);
+    auto const before = solver.positions();
+    double const nan = std::numeric_limits<double>::quiet_NaN();
+    Force<Box> const fine{.shape = {{1, 1, 1}}};
+    for (int i = 0; i < 3; ++i) {
+        Force<Box> wrong = fine;
+        if (i == 0) wrong.acceleration.x() = nan;
+        if (i == 1) wrong.acceleration.z() = 1;
+        if (i == 2) wrong.shape.half_extents.x() = -1;
+        refused([&] { solver.step(1e-4, wrong); });
+    }
+    for (double const rate : {-1.0, nan}) refused([&] { solver.step(1e-4, Damping{rate}); });
+    Settling const good{.rate = 1, .longest = 1};
+    for (int i = 0; i < 6; ++i) {
+        Settling wrong = good;
+        if (i == 0) wrong.rate = 0;
+        if (i == 1) wrong.rate = nan;
+        if (i == 2) wrong.share = 1;
+        if (i == 3) wrong.share = nan;
+        if (i == 4) wrong.longest = std::numeric_limits<double>::infinity();
+        if (i == 5) wrong.between = -1;
+        refused([&] { settle(solver, wrong); });
+    }
+    CHECK((solver.positions() == before));
+    CHECK(solver.time() == 0);
+}
