@@ -17,8 +17,8 @@ class GroupMemory
 {
 public:
     virtual ~GroupMemory() = default;
-    /// Before a step: nothing has been received.
-    virtual void clear() const = 0;
+    /// Before a step: the obstacles are placed, and nothing has been received.
+    virtual void begin(Interval const& interval) = 0;
     /// After it: appends what each obstacle received, times a factor.
     virtual void append(std::vector<Reaction>& to, double factor) = 0;
 };
@@ -35,16 +35,17 @@ inline constexpr bool has_groups<PlainEffects<First, Rest...>> =
 
 /// The memory of the groups of a call, kept for later calls. `Backend` runs the steps, in `d` dimensions.
 ///
-/// An effect that is a group has `template <class Backend, int d> Staged`, a GroupMemory that is made of a
-/// backend and stores the obstacles of a call by `stage(effect, lattice, begin, duration, plain)`.
-template <class Backend, int d>
+/// An effect that is a group has `template <class Backend, class Number, int d> Staged`, a GroupMemory that
+/// is made of a backend and stores the obstacles of a call by `stage(effect, lattice, begin, duration,
+/// plain)`.
+template <class Backend, class Number, int d>
 class Groups
 {
     /// A group has memory of its own if it is not the first of its type in a call.
     template <class Effect, std::size_t place>
-    struct Memory : Effect::template Staged<Backend, d>
+    struct Memory : Effect::template Staged<Backend, Number, d>
     {
-        using Effect::template Staged<Backend, d>::Staged;
+        using Effect::template Staged<Backend, Number, d>::Staged;
     };
 
 public:
@@ -60,9 +61,9 @@ public:
     }
 
     /// See GroupMemory.
-    void clear() const
+    void begin(Interval const& interval) const
     {
-        for (GroupMemory const* const group : of_call_) group->clear();
+        for (GroupMemory* const group : of_call_) group->begin(interval);
     }
     /// The same for the group in this place among those of the call.
     void append(std::size_t place, std::vector<Reaction>& to, double factor)

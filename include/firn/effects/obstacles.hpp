@@ -21,7 +21,7 @@ namespace firn
 
 template <class ShapeType>
 struct PlainObstacles;
-template <class Backend, class ShapeType, int d>
+template <class Backend, class ShapeType, class Number, int d>
 class StagedObstacles;
 
 /// Any number of obstacles, one argument of a call. They act one after the other as if each were an argument
@@ -75,8 +75,8 @@ struct Obstacles
     static constexpr bool in_host_memory = requires { requires ShapeType::in_host_memory; };
 
     /// The memory of a call's obstacles: see Groups.
-    template <class Backend, int d>
-    using Staged = StagedObstacles<Backend, ShapeType, d>;
+    template <class Backend, class Number, int d>
+    using Staged = StagedObstacles<Backend, ShapeType, Number, d>;
 
     /// What steps know, without the obstacles, which Staged adds.
     PlainObstacles<detail::Plain<ShapeType>> plain() const { return {}; }
@@ -105,11 +105,12 @@ struct ObstaclesAction
     static constexpr bool is_group = true;
     static constexpr bool looks_up = is_sampled<ShapeType>;
 
-    Obstacle<ShapeType> const* obstacles;
-    float const* reach; ///< of each [m]; 0: unbounded
+    using One = typename Obstacle<ShapeType>::template Action<Number, d>;
+
+    One const* obstacles; ///< at the end of the step
+    float const* reach;   ///< of each [m]; 0: unbounded
     NearObstacles<d> near;
     ReactionSums sums;
-    Interval interval;
 
     /// Calls `use(action, receive)` for each obstacle that may touch lanes at a place; `receive(reaction)`
     /// adds to what it received.
@@ -119,7 +120,7 @@ struct ObstaclesAction
         if (sums.obstacles == 0) return;
         near.for_each(place.first, [&](std::uint32_t i) {
             if (is_far(place, i)) return;
-            use(obstacles[i].template over<Number, d>(interval), [&](Reaction const& received) {
+            use(obstacles[i], [&](Reaction const& received) {
                 std::uint32_t slot = 0;
                 for (int a = 0; a < d; ++a) slot = 7 * slot + static_cast<std::uint32_t>(place.first[a]);
                 sums.add(i, slot, received);
@@ -133,13 +134,23 @@ private:
     FIRN_HOST_DEVICE bool is_far(LanePosition<Real, d> const& place, std::uint32_t i) const
     {
         if (!(reach[i] > 0)) return false;
-        Motion const& motion = obstacles[i].motion;
-        double const elapsed = interval.end - motion.time.value_or(interval.end);
-        Eigen::Vector3d centre = motion.position;
-        for (int a = 0; a < d; ++a) centre[a] += motion.velocity[a] * elapsed;
-        Vector<Real, d> const away = place.relative_to(centre);
-        Real const furthest(static_cast<Number>(1.001 * double(reach[i])));
+        Vector<Real, d> const away = place.relative_to(obstacles[i].position);
+        Real const furthest(static_cast<Number>(reach[i]) * Number(1.001));
         return !any(dot<Real, d>(away, away) <= furthest * furthest);
+    }
+};
+
+/// Places obstacles where they are at the end of a step.
+template <class ShapeType, class Number, int d>
+struct PlaceObstacles
+{
+    Obstacle<ShapeType> const* from;
+    typename Obstacle<ShapeType>::template Action<Number, d>* to;
+    Interval interval;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t place) const
+    {
+        to[place] = from[place].template over<Number, d>(interval);
     }
 };
 
@@ -149,24 +160,26 @@ struct PlainObstacles
 {
     static constexpr bool is_group = true;
 
-    Obstacle<ShapeType> const* obstacles = nullptr;
+    void const* placed = nullptr; ///< their actions, of the scene's numbers and dimensions
     float const* reach = nullptr;
     NearObstacles<2> near_in_plane{};
     NearObstacles<3> near_in_space{};
     ReactionSums sums{};
 
     template <class Number, int d>
-    FIRN_HOST_DEVICE ObstaclesAction<ShapeType, Number, d> over(Interval const& interval) const
+    FIRN_HOST_DEVICE ObstaclesAction<ShapeType, Number, d> over(Interval const&) const
     {
+        auto const* const of_scene =
+            static_cast<typename ObstaclesAction<ShapeType, Number, d>::One const*>(placed);
         if constexpr (d == 2)
-            return {obstacles, reach, near_in_plane, sums, interval};
+            return {of_scene, reach, near_in_plane, sums};
         else
-            return {obstacles, reach, near_in_space, sums, interval};
+            return {of_scene, reach, near_in_space, sums};
     }
 };
 
 /// The memory in which a backend's loops find the obstacles of a call, kept for later calls.
-template <class Backend, class ShapeType, int d>
+template <class Backend, class ShapeType, class Number, int d>
 class StagedObstacles : public GroupMemory
 {
     using Plain = detail::Plain<ShapeType>;
@@ -175,8 +188,8 @@ class StagedObstacles : public GroupMemory
 
 public:
     explicit StagedObstacles(Backend const& backend)
-        : backend_(backend), obstacles_(backend), reach_(backend), table_(backend), lists_(backend),
-          boxes_there_(backend), sums_(backend)
+        : backend_(backend), obstacles_(backend), placed_(backend), reach_(backend), table_(backend),
+          lists_(backend), boxes_there_(backend), sums_(backend)
     {}
 
     /// Stores the obstacles of a call that takes a time [s] from `begin` on. The effects' plain value `to`
@@ -207,7 +220,8 @@ public:
             boxes_ = std::move(boxes);
             is_sorted_ = true;
         }
-        to.obstacles = obstacles_.data();
+        placed_.resize(std::max<std::size_t>(plain.size(), 1));
+        to.placed = placed_.data();
         to.reach = reach_.data();
         if constexpr (d == 2)
             to.near_in_plane = near_;
@@ -220,10 +234,14 @@ public:
         of_step_ = to.sums;
     }
 
-    /// Before a step: nothing has been received.
-    void clear() const override { backend_.for_each(of_step_.size(), ClearReactionSums{of_step_.memory}); }
+    void begin(Interval const& interval) override
+    {
+        if (of_step_.obstacles == 0) return;
+        backend_.for_each(of_step_.obstacles,
+                          PlaceObstacles<Plain, Number, d>{obstacles_.data(), placed_.data(), interval});
+        backend_.for_each(of_step_.size(), ClearReactionSums{of_step_.memory});
+    }
 
-    /// After it: appends what each obstacle received, times a factor.
     void append(std::vector<Reaction>& to, double factor) override
     {
         if (of_step_.obstacles == 0) return;
@@ -265,6 +283,7 @@ private:
 
     Backend backend_;
     Array<Obstacle<Plain>> obstacles_;
+    Array<typename ObstaclesAction<Plain, Number, d>::One> placed_; ///< at the end of a step
     Array<float> reach_;
     Array<ListOfCube<d>> table_;
     Array<std::uint32_t> lists_;

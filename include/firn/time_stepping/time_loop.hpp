@@ -191,7 +191,7 @@ private:
             scene.masses.unit, scene.smallest_node_mass(), quarantine_.most() > 0};
         int at_once = 1;
         if constexpr (detail::has_groups<Effects>)
-            groups_.clear(); // the host reads what they receive in each step
+            groups_.begin(next_.time_state.now.interval); // the host reads what they receive in each step
         else if constexpr (Scene::Backend::queues)
             at_once = driver_.steps_at_once(memory_, parts, most);
         // outside of the change: this may run out of memory before the scene changes
@@ -324,7 +324,7 @@ private:
     NextStep<Scene> next_;
     typename Driver::Memory memory_;
     Driver driver_;
-    Groups<typename Scene::Backend, d> groups_;
+    Groups<typename Scene::Backend, Number, d> groups_;
     detail::Quarantine quarantine_;
     bool (TimeLoop::*isolate_)(Scene&, detail::FailedStep const&, Failures&) = nullptr;
     AdvanceReport until_error_; ///< see until_error()
