@@ -23,9 +23,11 @@ using LaneTypes = std::tuple<float, double, TestLane<double>>;
 #elif defined(__AVX512F__) && defined(FIRN_TESTS_ALL) // with those that a processor with AVX has
 using LaneTypes = std::tuple<openmp::NativePack<float>, openmp::NativePack<double>, openmp::PackOf<float, 8>,
                              openmp::PackOf<double, 4>, openmp::PackOf<float, 4>, openmp::PackOf<double, 2>>;
-#elif defined(__AVX__)
+#elif defined(__AVX__) && defined(FIRN_TESTS_ALL)
 using LaneTypes = std::tuple<openmp::NativePack<float>, openmp::NativePack<double>, openmp::PackOf<float, 4>,
                              openmp::PackOf<double, 2>>;
+#elif defined(__AVX__) // the widest and the narrowest, one of each precision
+using LaneTypes = std::tuple<openmp::NativePack<float>, openmp::PackOf<double, 2>>;
 #else
 using LaneTypes = std::tuple<openmp::NativePack<float>, openmp::NativePack<double>>;
 #endif
