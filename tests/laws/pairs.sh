@@ -19,9 +19,13 @@ perl -e '
         my $code = do { local $/; <$in> };
         $code =~ s{//[^\n]*}{}g;
         $code =~ s/\bMore(<(?:[^<>]++|(?1))*>)//g;
-        while ($code =~ /\bScene<\s*(\w+)<\s*(\w+)\s*>,\s*(\w+),\s*(\w+)/g) {
-            my @policies = ($1, $2, $3, $4);
-            for my $i (0 .. 3) { $meet{"$policies[$i], $policies[$_]"} = 1 for $i + 1 .. 3 }
+        # of a scene of several materials each meets the other policies
+        while ($code =~ /\bScene<\s*(?:Materials<((?:\s*\w+<\s*\w+\s*>,?)+)>|(\w+<\s*\w+\s*>)),\s*(\w+),\s*(\w+)/g) {
+            my ($materials, $kernel, $transfer) = ($1 // $2, $3, $4);
+            while ($materials =~ /(\w+)<\s*(\w+)\s*>/g) {
+                my @policies = ($1, $2, $kernel, $transfer);
+                for my $i (0 .. 3) { $meet{"$policies[$i], $policies[$_]"} = 1 for $i + 1 .. 3 }
+            }
         }
     }
     my $missing = 0;

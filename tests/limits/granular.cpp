@@ -52,9 +52,9 @@ void lie_still(std::string const& name, double h, double duration)
     auto const floor = half_space({0, 1, 0}, {0, 0, 0}, Contact::sticky());
     auto const middle = half_space({1, 0, 0}, {0, 0, 0}, Contact::slip());
     solver.advance(0.5, Gravity{}, floor, middle, Damping{40}); // or it rings for seconds
-    solver.advance(0.5, Gravity{}, floor, middle);
+    solver.advance(0.5, Gravity{}, floor, middle, Damping{0});
     double const before = front(solver.positions());
-    solver.advance(duration, Gravity{}, floor, middle);
+    solver.advance(duration, Gravity{}, floor, middle, Damping{0});
     H10.at_most(name + ": mean speed / sqrt(g h)", mean_speed(solver) / std::sqrt(9.81 * h), 1e-3);
     H10.at_most(name + ": way of the foot [cells]", std::abs(front(solver.positions()) - before) / h, 0.1);
 }
@@ -72,7 +72,7 @@ double room_in_box(double h, Point const& thrown, double apart)
     auto const floor = half_space({0, 1, 0}, {0, 0, 0}, Contact::slip());
     auto const left = half_space({1, 0, 0}, {0, 0, 0}, Contact::slip());
     auto const right = half_space({-1, 0, 0}, {0.4, 0, 0}, Contact::slip());
-    solver.advance(1, Gravity{}, floor, left, right);
+    solver.advance(1, Gravity{}, floor, left, right, Damping{0});
     solver.advance(0.5, Gravity{}, floor, left, right, Damping{5});
     std::vector<double> top(10, 0);
     for (auto const& x : solver.positions()) {

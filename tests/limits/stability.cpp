@@ -298,7 +298,7 @@ void rest_long(std::string const& name, int steps)
         return std::pair(volume, height);
     };
     auto const before = mean();
-    solver.steps(static_cast<std::size_t>(steps), dt, Gravity{}, left, right, foot);
+    solver.steps(static_cast<std::size_t>(steps), dt, Gravity{}, Damping{0}, left, right, foot);
     auto const after = mean();
     H9.at_most(name + ": drift of the mean volume", std::abs(after.first - before.first), 1e-3);
     H9.at_most(name + ": drift of the mean height / height", std::abs(after.second / before.second - 1),

@@ -40,9 +40,9 @@ double furthest(Positions const& some, Positions const& others)
 }
 } // namespace
 
-using Solids = Combinations<Scene<Snow<Plane>, QuadraticBSpline, Mls>,
-                            More<Scene<NeoHookean<Solid>, CubicBSpline, Flip>>,
-                            Scene<Sand<SolidFloat>, QuadraticBSpline, Apic>>;
+using Solids = Combinations<
+    Scene<Snow<Plane>, QuadraticBSpline, Mls>,
+    More<Scene<NeoHookean<Solid>, CubicBSpline, Flip>, Scene<Sand<SolidFloat>, QuadraticBSpline, Apic>>>;
 
 TEMPLATE_LIST_TEST_CASE("a factor of each particle's moduli costs four or eight bytes, and others nothing",
                         "", Solids)

@@ -11,13 +11,13 @@ using namespace firn::test;
 namespace
 {
 
-using Rubber = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>::Solver;
+using Rubber = Scene<FixedCorotated<Plane>, QuadraticBSpline, Mls>::Solver;
 constexpr double h = 0.05, side = 6 * h, frame = 1.0 / 48; ///< of a cell, of the block [m], of a frame [s]
 
 /// A block around a place.
 Rubber block(Eigen::Vector2d const& middle)
 {
-    NeoHookean<Plane> rubber;
+    FixedCorotated<Plane> rubber;
     rubber.density = 400;
     rubber.elasticity = lame<double>(1e6, 0.3);
     Rubber solver(lattice(h), rubber);

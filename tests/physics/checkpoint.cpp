@@ -130,7 +130,7 @@ std::vector<int> const thread_counts =
 
 } // namespace
 
-using Cases = Combinations<Scene<Snow<Plane>, QuadraticBSpline, Mls>,
+using Cases = Combinations<Scene<HardeningVonMises<Plane>, QuadraticBSpline, Apic>,
                            Scene<Heterogeneous<Snow<SolidFloat>>, CubicBSpline, Flip>,
                            Scene<Materials<Sand<PlaneFloat>, Fluid<PlaneFloat>>, QuadraticBSpline, Asflip>>;
 
@@ -251,7 +251,7 @@ TEMPLATE_LIST_TEST_CASE(
 
 TEST_CASE("a scene without particles, and one that has lost them, can be written and go on")
 {
-    using Of = Scene<Snow<Plane>, QuadraticBSpline, Mls>;
+    using Of = Scene<HardeningVonMises<Plane>, QuadraticBSpline, Apic>;
     meshes::Folder const folder;
     auto const path = folder / "empty.firn";
     for (bool const had_some : {false, true}) {
@@ -275,7 +275,7 @@ TEST_CASE("a scene without particles, and one that has lost them, can be written
 
 TEST_CASE("two-way coupling goes on from a file with the body that was kept beside it")
 {
-    using Of = Scene<Snow<Plane>, QuadraticBSpline, Mls>;
+    using Of = Scene<HardeningVonMises<Plane>, QuadraticBSpline, Apic>;
     meshes::Folder const folder;
     auto const path = folder / "coupled.firn";
     auto const couple = [](Of::Solver& solver, RigidBody& ball, int times) {

@@ -68,7 +68,7 @@ double expected(double friction)
 // acceleration); the rule is what is tested.
 using Cases = Combinations<Scene<NeoHookean<Plane>, QuadraticBSpline, Pic>,
                            More<Scene<NeoHookean<Plane>, CubicBSpline, Pic>>,
-                           Scene<FixedCorotated<PlaneFloat>, QuadraticBSpline, Pic>>;
+                           Scene<SplitNeoHookean<PlaneFloat>, QuadraticBSpline, Pic>>;
 
 TEMPLATE_LIST_TEST_CASE("a block on an incline slides with g (sin - mu cos), and sticks above tan 30", "",
                         Cases)

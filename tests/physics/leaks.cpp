@@ -70,7 +70,8 @@ void for_each_shape(int count, int steps, Wrap const& wrap, Use const& use)
             else
                 return shape;
         }();
-        use(name, drive<Number, 3>(count, steps, shape, wrap(there), swing));
+        if constexpr (requires { wrap(there); })
+            use(name, drive<Number, 3>(count, steps, shape, wrap(there), swing));
     };
     Eigen::Vector3d const turn(1, -2, 3);
     run("half-space", HalfSpace{Eigen::Vector3d(0.6, 0.64, 0.48)}, {.reach = 0.2});
@@ -108,13 +109,19 @@ void check_solids(int count, int steps, bool on_particles)
         });
 }
 
+/// Whether particles are driven at a shell of a shape, which takes time to compile. Of those without edges a
+/// plane is enough.
+template <class Shape>
+constexpr bool is_shell_tried = sample_of(0, 1) ||
+                                !(std::is_same_v<Shape, Sphere> || std::is_same_v<Shape, Capsule>);
+
 template <class Number>
 void check_shells(int count, int steps)
 {
     for_each_shape<Number>(
         count, steps,
-        [&](auto const& shape) {
-            return Obstacle<Shell<std::decay_t<decltype(shape)>>>{.shape = {shape, 0.05 * cell}};
+        [&]<class Shape>(Shape const& shape) requires is_shell_tried<Shape> {
+            return Obstacle<Shell<Shape>>{.shape = {shape, 0.05 * cell}};
         },
         [&](char const* name, Driven const& driven) {
             CAPTURE(name, driven.steps, driven.longest, driven.mean);

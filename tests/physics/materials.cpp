@@ -30,11 +30,11 @@ Model parameters()
 } // namespace
 
 using Cases = Combinations<
-    Scene<Hencky<Plane>, QuadraticBSpline, Mls>,
-    More<Scene<VonMises<Solid>, QuadraticBSpline, Apic>, Scene<Fluid<Solid>, QuadraticBSpline, Mls>>,
-    Scene<HardeningVonMises<SolidFloat>, QuadraticBSpline, Mls>, Scene<Sand<Solid>, QuadraticBSpline, Mls>,
-    Scene<CamClay<SolidFloat>, CubicBSpline, Mls>, Scene<HerschelBulkley<Plane>, QuadraticBSpline, Apic>,
-    Scene<Fluid<PlaneFloat>, QuadraticBSpline, Flip>>;
+    Scene<Hencky<Plane>, QuadraticBSpline, Tpic>,
+    More<Scene<VonMises<Solid>, QuadraticBSpline, Apic>, Scene<Fluid<Solid>, QuadraticBSpline, Mls>,
+         Scene<Fluid<PlaneFloat>, QuadraticBSpline, Flip>>,
+    Scene<HardeningVonMises<SolidFloat>, QuadraticBSpline, Mls>, Scene<Sand<Solid>, QuadraticBSpline, Tpic>,
+    Scene<CamClay<SolidFloat>, CubicBSpline, Mls>, Scene<HerschelBulkley<Plane>, QuadraticBSpline, Apic>>;
 
 TEMPLATE_LIST_TEST_CASE(
     "a body of any material on a floor and a ball keeps mass and momentum, theirs included", "", Cases)
@@ -132,7 +132,7 @@ TEST_CASE("a column of water at rest has the pressure of its weight")
 
 using Drops =
     Combinations<Scene<Fluid<Plane>, QuadraticBSpline, Mls>,
-                 More<Scene<Fluid<Plane>, QuadraticBSpline, Apic>>, Scene<Fluid<Solid>, CubicBSpline, Mls>>;
+                 More<Scene<Fluid<Plane>, QuadraticBSpline, Apic>, Scene<Fluid<Solid>, CubicBSpline, Mls>>>;
 
 TEMPLATE_LIST_TEST_CASE("the shear of a viscous drop decays below the stable step, and grows beyond it", "",
                         Drops)

@@ -11,15 +11,30 @@ using namespace firn::test;
 namespace
 {
 
-/// Takes one step with all of the walls, and other effects before them.
+/// Takes one step with as many walls as there are axes, and other effects before them.
 template <class Solver, class... Effects>
-StepReport step_with(Solver& solver, double dt, std::vector<ReflectingWall> const& walls,
-                     Effects const&... effects)
+StepReport step_in_corner(Solver& solver, double dt, std::vector<ReflectingWall> const& walls,
+                          Effects const&... effects)
 {
-    if (walls.size() == 1) return solver.step(dt, effects..., walls[0]);
     if constexpr (Solver::d == 3)
-        if (walls.size() == 3) return solver.step(dt, effects..., walls[0], walls[1], walls[2]);
-    return solver.step(dt, effects..., walls[0], walls[1]);
+        return solver.step(dt, effects..., walls[0], walls[1], walls[2]);
+    else
+        return solver.step(dt, effects..., walls[0], walls[1]);
+}
+
+/// Whether fewer walls than axes are tried: in space they take long to compile.
+template <int d>
+constexpr bool has_fewer_walls = d == 2 || sample_of(0, 1);
+
+/// Takes one step with all of the walls.
+template <class Solver>
+StepReport step_with(Solver& solver, double dt, std::vector<ReflectingWall> const& walls)
+{
+    if constexpr (has_fewer_walls<Solver::d>) {
+        if (walls.size() == 1) return solver.step(dt, walls[0]);
+        if (walls.size() == 2) return solver.step(dt, walls[0], walls[1]);
+    }
+    return step_in_corner(solver, dt, walls);
 }
 
 /// Random points with random velocities, within 8 cells of the node (3, -2, 5) on the walls' sides.
@@ -88,7 +103,7 @@ TEMPLATE_LIST_TEST_CASE("a body before walls moves as one with its images does, 
     int const count = d == 3 ? 1000 : 400;
     double const volume = std::pow(8 * Cloud<TestType>::h, d) / count, dt = 5e-5;
     for (std::vector<int> const& axes : std::vector<std::vector<int>>{{0}, {1}, {d - 1}, {1, 0}, {0, 1, 2}}) {
-        if (int(axes.size()) > d) continue;
+        if (int(axes.size()) > d || (int(axes.size()) < d && !has_fewer_walls<d>)) continue;
         for (int side : {1, -1}) {
             std::array<int, 3> const sides{side, -side, side};
             Cloud<TestType> cloud(count, sides);
@@ -168,7 +183,7 @@ TEMPLATE_LIST_TEST_CASE("what walls, gravity and a ball give a body is what its 
     Vector<double, d> received = Vector<double, d>::Zero();
     double const dt = 5e-5;
     for (int i = 0; i < 200; ++i) {
-        auto const report = step_with(solver, dt, walls, gravity, ball);
+        auto const report = step_in_corner(solver, dt, walls, gravity, ball);
         expected += start.mass * dt * gravity.acceleration.template head<d>();
         for (auto const& reaction : report.reactions) expected -= reaction.impulse.template head<d>();
         for (int a = 0; a < d; ++a) received[a] += report.reactions[std::size_t(a) + 1].impulse[a];
@@ -196,7 +211,7 @@ TEST_CASE("walls that are none, or share nodes, are refused, and nothing has cha
     CHECK_THROWS_AS(solver.step(1e-5, ReflectingWall{.axis = 2}), Error); // the scene has no third axis
     CHECK_THROWS_AS(solver.step(1e-5, ReflectingWall{.side = 0}), Error);
     CHECK_THROWS_AS(solver.step(1e-5, ReflectingWall{.node = -2147483647 - 1}), Error);
-    CHECK_THROWS_AS(solver.step(1e-5, wall, Gravity{}, wall), Error);
+    CHECK_THROWS_AS(solver.step(1e-5, wall, wall), Error);
     CHECK_THROWS_AS(solver.advance(1e-5, ReflectingWall{.axis = 0, .node = 1, .side = -1}, wall), Error);
     CHECK_THROWS_AS(solver.advance(1e-5, ReflectingWall{.axis = 0, .node = -2, .side = -1}, wall), Error);
     CHECK(solver.time() == 0);
@@ -208,7 +223,7 @@ TEST_CASE("walls that are none, or share nodes, are refused, and nothing has cha
 
 TEST_CASE("with walls, too, results are the same bits with any number of threads")
 {
-    using TestType = Scene<NeoHookean<SolidFloat>, CubicBSpline, Flip>;
+    using TestType = Scene<NeoHookean<SolidFloat>, CubicBSpline, Mls>;
     Cloud<TestType> const cloud(20000, {1, 1, -1});
     auto const run = [&](int threads) {
         NeoHookean<SolidFloat> jelly;
@@ -216,8 +231,10 @@ TEST_CASE("with walls, too, results are the same bits with any number of threads
         TestType::Solver solver(cloud.where, jelly, {}, {}, OpenMP{.threads = threads});
         solver.add(cloud.points, std::pow(8 * cloud.h, 3) / double(cloud.points.size()));
         solver.upload<Velocity>(cloud.velocities);
+        Obstacle<Sphere> const ball{.shape = {0.08},
+                                    .motion = {.position = cloud.points[0].template cast<double>()}};
         auto const report =
-            solver.advance(5e-3, Gravity{}, ReflectingWall{0, cloud.nodes[0]},
+            solver.advance(5e-3, Gravity{}, ball, ReflectingWall{0, cloud.nodes[0]},
                            ReflectingWall{1, cloud.nodes[1]}, ReflectingWall{2, cloud.nodes[2], -1});
         std::vector<Eigen::Vector3d> received;
         for (auto const& reaction : report.reactions) received.push_back(reaction.impulse);

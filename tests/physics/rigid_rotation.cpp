@@ -56,8 +56,8 @@ using Affine = Combinations<Scene<FixedCorotated<Plane>, QuadraticBSpline, Apic>
                             Scene<FixedCorotated<Plane>, CubicBSpline, Mls>,
                             More<Scene<FixedCorotated<Plane>, CubicBSpline, Apic>,
                                  Scene<FixedCorotated<Plane>, QuadraticBSpline, Mls>,
-                                 Scene<FixedCorotated<PlaneFloat>, QuadraticBSpline, Mls>>,
-                            Scene<FixedCorotated<PlaneFloat>, CubicBSpline, Apic>>;
+                                 Scene<FixedCorotated<PlaneFloat>, QuadraticBSpline, Mls>,
+                                 Scene<FixedCorotated<PlaneFloat>, CubicBSpline, Apic>>>;
 
 TEMPLATE_LIST_TEST_CASE("APIC and MLS keep the angular momentum of a rotating disk", "", Affine)
 {
@@ -67,10 +67,10 @@ TEMPLATE_LIST_TEST_CASE("APIC and MLS keep the angular momentum of a rotating di
     CHECK(change.momentum <= (TestType::is_float ? 1e-5 : 1e-13));
 }
 
-using Blends = Combinations<Scene<FixedCorotated<Plane>, QuadraticBSpline, Flip>,
-                            More<Scene<FixedCorotated<Plane>, QuadraticBSpline, Pic>,
-                                 Scene<FixedCorotated<Plane>, CubicBSpline, Flip>>,
-                            Scene<FixedCorotated<Plane>, CubicBSpline, Pic>>;
+using Blends = Combinations<
+    Scene<FixedCorotated<Plane>, QuadraticBSpline, Flip>,
+    More<Scene<FixedCorotated<Plane>, CubicBSpline, Pic>, Scene<FixedCorotated<Plane>, CubicBSpline, Flip>>,
+    Scene<FixedCorotated<Plane>, QuadraticBSpline, Pic>>;
 
 // PIC dissipates in every step, so the loss in a revolution depends on the length of the steps.
 TEMPLATE_LIST_TEST_CASE(
@@ -116,14 +116,15 @@ TEST_CASE("extended PIC keeps momentum, and angular momentum the better the high
     }
 }
 
-TEST_CASE("TPIC keeps momentum, and angular momentum nearly")
+using Linearised = Combinations<Scene<FixedCorotated<Plane>, QuadraticBSpline, Tpic>,
+                                More<Scene<FixedCorotated<Plane>, CubicBSpline, Tpic>>>;
+
+TEMPLATE_LIST_TEST_CASE("TPIC keeps momentum, and angular momentum nearly", "", Linearised)
 {
-    for (auto const& change : {revolve(Scene<FixedCorotated<Plane>, QuadraticBSpline, Tpic>{}),
-                               revolve(Scene<FixedCorotated<Plane>, CubicBSpline, Tpic>{})}) {
-        CHECK(change.momentum <= 1e-13);
-        CHECK(std::abs(change.angular_momentum) <= 1e-4);
-        CHECK(std::abs(change.angular_momentum) > 1e-9); // or it were APIC
-    }
+    auto const change = revolve(TestType{});
+    CHECK(change.momentum <= 1e-13);
+    CHECK(std::abs(change.angular_momentum) <= 1e-4);
+    CHECK(std::abs(change.angular_momentum) > 1e-9); // or it were APIC
 }
 
 TEST_CASE("affine FLIP keeps momentum, and angular momentum better than FLIP does")

@@ -148,8 +148,7 @@ TEST_CASE("particles that are lighter than others by more than rounding bears ar
 
 TEST_CASE("a half attempt is half of what was tried, also of the last step of a call")
 {
-    using Solver = Scene<Snow<Plane>, QuadraticBSpline, Mls>::Solver;
-    Solver solver(lattice(0.05));
+    Sheet solver(lattice(0.05));
     solver.add(box_of_points<2>({0, 0}, {0.1, 0.1}, 0.05), 0.025 * 0.025);
     // the wall would be through the body by the end of the call, and nothing has touched it before
     Obstacle<HalfSpace> const wall{
@@ -197,8 +196,9 @@ TEST_CASE("steps, effects and uploads that make no sense are refused, and the st
           "Sphere, effect 2 of Solver::step");
     refused([&] { solver.step(1e-3, Obstacle<Sphere>{.shape = {1}, .contact = Contact::coulomb(-0.5)}); });
     refused([&] { solver.step(1e-3, Obstacle<HalfSpace>{.shape = {{0, 2, 0}}}); });
-    refused([&] { solver.advance(0.1, Obstacle<Box>{.shape = {{1, 0, 1}}}); });
-    refused([&] { solver.advance(0.1, Obstacle<Capsule>{.shape = {0.1, not_a_number}}); });
+    // what steps ask each effect that they are given
+    refused([&] { Obstacle<Box>{.shape = {{1, 0, 1}}}.validate(); });
+    refused([&] { Obstacle<Capsule>{.shape = {0.1, not_a_number}}.validate(); });
     refused([&] {
         solver.advance(0.1, Obstacle<Sphere>{.shape = {1}, .motion = {.velocity = {not_a_number, 0, 0}}});
     });

@@ -79,7 +79,7 @@ TEST_CASE("a drain that makes no sense is refused, and removes no particle")
         hurled.angular_velocity[axis] = 1e160; // its square is no number
         refused([&] { solver.remove_if(Inside<Sphere>{.pose = nowhere}); });
         refused([&] { solver.remove_if(Outside<Sphere>{.shape = {5}, .pose = nowhere}); });
-        refused([&] { solver.step(1e-4, Obstacle<Sphere>{.motion = nowhere}); });
+        refused([&] { solver.step(1e-4, Obstacle<HalfSpace>{.motion = nowhere}); });
         refused([&] { solver.step(1e-4, Obstacle<HalfSpace>{.motion = hurled}); });
     }
     CHECK(same(solver, untouched));
