@@ -35,6 +35,35 @@ auto state(Block const& solver)
     return std::tuple{solver.positions(), solver.download<Velocity>(), solver.time()};
 }
 
+/// Stretches everything along x, at a rate that grows with time.
+struct Stretch
+{
+    double growth; ///< [1/s^2]
+
+    void validate() const {}
+
+    template <class Number>
+    struct Action
+    {
+        Number rate;
+
+        template <Lane Real, int d>
+        FIRN_HOST_DEVICE Vector<Real, d> on_node(LaneNode<Real, d> const& node,
+                                                 Vector<Real, d> const& velocity) const
+        {
+            Vector<Real, d> stretched = velocity;
+            stretched[0] += Real(rate) * node.position.relative_to({0, 0, 0})[0];
+            return stretched;
+        }
+    };
+
+    template <class Number, int d>
+    FIRN_HOST_DEVICE Action<Number> over(Interval const& interval) const
+    {
+        return {static_cast<Number>(growth * interval.length())};
+    }
+};
+
 } // namespace
 
 TEST_CASE("calls of any length take the steps of one long call, where the last step is not cut")
@@ -184,4 +213,15 @@ TEST_CASE("a budget that is none is refused, and nothing changes")
         refused([&] { solver.advance(0.01, wrong, gravity, ground); });
     refused([&] { solver.advance(-0.01, Budget{}, gravity, ground); });
     CHECK((state(solver) == before));
+}
+
+TEST_CASE("a step that fails is repeated, also if it was planned by a call of equal steps")
+{
+    Block solver = falling_block();
+    double const dt = 0.9 * solver.stable_step();
+    solver.steps(3, dt);
+    // dt |L| is 0.8, which is rejected; of halves and quarters it is less
+    auto const report = solver.advance(dt, Stretch{0.8 / (dt * dt)});
+    CHECK(report.rejected >= 1);
+    CHECK(report.substeps >= 2);
 }

@@ -96,10 +96,11 @@ struct TimeStepController
                                : time_of_forces(step.interval.length(), before, longest_now.dt);
         };
         if (equal > 0) { // expects more steps of this length
-            time_state.now = {{time_state.time, time_state.time + equal}, StepLimit::duration};
+            time_state.now = {{time_state.time, time_state.time + equal}, StepLimit::duration, equal};
             time_state.now.interval.forces = forces(time_state.now, time_state.last, 0);
             time_state.next = {{time_state.now.interval.end, time_state.now.interval.end + equal},
-                               StepLimit::duration};
+                               StepLimit::duration,
+                               equal};
             time_state.next.interval.forces = forces(time_state.next, time_state.now.interval.length(), 0);
             return exactly_equal(time_state.scattered.interval.forces, time_state.now.interval.forces);
         }
