@@ -18,7 +18,7 @@ namespace firn::test
 #if defined(FIRN_TESTS_ALL) || defined(__CUDACC__)
 using LaneTypes = std::tuple<float, double, TestLane<float>, TestLane<double>>;
 #else
-using LaneTypes = std::tuple<float, double, TestLane<double>>;
+using LaneTypes = std::tuple<double, TestLane<double>>;
 #endif
 #elif defined(__AVX512F__) && defined(FIRN_TESTS_ALL) // with those that a processor with AVX has
 using LaneTypes = std::tuple<openmp::NativePack<float>, openmp::NativePack<double>, openmp::PackOf<float, 8>,
