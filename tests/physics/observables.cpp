@@ -366,7 +366,7 @@ TEST_CASE("the nodes of a particle lie as far from it as its kernel says")
 {
     Lattice const cells = lattice(h);
     Eigen::Vector2d const x(0.3 * h, 0.6 * h);
-    auto const of = [&]<class Kernel>(Kernel) { return detail::inertia_of<Kernel, 2>(cells, x); };
+    auto const of = [&]<class Kernel>(Kernel) { return firn::detail::inertia_of<Kernel, 2>(cells, x); };
     CHECK((of(Linear{}) - Eigen::Vector2d(0.3 * 0.7, 0.6 * 0.4)).norm() <= 1e-12);
     CHECK(of(QuadraticBSpline{})[0] == Approx(0.25));
     CHECK(of(CubicBSpline{})[0] == Approx(1.0 / 3));

@@ -212,8 +212,8 @@ private:
         report.capped_of.assign(record.capped.begin(), record.capped.end());
         report.capped = std::accumulate(record.capped.begin(), record.capped.end(), std::uint64_t(0));
         report.reactions.clear();
-        std::size_t obstacles = 0, groups = 0;
-        auto const append = [&]<class Action>(std::type_identity<Action>) {
+        [[maybe_unused]] std::size_t obstacles = 0, groups = 0;
+        [[maybe_unused]] auto const append = [&]<class Action>(std::type_identity<Action>) {
             if constexpr (is_group<Action>)
                 groups_.append(groups++, report.reactions, mass_unit);
             else if constexpr (is_obstacle<Action>)
