@@ -87,6 +87,42 @@ TEST_CASE("a matrix is nine numbers, row by row, of which the plane has four")
                         "property float stress_yx\n"));
 }
 
+TEST_CASE("ids are written as integers, to the last")
+{
+    meshes::Folder const folder;
+    firn::ParticleFrame frame;
+    std::vector<std::uint32_t> const ids{16777217u, 4294967294u}; // beyond what a float tells apart
+    frame.at(std::vector<Vector3d>{{0, 0, 0}, {1, 2, 3}})
+        .integer("id", ids)
+        .scalar("J", std::vector{0.5, 2.0});
+    firn::write_vtp(folder / "a.vtp", frame);
+    auto text = content(folder / "a.vtp");
+    CHECK_THAT(
+        text,
+        Contains("type=\"UInt32\" Name=\"id\" NumberOfComponents=\"1\" format=\"appended\" offset=\"84\""));
+    CHECK_THAT(
+        text,
+        Contains("type=\"Float32\" Name=\"J\" NumberOfComponents=\"1\" format=\"appended\" offset=\"100\""));
+    std::size_t at = text.find("\n_") + 2 + 84;
+    CHECK(read<std::uint64_t>(text, at) == 8);
+    for (std::uint32_t const id : ids) CHECK(read<std::uint32_t>(text, at) == id);
+    CHECK(read<std::uint64_t>(text, at) == 8);
+    CHECK(read<float>(text, at) == 0.5f);
+
+    firn::write_ply(folder / "a.ply", frame);
+    text = content(folder / "a.ply");
+    CHECK_THAT(text, Contains("property float z\nproperty uint id\nproperty float J\nend_header\n"));
+    at = text.find("end_header\n") + 11;
+    for (std::size_t i = 0; i < 2; ++i) {
+        CHECK(read<float>(text, at) == float(frame.positions[i].x()));
+        at += 8;
+        CHECK(read<std::uint32_t>(text, at) == ids[i]);
+        CHECK(read<float>(text, at) == (i == 0 ? 0.5f : 2.f));
+    }
+    frame.fields[0].integers.pop_back();
+    CHECK_THROWS_AS(firn::write_ply(folder / "b.ply", frame), firn::Error);
+}
+
 TEST_CASE("a PLY file holds one row of floats for each particle")
 {
     meshes::Folder const folder;

@@ -26,8 +26,13 @@ namespace firn
 struct ParticleField
 {
     std::string name; ///< letters, digits and `_`
-    int components;   ///< 1: a scalar, 3: a vector, 9: a matrix, row by row
+    int components;   ///< 1: a scalar or an integer, 3: a vector, 9: a matrix, row by row
     std::vector<float> values;
+    std::vector<std::uint32_t> integers{}; ///< in place of values, where `is_integer`
+    bool is_integer = false;
+
+    /// How many numbers it has.
+    std::size_t size() const { return is_integer ? integers.size() : values.size(); }
 };
 
 /// The particles at one time: their positions and fields.
@@ -54,6 +59,15 @@ struct ParticleFrame
     {
         fields.push_back({std::move(name), 1, {}});
         for (auto const& value : range) fields.back().values.push_back(static_cast<float>(value));
+        return *this;
+    }
+
+    /// Adds a field of one integer from 0 to 2^32 - 1 per particle, such as Solver::ids().
+    template <class Range>
+    ParticleFrame& integer(std::string name, Range const& range)
+    {
+        fields.push_back({std::move(name), 1, {}, {}, true});
+        for (auto const& value : range) fields.back().integers.push_back(static_cast<std::uint32_t>(value));
         return *this;
     }
 
@@ -135,8 +149,8 @@ inline void check_frame(ParticleFrame const& frame, std::filesystem::path const&
         if (field->components != 1 && field->components != 3 && field->components != 9)
             refuse("the field '" + field->name + "' has " + std::to_string(field->components) + " components",
                    "Use 1 (scalar), 3 (vector) or 9 (matrix).");
-        if (field->values.size() != frame.positions.size() * std::size_t(field->components))
-            refuse("the field '" + field->name + "' holds " + std::to_string(field->values.size()) +
+        if (field->size() != frame.positions.size() * std::size_t(field->components))
+            refuse("the field '" + field->name + "' holds " + std::to_string(field->size()) +
                        " numbers for " + std::to_string(frame.positions.size()) + " particles",
                    "Give one value to each particle.");
     }
@@ -168,7 +182,8 @@ inline std::string vtp_head(ParticleFrame const& frame)
     head += array("offsets", "Int32", 1, count ? 4 : 0);
     head += "</Verts>\n<PointData>\n";
     for (auto const& field : frame.fields)
-        head += array(field.name, "Float32", field.components, field.values.size() * sizeof(float));
+        head +=
+            array(field.name, field.is_integer ? "UInt32" : "Float32", field.components, 4 * field.size());
     return head + "</PointData>\n</Piece>\n</PolyData>\n<AppendedData encoding=\"raw\">\n_";
 }
 
@@ -195,21 +210,27 @@ inline void write_vtp(std::filesystem::path const& path, ParticleFrame const& fr
         array(numbers);
         numbers.assign(frame.positions.empty() ? 0 : 1, static_cast<std::int32_t>(frame.positions.size()));
         array(numbers);
-        for (auto const& field : frame.fields) array(field.values);
+        for (auto const& field : frame.fields) {
+            if (field.is_integer)
+                array(field.integers);
+            else
+                array(field.values);
+        }
         out << "\n</AppendedData>\n</VTKFile>\n";
     });
 }
 
-/// Writes a frame as a binary little-endian PLY point cloud: x, y, z [m] and the fields as float, a vector
-/// `name` as `name_x`, `name_y`, `name_z`, a matrix as `name_xx`, `name_xy` and so on; the time [s] is a
-/// comment. Houdini and Blender open it.
+/// Writes a frame as a binary little-endian PLY point cloud: x, y, z [m] and the fields as float, integers as
+/// uint, a vector `name` as `name_x`, `name_y`, `name_z`, a matrix as `name_xx`, `name_xy` and so on; the
+/// time [s] is a comment. Houdini and Blender open it.
 ///
 /// Throws firn::Error: the file cannot be created or not written to its end, a field does not fit the frame.
 inline void write_ply(std::filesystem::path const& path, ParticleFrame const& frame)
 {
     detail::check_frame(frame, path);
-    std::vector<std::string> properties{"x", "y", "z"};
+    std::vector<std::string> properties{"x", "y", "z"}, integers;
     for (auto const& field : frame.fields) {
+        if (field.is_integer) integers.push_back(field.name);
         if (field.components == 1)
             properties.push_back(field.name);
         else
@@ -227,23 +248,26 @@ inline void write_ply(std::filesystem::path const& path, ParticleFrame const& fr
     for (auto name = properties.begin(); name != properties.end(); ++name) {
         if (std::find(properties.begin(), name, *name) != name)
             throw Error{"two PLY properties are named '" + *name + "'", path.string(), "Rename a field."};
-        head += "property float " + *name + "\n";
+        bool const is_integer = std::find(integers.begin(), integers.end(), *name) != integers.end();
+        head += (is_integer ? "property uint " : "property float ") + *name + "\n";
     }
     head += "end_header\n";
     detail::replace_file(path, [&](std::ostream& out) {
         out.write(head.data(), static_cast<std::streamsize>(head.size()));
         std::size_t constexpr chunk = 4096;
-        std::vector<float> rows;
+        std::vector<std::uint32_t> rows; // both kinds of numbers have 32 bits
+        auto const bits_of = [](float value) { return std::bit_cast<std::uint32_t>(value); };
         for (std::size_t first = 0; first < frame.positions.size(); first += chunk) {
             auto const last = std::min(first + chunk, frame.positions.size());
             rows.clear();
             rows.reserve(chunk * properties.size());
             for (auto p = first; p < last; ++p) {
-                for (int i = 0; i < 3; ++i) rows.push_back(static_cast<float>(frame.positions[p][i]));
+                for (int i = 0; i < 3; ++i)
+                    rows.push_back(bits_of(static_cast<float>(frame.positions[p][i])));
                 for (auto const& field : frame.fields) {
                     auto const n = std::size_t(field.components);
-                    rows.insert(rows.end(), field.values.begin() + std::ptrdiff_t(p * n),
-                                field.values.begin() + std::ptrdiff_t((p + 1) * n));
+                    for (std::size_t i = p * n; i < (p + 1) * n; ++i)
+                        rows.push_back(field.is_integer ? field.integers[i] : bits_of(field.values[i]));
                 }
             }
             detail::put(out, rows);
