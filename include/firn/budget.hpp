@@ -38,15 +38,17 @@ class BudgetPace;
 /// A call that is stopped leaves a scene from which the next one goes on, as after any other call.
 struct Budget
 {
-    /// Seconds by a clock. A step is taken only if it is expected to end in time by the average of the call's
-    /// own; the first one is always taken, unless this is 0. On a backend that queues steps the first ones
-    /// are waited for in small groups.
+    /// Seconds by a clock. A step is taken only if it is expected to end in time, by the average of the
+    /// call's steps so far; the first one is always taken, unless this is 0, and a step that fails is
+    /// repeated until it succeeds. On a backend that queues steps the host waits for the first one, and then
+    /// for groups that at most double.
     double seconds = std::numeric_limits<double>::infinity();
     /// The most steps of a call.
     std::uint64_t steps = std::numeric_limits<std::uint64_t>::max();
     /// Whether the last steps are shortened so that the call ends exactly with its duration. Where it is
     /// false, what is shorter than a step is left for the next call, so that calls of any length take no more
-    /// steps than one long call does. The solver's time is then behind by less than a stable step.
+    /// steps than one long call does: pass all of `left` with the next one. The solver's time is then behind
+    /// by less than a step. A step that may be of any length is cut all the same.
     bool cut_last_step = true;
     /// Called after each step, or on a backend that queues steps after each group of them. It must not call
     /// the solver. What it throws leaves advance(), after which Solver::until_error() has the report.
@@ -54,8 +56,8 @@ struct Budget
     /// Asked before each step or group: the call stops where it returns true. For a flag that another part of
     /// the program sets, read it here.
     std::function<bool()> cancelled{};
-    /// How often `progress` and `cancelled` are called at least, by a clock [s], where steps are queued: a
-    /// group takes as long by the average of the call's steps.
+    /// The longest time between two calls of them by a clock [s], where steps are queued: a group takes as
+    /// long by the average of the call's steps.
     double respond_within = 0.02;
 
     /// Throws an Error if a number is out of its range.

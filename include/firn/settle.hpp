@@ -14,10 +14,15 @@ namespace firn
 /// How a scene is brought to rest.
 struct Settling
 {
-    double rate = 0;     ///< of Damping [1/s]: about twice the lowest frequency of the scene [rad/s]
-    double share = 1e-6; ///< of the largest kinetic energy so far, at which the scene counts as at rest
+    /// Of Damping [1/s]: about twice the lowest angular frequency of the scene [rad/s]. With less the scene
+    /// swings, and with more it creeps: both take longer.
+    double rate = 0;
+    double share = 1e-6; ///< of the largest kinetic energy so far, below which the scene counts as at rest
     double longest = 0;  ///< the most time that may pass in the scene [s]
     double between = 0;  ///< the time between two looks at the energy [s]; 0: a tenth of 1 / rate
+    /// A kinetic energy below which the scene counts as at rest, whatever the share [J; in two dimensions J
+    /// per metre of depth]: for a scene that may be at rest already.
+    double least = 0;
 
     /// Throws an Error if a number is out of its range.
     void validate() const
@@ -35,15 +40,17 @@ struct Settling
         keep(is_finite(between) && between >= 0,
              "the time between two looks is not a finite number, 0 or above",
              "Pass seconds, or 0 for a tenth of 1 / rate.");
+        keep(is_finite(least) && least >= 0, "the least kinetic energy is not a finite number, 0 or above",
+             "Pass J, or 0.");
     }
 };
 
 /// What settle() did.
 struct SettleReport
 {
-    bool is_at_rest = false;    ///< the share was reached in time
-    double kinetic = 0;         ///< the energy at the end [J; in two dimensions J per metre of depth]
-    double largest_kinetic = 0; ///< the largest at a look [J]
+    bool is_at_rest = false; ///< it stayed below the share in time
+    double kinetic = 0;      ///< the largest since it stays below [J; in two dimensions J per metre of depth]
+    double largest_kinetic = 0; ///< the largest of all looks, in the same unit
     AdvanceReport steps{};      ///< of all calls of advance()
 };
 
@@ -51,21 +58,32 @@ struct SettleReport
 /// in which a slope, a column or a dam stands before something happens to it. The solver's time passes
 /// meanwhile.
 ///
-/// The scene is at rest when its kinetic energy is `share` of the largest one that a look found. Then, and
-/// when `longest` is over, the velocities are what is left of them.
+/// The scene is at rest when its kinetic energy stayed below `share` of the largest one that a look found, or
+/// below `least`, for 5 / rate: one look alone may fall on a turning point of a swing. Velocities are not set
+/// to 0 at the end. Damping acts before obstacles, so what they prescribe holds.
 template <class Solver, class... Effects>
 SettleReport settle(Solver& solver, Settling const& how, Effects const&... effects)
 {
     how.validate();
     double const piece = how.between > 0 ? how.between : 0.1 / how.rate, end = solver.time() + how.longest;
+    require(end > solver.time() && solver.time() + piece > solver.time(),
+            "the times are lost to rounding beside the solver's own", "settle", "Pass longer ones.");
     SettleReport report;
+    double calm_since = solver.time(), calm = 0; // the largest energy since then
     while (!report.is_at_rest && solver.time() < end) {
         double const left = end - solver.time();
         // no sliver at the end, which would be a step of its own
-        report.steps.merge(solver.advance(left < 1.5 * piece ? left : piece, effects..., Damping{how.rate}));
-        report.kinetic = solver.energy().kinetic;
-        report.largest_kinetic = std::max(report.largest_kinetic, report.kinetic);
-        report.is_at_rest = report.kinetic <= how.share * report.largest_kinetic;
+        report.steps.merge(solver.advance(left < 1.5 * piece ? left : piece, Damping{how.rate}, effects...));
+        double const kinetic = solver.totals().kinetic_energy;
+        report.largest_kinetic = std::max(report.largest_kinetic, kinetic);
+        if (kinetic > std::max(how.share * report.largest_kinetic, how.least)) {
+            calm_since = solver.time();
+            calm = 0;
+            report.kinetic = kinetic;
+        }
+        else
+            report.kinetic = calm = std::max(calm, kinetic);
+        report.is_at_rest = solver.time() - calm_since >= 5 / how.rate || !(report.largest_kinetic > 0);
     }
     return report;
 }

@@ -102,8 +102,8 @@ public:
     /// [m/s], otherwise at rest. Their mass is the model's density times the volume. Returns the id of the
     /// first: ids are permanent, and consecutive over all calls and materials.
     ///
-    /// `points` is any contiguous range of Eigen vectors of d components. Throws an Error, and adds none, if
-    /// a point is not finite or out of the range of cell coordinates, or the volume is not above 0.
+    /// `points`: Eigen vectors of d components, or points_of() of a host's array. Throws an Error, and adds
+    /// none, if a point is not finite or out of the range of cell coordinates, or the volume not above 0.
     template <class Which = Every, class Points>
     std::uint32_t add(Points const& points, double volume_per_point,
                       Vector<double, d> const& velocity = zeros<Vector<double, d>>())

@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
 #include "support/policies.hpp"
+#include "support/refused.hpp"
+
+#include <firn/core/host_arrays.hpp>
 
 #include <numeric>
 #include <tuple>
@@ -113,11 +116,22 @@ TEST_CASE("particles are added at points in any of Eigen's vectors")
     solver.add(std::vector<Eigen::RowVector2d>{{0.5, 0.6}}, 1e-3);
     solver.add(std::vector<Eigen::Array2f>{{0.25f, 0.75f}}, 1e-3);
     solver.add(std::vector<Eigen::Matrix<double, 2, 1, Eigen::DontAlign>>{{0.7, 0.8}}, 1e-3);
-    std::vector<Vector<double, 2>> const expected{
-        {0.1, 0.2}, {0.3, 0.4}, {0.5, 0.6}, {0.25, 0.75}, {0.7, 0.8}};
+    struct Corn // a host's own
+    {
+        int kind;
+        float x, y, size;
+    };
+    std::vector<Corn> const corns{{1, 0.125f, 0.5f, 9}, {2, 0.75f, 0.25f, 8}};
+    solver.add(points_of<2>(&corns[0].x, corns.size(), sizeof(Corn) / sizeof(float)), 1e-3);
+    solver.add(points_of<2>(numbers.data(), 1), 1e-3);
+    std::vector<Vector<double, 2>> const expected{{0.1, 0.2}, {0.3, 0.4},   {0.5, 0.6},   {0.25, 0.75},
+                                                  {0.7, 0.8}, {0.125, 0.5}, {0.75, 0.25}, {0.1, 0.2}};
     auto const x = solver.positions();
     REQUIRE(x.size() == expected.size());
     for (std::size_t i = 0; i < x.size(); ++i) CHECK((x[i] - expected[i]).norm() <= 1e-14);
+    refused([&] { (void)points_of<2>(numbers.data(), 2, 1); });
+    refused([] { (void)points_of<2>(static_cast<double const*>(nullptr), 1); });
+    CHECK(solver.add(points_of<2>(static_cast<double const*>(nullptr), 0), 1e-3) == expected.size());
 }
 
 TEST_CASE("to remove no particle changes not a bit of what follows")

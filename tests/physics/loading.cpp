@@ -46,6 +46,18 @@ TEST_CASE("a column settles under its weight: stress and height are those of equ
     double const sunk = 1000 * 9.81 / (2 * 1000 * c * c);
     CHECK(-column.tip() == Approx(sunk).epsilon(0.06)); // strains are 7 per cent at the foot
 
+    // too little damping: it swings for long, and a turning point is not taken for rest
+    Column<SceneType> swinging(16);
+    auto const late = load(swinging, {.rate = 0.1 * M_PI * c, .share = 1e-4, .longest = 30});
+    CHECK(late.is_at_rest);
+    CHECK(late.kinetic <= 1e-4 * late.largest_kinetic);
+    CHECK(late.steps.substeps > 3 * report.steps.substeps);
+    // at rest already
+    auto const again =
+        load(column, {.rate = M_PI * c, .longest = 10, .least = 1e-6 * report.largest_kinetic});
+    CHECK(again.is_at_rest);
+    CHECK(again.steps.substeps < report.steps.substeps);
+
     Column<SceneType> other(16);
     auto const too_short = load(other, {.rate = M_PI * c, .share = 1e-8, .longest = 0.05});
     CHECK(!too_short.is_at_rest);
@@ -103,7 +115,7 @@ TEST_CASE("loads and dampings that make no sense are refused, and nothing change
     }
     for (double const rate : {-1.0, nan}) refused([&] { solver.step(1e-4, Damping{rate}); });
     Settling const good{.rate = 1, .longest = 1};
-    for (int i = 0; i < 6; ++i) {
+    for (int i = 0; i < 7; ++i) {
         Settling wrong = good;
         if (i == 0) wrong.rate = 0;
         if (i == 1) wrong.rate = nan;
@@ -111,6 +123,7 @@ TEST_CASE("loads and dampings that make no sense are refused, and nothing change
         if (i == 3) wrong.share = nan;
         if (i == 4) wrong.longest = std::numeric_limits<double>::infinity();
         if (i == 5) wrong.between = -1;
+        if (i == 6) wrong.least = nan;
         refused([&] { settle(solver, wrong); });
     }
     CHECK((solver.positions() == before));

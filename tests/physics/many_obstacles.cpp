@@ -124,6 +124,24 @@ TEST_CASE("reactions are in the order of arguments, groups and fixed obstacles m
     CHECK((after.momentum - before.momentum - given).norm() <= 1e-12 * before.mass);
 }
 
+TEST_CASE("images in a wall meet the obstacles of a group as the nodes that they are images of do")
+{
+    for (int const side : {1, -1}) {
+        auto alone = block<InPlane>(), in_group = block<InPlane>();
+        ReflectingWall const wall{.axis = 0, .node = side > 0 ? 0 : 6, .side = side};
+        Obstacle<Sphere> at_wall = ball;
+        at_wall.motion.position = {side > 0 ? 0.02 : 0.28, 0.05, 0};
+        auto const expected = alone.advance(0.05, Gravity{}, wall, at_wall, ground);
+        auto const found = in_group.advance(0.05, Gravity{}, wall, Obstacles<Sphere>{{at_wall}}, ground);
+        CHECK(apart(alone, in_group) <= 1e-12);
+        REQUIRE(found.reactions.size() == 3);
+        for (std::size_t k = 0; k < 3; ++k) {
+            CHECK(expected.reactions[k].impulse.norm() > 0);
+            CHECK(agree(found.reactions[k], expected.reactions[k], 1e-9));
+        }
+    }
+}
+
 TEST_CASE("obstacles come and go between calls, and two groups of a type do not mix")
 {
     auto solver = block<InPlane>();

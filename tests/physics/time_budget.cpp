@@ -225,3 +225,42 @@ TEST_CASE("a step that fails is repeated, also if it was planned by a call of eq
     CHECK(report.rejected >= 1);
     CHECK(report.substeps >= 2);
 }
+
+TEST_CASE("no call ends between a step that failed and its repetition")
+{
+    Block solver = falling_block();
+    double const dt = 0.9 * solver.stable_step();
+    solver.steps(3, dt);
+    Stretch const stretch{0.8 / (dt * dt)};
+    auto const snapshot = solver.snapshot();
+    solver.restore(snapshot);
+    auto const expected = solver.step(0.25 * dt, stretch); // what the second repetition is
+    auto const after = solver.totals();
+    solver.restore(snapshot);
+    double const time = solver.time();
+
+    auto report = solver.advance(dt, Budget{.seconds = 1e-12}, stretch);
+    CHECK(report.rejected >= 1);
+    CHECK(report.substeps == 1);
+    CHECK(report.stopped_by == StoppedBy::seconds);
+    CHECK(solver.time() > time);
+    CHECK(report.smallest_dt <= 0.5 * dt);
+    if (report.smallest_dt == Approx(expected.dt))
+        CHECK(solver.totals().kinetic_energy == Approx(after.kinetic_energy).epsilon(1e-6));
+    CHECK(solver.totals().kinetic_energy <= 2 * after.kinetic_energy); // or it were the failed step's
+
+    // a callback that throws finds whole steps, and the solver goes on
+    struct Enough
+    {};
+    solver.restore(snapshot);
+    CHECK_THROWS_AS(solver.advance(dt,
+                                   Budget{.progress =
+                                              [](Progress const& progress) {
+                                                  CHECK(progress.steps == 1);
+                                                  throw Enough();
+                                              }},
+                                   stretch),
+                    Enough);
+    CHECK(solver.until_error().rejected >= 1);
+    solver.advance(0.1 * dt);
+}

@@ -138,5 +138,6 @@ TEST_CASE("a path goes through its poses, straight and at a constant rate betwee
     Motion const later = motion.at(1.75);
     CHECK((later.position - path.at(1.75).position).norm() <= 1e-12);
     CHECK(path.during(5, 1).velocity.norm() == 0); // it stands
-    refused([&] { (void)path.during(1, 0); });
+    CHECK(path.during(1.5, 0).velocity.norm() == 0);
+    refused([&] { (void)path.during(1, -1); });
 }

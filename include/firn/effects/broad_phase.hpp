@@ -61,15 +61,21 @@ struct NearObstacles
     {
         std::array<int, std::size_t(d)> cube{};
         for (int a = 0; a < d; ++a) cube[std::size_t(a)] = cell[a] >> shift;
-        std::uint32_t begin = 0, end = everywhere;
-        for (std::uint32_t at = hash(cube) & mask; table[at].end != 0; at = (at + 1) & mask)
-            if (same(table[at].cube, cube)) {
-                begin = table[at].begin;
-                end = table[at].end;
+        std::uint32_t at = 0, end = 0;
+        for (std::uint32_t place = hash(cube) & mask; table[place].end != 0; place = (place + 1) & mask)
+            if (same(table[place].cube, cube)) {
+                at = table[place].begin;
+                end = table[place].end;
                 break;
             }
-        for (std::uint32_t i = begin; i < end; ++i)
-            if (boxes[lists[i]].contains(cell)) use(lists[i]);
+        // two lists by rising number: those of the cube, and those that are everywhere
+        for (std::uint32_t unbounded = 0;;) {
+            while (at < end && !boxes[lists[at]].contains(cell)) ++at;
+            bool const has_near = at < end, has_unbounded = unbounded < everywhere;
+            if (!has_near && !has_unbounded) return;
+            bool const takes_near = has_near && (!has_unbounded || lists[at] < lists[unbounded]);
+            use(takes_near ? lists[at++] : lists[unbounded++]);
+        }
     }
 
     FIRN_HOST_DEVICE static std::uint32_t hash(std::array<int, std::size_t(d)> const& cube)
@@ -158,17 +164,11 @@ private:
         return sum;
     }
 
-    /// The list of one cube: the obstacles that meet it, and those that are everywhere.
+    /// The list of one cube.
     void add_list(std::vector<std::pair<Cube, std::uint32_t>> const& met, std::size_t first, std::size_t last)
     {
         ListOfCube<d> of{met[first].first, static_cast<std::uint32_t>(lists.size()), 0};
-        std::size_t unbounded = 0;
-        for (std::size_t i = first; i < last; ++i) {
-            for (; unbounded < everywhere && lists[unbounded] < met[i].second; ++unbounded)
-                lists.push_back(std::uint32_t(lists[unbounded]));
-            lists.push_back(met[i].second);
-        }
-        for (; unbounded < everywhere; ++unbounded) lists.push_back(std::uint32_t(lists[unbounded]));
+        for (std::size_t i = first; i < last; ++i) lists.push_back(met[i].second);
         of.end = static_cast<std::uint32_t>(lists.size());
         auto const mask = static_cast<std::uint32_t>(table.size() - 1);
         std::uint32_t at = NearObstacles<d>::hash(of.cube) & mask;

@@ -73,7 +73,7 @@ struct ContactResult
 /// What an obstacle received during a step or a call.
 struct Reaction
 {
-    Eigen::Vector3d impulse{0, 0, 0};         ///< [N s]; divided by the duration: the mean force
+    Eigen::Vector3d impulse{0, 0, 0};         ///< [N s]; over the time that was simulated: the mean force
     Eigen::Vector3d angular_impulse{0, 0, 0}; ///< about the obstacle's reference point [N m s]
 
     FIRN_HOST_DEVICE Reaction& operator+=(Reaction const& other)

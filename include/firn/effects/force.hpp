@@ -74,7 +74,7 @@ struct Force
         }
     };
 
-    /// The region in the middle of the step, whose mean it is then. Called on a plain value.
+    /// The region where it is in the middle of the step. Called on a plain value.
     template <class Number, int d>
     FIRN_HOST_DEVICE Action<Number, d> over(Interval const& interval) const
     {

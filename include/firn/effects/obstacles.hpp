@@ -98,6 +98,13 @@ private:
     }
 };
 
+namespace detail
+{
+/// The reach of obstacles is kept in single precision, and distances are rounded: a thousandth more is
+/// searched.
+inline constexpr double with_rounding = 1.001;
+} // namespace detail
+
 /// The action of many obstacles: what it gives to nodes is asked of each that is near.
 template <class ShapeType, class Number, int d>
 struct ObstaclesAction
@@ -135,7 +142,7 @@ private:
     {
         if (!(reach[i] > 0)) return false;
         Vector<Real, d> const away = place.relative_to(obstacles[i].position);
-        Real const furthest(static_cast<Number>(reach[i]) * Number(1.001));
+        Real const furthest(static_cast<Number>(reach[i] * float(detail::with_rounding)));
         return !any(dot<Real, d>(away, away) <= furthest * furthest);
     }
 };
@@ -275,8 +282,9 @@ private:
         for (int a = 0; a < d; ++a) {
             bool const is_along = a == d - 1;
             box.low[std::size_t(a)] =
-                cell(a, std::min(from[a], to[a]) - 1.001 * reach) - (is_along ? row + 2 : 0);
-            box.high[std::size_t(a)] = cell(a, std::max(from[a], to[a]) + 1.001 * reach) + (is_along ? 3 : 1);
+                cell(a, std::min(from[a], to[a]) - detail::with_rounding * reach) - (is_along ? row + 2 : 0);
+            box.high[std::size_t(a)] =
+                cell(a, std::max(from[a], to[a]) + detail::with_rounding * reach) + (is_along ? 3 : 1);
         }
         return box;
     }

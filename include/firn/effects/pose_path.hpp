@@ -56,9 +56,14 @@ public:
     }
 
     /// The motion of a call that begins at a time [s] and takes `duration` [s]: a constant twist from the
-    /// pose at its begin to that at its end. Throws an Error if the duration is not a finite number above 0.
+    /// pose at its begin to that at its end. Keys between them are not seen: let no call span one at which
+    /// the path turns. Throws an Error if the duration is not a finite number, 0 or above; with 0 the body
+    /// stands.
     Motion during(double begin, double duration) const
     {
+        require(is_finite(duration) && duration >= 0, "the duration is not a finite number, 0 or above",
+                "PosePath::during", "Pass that of the call [s].");
+        if (!(duration > 0)) return at(begin);
         return Motion::between(at(begin), at(begin + duration), duration);
     }
 

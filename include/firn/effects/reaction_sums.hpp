@@ -13,7 +13,7 @@ namespace firn
 
 /// The sums of what any number of obstacles received, to which all parts of a loop add. They are integers, so
 /// that they do not depend on the order: a number is split into multiples of 2^20, 2^-20 and 2^-60, and each
-/// of these has a sum of its own, which has room for 2^23 numbers.
+/// of these has a sum of its own, which has room for 2^23 numbers below 2^60.
 ///
 /// Every obstacle has several such sums, its slots, so that parts of a loop seldom wait for one another.
 struct ReactionSums
@@ -71,8 +71,8 @@ private:
 
     FIRN_HOST_DEVICE static void add(std::int64_t* to, double number)
     {
-        // a step that gave more than that fails: it moves particles by more than a cell
-        if (!(std::abs(number) < 0x1p80)) return;
+        // a step that gave more than that, or NaN, fails: it moves particles by more than a cell
+        if (!(std::abs(number) < 0x1p60)) return;
         for (int w = 0; w < words; ++w) {
             auto const share = static_cast<std::int64_t>(number * (1 / unit(w)));
             if (share == 0) continue;

@@ -11,6 +11,7 @@
 #include <initializer_list>
 #include <ostream>
 #include <string>
+#include <system_error>
 #include <utility>
 #include <vector>
 
@@ -53,11 +54,19 @@ public:
         std::string text;
         for (double const number : row) text += (text.empty() ? "" : ",") + detail::exact_text(number);
         text += '\n';
+        std::error_code gone;
+        auto const before = std::filesystem::file_size(path_, gone);
+        if (gone)
+            throw Error{"the file is no longer there", path_.string(),
+                        "Begin a new one, under another name."};
         std::ofstream out(path_, std::ios::binary | std::ios::app);
         out.write(text.data(), static_cast<std::streamsize>(text.size()));
         out.close();
-        require(bool(out), "a row could not be written", path_.string().c_str(),
-                "Is the disk full, or has the folder gone?");
+        if (out) return;
+        std::filesystem::resize_file(path_, before,
+                                     gone); // else the next row would go on behind half of this one
+        throw Error{"a row could not be written", path_.string(),
+                    "Is the disk full, or has the folder gone?"};
     }
 
 private:

@@ -36,6 +36,8 @@ void validate_steps(double time, std::size_t count, double dt)
             "the number of steps is below 0, or beyond what memory has room to report", "Solver::steps",
             "Pass how many there are to be, 0 or above.");
     require_to_last<Number>(time, dt, "Solver::step");
+    require(is_finite(time + double(count) * dt), "the steps end beyond all numbers", "Solver::steps",
+            "Pass fewer or shorter ones.");
 }
 
 /// Refuses a duration [s] that time cannot advance by.

@@ -51,7 +51,7 @@ struct AdvanceReport
     double smallest_dt = std::numeric_limits<double>::infinity(); ///< [s]
     double largest_dt = 0;                                        ///< [s]
     double time_of_forces = 0; ///< for how long stresses and gravity acted [s]: see TimeStepController
-    double left = 0; ///< of the duration, what was not simulated [s]: 0 without a budget and an error
+    double left = 0; ///< of the duration, what was not simulated [s]: 0 unless there was a budget or an error
     StoppedBy stopped_by = StoppedBy::nothing;                ///< why
     std::array<std::uint64_t, step_limit_count> limited_by{}; ///< substeps by what bounded them: a StepLimit
     std::uint64_t capped = 0;             ///< the most particles at a cap of their model in any substep

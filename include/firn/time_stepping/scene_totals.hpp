@@ -42,6 +42,7 @@ struct SceneTotals
     Vector<double, d> centre_of_mass = zeros<Vector<double, d>>(); ///< [m]; 0 without particles
     Vector<double, d> momentum = zeros<Vector<double, d>>();       ///< [kg m/s]
     Eigen::Vector3d angular_momentum = zeros<Eigen::Vector3d>();   ///< [kg m^2/s]; in the plane along z
+    double kinetic_energy = 0;                                     ///< [J]
 };
 
 namespace detail
@@ -73,6 +74,14 @@ struct ParticleMotion
 {
     Vector<double, d> velocity;
     Matrix<double, d> affine = zeros<Matrix<double, d>>(), spread = affine;
+
+    /// The kinetic energy over the mass [m^2/s^2].
+    double kinetic() const
+    {
+        double twice = dot<double, d>(velocity, velocity);
+        for (int c = 0; c < d * d; ++c) twice += affine.data()[c] * spread.data()[c];
+        return 0.5 * twice;
+    }
 };
 
 /// Calls `use(mass, position, motion)` for every particle of a material, by row.
@@ -115,9 +124,7 @@ FIRN_COLD Energy energy_of(Scene const& scene, Gravity const& gravity)
     Sets::for_each([&](auto k) {
         if constexpr (Sets::template is_about<place, k>) {
             detail::for_each_motion<k>(scene, [&](double m, auto const& x, auto const& motion) {
-                double affine = 0;
-                for (int c = 0; c < d * d; ++c) affine += motion.affine.data()[c] * motion.spread.data()[c];
-                sum.kinetic += 0.5 * m * (dot<double, d>(motion.velocity, motion.velocity) + affine);
+                sum.kinetic += m * motion.kinetic();
                 sum.gravitational -= m * dot<double, d>(g, x);
             });
             auto const density = scene.template download<EnergyDensity, k>();
@@ -143,6 +150,7 @@ FIRN_COLD SceneTotals<Scene::d> totals_of(Scene const& scene, Vector<double, Sce
                 auto const r = in_space<d>(Vector<double, d>(x - about)), v = in_space<d>(motion.velocity);
                 auto const A = [&](int a, int b) { return a < d && b < d ? motion.spread(a, b) : 0.0; };
                 sum.mass += m;
+                sum.kinetic_energy += m * motion.kinetic();
                 sum.centre_of_mass += m * x;
                 sum.momentum += m * motion.velocity;
                 sum.angular_momentum +=

@@ -32,7 +32,7 @@ struct FullPace
     static constexpr StoppedBy stopped_by() { return StoppedBy::nothing; }
     /// How many steps may come next; 0: the call ends.
     static std::size_t steps_allowed(AdvanceReport const&) { return std::numeric_limits<std::size_t>::max(); }
-    /// After some steps, or after a failed one.
+    /// After some steps.
     static void tell(double /*time*/, double /*end*/, AdvanceReport const&) {}
 };
 
@@ -156,9 +156,11 @@ public:
         };
         try {
             while (controller.goes_on(next_.time_state)) {
-                std::size_t const allowed = pace.steps_allowed(all);
+                // not between a failed step and its repetition: the nodes lack the velocities of the last
+                // good one until then
+                std::size_t const allowed = next_.time_state.retries > 0 ? 1 : pace.steps_allowed(all);
                 if (allowed == 0 || !get_on(allowed)) break;
-                pace.tell(next_.time_state.time, controller.end, all);
+                if (next_.time_state.retries == 0) pace.tell(next_.time_state.time, controller.end, all);
             }
         }
         catch (...) {

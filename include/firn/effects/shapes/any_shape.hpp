@@ -63,6 +63,12 @@ struct ChosenShape
         return all.template of<Real, d>(which, x);
     }
 };
+template <class... Types>
+inline constexpr bool are_different = true;
+template <class First, class... Rest>
+inline constexpr bool are_different<First, Rest...> =
+    !(false || ... || std::same_as<First, Rest>)&&are_different<Rest...>;
+
 /// The library's plain shapes and others.
 template <class Library, class... Own>
 struct ShapesToChoose;
@@ -70,6 +76,8 @@ template <class... Library, class... Own>
 struct ShapesToChoose<std::tuple<Library...>, Own...>
 {
     using Variant = std::variant<Library..., Own...>;
+    /// Whether no two of them are the same as loops know them.
+    static constexpr bool differ = are_different<Library..., Plain<Own>...>;
     using Chosen = ChosenShape<Library..., Plain<Own>...>;
 };
 } // namespace detail
@@ -90,6 +98,10 @@ class AnyShape
 
 public:
     static constexpr bool in_host_memory = (false || ... || lies_on_host<Own>);
+
+    static_assert(Shapes::differ,
+                  "two shapes of an AnyShape are the same type, or the same as plain values: name one "
+                  "of them, or wrap it into a shape of its own");
 
     AnyShape() = default;
     /// A shape of one of its types.

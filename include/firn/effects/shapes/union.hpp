@@ -50,9 +50,9 @@ namespace detail
 template <class ShapeType>
 struct PlainPlaced
 {
-    ShapeType shape;
-    Eigen::Vector3d position;
-    Eigen::Matrix3d rotation; ///< from the shape's frame to the body's
+    ShapeType shape{};
+    Eigen::Vector3d position{0, 0, 0};
+    Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity(); ///< from the shape's frame to the body's
 
     template <Lane Real, int d>
     FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const
