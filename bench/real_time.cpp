@@ -65,7 +65,7 @@ Measured measure(Model const& material, int cells, int frames, int threads)
     Measured found;
     found.particles = solver.size();
     double owed = 0;
-    int const before = frames / 2; // it falls, and the host learns how many steps may be queued
+    int const before = frames / 2; // it falls; on a device the number of steps that are queued grows
     for (int i = 0; i < before + frames; ++i) {
         auto const start = std::chrono::steady_clock::now();
         auto const report =

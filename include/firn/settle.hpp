@@ -18,7 +18,7 @@ struct Settling
     /// swings, and with more it creeps: both take longer.
     double rate = 0;
     double share = 1e-6; ///< of the largest kinetic energy so far, below which the scene counts as at rest
-    double longest = 0;  ///< the most time that may pass in the scene [s]
+    double longest = 0;  ///< the most time that may pass in the scene [s]; rest takes 5 / rate at least
     double between = 0;  ///< the time between two looks at the energy [s]; 0: a tenth of 1 / rate
     /// A kinetic energy below which the scene counts as at rest, whatever the share [J; in two dimensions J
     /// per metre of depth]: for a scene that may be at rest already.
@@ -49,7 +49,7 @@ struct Settling
 struct SettleReport
 {
     bool is_at_rest = false; ///< it stayed below the share in time
-    double kinetic = 0;      ///< the largest since it stays below [J; in two dimensions J per metre of depth]
+    double kinetic = 0; ///< the largest while it stayed below [J; in two dimensions J per metre of depth]
     double largest_kinetic = 0; ///< the largest of all looks, in the same unit
     AdvanceReport steps{};      ///< of all calls of advance()
 };

@@ -41,7 +41,8 @@ inline constexpr bool has_groups<PlainEffects<First, Rest...>> =
 template <class Backend, class Number, int d>
 class Groups
 {
-    /// A group has memory of its own if it is not the first of its type in a call.
+    /// The place among a call's arguments is part of the type, so that two groups of one type have memory of
+    /// their own.
     template <class Effect, std::size_t place>
     struct Memory : Effect::template Staged<Backend, Number, d>
     {
@@ -51,8 +52,8 @@ class Groups
 public:
     explicit Groups(Backend const& backend) : backend_(backend) {}
 
-    /// Stores the obstacles of a call that takes a time [s] from `begin` on, and lets its plain effects know
-    /// where.
+    /// Stores the obstacles of a call that takes a time [s] from `begin` on, and writes their addresses into
+    /// the call's plain effects.
     template <class Plain, class... Effects>
     void stage(Plain& plain, Lattice const& lattice, double begin, double duration, Effects const&... effects)
     {

@@ -33,7 +33,7 @@ class StagedObstacles;
 ///     scene.list.push_back({.shape = firn::Sphere{0.2}, .motion = {.position = {0, 1, 0}}});
 ///     auto const report = solver.advance(frame, firn::Gravity{}, scene);
 ///
-/// Nodes meet only those that are near: obstacles are sorted into cubes of some cells at the begin of a call,
+/// Nodes meet only those that are near: obstacles are sorted into cubes of some cells when a call begins,
 /// by what they sweep during it. Shapes of your own are named in the type, Obstacles<AnyShape<Pillar>>, or
 /// all are of one type, Obstacles<Sphere>. Obstacles that act on particles, and so shells, are arguments of
 /// their own.
@@ -199,8 +199,8 @@ public:
           lists_(backend), boxes_there_(backend), sums_(backend)
     {}
 
-    /// Stores the obstacles of a call that takes a time [s] from `begin` on. The effects' plain value `to`
-    /// gets to know where.
+    /// Stores the obstacles of a call that takes a time [s] from `begin` on, and writes the addresses into
+    /// the effect's plain value `to`.
     void stage(Obstacles<ShapeType> const& from, Lattice const& lattice, double begin, double duration,
                PlainObstacles<Plain>& to)
     {
@@ -264,7 +264,7 @@ private:
         to.upload(0, values);
     }
 
-    /// The cells from which on lanes of nodes may meet an obstacle.
+    /// The cells where a lane of nodes may begin if one of its nodes is to touch the obstacle.
     static SweptBox<d> box_of(Motion const& motion, double reach, Lattice const& lattice, double begin,
                               double end)
     {
