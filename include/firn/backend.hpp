@@ -19,7 +19,8 @@
 // all arrays. The order of cells visits the items, and an item's number in this order is its *slot*. A loop
 // loads from places and stores to slots. After commit() items lie at their slots; loops with a phase still
 // load from the places before that, until rebin(), so that what was gathered can be gathered once more.
-// A *layer* is the grid as one order of cells sees it: sums of its own, and values that all layers share.
+// A *layer* is the grid as one order of cells sees it: sums of its own, and values that all layers share, or
+// its own.
 namespace firn
 {
 
@@ -109,8 +110,9 @@ concept BackendCellOrder = std::constructible_from<T, B const&> && std::movable<
     std::size_t{constant.memory()};           // bytes held
 };
 
-/// `B::Grid<Number, d, degree, sums, values, layers>`: the nodes under the cells of as many orders as it has
-/// layers, each node with `sums` sums per layer, twice, and `values` values.
+/// `B::Grid<Number, d, degree, sums, values, layers, own_values>`: the nodes under the cells of as many
+/// orders as it has layers, each node with `sums` sums per layer, twice, and `values` values, or so many per
+/// layer if `own_values` is true; it is false if it is not said.
 template <class T, class B, class Order>
 concept BackendGrid = std::constructible_from<T, B const&> && std::movable<T> &&
     requires(T grid, T const constant, std::array<Order*, 1> orders, std::size_t layer)
@@ -211,5 +213,14 @@ concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::t
 //   first(), offset()                      the coordinates of one, and the ways from it to the lanes' own
 //   sums_at(first, along, which, sums)     the sums of the nodes `along` the last axis from `first`, in the
 //                                          lanes of `which`; zeros where there is no node
+//
+// For a phase that `tells_layers_apart`, on a grid whose layers have their own values, in place of these:
+//
+//   has(layer)                             whether the layer may have added to one of the nodes; for others
+//                                          there is no sum to ask for and no value to set
+//   sum(layer, channel)                    the sum of this layer alone
+//   sum_beside(layer, channel, step, which)   that of the nodes `step` beside them, in the lanes of `which`
+//   set(layer, channel, lane)              the layer's value after the update
+//   first(), offset()                      as above
 
 } // namespace firn

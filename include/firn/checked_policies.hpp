@@ -15,8 +15,8 @@ namespace firn::detail
 /// Whether all types of a scene's material list are materials, for this lane type.
 template <class Real, class List>
 inline constexpr bool are_materials = false;
-template <class Real, class... Models>
-inline constexpr bool are_materials<Real, Materials<Models...>> = (Complete<Models, Real>::value && ...);
+template <class Real, template <class...> class List, class... Models>
+inline constexpr bool are_materials<Real, List<Models...>> = (Complete<Models, Real>::value && ...);
 
 /// Refuses a kernel of too high a degree for the backend with a sentence, and substitutes another one so that
 /// the compiler reports nothing more.

@@ -10,6 +10,7 @@
 #include <firn/effects/shapes/all.hpp>
 #include <firn/interpolation/all.hpp>
 #include <firn/models/all.hpp>
+#include <firn/models/bodies.hpp>
 #include <firn/models/heterogeneous.hpp>
 #include <firn/models/materials.hpp>
 #include <firn/models/several_materials.hpp>

@@ -92,7 +92,7 @@ public:
                     Backend backend = {})
         : scene_(lattice, List(std::move(model)), transfer, std::move(backend)), time_loop_(control, scene_)
     {
-        Sets::for_each([&](auto k) { scene_.sets.template model<k>().validate(); });
+        scene_.sets.validate();
         control.validate();
         scene_.backend.validate();
         if constexpr (requires { transfer.validate(); }) transfer.validate();

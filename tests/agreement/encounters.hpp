@@ -217,6 +217,7 @@ std::vector<AgreementCase> encounter_cases()
 #if !defined(FIRN_TESTS_FEW_COMBINATIONS)
     using FloatPair = Materials<NeoHookean<SolidFloat>, Fluid<SolidFloat>>;
     using DoublePair = Materials<FixedCorotated<Plane>, Sand<Plane>>;
+    using Bodies = firn::Bodies<NeoHookean<SolidFloat>, NeoHookean<SolidFloat>, Fluid<SolidFloat>>;
     cases.insert(cases.end(),
                  {
                      {"corner of walls, 3D float, neo-Hookean, cubic, FLIP",
@@ -237,6 +238,8 @@ std::vector<AgreementCase> encounter_cases()
                       under_a_ball<Scene<Snow<Solid>, QuadraticBSpline, Apic, Backend>>},
                      {"two materials, 2D double, fixed corotated and sand, cubic, APIC",
                       collision<Scene<DoublePair, CubicBSpline, Apic, Backend>>},
+                     {"bodies, 3D float, neo-Hookean, quadratic, FLIP",
+                      collision<Scene<Bodies, QuadraticBSpline, Flip, Backend>>},
                      {"two materials, 3D float, neo-Hookean and fluid, quadratic, MLS",
                       collision<Scene<FloatPair, QuadraticBSpline, Mls, Backend>>},
                  });

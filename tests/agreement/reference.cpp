@@ -36,12 +36,15 @@ template <class Backend>
 std::vector<AgreementCase> reference_cases()
 {
     using Two = Materials<NeoHookean<Plane>, FixedCorotated<Plane>>;
-    return {{"disk, 3D float, neo-Hookean, quadratic, MLS",
-             rotating_disk<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls, Backend>>},
-            {"two materials in a corner, 2D double, cubic, FLIP",
-             two_in_a_corner<Scene<Two, CubicBSpline, Flip, Backend>>},
-            {"block, 2D double, neo-Hookean, quadratic, XPIC",
-             vibrating_block<Scene<NeoHookean<Plane>, QuadraticBSpline, Xpic, Backend>>}};
+    using Touching = Bodies<NeoHookean<Plane>, FixedCorotated<Plane>>;
+    return {
+        {"disk, 3D float, neo-Hookean, quadratic, MLS",
+         rotating_disk<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls, Backend>>},
+        {"two materials in a corner, 2D double, cubic, FLIP",
+         two_in_a_corner<Scene<Two, CubicBSpline, Flip, Backend>>},
+        {"two bodies, 2D double, quadratic, MLS", collision<Scene<Touching, QuadraticBSpline, Mls, Backend>>},
+        {"block, 2D double, neo-Hookean, quadratic, XPIC",
+         vibrating_block<Scene<NeoHookean<Plane>, QuadraticBSpline, Xpic, Backend>>}};
 }
 
 } // namespace firn::test::detail

@@ -45,8 +45,8 @@ struct Cuda
     template <class Number, int d>
     using CellOrder = cuda::CellOrder<Number, d>;
     static constexpr int largest_degree = 3; ///< of a stencil, which spans one node more per axis
-    template <class Number, int d, int degree, int sums, int values, int layers>
-    using Grid = cuda::Grid<Number, d, degree, sums, values, layers>;
+    template <class Number, int d, int degree, int sums, int values, int layers, bool own_values = false>
+    using Grid = cuda::Grid<Number, d, degree, sums, values, layers, own_values>;
 
     cuda::Queue queue() const { return {device, stream}; }
 
@@ -173,7 +173,7 @@ struct Cuda
                                  cuda::detail::for_each_node<GridType, Phase, Blocks>, grid.node_blocks(), 1,
                                  0, cells[0]->signal(), phase, grid.view(), blocks, results, to_forget);
         };
-        if constexpr (Phase::looks_around)
+        if constexpr (Phase::looks_around || TellsLayersApart<Phase>)
             loop(grid.blocks_of_nodes());
         else
             loop(cuda::detail::NoBlocks{});

@@ -29,8 +29,8 @@ struct Reference
     using ReadbackBuffer = reference::ReadbackBuffer<T>;
     template <class Number, int d>
     using CellOrder = reference::CellOrder<Number, d>;
-    template <class Number, int d, int degree, int sums, int values, int layers>
-    using Grid = reference::Grid<Number, d, degree, sums, values, layers>;
+    template <class Number, int d, int degree, int sums, int values, int layers, bool own_values = false>
+    using Grid = reference::Grid<Number, d, degree, sums, values, layers, own_values>;
 
     /// Works on every machine.
     void validate() const {}
@@ -103,25 +103,36 @@ struct Reference
     template <class Orders, class GridType, class Phase>
     auto for_each_node(Orders const&, GridType& grid, Phase const& phase) const
     {
-        using Node = reference::Node<typename Phase::Number, Phase::d, typename GridType::Sums,
-                                     typename GridType::Values>;
         auto result = first_result<Phase>();
         auto const sums = grid.all_sums();
-        for (auto at = sums.begin(); at != sums.end(); ++at) {
-            Node node(sums, at, grid.values_at(at->first));
-            if constexpr (Phase::looks_around) {
-                auto const walls = phase.walls();
-                if (phase.looks_around_at(walls, node.first(), 1)) {
-                    phase.look_around(walls, node, result);
-                    continue;
-                }
-            }
-            phase(node, result);
-        }
+        for (auto at = sums.begin(); at != sums.end(); ++at) update_node(grid, sums, at, phase, result);
         return result;
     }
 
 private:
+    template <class GridType, class AllSums, class Phase, class Result>
+    static void update_node(GridType& grid, AllSums const& sums, typename AllSums::const_iterator at,
+                            Phase const& phase, Result& result)
+    {
+        if constexpr (TellsLayersApart<Phase>) {
+            reference::NodeOfLayers<GridType, Phase::d> node(grid, at->first);
+            phase(node, result);
+        }
+        else {
+            reference::Node<typename Phase::Number, Phase::d, typename GridType::Sums,
+                            typename GridType::Values>
+                node(sums, at, grid.values_at(at->first));
+            if constexpr (Phase::looks_around) {
+                auto const walls = phase.walls();
+                if (phase.looks_around_at(walls, node.first(), 1)) {
+                    phase.look_around(walls, node, result);
+                    return;
+                }
+            }
+            phase(node, result);
+        }
+    }
+
     /// What the results of items are merged into.
     template <class Phase>
     static auto first_result()

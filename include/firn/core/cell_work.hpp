@@ -22,4 +22,11 @@ struct CellWork
     ScatterTarget scatters_to = ScatterTarget::nothing;
 };
 
+/// Whether a phase of nodes sees the sums of each layer by themselves, and has values for each.
+template <class Phase>
+concept TellsLayersApart = requires
+{
+    requires Phase::tells_layers_apart;
+};
+
 } // namespace firn

@@ -64,8 +64,8 @@ struct MaterialsOf<Materials<Models...>>
 template <class Which, class List>
 struct PlaceOf;
 
-template <class Which, class... Models>
-struct PlaceOf<Which, Materials<Models...>>
+template <class Which, template <class...> class List, class... Models>
+struct PlaceOf<Which, List<Models...>>
 {
     static constexpr std::size_t find()
     {
@@ -79,15 +79,15 @@ struct PlaceOf<Which, Materials<Models...>>
     static constexpr std::size_t value = find();
 };
 
-template <std::size_t place, class... Models>
-struct PlaceOf<Material<place>, Materials<Models...>>
+template <std::size_t place, template <class...> class List, class... Models>
+struct PlaceOf<Material<place>, List<Models...>>
 {
     static_assert(place < sizeof...(Models), "the scene has fewer materials");
     static constexpr std::size_t value = place;
 };
 
-template <class... Models>
-struct PlaceOf<EveryMaterial, Materials<Models...>>
+template <template <class...> class List, class... Models>
+struct PlaceOf<EveryMaterial, List<Models...>>
 {
     static constexpr std::size_t value = sizeof...(Models) == 1 ? 0 : sizeof...(Models);
 };

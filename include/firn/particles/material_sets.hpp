@@ -4,8 +4,8 @@
 #include <firn/core/error.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/core/step_error.hpp>
+#include <firn/models/bodies.hpp>
 #include <firn/models/response.hpp>
-#include <firn/models/several_materials.hpp>
 #include <firn/particles/add_remove.hpp>
 #include <firn/particles/particle_table.hpp>
 
@@ -32,6 +32,8 @@ public:
     /// How many materials there are.
     static constexpr std::size_t count = std::tuple_size_v<decltype(List::of)>;
     using Places = std::make_index_sequence<count>;
+    /// Whether the materials are bodies, which have their own velocities on the grid.
+    static constexpr bool are_bodies = detail::BodyContactOf<List>::any;
 
     /// The types and sizes of one material.
     template <std::size_t place>
@@ -85,7 +87,9 @@ public:
     {
         return [&]<std::size_t... k>(std::index_sequence<k...>)
         {
-            return MaterialSets(List{model<k>()...}, lattice, kernel_degree, backend);
+            List list{model<k>()...};
+            if constexpr (are_bodies) list.contact = contact_;
+            return MaterialSets(std::move(list), lattice, kernel_degree, backend);
         }
         (Places{});
     }
@@ -116,6 +120,16 @@ public:
     {
         return std::get<k>(sets_).model;
     }
+
+    /// Throws an Error if a parameter is outside its range.
+    void validate() const
+    {
+        for_each([&](auto k) { model<k>().validate(); });
+        if constexpr (are_bodies) contact_.validate();
+    }
+
+    /// The contact between bodies.
+    auto const& contact() const { return contact_; }
 
     /// Whether a call about the material in `place`, or about all if that is `count`, is about this one.
     template <std::size_t place, std::size_t k>
@@ -292,10 +306,12 @@ private:
     template <std::size_t... k>
     FIRN_COLD MaterialSets(List list, Lattice lattice, int kernel_degree, Backend const& backend,
                            std::index_sequence<k...>)
-        : sets_{Part<k>{std::move(std::get<k>(list.of)),
+        : contact_(detail::BodyContactOf<List>::of(list)),
+          sets_{Part<k>{std::move(std::get<k>(list.of)),
                         typename MaterialTraits<k>::Table(lattice, kernel_degree, backend)}...}
     {}
 
+    [[no_unique_address]] typename detail::BodyContactOf<List>::Type contact_;
     decltype(tuple_of_parts(Places{})) sets_;
 };
 

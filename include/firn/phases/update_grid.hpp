@@ -98,7 +98,7 @@ struct UpdateGrid : CarriedBy<Transfer>
             if (Values::axis(c) < 0) node.set(c, values[c]);
     }
 
-private:
+protected:
     /// v_i^n - v_i*: the part of a node's old velocity that extending removed, where a transfer does so.
     template <class Real, class Node>
     FIRN_HOST_DEVICE static Real withheld(Node const& node, int a)
@@ -113,6 +113,23 @@ private:
     template <class Real, class Sum, class Withheld, class Set>
     FIRN_HOST_DEVICE void update(LanePosition<Real, d> const& place, Sum const& sum, Withheld const& withheld,
                                  Set const& set, Mask<Real> const& received, Result& reactions) const
+    {
+        Free<Real> const node = free_node<Real>(place, sum, withheld, set, received);
+        finish_node<Real>(place, node, node.velocity, sum, set, reactions);
+    }
+
+    /// Lanes of nodes on which forces have acted, and no obstacle has yet.
+    template <class Real>
+    struct Free
+    {
+        NodesOfStep<Real> nodes;
+        Real inverse_mass; ///< 0 where a node is empty
+        Vector<Real, d> velocity;
+    };
+    template <class Real, class Sum, class Withheld, class Set>
+    FIRN_HOST_DEVICE Free<Real> free_node(LanePosition<Real, d> const& place, Sum const& sum,
+                                          Withheld const& withheld, Set const& set,
+                                          Mask<Real> const& received) const
     {
         Real const mass = sum(Sums::mass);
         assert(all(mass >= Real(0)) && "the mass of a node is not below 0");
@@ -131,12 +148,22 @@ private:
         NodesOfStep<Real> const nodes{mass, filled, select(filled & received, mass, Real(0)), now->forces,
                                       mass_unit};
         apply_on_momentum<Real, d>(now->actions, place, nodes, momentum);
-        Vector<Real, d> velocity = momentum * inverse_mass;
-        velocity = apply_on_nodes<Real, d>(now->actions, place, nodes, velocity, reactions);
-        for (int a = 0; a < d; ++a) set(Values::velocity + a, select(filled, velocity[a], Real(0)));
-        if constexpr (Carried::any) update_carried<Real>(sum, filled, inverse_mass, set);
+        return {nodes, inverse_mass, momentum * inverse_mass};
     }
 
+    /// Obstacles act, and the node has its values for the gather.
+    template <class Real, class Sum, class Set>
+    FIRN_HOST_DEVICE void finish_node(LanePosition<Real, d> const& place, Free<Real> const& node,
+                                      Vector<Real, d> velocity, Sum const& sum, Set const& set,
+                                      Result& reactions) const
+    {
+        velocity = apply_on_nodes<Real, d>(now->actions, place, node.nodes, velocity, reactions);
+        for (int a = 0; a < d; ++a)
+            set(Values::velocity + a, select(node.nodes.filled, velocity[a], Real(0)));
+        if constexpr (Carried::any) update_carried<Real>(sum, node.nodes.filled, node.inverse_mass, set);
+    }
+
+private:
     template <class Real, class Sum, class Set>
     FIRN_HOST_DEVICE void update_carried(Sum const& sum, Mask<Real> const& filled, Real inverse_mass,
                                          Set const& set) const

@@ -30,6 +30,7 @@ void name_material(Sets const& sets, MaterialSnapshot<typename Sets::Number, Set
     material.density = double(sets.template model<k>().density);
     material.wave_modulus = double(sets.template response_at_rest<k>().wave_modulus);
     material.parameters = parameters_of(sets.template model<k>());
+    if constexpr (Sets::are_bodies && k == 0) add_parameters(material.parameters, sets.contact(), "contact.");
 }
 
 /// Refuses a snapshot for a value that differs from this solver's.

@@ -9,6 +9,7 @@
 #include <firn/phases/gather.hpp>
 #include <firn/phases/particles_to_grid.hpp>
 #include <firn/phases/step_context.hpp>
+#include <firn/phases/update_bodies.hpp>
 #include <firn/phases/update_grid.hpp>
 
 #include <cstddef>
@@ -30,7 +31,7 @@ public:
     using Grid =
         typename Backend::template Grid<Number, d, Kernel::degree, NodeSums<d, SumsOf<Transfer>>::channels,
                                         NodeValues<d, ValuesOf<Transfer>>::template channels<Kernel>,
-                                        static_cast<int>(Sets::count)>;
+                                        static_cast<int>(Sets::count), Sets::are_bodies>;
     template <std::size_t k>
     using MaterialTraits = typename Sets::template MaterialTraits<k>;
     /// The scatter phase of a material.
@@ -170,11 +171,31 @@ public:
         Sets::for_each([&](auto k) { scatter<k>(-scattered_dt_, true, sets); });
         scattered_dt_ = 0;
         extend_velocities(sets, smallest_node_mass);
-        backend_.for_each_node(
-            sets.orders(), grid_,
-            UpdateGrid<Space, Kernel, Transfer, Chain<>>{
-                {carried_by(transfer_)}, now.data(), lattice_, smallest_node_mass, flip_fraction()});
+        backend_.for_each_node(sets.orders(), grid_,
+                               grid_update<Chain<>>(sets, now.data(), smallest_node_mass, 1, false));
         cache_grid_fields(sets);
+    }
+
+    /// The phase that updates the nodes. `mass_unit` is that of the scene's masses [kg]; `bodies_touch` says
+    /// whether bodies act on each other.
+    template <class Actions>
+    auto grid_update(Sets const& sets, StepContext<Number, Actions> const* now, Number smallest_node_mass,
+                     double mass_unit, [[maybe_unused]] bool bodies_touch) const
+    {
+        UpdateGrid<Space, Kernel, Transfer, Actions> const update{
+            {carried_by(transfer_)},       now, lattice_, smallest_node_mass, flip_fraction(),
+            static_cast<Number>(mass_unit)};
+        if constexpr (Sets::are_bodies) {
+            auto const densities = sets.densities();
+            std::array<Number, Sets::count> volumes;
+            for (std::size_t b = 0; b < Sets::count; ++b)
+                volumes[b] =
+                    static_cast<Number>(mass_unit / (densities[b] * std::pow(lattice_.cell_size, d)));
+            return UpdateBodies<Space, Kernel, Transfer, Actions, Sets::count>{update, sets.contact(),
+                                                                               volumes, bodies_touch};
+        }
+        else
+            return update;
     }
 
     /// The share of its own velocity that a particle keeps beside the grid's.

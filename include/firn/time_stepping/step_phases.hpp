@@ -111,14 +111,10 @@ public:
     auto update_grid(int step)
     {
         scene_.grid_state.extend_velocities(scene_.sets, scene_.smallest_node_mass);
-        return memory_.backend.for_each_node(
-            orders(), grid(),
-            UpdateGrid<Space, Kernel, Transfer, Actions>{{carried_by(memory_.transfer)},
-                                                         now(step),
-                                                         memory_.lattice,
-                                                         scene_.smallest_node_mass,
-                                                         scene_.grid_state.flip_fraction(),
-                                                         static_cast<Number>(scene_.mass_unit)});
+        return memory_.backend.for_each_node(orders(), grid(),
+                                             scene_.grid_state.grid_update(scene_.sets, now(step),
+                                                                           scene_.smallest_node_mass,
+                                                                           scene_.mass_unit, true));
     }
 
     /// Particles gather velocities, move, and scatter to the grid of the next step. Returns what they found,

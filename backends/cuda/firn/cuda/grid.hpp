@@ -74,8 +74,9 @@ struct GridShape
 ///
 /// Several orders of cells may share the nodes. Each has a *layer* of the grid: the tiles that its blocks sum
 /// into. A node adds up the tiles that cover it in a fixed order, layer by layer: no atomics, and no result
-/// that depends on how a device schedules its work.
-template <class NumberType, int d, int degree, int sums, int values, int layer_count = 1>
+/// that depends on how a device schedules its work. All layers share the nodes' values, or each has its own.
+template <class NumberType, int d, int degree, int sums, int values, int layer_count = 1,
+          bool own_values = false>
 class Grid : public GridShape<NumberType, d, degree, sums, values>
 {
     using Base = GridShape<NumberType, d, degree, sums, values>;
@@ -99,6 +100,12 @@ public:
         std::uint64_t const* keys; ///< of blocks of nodes
         Cover layer[layers];
         Values* node_values; ///< per block of nodes
+        std::size_t count;   ///< of the values of a layer, if each has its own
+
+        FIRN_HOST_DEVICE Values* values_of(std::size_t layer_number) const
+        {
+            return node_values + (own_values ? layer_number * count : 0);
+        }
     };
 
 private:
@@ -136,22 +143,23 @@ public:
             Values const* node_values;     ///< per block of nodes
         };
 
-        Layer(Grid& grid, Tiles& tiles) : grid_(&grid), tiles_(&tiles) {}
+        Layer(Grid& grid, std::size_t number) : grid_(&grid), tiles_(&grid.tiles_[number]), number_(number) {}
 
         Queue const& queue() const { return grid_->queue(); }
         std::uint32_t blocks() const { return tiles_->blocks; } ///< of cells
         View view() const
         {
             return {tiles_->nodes_of.data(), tiles_->of[0].data(), tiles_->of[1].data(),
-                    grid_->values_.data()};
+                    grid_->view().values_of(number_)};
         }
         Results& item_results() const { return tiles_->item_results; }
 
     private:
         Grid* grid_;
         Tiles* tiles_;
+        std::size_t number_;
     };
-    Layer layer(std::size_t of) { return {*this, tiles_[of]}; }
+    Layer layer(std::size_t of) { return {*this, of}; }
 
     template <class Backend>
     explicit Grid(Backend const& backend)
@@ -170,14 +178,15 @@ public:
         if (set_.memory() == 0) set_.reserve(2 * all_blocks(orders) + BlockSet::few);
         for (std::size_t l = 0; l < layers; ++l) find_nodes(tiles_[l], *orders[l]);
         for (std::size_t l = 0; l < layers; ++l) tie(tiles_[l], *orders[l]);
-        values_.renew(std::size_t(set_.size()) * Shape::cells);
+        values_.renew((own_values ? layers : 1) * std::size_t(set_.size()) * Shape::cells);
     }
 
     Queue const& queue() const { return queue_; }
     std::uint32_t node_blocks() const { return set_.size(); }
     View view() const
     {
-        View view{set_.keys(), {}, const_cast<Values*>(values_.data())};
+        View view{
+            set_.keys(), {}, const_cast<Values*>(values_.data()), std::size_t(set_.size()) * Shape::cells};
         for (std::size_t l = 0; l < layers; ++l)
             view.layer[l] = {tiles_[l].covered_by.data(), tiles_[l].of[0].data()};
         return view;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/cell_work.hpp>
 #include <firn/cuda/cell_group.hpp>
 #include <firn/cuda/migration.hpp>
 #include <firn/cuda/teams.hpp>
@@ -13,44 +14,69 @@
 namespace firn::cuda::detail
 {
 
-/// Adds up the tiles that cover a node of a block; sets `any` if one of the sums is not zero.
+/// Adds up the tiles of a layer that cover a node of a block; sets `any` if one of the sums is not zero.
+/// Returns whether the layer has a block of cells that reaches the node's block.
 template <class GridType, int d>
-__device__ __forceinline__ typename GridType::Sums
-sum_of_tiles(typename GridType::View const& grid, std::uint32_t n, Coordinates<d> const& here, bool& any)
+__device__ __forceinline__ bool add_tiles(typename GridType::Cover const& of, std::uint32_t n,
+                                          Coordinates<d> const& here, typename GridType::Sums& sums,
+                                          bool& any)
 {
     using Shape = typename GridType::Shape;
     using Tile = typename GridType::TileShape;
     using Sums = typename GridType::Sums;
-    Sums sums{};
+    std::uint32_t block[GridType::corners]; // loaded together: otherwise each would wait for the one before
+    bool reached = false;
 #pragma unroll
-    for (int layer = 0; layer < GridType::layers; ++layer) {
-        typename GridType::Cover const& of = grid.layer[layer];
-        std::uint32_t
-            block[GridType::corners]; // loaded together: otherwise each would wait for the one before
+    for (int corner = 0; corner < GridType::corners; ++corner)
+        block[corner] = of.covered_by[n * GridType::corners + static_cast<unsigned>(corner)];
 #pragma unroll
-        for (int corner = 0; corner < GridType::corners; ++corner)
-            block[corner] = of.covered_by[n * GridType::corners + static_cast<unsigned>(corner)];
+    for (int corner = 0; corner < GridType::corners; ++corner) {
+        Coordinates<d> at = here; // in the tile of a block that lies `corner` before this one
+        bool covers = block[corner] != absent;
+        reached = reached || covers;
 #pragma unroll
-        for (int corner = 0; corner < GridType::corners; ++corner) {
-            Coordinates<d> at = here; // in the tile of a block that lies `corner` before this one
-            bool covers = block[corner] != absent;
+        for (int a = 0; a < d; ++a) {
+            at[a] += ((corner >> (d - 1 - a)) & 1) * Shape::extent;
+            covers = covers && at[a] < Tile::width;
+        }
+        Sums more{};
+        if (covers)
+            more =
+                of.tiles[std::size_t(block[corner]) * Tile::nodes + static_cast<std::size_t>(Tile::at(at))];
 #pragma unroll
-            for (int a = 0; a < d; ++a) {
-                at[a] += ((corner >> (d - 1 - a)) & 1) * Shape::extent;
-                covers = covers && at[a] < Tile::width;
-            }
-            Sums more{};
-            if (covers)
-                more = of.tiles[std::size_t(block[corner]) * Tile::nodes +
-                                static_cast<std::size_t>(Tile::at(at))];
-#pragma unroll
-            for (int c = 0; c < Sums::stored; ++c) {
-                sums.of[c] += more.of[c];
-                any = any || more.of[c] != 0;
-            }
+        for (int c = 0; c < Sums::stored; ++c) {
+            sums.of[c] += more.of[c];
+            any = any || more.of[c] != 0;
         }
     }
+    return reached;
+}
+
+/// The same for all layers.
+template <class GridType, int d>
+__device__ __forceinline__ typename GridType::Sums
+sum_of_tiles(typename GridType::View const& grid, std::uint32_t n, Coordinates<d> const& here, bool& any)
+{
+    typename GridType::Sums sums{};
+#pragma unroll
+    for (int layer = 0; layer < GridType::layers; ++layer)
+        add_tiles<GridType, d>(grid.layer[layer], n, here, sums, any);
     return sums;
+}
+
+/// The block of a node, and the node's place in it.
+template <class GridType, int d>
+__device__ __forceinline__ std::uint32_t block_of(BlockSet::View const& blocks, Coordinates<d> const& node,
+                                                  Coordinates<d>& here)
+{
+    using Shape = typename GridType::Shape;
+    Coordinates<d> block;
+    for (int a = 0; a < d; ++a) {
+        int const at = node[a] + GridType::reach;
+        block[a] = at >> Shape::bits;
+        here[a] = at & (Shape::extent - 1);
+    }
+    return blocks.find(block_key<d>(block));
 }
 
 /// One node that reads the sums of others.
@@ -76,14 +102,8 @@ public:
     {
         Coordinates<d> node = first;
         node[d - 1] += static_cast<int>(along);
-        using Shape = typename GridType::Shape;
-        Coordinates<d> block, here;
-        for (int a = 0; a < d; ++a) {
-            int const at = node[a] + GridType::reach;
-            block[a] = at >> Shape::bits;
-            here[a] = at & (Shape::extent - 1);
-        }
-        std::uint32_t const n = blocks_.find(block_key<d>(block));
+        Coordinates<d> here;
+        std::uint32_t const n = block_of<GridType, d>(blocks_, node, here);
         typename GridType::Sums sums{};
         bool any = false;
         if (n != absent) sums = sum_of_tiles<GridType, d>(grid_, n, here, any);
@@ -95,6 +115,60 @@ private:
     BlockSet::View const& blocks_;
     typename GridType::Values values_{};
     Coordinates<d> at_;
+};
+
+/// One node with the sums and values of each layer, for a phase that tells them apart.
+template <class GridType, int d>
+class NodeOfLayers
+{
+public:
+    using Real = typename GridType::Number;
+
+    /// The node at the place `here` of block n.
+    __device__ NodeOfLayers(typename GridType::View const& grid, BlockSet::View const& blocks,
+                            std::uint32_t n, Coordinates<d> const& here, Coordinates<d> const& at)
+        : grid_(grid), blocks_(blocks), at_(at)
+    {
+        for (int layer = 0; layer < GridType::layers; ++layer) {
+            bool any = false;
+            sums_[layer] = {};
+            if (add_tiles<GridType, d>(grid.layer[layer], n, here, sums_[layer], any))
+                reached_ |= 1u << layer;
+            if (any) has_ |= 1u << layer;
+        }
+    }
+
+    __device__ bool has_any() const { return has_ != 0; }
+    __device__ bool has(std::size_t layer) const { return (has_ >> layer & 1) != 0; }
+    __device__ Real sum(std::size_t layer, int channel) const { return sums_[layer].of[channel]; }
+    __device__ Real sum_beside(std::size_t layer, int channel, Coordinates<d> const& step, bool which) const
+    {
+        if (!which) return 0;
+        Coordinates<d> here;
+        std::uint32_t const n = block_of<GridType, d>(blocks_, at_ + step, here);
+        typename GridType::Sums sums{};
+        bool any = false;
+        if (n != absent) add_tiles<GridType, d>(grid_.layer[layer], n, here, sums, any);
+        return sums.of[channel];
+    }
+    __device__ void set(std::size_t layer, int channel, Real value) { values_[layer].of[channel] = value; }
+    __device__ Coordinates<d> first() const { return at_; }
+    __device__ static Vector<Real, d> offset() { return Vector<Real, d>::Zero(); }
+
+    /// Writes the values of all layers that reach the node's block, as node i of all.
+    __device__ void write(std::size_t i) const
+    {
+        for (std::size_t layer = 0; layer < std::size_t(GridType::layers); ++layer)
+            if ((reached_ >> layer & 1) != 0) grid_.values_of(layer)[i] = values_[layer];
+    }
+
+private:
+    typename GridType::View const& grid_;
+    BlockSet::View const& blocks_;
+    Coordinates<d> at_;
+    unsigned has_ = 0, reached_ = 0; ///< a bit for each layer
+    typename GridType::Sums sums_[GridType::layers];
+    typename GridType::Values values_[GridType::layers]{};
 };
 
 /// For phases that do not look around.
@@ -118,27 +192,33 @@ __global__ void __launch_bounds__(block_threads)
     int place = int(threadIdx.x);
     for (int a = d - 1; a >= 0; --a, place /= Shape::extent) here[a] = place % Shape::extent;
 
-    bool any = false;
-    typename GridType::Sums const sums = sum_of_tiles<GridType, d>(grid, blockIdx.x, here, any);
     Coordinates<d> const node = block_of_key<d>(grid.keys[blockIdx.x]) * int{Shape::extent} + here -
                                 Coordinates<d>::Constant(int{GridType::reach});
+    std::size_t const i = std::size_t(blockIdx.x) * Shape::cells + threadIdx.x;
     typename Phase::Result result{};
-    typename GridType::Values& values =
-        grid.node_values[std::size_t(blockIdx.x) * Shape::cells + threadIdx.x];
-    bool alone = false;
-    if constexpr (Phase::looks_around) {
-        auto const walls = phase.walls();
-        alone = phase.looks_around_at(walls, node, 1);
-        if (alone) {
-            LoneNode<GridType, d> lane(grid, blocks, node);
-            if (any) phase.look_around(walls, lane, result);
+    if constexpr (TellsLayersApart<Phase>) {
+        NodeOfLayers<GridType, d> lane(grid, blocks, blockIdx.x, here, node);
+        if (lane.has_any()) phase(lane, result);
+        lane.write(i);
+    }
+    else {
+        bool any = false, alone = false;
+        typename GridType::Sums const sums = sum_of_tiles<GridType, d>(grid, blockIdx.x, here, any);
+        typename GridType::Values& values = grid.node_values[i];
+        if constexpr (Phase::looks_around) {
+            auto const walls = phase.walls();
+            alone = phase.looks_around_at(walls, node, 1);
+            if (alone) {
+                LoneNode<GridType, d> lane(grid, blocks, node);
+                if (any) phase.look_around(walls, lane, result);
+                values = lane.values();
+            }
+        }
+        if (!alone) {
+            NodeOfThread<GridType, d> lane(sums, values, node);
+            if (any) phase(lane, result); // nothing was added to the others
             values = lane.values();
         }
-    }
-    if (!alone) {
-        NodeOfThread<GridType, d> lane(sums, values, node);
-        if (any) phase(lane, result); // nothing was added to the others
-        values = lane.values();
     }
     __shared__ __align__(16) unsigned char parts[2 * sizeof(typename Phase::Result)];
     results.take(result, reinterpret_cast<typename Phase::Result*>(parts));

@@ -125,8 +125,9 @@ struct GridShape
 ///
 /// Several orders of cells may share the nodes. Each has a *layer* of the grid: the tiles that its blocks sum
 /// into. A node adds up the tiles that cover it in a fixed order, layer by layer, which makes the sums
-/// independent of the number of threads.
-template <class Number, int d, int degree, int sums, int values, int lanes, int layer_count = 1>
+/// independent of the number of threads. All layers share the nodes' values, or each has its own.
+template <class Number, int d, int degree, int sums, int values, int lanes, int layer_count = 1,
+          bool own_values = false>
 class Grid : public GridShape<d, degree, lanes>
 {
     using Base = GridShape<d, degree, lanes>;
@@ -169,7 +170,9 @@ public:
     class Layer : public Base
     {
     public:
-        Layer(Grid& grid, Tiles& tiles) : grid_(&grid), tiles_(&tiles) {}
+        Layer(Grid& grid, std::size_t number)
+            : grid_(&grid), tiles_(&grid.tiles_[number]), number_(own_values ? number : 0)
+        {}
 
         std::array<int, Base::corners> const& nodes_of(std::size_t block) const
         {
@@ -186,7 +189,7 @@ public:
         {
             return tiles_->touched[1][tiles_->tile_of[block]];
         }
-        Number* node_values(std::size_t node_block) const { return grid_->node_values(node_block); }
+        Number* node_values(std::size_t node_block) const { return grid_->node_values(node_block, number_); }
 
     private:
         Number* tile_in(Array<Number>& of, std::size_t block) const
@@ -196,8 +199,9 @@ public:
 
         Grid* grid_;
         Tiles* tiles_;
+        std::size_t number_; ///< of its values
     };
-    Layer layer(std::size_t of) { return {*this, tiles_[of]}; }
+    Layer layer(std::size_t of) { return {*this, of}; }
 
     /// Updates the blocks to the orders of cells, one per layer; a block that existed before keeps its sums.
     template <class Order>
@@ -230,7 +234,7 @@ public:
                 for (int corner = 0; corner < corners; ++corner)
                     nodes_[std::size_t(tiles_[std::size_t(l)].nodes_of[b][std::size_t(corner)])]
                         .covered_by[std::size_t(l)][std::size_t(corner)] = int(b);
-        values_.resize(nodes_.size() * values * block_channel);
+        values_.resize((own_values ? std::size_t(layers) : 1) * nodes_.size() * values * block_channel);
     }
 
     std::vector<NodeBlock> const& nodes() const { return nodes_; }
@@ -246,7 +250,11 @@ public:
                                             owner_begin_[std::size_t(owner + 1)] -
                                                 owner_begin_[std::size_t(owner)]);
     }
-    Number* node_values(std::size_t node_block) { return &values_[node_block * values * block_channel]; }
+    /// The values of a block of nodes, and of a layer if each has its own.
+    Number* node_values(std::size_t node_block, std::size_t layer = 0)
+    {
+        return &values_[(layer * nodes_.size() + node_block) * values * block_channel];
+    }
 
     /// The index of the block of nodes with these coordinates, or absent.
     int find(Coordinates<d> const& block) const { return map_.find(block_key<d>(block)); }
@@ -255,11 +263,14 @@ public:
     void sums_at(Coordinates<d> const& node, Number (&found)[std::size_t(sums)]) const
     {
         std::fill(found, found + sums, Number(0));
+        for (std::size_t l = 0; l < std::size_t(layers); ++l) add_sums_at(node, l, found);
+    }
+    /// Adds the sums of one layer at a node, wherever it is.
+    void add_sums_at(Coordinates<d> const& node, std::size_t layer, Number (&found)[std::size_t(sums)]) const
+    {
         auto const [block, place] = Base::block_and_place(node);
         int const n = find(block);
-        if (n == absent) return;
-        for (int l = 0; l < layers; ++l)
-            add_sums(tiles_[std::size_t(l)], nodes_[std::size_t(n)].covered_by[std::size_t(l)], place, found);
+        if (n != absent) add_sums(tiles_[layer], nodes_[std::size_t(n)].covered_by[layer], place, found);
     }
 
     /// Makes the sums of the next step those of this one.
@@ -373,7 +384,7 @@ private:
     std::vector<std::uint32_t> by_owner_, owner_begin_{0};
     BlockMap map_;
     std::array<Tiles, std::size_t(layers)> tiles_;
-    Array<Number> values_; ///< per node block: [channel][row][place]
+    Array<Number> values_; ///< [layer, if each has its own][node block][channel][row][place]
 };
 
 } // namespace firn::openmp

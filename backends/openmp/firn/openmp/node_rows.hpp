@@ -15,10 +15,12 @@ namespace firn::openmp
 
 namespace detail
 {
-/// Adds up, for one row of a node block, the tiles of a layer that cover it; sets `any` if one does.
+/// Adds up, for one row of a node block, some channels of the tiles of a layer that cover it; sets `any` if
+/// one does.
 template <class LayerType, int channels, class Number>
 void add_row(LayerType const& layer, std::array<int, LayerType::corners> const& covered_by, int row,
-             Number (&sums)[std::size_t(channels)][std::size_t(LayerType::Shape::along)], bool& any)
+             Number (&sums)[std::size_t(channels)][std::size_t(LayerType::Shape::along)], bool& any,
+             int first_channel = 0)
 {
     using Shape = typename LayerType::Shape;
     constexpr int d = LayerType::corners == 8 ? 3 : 2, degree = LayerType::row_length - Shape::along;
@@ -41,8 +43,9 @@ void add_row(LayerType const& layer, std::array<int, LayerType::corners> const& 
             for (auto& channel : sums) std::fill(channel, channel + Shape::along, Number(0));
         any = true;
         for (int c = 0; c < channels; ++c) {
-            Number const* const from =
-                layer.tile(std::size_t(b)) + c * LayerType::tile_channel + tile_row * LayerType::row_length;
+            Number const* const from = layer.tile(std::size_t(b)) +
+                                       (first_channel + c) * LayerType::tile_channel +
+                                       tile_row * LayerType::row_length;
             if (o[d - 1] == 0)
                 for (int k = 0; k < Shape::along; ++k) sums[c][k] += from[k];
             else
@@ -63,6 +66,103 @@ bool sum_row(GridType& grid, typename GridType::NodeBlock const& node, int row,
     return any;
 }
 } // namespace detail
+
+/// Neighbouring nodes along a row, with the sums and values of each layer.
+template <class Lane, class GridType, int d, int channels>
+class NodesOfLayers
+{
+public:
+    using Real = Lane;
+    using Number = ScalarOf<Lane>;
+    using Shape = typename GridType::Shape;
+    static constexpr std::size_t layers = std::size_t(GridType::layers);
+
+    /// The nodes of a row of a block, those at `place` first.
+    NodesOfLayers(GridType& grid, std::size_t block, int row) : grid_(grid), block_(block), row_(row)
+    {
+        auto const& covered_by = grid.nodes()[block].covered_by;
+        for (std::size_t l = 0; l < layers; ++l)
+            detail::add_row<typename GridType::Layer, channels>(grid.layer(l), covered_by[l], row, sums_[l],
+                                                                has_[l]);
+    }
+    /// Goes to the nodes at `place` in the row.
+    void enter(int place) { place_ = place; }
+
+    /// Whether something of a layer, or of any, was added to the row.
+    bool has(std::size_t layer) const { return has_[layer]; }
+    bool has_any() const { return std::find(has_.begin(), has_.end(), true) != has_.end(); }
+    Lane sum(std::size_t layer, int channel) const
+    {
+        return LaneTraits<Lane>::load(&sums_[layer][std::size_t(channel)][std::size_t(place_)]);
+    }
+    /// The sums of the nodes `step` beside these, in the lanes of `which`.
+    Lane sum_beside(std::size_t layer, int channel, Coordinates<d> const& step, Mask<Lane> const& which) const
+    {
+        Row const& row = row_beside(layer, channel, step);
+        return select(which, LaneTraits<Lane>::load(&row.sums[place_ + 1 + step[d - 1]]), Lane(Number(0)));
+    }
+    void set(std::size_t layer, int channel, Lane const& value) const
+    {
+        LaneTraits<Lane>::store(value, grid_.node_values(block_, layer) + channel * GridType::block_channel +
+                                           row_ * Shape::along + place_);
+    }
+    Coordinates<d> first() const
+    {
+        return GridType::node_at(grid_.nodes()[block_].coordinates, row_, place_);
+    }
+    Vector<Lane, d> offset() const
+    {
+        Vector<Lane, d> steps = zeros<Vector<Lane, d>>();
+        steps[d - 1] = counting<Lane>();
+        return steps;
+    }
+
+private:
+    /// One channel of a layer along a row, from one node before it to one behind it.
+    struct Row
+    {
+        int channel = -1; ///< -1: not known yet
+        Number sums[std::size_t(Shape::along + 2)];
+    };
+
+    /// The row that lies `step` beside this one, but for the step's part along the row.
+    Row const& row_beside(std::size_t layer, int channel, Coordinates<d> step) const
+    {
+        step[d - 1] = 0;
+        int which = 0;
+        for (int a = 0; a < d - 1; ++a) which = 3 * which + step[a] + 1;
+        Row& found = beside_[layer][std::size_t(which)];
+        if (found.channel == channel) return found;
+        found.channel = channel;
+        Coordinates<d> const node = GridType::node_at(grid_.nodes()[block_].coordinates, row_, 0) + step;
+        auto const [block, place] = GridType::block_and_place(node);
+        int row = 0;
+        for (int a = 0; a < d - 1; ++a) row = row * Shape::across + place[a];
+        Number sums[1][std::size_t(Shape::along)];
+        bool any = false;
+        if (int const n = grid_.find(block); n != GridType::absent)
+            detail::add_row<typename GridType::Layer, 1>(
+                grid_.layer(layer), grid_.nodes()[std::size_t(n)].covered_by[layer], row, sums, any, channel);
+        for (int k = 0; k < Shape::along; ++k) found.sums[k + 1] = any ? sums[0][k] : Number(0);
+        auto const at_end = [&](int along) {
+            Coordinates<d> end = node;
+            end[d - 1] += along;
+            Number of_node[std::size_t(channels)]{};
+            grid_.add_sums_at(end, layer, of_node);
+            found.sums[along + 1] = of_node[channel];
+        };
+        at_end(-1);
+        at_end(Shape::along);
+        return found;
+    }
+
+    GridType& grid_;
+    std::size_t block_;
+    int row_, place_ = 0;
+    std::array<bool, layers> has_{};
+    alignas(64) Number sums_[layers][std::size_t(channels)][std::size_t(Shape::along)];
+    mutable Row beside_[layers][d == 3 ? 9 : 3];
+};
 
 /// Neighbouring nodes along a row that look at others.
 template <class Lane, class GridType, int d>

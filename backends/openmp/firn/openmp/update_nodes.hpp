@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/cell_work.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/openmp/cell_group.hpp>
 #include <firn/openmp/node_rows.hpp>
@@ -26,6 +27,49 @@ auto surroundings(Phase const& phase)
     else
         return 0;
 }
+
+/// Updates a block of nodes; `around` is what they look around for.
+template <class Lane, class GridType, class Phase, class Around>
+void update_block(GridType& grid, std::size_t n, Phase const& phase, [[maybe_unused]] Around const& around,
+                  typename Phase::Result& result)
+{
+    constexpr int d = Phase::d;
+    using Shape = typename GridType::Shape;
+    auto const& block = grid.nodes()[n];
+    alignas(64) typename Phase::Number sums[Phase::Sums::channels][Shape::along];
+    for (int row = 0; row < Shape::rows; ++row) {
+        if (!sum_row<GridType, Phase::Sums::channels>(grid, block, row, sums)) continue;
+        for (int place = 0; place < Shape::along; place += lane_width<Lane>) {
+            Coordinates<d> const at = GridType::node_at(block.coordinates, row, place);
+            auto* const values = grid.node_values(n) + row * Shape::along + place;
+            NodeLanes<Lane, GridType, d> node(&sums[0][place], values, at);
+            if constexpr (Phase::looks_around)
+                if (phase.looks_around_at(around, at, lane_width<Lane>)) {
+                    LookingNodes<Lane, GridType, d> looking(node, &sums[0][0], grid, static_cast<int>(n),
+                                                            row);
+                    phase.look_around(around, looking, result);
+                    continue;
+                }
+            phase(node, result);
+        }
+    }
+}
+
+/// The same for a phase that tells layers apart.
+template <class Lane, class GridType, TellsLayersApart Phase, class Around>
+void update_block(GridType& grid, std::size_t n, Phase const& phase, Around const&,
+                  typename Phase::Result& result)
+{
+    using Shape = typename GridType::Shape;
+    for (int row = 0; row < Shape::rows; ++row) {
+        NodesOfLayers<Lane, GridType, Phase::d, Phase::Sums::channels> nodes(grid, n, row);
+        if (!nodes.has_any()) continue;
+        for (int place = 0; place < Shape::along; place += lane_width<Lane>) {
+            nodes.enter(place);
+            phase(nodes, result);
+        }
+    }
+}
 } // namespace detail
 
 /// Nodes add up the tiles that cover them and are updated, row by row, owner by owner. Threads get the same
@@ -34,36 +78,15 @@ template <class Lane, class Order, class GridType, class Phase>
 typename Phase::Result for_each_node(Threads const& threads, Order const& cells, GridType& grid,
                                      Phase const& phase)
 {
-    constexpr int d = Phase::d;
-    using Shape = typename GridType::Shape;
-    using Number = typename Phase::Number;
     using Result = typename Phase::Result;
     auto& results =
         detail::ResultsOf<Result>::make_ready(cells.workspace(), static_cast<std::size_t>(grid.owners()));
     int const most = threads_for(grid.nodes().size(), threads.count, node_blocks_per_thread);
     parallel_for(threads.limited_to(most), grid.owners(), cells.partitions(), [&](int) {
-        auto const update = [&, around = detail::surroundings(phase)](int n, Result& result) {
-            auto const& block = grid.nodes()[std::size_t(n)];
-            alignas(64) Number sums[Phase::Sums::channels][Shape::along];
-            for (int row = 0; row < Shape::rows; ++row) {
-                if (!detail::sum_row<GridType, Phase::Sums::channels>(grid, block, row, sums)) continue;
-                for (int place = 0; place < Shape::along; place += lane_width<Lane>) {
-                    Coordinates<d> const at = GridType::node_at(block.coordinates, row, place);
-                    Number* const values = grid.node_values(std::size_t(n)) + row * Shape::along + place;
-                    NodeLanes<Lane, GridType, d> node(&sums[0][place], values, at);
-                    if constexpr (Phase::looks_around)
-                        if (phase.looks_around_at(around, at, lane_width<Lane>)) {
-                            LookingNodes<Lane, GridType, d> looking(node, &sums[0][0], grid, n, row);
-                            phase.look_around(around, looking, result);
-                            continue;
-                        }
-                    phase(node, result);
-                }
-            }
-        };
-        return [&, update](int owner) {
+        return [&, around = detail::surroundings(phase)](int owner) {
             Result& result = results.begin(static_cast<std::size_t>(owner));
-            for (std::uint32_t const n : grid.nodes_at(owner)) update(static_cast<int>(n), result);
+            for (std::uint32_t const n : grid.nodes_at(owner))
+                detail::update_block<Lane>(grid, n, phase, around, result);
         };
     });
     return results.merged();

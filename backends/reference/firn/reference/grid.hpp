@@ -62,8 +62,8 @@ private:
 };
 
 /// The nodes under the cells. They appear when something is added to them. Each order of cells has a *layer*:
-/// sums of its own, of this step and of the next one. All layers share the values.
-template <class Number, int d, int degree, int sums, int values, int layers>
+/// sums of its own, of this step and of the next one. All layers share the values, or each has its own.
+template <class Number, int d, int degree, int sums, int values, int layers, bool own_values>
 class Grid
 {
 public:
@@ -91,13 +91,13 @@ public:
 
     explicit Grid(Reference const&) {}
 
-    Layer layer(std::size_t of) { return {now_[of], next_[of], values_}; }
+    Layer layer(std::size_t of) { return {now_[of], next_[of], values_[own_values ? of : 0]}; }
 
     /// Prepares the nodes for a step: the values of the last one are not needed any more.
     template <class Orders>
     void activate(Orders const&)
     {
-        values_.clear();
+        for (auto& of_layer : values_) of_layer.clear();
     }
 
     /// Makes the sums of the next step those of this one.
@@ -114,13 +114,20 @@ public:
             }
         return all;
     }
-    Values& values_at(std::array<int, std::size_t(d)> const& node) { return values_[node]; }
+    /// The sums of one layer.
+    NodeMap<Sums, d> const& sums_of(std::size_t layer) const { return now_[layer]; }
+    /// The values of a node, and of a layer if each has its own.
+    Values& values_at(std::array<int, std::size_t(d)> const& node, std::size_t layer = 0)
+    {
+        return values_[layer][node];
+    }
 
     /// As much as a node of a map has usually: its numbers, its key, three links and a colour.
     std::size_t memory() const
     {
         std::size_t const more = 4 * sizeof(void*);
-        std::size_t bytes = values_.size() * (sizeof(*values_.begin()) + more);
+        std::size_t bytes = 0;
+        for (auto const& of_layer : values_) bytes += of_layer.size() * (sizeof(*of_layer.begin()) + more);
         for (auto const* both : {&now_, &next_})
             for (auto const& of_layer : *both) bytes += of_layer.size() * (sizeof(*of_layer.begin()) + more);
         return bytes;
@@ -128,7 +135,42 @@ public:
 
 private:
     std::array<NodeMap<Sums, d>, std::size_t(layers)> now_, next_; ///< by layer
-    NodeMap<Values, d> values_;
+    std::array<NodeMap<Values, d>, own_values ? std::size_t(layers) : 1> values_;
+};
+
+/// One node, as a phase sees it that tells layers apart.
+template <class GridType, int d>
+class NodeOfLayers
+{
+public:
+    using Key = std::array<int, std::size_t(d)>;
+    using Real = typename GridType::Values::value_type;
+
+    NodeOfLayers(GridType& grid, Key const& at) : grid_(grid), at_(at) {}
+
+    bool has(std::size_t layer) const { return grid_.sums_of(layer).contains(at_); }
+    Real sum(std::size_t layer, int channel) const { return sum_at(layer, channel, at_); }
+    Real sum_beside(std::size_t layer, int channel, Coordinates<d> const& step, bool) const
+    {
+        return sum_at(layer, channel, key_of<d>(first() + step));
+    }
+    void set(std::size_t layer, int channel, Real value)
+    {
+        grid_.values_at(at_, layer)[std::size_t(channel)] = value;
+    }
+    Coordinates<d> first() const { return Coordinates<d>(at_.data()); }
+    Vector<Real, d> offset() const { return zeros<Vector<Real, d>>(); }
+
+private:
+    Real sum_at(std::size_t layer, int channel, Key const& node) const
+    {
+        auto const& sums = grid_.sums_of(layer);
+        auto const found = sums.find(node);
+        return found == sums.end() ? Real(0) : static_cast<Real>(found->second[std::size_t(channel)]);
+    }
+
+    GridType& grid_;
+    Key at_;
 };
 
 /// One node, as a phase sees it.
