@@ -35,19 +35,16 @@ int const side = 64;
 Backend backend() { return {.threads = 1}; }
 #endif
 using Block = NeoHookean<Space<3, float>>;
-template <std::size_t>
-using BlockAt = Block;
 
 double const h = 0.05;
 
-/// Scenes of so many blocks.
-template <template <class...> class List, std::size_t... k>
-Solver<Backend, List<BlockAt<k>...>> row_of(std::index_sequence<k...>)
+/// A scene of as many blocks as the model has materials.
+template <class Model>
+Solver<Backend, Model> row_of()
 {
-    using Model = List<BlockAt<k>...>;
     Solver<Backend, Model> solver(lattice(h), Model{}, {}, {}, backend());
-    constexpr int blocks = int(sizeof...(k));
-    auto const add = [&](int block, auto material) {
+    constexpr int blocks = int(Solver<Backend, Model>::materials);
+    auto const add = [&](int block, [[maybe_unused]] auto material) {
         std::vector<Eigen::Vector3d> points;
         for (int i = side * block / blocks; i < side * (block + 1) / blocks; ++i)
             for (int j = 0; j < side; ++j)
@@ -55,7 +52,8 @@ Solver<Backend, List<BlockAt<k>...>> row_of(std::index_sequence<k...>)
                     points.push_back(h / 2 * Eigen::Vector3d(i + 0.5, j + 0.5, l + 0.5));
         solver.template add<decltype(material)>(points, std::pow(h / 2, 3));
     };
-    (add(int(k), Material<k>{}), ...);
+    [&]<std::size_t... k>(std::index_sequence<k...>) { (add(int(k), Material<k>{}), ...); }
+    (std::make_index_sequence<std::size_t(blocks)>{});
     return solver;
 }
 
@@ -68,12 +66,12 @@ double timed(SolverType& solver, double dt)
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() / 10;
 }
 
-template <std::size_t blocks>
+template <class SeveralMaterials, class SeveralBodies>
 void compare(int rounds)
 {
-    auto one = row_of<Materials>(std::make_index_sequence<1>{});
-    auto materials = row_of<Materials>(std::make_index_sequence<blocks>{});
-    auto bodies = row_of<Bodies>(std::make_index_sequence<blocks>{});
+    auto one = row_of<Block>();
+    auto materials = row_of<SeveralMaterials>();
+    auto bodies = row_of<SeveralBodies>();
     double const dt = 0.5 * one.stable_step(Gravity{}, Obstacle<HalfSpace>{});
     std::vector<double> seconds[3];
     for (int i = 0; i < rounds; ++i) {
@@ -84,7 +82,7 @@ void compare(int rounds)
     char const* const names[]{"one material", "Materials", "Bodies"};
     double const bytes[]{double(one.memory()), double(materials.memory()), double(bodies.memory())};
     double const first = bench::median(seconds[0]);
-    std::printf("%zu particles, %zu blocks\n", one.size(), blocks);
+    std::printf("%zu particles, %zu blocks\n", one.size(), bodies.materials);
     for (int i = 0; i < 3; ++i) {
         double const middle = bench::median(seconds[i]);
         std::printf("%-13s %8.3f ms %6.3f  %7.1f MB\n", names[i], 1e3 * middle, middle / first,
@@ -97,6 +95,6 @@ void compare(int rounds)
 int main(int argc, char** argv)
 {
     int const rounds = argc > 1 ? std::atoi(argv[1]) : 15;
-    compare<2>(rounds);
-    compare<8>(rounds);
+    compare<Materials<Block, Block>, BodiesOf<Block, 2>>(rounds);
+    compare<Materials<Block, Block, Block, Block, Block, Block, Block, Block>, BodiesOf<Block, 8>>(rounds);
 }

@@ -14,11 +14,7 @@ namespace
 {
 
 using Jelly = NeoHookean<Plane>;
-template <std::size_t>
-using JellyAt = Jelly;
-template <std::size_t... k>
-Bodies<JellyAt<k>...> bodies_of_jelly(std::index_sequence<k...>);
-using Five = firn::Solver<TestedBackend, decltype(bodies_of_jelly(std::make_index_sequence<5>{}))>;
+using Five = firn::Solver<TestedBackend, BodiesOf<Jelly, 5>>;
 using Two = firn::Solver<TestedBackend, Bodies<Jelly, Jelly>>;
 
 double const h = 0.05;

@@ -3,9 +3,11 @@
 #include "support/driven.hpp"
 #include "support/meshes.hpp"
 #include "support/polygons.hpp"
+#include "support/refused.hpp"
 #include "support/threads.hpp"
 
 #include <firn/io/read_mesh.hpp>
+#include <firn/sampling/deforming_mesh.hpp>
 #include <firn/sampling/distance_from_mesh.hpp>
 #include <firn/sampling/mesh_interior.hpp>
 #include <firn/sampling/points.hpp>
@@ -351,6 +353,43 @@ TEST_CASE("the distance of a repaired head sees neither its holes nor what is bu
         if (std::abs(distance) > h) wrong += head.contains(x) != (distance < 0);
     }
     CHECK(wrong == 0);
+}
+
+TEST_CASE("a mesh that deforms is between its forms, and its surface has the velocity of its vertices")
+{
+    auto const before = meshes::sphere(0.3, 48);
+    auto after = before; // grown by a quarter, and farther away than it is large
+    Vector3d const way(0.8, 0.1, 0);
+    for (auto& x : after.vertices) x = 1.25 * x + way;
+    auto const shape = firn::deforming_mesh<double>(before, after, 2, 0.5, 0.04, 0.2, TwoThreads{});
+    for (double const share : {0.0, 0.3, 1.0}) {
+        auto const now = shape.view().at(2 + 0.5 * share);
+        double worst = 0, worst_speed = 0;
+        for (auto const& direction : random_points({Vector3d::Constant(-1), Vector3d::Constant(1)}, 500)) {
+            Vector3d const n = direction.normalized();
+            Vector3d const x = share * way + 0.3 * (1 + 0.25 * share) * n;
+            worst = std::max(worst, std::abs(now.surface(x).distance));
+            if (share == 0.3) continue; // its way is that of the form halfway
+            worst_speed = std::max(worst_speed, (now.velocity(x) - (way + 0.25 * 0.3 * n) / 0.5).norm());
+        }
+        CAPTURE(share);
+        CHECK(worst < 0.01); // a quarter of a cell of its grid
+        CHECK(worst_speed < 0.3);
+    }
+    CHECK(shape.view().at(1.9).velocity(way).norm() == 0);
+    CHECK(shape.view().at(2.6).velocity(way).norm() == 0);
+
+    auto const refuse = [&](firn::TriangleMesh const& other, double duration, char const* what) {
+        CHECK_THAT(
+            firn::test::refused([&] { firn::deforming_mesh(before, other, 0, duration, 0.04, 0.2); }).what(),
+            Contains(what));
+    };
+    auto other = after;
+    std::swap(other.triangles[0], other.triangles[1]);
+    refuse(other, 1, "different triangles");
+    other.vertices.pop_back();
+    refuse(other, 1, "vertices");
+    refuse(after, 0, "duration");
 }
 
 TEST_CASE("samplers fill a mesh and share its volume")

@@ -77,7 +77,10 @@ struct Obstacle
     /// that counts only where something touches the surface.
     double largest_speed(int dimension) const
     {
-        return norm(motion.velocity) + norm(motion.angular_velocity) * detail::reach_of(shape, dimension);
+        double own = 0;
+        if constexpr (is_deforming<ShapeType>) own = shape.largest_speed();
+        return own + norm(motion.velocity) +
+               norm(motion.angular_velocity) * detail::reach_of(shape, dimension);
     }
 
     /// Where its values lie: see SignedDistanceGrid::on.
@@ -104,7 +107,7 @@ struct Obstacle
     FIRN_HOST_DEVICE Action<Number, d> over(Interval const& interval) const
     {
         Motion const now = motion.at(interval.end);
-        return {shape,
+        return {shape_at(shape, interval.end),
                 contact,
                 now.position,
                 matrix_of<Number, d>(now.rotation()),
@@ -264,7 +267,7 @@ private:
         return {here.distance * side - Real(Number(0.5 * shape.thickness)), R * (here.normal * side)};
     }
 
-    /// v + omega x arm.
+    /// v + omega x arm, and what a shape that changes its form adds.
     template <Lane Real>
     FIRN_HOST_DEVICE Vector<Real, d> surface_velocity(Vector<Real, d> const& arm) const
     {
@@ -277,6 +280,10 @@ private:
             u[0] += omega_y * arm[2];
             u[1] -= omega_x * arm[2];
             u[2] += omega_x * arm[1] - omega_y * arm[0];
+        }
+        if constexpr (is_deforming<ShapeType>) {
+            Matrix<Real, d> const R = matrix_of<Real, d>(rotation);
+            u += product<Real, d>(R, velocity_of<Real, d>(shape, transpose_product<Real, d>(R, arm)));
         }
         return u;
     }

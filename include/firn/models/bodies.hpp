@@ -95,6 +95,26 @@ struct Bodies : Materials<First, Rest...>
 
 namespace detail
 {
+template <class Model, class Places>
+struct SameBodies;
+template <class Model, std::size_t... k>
+struct SameBodies<Model, std::index_sequence<k...>>
+{
+    template <std::size_t>
+    struct Each
+    {
+        using Type = Model;
+    };
+    using Type = Bodies<typename Each<k>::Type...>;
+};
+} // namespace detail
+
+/// So many bodies of the same material: BodiesOf<Rubber, 5>.
+template <class Model, std::size_t count>
+using BodiesOf = typename detail::SameBodies<Model, std::make_index_sequence<count>>::Type;
+
+namespace detail
+{
 template <class... Models>
 struct MaterialsOf<Bodies<Models...>>
 {

@@ -59,7 +59,6 @@ public:
 
     static Kernel::Point_3 point(Eigen::Vector3d const& x) { return {x.x(), x.y(), x.z()}; }
 
-private:
 #if __has_include(<CGAL/AABB_traits_3.h>)
     using Traits =
         CGAL::AABB_traits_3<Kernel, CGAL::AABB_triangle_primitive_3<Kernel, Triangles::const_iterator>>;
@@ -67,8 +66,11 @@ private:
     using Traits =
         CGAL::AABB_traits<Kernel, CGAL::AABB_triangle_primitive<Kernel, Triangles::const_iterator>>;
 #endif
+    using Tree = CGAL::AABB_tree<Traits>;
+
+private:
     Triangles triangles_;
-    CGAL::AABB_tree<Traits> tree_;
+    Tree tree_;
 };
 
 /// The triangles between inside and outside; a repaired mesh may have others, where its parts overlap.
@@ -137,6 +139,51 @@ inline TriangleDistance::Triangles hole_squares(MeshInterior const& interior, No
     return result;
 }
 
+/// The grid that surrounds a box by `margin` [m], its nodes `cell_size` [m] apart. Throws an Error for
+/// `where`.
+template <std::floating_point Real>
+NodeGrid grid_around(Eigen::AlignedBox3d const& box, double cell_size, double margin, char const* where)
+{
+    require(is_finite(cell_size) && cell_size > 0, "the cell size is not a finite number above 0", where,
+            "Pass a length [m].");
+    require(is_finite(margin) && margin >= 0, "the margin is not a finite number, 0 or above", where,
+            "Pass a length [m].");
+    Eigen::Array3d const cells = ((box.sizes().array() + 2 * margin) / cell_size).ceil().max(1);
+    if (!((cells + 1).prod() <= 5e8))
+        throw Error{"the grid would have more than 5e8 nodes", where, "Use larger cells." + about_units(box)};
+    Eigen::Vector3d const origin = box.center().array() - 0.5 * cell_size * cells;
+    require(tells_cells_apart<Real, 3>(origin, static_cast<Real>(cell_size), cells.cast<int>() + 1),
+            "the mesh lies so far from its origin that the grid's cells are lost to rounding", where,
+            "Move the mesh to its origin, and place it by the obstacle's motion.");
+    return {origin, cell_size, cells.cast<int>() + 1};
+}
+
+/// The signed distance of a solid at the nodes of a grid. Throws an Error for `where` if no node is inside.
+template <std::floating_point Real, class Loop>
+SignedDistanceGrid<Real, 3> distance_on(NodeGrid const& grid, MeshInterior const& interior, Loop const& loop,
+                                        char const* where)
+{
+    std::vector<char> inside(grid.count());
+    std::vector<double> distance(grid.count());
+    TriangleDistance const to_mesh(bounding_triangles(interior));
+    loop.for_each(grid.count(), [&](std::size_t i) {
+        inside[i] = interior.contains(grid.place(i));
+        distance[i] = to_mesh(grid.place(i));
+    });
+    require(std::ranges::any_of(inside, [](char in) { return in != 0; }),
+            "no node of the grid falls inside the solid: the obstacle would not be there", where,
+            "Use smaller cells, a few across the thinnest part.");
+    if (interior.repaired()) {
+        TriangleDistance const to_holes(hole_squares(interior, grid, inside, distance));
+        loop.for_each(grid.count(),
+                      [&](std::size_t i) { distance[i] = std::min(distance[i], to_holes(grid.place(i))); });
+    }
+    std::vector<Real> values(grid.count());
+    for (std::size_t i = 0; i < values.size(); ++i)
+        values[i] = static_cast<Real>(inside[i] ? -distance[i] : distance[i]);
+    return {grid.origin.cast<Real>(), static_cast<Real>(grid.cell_size), grid.nodes, std::move(values)};
+}
+
 } // namespace detail
 
 /// The signed distance of a solid on a grid that surrounds its box by `margin` [m], `cell_size` [m] apart:
@@ -150,40 +197,8 @@ SignedDistanceGrid<Real, 3> distance_from_mesh(MeshInterior const& interior, dou
                                                Loop const& loop = {})
 {
     char const* const where = "distance_from_mesh";
-    require(is_finite(cell_size) && cell_size > 0, "the cell size is not a finite number above 0", where,
-            "Pass a length [m].");
-    require(is_finite(margin) && margin >= 0, "the margin is not a finite number, 0 or above", where,
-            "Pass a length [m].");
-    auto const& box = interior.bounding_box();
-    Eigen::Array3d const cells = ((box.sizes().array() + 2 * margin) / cell_size).ceil().max(1);
-    if (!((cells + 1).prod() <= 5e8))
-        throw Error{"the grid would have more than 5e8 nodes", where,
-                    "Use larger cells." + detail::about_units(box)};
-    Eigen::Vector3d const origin = box.center().array() - 0.5 * cell_size * cells;
-    require(detail::tells_cells_apart<Real, 3>(origin, static_cast<Real>(cell_size), cells.cast<int>() + 1),
-            "the mesh lies so far from its origin that the grid's cells are lost to rounding", where,
-            "Move the mesh to its origin, and place it by the obstacle's motion.");
-    detail::NodeGrid const grid{origin, cell_size, cells.cast<int>() + 1};
-
-    std::vector<char> inside(grid.count());
-    std::vector<double> distance(grid.count());
-    detail::TriangleDistance const to_mesh(detail::bounding_triangles(interior));
-    loop.for_each(grid.count(), [&](std::size_t i) {
-        inside[i] = interior.contains(grid.place(i));
-        distance[i] = to_mesh(grid.place(i));
-    });
-    require(std::ranges::any_of(inside, [](char in) { return in != 0; }),
-            "no node of the grid falls inside the solid: the obstacle would not be there", where,
-            "Use smaller cells, a few across the thinnest part.");
-    if (interior.repaired()) {
-        detail::TriangleDistance const to_holes(detail::hole_squares(interior, grid, inside, distance));
-        loop.for_each(grid.count(),
-                      [&](std::size_t i) { distance[i] = std::min(distance[i], to_holes(grid.place(i))); });
-    }
-    std::vector<Real> values(grid.count());
-    for (std::size_t i = 0; i < values.size(); ++i)
-        values[i] = static_cast<Real>(inside[i] ? -distance[i] : distance[i]);
-    return {origin.cast<Real>(), static_cast<Real>(cell_size), grid.nodes, std::move(values)};
+    auto const grid = detail::grid_around<Real>(interior.bounding_box(), cell_size, margin, where);
+    return detail::distance_on<Real>(grid, interior, loop, where);
 }
 
 } // namespace firn

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/effects/shapes/deforming_grid.hpp>
 #include <firn/effects/shapes/half_space.hpp>
 #include <firn/effects/shapes/height_field.hpp>
 #include <firn/effects/shapes/inside.hpp>

@@ -95,6 +95,9 @@ class AnyShape
     using Variant = typename Shapes::Variant;
     static_assert(!(false || ... || is_two_sided<Own>),
                   "a shell of any shape is Shell<AnyShape<...>>: AnyShape has solids alone");
+    static_assert(
+        !(false || ... || is_deforming<Own>),
+        "a shape that changes its form is an obstacle of its own, or Obstacles<DeformingGrid<...>>");
 
 public:
     static constexpr bool in_host_memory = (false || ... || lies_on_host<Own>);

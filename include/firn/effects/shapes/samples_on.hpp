@@ -55,6 +55,12 @@ public:
     {
         return view_.reach();
     }
+    /// A bound on the speed of its surface [m/s], of a shape that changes its form.
+    double largest_speed() const requires requires(View const v) { v.largest_speed(); }
+    {
+        return view_.largest_speed();
+    }
+    static constexpr bool is_deforming = requires { requires View::is_deforming; };
 
 private:
     View view_;

@@ -81,6 +81,41 @@ inline constexpr bool is_sampled = requires
     requires ShapeType::is_sampled;
 };
 
+/// Whether a shape changes its form with time, and has a velocity of its own: see DeformingGrid.
+template <class ShapeType>
+inline constexpr bool is_deforming = requires
+{
+    requires ShapeType::is_deforming;
+};
+
+/// A plain shape as it is at a time [s].
+template <class ShapeType>
+FIRN_HOST_DEVICE ShapeType shape_at(ShapeType const& shape, [[maybe_unused]] double time)
+{
+    if constexpr (is_deforming<ShapeType>)
+        return shape.at(time);
+    else
+        return shape;
+}
+
+/// The velocity that a shape's surface has of its own beside lanes of points, in the shape's frame [m/s].
+template <Lane Real, int d, class ShapeType>
+FIRN_HOST_DEVICE Vector<Real, d> velocity_of(ShapeType const& shape, Vector<Real, d> const& x)
+{
+    constexpr int width = lane_width<Real>;
+    ScalarOf<Real> at[std::size_t(d)][std::size_t(width)], own[std::size_t(d)][std::size_t(width)];
+    for (int a = 0; a < d; ++a) LaneTraits<Real>::store(x[a], at[a]);
+    for (int lane = 0; lane < width; ++lane) {
+        Vector<ScalarOf<Real>, d> point;
+        for (int a = 0; a < d; ++a) point[a] = at[a][lane];
+        auto const velocity = shape.velocity(point);
+        for (int a = 0; a < d; ++a) own[a][lane] = velocity[a];
+    }
+    Vector<Real, d> velocity;
+    for (int a = 0; a < d; ++a) velocity[a] = LaneTraits<Real>::load(own[a]);
+    return velocity;
+}
+
 /// The surface of a shape at lanes of points; a shape that accepts numbers only is evaluated lane by lane.
 template <Lane Real, int d, class ShapeType>
 FIRN_HOST_DEVICE SurfaceSample<Real, d> surface_of(ShapeType const& shape, Vector<Real, d> const& x)

@@ -24,6 +24,7 @@ template <class ShapeType>
 struct Shell
 {
     static constexpr bool is_two_sided = true;
+    static_assert(!is_deforming<ShapeType>, "a shape that changes its form is a solid: it makes no Shell");
 
     ShapeType shape{};    ///< its surface is the middle of the shell
     double thickness = 0; ///< [m]

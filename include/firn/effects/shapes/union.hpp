@@ -117,6 +117,8 @@ struct Union
 {
     static_assert(sizeof...(Shapes) > 0, "a union has at least one shape");
     static_assert(!(false || ... || is_two_sided<Shapes>), "a union is of solids: it has no shells");
+    static_assert(!(false || ... || is_deforming<Shapes>),
+                  "a shape that changes its form is an obstacle of its own");
 
     std::tuple<Placed<Shapes>...> parts{};
 
