@@ -65,4 +65,26 @@ struct Contact
     }
 };
 
+namespace detail
+{
+/// The velocity [m/s] of a rigid body at `arm` [m] from its reference point: v + omega x arm.
+template <Lane Real, int d, class Number>
+FIRN_HOST_DEVICE Vector<Real, d> rigid_velocity(Vector<Number, d> const& velocity,
+                                                Vector<Number, 3> const& angular_velocity,
+                                                Vector<Real, d> const& arm)
+{
+    Vector<Real, d> u = vector_of<Real, d>(velocity);
+    Real const omega_z(angular_velocity[2]);
+    u[0] -= omega_z * arm[1];
+    u[1] += omega_z * arm[0];
+    if constexpr (d == 3) {
+        Real const omega_x(angular_velocity[0]), omega_y(angular_velocity[1]);
+        u[0] += omega_y * arm[2];
+        u[1] -= omega_x * arm[2];
+        u[2] += omega_x * arm[1] - omega_y * arm[0];
+    }
+    return u;
+}
+} // namespace detail
+
 } // namespace firn

@@ -271,16 +271,7 @@ private:
     template <Lane Real>
     FIRN_HOST_DEVICE Vector<Real, d> surface_velocity(Vector<Real, d> const& arm) const
     {
-        Vector<Real, d> u = vector_of<Real, d>(velocity);
-        Real const omega_z(angular_velocity[2]);
-        u[0] -= omega_z * arm[1];
-        u[1] += omega_z * arm[0];
-        if constexpr (d == 3) {
-            Real const omega_x(angular_velocity[0]), omega_y(angular_velocity[1]);
-            u[0] += omega_y * arm[2];
-            u[1] -= omega_x * arm[2];
-            u[2] += omega_x * arm[1] - omega_y * arm[0];
-        }
+        Vector<Real, d> u = detail::rigid_velocity<Real, d>(velocity, angular_velocity, arm);
         if constexpr (is_deforming<ShapeType>) {
             Matrix<Real, d> const R = matrix_of<Real, d>(rotation);
             u += product<Real, d>(R, velocity_of<Real, d>(shape, transpose_product<Real, d>(R, arm)));

@@ -1,0 +1,134 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/components.hpp>
+#include <firn/core/error.hpp>
+#include <firn/core/exactly_equal.hpp>
+#include <firn/effects/contact.hpp>
+#include <firn/effects/effect.hpp>
+#include <firn/effects/motion.hpp>
+#include <firn/effects/shapes/shape.hpp>
+#include <firn/math/product.hpp>
+
+#include <array>
+#include <optional>
+
+namespace firn
+{
+
+/// Prescribes the velocity of all nodes inside a region, those on its surface included: a clamp, a grip that
+/// pulls, a roller, an inflow. What it takes to do so is its reaction, as of an obstacle.
+///
+/// What is inside moves with the region unless `velocity` says otherwise: then the region may stand still
+/// while material is driven through it. Along the world's axes that are left out of `axes` material is free.
+/// Nodes take the prescribed velocity whatever the material does, so it neither slides nor lets go.
+template <class ShapeType>
+struct Held
+{
+    /// The region's surface, in its frame.
+    ShapeType shape{};
+    /// Where the region is and how it moves.
+    Motion motion{};
+    /// The velocity of what is inside in world axes, if that is not the region's own [m/s].
+    std::optional<Eigen::Vector3d> velocity{};
+    /// Along which of the world's axes velocity is prescribed.
+    std::array<bool, 3> axes{true, true, true};
+
+    /// Throws an Error unless shape, motion and velocity make sense.
+    void validate() const
+    {
+        static_assert(!is_two_sided<ShapeType>, "a region is a solid: a shell has no inside");
+        if constexpr (requires { shape.validate(); }) shape.validate();
+        motion.validate("Held");
+        // its square is finite in single precision, too
+        require(!velocity || (all_finite(*velocity) && norm(*velocity) <= 1e15),
+                "the prescribed velocity is not finite, or beyond 1e15 m/s", "Held", "Pass it in m/s.");
+        require(axes[0] || axes[1] || axes[2], "no axis is held", "Held",
+                "Leave axes out to hold all, or name one at least.");
+    }
+    /// Throws an Error if it leaves the plane, in a scene of two dimensions.
+    void validate_in_plane() const
+    {
+        require(!velocity || exactly_equal(velocity->z(), 0),
+                "a prescribed velocity in a scene in two dimensions leaves the plane", "Held",
+                "Keep z out of the velocity.");
+        require(axes[0] || axes[1], "neither of the plane's axes is held", "Held", "Hold x, y or both.");
+        motion.validate_in_plane("Held");
+        if constexpr (requires { shape.validate_in_plane(); }) shape.validate_in_plane();
+    }
+
+    /// A bound on the speed of the region and of what is inside [m/s] in a scene of `dimension` dimensions.
+    double largest_speed(int dimension) const
+    {
+        double const of_region =
+            norm(motion.velocity) + norm(motion.angular_velocity) * detail::reach_of(shape, dimension);
+        double const inside = velocity ? norm(*velocity) : 0;
+        return of_region > inside ? of_region : inside;
+    }
+
+    /// Where its values lie: see SignedDistanceGrid::on.
+    static constexpr bool in_host_memory = requires { requires ShapeType::in_host_memory; };
+
+    /// The same as a plain value, for a call that begins at `begin` [s].
+    auto plain(double begin) const
+    {
+        return Held<detail::Plain<ShapeType>>{detail::plain(shape), motion.from(begin), velocity, axes};
+    }
+
+    template <class Number, int d>
+    struct Action
+    {
+        static constexpr bool looks_up = is_sampled<detail::Plain<ShapeType>>;
+
+        detail::Plain<ShapeType> shape;
+        Contact contact;
+        Eigen::Vector3d position;
+        Matrix<Number, d> rotation; ///< region to world
+        Vector<Number, d> velocity;
+        Vector<Number, 3> angular_velocity;
+        std::array<bool, 3> axes;
+
+        /// The prescribed velocity inside, and v outside, whatever the rule is.
+        template <Lane Real>
+        FIRN_HOST_DEVICE ContactResult<Real, d> touch(LanePosition<Real, d> const& place,
+                                                      Vector<Real, d> const& v, Contact const&) const
+        {
+            ContactResult<Real, d> held;
+            held.arm = place.relative_to(position);
+            Matrix<Real, d> const R = matrix_of<Real, d>(rotation);
+            auto const sample = surface_of<Real, d>(shape, transpose_product<Real, d>(R, held.arm));
+            held.inside = !(sample.distance > Real(Number(0)));
+            held.velocity = v;
+            held.depth = held.surface_speed2 = Real(Number(0));
+            held.normal = held.surface = zeros<Vector<Real, d>>(); // or compilers warn
+            if (!any(held.inside)) return held;
+            held.normal = product<Real, d>(R, sample.normal);
+            held.surface = detail::rigid_velocity<Real, d>(velocity, angular_velocity, held.arm);
+            for (int a = 0; a < d; ++a)
+                if (axes[std::size_t(a)]) // the same for all nodes
+                    held.velocity[a] = select(held.inside, held.surface[a], v[a]);
+            held.depth = select(held.inside, -sample.distance, Real(Number(0)));
+            held.surface_speed2 =
+                select(held.inside, dot<Real, d>(held.surface, held.surface), Real(Number(0)));
+            return held;
+        }
+    };
+
+    /// The region at the end of the step, since velocities are prescribed for that time. Called on a plain
+    /// value.
+    template <class Number, int d>
+    FIRN_HOST_DEVICE Action<Number, d> over(Interval const& interval) const
+    {
+        Motion const now = motion.at(interval.end);
+        bool const own = velocity.has_value();
+        return {shape,
+                {},
+                now.position,
+                matrix_of<Number, d>(now.rotation()),
+                vector_of<Number, d>(own ? *velocity : now.velocity),
+                vector_of<Number, 3>(own ? zeros<Eigen::Vector3d>() : now.angular_velocity),
+                axes};
+    }
+};
+
+} // namespace firn
