@@ -4,9 +4,11 @@
 #include <firn/core/error.hpp>
 #include <firn/core/finite.hpp>
 #include <firn/effects/damping.hpp>
+#include <firn/effects/local_damping.hpp>
 #include <firn/time_stepping/report.hpp>
 
 #include <algorithm>
+#include <type_traits>
 
 namespace firn
 {
@@ -15,7 +17,8 @@ namespace firn
 struct Settling
 {
     /// Of Damping [1/s]: about twice the lowest angular frequency of the scene [rad/s]. With less the scene
-    /// swings, and with more it creeps: both take longer.
+    /// swings, and with more it creeps: both take longer. Where a LocalDamping damps instead, this is the
+    /// scene's scale of time alone.
     double rate = 0;
     double share = 1e-6; ///< of the largest kinetic energy so far, below which the scene counts as at rest
     double longest = 0;  ///< the most time that may pass in the scene [s]; rest takes 5 / rate at least
@@ -60,7 +63,8 @@ struct SettleReport
 ///
 /// The scene is at rest when its kinetic energy stayed below `share` of the largest one that a look found, or
 /// below `least`, for 5 / rate: one look alone may fall on a turning point of a swing. Velocities are not set
-/// to 0 at the end. Damping acts before obstacles, so what they prescribe holds.
+/// to 0 at the end. Damping acts before obstacles, so what they prescribe holds. If a LocalDamping is among
+/// the effects, that is what damps.
 template <class Solver, class... Effects>
 SettleReport settle(Solver& solver, Settling const& how, Effects const&... effects)
 {
@@ -68,12 +72,18 @@ SettleReport settle(Solver& solver, Settling const& how, Effects const&... effec
     double const piece = how.between > 0 ? how.between : 0.1 / how.rate, end = solver.time() + how.longest;
     require(end > solver.time() && solver.time() + piece > solver.time(),
             "the times are lost to rounding beside the solver's own", "settle", "Pass longer ones.");
+    auto const damped = [&](double duration) {
+        if constexpr ((false || ... || std::is_same_v<Effects, LocalDamping>))
+            return solver.advance(duration, effects...);
+        else
+            return solver.advance(duration, Damping{how.rate}, effects...);
+    };
     SettleReport report;
     double calm_since = solver.time(), calm = 0; // the largest energy since then
     while (!report.is_at_rest && solver.time() < end) {
         double const left = end - solver.time();
         // no sliver at the end, which would be a step of its own
-        report.steps.merge(solver.advance(left < 1.5 * piece ? left : piece, Damping{how.rate}, effects...));
+        report.steps.merge(damped(left < 1.5 * piece ? left : piece));
         double const kinetic = solver.totals().kinetic_energy;
         report.largest_kinetic = std::max(report.largest_kinetic, kinetic);
         if (kinetic > std::max(how.share * report.largest_kinetic, how.least)) {

@@ -5,6 +5,7 @@
 #include "support/refused.hpp"
 
 #include <firn/effects/force.hpp>
+#include <firn/effects/local_damping.hpp>
 #include <firn/settle.hpp>
 
 #include <algorithm>
@@ -17,11 +18,13 @@ namespace
 {
 
 using SceneType = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>;
+using FlipScene = Scene<NeoHookean<Plane>, QuadraticBSpline, Flip>;
 
 /// A column between slippery walls is brought to rest under its own weight.
-SettleReport load(Column<SceneType>& column, Settling const& how)
+template <class Type, class... Dampings>
+SettleReport load(Column<Type>& column, Settling const& how, Dampings const&... dampings)
 {
-    return settle(column.solver, how, Gravity{}, ReflectingWall{.axis = 0},
+    return settle(column.solver, how, Gravity{}, dampings..., ReflectingWall{.axis = 0},
                   ReflectingWall{.axis = 0, .node = 2, .side = -1}, ReflectingWall{.axis = 1});
 }
 
@@ -62,6 +65,37 @@ TEST_CASE("a column settles under its weight: stress and height are those of equ
     auto const too_short = load(other, {.rate = M_PI * c, .share = 1e-8, .longest = 0.05});
     CHECK(!too_short.is_at_rest);
     CHECK(other.solver.time() == Approx(0.05));
+}
+
+TEST_CASE(
+    "local damping brings a column to the same rest as damping of velocities, and slows a fall by its share")
+{
+    Settling how{.share = 1e-6, .longest = 20};
+    Column<FlipScene> damped(16), local(16);
+    double const c = std::sqrt(double(local.solver.model().elasticity.p_wave_modulus()) / 1000);
+    how.rate = M_PI * c;
+    auto const by_velocity = load(damped, how), by_force = load(local, how, LocalDamping{0.8});
+    CHECK(by_velocity.is_at_rest);
+    CHECK(by_force.is_at_rest);
+    local.observe(0);
+    damped.observe(0);
+    CHECK(local.error() <= 6e-3);
+    CHECK(local.tip() == Approx(damped.tip()).epsilon(1e-3));
+    // more steps than with the best rate of damping, fewer than with one three times as large
+    CHECK(by_force.steps.substeps > by_velocity.steps.substeps);
+    Column<FlipScene> creeping(16);
+    CHECK(by_force.steps.substeps <
+          load(creeping, {.rate = 3 * how.rate, .share = 1e-6, .longest = 20}).steps.substeps);
+
+    FlipScene::Solver falling(lattice(0.1));
+    falling.add(box_of_points<2>({0, 0}, {0.2, 0.2}, 0.1), 0.0025, {0, -1});
+    auto const report = falling.advance(0.1, Gravity{}, LocalDamping{0.25});
+    auto const v = falling.download<Velocity>();
+    for (auto const& of : v)
+        CHECK((of - Eigen::Vector2d(0, -1 - 0.75 * 9.81 * report.time_of_forces)).norm() <= 1e-12);
+    auto const braking = falling.advance(0.1, Gravity{{0, 4, 0}}, LocalDamping{0.25});
+    CHECK(falling.download<Velocity>()[0].y() ==
+          Approx(v[0].y() + 1.25 * 4 * braking.time_of_forces).epsilon(1e-12));
 }
 
 TEST_CASE("a force accelerates what is inside its region, and only that")
@@ -114,6 +148,10 @@ TEST_CASE("loads and dampings that make no sense are refused, and nothing change
         refused([&] { solver.step(1e-4, wrong); });
     }
     for (double const rate : {-1.0, nan}) refused([&] { solver.step(1e-4, Damping{rate}); });
+    FlipScene::Solver other(lattice(0.1));
+    other.add(box_of_points<2>({0, 0}, {0.2, 0.2}, 0.1), 0.0025);
+    for (double const share : {-0.1, 1.0, nan}) refused([&] { other.step(1e-4, LocalDamping{share}); });
+    CHECK(other.time() == 0);
     Settling const good{.rate = 1, .longest = 1};
     for (int i = 0; i < 7; ++i) {
         Settling wrong = good;

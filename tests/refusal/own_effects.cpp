@@ -207,9 +207,15 @@ struct Wrong<16> : OnNode // says that it is a wall, and is none
 {
     static constexpr bool mirrors = true;
 };
+template <>
+struct Wrong<17> // would change a copy of the impulse
+{
+    template <class Real>
+    void on_impulse(Vec<Real>, Vec<Real> const&) const;
+};
 struct Final final : OnNode
 {};
-static constexpr int wrong_actions = 17;
+static constexpr int wrong_actions = 18;
 
 struct WithoutValidate
 {

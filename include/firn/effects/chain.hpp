@@ -49,6 +49,19 @@ FIRN_HOST_DEVICE void apply_on_momentum(Chain<Actions...> const& chain, LanePosi
     });
 }
 
+/// Lets actions change the impulse of all forces on lanes of nodes, whose momentum before them is given.
+template <Lane Real, int d, class... Actions>
+FIRN_HOST_DEVICE void apply_on_impulse(Chain<Actions...> const& chain, Vector<Real, d> const& before,
+                                       Vector<Real, d>& momentum)
+{
+    auto impulse = make_vector<Real, d>([&](int a) { return momentum[a] - before[a]; });
+    chain.for_each([&](auto const& action) {
+        using Action = std::decay_t<decltype(action)>;
+        if constexpr (detail::has_on_impulse<Action>) action.on_impulse(impulse, before);
+    });
+    for (int a = 0; a < d; ++a) momentum[a] = before[a] + impulse[a];
+}
+
 /// The velocity of lanes of nodes after all effects on velocities.
 ///
 /// Obstacles act one after the other. Where two of them meet (a corner), a second pass settles friction, and

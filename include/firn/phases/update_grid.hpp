@@ -39,6 +39,10 @@ struct UpdateGrid : CarriedBy<Transfer>
     static_assert(!(ExtendsVelocities<Transfer> && looks_around),
                   "Xpic knows no ReflectingWall: choose another transfer, or an Obstacle for a wall");
 
+    static_assert(!Effects::changes_impulse || Transfer::keeps_old_velocity,
+                  "LocalDamping, and any action with on_impulse, needs the forces apart from the momentum: "
+                  "choose Flip or Asflip as the transfer, or pass Damping instead");
+
     StepContext<Number, Effects> const* now;
     Lattice lattice;
     Number smallest_mass;
@@ -137,8 +141,10 @@ protected:
         Real const inverse_mass = select(filled, Real(1) / select(filled, mass, Real(1)), Real(0));
 
         Vector<Real, d> momentum;
+        [[maybe_unused]] Vector<Real, d> before;
         for (int a = 0; a < d; ++a) {
             momentum[a] = sum(Sums::momentum + a);
+            if constexpr (Effects::changes_impulse) before[a] = momentum[a];
             if constexpr (Transfer::keeps_old_velocity) {
                 set(Values::old_velocity + a,
                     ExtendsVelocities<Transfer> ? withheld(a) : momentum[a] * inverse_mass);
@@ -148,6 +154,7 @@ protected:
         NodesOfStep<Real> const nodes{mass, filled, select(filled & received, mass, Real(0)), now->forces,
                                       mass_unit};
         apply_on_momentum<Real, d>(now->actions, place, nodes, momentum);
+        if constexpr (Effects::changes_impulse) apply_on_impulse<Real, d>(now->actions, before, momentum);
         return {nodes, inverse_mass, momentum * inverse_mass};
     }
 
