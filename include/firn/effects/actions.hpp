@@ -46,7 +46,8 @@ template <>
 struct Chain<>
 {
     static constexpr int obstacles = 0, groups = 0, walls = 0, shells = 0, lookups = 0, touching = 0;
-    static constexpr bool may_touch_particles = false, uses_kilograms = false, changes_impulse = false;
+    static constexpr bool may_touch_particles = false, uses_kilograms = false, changes_impulse = false,
+                          loads_surfaces = false;
     template <class Visit>
     FIRN_HOST_DEVICE void for_each(Visit const&) const
     {}
@@ -67,6 +68,8 @@ struct Chain<First, Rest...>
         (acts_on_particles<First> && !is_wall<First>) || Chain<Rest...>::may_touch_particles;
     /// The number of obstacles if one of them may act on particles, else 0: walls alone do not.
     static constexpr int touching = may_touch_particles ? obstacles : 0;
+    /// Whether an action asks for the areas of surfaces.
+    static constexpr bool loads_surfaces = detail::has_surface_force<First> || Chain<Rest...>::loads_surfaces;
     /// Whether an action asks for the impulse of all forces.
     static constexpr bool changes_impulse = detail::has_on_impulse<First> || Chain<Rest...>::changes_impulse;
     /// Whether an action needs masses in kg.

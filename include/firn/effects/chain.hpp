@@ -49,6 +49,21 @@ FIRN_HOST_DEVICE void apply_on_momentum(Chain<Actions...> const& chain, LanePosi
     });
 }
 
+/// Adds the impulse of loads on surfaces to the momentum of lanes of nodes, which have these areas.
+template <Lane Real, int d, class... Actions>
+FIRN_HOST_DEVICE void apply_on_surfaces(Chain<Actions...> const& chain, NodesOfStep<Real> const& nodes,
+                                        Vector<Real, d> const& area, Vector<Real, d>& momentum)
+{
+    chain.for_each([&](auto const& action) {
+        using Action = std::decay_t<decltype(action)>;
+        if constexpr (detail::has_surface_force<Action>) {
+            Vector<Real, d> const force = action.surface_force(area);
+            for (int a = 0; a < d; ++a)
+                momentum[a] += select(nodes.filled, force[a] * Real(nodes.dt), Real(0));
+        }
+    });
+}
+
 /// Lets actions change the impulse of all forces on lanes of nodes, whose momentum before them is given.
 template <Lane Real, int d, class... Actions>
 FIRN_HOST_DEVICE void apply_on_impulse(Chain<Actions...> const& chain, Vector<Real, d> const& before,

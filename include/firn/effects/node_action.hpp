@@ -17,8 +17,8 @@ namespace detail
 /// The names of all hooks. An action has a member of such a name if the name is ambiguous in NamesOf.
 struct HookNames
 {
-    int acceleration, on_momentum, on_impulse, on_node, touch, hold, on_particles, overlap, lost_beyond,
-        carried, reference;
+    int acceleration, on_momentum, surface_force, on_impulse, on_node, touch, hold, on_particles, overlap,
+        lost_beyond, carried, reference;
 };
 template <class Action>
 struct NamesOf : Action, HookNames
@@ -32,6 +32,11 @@ template <class Action>
 inline constexpr bool has_on_momentum = !requires
 {
     &NamesOf<Action>::on_momentum;
+};
+template <class Action>
+inline constexpr bool has_surface_force = !requires
+{
+    &NamesOf<Action>::surface_force;
 };
 template <class Action>
 inline constexpr bool has_on_impulse = !requires
@@ -128,6 +133,16 @@ concept ChangesMomentum = !detail::TakesCopyOfMomentum<Action, Real, d> &&
         } -> std::same_as<void>;
 };
 
+/// An action that returns a force [N] on lanes of outward areas [m^2], which particles have scattered: see
+/// LoadedSurfaces. Both may be over one unit of mass, so the force is linear in the area.
+template <class Action, class Real, int d>
+concept LoadsSurfaces = requires(Action const action, Vector<Real, d> const area)
+{
+    {
+        action.surface_force(area)
+        } -> std::same_as<Vector<Real, d>>;
+};
+
 /// An action that changes the impulse of all forces on lanes of nodes in the step, knowing their momentum
 /// before it, both in one unit: with transfers that sum the forces apart from the momentum.
 template <class Action, class Real, int d>
@@ -219,6 +234,7 @@ constexpr bool has_only_hooks_that_are_called()
     bool has = is_obstacle<Action> || is_group<Action>, called = true;
     if constexpr (has_acceleration<Action>) has = true, called = called && AcceleratesNodes<Action, Real, d>;
     if constexpr (has_on_momentum<Action>) has = true, called = called && ChangesMomentum<Action, Real, d>;
+    if constexpr (has_surface_force<Action>) has = true, called = called && LoadsSurfaces<Action, Real, d>;
     if constexpr (has_on_impulse<Action>) has = true, called = called && ChangesImpulse<Action, Real, d>;
     if constexpr (has_on_node<Action>) has = true, called = called && ChangesVelocity<Action, Real, d>;
     if constexpr (is_wall<Action>)
@@ -238,9 +254,9 @@ constexpr bool has_only_hooks_that_are_called()
 /// for lanes of the type that the backend computes with; on devices they are FIRN_HOST_DEVICE. Every member
 /// with the name of a hook is taken for that hook, and refused if the library does not call that signature.
 ///
-/// Of an action that has several, acceleration is called first, then on_momentum, on_impulse, on_node, and
-/// then contact. Actions act in the order in which their effects are passed: all of them on momentum, then
-/// all on the impulse of the forces, then all on velocities.
+/// Of an action that has several, acceleration is called first, then on_momentum, surface_force, on_impulse,
+/// on_node, and then contact. Actions act in the order in which their effects are passed: all of them on
+/// momentum, then all on the impulse of the forces, then all on velocities.
 template <class Action, class Real, int d>
 concept NodeAction =
     Lane<Real> && std::is_class_v<Action> && !std::is_final_v<Action> &&
@@ -419,6 +435,7 @@ struct CheckedEffect<T, Real, d, true>
         "the action that the effect's over() returns is to have at least one of "
         "'firn::Vector<Real, d> acceleration(firn::LanePosition<Real, d> const& place) const' [m/s^2], "
         "'void on_momentum(firn::Vector<Real, d>& momentum, Real mass) const' [kg m/s, kg], "
+        "'firn::Vector<Real, d> surface_force(firn::Vector<Real, d> const& area) const' [N, m^2], "
         "'void on_impulse(firn::Vector<Real, d>& impulse, firn::Vector<Real, d> const& momentum) const', "
         "'firn::Vector<Real, d> on_node(firn::LaneNode<Real, d> const& node, firn::Vector<Real, d> const& "
         "velocity) const' [m/s] and contact, 'firn::ContactResult<Real, d> touch(firn::LanePosition<Real, d> "

@@ -43,6 +43,10 @@ struct UpdateGrid : CarriedBy<Transfer>
                   "LocalDamping, and any action with on_impulse, needs the forces apart from the momentum: "
                   "choose Flip or Asflip as the transfer, or pass Damping instead");
 
+    static_assert(!Effects::loads_surfaces || SumsOf<Transfer>::template contains<NodeArea>,
+                  "Traction loads particles that are marked, and the transfer does not carry their marks: "
+                  "choose Carrying<Mls, LoadedSurfaces>, or another base");
+
     StepContext<Number, Effects> const* now;
     Lattice lattice;
     Number smallest_mass;
@@ -154,6 +158,11 @@ protected:
         NodesOfStep<Real> const nodes{mass, filled, select(filled & received, mass, Real(0)), now->forces,
                                       mass_unit};
         apply_on_momentum<Real, d>(now->actions, place, nodes, momentum);
+        if constexpr (Effects::loads_surfaces)
+            apply_on_surfaces<Real, d>(now->actions, nodes, make_vector<Real, d>([&](int a) {
+                                           return sum(Sums::template channel<NodeArea> + a);
+                                       }),
+                                       momentum);
         if constexpr (Effects::changes_impulse) apply_on_impulse<Real, d>(now->actions, before, momentum);
         return {nodes, inverse_mass, momentum * inverse_mass};
     }

@@ -47,6 +47,14 @@ struct NodeOldVelocity
     static constexpr auto shape = FieldShape::vector;
 };
 
+/// The outward area of surfaces that particles scatter to a node, for a Traction to act on [m^2 over the unit
+/// of mass]: see LoadedSurfaces.
+struct NodeArea
+{
+    static constexpr auto name = "node_area";
+    static constexpr auto shape = FieldShape::vector;
+};
+
 /// The fields that nodes sum for a transfer.
 template <class Transfer>
 using SumsOf = Join<Fields<NodeMass, NodeMomentum>,
