@@ -102,13 +102,13 @@ public:
     /// [m/s], otherwise at rest. Their mass is the model's density times the volume. Returns the id of the
     /// first: ids are permanent, and consecutive over all calls and materials.
     ///
-    /// `points`: Eigen vectors of d components, or points_of() of a host's array. Throws an Error, and adds
-    /// none, if a point is not finite or out of the range of cell coordinates, or the volume not above 0.
+    /// `points`: vectors of d components, Eigen's or a host's, or points_of() of an array. Throws an Error,
+    /// and adds none, if a point is not finite or beyond all cells, or the volume is not above 0.
     template <class Which = Every, class Points>
     std::uint32_t add(Points const& points, double volume_per_point,
                       Vector<double, d> const& velocity = zeros<Vector<double, d>>())
     {
-        static_assert(std::remove_cvref_t<decltype(*std::begin(points))>::SizeAtCompileTime == d,
+        static_assert(PointOf<std::remove_cvref_t<decltype(*std::begin(points))>, d>,
                       "points have as many coordinates as the scene has dimensions");
         constexpr std::size_t k = MaterialTraits<Which>::place;
         std::uint32_t first = 0;

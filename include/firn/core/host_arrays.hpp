@@ -1,14 +1,94 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
 #include <firn/core/space.hpp>
 
+#include <concepts>
 #include <cstddef>
 #include <iterator>
+#include <type_traits>
+#include <utility>
 
+// Arrays of a host, which has vectors of its own and none of Eigen's.
 namespace firn
 {
+
+namespace detail
+{
+template <class Value>
+concept HasCoordinates = requires(Value value)
+{
+    value.x;
+    value.y;
+    requires std::same_as<decltype(value.x), decltype(value.y)>;
+};
+
+/// The type of the numbers that a value of a host consists of: a number, a struct with x and y, or an array.
+template <class Value>
+struct NumberIn
+{
+    using Type = void;
+};
+template <std::floating_point Value>
+struct NumberIn<Value>
+{
+    using Type = Value;
+};
+template <HasCoordinates Value>
+struct NumberIn<Value>
+{
+    using Type = decltype(Value::x);
+};
+template <class Value>
+    requires(std::is_aggregate_v<Value> && !HasCoordinates<Value> && requires(Value value) { value[0]; })
+struct NumberIn<Value>
+{
+    using Type = typename NumberIn<std::remove_cvref_t<decltype(std::declval<Value&>()[0])>>::Type;
+};
+} // namespace detail
+
+/// float or double: what a host's value consists of; void if it is none that Firn can read.
+template <class Value>
+using NumberIn = typename detail::NumberIn<std::remove_cv_t<Value>>::Type;
+
+/// A value of a host that is `count` floats or doubles in memory, and nothing else: a number, a struct with
+/// members x, y and perhaps z, or an array such as float[9] or std::array<double, 3>.
+template <class Value, int count>
+concept HostValue = std::floating_point<NumberIn<Value>> && std::is_trivially_copyable_v<Value> &&
+                    std::is_standard_layout_v<Value> &&
+                    sizeof(Value) == std::size_t(count) * sizeof(NumberIn<Value>);
+
+/// An array of such values, for which std::data and std::size are defined: a std::vector or std::span, an
+/// array, or one of a host's own with data() and size().
+template <class Array, int count>
+concept HostArray = requires(Array& array)
+{
+    {
+        std::size(array)
+        } -> std::convertible_to<std::size_t>;
+    requires HostValue<std::remove_cvref_t<decltype(*std::data(array))>, count>;
+};
+
+/// A point of d coordinates: one of Eigen's vectors, or a host's.
+template <class Value, int d>
+concept PointOf = HostValue<Value, d> || requires
+{
+    requires int(Value::SizeAtCompileTime) == d;
+};
+
+/// A point as one of Eigen's.
+template <int d, PointOf<d> Point>
+Vector<double, d> point_of(Point const& point)
+{
+    if constexpr (HostValue<Point, d>) {
+        auto const* const first = reinterpret_cast<NumberIn<Point> const*>(&point);
+        return make_vector<double, d>([&](int a) { return static_cast<double>(first[a]); });
+    }
+    else
+        return vector_of<double, d>(point);
+}
 
 /// Points in an array of a host, which has vectors of its own and none of Eigen's: see points_of().
 template <int d, class Number>

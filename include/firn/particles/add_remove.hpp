@@ -4,6 +4,7 @@
 #include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
 #include <firn/core/finite.hpp>
+#include <firn/core/host_arrays.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/grid/lattice.hpp>
 #include <firn/particles/mass_groups.hpp>
@@ -37,7 +38,7 @@ std::vector<CellPosition<Table::d>> locate_all(Table const& table, Points const&
     std::vector<CellPosition<d>> located;
     located.reserve(std::size(points));
     for (auto const& point : points) {
-        Vector<double, d> const x = vector_of<double, d>(point);
+        Vector<double, d> const x = point_of<d>(point);
         bool is_near = true; // false for NaN, too
         for (int a = 0; a < d; ++a)
             is_near = is_near && is_finite(x[a]) &&

@@ -193,19 +193,19 @@ FIRN_COLD void add_particles_to(Nodes& nodes, Solver const& solver)
 }
 } // namespace detail
 
-/// Samples a solver's material, or all of them, at `points` [m]: a range of Eigen vectors of d components;
+/// Samples a solver's material, or all of them, at `points` [m], a range as Solver::add takes it;
 /// see Solver::sample. Throws an Error if there is no point, or one is not finite.
 template <class Which = EveryMaterial, class Solver, class Points>
 FIRN_COLD auto sample_fields(Solver const& solver, Points const& points)
 {
     constexpr int d = Solver::d;
-    static_assert(std::remove_cvref_t<decltype(*std::begin(points))>::SizeAtCompileTime == d,
+    static_assert(PointOf<std::remove_cvref_t<decltype(*std::begin(points))>, d>,
                   "points have as many coordinates as the scene has dimensions");
     detail::SampledNodes<typename Solver::kernel, d> nodes(solver.lattice());
     std::vector<FieldSample<d>> samples;
     std::size_t count = 0;
     for (auto const& point : points) {
-        auto const x = vector_of<double, d>(point);
+        auto const x = point_of<d>(point);
         if (!all_finite(x))
             throw Error{"the point is not finite", "Solver::sample, point " + std::to_string(count),
                         "Pass places in metres."};
@@ -216,7 +216,7 @@ FIRN_COLD auto sample_fields(Solver const& solver, Points const& points)
     detail::add_particles_to<Which>(nodes, solver);
     samples.reserve(count);
     for (auto const& point : points) {
-        auto const x = vector_of<double, d>(point);
+        auto const x = point_of<d>(point);
         samples.push_back(nodes.reaches(x) ? nodes.at(x) : FieldSample<d>{});
     }
     return samples;

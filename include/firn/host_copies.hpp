@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/fields.hpp>
+#include <firn/core/host_arrays.hpp>
+#include <firn/models/several_materials.hpp>
+
+#include <concepts>
+#include <cstddef>
+#include <iterator>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+// What a host reads and writes in its own memory and its own types, whatever the backend: a pointer with a
+// count and a stride, or an array of values that are floats or doubles and nothing else (HostValue). Where
+// the solver's loops reach that memory, and the numbers are the solver's, nothing is copied in between.
+namespace firn
+{
+
+namespace detail
+{
+/// Stands for the position of a particle in what goes over components.
+struct PositionField
+{
+    static constexpr auto shape = FieldShape::vector;
+};
+
+/// Refuses an array of a host that has not one value for each particle.
+inline void require_host_array(void const* array, std::size_t count, std::size_t particles,
+                               std::size_t stride, int components, char const* where)
+{
+    if (count != particles)
+        throw Error{"there is room for " + std::to_string(count) + " values, and there are " +
+                        std::to_string(particles) + " particles",
+                    where, "Pass an array of size() values, by rising id."};
+    require(array != nullptr || count == 0, "there is no array", where,
+            "Pass a pointer to the first number of the first value.");
+    if (stride < std::size_t(components))
+        throw Error{"the values of neighbours overlap", where,
+                    "Pass a stride, in numbers, of " + std::to_string(components) + " or more."};
+}
+
+/// Writes values to an array of a host.
+template <class Tag, int d, class Values, class Number>
+void copy_to_host(Values const& values, Number* to, std::size_t stride)
+{
+    for (std::size_t i = 0; i < values.size(); ++i)
+        for_each_component<Tag, d>(values[i], [&](int c, auto const& value) {
+            to[i * stride + std::size_t(c)] = static_cast<Number>(value);
+        });
+}
+
+/// Whether Solver::write can write such numbers for these particles to memory of the host.
+template <class Solver, class Which, class Number>
+inline constexpr bool writes_to_host =
+    std::remove_cvref_t<decltype(std::declval<Solver const&>().backend())>::reaches_host_memory&&
+        std::is_same_v<Number, typename Solver::Number> &&
+    (Solver::materials == 1 || !std::is_same_v<Which, EveryMaterial>);
+} // namespace detail
+
+/// Copies world positions [m], by rising id, to an array of a host: axis a of the i-th particle goes to
+/// `to[i * stride + a]`. Throws an Error unless `count` is the number of particles.
+template <class Which = EveryMaterial, class Solver, std::floating_point Number>
+void download_positions(Solver const& solver, Number* to, std::size_t count, std::size_t stride = Solver::d)
+{
+    detail::require_host_array(to, count, solver.template size<Which>(), stride, Solver::d,
+                               "download_positions");
+    if constexpr (detail::writes_to_host<Solver, Which, Number>)
+        solver.template write_positions<Which>(to, stride);
+    else
+        detail::copy_to_host<detail::PositionField, Solver::d>(solver.template positions<Which>(), to,
+                                                               stride);
+}
+
+/// The same to an array of the host's own vectors, such as std::span<Vec3>.
+template <class Which = EveryMaterial, class Solver, class Array>
+void download_positions(Solver const& solver, Array&& to)
+{
+    static_assert(HostArray<Array, Solver::d>,
+                  "an array of positions has a size, and vectors of as many floats or doubles as the scene "
+                  "has dimensions, with no padding: see HostValue in firn/core/host_arrays.hpp");
+    using Number = NumberIn<std::remove_cvref_t<decltype(*std::data(to))>>;
+    download_positions<Which>(solver, reinterpret_cast<Number*>(std::data(to)), std::size(to));
+}
+
+/// Copies what Solver::download returns to an array of a host: component c (of matrices row by row) of the
+/// i-th particle goes to `to[i * stride + c]`. Throws an Error unless `count` is the number of particles.
+template <class Tag, class Which = EveryMaterial, class Solver, std::floating_point Number>
+void download(Solver const& solver, Number* to, std::size_t count,
+              std::size_t stride = std::size_t(component_count<Tag>(Solver::d)))
+{
+    detail::require_host_array(to, count, solver.template size<Which>(), stride,
+                               component_count<Tag>(Solver::d), "download");
+    if constexpr (detail::writes_to_host<Solver, Which, Number>)
+        solver.template write<Tag, Which>(to, stride);
+    else
+        detail::copy_to_host<Tag, Solver::d>(solver.template download<Tag, Which>(), to, stride);
+}
+
+/// The same to an array of the host's own values: std::span<Vec3>, or floats for a scalar field.
+template <class Tag, class Which = EveryMaterial, class Solver, class Array>
+void download(Solver const& solver, Array&& to)
+{
+    static_assert(HostArray<Array, component_count<Tag>(Solver::d)>,
+                  "an array of a field's values has a size, and values of as many floats or doubles as the "
+                  "field has components, with no padding: see HostValue in firn/core/host_arrays.hpp");
+    using Number = NumberIn<std::remove_cvref_t<decltype(*std::data(to))>>;
+    download<Tag, Which>(solver, reinterpret_cast<Number*>(std::data(to)), std::size(to));
+}
+
+/// Sets a field of all particles of a material, by rising id, from an array of a host: component c (of
+/// matrices row by row) of the i-th particle is `from[i * stride + c]`. See Solver::upload.
+template <class Tag, class Which = EveryMaterial, class Solver, std::floating_point Number>
+void upload(Solver& solver, Number const* from, std::size_t count,
+            std::size_t stride = std::size_t(component_count<Tag>(Solver::d)))
+{
+    constexpr int d = Solver::d;
+    detail::require_host_array(from, count, solver.template size<Which>(), stride, component_count<Tag>(d),
+                               "upload");
+    std::vector<FieldValue<Tag, typename Solver::Number, d>> values(
+        count, value_at_rest<Tag, typename Solver::Number, d>());
+    for (std::size_t i = 0; i < count; ++i)
+        for_each_component<Tag, d>(values[i], [&](int c, typename Solver::Number& value) {
+            value = static_cast<typename Solver::Number>(from[i * stride + std::size_t(c)]);
+        });
+    solver.template upload<Tag, Which>(values);
+}
+
+/// The same from an array of the host's own values.
+template <class Tag, class Which = EveryMaterial, class Solver, class Array>
+void upload(Solver& solver, Array const& from)
+{
+    static_assert(HostArray<Array const, component_count<Tag>(Solver::d)>,
+                  "an array of a field's values has a size, and values of as many floats or doubles as the "
+                  "field has components, with no padding: see HostValue in firn/core/host_arrays.hpp");
+    using Number = NumberIn<std::remove_cvref_t<decltype(*std::data(from))>>;
+    upload<Tag, Which>(solver, reinterpret_cast<Number const*>(std::data(from)), std::size(from));
+}
+
+} // namespace firn

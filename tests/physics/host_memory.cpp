@@ -1,0 +1,170 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/policies.hpp"
+#include "support/refused.hpp"
+
+#include <firn/host_copies.hpp>
+
+#include <array>
+#include <cstring>
+#include <span>
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+/// Vectors of a host, which know nothing of Eigen.
+struct HostPoint
+{
+    double x, y;
+};
+struct HostVector
+{
+    float x, y, z;
+};
+struct Padded
+{
+    float x, y, z, w;
+};
+struct Unlike
+{
+    float x;
+    int y;
+    float z;
+};
+
+using PlaneSolver = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>::Solver;
+using SnowSolver = Scene<Snow<SolidFloat>, QuadraticBSpline, Mls>::Solver;
+
+/// The numbers of Eigen's values, one after the other and row by row.
+template <class Values>
+std::vector<double> numbers_in(Values const& values)
+{
+    std::vector<double> numbers;
+    for (auto const& value : values) {
+        if constexpr (requires { value.rows(); }) {
+            for (int i = 0; i < value.rows(); ++i)
+                for (int j = 0; j < value.cols(); ++j) numbers.push_back(double(value(i, j)));
+        }
+        else
+            numbers.push_back(double(value));
+    }
+    return numbers;
+}
+
+} // namespace
+
+TEST_CASE("a host's value is known by its members, and one with padding or other numbers is none")
+{
+    STATIC_REQUIRE(HostValue<HostPoint, 2>);
+    STATIC_REQUIRE(HostValue<HostVector, 3>);
+    STATIC_REQUIRE(HostValue<float, 1>);
+    STATIC_REQUIRE(HostValue<std::array<double, 3>, 3>);
+    STATIC_REQUIRE(HostValue<std::array<std::array<float, 3>, 3>, 9>);
+    STATIC_REQUIRE(!HostValue<HostPoint, 3>);
+    STATIC_REQUIRE(!HostValue<Padded, 3>);
+    STATIC_REQUIRE(!HostValue<Unlike, 3>);
+    STATIC_REQUIRE(!HostValue<std::array<int, 3>, 3>);
+    STATIC_REQUIRE(!HostValue<std::span<double>, 2>); // two words, but not two numbers
+    STATIC_REQUIRE(!HostValue<Eigen::Vector2d, 2>);
+    STATIC_REQUIRE(HostArray<std::span<HostVector const>, 3>);
+    STATIC_REQUIRE(HostArray<std::vector<double>&, 1>);
+    STATIC_REQUIRE(!HostArray<std::vector<Padded>, 3>);
+}
+
+TEST_CASE("a host's own vectors go in and come out, and are what Eigen's would be, bit by bit")
+{
+    std::vector<HostPoint> const points{{0.125, 0.25}, {0.5, 0.3}, {0.7, 0.8}};
+    std::vector<Eigen::Vector2d> same;
+    for (auto const& p : points) same.emplace_back(p.x, p.y);
+    PlaneSolver solver(lattice(0.1)), by_eigen(lattice(0.1));
+    CHECK(solver.add(points, 1e-3) == 0);
+    CHECK(solver.add(std::span(points).first(2), 1e-3, {1, 2}) == 3);
+    by_eigen.add(same, 1e-3);
+    by_eigen.add(std::vector(same.begin(), same.begin() + 2), 1e-3, {1, 2});
+    CHECK(solver.positions() == by_eigen.positions());
+    std::vector<HostPoint> const velocities{{1, 2}, {3, 4}, {5, 6}, {7, 8}, {9, 10}};
+    upload<Velocity>(solver, velocities);
+    by_eigen.upload<Velocity>({{1, 2}, {3, 4}, {5, 6}, {7, 8}, {9, 10}});
+    for (auto* const each : {&solver, &by_eigen})
+        for (int i = 0; i < 3; ++i) each->step(1e-4, Gravity{});
+    auto const x = by_eigen.positions();
+    auto const v = by_eigen.download<Velocity>();
+    std::vector<HostPoint> positions(5), now(5);
+    download_positions(solver, positions);
+    download<Velocity>(solver, std::span(now));
+    for (std::size_t i = 0; i < 5; ++i) {
+        CHECK((positions[i].x == x[i][0] && positions[i].y == x[i][1]));
+        CHECK((now[i].x == v[i][0] && now[i].y == v[i][1]));
+    }
+    auto const samples = solver.sample(points);
+    auto const by_eigens = by_eigen.sample(same);
+    for (std::size_t i = 0; i < samples.size(); ++i) CHECK(samples[i].density == by_eigens[i].density);
+}
+
+TEST_CASE("what is downloaded to a host's memory has its stride and its numbers, whatever the scene's are")
+{
+    SnowSolver solver(lattice(0.1));
+    solver.add(box_of_points<3>({0, 0, 0}, {0.2, 0.2, 0.2}, 0.1), 1.25e-4, {0, 1, 0});
+    std::size_t const count = solver.size();
+    std::vector<double> ratios(count);
+    for (std::size_t i = 0; i < count; ++i) ratios[i] = 1 - 1e-3 * double(i);
+    upload<PlasticVolumeRatio>(solver, ratios); // of doubles, to floats
+    auto const expected = solver.download<PlasticVolumeRatio>();
+    for (std::size_t i = 0; i < count; ++i) CHECK(expected[i] == float(ratios[i]));
+    solver.step(1e-4);
+    auto const check = [&]<class Number>(Number, std::size_t stride, std::vector<double> const& numbers,
+                                         std::size_t components, auto const& write) {
+        std::vector<Number> to(count * stride, Number(-7));
+        write(to.data());
+        for (std::size_t i = 0; i < count; ++i)
+            for (std::size_t c = 0; c < stride; ++c)
+                CHECK(to[i * stride + c] ==
+                      (c < components ? Number(numbers[i * components + c]) : Number(-7)));
+    };
+    auto const x = numbers_in(solver.positions()), v = numbers_in(solver.download<Velocity>()),
+               H = numbers_in(solver.download<DisplacementGradient>()),
+               pressure = numbers_in(solver.download<Pressure>());
+    check(float{}, 5, x, 3, [&](float* to) { download_positions(solver, to, count, 5); });
+    check(double{}, 3, x, 3, [&](double* to) { download_positions(solver, to, count); });
+    check(double{}, 4, x, 3, [&](double* to) { download_positions(solver, to, count, 4); });
+    check(float{}, 4, v, 3, [&](float* to) { download<Velocity>(solver, to, count, 4); });
+    check(double{}, 9, H, 9, [&](double* to) { download<DisplacementGradient>(solver, to, count); });
+    check(double{}, 1, pressure, 1, [&](double* to) { download<Pressure>(solver, std::span(to, count)); });
+    std::vector<double> in_fours(4 * count);
+    for (std::size_t i = 0; i < in_fours.size(); ++i) in_fours[i] = double(i);
+    upload<Velocity>(solver, in_fours.data(), count, 4);
+    CHECK(solver.download<Velocity>()[7] == Eigen::Vector3f(28, 29, 30));
+    std::vector<HostVector> own(count);
+    download<Velocity>(solver, own);
+    CHECK(own[3].y == 13);
+    std::vector<std::array<float, 9>> matrices(count);
+    download<DisplacementGradient>(solver, matrices);
+    CHECK(matrices[5][2] == float(H[5 * 9 + 2]));
+}
+
+TEST_CASE("an array of a host that does not fit the particles is refused, and nothing has changed")
+{
+    PlaneSolver solver(lattice(0.1));
+    std::vector<HostPoint> some{{0.1, 0.2}, {0.3, 0.4}};
+    solver.add(some, 1e-3);
+    std::vector<HostPoint> few(1);
+    std::vector<double> numbers(4);
+    CHECK_THAT(refused([&] { download_positions(solver, few); }).what_is_wrong(),
+               Contains("room for 1 values"));
+    refused([&] { download<Velocity>(solver, few); });
+    refused([&] { upload<Velocity>(solver, few); });
+    refused([&] { download_positions(solver, numbers.data(), 2, 1); });
+    refused([&] { download<Velocity>(solver, numbers.data(), 2, 1); });
+    refused([&] { download<Velocity>(solver, static_cast<double*>(nullptr), 2); });
+    refused([&] { upload<Velocity>(solver, static_cast<double const*>(nullptr), 2); });
+    few[0] = {std::nan(""), 0};
+    refused([&] { solver.add(few, 1e-3); });
+    some[1].y = std::numeric_limits<double>::infinity();
+    refused([&] { upload<Velocity>(solver, some); });
+    CHECK(solver.size() == 2);
+    CHECK(solver.download<Velocity>() == std::vector<Eigen::Vector2d>(2, Eigen::Vector2d::Zero()));
+    refused([] { (void)points_of<2>(static_cast<float const*>(nullptr), 1); });
+}
