@@ -25,7 +25,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <iterator>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -108,8 +107,6 @@ public:
     std::uint32_t add(Points const& points, double volume_per_point,
                       Vector<double, d> const& velocity = zeros<Vector<double, d>>())
     {
-        static_assert(PointOf<std::remove_cvref_t<decltype(*std::begin(points))>, d>,
-                      "points have as many coordinates as the scene has dimensions");
         constexpr std::size_t k = MaterialTraits<Which>::place;
         std::uint32_t first = 0;
         change("Solver::add", [&] {
@@ -125,7 +122,6 @@ public:
     /// Removes the particles for which a predicate is true: `predicate(position)` [m], or
     /// `predicate(position, particle)` with `particle[Velocity{}]` and its other fields. Returns how many.
     /// The others keep their ids and all their values, bit by bit.
-    ///
     /// `predicate` is a function object that may be called where the backend's loops run: for example
     /// Inside{shape} or Outside{shape}, or for a device one of your own that is FIRN_HOST_DEVICE. It must not
     /// throw: exceptions cannot leave the loops.
@@ -221,8 +217,7 @@ public:
     }
 
     /// Advances the simulation by `duration` [s] in as many stable steps as needed. These are at most 1e12:
-    /// a step below StepControl::smallest (1e-12) of the duration is an error. Pass a larger share if you
-    /// cannot wait that long for a material far too stiff, or an obstacle far too fast.
+    /// a step below StepControl::smallest (1e-12) of the duration is an error. A larger share says so sooner.
     ///
     /// A failed step is repeated with half its length. After StepControl::retries halvings it is a StepError
     /// that names particle, place, time and cause, and the state is that of the last good step (but see
@@ -238,8 +233,7 @@ public:
         return advance_by([](double) { return FullPace{}; }, duration, effects...);
     }
 
-    /// The same within a Budget (firn/budget.hpp) of seconds by a clock or of steps: takes what fits, and
-    /// says in the report what is left of the duration.
+    /// The same within a Budget of seconds or steps (firn/budget.hpp). The report says what is left.
     template <StepBudget Budget, NodeEffect<Real, d>... Effects>
     AdvanceReport advance(double duration, Budget const& budget, Effects const&... effects)
     {
@@ -294,6 +288,13 @@ public:
     std::vector<std::uint32_t> ids() const
     {
         return by_id<Which, std::uint32_t>([&](auto k) { return particles<k>().ids(); });
+    }
+
+    /// What stays equal as long as ids() does, and is compared at once: see IdLookup.
+    template <class Which = Every>
+    auto id_marks() const
+    {
+        return scene_.sets.template id_marks<place_of<Which>>();
     }
 
     /// World positions [m], by rising id.
@@ -414,8 +415,7 @@ public:
         });
     }
 
-    /// Bytes held by particles and grid, spare capacity included. Threads' scratch memory, some tens of
-    /// kilobytes each, is not counted.
+    /// Bytes held by particles and grid, with spare capacity, without threads' scratch memory of some 10 kB.
     std::size_t memory() const { return scene_.memory(); }
 
 private:

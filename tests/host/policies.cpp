@@ -2,10 +2,14 @@
 // A host that uses much of the library, of which a compiler is to have nothing to say: kernels, transfers,
 // both dimensions and precisions, effects, what a solver tells, files.
 #include <firn/firn.hpp>
+#include <firn/host_copies.hpp>
+#include <firn/id_lookup.hpp>
 #include <firn/io/checkpoint.hpp>
 #include <firn/io/write_particles.hpp>
 #include <firn/openmp.hpp>
 #include <firn/sampling/points.hpp>
+
+#include <array>
 
 namespace
 {
@@ -39,6 +43,14 @@ void use(Model const& model, Transfer const& transfer, Effects const&... effects
     std::vector<typename Space::Scalar> numbers(3 * solver.size());
     solver.write_positions(numbers.data());
     solver.template upload<Velocity>(solver.template download<Velocity>());
+    std::vector<std::array<double, std::size_t(Space::dimension)>> own(solver.size());
+    solver.add(own, 1e-6);
+    own.resize(solver.size());
+    download_positions(solver, own);
+    download<Velocity>(solver, own);
+    upload<Velocity>(solver, own);
+    IdLookup lookup;
+    own.resize(lookup.indices_of(solver, solver.ids()).size());
     auto const snapshot = solver.snapshot();
     solver.restore(snapshot);
     if (solver.occupancy().alone > 0) read_checkpoint("scene.firn", solver);

@@ -4,6 +4,7 @@
 #include "support/refused.hpp"
 
 #include <firn/host_copies.hpp>
+#include <firn/id_lookup.hpp>
 
 #include <array>
 #include <cstring>
@@ -167,4 +168,61 @@ TEST_CASE("an array of a host that does not fit the particles is refused, and no
     CHECK(solver.size() == 2);
     CHECK(solver.download<Velocity>() == std::vector<Eigen::Vector2d>(2, Eigen::Vector2d::Zero()));
     refused([] { (void)points_of<2>(static_cast<float const*>(nullptr), 1); });
+}
+
+TEST_CASE("a particle is found by its id, whatever came and went, and one that is gone is refused")
+{
+    PlaneSolver solver(lattice(0.1));
+    IdLookup lookup;
+    CHECK_FALSE(lookup.contains(solver, 0));
+    CHECK_THAT(refused([&] { (void)lookup.index_of(solver, 0); }).what_is_wrong(), Contains("the id 0"));
+    solver.add(box_of_points<2>({0.01, 0}, {1.01, 0.2}, 0.1), 2.5e-3);
+    auto const all_are_found = [&] {
+        auto const ids = solver.ids();
+        auto const indices = lookup.indices_of(solver, ids);
+        REQUIRE(indices.size() == ids.size());
+        for (std::size_t i = 0; i < ids.size(); ++i) CHECK(indices[i] == i);
+        std::size_t here = 0; // and no other is
+        for (std::uint32_t id = 0; id < ids.back() + 100; ++id) here += lookup.contains(solver, id);
+        CHECK(here == ids.size());
+    };
+    all_are_found();
+    for (int i = 0; i < 3; ++i) solver.step(1e-4, Gravity{});
+    all_are_found();
+    auto const before = solver.snapshot();
+    CHECK(solver.remove_if(OnTheLeft{0.3}) > 0);
+    CHECK_THAT(refused([&] { (void)lookup.index_of(solver, 0); }).what_is_wrong(), Contains("the id 0"));
+    all_are_found(); // from another one on, without gaps
+    CHECK(solver.remove_if(Inside<Box>{.shape = {{0.1, 9, 9}}, .pose = {.position = {0.6, 0, 0}}}) > 0);
+    all_are_found();
+    auto const next = solver.add(std::vector<HostPoint>{{5, 5}}, 2.5e-3);
+    CHECK(lookup.index_of(solver, next) == solver.size() - 1);
+    all_are_found();
+    solver.restore(before); // as many as at first, and the same ids
+    all_are_found();
+    CHECK(solver.remove_if(Inside<Box>{.shape = {{0.1, 9, 9}}, .pose = {.position = {0.2, 0, 0}}}) > 0);
+    auto const here = solver.snapshot();
+    std::size_t const left = solver.size();
+    auto const of_here = solver.ids();
+    solver.restore(before);
+    CHECK(solver.remove_if(Inside<Box>{.shape = {{0.1, 9, 9}}, .pose = {.position = {0.5, 0, 0}}}) > 0);
+    CHECK(solver.size() == left); // as many, and others
+    CHECK(solver.ids() != of_here);
+    all_are_found();
+    solver.restore(here);
+    all_are_found();
+    PlaneSolver other(lattice(0.1)); // a look-up is of the solver that it is asked about
+    other.add(std::vector<HostPoint>{{5, 5}}, 2.5e-3);
+    CHECK(lookup.index_of(other, 0) == 0);
+    CHECK_FALSE(lookup.contains(other, 1));
+    all_are_found();
+    solver.remove_if(Outside<Box>{.shape = {{0.06, 9, 9}}, .pose = {.position = {0.01, 0, 0}}});
+    for (int i = 0; i < 7; ++i) { // ids that lie far apart
+        auto const row = box_of_points<2>({9, 9}, {19, 9.05}, 0.1);
+        solver.add(row, 2.5e-3);
+        solver.add(std::vector<HostPoint>{{1.0 + i, 0.01}}, 2.5e-3);
+        solver.remove_if(Inside<HalfSpace>{.shape = {{0, -1, 0}}, .pose = {.position = {0, 3, 0}}});
+    }
+    CHECK(solver.ids().back() > 16 * solver.size());
+    all_are_found();
 }

@@ -2,6 +2,10 @@
 #include "catch.hpp"
 #include "support/policies.hpp"
 
+#include <firn/host_copies.hpp>
+#include <firn/id_lookup.hpp>
+
+#include <array>
 #include <numeric>
 #include <tuple>
 
@@ -238,10 +242,24 @@ TEST_CASE("ids are permanent and count the particles of all materials; what is t
     // a material's own fields are its own
     solver.upload<PlasticVolumeRatio, Snow<Plane>>({0.9, 0.8, 0.7});
     CHECK(solver.download<PlasticVolumeRatio, Material<0>>() == std::vector<double>{0.9, 0.8, 0.7});
+    IdLookup lookup;
+    IdLookup<Snow<Plane>> among_snow;
+    CHECK(lookup.index_of(solver, 3) == 3);
+    CHECK(among_snow.index_of(solver, 3) == 2); // the fluid's is not among them
+    CHECK_FALSE(among_snow.contains(solver, 2));
     CHECK(solver.remove_if<Fluid<Plane>>(Inside<Sphere>{.shape = {10}}) == 1);
     CHECK(solver.ids() == Ids{0, 1, 3});
+    CHECK(lookup.index_of(solver, 3) == 2);
     CHECK(solver.add<Fluid<Plane>>(Points{{1.25, 0}}, 2e-3) == 4);
     CHECK(solver.ids<Fluid<Plane>>() == Ids{4});
+    CHECK(lookup.indices_of(solver, Ids{4, 0}) == std::vector<std::size_t>{3, 0});
+    CHECK_FALSE(lookup.contains(solver, 2));
+    std::vector<std::array<double, 2>> places(1);
+    download_positions<Fluid<Plane>>(solver, places); // a host's own vectors, of one material and of all
+    CHECK(places[0] == std::array{1.25, 0.0});
+    places.resize(4);
+    download_positions(solver, places);
+    for (std::size_t i = 0; i < 4; ++i) CHECK(places[i][0] == solver.positions()[i][0]);
 }
 
 TEST_CASE("water on which a lighter block floats presses on the floor by the weight of both")

@@ -15,6 +15,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <iterator>
 #include <limits>
 #include <numeric>
 #include <string>
@@ -33,6 +34,10 @@ template <class Table, class Points>
 std::vector<CellPosition<Table::d>> locate_all(Table const& table, Points const& points)
 {
     constexpr int d = Table::d;
+    static_assert(
+        PointOf<std::remove_cvref_t<decltype(*std::begin(points))>, d>,
+        "points have as many coordinates as the scene has dimensions, and those of a host no padding: "
+        "see HostValue in firn/core/host_arrays.hpp");
     constexpr auto largest = Table::CellOrder::largest_coordinate;
     Lattice const& lattice = table.lattice();
     std::vector<CellPosition<d>> located;

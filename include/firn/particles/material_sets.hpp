@@ -174,6 +174,17 @@ public:
         }
     }
 
+    /// The marks of which particles one material has, or each of all: see Solver::id_marks.
+    template <std::size_t place>
+    auto id_marks() const
+    {
+        std::array<IdMark, place == count ? count : 1> marks;
+        for_each([&](auto k) {
+            if constexpr (is_about<place, k>) marks[place == count ? k : 0] = particles<k>().id_mark();
+        });
+        return marks;
+    }
+
     /// Marks the particles of a material, or of all, for which a predicate is true: see Solver::remove_if.
     template <std::size_t place, class Predicate>
     std::vector<RemovalMask<Backend>> find(Predicate const& predicate, Backend const& backend) const

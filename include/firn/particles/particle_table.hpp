@@ -105,6 +105,7 @@ public:
     /// The permanent id of a row; the ids of all, in rising order.
     std::uint32_t id(std::size_t row) const { return contents_.ids.id(row); }
     std::vector<std::uint32_t> ids() const { return contents_.ids.first(size()); }
+    IdMark id_mark() const { return contents_.ids.mark(size()); }
     /// The row of an existing id.
     std::uint32_t row(std::uint32_t id) const { return contents_.ids.row(id); }
 

@@ -199,8 +199,10 @@ template <class Which = EveryMaterial, class Solver, class Points>
 FIRN_COLD auto sample_fields(Solver const& solver, Points const& points)
 {
     constexpr int d = Solver::d;
-    static_assert(PointOf<std::remove_cvref_t<decltype(*std::begin(points))>, d>,
-                  "points have as many coordinates as the scene has dimensions");
+    static_assert(
+        PointOf<std::remove_cvref_t<decltype(*std::begin(points))>, d>,
+        "points have as many coordinates as the scene has dimensions, and those of a host no padding: "
+        "see HostValue in firn/core/host_arrays.hpp");
     detail::SampledNodes<typename Solver::kernel, d> nodes(solver.lattice());
     std::vector<FieldSample<d>> samples;
     std::size_t count = 0;
