@@ -5,8 +5,10 @@
 #include <firn/core/host_arrays.hpp>
 #include <firn/models/several_materials.hpp>
 
+#include <algorithm>
 #include <concepts>
 #include <cstddef>
+#include <cstdint>
 #include <iterator>
 #include <string>
 #include <type_traits>
@@ -51,6 +53,21 @@ void copy_to_host(Values const& values, Number* to, std::size_t stride)
         });
 }
 
+/// Whether an array of a host can hold values of a field.
+template <class Tag, int d, class Array>
+inline constexpr bool holds_values = HostArray<Array, component_count<Tag>(d)>;
+template <IntegerField Tag, int d, class Array>
+inline constexpr bool holds_values<Tag, d, Array> = requires(Array& array)
+{
+    std::size(array);
+    requires std::same_as<std::remove_cvref_t<decltype(*std::data(array))>, std::uint32_t>;
+};
+
+/// What the values of such an array consist of.
+template <class Tag, class Value>
+using NumberOfHost = typename std::conditional_t<IntegerField<Tag>, std::type_identity<std::uint32_t>,
+                                                 std::type_identity<firn::NumberIn<Value>>>::type;
+
 /// Whether Solver::write can write such numbers for these particles to memory of the host.
 template <class Solver, class Which, class Number>
 inline constexpr bool writes_to_host =
@@ -84,6 +101,15 @@ void download_positions(Solver const& solver, Array&& to)
     download_positions<Which>(solver, reinterpret_cast<Number*>(std::data(to)), std::size(to));
 }
 
+/// Copies integers, by rising id, to an array of a host: that of the i-th particle goes to `to[i * stride]`.
+template <IntegerField Tag, class Which = EveryMaterial, class Solver>
+void download(Solver const& solver, std::uint32_t* to, std::size_t count, std::size_t stride = 1)
+{
+    detail::require_host_array(to, count, solver.template size<Which>(), stride, 1, "download");
+    auto const values = solver.template download<Tag, Which>();
+    for (std::size_t i = 0; i < count; ++i) to[i * stride] = integer_of(values[i]);
+}
+
 /// Copies what Solver::download returns to an array of a host: component c (of matrices row by row) of the
 /// i-th particle goes to `to[i * stride + c]`. Throws an Error unless `count` is the number of particles.
 template <class Tag, class Which = EveryMaterial, class Solver, std::floating_point Number>
@@ -98,14 +124,16 @@ void download(Solver const& solver, Number* to, std::size_t count,
         detail::copy_to_host<Tag, Solver::d>(solver.template download<Tag, Which>(), to, stride);
 }
 
-/// The same to an array of the host's own values: std::span<Vec3>, or floats for a scalar field.
+/// The same to an array of the host's own values: std::span<Vec3>, or floats for a scalar field and
+/// std::uint32_t for integers.
 template <class Tag, class Which = EveryMaterial, class Solver, class Array>
 void download(Solver const& solver, Array&& to)
 {
-    static_assert(HostArray<Array, component_count<Tag>(Solver::d)>,
+    static_assert(detail::holds_values<Tag, Solver::d, Array>,
                   "an array of a field's values has a size, and values of as many floats or doubles as the "
-                  "field has components, with no padding: see HostValue in firn/core/host_arrays.hpp");
-    using Number = NumberIn<std::remove_cvref_t<decltype(*std::data(to))>>;
+                  "field has components, with no padding: see HostValue in firn/core/host_arrays.hpp; of "
+                  "integers it has std::uint32_t");
+    using Number = detail::NumberOfHost<Tag, std::remove_cvref_t<decltype(*std::data(to))>>;
     download<Tag, Which>(solver, reinterpret_cast<Number*>(std::data(to)), std::size(to));
 }
 
@@ -127,15 +155,50 @@ void upload(Solver& solver, Number const* from, std::size_t count,
     solver.template upload<Tag, Which>(values);
 }
 
-/// The same from an array of the host's own values.
+/// Sets a field of integers of all particles of a material, by rising id: that of the i-th is
+/// `from[i * stride]`.
+template <IntegerField Tag, class Which = EveryMaterial, class Solver>
+void upload(Solver& solver, std::uint32_t const* from, std::size_t count, std::size_t stride = 1)
+{
+    using Number = typename Solver::Number;
+    detail::require_host_array(from, count, solver.template size<Which>(), stride, 1, "upload");
+    std::vector<Vector<Number, 2>> values;
+    values.reserve(count);
+    for (std::size_t i = 0; i < count; ++i) values.push_back(halves_of<Number>(from[i * stride]));
+    solver.template upload<Tag, Which>(values);
+}
+
+/// The same from an array of the host's own values; of integers, std::uint32_t.
 template <class Tag, class Which = EveryMaterial, class Solver, class Array>
 void upload(Solver& solver, Array const& from)
 {
-    static_assert(HostArray<Array const, component_count<Tag>(Solver::d)>,
+    static_assert(detail::holds_values<Tag, Solver::d, Array const>,
                   "an array of a field's values has a size, and values of as many floats or doubles as the "
-                  "field has components, with no padding: see HostValue in firn/core/host_arrays.hpp");
-    using Number = NumberIn<std::remove_cvref_t<decltype(*std::data(from))>>;
+                  "field has components, with no padding: see HostValue in firn/core/host_arrays.hpp; of "
+                  "integers it has std::uint32_t");
+    using Number = detail::NumberOfHost<Tag, std::remove_cvref_t<decltype(*std::data(from))>>;
     upload<Tag, Which>(solver, reinterpret_cast<Number const*>(std::data(from)), std::size(from));
+}
+
+/// Sets a field of the particles of a material from an id on, by rising id: of those that Solver::add has
+/// just added and returned the first id of. All others keep theirs. Throws an Error, and changes nothing,
+/// unless there is one value for each of them.
+template <class Tag, class Which = EveryMaterial, class Solver, class Array>
+void upload_from(Solver& solver, std::uint32_t first_id, Array const& from)
+{
+    static_assert(detail::holds_values<Tag, Solver::d, Array const>, "see upload()");
+    using Value = std::remove_cvref_t<decltype(*std::data(from))>;
+    auto const ids = solver.template ids<Which>();
+    auto const place = static_cast<std::size_t>(std::ranges::lower_bound(ids, first_id) - ids.begin());
+    if (std::size(from) != ids.size() - place)
+        throw Error{"there are " + std::to_string(std::size(from)) + " values for " +
+                        std::to_string(ids.size() - place) + " particles from the id " +
+                        std::to_string(first_id) + " on",
+                    "upload_from", "Pass the id that add() returned, and one value for each new particle."};
+    std::vector<Value> values(ids.size());
+    download<Tag, Which>(solver, values);
+    std::copy_n(std::data(from), std::size(from), values.begin() + static_cast<std::ptrdiff_t>(place));
+    upload<Tag, Which>(solver, values);
 }
 
 } // namespace firn

@@ -3,6 +3,8 @@
 
 #include <firn/core/fields.hpp>
 
+#include <cstddef>
+#include <string_view>
 #include <type_traits>
 
 namespace firn
@@ -39,6 +41,17 @@ void for_each_tag(Fields<Tags...>, Use const& use)
 
 namespace detail
 {
+/// Whether each field of a set has another name.
+template <class... Tags>
+constexpr bool have_own_names(Fields<Tags...>)
+{
+    std::string_view const names[]{Tags::name..., ""};
+    for (std::size_t i = 0; i < sizeof...(Tags); ++i)
+        for (std::size_t j = 0; j < i; ++j)
+            if (names[i] == names[j]) return false;
+    return true;
+}
+
 template <class Left, class Right>
 struct JoinTwo;
 

@@ -8,7 +8,9 @@
 #include <firn/core/lane.hpp>
 #include <firn/core/space.hpp>
 
+#include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <limits>
 #include <sstream>
 #include <string>
@@ -16,7 +18,7 @@
 
 // Policies declare what a particle stores: each names the fields that it needs, and the table of particles is
 // their union. A field is a tag type with a name and a shape. A scalar field may also have a value `at_rest`,
-// 0 by default, and the `range` of what may be uploaded and restored.
+// 0 by default, and the `range` of what may be uploaded and restored; an integer a value `at_rest`.
 namespace firn
 {
 
@@ -33,7 +35,8 @@ enum class FieldShape
 {
     scalar,
     vector,
-    matrix
+    matrix,
+    integer ///< from 0 to 2^32 - 1, stored as two numbers of 16 bits each, which a float holds exactly
 };
 
 /// Velocity [m/s].
@@ -121,15 +124,58 @@ constexpr int component_count(int d)
         return d;
     case FieldShape::matrix:
         return d * d;
+    case FieldShape::integer:
+        return 2;
     }
     return 0;
 }
 
-/// The value of a field: a number, a Vector or a Matrix of lanes.
+namespace detail
+{
+template <FieldShape shape, class Real, int d>
+struct ValueOfShape
+{
+    using Type = Matrix<Real, d>;
+};
+template <class Real, int d>
+struct ValueOfShape<FieldShape::scalar, Real, d>
+{
+    using Type = Real;
+};
+template <class Real, int d>
+struct ValueOfShape<FieldShape::vector, Real, d>
+{
+    using Type = Vector<Real, d>;
+};
+template <class Real, int d>
+struct ValueOfShape<FieldShape::integer, Real, d>
+{
+    using Type = Vector<Real, 2>;
+};
+} // namespace detail
+
+/// The value of a field: a number, a Vector or a Matrix of lanes; of an integer its halves, the lower first.
 template <class Tag, class Real, int d>
-using FieldValue = std::conditional_t<
-    Tag::shape == FieldShape::scalar, Real,
-    std::conditional_t<Tag::shape == FieldShape::vector, Vector<Real, d>, Matrix<Real, d>>>;
+using FieldValue = typename detail::ValueOfShape<Tag::shape, Real, d>::Type;
+
+/// A field of integers.
+template <class Tag>
+concept IntegerField = Tag::shape == FieldShape::integer;
+
+/// The integer of a particle's field, for one number and not a pack: `integer_of(particle[Handle{}]) == 7`.
+template <class Number>
+FIRN_HOST_DEVICE inline std::uint32_t integer_of(Vector<Number, 2> const& halves)
+{
+    return static_cast<std::uint32_t>(halves[0]) + (static_cast<std::uint32_t>(halves[1]) << 16);
+}
+
+/// The halves in which an integer is stored.
+template <class Real>
+FIRN_HOST_DEVICE inline Vector<Real, 2> halves_of(std::uint32_t integer)
+{
+    using Number = ScalarOf<Real>;
+    return {Real(static_cast<Number>(integer & 0xffffu)), Real(static_cast<Number>(integer >> 16))};
+}
 
 /// Calls `use(component, reference)` for each component of a field's value, row by row.
 template <class Tag, int d, class Value, class Use>
@@ -141,6 +187,10 @@ FIRN_HOST_DEVICE inline void for_each_component(Value& value, Use const& use)
     else if constexpr (Tag::shape == FieldShape::vector) {
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) use(i, value[i]);
+    }
+    else if constexpr (Tag::shape == FieldShape::integer) {
+        use(0, value[0]);
+        use(1, value[1]);
     }
     else {
         FIRN_UNROLL
@@ -155,7 +205,7 @@ auto& component_of(Value& value, int c)
 {
     if constexpr (Tag::shape == FieldShape::scalar)
         return value;
-    else if constexpr (Tag::shape == FieldShape::vector)
+    else if constexpr (Tag::shape == FieldShape::vector || Tag::shape == FieldShape::integer)
         return value[c];
     else
         return value(c / d, c % d);
@@ -165,7 +215,9 @@ auto& component_of(Value& value, int c)
 template <class Tag, class Real, int d>
 FIRN_HOST_DEVICE inline FieldValue<Tag, Real, d> value_at_rest()
 {
-    if constexpr (Tag::shape != FieldShape::scalar)
+    if constexpr (IntegerField<Tag> && requires { Tag::at_rest; })
+        return halves_of<Real>(Tag::at_rest);
+    else if constexpr (Tag::shape != FieldShape::scalar)
         return zeros<FieldValue<Tag, Real, d>>();
     else if constexpr (requires { Tag::at_rest; })
         return Real(static_cast<ScalarOf<Real>>(Tag::at_rest));
@@ -197,6 +249,9 @@ void require_valid(double value, Where const& where, char const* remedy)
     require_that(value > range.above, "not above", range.above);
     require_that(value >= range.at_least, "below", range.at_least);
     require_that(value <= range.at_most, "above", range.at_most);
+    if constexpr (IntegerField<Tag>)
+        require_that(value >= 0 && value <= 0xffff && std::floor(value) >= value,
+                     "not half of an integer from 0 to", 0xffffffff);
 }
 
 } // namespace firn

@@ -47,6 +47,8 @@ public:
         /// request.
         using Stored = Join<typename Transfer::Stored, typename Model::State>;
         using Derived = Without<typename Transfer::State, Stored>;
+        static_assert(detail::have_own_names(State{}),
+                      "two fields of a particle have the same name, by which checkpoints tell them apart");
         using Table = ParticleTable<Backend, Space, Stored, Derived>;
 
         /// The bytes stored per particle: its position, its fields and its row.

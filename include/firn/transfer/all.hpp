@@ -9,6 +9,7 @@
 #include <firn/transfer/mls.hpp>
 #include <firn/transfer/pic.hpp>
 #include <firn/transfer/tpic.hpp>
+#include <firn/transfer/with_fields.hpp>
 #include <firn/transfer/xpic.hpp>
 
 #include <tuple>
