@@ -5,6 +5,7 @@
 
 #include <firn/host_copies.hpp>
 #include <firn/id_lookup.hpp>
+#include <firn/io/frame_series.hpp>
 
 #include <array>
 #include <cstring>
@@ -128,6 +129,13 @@ TEST_CASE("what is downloaded to a host's memory has its stride and its numbers,
     auto const x = numbers_in(solver.positions()), v = numbers_in(solver.download<Velocity>()),
                H = numbers_in(solver.download<DisplacementGradient>()),
                pressure = numbers_in(solver.download<Pressure>());
+    auto const frame = frame_of<Velocity, PlasticVolumeRatio, DisplacementGradient>(solver);
+    CHECK(frame.time == solver.time());
+    CHECK(frame.positions == solver.positions());
+    REQUIRE(frame.fields.size() == 4);
+    CHECK((frame.fields[0].name == "id" && frame.fields[0].integers == solver.ids()));
+    CHECK((frame.fields[1].name == "velocity" && frame.fields[1].values[7] == float(v[7])));
+    CHECK((frame.fields[2].components == 1 && frame.fields[3].components == 9));
     check(float{}, 5, x, 3, [&](float* to) { download_positions(solver, to, count, 5); });
     check(double{}, 3, x, 3, [&](double* to) { download_positions(solver, to, count); });
     check(double{}, 4, x, 3, [&](double* to) { download_positions(solver, to, count, 4); });

@@ -5,6 +5,7 @@
 
 #include <firn/host_copies.hpp>
 #include <firn/io/checkpoint.hpp>
+#include <firn/io/frame_series.hpp>
 
 #include <cstdint>
 #include <numeric>
@@ -95,6 +96,9 @@ TEST_CASE("own fields stay with their particles, bit by bit, through steps, remo
     CHECK((solver.positions()[0] - origins[0]).norm() > 0.3); // some cells further
     CHECK(handles_of(solver) == handles_by(solver.ids()));
     CHECK(solver.download<Origin>() == in_floats);
+
+    auto const frame = frame_of<Handle>(solver);
+    CHECK((frame.fields[1].name == "handle" && frame.fields[1].integers == handles_by(solver.ids())));
 
     std::size_t const before = solver.size();
     std::size_t const gone = solver.remove_if(HasHandleBelow{0x80000000u});
