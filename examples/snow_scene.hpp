@@ -33,9 +33,9 @@ void write_report(std::filesystem::path const& path, Options const& options, Sce
     double const steps = static_cast<double>(total.substeps) * static_cast<double>(solver.size());
     std::ostringstream text;
     text.precision(9);
-    text << "{\n  \"scene\": \"" << scene.name << "\",\n  \"backend\": \"" << options.backend
-         << "\",\n  \"model\": \"" << Solver::Model::name << "\",\n  \"kernel\": \"" << Solver::kernel::name
-         << "\",\n  \"transfer\": \"" << Solver::Transfer::name
+    text << "{\n  \"schema\": 1,\n  \"scene\": \"" << scene.name << "\",\n  \"backend\": \""
+         << options.backend << "\",\n  \"model\": \"" << Solver::Model::name << "\",\n  \"kernel\": \""
+         << Solver::kernel::name << "\",\n  \"transfer\": \"" << Solver::Transfer::name
          << "\",\n  \"precision\": \"float\",\n  \"runs_on\": \"" << backend_info()
          << "\",\n  \"threads\": " << options.threads << ",\n  \"particles\": " << solver.size()
          << ",\n  \"cell_size\": " << solver.lattice().cell_size << ",\n  \"frames\": " << options.frames

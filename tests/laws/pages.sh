@@ -3,7 +3,7 @@
 # Pages for readers: pages.sh LAW FOLDER. Prints what breaks a law and exits with 1; with 77 where it cannot be judged.
 # LAW: figures (the tables of bench/README.md and the guides are those of bench/results), results (what benchmarks write becomes rows),
 # lines (of Markdown are short), links (of Markdown lead to files), rows (the guides' tables of policies have
-# those of the library's lists); can_fail breaks some of them in a copy.
+# those of the library's lists, and that of report.json its keys); can_fail breaks some of them in a copy.
 set -euo pipefail
 law=$1 folder=$2
 self=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)/pages.sh
@@ -174,6 +174,14 @@ JSON
                     for (sort keys %row) { ++$broken, print "$guide: a table has a row for $_, which is on no list.\n" }
                 }
             }
+            # what a report of a run has, and what its table says
+            my %key = map { $_ => 1 } text("examples/snow_scene.hpp") =~ /\\"(\w+)\\":/g;
+            my ($table) = text("examples/README.md") =~ /^\| key \|.*\n\|[-|]+\n((?:\|.*\n)+)/m;
+            my %said = map { $_ => 1 } ($table // "") =~ /`(\w+)`/g;
+            for (sort keys %key) { $said{$_} or ++$broken, print "examples/README.md: the table of report.json lacks $_.\n" }
+            for (($table // "") =~ /^\| (`.*?) \|/mg) {
+                for (/`(\w+)`/g) { $key{$_} or ++$broken, print "examples/README.md: there is no $_ in report.json.\n" }
+            }
             exit($broken > 0)'
         ;;
     can_fail)
@@ -202,6 +210,8 @@ JSON
         breaks rows include/firn/transfer/README.md $'| kernel | use |\n|---|---|\n| `CubicBSpline` | waves |\n| `Linear` | none |'
         breaks rows include/firn/effects/README.md $'| shape |\n|---|\n| `HalfSpace` |\n| `Sphere` |\n| `Capsule` |\n| `Box` |\n| `Cone` |' \
             $'\n| shape |\n|---|\n| `Box` |\n| `Sphere` |\n| `Capsule` |\n| `HalfSpace` |\n\n'
+        breaks rows examples/README.md '| `of_none` | integer | |'
+        breaks rows examples/snow_scene.hpp '// "\"of_none\":"'
         breaks figures bench/results/steps_cuda.csv \
             "2999-01-01,abcdef0,h200,step/cuda/neo_hookean/quadratic/mls/float/jittered/1000000,0.01,G/s,"
         breaks figures bench/results/steps.csv "2026-11-28,abcdef0,abacus,step/openmp/one,1,M/s,"
