@@ -234,3 +234,38 @@ TEST_CASE("a particle is found by its id, whatever came and went, and one that i
     CHECK(solver.ids().back() > 16 * solver.size());
     all_are_found();
 }
+
+TEST_CASE("solvers of one backend that take turns come to the bits of each alone")
+{
+    TestedBackend const backend{}; // on a device: one stream for all of them
+    auto const throw_plate = [&](double speed) {
+        PlaneSolver solver(lattice(0.1), {}, {}, {}, backend);
+        solver.add(box_of_points<2>({0.01, 0}, {0.41, 0.4}, 0.1), 2.5e-3, {speed, -1});
+        return solver;
+    };
+    auto const throw_snow = [&] {
+        SnowSolver solver(lattice(0.1), {}, {}, {}, backend);
+        solver.add(box_of_points<3>({0.01, 0, 0}, {0.41, 0.2, 0.2}, 0.1), 1.25e-4, {3, -2, 1});
+        return solver;
+    };
+    auto const once = [](auto& solver) { solver.step(2e-4, Gravity{}, Obstacle<HalfSpace>{}); };
+    auto const alone = [&](auto solver) {
+        for (int i = 0; i < 12; ++i) once(solver);
+        return solver.positions();
+    };
+    auto const plate_alone = alone(throw_plate(1)), other_alone = alone(throw_plate(-2));
+    auto const snow_alone = alone(throw_snow());
+    auto plate = throw_plate(1), other = throw_plate(-2);
+    auto snow = throw_snow();
+    for (int i = 0; i < 12; ++i) {
+        once(plate);
+        auto passing = throw_plate(5); // comes and goes meanwhile
+        once(snow);
+        once(passing);
+        once(other);
+    }
+    CHECK(plate.positions() == plate_alone);
+    CHECK(other.positions() == other_alone);
+    CHECK(snow.positions() == snow_alone);
+    CHECK(plate_alone != other_alone);
+}
