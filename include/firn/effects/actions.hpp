@@ -5,6 +5,7 @@
 #include <firn/effects/obstacle.hpp>
 
 #include <array>
+#include <cstddef>
 
 namespace firn
 {

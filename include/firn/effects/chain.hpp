@@ -4,6 +4,8 @@
 #include <firn/effects/actions.hpp>
 #include <firn/effects/particle_contact.hpp>
 
+#include <cstddef>
+
 namespace firn
 {
 

@@ -7,6 +7,7 @@
 #include <firn/math/product.hpp>
 
 #include <array>
+#include <cstddef>
 
 namespace firn
 {

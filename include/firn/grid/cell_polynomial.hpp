@@ -5,6 +5,7 @@
 #include <firn/core/space.hpp>
 
 #include <array>
+#include <cstddef>
 
 namespace firn
 {

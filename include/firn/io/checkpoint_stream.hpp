@@ -17,6 +17,7 @@
 #include <ostream>
 #include <span>
 #include <string>
+#include <system_error>
 #include <type_traits>
 #include <utility>
 #include <vector>

@@ -11,6 +11,7 @@
 #include <bit>
 #include <cctype>
 #include <charconv>
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <limits>

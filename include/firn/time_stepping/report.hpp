@@ -5,6 +5,7 @@
 #include <firn/effects/effect.hpp>
 #include <firn/time_stepping/stable_time_step.hpp>
 
+#include <algorithm>
 #include <cstdint>
 #include <limits>
 #include <vector>

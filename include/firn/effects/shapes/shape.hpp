@@ -5,6 +5,7 @@
 #include <firn/core/space.hpp>
 
 #include <concepts>
+#include <cstddef>
 #include <utility>
 
 namespace firn
