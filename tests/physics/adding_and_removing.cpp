@@ -54,7 +54,7 @@ auto everything(Solver const& solver)
 } // namespace
 
 using Cases =
-    Combinations<Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>, Scene<Snow<Solid>, CubicBSpline, Flip>,
+    Combinations<Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>, Scene<CamClay<Solid>, CubicBSpline, Flip>,
                  More<Scene<FixedCorotated<SolidFloat>, QuadraticBSpline, Apic>,
                       Scene<Sand<PlaneFloat>, CubicBSpline, Asflip>>>;
 

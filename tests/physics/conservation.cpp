@@ -415,7 +415,7 @@ using OnePass =
     Combinations<Scene<NeoHookean<Solid>, QuadraticBSpline, Mls>,
                  More<Scene<Snow<Solid>, CubicBSpline, Flip>, Scene<Snow<Plane>, QuadraticBSpline, Pic>,
                       Scene<FixedCorotated<Plane>, CubicBSpline, Apic>>,
-                 Scene<Fluid<Plane>, QuadraticBSpline, Asflip>>;
+                 Scene<MooneyRivlin<Plane>, QuadraticBSpline, Asflip>>;
 
 // A step scatters to the next grid in the pass that moves the particles, for a next step of the same length.
 // After an upload particles scatter afresh.

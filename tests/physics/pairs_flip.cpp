@@ -10,10 +10,8 @@ using namespace firn::test;
 
 using Scenes = std::tuple<
     Scene<Hencky<Plane>, Linear, Flip>, Scene<SplitNeoHookean<Plane>, QuadraticBSpline, Flip>,
-    Scene<VonMises<Solid>, QuadraticBSpline, Flip>, Scene<HardeningVonMises<Solid>, CubicBSpline, Flip>,
-    Scene<CamClay<Plane>, QuadraticBSpline, Flip>, Scene<HerschelBulkley<PlaneFloat>, Linear, Flip>,
-    Scene<Hencky<PlaneFloat>, CubicBSpline, Asflip>, Scene<SplitNeoHookean<Solid>, Linear, Asflip>,
-    Scene<MooneyRivlin<Plane>, QuadraticBSpline, Asflip>, Scene<Snow<Plane>, QuadraticBSpline, Asflip>,
+    Scene<HerschelBulkley<PlaneFloat>, Linear, Flip>, Scene<Hencky<PlaneFloat>, CubicBSpline, Asflip>,
+    Scene<SplitNeoHookean<Solid>, Linear, Asflip>, Scene<Snow<Plane>, QuadraticBSpline, Asflip>,
     Scene<VonMises<SolidFloat>, QuadraticBSpline, Asflip>,
     Scene<HardeningVonMises<Plane>, QuadraticBSpline, Asflip>,
     Scene<CamClay<Plane>, QuadraticBSpline, Asflip>, Scene<HerschelBulkley<Plane>, QuadraticBSpline, Asflip>>;

@@ -47,8 +47,8 @@ using Second = Material<1>;
 } // namespace
 
 using Pairs = Combinations<
-    Scene<Materials<FixedCorotated<Plane>, NeoHookean<Plane>>, QuadraticBSpline, Mls>,
-    Scene<Materials<NeoHookean<Solid>, FixedCorotated<Solid>>, CubicBSpline, Flip>,
+    Scene<Materials<VonMises<Plane>, HerschelBulkley<Plane>>, QuadraticBSpline, Mls>,
+    Scene<Materials<VonMises<Solid>, HardeningVonMises<Solid>>, CubicBSpline, Flip>,
     More<Scene<Materials<NeoHookean<Plane>, FixedCorotated<Plane>>, CubicBSpline, Apic>,
          Scene<Materials<NeoHookean<Plane>, Hencky<Plane>>, QuadraticBSpline, Pic>,
          Scene<Materials<NeoHookean<SolidFloat>, FixedCorotated<SolidFloat>>, QuadraticBSpline, Mls>>>;
