@@ -4,6 +4,8 @@
 #include "scenes.hpp"
 
 #include <firn/budget.hpp>
+#include <firn/effects/held.hpp>
+#include <firn/effects/obstacles.hpp>
 #include <firn/io/checkpoint.hpp>
 
 #include <algorithm>
@@ -242,8 +244,23 @@ private:
     auto with_effects(Use const& use)
     {
         Obstacle<HalfSpace> const floor{.contact = contact_};
-        return use(gravity_, floor, ball_, ReflectingWall{.axis = 0, .node = -wall_node, .side = 1},
-                   ReflectingWall{.axis = 0, .node = wall_node, .side = -1});
+        ReflectingWall const left{.axis = 0, .node = -wall_node, .side = 1},
+            right{.axis = 0, .node = wall_node, .side = -1};
+#if defined(FIRN_FUZZ_FEW)
+        return use(gravity_, floor, ball_, left, right);
+#else
+        return use(gravity_, floor, ball_, crates_, held_, left, right);
+#endif
+    }
+
+    /// How many reactions these have.
+    std::size_t reactions() const
+    {
+#if defined(FIRN_FUZZ_FEW)
+        return 4;
+#else
+        return 5 + crates_.list.size();
+#endif
     }
 
     /// The change of momentum equals the impulses of gravity and of the obstacles over that time, and no
@@ -304,7 +321,7 @@ private:
             beyond = std::max(beyond, dt / report.stable_dt);
             elapsed += report.time_of_forces;
             bool const as_asked = std::abs(report.dt - dt) <= 1e-15 * (before.time + 10 * dt);
-            expect(as_asked && report.reactions.size() == 4, "a report is of another step");
+            expect(as_asked && report.reactions.size() == reactions(), "a report is of another step");
         }
         if (gone == 0) expect_balance(before, bounds, double(count), elapsed, beyond, reactions);
     }
@@ -367,6 +384,34 @@ private:
             in_quarantine_ = what & 64 ? std::numeric_limits<std::size_t>::max()
                                        : static_cast<std::size_t>(input_.below(6));
             solver_.quarantine(in_quarantine_);
+        }
+        if (what & 128) change_crates();
+    }
+
+    /// Obstacles come, move and go, and a region is held or let go.
+    void change_crates()
+    {
+        Motion motion{.position = {input_.between(-1, 1), input_.between(-0.2, 1), 0},
+                      .velocity = {input_.between(-5, 5), input_.between(-5, 5), 0}};
+        auto& list = crates_.list;
+        switch (input_.below(5)) {
+        case 0:
+            if (list.size() < 20)
+                list.push_back({.shape = Sphere{input_.between(0.01, 0.2)}, .motion = motion});
+            break;
+        case 1:
+            if (list.size() < 20) list.push_back({.shape = Box{{0.1, 0.05, 0.1}}, .motion = motion});
+            break;
+        case 2:
+            if (!list.empty()) list.erase(list.begin() + input_.below(int(list.size())));
+            break;
+        case 3:
+            for (auto& crate : list) crate.motion.velocity = motion.velocity;
+            break;
+        default:
+            held_.motion = motion;
+            held_.shape.radius = input_.between(0.01, 0.1);
+            break;
         }
     }
 
@@ -463,6 +508,8 @@ private:
     std::optional<Saved> saved_;
     Gravity gravity_;
     Contact contact_ = Contact::coulomb(0.3);
+    Obstacles<> crates_;
+    Held<Sphere> held_{.shape = {1e-3}, .motion = {.position = {50, 50, 0}}}; // holds nothing yet
     Obstacle<Sphere> ball_{.shape = {0.2}, .motion = {.position = {0.3, 0.1, 0}}};
 };
 
