@@ -12,12 +12,9 @@ void in_the_plane(std::vector<Eigen::Vector2d> const& points)
     solver.advance(0.1, Gravity{}, Obstacle<HalfSpace>{});
 }
 
-// of loops in space budget.sh compiles more than it does here
-#if defined(FIRN_TESTS_ALL)
 void in_space(std::vector<Eigen::Vector3d> const& points)
 {
     Solver<Cuda, FixedCorotated<Space<3, double>>, CubicBSpline, Flip> solver(lattice(0.1));
     solver.add(points, 1e-4);
     solver.advance(0.1, Gravity{});
 }
-#endif

@@ -47,6 +47,9 @@ void more()
     SignedDistanceGrid<float, 3> const solid({0, 0, 0}, 1, {2, 2, 2}, std::vector<float>(8, 1.f));
     auto const solid_there = solid.on(Cuda{});
     step<Snow<Solid>, QuadraticBSpline, Mls>(Obstacle{.shape = solid_there});
+    step<Snow<Solid>, QuadraticBSpline, Flip>(Obstacle{.shape = solid_there});
+    step<Sand<Solid>, QuadraticBSpline, Tpic>(Gravity{}, floor);
+    step<CamClay<Solid>, QuadraticBSpline, Asflip>(Gravity{}, floor);
 }
 #endif
 
@@ -55,10 +58,8 @@ void all()
 {
     Obstacle<HalfSpace> const floor;
     step<Fluid<Space<3, double>>, QuadraticBSpline, Xpic>(Gravity{}, floor);
-    step<Sand<Solid>, QuadraticBSpline, Tpic>(Gravity{}, floor);
-    step<CamClay<Solid>, QuadraticBSpline, Asflip>(Gravity{}, floor);
     step<Materials<NeoHookean<Solid>, Fluid<Solid>>, QuadraticBSpline, Mls>(ReflectingWall{}, floor);
     SignedDistanceGrid<float, 3> const solid({0, 0, 0}, 1, {2, 2, 2}, std::vector<float>(8, 1.f));
     auto const solid_there = solid.on(Cuda{});
-    step<Snow<Solid>, QuadraticBSpline, Flip>(Obstacle{.shape = solid_there});
+    step<CamClay<Solid>, QuadraticBSpline, Asflip>(Gravity{}, Obstacle{.shape = solid_there});
 }
