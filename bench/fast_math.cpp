@@ -167,4 +167,5 @@ int main(int argc, char** argv)
                 block.error(), block.momentum_error(), block.kinetic_energy(),
                 static_cast<unsigned long long>(fingerprint(block.solver)));
         });
+    return 0; // in one unit with other benches the compiler asks for it
 }
