@@ -3,13 +3,8 @@
 #include "support/policies.hpp"
 
 #include <exception>
-#include <thread>
-
-#if defined(__CUDACC__)
-#include <cuda_runtime_api.h>
-#else
 #include <malloc.h>
-#endif
+#include <thread>
 
 using namespace firn;
 using namespace firn::test;
