@@ -254,7 +254,7 @@ private:
     }
 
     /// How many reactions these have.
-    std::size_t reactions() const
+    std::size_t reaction_count() const
     {
 #if defined(FIRN_FUZZ_FEW)
         return 4;
@@ -321,7 +321,7 @@ private:
             beyond = std::max(beyond, dt / report.stable_dt);
             elapsed += report.time_of_forces;
             bool const as_asked = std::abs(report.dt - dt) <= 1e-15 * (before.time + 10 * dt);
-            expect(as_asked && report.reactions.size() == reactions(), "a report is of another step");
+            expect(as_asked && report.reactions.size() == reaction_count(), "a report is of another step");
         }
         if (gone == 0) expect_balance(before, bounds, double(count), elapsed, beyond, reactions);
     }
