@@ -139,7 +139,7 @@ private:
     FIRN_HOST_DEVICE Surface<Real> surface(Node const& node, std::size_t body, Mask<Real> const& which) const
     {
         constexpr int nodes = d == 3 ? 27 : 9, cells = 1 << d;
-        Real mass[nodes];
+        Real mass[std::size_t(nodes)];
         for (int n = 0; n < nodes; ++n) {
             Coordinates<d> step;
             for (int a = d - 1, rest = n; a >= 0; --a, rest /= 3) step[a] = rest % 3 - 1;
