@@ -12,20 +12,22 @@ names_of_others() {
     cat <<'END'
 algorithm: adjacent_find all_of any_of clamp copy copy_n count fill fill_n find find_if find_if_not inplace_merge
 algorithm: lexicographical_compare max max_element min minmax nth_element partition_point ranges::all_of ranges::any_of
-algorithm: ranges::find ranges::lower_bound ranges::none_of ranges::sort sort stable_sort transform unique upper_bound
+algorithm: ranges::count_if ranges::equal ranges::find ranges::lower_bound ranges::none_of ranges::sort
+algorithm: ranges::upper_bound sort stable_sort transform unique upper_bound
 array: array
 array,tuple,utility: get tuple_element_t tuple_size_v
-array,vector,string,span: begin size
+array,vector,string,span: begin data size
 atomic: atomic atomic_flag atomic_thread_fence memory_order_acq_rel memory_order_acquire memory_order_relaxed
 atomic: memory_order_release memory_order_seq_cst
 bit: bit_cast bit_ceil countr_zero endian popcount
 cctype: isalnum isdigit tolower
 charconv: from_chars to_chars
 chrono: chrono
-cmath: atan2 cbrt ceil cos exp floor fma fmax isfinite isnan isnormal ldexp log log10 lrint nextafter pow sin sqrt tan tanh
+cmath: atan2 cbrt ceil cos exp floor fma fmax isfinite isnan isnormal ldexp log log10 lrint nan nextafter pow sin sqrt tan tanh
 cmath,cstdlib: abs
 concepts: constructible_from convertible_to copy_constructible derived_from floating_point integral invocable movable same_as
 cstddef: ptrdiff_t
+cstdio: snprintf
 cstddef,cstring,cstdlib: size_t
 cstdint: int32_t int64_t uint16_t uint32_t uint64_t uint8_t uintmax_t
 cstdlib: getenv
@@ -40,7 +42,7 @@ fstream,istream,sstream: istream
 fstream,istream,ostream,sstream: ios streamsize
 limits: numeric_limits
 map: map
-memory: construct_at make_shared make_unique shared_ptr unique_ptr
+memory: construct_at make_shared make_unique shared_ptr unique_ptr weak_ptr
 new: align_val_t bad_alloc
 numbers: numbers
 numeric: accumulate exclusive_scan iota partial_sum
@@ -54,8 +56,8 @@ string: getline stoull string to_string
 string_view,string: string_view string_view_literals
 system_error: errc error_code
 tuple: apply tie tuple tuple_cat
-type_traits: conditional_t decay_t integral_constant is_arithmetic_v is_base_of_v is_class_v is_const_v
-type_traits: is_default_constructible_v is_enum_v is_final_v is_floating_point_v is_invocable_r_v is_same_v is_signed_v
+type_traits: conditional_t decay_t integral_constant is_aggregate_v is_arithmetic_v is_base_of_v is_class_v is_const_v
+type_traits: is_default_constructible_v is_enum_v is_final_v is_floating_point_v is_invocable_r_v is_same_v is_signed_v is_standard_layout_v
 type_traits: is_trivially_copyable_v is_trivially_destructible_v remove_const_t remove_cv_t remove_cvref_t
 type_traits: remove_reference_t type_identity type_identity_t
 unordered_map: unordered_map
