@@ -187,7 +187,8 @@ template <class Tag, class Which = EveryMaterial, class Solver, class Array>
 void upload_from(Solver& solver, std::uint32_t first_id, Array const& from)
 {
     static_assert(detail::holds_values<Tag, Solver::d, Array const>, "see upload()");
-    using Value = std::remove_cvref_t<decltype(*std::data(from))>;
+    using Host = detail::NumberOfHost<Tag, std::remove_cvref_t<decltype(*std::data(from))>>;
+    using Number = typename Solver::Number;
     auto const ids = solver.template ids<Which>();
     auto const place = static_cast<std::size_t>(std::ranges::lower_bound(ids, first_id) - ids.begin());
     if (std::size(from) != ids.size() - place)
@@ -195,10 +196,16 @@ void upload_from(Solver& solver, std::uint32_t first_id, Array const& from)
                         std::to_string(ids.size() - place) + " particles from the id " +
                         std::to_string(first_id) + " on",
                     "upload_from", "Pass the id that add() returned, and one value for each new particle."};
-    std::vector<Value> values(ids.size());
-    download<Tag, Which>(solver, values);
-    std::copy_n(std::data(from), std::size(from), values.begin() + static_cast<std::ptrdiff_t>(place));
-    upload<Tag, Which>(solver, values);
+    auto values =
+        solver.template download<Tag, Which>(); // in the scene's numbers: the others keep their bits
+    auto const* number = reinterpret_cast<Host const*>(std::data(from));
+    for (std::size_t i = place; i < values.size(); ++i)
+        if constexpr (IntegerField<Tag>)
+            values[i] = halves_of<Number>(*number++);
+        else
+            for_each_component<Tag, Solver::d>(
+                values[i], [&](int, Number& value) { value = static_cast<Number>(*number++); });
+    solver.template upload<Tag, Which>(values);
 }
 
 } // namespace firn

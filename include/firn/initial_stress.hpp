@@ -71,7 +71,7 @@ bool solve(Vector<double, 2>& x, double size, Function const& f)
         double share = 1;
         for (; share > 1e-6; share /= 2) {
             Vector<double, n> const next = x - share * way, there = f(next);
-            if (!(norm(there) < error)) continue; // NaN, too
+            if (!is_finite(norm(there)) || !(norm(there) < error)) continue;
             x = next;
             value = there;
             break;

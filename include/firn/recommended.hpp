@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/interpolation/cubic_b_spline.hpp>
+#include <firn/models/bodies.hpp>
 #include <firn/models/heterogeneous.hpp>
 #include <firn/models/materials.hpp>
 #include <firn/solver.hpp>
@@ -85,6 +86,11 @@ struct Recommended<Materials<First, Others...>> : Recommended<First>
 {
     static constexpr bool is_measured = false;
 };
+
+/// And like the first of several bodies.
+template <class First, class... Others>
+struct Recommended<Bodies<First, Others...>> : Recommended<Materials<First, Others...>>
+{};
 
 /// The solver of a material with the recommended kernel and transfer.
 template <class Backend, class Model>

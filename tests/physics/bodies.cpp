@@ -221,6 +221,38 @@ TEST_CASE("a scene of bodies goes on from its snapshot bit by bit, with the same
     CHECK_THAT(refused([&] { other.restore(snapshot); }).what(), Contains("contact.0_1.friction"));
 }
 
+TEST_CASE("the snapshot of materials that stick together is refused by bodies, unless it is on purpose")
+{
+    firn::Solver<TestedBackend, Materials<Jelly, Jelly>> sticking(lattice(h), {jelly(1e6), jelly(1e6)});
+    add_box<0>(sticking, {0, 0}, {0.3, 0.3});
+    auto snapshot = sticking.snapshot();
+    Two solver(lattice(h), {jelly(1e6), jelly(1e6)});
+    CHECK_THAT(refused([&] { solver.restore(snapshot); }).what(), Contains("stick together"));
+    snapshot.forget_parameters();
+    solver.restore(snapshot);
+    CHECK(solver.size() == sticking.size());
+}
+
+#if defined(FIRN_TESTS_ON_OPENMP)
+TEST_CASE("bodies that collide give the same bits with any number of threads")
+{
+    auto const run = [](int threads) {
+        Five solver(lattice(h),
+                    {jelly(1e5), jelly(1e5), jelly(1e5), jelly(1e5), jelly(1e5), Contact::coulomb(0.4)}, {},
+                    {}, {.threads = threads});
+        add_box<0>(solver, {0, 0}, {2, 0.5});
+        add_box<1>(solver, {0.1, 0.52}, {0.9, 1}, {0.3, -1});
+        add_box<2>(solver, {1, 0.52}, {1.9, 1}, {-0.3, -1});
+        solver.advance(0.05, Gravity{});
+        return solver.positions();
+    };
+    auto const one = run(1), three = run(3);
+    std::size_t different = 0;
+    for (std::size_t i = 0; i < one.size(); ++i) different += one[i] != three[i];
+    CHECK(different == 0);
+}
+#endif
+
 TEST_CASE("contact between bodies is refused if its numbers make no sense")
 {
     double const no_number = std::numeric_limits<double>::quiet_NaN();
@@ -235,4 +267,7 @@ TEST_CASE("contact between bodies is refused if its numbers make no sense")
     BodyContact<2> contact;
     contact.touching = GENERATE_COPY(-0.1, 1.1, no_number);
     is_refused(contact, "share of space");
+    CHECK_THAT(refused([&] { contact.between(1, 1); }).what(), Contains("no such two bodies"));
+    CHECK_THAT(refused([&] { contact.between(0, 2) = Contact::slip(); }).what(),
+               Contains("no such two bodies"));
 }

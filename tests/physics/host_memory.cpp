@@ -30,6 +30,15 @@ struct Padded
 {
     float x, y, z, w;
 };
+struct OutOfOrder
+{
+    float y, x, z;
+};
+struct WithAnId
+{
+    float x, y;
+    int id;
+};
 struct Unlike
 {
     float x;
@@ -68,6 +77,8 @@ TEST_CASE("a host's value is known by its members, and one with padding or other
     STATIC_REQUIRE(!HostValue<HostPoint, 3>);
     STATIC_REQUIRE(!HostValue<Padded, 3>);
     STATIC_REQUIRE(!HostValue<Unlike, 3>);
+    STATIC_REQUIRE(!HostValue<OutOfOrder, 3>);
+    STATIC_REQUIRE(!HostValue<WithAnId, 3>);
     STATIC_REQUIRE(!HostValue<std::array<int, 3>, 3>);
     STATIC_REQUIRE(!HostValue<std::span<double>, 2>); // two words, but not two numbers
     STATIC_REQUIRE(!HostValue<Eigen::Vector2d, 2>);
@@ -152,6 +163,22 @@ TEST_CASE("what is downloaded to a host's memory has its stride and its numbers,
     std::vector<std::array<float, 9>> matrices(count);
     download<DisplacementGradient>(solver, matrices);
     CHECK(matrices[5][2] == float(H[5 * 9 + 2]));
+}
+
+TEST_CASE("values for those that were added leave all others their bits, whatever the host's numbers are")
+{
+    PlaneSolver solver(lattice(0.1));
+    solver.add(std::vector<HostPoint>{{0.1, 0.1}, {0.2, 0.2}}, 1e-3);
+    auto velocities = solver.download<Velocity>();
+    for (auto& v : velocities) v = Vector<double, 2>(1.0 / 3, -1.0 / 7); // no floats
+    solver.upload<Velocity>(velocities);
+    auto const before = solver.download<Velocity>();
+    std::uint32_t const first = solver.add(std::vector<HostPoint>{{0.3, 0.3}}, 1e-3);
+    upload_from<Velocity>(solver, first, std::vector<std::array<float, 2>>{{0.5f, 0.25f}});
+    auto const after = solver.download<Velocity>();
+    CHECK(after[0] == before[0]);
+    CHECK(after[1] == before[1]);
+    CHECK(after[2] == Vector<double, 2>(0.5, 0.25));
 }
 
 TEST_CASE("an array of a host that does not fit the particles is refused, and nothing has changed")

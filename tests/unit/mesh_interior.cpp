@@ -363,7 +363,9 @@ TEST_CASE("a mesh that deforms is between its forms, and its surface has the vel
     for (auto& x : after.vertices) x = 1.25 * x + way;
     auto const shape = firn::deforming_mesh<double>(before, after, 2, 0.5, 0.04, 0.2, TwoThreads{});
     for (double const share : {0.0, 0.3, 1.0}) {
-        auto const now = shape.view().at(2 + 0.5 * share);
+        double const before_it = share > 0 ? 1e-3 : 0, time = 2 + 0.5 * share;
+        auto const now =
+            shape.view().over({time - before_it, time - before_it + 1e-3}); // ends there, or begins
         double worst = 0, worst_speed = 0;
         for (auto const& direction : random_points({Vector3d::Constant(-1), Vector3d::Constant(1)}, 500)) {
             Vector3d const n = direction.normalized();
@@ -376,8 +378,11 @@ TEST_CASE("a mesh that deforms is between its forms, and its surface has the vel
         CHECK(worst < 0.01); // a quarter of a cell of its grid
         CHECK(worst_speed < 0.3);
     }
-    CHECK(shape.view().at(1.9).velocity(way).norm() == 0);
-    CHECK(shape.view().at(2.6).velocity(way).norm() == 0);
+    CHECK(shape.view().over({1.8, 1.9}).velocity(way).norm() == 0);
+    CHECK(shape.view().over({2.5, 2.6}).velocity(way).norm() == 0);
+    // a step that goes beyond the end has the rest of the way for all of its length
+    Vector3d const whole = shape.view().over({2.3, 2.4}).velocity(way);
+    CHECK((shape.view().over({2.4, 2.6}).velocity(way) - 0.5 * whole).norm() < 1e-9 * whole.norm());
 
     auto const refuse = [&](firn::TriangleMesh const& other, double duration, char const* what) {
         CHECK_THAT(

@@ -81,4 +81,5 @@ TEST_CASE("what is recommended for a material holds with factors of its moduli, 
     CHECK(std::is_same_v<Recommended<Heterogeneous<Sand<Room>>>::Transfer, Flip>);
     CHECK(std::is_same_v<Recommended<Materials<Snow<Room>, Sand<Room>>>::Kernel, QuadraticBSpline>);
     CHECK(std::is_same_v<Recommended<Materials<Snow<Room>, Sand<Room>>>::Transfer, Mls>);
+    CHECK(std::is_same_v<Recommended<Bodies<Snow<Room>, Sand<Room>>>::Kernel, QuadraticBSpline>);
 }

@@ -47,6 +47,21 @@ struct NumberIn<Value>
 {
     using Type = typename NumberIn<std::remove_cvref_t<decltype(std::declval<Value&>()[0])>>::Type;
 };
+
+/// Whether the members of a host's struct are the coordinates alone, x first.
+template <class Value, int count>
+constexpr bool has_coordinates_in_order()
+{
+    if constexpr (!HasCoordinates<Value>)
+        return true;
+    else if constexpr (count == 2)
+        return offsetof(Value, x) == 0;
+    else if constexpr (count == 3 &&
+                       requires(Value value) { requires std::same_as<decltype(value.x), decltype(value.z)>; })
+        return offsetof(Value, x) == 0 && offsetof(Value, y) < offsetof(Value, z);
+    else
+        return false;
+}
 } // namespace detail
 
 /// float or double: what a host's value consists of; void if it is none that Firn can read.
@@ -57,8 +72,9 @@ using NumberIn = typename detail::NumberIn<std::remove_cv_t<Value>>::Type;
 /// members x, y and perhaps z, or an array such as float[9] or std::array<double, 3>.
 template <class Value, int count>
 concept HostValue = std::floating_point<NumberIn<Value>> && std::is_trivially_copyable_v<Value> &&
-                    std::is_standard_layout_v<Value> &&
-                    sizeof(Value) == std::size_t(count) * sizeof(NumberIn<Value>);
+                        std::is_standard_layout_v<Value> &&
+                        sizeof(Value) == std::size_t(count) * sizeof(NumberIn<Value>) &&
+                    detail::has_coordinates_in_order<std::remove_cv_t<Value>, count>();
 
 /// An array of such values, for which std::data and std::size are defined: a std::vector or std::span, an
 /// array, or one of a host's own with data() and size().

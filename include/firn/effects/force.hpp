@@ -30,6 +30,8 @@ struct Force
                 "Pass it in m/s^2: the force per mass.");
         motion.validate("Force");
         static_assert(!is_two_sided<ShapeType>, "a region is a solid: a shell has no inside");
+        static_assert(!is_deforming<ShapeType>,
+                      "a shape that changes its form is an obstacle, and makes no region");
     }
     void validate_in_plane() const
     {

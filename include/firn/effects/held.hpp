@@ -38,6 +38,8 @@ struct Held
     void validate() const
     {
         static_assert(!is_two_sided<ShapeType>, "a region is a solid: a shell has no inside");
+        static_assert(!is_deforming<ShapeType>,
+                      "a shape that changes its form is an obstacle, and makes no region");
         if constexpr (requires { shape.validate(); }) shape.validate();
         motion.validate("Held");
         // its square is finite in single precision, too

@@ -107,7 +107,7 @@ struct Obstacle
     FIRN_HOST_DEVICE Action<Number, d> over(Interval const& interval) const
     {
         Motion const now = motion.at(interval.end);
-        return {shape_at(shape, interval.end),
+        return {shape_over(shape, interval),
                 contact,
                 now.position,
                 matrix_of<Number, d>(now.rotation()),

@@ -3,6 +3,7 @@
 
 #include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/effects/effect.hpp>
 #include <firn/math/product.hpp>
 
@@ -42,7 +43,7 @@ struct Traction
     void validate() const
     {
         for (int i = 0; i < 9; ++i)
-            require(std::abs(stress.data()[i]) <= 1e30,
+            require(is_between(-1e30, stress.data()[i], 1e30),
                     "the stress of a traction is not finite, or beyond 1e30", "Traction", "Pass it in Pa.");
     }
     /// Throws an Error if it drives material out of the plane, in a scene of two dimensions.

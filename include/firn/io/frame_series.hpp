@@ -78,9 +78,17 @@ public:
         Job& job = *job_;
         require(job.place != nullptr, "the frame has been written already", "PendingFrame::write",
                 "Call write() once for each frame.");
-        auto path = job.folder / job.file;
+        auto const path = job.folder / job.file;
         if (job.kind != FrameFile::ply) write_vtp(path, job.frame);
-        if (job.kind != FrameFile::vtp) write_ply(path.replace_extension(".ply"), job.frame);
+        try {
+            if (job.kind != FrameFile::vtp)
+                write_ply(std::filesystem::path(path).replace_extension(".ply"), job.frame);
+        }
+        catch (...) {
+            std::error_code ignored; // what is wrong is told by the first error
+            if (job.kind == FrameFile::both) std::filesystem::remove(path, ignored);
+            throw;
+        }
         PvdEntry entry{job.frame.time, job.file};
         job.frame = {}; // the memory is needed no more
         job.place = nullptr;

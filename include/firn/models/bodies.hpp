@@ -6,6 +6,7 @@
 #include <firn/models/several_materials.hpp>
 
 #include <array>
+#include <cassert>
 #include <cstddef>
 #include <string>
 #include <utility>
@@ -33,10 +34,17 @@ struct BodyContact
         for (Contact& pair : pairs_) pair = all;
     }
 
-    /// The contact between two bodies, which are counted from 0. `a` and `b` must differ.
-    FIRN_HOST_DEVICE Contact& between(std::size_t a, std::size_t b) { return pairs_[place(a, b)]; }
+    /// The contact between two bodies, which are counted from 0. Throws an Error if there are no such two.
+    Contact& between(std::size_t a, std::size_t b)
+    {
+        require(a < bodies && b < bodies && a != b, "there are no such two bodies", "BodyContact::between",
+                "Pass two numbers that differ, counted from 0.");
+        return pairs_[place(a, b)];
+    }
+    /// The same for loops, which pass no others.
     FIRN_HOST_DEVICE Contact const& between(std::size_t a, std::size_t b) const
     {
+        assert(a < bodies && b < bodies && a != b && "two bodies of the scene");
         return pairs_[place(a, b)];
     }
 

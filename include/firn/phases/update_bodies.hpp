@@ -38,6 +38,10 @@ struct UpdateBodies : UpdateGrid<Space, Kernel, Transfer, Effects>
     static_assert(!ExtendsVelocities<Transfer>,
                   "Xpic knows no Bodies: choose another transfer, or Materials without contact");
 
+    static_assert(Base::Carried::NodeFields::components(d) == 0,
+                  "Bodies exchange momentum alone, and nothing else that is carried, such as heat: choose "
+                  "Materials, which share all of it");
+
     BodyContact<bodies> contact;
     std::array<Number, bodies> volumes; ///< of a unit of each body's mass, over that of a cell
     bool acts = true;                   ///< whether there is contact

@@ -51,18 +51,25 @@ public:
             ways_[i] -= before.vertices[i];
             mesh_.vertices[i] += ways_[i] / 2;
         }
-        for (auto const& t : mesh_.triangles)
+        for (std::size_t i = 0; i < mesh_.triangles.size(); ++i) {
+            auto const& t = mesh_.triangles[i];
+            auto const &a = mesh_.vertices[t[0]], &b = mesh_.vertices[t[1]], &c = mesh_.vertices[t[2]];
+            if (!((b - a).cross(c - a).squaredNorm() > 0)) continue; // it has no area halfway
             triangles_.emplace_back(corner(t, 0), corner(t, 1), corner(t, 2));
+            which_.push_back(i);
+        }
+        require(!triangles_.empty(), "halfway between both meshes no triangle has an area", "deforming_mesh",
+                "Pass poses that lie nearer to each other.");
         tree_.rebuild(triangles_.begin(), triangles_.end());
         tree_.accelerate_distance_queries();
-        if (!triangles_.empty()) (*this)(Eigen::Vector3d::Zero()); // builds the tree
+        (*this)(Eigen::Vector3d::Zero()); // builds the tree
     }
     NearestWay(NearestWay const&) = delete;
 
     Eigen::Vector3d operator()(Eigen::Vector3d const& x) const
     {
         auto const [nearest, triangle] = tree_.closest_point_and_primitive(TriangleDistance::point(x));
-        auto const& t = mesh_.triangles[std::size_t(triangle - triangles_.begin())];
+        auto const& t = mesh_.triangles[which_[std::size_t(triangle - triangles_.begin())]];
         Eigen::Vector3d const at(CGAL::to_double(nearest.x()), CGAL::to_double(nearest.y()),
                                  CGAL::to_double(nearest.z()));
         Eigen::Vector3d const shares =
@@ -79,6 +86,7 @@ private:
     TriangleMesh mesh_; ///< halfway
     std::vector<Eigen::Vector3d> ways_;
     TriangleDistance::Triangles triangles_;
+    std::vector<std::size_t> which_; ///< of the mesh they are
     TriangleDistance::Tree tree_;
 };
 

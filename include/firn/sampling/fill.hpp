@@ -164,6 +164,8 @@ Filled<d> fill(ShapeType const& shape, Filling const& how, Loop const& loop = {}
     }
     else {
         static_assert(!is_two_sided<ShapeType>, "a shell has no inside");
+        static_assert(!is_deforming<ShapeType>,
+                      "a shape that changes its form is an obstacle, and makes no region");
         if constexpr (requires { shape.validate(); }) shape.validate();
         if constexpr (d == 2 && requires { shape.validate_in_plane(); }) shape.validate_in_plane();
         auto const plain = detail::plain(shape);

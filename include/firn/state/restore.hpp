@@ -114,6 +114,12 @@ bool require_fits(Snapshot<Number, d> const& from, Sets const& sets, Lattice con
         compare("for " + place, theirs.name, ours.name);
         std::string const named = place + " (" + ours.name + ")", owner = "for " + named;
         compare(owner + " the density [kg/m^3]", theirs.density, ours.density);
+        if constexpr (Sets::are_bodies && k == 0)
+            if (!theirs.parameters.empty() && std::ranges::find(theirs.parameters, "contact.touching",
+                                                                &Parameter::name) == theirs.parameters.end())
+                refuse_snapshot<std::string>("the contact between bodies",
+                                             "none: its materials stick together", "some",
+                                             remedy_of_parameters);
         bool const names_all = compare_parameters<Number>(owner, theirs.parameters, ours.parameters);
         bool const any_modulus =
             exactly_equal(theirs.wave_modulus, 0) && !exactly_equal(ours.wave_modulus, 0);

@@ -26,7 +26,8 @@ namespace firn
 template <class Tag>
 struct GradientTerm
 {
-    static_assert(Tag::shape != FieldShape::matrix, "a field of nodes is a scalar or a vector");
+    static_assert(Tag::shape == FieldShape::scalar || Tag::shape == FieldShape::vector,
+                  "a field of nodes is a scalar or a vector");
     static constexpr auto shape = Tag::shape == FieldShape::scalar ? FieldShape::vector : FieldShape::matrix;
 };
 

@@ -27,6 +27,7 @@ struct WithFields : Base
     static_assert((!Base::State::template contains<Tags> && ...),
                   "the transfer scheme has such a field already, and would change it");
 
+    using Own = Fields<Tags...>; ///< which no material may have, or it would change them
     using State = Join<typename Base::State, Fields<Tags...>>;
     using Stored = Join<typename Base::Stored, Fields<Tags...>>;
 

@@ -5,6 +5,7 @@
 #include <firn/core/exactly_equal.hpp>
 #include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
+#include <firn/effects/effect.hpp>
 #include <firn/effects/shapes/samples_on.hpp>
 #include <firn/effects/shapes/shape.hpp>
 #include <firn/effects/shapes/signed_distance_grid.hpp>
@@ -42,13 +43,14 @@ struct DeformingGridView
     /// A bound on the speed of the surface [m/s].
     double largest_speed() const { return farthest_way / duration; }
 
-    /// The shape at a time [s]: as before until `begin`, as after from the end on, and at rest beyond both.
-    FIRN_HOST_DEVICE DeformingGridView at(double time) const
+    /// The shape at the end of a step, with its mean velocity in the step: it is as before until `begin`, as
+    /// after from the end on, and at rest beyond both.
+    FIRN_HOST_DEVICE DeformingGridView over(Interval const& step) const
     {
         DeformingGridView then = *this;
-        double const gone = (time - begin) / duration, rounding = 1e-9;
-        then.share = static_cast<Real>(gone > 0 ? (gone < 1 ? gone : 1.0) : 0.0);
-        then.rate = static_cast<Real>(gone >= 0 && gone <= 1 + rounding ? 1 / duration : 0.0);
+        double const start = share_at(step.begin), end = share_at(step.end), dt = step.end - step.begin;
+        then.share = static_cast<Real>(end);
+        then.rate = static_cast<Real>(dt > 0 ? (end - start) / dt : 0.0);
         return then;
     }
 
@@ -72,6 +74,11 @@ struct DeformingGridView
     FIRN_HOST_DEVICE Vector<Real, d> velocity(Vector<Real, d> const& x) const { return way_at(x) * rate; }
 
 private:
+    FIRN_HOST_DEVICE double share_at(double time) const
+    {
+        double const gone = (time - begin) / duration;
+        return gone > 0 ? (gone < 1 ? gone : 1.0) : 0.0;
+    }
     FIRN_HOST_DEVICE std::ptrdiff_t count() const
     {
         std::ptrdiff_t product = 1;

@@ -89,12 +89,12 @@ inline constexpr bool is_deforming = requires
     requires ShapeType::is_deforming;
 };
 
-/// A plain shape as it is at a time [s].
-template <class ShapeType>
-FIRN_HOST_DEVICE ShapeType shape_at(ShapeType const& shape, [[maybe_unused]] double time)
+/// A plain shape as it is at the end of a step.
+template <class ShapeType, class Step>
+FIRN_HOST_DEVICE ShapeType shape_over(ShapeType const& shape, [[maybe_unused]] Step const& step)
 {
     if constexpr (is_deforming<ShapeType>)
-        return shape.at(time);
+        return shape.over(step);
     else
         return shape;
 }
