@@ -4,16 +4,9 @@
 //     bodies [rounds]
 // Prints medians of milliseconds per step, their ratio to the first, and the bytes of each solver. The same
 // file is compiled for a device.
+#include "on_each_backend.hpp"
 #include "timing.hpp"
 
-#include <firn/firn.hpp>
-#if defined(__CUDACC__)
-#include <firn/cuda.hpp>
-#else
-#include <firn/openmp.hpp>
-#endif
-
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -25,15 +18,8 @@ using namespace firn;
 namespace
 {
 
-#if defined(__CUDACC__)
-using Backend = Cuda;
-int const side = 128; // particles along each axis of all blocks together
-Backend backend() { return {}; }
-#else
-using Backend = OpenMP;
-int const side = 64;
-Backend backend() { return {.threads = 1}; }
-#endif
+using bench::Backend;
+int const side = bench::on_a_device ? 128 : 64; // particles along each axis of all blocks together
 using Block = NeoHookean<Space<3, float>>;
 
 double const h = 0.05;
@@ -42,7 +28,7 @@ double const h = 0.05;
 template <class Model>
 Solver<Backend, Model> row_of()
 {
-    Solver<Backend, Model> solver(lattice(h), Model{}, {}, {}, backend());
+    Solver<Backend, Model> solver(lattice(h), Model{}, {}, {}, bench::backend());
     constexpr int blocks = int(Solver<Backend, Model>::materials);
     auto const add = [&](int block, [[maybe_unused]] auto material) {
         std::vector<Eigen::Vector3d> points;
@@ -57,15 +43,6 @@ Solver<Backend, Model> row_of()
     return solver;
 }
 
-/// Seconds per step of a call of ten steps.
-template <class SolverType>
-double timed(SolverType& solver, double dt)
-{
-    auto const start = std::chrono::steady_clock::now();
-    solver.steps(10, dt, Gravity{}, Obstacle<HalfSpace>{});
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() / 10;
-}
-
 template <class SeveralMaterials, class SeveralBodies>
 void compare(int rounds)
 {
@@ -75,9 +52,9 @@ void compare(int rounds)
     double const dt = 0.5 * one.stable_step(Gravity{}, Obstacle<HalfSpace>{});
     std::vector<double> seconds[3];
     for (int i = 0; i < rounds; ++i) {
-        seconds[0].push_back(timed(one, dt));
-        seconds[1].push_back(timed(materials, dt));
-        seconds[2].push_back(timed(bodies, dt));
+        seconds[0].push_back(bench::seconds_per_step(one, dt, Obstacle<HalfSpace>{}));
+        seconds[1].push_back(bench::seconds_per_step(materials, dt, Obstacle<HalfSpace>{}));
+        seconds[2].push_back(bench::seconds_per_step(bodies, dt, Obstacle<HalfSpace>{}));
     }
     char const* const names[]{"one material", "Materials", "Bodies"};
     double const bytes[]{double(one.memory()), double(materials.memory()), double(bodies.memory())};

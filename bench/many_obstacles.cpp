@@ -4,17 +4,11 @@
 //     many_obstacles [rounds]
 // Prints medians of milliseconds per step, and their ratio to the first. The same file is compiled for a
 // device.
+#include "on_each_backend.hpp"
 #include "timing.hpp"
 
 #include <firn/effects/obstacles.hpp>
-#include <firn/firn.hpp>
-#if defined(__CUDACC__)
-#include <firn/cuda.hpp>
-#else
-#include <firn/openmp.hpp>
-#endif
 
-#include <chrono>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -25,15 +19,8 @@ using namespace firn;
 namespace
 {
 
-#if defined(__CUDACC__)
-using Backend = Cuda;
-int const side = 128; // particles along two of the axes; half of it along the third
-Backend backend() { return {}; }
-#else
-using Backend = OpenMP;
-int const side = 64;
-Backend backend() { return {.threads = 1}; }
-#endif
+using bench::Backend;
+int const side = bench::on_a_device ? 128 : 64; // particles along two of the axes; half of it along the third
 using SolverOfBench = Solver<Backend, NeoHookean<Space<3, float>>>;
 
 double const h = 0.05;
@@ -45,18 +32,9 @@ SolverOfBench block()
         for (int j = 0; j < side / 2; ++j)
             for (int k = 0; k < side; ++k)
                 points.push_back(h / 2 * Eigen::Vector3d(i + 0.5, j + 0.5, k + 0.5));
-    SolverOfBench solver(lattice(h), {}, {}, {}, backend());
+    SolverOfBench solver(lattice(h), {}, {}, {}, bench::backend());
     solver.add(points, std::pow(h / 2, 3));
     return solver;
-}
-
-/// Seconds per step of a call of ten steps.
-template <class... Effects>
-double timed(SolverOfBench& solver, double dt, Effects const&... effects)
-{
-    auto const start = std::chrono::steady_clock::now();
-    solver.steps(10, dt, Gravity{}, effects...);
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count() / 10;
 }
 
 } // namespace
@@ -80,9 +58,9 @@ int main(int argc, char** argv)
     double const dt = 0.5 * apart.stable_step(Gravity{}, ground, ball);
     std::vector<double> seconds[3];
     for (int i = 0; i < rounds; ++i) {
-        seconds[0].push_back(timed(apart, dt, ground, ball));
-        seconds[1].push_back(timed(together, dt, both));
-        seconds[2].push_back(timed(crowded, dt, all));
+        seconds[0].push_back(bench::seconds_per_step(apart, dt, ground, ball));
+        seconds[1].push_back(bench::seconds_per_step(together, dt, both));
+        seconds[2].push_back(bench::seconds_per_step(crowded, dt, all));
     }
     char const* const names[]{"two arguments", "two in one argument", "200 in one argument"};
     double const first = bench::median(seconds[0]);

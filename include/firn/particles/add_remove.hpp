@@ -176,9 +176,9 @@ struct FindParticles
         else {
             Particle fields;
             for_each_component_of<PersistentFields, d>(
-                fields, [&](int c, Number& value) { value = particles.component[c][particle]; });
+                fields, [&](int c, Number& value) { value = particles.component[std::size_t(c)][particle]; });
             for_each_component_of<DerivedFields, d>(fields, [&](int c, Number& value) {
-                value = velocities.component[c][particles.id[particle]];
+                value = velocities.component[std::size_t(c)][particles.id[particle]];
             });
             found[particle] = is_wanted(x, fields) ? 1 : 0;
         }

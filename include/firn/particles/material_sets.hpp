@@ -23,23 +23,13 @@ namespace firn
 
 namespace detail
 {
-/// The fields that WithFields adds to a transfer, if it does.
-template <class Transfer>
-struct OwnFieldsOf
-{
-    using Type = Fields<>;
-};
-template <class Transfer>
+/// Whether a material's fields have none of those that WithFields adds to a transfer.
+template <class Transfer, class State>
+inline constexpr bool leaves_own_fields = true;
+template <class Transfer, class State>
     requires requires { typename Transfer::Own; }
-struct OwnFieldsOf<Transfer>
-{
-    using Type = typename Transfer::Own;
-};
-
-/// Whether two sets have no field in common.
-template <class Some, class Others>
-inline constexpr bool
-    are_apart = Join<Some, Others>::components(3) == Some::components(3) + Others::components(3);
+inline constexpr bool leaves_own_fields<Transfer, State> =
+    Join<typename Transfer::Own, State>::components(3) == Transfer::Own::components(3) + State::components(3);
 } // namespace detail
 
 /// The materials of a scene, each with its particles. Each has a layer of the grid, in the same order.
@@ -68,7 +58,7 @@ public:
         /// request.
         using Stored = Join<typename Transfer::Stored, typename Model::State>;
         using Derived = Without<typename Transfer::State, Stored>;
-        static_assert(detail::are_apart<typename detail::OwnFieldsOf<Transfer>::Type, typename Model::State>,
+        static_assert(detail::leaves_own_fields<Transfer, typename Model::State>,
                       "the material has a field that WithFields adds, and would change it");
         static_assert(detail::have_own_names(State{}),
                       "two fields of a particle have the same name, by which checkpoints tell them apart");

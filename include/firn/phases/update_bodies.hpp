@@ -22,8 +22,9 @@ namespace firn
 /// *The material-point method for granular materials*; here pair by pair, so that the momentum of both
 /// together changes by rounding alone). Where more than two meet, the pairs take turns.
 ///
-/// The normal is that of the body that fills the space around the node with the larger gradient: a surface
-/// that goes on, not the edge of what lies on it. Volumes and their gradients are those of the nodes' masses.
+/// The normal is that of the body whose surface is flatter around the node: of a surface that goes on, not of
+/// the edge of what lies on it. Volumes and surfaces are found from the nodes' masses. Bodies touch where
+/// they fill enough of the space around a node, see BodyContact::touching.
 template <class Space, class Kernel, class Transfer, class Effects, std::size_t bodies>
 struct UpdateBodies : UpdateGrid<Space, Kernel, Transfer, Effects>
 {

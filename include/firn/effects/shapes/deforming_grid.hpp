@@ -94,29 +94,12 @@ private:
     /// beyond.
     FIRN_HOST_DEVICE Vector<Real, d> way_at(Vector<Real, d> const& x) const
     {
-        std::ptrdiff_t first = 0, stride = 1, step[std::size_t(d)];
-        Real within[std::size_t(d)];
-        for (int i = 0; i < d; ++i) {
-            Real const last = Real(nodes[i] - 1);
-            Real u = (x[i] - origin[i]) / cell_size;
-            if constexpr (finite_math_only) u = is_number(u) ? u : Real(-1); // comparisons may let NaN pass
-            u = u > 0 ? (u < last ? u : last) : Real(0);                     // 0 for NaN
-            int const cell = int(u) < nodes[i] - 2 ? int(u) : nodes[i] - 2;
-            within[i] = u - Real(cell);
-            first += cell * stride;
-            step[i] = stride;
-            stride *= nodes[i];
-        }
+        detail::CellOfSamples<Real, d> const cell(x, origin, cell_size, nodes);
         Vector<Real, d> way = Vector<Real, d>::Zero();
         for (int corner = 0; corner < (1 << d); ++corner) {
-            std::ptrdiff_t at = first;
             Real weight = 1;
-            for (int i = 0; i < d; ++i) {
-                bool const high = (corner >> i & 1) != 0;
-                if (high) at += step[i];
-                weight *= high ? within[i] : 1 - within[i];
-            }
-            for (int i = 0; i < d; ++i) way[i] += weight * values[(2 + i) * stride + at];
+            for (int i = 0; i < d; ++i) weight *= corner >> i & 1 ? cell.within[i] : 1 - cell.within[i];
+            for (int i = 0; i < d; ++i) way[i] += weight * values[(2 + i) * cell.stride + cell.at(corner)];
         }
         return way;
     }

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/finite.hpp>
+#include <firn/core/host_device.hpp>
 #include <firn/core/space.hpp>
 
 #include <cmath>
@@ -29,6 +31,47 @@ bool tells_cells_apart(Origin const& origin, Real spacing, Count const& count)
     }
     return largest * double(std::numeric_limits<Real>::epsilon()) <= double(spacing) / 16;
 }
+} // namespace detail
+
+namespace detail
+{
+/// Where a point lies among the samples of a regular grid: its cell, or that of the grid's nearest point.
+template <std::floating_point Real, int d>
+struct CellOfSamples
+{
+    std::ptrdiff_t first = 0;            ///< the number of the cell's first sample, x fastest
+    std::ptrdiff_t stride = 1;           ///< after all axes: how many samples there are
+    std::ptrdiff_t step[std::size_t(d)]; ///< between neighbours along an axis
+    Real within[std::size_t(d)];         ///< the share of the cell before the point
+    Vector<Real, d> nearest;             ///< the point, or the nearest one in the grid's box [m]
+
+    FIRN_HOST_DEVICE CellOfSamples(Vector<Real, d> const& x, Vector<Real, d> const& origin, Real cell_size,
+                                   Eigen::Array<int, d, 1> const& nodes)
+    {
+        for (int i = 0; i < d; ++i) {
+            Real const last = Real(nodes[i] - 1);
+            Real u = (x[i] - origin[i]) / cell_size;
+            if constexpr (finite_math_only) u = is_number(u) ? u : Real(-1); // comparisons may let NaN pass
+            bool const inside = u >= 0 && u <= last;
+            u = u > 0 ? (u < last ? u : last) : Real(0); // 0 for NaN
+            nearest[i] = inside ? x[i] : origin[i] + u * cell_size;
+            int const cell = int(u) < nodes[i] - 2 ? int(u) : nodes[i] - 2;
+            within[i] = u - Real(cell);
+            first += cell * stride;
+            step[i] = stride;
+            stride *= nodes[i];
+        }
+    }
+
+    /// The number of the sample at a corner of the cell, which has a bit for each axis.
+    FIRN_HOST_DEVICE std::ptrdiff_t at(int corner) const
+    {
+        std::ptrdiff_t sample = first;
+        for (int i = 0; i < d; ++i)
+            if (corner >> i & 1) sample += step[i];
+        return sample;
+    }
+};
 } // namespace detail
 
 /// A shape given by samples in a backend's memory: a Shape for that backend's loops. Cheap to copy.

@@ -58,32 +58,16 @@ private:
     FIRN_HOST_DEVICE SurfaceSample<Real, d> interpolate(Vector<Real, d> const& x,
                                                         Vector<Real, d>& nearest) const
     {
-        std::ptrdiff_t first = 0, stride = 1, step[std::size_t(d)];
-        Real within[std::size_t(d)];
-        for (int i = 0; i < d; ++i) {
-            Real const last = Real(nodes[i] - 1);
-            Real u = (x[i] - origin[i]) / cell_size;
-            if constexpr (finite_math_only) u = is_number(u) ? u : Real(-1); // comparisons may let NaN pass
-            bool const inside = u >= 0 && u <= last;
-            u = u > 0 ? (u < last ? u : last) : Real(0); // 0 for NaN
-            nearest[i] = inside ? x[i] : origin[i] + u * cell_size;
-            int const cell = int(u) < nodes[i] - 2 ? int(u) : nodes[i] - 2;
-            within[i] = u - Real(cell);
-            first += cell * stride;
-            step[i] = stride;
-            stride *= nodes[i];
-        }
+        detail::CellOfSamples<Real, d> const cell(x, origin, cell_size, nodes);
+        nearest = cell.nearest;
         SurfaceSample<Real, d> result{0, Vector<Real, d>::Zero()};
         for (int corner = 0; corner < (1 << d); ++corner) {
-            std::ptrdiff_t at = first;
-            for (int i = 0; i < d; ++i)
-                if (corner >> i & 1) at += step[i];
-            Real const value = values[at];
+            Real const value = values[cell.at(corner)];
             Real weight = 1;
             Vector<Real, d> slope = Vector<Real, d>::Constant(1 / cell_size);
             for (int i = 0; i < d; ++i) {
                 bool const high = corner >> i & 1;
-                Real const w = high ? within[i] : 1 - within[i];
+                Real const w = high ? cell.within[i] : 1 - cell.within[i];
                 weight *= w;
                 for (int j = 0; j < d; ++j) slope[j] *= j != i ? w : (high ? Real(1) : Real(-1));
             }
