@@ -471,6 +471,8 @@ private:
         walls_.look(scene_.sets, scene_.lattice, Transfer::moves_with_grid ? 1e-3 : 0.5, effects...);
     }
 
+    template <class, class>
+    friend class Worlds;
     detail::AccessGuard<typename Backend::SharedCount> guard_;
     SceneState<Backend, Sets, Kernel, Transfer> scene_;
     TimeLoop<SceneState<Backend, Sets, Kernel, Transfer>> time_loop_;

@@ -10,7 +10,7 @@ cd "$1"
 # Names of others, and the headers of which one is enough.
 names_of_others() {
     cat <<'END'
-algorithm: adjacent_find all_of any_of clamp copy copy_n count fill fill_n find find_if find_if_not inplace_merge
+algorithm: adjacent_find all_of any_of clamp copy copy_n count equal fill fill_n find find_if find_if_not inplace_merge
 algorithm: lexicographical_compare max max_element min minmax nth_element partition_point ranges::all_of ranges::any_of
 algorithm: ranges::count_if ranges::equal ranges::find ranges::lower_bound ranges::none_of ranges::sort
 algorithm: ranges::upper_bound sort stable_sort transform unique upper_bound
@@ -37,7 +37,7 @@ filesystem: filesystem
 fstream: ifstream ofstream
 functional: equal_to function
 initializer_list,array,vector,string: initializer_list
-iterator: back_inserter input_iterator_tag istreambuf_iterator
+iterator: back_inserter input_iterator_tag istreambuf_iterator prev
 fstream,istream,sstream: istream
 fstream,istream,ostream,sstream: ios streamsize
 limits: numeric_limits

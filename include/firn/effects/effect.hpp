@@ -23,7 +23,8 @@ struct Interval
     FIRN_HOST_DEVICE double length() const { return end - begin; }
 };
 
-/// Where a lane of nodes or particles is: first + offset cells from the lattice's origin.
+/// Where a lane of nodes or particles is: first + offset cells from the lattice's origin. All of it lies in
+/// one world.
 ///
 /// Positions relative to a reference are computed in double precision before they become lanes, so they are
 /// as accurate far from the origin as near it.
@@ -35,13 +36,14 @@ struct LanePosition
     Vector<Real, d> offset;    ///< [cells]
     double kernel_reach = 1.5; ///< from a particle to its nodes along each axis [cells]
 
-    /// The vector from `reference` [m] to here, in world axes [m].
+    /// The vector from `reference` [m] to here in this world, in world axes [m].
     FIRN_HOST_DEVICE Vector<Real, d> relative_to(Eigen::Vector3d const& reference) const
     {
         using Number = ScalarOf<Real>;
         Vector<Real, d> x;
         for (int a = 0; a < d; ++a) {
-            double const base = lattice.origin[a] + lattice.cell_size * first[a] - reference[a];
+            double const base =
+                lattice.origin[a] + lattice.cell_size * lattice.in_world(first[a]) - reference[a];
             x[a] = Real(static_cast<Number>(base)) + offset[a] * Real(static_cast<Number>(lattice.cell_size));
         }
         return x;

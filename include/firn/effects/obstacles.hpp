@@ -8,6 +8,7 @@
 #include <firn/effects/shapes/any_shape.hpp>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -23,6 +24,13 @@ template <class ShapeType>
 struct PlainObstacles;
 template <class Backend, class ShapeType, class Number, int d>
 class StagedObstacles;
+
+/// The world in which an obstacle acts alone.
+struct OwnWorld
+{
+    std::array<int, 3> centre{}; ///< the cell that is its (0, 0, 0): see WorldLayout
+    double begun = 0;            ///< when its own time was 0 [s]
+};
 
 /// Any number of obstacles, one argument of a call. They act one after the other as if each were an argument
 /// of its own, and the report has one reaction for each, in their order. Obstacles may be added, changed and
@@ -46,12 +54,16 @@ struct Obstacles
                   "a Shell acts on particles, which Obstacles do not: pass it as an Obstacle of its own");
 
     std::vector<Obstacle<ShapeType>> list{};
+    /// For each the world where it is; empty: they are in all worlds. Worlds sets this.
+    std::vector<OwnWorld> own_worlds{};
 
     /// Throws an Error unless each of them makes sense; the error says which one does not.
     void validate() const
     {
         require(list.size() < std::numeric_limits<std::uint32_t>::max() / 32, "there are too many obstacles",
                 "Obstacles", "Pass fewer than 1e8.");
+        require(own_worlds.empty() || own_worlds.size() == list.size(), "there is not one world per obstacle",
+                "Obstacles", "Leave own_worlds empty: Worlds sets them.");
         for_each([](auto const& obstacle) {
             obstacle.validate();
             require(!obstacle.on_particles, "it acts on particles, which Obstacles do not", "Obstacle",
@@ -117,6 +129,7 @@ struct ObstaclesAction
     One const* obstacles; ///< at the end of the step
     float const* reach;   ///< of each [m]; 0: unbounded
     NearObstacles<d> near;
+    bool have_own_worlds; ///< else they are in the same place in all worlds
     ReactionSums sums;
 
     /// Calls `use(action, receive)` for each obstacle that may touch lanes at a place; `receive(reaction)`
@@ -125,7 +138,9 @@ struct ObstaclesAction
     FIRN_HOST_DEVICE void for_each_near(LanePosition<Real, d> const& place, Use const& use) const
     {
         if (sums.obstacles == 0) return;
-        near.for_each(place.first, [&](std::uint32_t i) {
+        Coordinates<d> cell = place.first;
+        for (int a = 0; a < d; ++a) cell[a] = have_own_worlds ? cell[a] : place.lattice.in_world(cell[a]);
+        near.for_each(cell, [&](std::uint32_t i) {
             if (is_far(place, i)) return;
             use(obstacles[i], [&](Reaction const& received) {
                 std::uint32_t slot = 0;
@@ -171,6 +186,7 @@ struct PlainObstacles
     float const* reach = nullptr;
     NearObstacles<2> near_in_plane{};
     NearObstacles<3> near_in_space{};
+    bool have_own_worlds = false;
     ReactionSums sums{};
 
     template <class Number, int d>
@@ -179,9 +195,9 @@ struct PlainObstacles
         auto const* const of_scene =
             static_cast<typename ObstaclesAction<ShapeType, Number, d>::One const*>(placed);
         if constexpr (d == 2)
-            return {of_scene, reach, near_in_plane, sums};
+            return {of_scene, reach, near_in_plane, have_own_worlds, sums};
         else
-            return {of_scene, reach, near_in_space, sums};
+            return {of_scene, reach, near_in_space, have_own_worlds, sums};
     }
 };
 
@@ -207,11 +223,14 @@ public:
         std::vector<Obstacle<Plain>> plain;
         std::vector<float> reach;
         std::vector<SweptBox<d>> boxes;
-        for (auto const& obstacle : from.list) {
+        for (std::size_t i = 0; i < from.list.size(); ++i) {
+            auto const& obstacle = from.list[i];
             plain.push_back(obstacle.plain(begin));
             reach.push_back(static_cast<float>(detail::reach_of(obstacle.shape, d)));
-            boxes.push_back(
-                box_of(plain.back().motion, double(reach.back()), lattice, begin, begin + duration));
+            Motion& motion = plain.back().motion;
+            if (!from.own_worlds.empty() && obstacle.motion.time) *motion.time += from.own_worlds[i].begun;
+            boxes.push_back(box_of(motion, double(reach.back()), lattice, begin, begin + duration));
+            if (!from.own_worlds.empty()) keep_in(from.own_worlds[i], lattice.half_world, boxes.back());
         }
         store(obstacles_, plain);
         store(reach_, reach);
@@ -234,6 +253,7 @@ public:
             to.near_in_plane = near_;
         else
             to.near_in_space = near_;
+        to.have_own_worlds = !from.own_worlds.empty();
         to.sums.obstacles = static_cast<std::uint32_t>(plain.size());
         to.sums.slots = ReactionSums::slots_of(plain.size());
         sums_.resize(std::max<std::size_t>(to.sums.size(), 1));
@@ -287,6 +307,18 @@ private:
                 cell(a, std::max(from[a], to[a]) + detail::with_rounding * reach) + (is_along ? 3 : 1);
         }
         return box;
+    }
+
+    /// The part of a box that lies in a world, in cells of the lattice.
+    static void keep_in(OwnWorld const& world, int half, SweptBox<d>& box)
+    {
+        for (std::size_t a = 0; a < std::size_t(d); ++a) {
+            int const low = box.is_bounded ? std::max(box.low[a], -half) : -half,
+                      high = box.is_bounded ? std::min(box.high[a], half - 1) : half - 1;
+            box.low[a] = world.centre[a] + low;
+            box.high[a] = world.centre[a] + high;
+        }
+        box.is_bounded = true;
     }
 
     Backend backend_;

@@ -19,6 +19,15 @@ struct Lattice
 {
     double cell_size;                ///< h [m]
     Eigen::Vector3d origin{0, 0, 0}; ///< the position of node (0, 0, 0) [m]
+    /// Half the cells of a world along each axis, a power of two; 0: the lattice is one world. Worlds sets
+    /// it.
+    int half_world = 0;
+
+    /// A coordinate of a cell or a node in the world where it lies.
+    FIRN_HOST_DEVICE int in_world(int coordinate) const
+    {
+        return ((coordinate + half_world) & (2 * half_world - 1)) - half_world;
+    }
 };
 
 /// The lattice of cell size h [m]; throws an Error unless h > 0 and all numbers are finite.
@@ -83,14 +92,14 @@ CellPosition<d> locate(Lattice const& lattice, int kernel_degree, Vector<double,
     return located;
 }
 
-/// The world position [m] of an offset in a cell.
+/// The position [m] of an offset in a cell, in the world where the cell lies.
 template <int d>
 FIRN_HOST_DEVICE Vector<double, d> world_position(Lattice const& lattice, int kernel_degree,
                                                   Coordinates<d> const& cell, Vector<double, d> const& offset)
 {
     Vector<double, d> position;
     for (int a = 0; a < d; ++a) {
-        double const in_cells = cell[a] + offset[a] + (0.5 - cell_shift(kernel_degree));
+        double const in_cells = lattice.in_world(cell[a]) + offset[a] + (0.5 - cell_shift(kernel_degree));
         position[a] = lattice.origin[a] + lattice.cell_size * in_cells;
     }
     return position;

@@ -7,6 +7,7 @@
 #include <firn/core/host_arrays.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/grid/lattice.hpp>
+#include <firn/grid/world_layout.hpp>
 #include <firn/particles/mass_groups.hpp>
 #include <firn/particles/row_ids.hpp>
 #include <firn/particles/storage.hpp>
@@ -29,17 +30,20 @@ namespace firn
 
 namespace detail
 {
-/// The cells of `points` [m], and their offsets there; refuses points out of range.
+/// The cells of `points` [m] in the world with this centre, and their offsets there; refuses points out of
+/// range.
 template <class Table, class Points>
-std::vector<CellPosition<Table::d>> locate_all(Table const& table, Points const& points)
+std::vector<CellPosition<Table::d>> locate_all(Table const& table, Points const& points,
+                                               Coordinates<Table::d> const& centre)
 {
     constexpr int d = Table::d;
     static_assert(
         PointOf<std::remove_cvref_t<decltype(*std::begin(points))>, d>,
         "points have as many coordinates as the scene has dimensions, and those of a host no padding: "
         "see HostValue in firn/core/host_arrays.hpp");
-    constexpr auto largest = Table::CellOrder::largest_coordinate;
     Lattice const& lattice = table.lattice();
+    double const largest = lattice.half_world == 0 ? Table::CellOrder::largest_coordinate
+                                                   : lattice.half_world - 2 * WorldLayout<d>::margin;
     std::vector<CellPosition<d>> located;
     located.reserve(std::size(points));
     for (auto const& point : points) {
@@ -56,6 +60,7 @@ std::vector<CellPosition<Table::d>> locate_all(Table const& table, Points const&
                             std::to_string(static_cast<long>(largest)) +
                             " cells of the origin: use a larger cell or move the lattice's origin."};
         located.push_back(locate<d>(lattice, table.kernel_degree(), x));
+        for (int a = 0; a < d; ++a) located.back().cell[a] += centre[a];
     }
     return located;
 }
@@ -87,16 +92,16 @@ void place(Table& table, std::vector<CellPosition<d>> const& located, std::uint3
 }
 } // namespace detail
 
-/// Adds particles with a velocity, otherwise at rest, whose ids begin with `first_id`; see Solver::add.
-/// Returns how many.
+/// Adds particles with a velocity, otherwise at rest, whose ids begin with `first_id`; see Solver::add. The
+/// points are in the world with this centre. Returns how many.
 template <class Table, class Points>
 FIRN_COLD std::size_t add_particles(Table& table, Points const& points, double volume, double density,
                                     Vector<double, Table::d> const& velocity, std::uint32_t first_id,
-                                    MassScale& scale)
+                                    MassScale& scale, Coordinates<Table::d> const& centre)
 {
     constexpr int d = Table::d;
     using Number = typename Table::Number;
-    std::vector<CellPosition<d>> const located = detail::locate_all(table, points);
+    std::vector<CellPosition<d>> const located = detail::locate_all(table, points, centre);
     require(is_finite(volume) && volume > 0, "the volume per point is not a finite number above 0",
             "Solver::add",
             "Pass the volume in m^3 that one particle stands for: the body's volume over the number of "

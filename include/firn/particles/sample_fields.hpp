@@ -216,6 +216,8 @@ FIRN_COLD auto sample_fields(Solver const& solver, Points const& points)
         ++count;
     }
     require(count > 0, "there is no point to sample at", "Solver::sample", "Pass places in metres.");
+    require(solver.lattice().half_world == 0, "the scene has many worlds, which would be added up",
+            "Solver::sample", "Compute it from positions() and world_of_particles() of the Worlds.");
     detail::add_particles_to<Which>(nodes, solver);
     samples.reserve(count);
     for (auto const& point : points) {

@@ -3,6 +3,7 @@
 
 #include <firn/core/cell_work.hpp>
 #include <firn/core/failure_cause.hpp>
+#include <firn/grid/world_layout.hpp>
 #include <firn/particles/mass_groups.hpp>
 #include <firn/phases/gather.hpp>
 #include <firn/phases/scatter.hpp>
@@ -234,6 +235,18 @@ private:
         }
     }
 
+    /// Whether an item of this cell, or of some cells behind it, might leave its world.
+    FIRN_HOST_DEVICE bool at_edge_of_world(Coordinates<d> const& cell) const
+    {
+        if (lattice.half_world == 0) return false;
+        bool is_near = false;
+        for (int a = 0; a < d; ++a) {
+            int const c = lattice.in_world(cell[a]), most = lattice.half_world - WorldLayout<d>::margin;
+            is_near = is_near || c < -most || c >= most;
+        }
+        return is_near;
+    }
+
     /// Counts capped particles and failures, and records the first failure.
     template <class Real, class Items, class Particle>
     FIRN_HOST_DEVICE void inspect(Items const& items, Particle& particle, Vector<Real, d> const& displacement,
@@ -255,7 +268,7 @@ private:
         Real const bound(largest_deformation * largest_deformation);
         Mask<Real> const calm = is_below(moved, Real(1)) & is_below(rate2 * Real(now->dt * now->dt), bound);
         Mask<Real> failed = items.here() & ((!finite) | response.inverted | (!calm));
-        if (items.at_the_edge()) failed = items.here();
+        if (items.at_the_edge() || at_edge_of_world(items.first())) failed = items.here();
         Mask<Real> const capped = items.here() & response.capped;
         if (!any(failed | capped)) return;
 

@@ -73,6 +73,17 @@ public:
         time_state.bounds = time_state.bounds.finite();
     }
 
+    /// After particles came that were in a scene whose next step had these bounds.
+    void admit(StepBounds const& bounds)
+    {
+        StepBounds& now = time_state.bounds;
+        if (bounds.wave_speed > now.wave_speed)
+            now.wave_speed = bounds.wave_speed, now.material = bounds.material;
+        now.speed = std::max(now.speed, bounds.speed);
+        now.deformation_rate = std::max(now.deformation_rate, bounds.deformation_rate);
+        bounds_are_old_ = true;
+    }
+
     /// After particles were removed: finds the bounds of the remaining ones if those of the removed ones may
     /// hold steps up.
     void follow_removal(Scene const& scene)

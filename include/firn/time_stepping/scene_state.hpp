@@ -49,7 +49,17 @@ public:
     Sets sets; ///< the materials and their particles
     GridStateType grid_state;
     MassScale masses{};
-    std::uint32_t next_id = 0; ///< of the next particle that is added
+    std::uint32_t next_id = 0;       ///< of the next particle that is added
+    bool calls_begin_afresh = false; ///< see begin_call()
+
+    /// Before the steps of a call: particles scatter afresh if it is asked for. What follows then depends on
+    /// the particles alone, and not on what came or went before the call.
+    void begin_call()
+    {
+        if (!calls_begin_afresh) return;
+        cache_grid_fields();
+        grid_state.forget();
+    }
 
     /// How many particles there are.
     std::size_t size() const { return sets.template size<Sets::count>(); }
@@ -70,15 +80,17 @@ public:
         return any;
     }
 
-    /// Adds particles of a material with the volume [m^3] and velocity [m/s]. Returns how many.
+    /// Adds particles of a material with the volume [m^3] and velocity [m/s], at points of the world with
+    /// this centre (see WorldLayout). Returns how many.
     template <std::size_t k, class Points>
-    std::size_t add(Points const& points, double volume_per_point, Vector<double, d> const& velocity)
+    std::size_t add(Points const& points, double volume_per_point, Vector<double, d> const& velocity,
+                    Coordinates<d> const& centre = zeros<Coordinates<d>>())
     {
         cache_grid_fields();
         if (size() == 0) masses = {}; // there are none to compare with
         std::size_t const added =
             add_particles(particles<k>(), points, volume_per_point, double(sets.template model<k>().density),
-                          velocity, next_id, masses);
+                          velocity, next_id, masses, centre);
         if (added == 0) return 0;
         next_id += static_cast<std::uint32_t>(added);
         grid_state.forget();
@@ -90,7 +102,12 @@ public:
     std::size_t remove_if(Predicate const& predicate)
     {
         if constexpr (!TellsByPosition<Predicate, d>) cache_grid_fields();
-        auto const masks = sets.template find<place>(predicate, backend);
+        return remove(sets.template find<place>(predicate, backend));
+    }
+
+    /// Removes the marked particles of each material. Returns how many.
+    std::size_t remove(std::vector<RemovalMask<Backend>> const& masks)
+    {
         std::size_t count = 0;
         for (auto const& mask : masks) count += mask.count;
         if (count == 0) return 0;

@@ -85,6 +85,7 @@ public:
         controller.equal = dt;
         auto plain = plain_effects(next_.time_state.time, effects...);
         groups_.stage(plain, scene.lattice, next_.time_state.time, double(count) * dt, effects...);
+        scene.begin_call();
         std::vector<StepReport> reports;
         Failures isolated;
         auto const take = [&] {
@@ -126,6 +127,7 @@ public:
         controller.end = next_.time_state.time + duration;
         auto plain = plain_effects(next_.time_state.time, effects...);
         groups_.stage(plain, scene.lattice, next_.time_state.time, duration, effects...);
+        scene.begin_call();
         AdvanceReport all;
         StepReport of_step; // reused, so that its lists are allocated once
         StepLog failed;     // the step that is being repeated, if next_.time_state.retries > 0

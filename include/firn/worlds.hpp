@@ -1,0 +1,441 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/error.hpp>
+#include <firn/core/exactly_equal.hpp>
+#include <firn/core/step_error.hpp>
+#include <firn/effects/obstacles.hpp>
+#include <firn/effects/reflecting_wall.hpp>
+#include <firn/grid/world_layout.hpp>
+#include <firn/solver.hpp>
+#include <firn/state/world_state.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <iterator>
+#include <string>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+namespace firn
+{
+
+/// Many copies of a small scene that never touch, in one solver, so that they fill a device together: for
+/// example to train robots.
+///
+///     firn::Worlds<Solver> worlds(148, firn::lattice(0.02), sand);
+///     for (std::uint32_t w = 0; w < worlds.count(); ++w) {
+///         worlds.add(w, points, volume);
+///         worlds.obstacles(w) = {{.shape = firn::Box{{0.1, 0.1, 0.1}}, .motion = arm(w)}};
+///     }
+///     auto const start = worlds.save(0);
+///     worlds.advance(1.0 / 60, firn::Gravity{}, floor); // gravity and the floor act in all worlds
+///     worlds.reset(3, start);                           // and nothing changes in the others
+///
+/// Every world has the whole lattice's coordinates to itself: positions are metres in the world, and
+/// particles of two worlds may lie at the same place. Obstacles of a world act there alone, and effects that
+/// are arguments act in all of them. A world has its own time, which is 0 where it begins and is set by
+/// reset().
+///
+/// All worlds take steps of one length, the shortest that any of them needs. With steps() of a given length
+/// the bits of a world depend on what was done in it and on the calls of steps(), not on other worlds. For
+/// this, particles scatter to the grid afresh when a call begins, which takes the time of about one step
+/// more.
+///
+/// `SolverType` is a Solver, which the worlds own, and `ShapeType` the shape of the worlds' own obstacles, as
+/// in Obstacles. A particle that comes near the border of its world fails as one does at the border of the
+/// lattice: that is at least 16 000 cells away, and 130 000 for up to 4096 worlds in space.
+template <class SolverType, class ShapeType = AnyShape<>>
+class Worlds
+{
+    using Sets = typename SolverType::Sets;
+
+public:
+    using Solver = SolverType;
+    using Number = typename Solver::Number;
+    static constexpr int d = Solver::d;
+    using State = WorldState<Number, d>;
+
+    /// So many empty worlds. The other arguments are those of a Solver. Throws an Error if there are to be
+    /// none or more than 2^20, and where a Solver does.
+    template <class... Arguments>
+    explicit Worlds(std::uint32_t count, Lattice lattice, Arguments&&... arguments)
+        : layout_(layout_of(count)),
+          solver_(divided(lattice, layout_), std::forward<Arguments>(arguments)...), begun_(count),
+          obstacles_(count), reactions_(count)
+    {
+        solver_.scene_.calls_begin_afresh = true;
+    }
+
+    /// How many there are.
+    std::uint32_t count() const { return static_cast<std::uint32_t>(begun_.size()); }
+
+    /// The solver of all worlds, for what only reads. Values of all particles are in the order of ids, and
+    /// positions are those in their own worlds: see world_of_particles().
+    Solver const& solver() const { return solver_; }
+
+    /// Adds particles to a world: see Solver::add.
+    template <class Which = EveryMaterial, class Points>
+    std::uint32_t add(std::uint32_t world, Points const& points, double volume_per_point,
+                      Vector<double, d> const& velocity = zeros<Vector<double, d>>())
+    {
+        require_exists(world, "Worlds::add");
+        constexpr std::size_t k = Solver::template MaterialTraits<Which>::place;
+        std::uint32_t first = 0;
+        solver_.change("Worlds::add", [&] {
+            auto& scene = solver_.scene_;
+            first = scene.next_id;
+            bool const are_first = scene.size() == 0;
+            if (scene.template add<k>(points, volume_per_point, velocity, layout_.centre(world)) > 0)
+                solver_.time_loop_.next_step().template admit<k>(scene, norm(velocity), are_first);
+        });
+        return first;
+    }
+
+    /// The obstacles of a world, to be changed between calls. Their poses are those in the world. A motion
+    /// that has a time has the world's.
+    std::vector<Obstacle<ShapeType>>& obstacles(std::uint32_t world)
+    {
+        require_exists(world, "Worlds::obstacles");
+        return obstacles_[world];
+    }
+
+    /// What the obstacles of a world received in the last call of advance(), step() or steps(), one for each
+    /// that it had then.
+    std::vector<Reaction> const& reactions(std::uint32_t world) const
+    {
+        require_exists(world, "Worlds::reactions");
+        return reactions_[world];
+    }
+
+    /// The time of a world [s]: since the worlds were made, or what it was reset to and since then.
+    double time(std::uint32_t world) const
+    {
+        require_exists(world, "Worlds::time");
+        return solver_.time() - begun_[world];
+    }
+
+    /// Advances all worlds by a duration [s], with the arguments of Solver::advance. The report's reactions
+    /// are those of the effects that are arguments; see reactions() for the others.
+    template <class... Arguments>
+    AdvanceReport advance(double duration, Arguments const&... arguments)
+    {
+        require_no_walls<Arguments...>();
+        return with_obstacles([&](auto const& own) {
+            auto report = solver_.advance(duration, arguments..., own);
+            take_reactions(report.reactions, own.list.size());
+            return report;
+        });
+    }
+
+    /// Advances all worlds by `count` steps of length `dt` [s]: see Solver::steps.
+    template <class... Effects>
+    std::vector<StepReport> steps(std::size_t count, double dt, Effects const&... effects)
+    {
+        require_no_walls<Effects...>();
+        return with_obstacles([&](auto const& own) {
+            auto reports = solver_.steps(count, dt, effects..., own);
+            for (auto& report : reports) take_reactions(report.reactions, own.list.size());
+            return reports;
+        });
+    }
+
+    /// The same for one step: see Solver::step.
+    template <class... Effects>
+    StepReport step(double dt, Effects const&... effects)
+    {
+        return std::move(steps(1, dt, effects...).front());
+    }
+
+    /// See Solver::stable_step, with the effects that act in all worlds.
+    template <class... Effects>
+    double stable_step(Effects const&... effects) const
+    {
+        require_no_walls<Effects...>();
+        return solver_.stable_step(effects..., all_obstacles());
+    }
+
+    /// See Solver::quarantine: `most` particles in all worlds.
+    void quarantine(std::size_t most) { solver_.quarantine(most); }
+
+    /// Sets a field of all particles of a material, by rising id: see Solver::upload.
+    template <class Tag, class Which = EveryMaterial>
+    void upload(std::vector<FieldValue<Tag, Number, d>> const& by_id)
+    {
+        solver_.template upload<Tag, Which>(by_id);
+    }
+
+    /// Removes the particles of all worlds for which a predicate is true: see Solver::remove_if.
+    template <class Which = EveryMaterial, class Predicate>
+    std::size_t remove_if(Predicate const& predicate)
+    {
+        return solver_.template remove_if<Which>(predicate);
+    }
+
+    /// Removes all particles of a world, whose time and obstacles stay. Returns how many.
+    std::size_t clear(std::uint32_t world)
+    {
+        require_exists(world, "Worlds::clear");
+        std::size_t count = 0;
+        solver_.change("Worlds::clear", [&] {
+            auto& scene = solver_.scene_;
+            std::vector<RemovalMask<Backend>> masks;
+            for (auto const& found : particles()) masks.push_back(found.mask(world, scene.backend));
+            count = scene.remove(masks);
+            if (count > 0) scene.change([&] { solver_.time_loop_.next_step().follow_removal(scene); });
+        });
+        return count;
+    }
+
+    /// The particles of a world as they are now, and its time, in memory of the host. Changes nothing.
+    State save(std::uint32_t world)
+    {
+        require_exists(world, "Worlds::save");
+        State state;
+        solver_.change("Worlds::save", [&] {
+            auto& scene = solver_.scene_;
+            scene.cache_grid_fields();
+            sort();
+            state.cell_size = scene.lattice.cell_size;
+            state.kernel_degree = Solver::kernel::degree;
+            state.time = time(world);
+            state.bounds = solver_.bounds();
+            auto const found = particles();
+            Sets::for_each([&](auto k) {
+                state.materials.push_back(particles_of_world(scene.sets.template particles<k>(), found[k],
+                                                             world, layout_.centre(world)));
+                detail::name_material<k>(scene.sets, state.materials.back());
+            });
+        });
+        return state;
+    }
+
+    /// Brings a world's particles and its time back to those of a state, which save() returned for this or
+    /// another world. The particles keep their ids: those of the same rank get the same values. Nothing
+    /// changes in other worlds, bit by bit. Obstacles stay as they are.
+    ///
+    /// Throws an Error, and changes nothing, if the state is of other materials or cells, or unless the world
+    /// has as many particles of each material, of the same masses.
+    void reset(std::uint32_t world, State const& state) { reset(std::vector<std::uint32_t>{world}, state); }
+
+    /// The same for several worlds in one call, which takes hardly longer. None of them may be listed twice.
+    void reset(std::vector<std::uint32_t> const& worlds, State const& state)
+    {
+        char const* const where = "Worlds::reset";
+        for (auto const world : worlds) require_exists(world, where);
+        auto sorted = worlds;
+        std::sort(sorted.begin(), sorted.end());
+        require(std::adjacent_find(sorted.begin(), sorted.end()) == sorted.end(), "a world is listed twice",
+                where, "List each world once.");
+        require_fits(state);
+        solver_.change(where, [&] {
+            auto& scene = solver_.scene_;
+            std::vector<std::vector<std::vector<std::uint32_t> const*>> rows(Sets::count);
+            Sets::for_each([&](auto k) {
+                auto const& all = rows_by_world<k>();
+                for (auto const world : worlds) {
+                    require_same_particles<k>(state, world, all[world]);
+                    rows[k].push_back(&all[world]);
+                }
+            });
+            scene.cache_grid_fields();
+            sort();
+            scene.change([&] {
+                Sets::for_each([&](auto k) {
+                    reset_particles(scene.sets.template particles<k>(), worlds, rows[k], state.materials[k],
+                                    layout_);
+                });
+                solver_.time_loop_.next_step().admit(state.bounds);
+                for (auto const world : worlds) begun_[world] = solver_.time() - state.time;
+            });
+        });
+    }
+
+    /// In which world each particle is, by rising id.
+    template <class Which = EveryMaterial>
+    std::vector<std::uint32_t> world_of_particles() const
+    {
+        return solver_.template by_id<Which, std::uint32_t>([&](auto k) {
+            ParticlesOfWorlds const found(solver_.scene_.sets.template particles<k>(), layout_);
+            std::vector<std::uint32_t> by_row(found.row_at.size());
+            for (std::size_t place = 0; place < by_row.size(); ++place)
+                by_row[found.row_at[place]] = found.world_at[place];
+            return by_row;
+        });
+    }
+
+private:
+    using Backend = std::remove_cvref_t<decltype(std::declval<Solver const&>().backend())>;
+
+    static WorldLayout<d> layout_of(std::uint32_t count)
+    {
+        require(count > 0 && count <= WorldLayout<d>::most, "the number of worlds is not from 1 to 1048576",
+                "Worlds", "Pass as many as fit.");
+        return WorldLayout<d>::of(count, Sets::CellOrder::largest_coordinate);
+    }
+    static Lattice divided(Lattice lattice, WorldLayout<d> const& layout)
+    {
+        lattice.half_world = layout.half_world;
+        return lattice;
+    }
+
+    template <class... Effects>
+    static constexpr void require_no_walls()
+    {
+        static_assert(!(false || ... || std::is_same_v<Effects, ReflectingWall>),
+                      "a ReflectingWall mirrors one plane of the lattice, which lies in some worlds alone: "
+                      "pass an Obstacle<HalfSpace>");
+    }
+
+    void require_exists(std::uint32_t world, char const* where) const
+    {
+        if (world < count()) return;
+        throw Error{"there is no world " + std::to_string(world), where,
+                    "Pass a number below count(), which is " + std::to_string(count()) + "."};
+    }
+
+    /// The obstacles of all worlds as one effect.
+    Obstacles<ShapeType> all_obstacles() const
+    {
+        Obstacles<ShapeType> all;
+        for (std::uint32_t world = 0; world < count(); ++world) {
+            OwnWorld own{.begun = begun_[world]};
+            Coordinates<d> const centre = layout_.centre(world);
+            for (std::size_t a = 0; a < std::size_t(d); ++a) own.centre[a] = centre[int(a)];
+            for (std::size_t i = 0; i < obstacles_[world].size(); ++i) {
+                try {
+                    obstacles_[world][i].validate();
+                }
+                catch (Error const& error) {
+                    throw Error{error.what_is_wrong(),
+                                error.where() + ", number " + std::to_string(i) + " of world " +
+                                    std::to_string(world),
+                                error.remedy()};
+                }
+                all.list.push_back(obstacles_[world][i]);
+                all.own_worlds.push_back(own);
+            }
+        }
+        return all;
+    }
+
+    /// Calls `run(obstacles of all worlds)`, which returns what a call of the solver did.
+    template <class Run>
+    auto with_obstacles(Run const& run)
+    {
+        auto const own = all_obstacles();
+        for (std::uint32_t world = 0; world < count(); ++world)
+            reactions_[world].assign(obstacles_[world].size(), {});
+        try {
+            return run(own);
+        }
+        catch (StepError const&) { // steps until then were taken
+            auto reactions = solver_.until_error().reactions;
+            take_reactions(reactions, own.list.size());
+            throw;
+        }
+    }
+
+    /// Adds the last so many reactions to those of the worlds' own obstacles, and takes them off.
+    void take_reactions(std::vector<Reaction>& all, std::size_t own)
+    {
+        if (all.size() < own) return; // no step was taken
+        auto next = std::prev(all.end(), static_cast<std::ptrdiff_t>(own));
+        for (auto& of_world : reactions_)
+            for (auto& reaction : of_world) reaction += *next++;
+        all.resize(all.size() - own);
+    }
+
+    /// In which worlds the particles are, of each material.
+    std::vector<ParticlesOfWorlds> particles() const
+    {
+        std::vector<ParticlesOfWorlds> found;
+        Sets::for_each([&](auto k) {
+            found.push_back(ParticlesOfWorlds(solver_.scene_.sets.template particles<k>(), layout_));
+        });
+        return found;
+    }
+    /// The rows of a material's particles by world: looked for only if particles have come or gone.
+    template <std::size_t k>
+    std::vector<std::vector<std::uint32_t>> const& rows_by_world()
+    {
+        auto const& table = solver_.scene_.sets.template particles<k>();
+        RowsByWorld& known = rows_[k];
+        if (known.rows.empty() || !(known.mark == table.id_mark())) {
+            known.rows = ParticlesOfWorlds(table, layout_).rows_by_world(count());
+            known.mark = table.id_mark();
+        }
+        return known.rows;
+    }
+    void sort()
+    {
+        Sets::for_each([&](auto k) { solver_.scene_.sets.template particles<k>().sort(); });
+    }
+
+    /// Refuses the state of a world of other materials, kernels or cells.
+    void require_fits(State const& state) const
+    {
+        char const* const where = "Worlds::reset";
+        auto const same = [&](bool condition, std::string const& what) {
+            if (!condition)
+                throw Error{what, where, "Pass what save() of worlds of the same kind has returned."};
+        };
+        same(exactly_equal(state.cell_size, solver_.lattice().cell_size) &&
+                 state.kernel_degree == Solver::kernel::degree,
+             "the state is of cells of another size or kernel");
+        same(state.materials.size() == Sets::count, "the state has another number of materials");
+        Sets::for_each([&](auto k) {
+            MaterialSnapshot<Number, d> ours;
+            detail::name_material<k>(solver_.scene_.sets, ours);
+            auto const& theirs = state.materials[k];
+            std::string const material = "material " + std::to_string(k);
+            same(theirs.name == ours.name,
+                 material + " of the state is '" + theirs.name + "', not '" + ours.name + "'");
+            require_same_fields<typename Sets::template MaterialTraits<k>::Table>(theirs, material);
+        });
+    }
+
+    /// Refuses a state of other particles than a world has; `rows` are those of its particles.
+    template <std::size_t k>
+    void require_same_particles(State const& state, std::uint32_t world,
+                                std::vector<std::uint32_t> const& rows) const
+    {
+        auto const& theirs = state.materials[k];
+        auto const refuse = [&](std::string const& what) {
+            throw Error{"world " + std::to_string(world) + what, "Worlds::reset",
+                        "Reset worlds that have the particles of the state; or clear() the world, and add() "
+                        "its particles."};
+        };
+        if (rows.size() != theirs.ids.size())
+            refuse(" has " + std::to_string(rows.size()) + " particles of material " + std::to_string(k) +
+                   ", and the state has " + std::to_string(theirs.ids.size()));
+        if (rows.empty()) return;
+        auto const& table = solver_.scene_.sets.template particles<k>();
+        auto const ours = detail::groups_of_rows(table.contents().mass_groups.here(), rows);
+        bool const same = std::equal(ours.begin(), ours.end(), theirs.mass_groups.begin(),
+                                     theirs.mass_groups.end(), [](auto const& a, auto const& b) {
+                                         return a.first_row == b.first_row && exactly_equal(a.mass, b.mass) &&
+                                                exactly_equal(a.volume, b.volume);
+                                     });
+        if (!same) refuse("'s particles of material " + std::to_string(k) + " have other masses or volumes");
+    }
+
+    /// Which rows a world's particles have, as long as a table has the same particles.
+    struct RowsByWorld
+    {
+        IdMark mark;
+        std::vector<std::vector<std::uint32_t>> rows;
+    };
+
+    WorldLayout<d> layout_;
+    Solver solver_;
+    std::vector<double> begun_; ///< the solver's time when a world's was 0 [s]
+    std::vector<std::vector<Obstacle<ShapeType>>> obstacles_;
+    std::vector<std::vector<Reaction>> reactions_; ///< of the last call
+    std::array<RowsByWorld, Sets::count> rows_;
+};
+
+} // namespace firn

@@ -1,0 +1,222 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/policies.hpp"
+#include "support/refused.hpp"
+
+#include <firn/worlds.hpp>
+
+#include <cmath>
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+double const h = 0.05, dt = 2e-4;
+
+/// A block of jelly that falls onto the floor, in the plane and in space.
+using InPlane = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>::Solver;
+using InSpace = Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver;
+
+template <int d>
+std::vector<Vector<double, d>> block(double side)
+{
+    Vector<double, d> low = Vector<double, d>::Zero();
+    low[1] = 0.01;
+    return box_of_points<d>(low, low + Vector<double, d>::Constant(side), h);
+}
+
+Obstacle<HalfSpace> const ground{.contact = Contact::coulomb(0.3)};
+
+/// A ball that pushes the block, the faster the higher the world's number.
+Obstacle<AnyShape<>> ball(double speed)
+{
+    return {.shape = Sphere{0.08},
+            .contact = Contact::slip(),
+            .motion = {.position = {-0.1, 0.12, 0.1}, .velocity = {speed, 0, 0}, .time = 0.0}};
+}
+
+/// The values of the particles whose ids are in [first, first + count).
+template <class Tag, class Solver>
+auto values(Solver const& solver, std::size_t first, std::size_t count)
+{
+    auto const all = solver.template download<Tag>();
+    auto const begin = all.begin() + std::ptrdiff_t(first);
+    return std::vector(begin, begin + std::ptrdiff_t(count));
+}
+
+template <class Solver>
+auto places(Solver const& solver, std::size_t first, std::size_t count)
+{
+    auto const all = solver.positions();
+    auto const begin = all.begin() + std::ptrdiff_t(first);
+    return std::vector(begin, begin + std::ptrdiff_t(count));
+}
+
+/// Whether particles of two solvers have the same bits.
+template <class One, class Other>
+bool same(One const& one, std::size_t first, Other const& other, std::size_t other_first, std::size_t count)
+{
+    return places(one, first, count) == places(other, other_first, count) &&
+           values<Velocity>(one, first, count) == values<Velocity>(other, other_first, count) &&
+           values<DisplacementGradient>(one, first, count) ==
+               values<DisplacementGradient>(other, other_first, count);
+}
+
+template <class Call>
+void check_refused(Call const& call, std::string const& what)
+{
+    Error const error = refused(call);
+    CHECK_THAT(error.what_is_wrong() + error.where(), Contains(what));
+}
+
+} // namespace
+
+TEMPLATE_TEST_CASE("a world has the bits of a scene of its own", "[physics][worlds]", InPlane, InSpace)
+{
+    constexpr int d = TestType::d;
+    double const volume = std::pow(h / 2, d);
+    auto const points = block<d>(0.2);
+    std::size_t const n = points.size();
+    std::uint32_t const count = 5;
+    Worlds<TestType> worlds(count, lattice(h));
+    std::vector<TestType> alone;
+    std::vector<Obstacles<>> of_alone;
+    for (std::uint32_t w = 0; w < count; ++w) {
+        CHECK(worlds.add(w, points, volume) == w * n);
+        worlds.obstacles(w).push_back(ball(0.5 + w));
+        alone.emplace_back(lattice(h));
+        alone.back().add(points, volume);
+        of_alone.push_back({worlds.obstacles(w)});
+    }
+    std::vector<Reaction> of_ball(count);
+    for (int call = 0; call < 4; ++call) {
+        auto const reports = worlds.steps(20, dt, Gravity{}, ground);
+        REQUIRE(reports.size() == 20);
+        REQUIRE(reports[0].reactions.size() == 1); // of the ground, in all worlds
+        for (std::uint32_t w = 0; w < count; ++w) {
+            Reaction received{};
+            if (call > 0)
+                static_cast<void>(alone[w].snapshot()); // scatters afresh, as worlds do in each call
+            for (auto const& report : alone[w].steps(20, dt, Gravity{}, ground, of_alone[w]))
+                received += report.reactions[1];
+            REQUIRE(worlds.reactions(w).size() == 1);
+            CHECK((worlds.reactions(w)[0].impulse - received.impulse).norm() <=
+                  1e-12 * received.impulse.norm());
+            of_ball[w] += received;
+        }
+    }
+    for (std::uint32_t w = 0; w < count; ++w) {
+        CAPTURE(w);
+        CHECK(same(worlds.solver(), w * n, alone[w], 0, n));
+        CHECK(of_ball[w].impulse.norm() > 0); // the ball did meet the block
+        if (w > 0) CHECK(!same(worlds.solver(), w * n, worlds.solver(), 0, n));
+    }
+    auto const world_of = worlds.world_of_particles();
+    REQUIRE(world_of.size() == count * n);
+    for (std::size_t i = 0; i < world_of.size(); ++i) REQUIRE(world_of[i] == i / n);
+}
+
+TEMPLATE_TEST_CASE("a world that is reset begins anew, and the others keep their bits", "[physics][worlds]",
+                   InPlane, InSpace)
+{
+    constexpr int d = TestType::d;
+    double const volume = std::pow(h / 2, d);
+    auto const points = block<d>(0.2);
+    std::size_t const n = points.size();
+    std::uint32_t const count = 3;
+    Worlds<TestType> worlds(count, lattice(h)), undisturbed(count, lattice(h));
+    auto const begin = [&](Worlds<TestType>& of) {
+        for (std::uint32_t w = 0; w < count; ++w) {
+            of.add(w, points, volume);
+            of.obstacles(w).push_back(ball(0.5 + w));
+        }
+    };
+    begin(worlds);
+    begin(undisturbed);
+    auto const start = worlds.save(1);
+    CHECK(start.time == 0);
+    auto const go_on = [&](Worlds<TestType>& of) { return of.steps(15, dt, Gravity{}, ground); };
+    for (int call = 0; call < 3; ++call) go_on(worlds), go_on(undisturbed);
+    worlds.reset(1, start);
+    CHECK(worlds.time(1) == 0);
+    CHECK(worlds.time(0) == Approx(45 * dt));
+    CHECK(places(worlds.solver(), 0, n) == places(undisturbed.solver(), 0, n));
+    CHECK(values<Velocity>(worlds.solver(), 2 * n, n) == values<Velocity>(undisturbed.solver(), 2 * n, n));
+    go_on(worlds), go_on(undisturbed);
+    CHECK(same(worlds.solver(), 0, undisturbed.solver(), 0, n));
+    CHECK(same(worlds.solver(), 2 * n, undisturbed.solver(), 2 * n, n));
+    CHECK(worlds.time(1) == Approx(15 * dt));
+
+    // it takes the path that it took at first, with its ball at its own time, but for the rounding of times
+    Worlds<TestType> first(count, lattice(h));
+    begin(first);
+    go_on(first);
+    auto const again = places(worlds.solver(), n, n), at_first = places(first.solver(), n, n);
+    for (std::size_t i = 0; i < n; ++i) REQUIRE((again[i] - at_first[i]).norm() <= 1e-9 * h);
+
+    // the state of a world in two others at once, in whatever order its particles lie now
+    auto const later = worlds.save(0);
+    worlds.reset(std::vector<std::uint32_t>{2, 1}, later);
+    CHECK(worlds.time(2) == worlds.time(0));
+    CHECK(same(worlds.solver(), n, worlds.solver(), 0, n));
+    CHECK(same(worlds.solver(), 2 * n, worlds.solver(), 0, n));
+    for (std::uint32_t w = 0; w < count; ++w) worlds.obstacles(w) = {ball(1)};
+    go_on(worlds);
+    CHECK(same(worlds.solver(), n, worlds.solver(), 0, n));
+    CHECK(same(worlds.solver(), 2 * n, worlds.solver(), 0, n));
+
+    // cleared and filled again: other ids, and the others keep their bits
+    auto const before = places(worlds.solver(), 0, n);
+    CHECK(worlds.clear(1) == n);
+    CHECK(places(worlds.solver(), 0, n) == before);
+    CHECK(worlds.add(1, points, volume) == 3 * n);
+    go_on(worlds);
+    CHECK(worlds.solver().size() == 3 * n);
+}
+
+TEST_CASE("worlds refuse what they cannot do, and change nothing", "[physics][worlds][refusal]")
+{
+    using Solver = InPlane;
+    auto const points = block<2>(0.1);
+    check_refused([] { Worlds<Solver>(0, lattice(h)); }, "the number of worlds");
+    check_refused([] { Worlds<Solver>((1u << 20) + 1, lattice(h)); }, "the number of worlds");
+    Worlds<Solver> worlds(3, lattice(h));
+    check_refused([&] { worlds.add(3, points, 1e-4); }, "there is no world 3");
+    check_refused([&] { static_cast<void>(worlds.obstacles(7)); }, "there is no world 7");
+    check_refused([&] { worlds.add(1, std::vector<Eigen::Vector2d>{{1e9, 0}}, 1e-4); }, "point 0");
+    worlds.add(0, points, 1e-4);
+    worlds.add(1, points, 2e-4);
+    auto const start = worlds.save(0);
+    check_refused([&] { worlds.reset(2, start); }, "world 2 has 0 particles");
+    check_refused([&] { worlds.reset(1, start); }, "other masses");
+    check_refused([&] { worlds.reset(std::vector<std::uint32_t>{0, 0}, start); }, "listed twice");
+    check_refused([&] { Worlds<Solver>(1, lattice(2 * h)).reset(0, start); }, "another size");
+    check_refused([&] { worlds.solver().sample(points); }, "many worlds");
+    worlds.obstacles(2).push_back(ball(1));
+    worlds.obstacles(2).back().motion.velocity[0] = NAN;
+    check_refused([&] { worlds.advance(0.01, Gravity{}); }, "number 0 of world 2");
+    worlds.obstacles(2).clear();
+    worlds.advance(0.01, Gravity{});
+    CHECK(worlds.time(2) == Approx(0.01));
+    CHECK(worlds.solver().size() == 2 * points.size());
+}
+
+TEST_CASE("a particle at the border of its world fails as at the border of the lattice", "[physics][worlds]")
+{
+    Worlds<InPlane> worlds(5, lattice(h));
+    double const edge = h * worlds.solver().lattice().half_world;
+    worlds.add(0, block<2>(0.1), 1e-4);
+    worlds.add(4, std::vector<Eigen::Vector2d>{{edge - 70 * h, 0}}, 1e-4, {0.2 * h / dt, 0});
+    worlds.add(3, std::vector<Eigen::Vector2d>{{-edge + 70 * h, 0}}, 1e-4);
+    worlds.quarantine(1);
+    for (int call = 0; call < 25; ++call) worlds.steps(10, dt, Gravity{});
+    REQUIRE(worlds.solver().isolated().size() == 1);
+    CHECK(worlds.solver().isolated()[0].cause == FailureCause::escaped);
+    CHECK(worlds.solver().size() == block<2>(0.1).size() + 1);
+    CHECK(worlds.world_of_particles().back() == 3);
+}
