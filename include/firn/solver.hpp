@@ -14,6 +14,7 @@
 #include <firn/particles/occupancy.hpp>
 #include <firn/particles/readback.hpp>
 #include <firn/particles/sample_fields.hpp>
+#include <firn/particles/volumes.hpp>
 #include <firn/state/save_restore.hpp>
 #include <firn/state/snapshot.hpp>
 #include <firn/time_stepping/durations.hpp>
@@ -97,14 +98,13 @@ public:
         if constexpr (requires { transfer.validate(); }) transfer.validate();
     }
 
-    /// Adds particles of a material at `points` [m], each with the given volume [m^3] and the same velocity
-    /// [m/s], otherwise at rest. Their mass is the model's density times the volume. Returns the id of the
-    /// first: ids are permanent, and consecutive over all calls and materials.
-    ///
-    /// `points`: vectors of d components, Eigen's or a host's, or points_of() of an array. Throws an Error,
-    /// and adds none, if a point is not finite or beyond all cells, or the volume is not above 0.
+    /// Adds particles of a material at `points` [m] with the same velocity [m/s], otherwise at rest.
+    /// `volumes` [m^3] is that of each, or an array of one for each; times the model's density it is the
+    /// mass. Returns the id of the first: ids are permanent, and consecutive over all calls and materials.
+    /// `points` are vectors of d components, Eigen's or a host's, or points_of() of an array. Throws an
+    /// Error, and adds none, if a point is not finite or beyond all cells, or a volume is not above 0.
     template <class Which = Every, class Points>
-    std::uint32_t add(Points const& points, double volume_per_point,
+    std::uint32_t add(Points const& points, Volumes const& volumes,
                       Vector<double, d> const& velocity = zeros<Vector<double, d>>())
     {
         constexpr std::size_t k = MaterialTraits<Which>::place;
@@ -112,7 +112,7 @@ public:
         change("Solver::add", [&] {
             first = scene_.next_id;
             bool const are_first = size() == 0;
-            if (scene_.template add<k>(points, volume_per_point, velocity) == 0) return;
+            if (scene_.template add<k>(points, volumes, velocity) == 0) return;
             walls_.forget();
             time_loop_.next_step().template admit<k>(scene_, norm(velocity), are_first);
         });

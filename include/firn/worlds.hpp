@@ -7,6 +7,7 @@
 #include <firn/effects/obstacles.hpp>
 #include <firn/effects/reflecting_wall.hpp>
 #include <firn/grid/world_layout.hpp>
+#include <firn/particles/volumes.hpp>
 #include <firn/solver.hpp>
 #include <firn/state/world_state.hpp>
 
@@ -79,7 +80,7 @@ public:
 
     /// Adds particles to a world: see Solver::add.
     template <class Which = EveryMaterial, class Points>
-    std::uint32_t add(std::uint32_t world, Points const& points, double volume_per_point,
+    std::uint32_t add(std::uint32_t world, Points const& points, Volumes const& volumes,
                       Vector<double, d> const& velocity = zeros<Vector<double, d>>())
     {
         require_exists(world, "Worlds::add");
@@ -89,7 +90,7 @@ public:
             auto& scene = solver_.scene_;
             first = scene.next_id;
             bool const are_first = scene.size() == 0;
-            if (scene.template add<k>(points, volume_per_point, velocity, layout_.centre(world)) > 0)
+            if (scene.template add<k>(points, volumes, velocity, layout_.centre(world)) > 0)
                 solver_.time_loop_.next_step().template admit<k>(scene, norm(velocity), are_first);
         });
         return first;

@@ -134,6 +134,67 @@ TEST_CASE("particles are added at points in any of Eigen's vectors")
     CHECK(solver.add(points_of<2>(static_cast<double const*>(nullptr), 0), 1e-3) == expected.size());
 }
 
+TEST_CASE("particles are added with a volume each, and their masses, momentum and impulses are those of it")
+{
+    using Solver = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>::Solver;
+    double const h = 0.05, density = 1000;
+    auto const box = box_of_points<2>({0, 0}, {0.3, 0.3}, h);
+    std::vector<float> volumes; // a host's, some equal to those before them
+    for (std::size_t i = 0; i < box.size(); ++i)
+        volumes.push_back(float((1 + double(i / 3 % 5)) * h * h / 12));
+    Solver solver(lattice(h));
+    std::vector<double> expected;
+    double momentum = 0;
+    auto const add = [&](auto const& given, double speed) {
+        auto points = box;
+        for (auto& x : points) x[0] += 0.4 * double(expected.size() / box.size());
+        solver.add(points, given, {speed, 0});
+        for (std::size_t i = 0; i < box.size(); ++i) {
+            if constexpr (std::is_same_v<decltype(given), double const&>)
+                expected.push_back(density * given);
+            else
+                expected.push_back(density * double(given[i]));
+            momentum += expected.back() * speed;
+        }
+    };
+    auto const check = [&] {
+        auto const m = solver.masses();
+        REQUIRE(m.size() == expected.size());
+        for (std::size_t i = 0; i < m.size(); ++i) REQUIRE(m[i] == Approx(expected[i]).epsilon(1e-14));
+    };
+    add(h * h / 4, 0.5);
+    add(volumes, -0.25);
+    add(h * h / 4, 0.125);
+    add(volumes, 0.0);
+    auto all_different = std::vector<double>(volumes.begin(), volumes.end());
+    for (std::size_t i = 0; i < all_different.size(); ++i) all_different[i] *= 1 + 1e-3 * double(i);
+    add(all_different, 0.5);
+    check();
+    auto const report = solver.advance(0.01, Gravity{{0, -2, 0}});
+    double mass = 0;
+    for (double const one : expected) mass += one;
+    CHECK(solver.totals().mass == Approx(mass).epsilon(1e-14));
+    CHECK(solver.totals().momentum.x() == Approx(momentum).epsilon(1e-12));
+    CHECK(solver.totals().momentum.y() == Approx(-2 * mass * report.time_of_forces).epsilon(1e-12));
+    // masses stay with their particles
+    auto const x = solver.positions();
+    solver.remove_if(OnTheLeft{0.5});
+    std::vector<double> left;
+    for (std::size_t i = 0; i < x.size(); ++i)
+        if (!(x[i][0] < 0.5)) left.push_back(expected[i]);
+    expected = left;
+    check();
+    // a list of equal volumes is one volume, bit by bit
+    Solver one(lattice(h)), each(lattice(h));
+    one.add(box, 1e-3, {1, 0});
+    each.add(box, std::vector<double>(box.size(), 1e-3), {1, 0});
+    Obstacle<HalfSpace> const wall{.shape = {{-1, 0, 0}}, .motion = {.position = {0.31, 0, 0}}};
+    one.advance(0.02, wall);
+    each.advance(0.02, wall);
+    CHECK((one.positions() == each.positions()));
+    CHECK(one.memory() == each.memory());
+}
+
 TEST_CASE("to remove no particle changes not a bit of what follows")
 {
     using Solver = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>::Solver;

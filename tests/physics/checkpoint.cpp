@@ -63,8 +63,8 @@ typename SceneType::Solver new_solver([[maybe_unused]] int threads)
 #endif
 }
 
-/// Bodies of two masses that hit the floor. A part is then removed, so that ids are not rows, and blocks have
-/// been created and removed.
+/// Bodies of several masses that hit the floor. A part is then removed, so that ids are not rows, and blocks
+/// have been created and removed.
 template <class SceneType>
 typename SceneType::Solver scene(int threads)
 {
@@ -80,7 +80,10 @@ typename SceneType::Solver scene(int threads)
     auto other = scattered<d>(box, 0.2 * h);
     for (auto& x : other) x += across;
     solver.template add<Material<0>>(box, std::pow(h / 2, d), v);
-    solver.template add<Last<Solver>>(other, 2 * std::pow(h / 2, d), -0.5 * v);
+    std::vector<double> volumes;
+    for (std::size_t i = 0; i < other.size(); ++i)
+        volumes.push_back((2 + 0.25 * double(i % 4)) * std::pow(h / 2, d));
+    solver.template add<Last<Solver>>(other, volumes, -0.5 * v);
     using Stored = typename Solver::template MaterialTraits<Material<0>>::State;
     if constexpr (Stored::template contains<Stiffness>) {
         std::vector<typename SceneType::Number> factors(solver.size());

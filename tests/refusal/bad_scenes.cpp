@@ -127,8 +127,17 @@ TEST_CASE("particles that are not finite, too far or of no volume are refused, a
     CHECK(error.what_is_wrong().find("point 1") != std::string::npos);
     refused([&] { solver.add(Points{{0, infinite}}, 1e-3); });
     refused([&] { solver.add(Points{{0, 1e30}}, 1e-3); });
-    for (double volume : {0.0, -1.0, not_a_number, infinite})
+    for (double volume : {0.0, -1.0, not_a_number, infinite}) {
         refused([&] { solver.add(Points{{0, 0}}, volume); });
+        auto const one = refused([&] {
+            solver.add(Points{{0, 0}, {1, 0}, {0, 1}}, std::vector<double>{1e-3, 2e-3, volume});
+        });
+        CHECK(one.where() == "Solver::add, volume 2");
+    }
+    CHECK(refused([&] {
+              solver.add(Points{{0, 0}}, std::vector<float>{1e-3f, 1e-3f});
+          }).what_is_wrong() == "there are 2 volumes for 1 points");
+    refused([&] { solver.add(Points{{0, 0}}, std::vector<double>{}); });
     refused([&] { solver.add(Points{{0, 0}}, 1e-3, {not_a_number, 0}); });
     CHECK(solver.size() == untouched.size());
     CHECK(same(solver, untouched));
@@ -142,6 +151,13 @@ TEST_CASE("particles that are lighter than others by more than rounding bears ar
     solver.add(Points{{0, 0, 0}}, 1.0);
     refused([&] { solver.add(Points{{1, 0, 0}}, 1e-21); });
     refused([&] { solver.add(Points{{1, 0, 0}}, 1e21); });
+    auto const each = [&](double first, double second) {
+        return refused([&] { solver.add(Points{{1, 0, 0}, {2, 0, 0}}, std::vector<double>{first, second}); });
+    };
+    CHECK(each(1, 1e21).where() == "Solver::add, volume 1");
+    CHECK(each(1e-8, 1e8).where() == "Solver::add, volume 1"); // than one another
+    CHECK(each(1e-21, 1).where() == "Solver::add, volume 0");
+    CHECK(solver.size() == 1);
     solver.add(Points{{1, 0, 0}}, 1e-6);
     CHECK(solver.size() == 2);
 }

@@ -11,6 +11,7 @@
 #include <firn/particles/mass_groups.hpp>
 #include <firn/particles/row_ids.hpp>
 #include <firn/particles/storage.hpp>
+#include <firn/particles/volumes.hpp>
 
 #include <algorithm>
 #include <cmath>
@@ -95,17 +96,15 @@ void place(Table& table, std::vector<CellPosition<d>> const& located, std::uint3
 /// Adds particles with a velocity, otherwise at rest, whose ids begin with `first_id`; see Solver::add. The
 /// points are in the world with this centre. Returns how many.
 template <class Table, class Points>
-FIRN_COLD std::size_t add_particles(Table& table, Points const& points, double volume, double density,
-                                    Vector<double, Table::d> const& velocity, std::uint32_t first_id,
-                                    MassScale& scale, Coordinates<Table::d> const& centre)
+FIRN_COLD std::size_t add_particles(Table& table, Points const& points, Volumes const& volumes,
+                                    double density, Vector<double, Table::d> const& velocity,
+                                    std::uint32_t first_id, MassScale& scale,
+                                    Coordinates<Table::d> const& centre)
 {
     constexpr int d = Table::d;
     using Number = typename Table::Number;
     std::vector<CellPosition<d>> const located = detail::locate_all(table, points, centre);
-    require(is_finite(volume) && volume > 0, "the volume per point is not a finite number above 0",
-            "Solver::add",
-            "Pass the volume in m^3 that one particle stands for: the body's volume over the number of "
-            "points.");
+    volumes.validate(located.size());
     Vector<Number, d> const same_velocity = vector_of<Number, d>(velocity);
     require(all_finite(same_velocity), "the velocity is not finite", "Solver::add",
             "Pass metres per second, within the range of the scene's numbers.");
@@ -116,7 +115,7 @@ FIRN_COLD std::size_t add_particles(Table& table, Points const& points, double v
     auto const first = static_cast<std::uint32_t>(table.size());
     if (located.empty()) return 0;
     auto& to = table.contents();
-    to.mass_groups.require_comparable(volume, density, scale);
+    to.mass_groups.require_comparable(volumes, located.size(), density, scale);
     table.sort(); // insert() needs up-to-date cells
 
     to.resize_buffers(count);
@@ -126,7 +125,7 @@ FIRN_COLD std::size_t add_particles(Table& table, Points const& points, double v
     for (std::size_t i = 0; i < located.size(); ++i) cells[i] = located[i].cell;
     RowIds ids = to.ids.extended(table.size(), located.size(), first_id);
     table.change([&] {
-        to.mass_groups.add(first, volume, density, scale);
+        to.mass_groups.add(first, located.size(), volumes, density, scale);
         to.cells.insert(cells, first);
         to.ids = std::move(ids);
         to.size = count;

@@ -6,10 +6,12 @@
 #include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/core/lane.hpp>
+#include <firn/particles/volumes.hpp>
 
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <string>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -31,7 +33,7 @@ struct MassScale
     template <class Number>
     bool bears(double mass) const
     {
-        return is_finite(mass) && (exactly_equal(unit, 0) ||
+        return is_finite(mass) && (exactly_equal(largest, 0) ||
                                    (mass / smallest < range<Number> && largest / mass < range<Number>));
     }
     void admit(double mass)
@@ -51,7 +53,7 @@ struct MassGroup
 };
 
 /// Mass and volume of every particle: one value per mass group, found by the particle's row, so that none is
-/// stored per particle.
+/// stored per particle unless each has its own.
 template <class Number>
 struct MassGroups
 {
@@ -79,7 +81,13 @@ struct MassGroups
 
     FIRN_HOST_DEVICE int index(std::uint32_t row) const
     {
-        int low = 0, high = count; // of[low].first_row <= row < of[high].first_row
+        // A group has a row at least, so it lies no further ahead than the row, nor further behind than the
+        // last group does. Where each particle has a group of its own, nothing is left to search.
+        auto const last = static_cast<std::uint32_t>(count - 1), spare = of[last].first_row - last,
+                   least = row > spare ? row - spare : 0;
+        int low = static_cast<int>(least < last ? least : last),
+            high = row < last ? static_cast<int>(row) + 1 : count;
+        // of[low].first_row <= row < of[high].first_row
         while (high - low > 1) {
             int const middle = (low + high) / 2;
             (of[middle].first_row <= row ? low : high) = middle;
@@ -101,32 +109,40 @@ public:
     MassGroups<Number> here() const { return {here_.data(), static_cast<int>(here_.size())}; }
     std::vector<MassGroup<Number>> const& all() const { return here_; }
 
-    /// Refuses particles of a volume [m^3] and a density [kg/m^3] whose mass differs so much from others of
-    /// the scene that the lighter would be lost to rounding.
-    static void require_comparable(double volume, double density, MassScale const& scale)
+    /// Refuses particles of some volumes [m^3] and a density [kg/m^3] whose masses differ so much from each
+    /// other, or from others of the scene, that the lighter would be lost to rounding.
+    static void require_comparable(Volumes const& volumes, std::size_t count, double density, MassScale scale)
     {
-        double const unit = exactly_equal(scale.unit, 0) ? volume * density : scale.unit;
-        bool const in_range = is_finite(Number(volume / unit)) && Number(volume / unit) > 0;
-        require(
-            in_range && scale.bears<Number>(volume * density / unit),
-            "the new particles are lighter or heavier than others by a factor that rounding does not bear",
-            "Solver::add", "Keep the masses of one scene within a factor of 1e10 (float) or 1e20 (double).");
+        for (std::size_t i = 0; i < (volumes.are_listed() ? count : 1); ++i) {
+            double const volume = volumes[i];
+            if (exactly_equal(scale.unit, 0)) scale.unit = volume * density;
+            bool const in_range = is_finite(Number(volume / scale.unit)) && Number(volume / scale.unit) > 0;
+            if (!in_range || !scale.bears<Number>(volume * density / scale.unit))
+                throw Error{"the new particles are lighter or heavier than others by a factor that rounding "
+                            "does not bear",
+                            volumes.are_listed() ? "Solver::add, volume " + std::to_string(i) : "Solver::add",
+                            "Keep the masses of one scene within a factor of 1e10 (float) or 1e20 (double)."};
+            scale.admit(Number(volume * density / scale.unit));
+        }
     }
 
-    /// Sets volume [m^3] and density [kg/m^3] of the particles from a row on: if both equal those of the
-    /// particles before them, they belong to the same mass group.
-    void add(std::uint32_t first_row, double volume, double density, MassScale& scale)
+    /// Sets volumes [m^3] and density [kg/m^3] of so many particles from a row on: where both equal those of
+    /// the particle before, they belong to the same mass group.
+    void add(std::uint32_t first_row, std::size_t count, Volumes const& volumes, double density,
+             MassScale& scale)
     {
-        if (exactly_equal(scale.unit, 0)) scale.unit = volume * density;
-        MassGroup<Number> const group{first_row, Number(volume * density / scale.unit),
-                                      Number(volume / scale.unit)};
-        scale.admit(group.mass);
-        if (here_.size() > 0) {
-            auto const& last = here_.back();
-            if (exactly_equal(last.mass, group.mass) && exactly_equal(last.volume, group.volume)) return;
+        std::size_t const groups = here_.size();
+        for (std::size_t i = 0; i < (volumes.are_listed() ? count : 1); ++i) {
+            double const volume = volumes[i];
+            if (exactly_equal(scale.unit, 0)) scale.unit = volume * density;
+            MassGroup<Number> const group{first_row + static_cast<std::uint32_t>(i),
+                                          Number(volume * density / scale.unit), Number(volume / scale.unit)};
+            scale.admit(group.mass);
+            if (here_.empty() || !exactly_equal(here_.back().mass, group.mass) ||
+                !exactly_equal(here_.back().volume, group.volume))
+                here_.push_back(group);
         }
-        here_.push_back(group);
-        upload();
+        if (here_.size() > groups) upload();
     }
 
     /// Renumbers the rows, and drops mass groups without particles.

@@ -7,6 +7,7 @@
 #include <firn/particles/add_remove.hpp>
 #include <firn/particles/material_sets.hpp>
 #include <firn/particles/readback.hpp>
+#include <firn/particles/volumes.hpp>
 #include <firn/time_stepping/grid_state.hpp>
 #include <firn/time_stepping/observe.hpp>
 
@@ -80,17 +81,17 @@ public:
         return any;
     }
 
-    /// Adds particles of a material with the volume [m^3] and velocity [m/s], at points of the world with
-    /// this centre (see WorldLayout). Returns how many.
+    /// Adds particles of a material with volumes [m^3] and a velocity [m/s], at points of the world with this
+    /// centre (see WorldLayout). Returns how many.
     template <std::size_t k, class Points>
-    std::size_t add(Points const& points, double volume_per_point, Vector<double, d> const& velocity,
+    std::size_t add(Points const& points, Volumes const& volumes, Vector<double, d> const& velocity,
                     Coordinates<d> const& centre = zeros<Coordinates<d>>())
     {
         cache_grid_fields();
         if (size() == 0) masses = {}; // there are none to compare with
         std::size_t const added =
-            add_particles(particles<k>(), points, volume_per_point, double(sets.template model<k>().density),
-                          velocity, next_id, masses, centre);
+            add_particles(particles<k>(), points, volumes, double(sets.template model<k>().density), velocity,
+                          next_id, masses, centre);
         if (added == 0) return 0;
         next_id += static_cast<std::uint32_t>(added);
         grid_state.forget();
