@@ -48,7 +48,7 @@ struct Chain<>
 {
     static constexpr int obstacles = 0, groups = 0, walls = 0, shells = 0, lookups = 0, touching = 0;
     static constexpr bool may_touch_particles = false, uses_kilograms = false, changes_impulse = false,
-                          loads_surfaces = false;
+                          loads_surfaces = false, accelerates_marked = false;
     template <class Visit>
     FIRN_HOST_DEVICE void for_each(Visit const&) const
     {}
@@ -71,6 +71,9 @@ struct Chain<First, Rest...>
     static constexpr int touching = may_touch_particles ? obstacles : 0;
     /// Whether an action asks for the areas of surfaces.
     static constexpr bool loads_surfaces = detail::has_surface_force<First> || Chain<Rest...>::loads_surfaces;
+    /// Whether an action accelerates what is marked.
+    static constexpr bool accelerates_marked =
+        detail::has_marked_acceleration<First> || Chain<Rest...>::accelerates_marked;
     /// Whether an action asks for the impulse of all forces.
     static constexpr bool changes_impulse = detail::has_on_impulse<First> || Chain<Rest...>::changes_impulse;
     /// Whether an action needs masses in kg.

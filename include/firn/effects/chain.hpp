@@ -66,6 +66,24 @@ FIRN_HOST_DEVICE void apply_on_surfaces(Chain<Actions...> const& chain, NodesOfS
     });
 }
 
+/// Adds the impulse of forces on what is marked to the momentum of lanes of nodes. `marked(tag)` is the mass
+/// that a mark is about, in the solver's unit.
+template <Lane Real, int d, class... Actions, class Marked>
+FIRN_HOST_DEVICE void apply_on_marked(Chain<Actions...> const& chain, LanePosition<Real, d> const& place,
+                                      NodesOfStep<Real> const& nodes, Marked const& marked,
+                                      Vector<Real, d>& momentum)
+{
+    chain.for_each([&](auto const& action) {
+        using Action = std::decay_t<decltype(action)>;
+        if constexpr (detail::has_marked_acceleration<Action>) {
+            Vector<Real, d> const acceleration = action.marked_acceleration(place);
+            Real const mass = marked(typename Action::Marked{});
+            for (int a = 0; a < d; ++a)
+                momentum[a] += select(nodes.filled, mass * (acceleration[a] * Real(nodes.dt)), Real(0));
+        }
+    });
+}
+
 /// Lets actions change the impulse of all forces on lanes of nodes, whose momentum before them is given.
 template <Lane Real, int d, class... Actions>
 FIRN_HOST_DEVICE void apply_on_impulse(Chain<Actions...> const& chain, Vector<Real, d> const& before,

@@ -17,8 +17,8 @@ namespace detail
 /// The names of all hooks. An action has a member of such a name if the name is ambiguous in NamesOf.
 struct HookNames
 {
-    int acceleration, on_momentum, surface_force, on_impulse, on_node, touch, hold, on_particles, overlap,
-        lost_beyond, carried, reference;
+    int acceleration, on_momentum, surface_force, marked_acceleration, on_impulse, on_node, touch, hold,
+        on_particles, overlap, lost_beyond, carried, reference;
 };
 template <class Action>
 struct NamesOf : Action, HookNames
@@ -37,6 +37,11 @@ template <class Action>
 inline constexpr bool has_surface_force = !requires
 {
     &NamesOf<Action>::surface_force;
+};
+template <class Action>
+inline constexpr bool has_marked_acceleration = !requires
+{
+    &NamesOf<Action>::marked_acceleration;
 };
 template <class Action>
 inline constexpr bool has_on_impulse = !requires
@@ -143,6 +148,17 @@ concept LoadsSurfaces = requires(Action const action, Vector<Real, d> const area
         } -> std::same_as<Vector<Real, d>>;
 };
 
+/// An action that accelerates what is marked by `Action::Marked` on lanes of nodes [m/s^2], where they are:
+/// see Marks. `m a dt` is added to their momentum, m being the mass that is marked.
+template <class Action, class Real, int d>
+concept AcceleratesMarked = requires(Action const action, LanePosition<Real, d> const place)
+{
+    typename Action::Marked;
+    {
+        action.marked_acceleration(place)
+        } -> std::same_as<Vector<Real, d>>;
+};
+
 /// An action that changes the impulse of all forces on lanes of nodes in the step, knowing their momentum
 /// before it, both in one unit: with transfers that sum the forces apart from the momentum.
 template <class Action, class Real, int d>
@@ -235,6 +251,8 @@ constexpr bool has_only_hooks_that_are_called()
     if constexpr (has_acceleration<Action>) has = true, called = called && AcceleratesNodes<Action, Real, d>;
     if constexpr (has_on_momentum<Action>) has = true, called = called && ChangesMomentum<Action, Real, d>;
     if constexpr (has_surface_force<Action>) has = true, called = called && LoadsSurfaces<Action, Real, d>;
+    if constexpr (has_marked_acceleration<Action>)
+        has = true, called = called && AcceleratesMarked<Action, Real, d>;
     if constexpr (has_on_impulse<Action>) has = true, called = called && ChangesImpulse<Action, Real, d>;
     if constexpr (has_on_node<Action>) has = true, called = called && ChangesVelocity<Action, Real, d>;
     if constexpr (is_wall<Action>)
@@ -254,9 +272,10 @@ constexpr bool has_only_hooks_that_are_called()
 /// for lanes of the type that the backend computes with; on devices they are FIRN_HOST_DEVICE. Every member
 /// with the name of a hook is taken for that hook, and refused if the library does not call that signature.
 ///
-/// Of an action that has several, acceleration is called first, then on_momentum, surface_force, on_impulse,
-/// on_node, and then contact. Actions act in the order in which their effects are passed: all of them on
-/// momentum, then all on the impulse of the forces, then all on velocities.
+/// Of an action that has several, acceleration is called first, then on_momentum, surface_force,
+/// marked_acceleration, on_impulse, on_node, and then contact. Actions act in the order in which their
+/// effects are passed: all of them on momentum, then all on the impulse of the forces, then all on
+/// velocities.
 template <class Action, class Real, int d>
 concept NodeAction =
     Lane<Real> && std::is_class_v<Action> && !std::is_final_v<Action> &&
@@ -382,7 +401,8 @@ template <class T, class Action, int d>
 constexpr bool says_what_steps_need()
 {
     bool says = true;
-    if constexpr (has_acceleration<Action>) says = says && BoundsAcceleration<T>;
+    if constexpr (has_acceleration<Action> || has_marked_acceleration<Action>)
+        says = says && BoundsAcceleration<T>;
     if constexpr (has_touch<Action>) says = says && BoundsSpeed<T, d>;
     if constexpr (has_touch<Action> && has_hold<Action>) says = says && requires(PlainEffect<T> const plain)
         {
@@ -398,12 +418,12 @@ constexpr bool says_what_steps_need()
 /// const`, which refuses parameters, and `template <class Number, int d> Action over(firn::Interval const&)
 /// const`, which makes its action for a step (see NodeAction).
 ///
-/// If the action has an acceleration, the effect has `double largest_acceleration() const` [m/s^2]; if it has
-/// contact, `double largest_speed() const` [m/s], or one that takes the number of dimensions. These are
-/// finite bounds that limit the time step, and other effects may have them. An effect may also have `void
-/// validate_in_plane() const` for scenes in two dimensions, and `auto plain(double begin) const`, with or
-/// without the time [s] at which the call begins: it returns an effect that is a plain value, and `over` is
-/// called on that.
+/// If the action has an acceleration, or one of what is marked, the effect has `double largest_acceleration()
+/// const` [m/s^2]; if it has contact, `double largest_speed() const` [m/s], or one that takes the number of
+/// dimensions. These are finite bounds that limit the time step, and other effects may have them. An effect
+/// may also have `void validate_in_plane() const` for scenes in two dimensions, and `auto plain(double begin)
+/// const`, with or without the time [s] at which the call begins: it returns an effect that is a plain value,
+/// and `over` is called on that.
 template <class T, class Real, int d>
 concept NodeEffect = detail::DescribesEffect<T, ScalarOf<Real>, d> &&
     NodeAction<detail::ActionOf<T, ScalarOf<Real>, d>, Real, d> &&
@@ -436,6 +456,9 @@ struct CheckedEffect<T, Real, d, true>
         "'firn::Vector<Real, d> acceleration(firn::LanePosition<Real, d> const& place) const' [m/s^2], "
         "'void on_momentum(firn::Vector<Real, d>& momentum, Real mass) const' [kg m/s, kg], "
         "'firn::Vector<Real, d> surface_force(firn::Vector<Real, d> const& area) const' [N, m^2], "
+        "'firn::Vector<Real, d> marked_acceleration(firn::LanePosition<Real, d> const& place) const' beside "
+        "a "
+        "type 'Marked', "
         "'void on_impulse(firn::Vector<Real, d>& impulse, firn::Vector<Real, d> const& momentum) const', "
         "'firn::Vector<Real, d> on_node(firn::LaneNode<Real, d> const& node, firn::Vector<Real, d> const& "
         "velocity) const' [m/s] and contact, 'firn::ContactResult<Real, d> touch(firn::LanePosition<Real, d> "

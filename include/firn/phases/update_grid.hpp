@@ -9,9 +9,26 @@
 
 #include <cassert>
 #include <cstdint>
+#include <type_traits>
 
 namespace firn
 {
+
+namespace detail
+{
+/// Whether a set of node fields has the marks that the actions of a chain ask for.
+template <class Set, class... Actions>
+constexpr bool finds_marks(std::type_identity<Chain<Actions...>>)
+{
+    [[maybe_unused]] auto const finds = []<class Action>(std::type_identity<Action>) {
+        if constexpr (has_marked_acceleration<Action>)
+            return Set::template contains<NodeMark<typename Action::Marked>>;
+        else
+            return true;
+    };
+    return (true && ... && finds(std::type_identity<Actions>{}));
+}
+} // namespace detail
 
 /// Phase 2: forces, gravity and obstacles act on momentum, which becomes velocity.
 ///
@@ -46,6 +63,11 @@ struct UpdateGrid : CarriedBy<Transfer>
     static_assert(!Effects::loads_surfaces || SumsOf<Transfer>::template contains<NodeArea>,
                   "Traction loads particles that are marked, and the transfer does not carry their marks: "
                   "choose Carrying<Mls, LoadedSurfaces>, or another base");
+
+    static_assert(detail::finds_marks<SumsOf<Transfer>>(std::type_identity<Effects>{}),
+                  "MarkedForce acts on particles that are marked, and the transfer does not carry their "
+                  "marks: choose Carrying<Mls, Marks<Mark>>, with the mark that the effect names, or another "
+                  "base");
 
     StepContext<Number, Effects> const* now;
     Lattice lattice;
@@ -163,6 +185,10 @@ protected:
                                            return sum(Sums::template channel<NodeArea> + a);
                                        }),
                                        momentum);
+        if constexpr (Effects::accelerates_marked)
+            apply_on_marked<Real, d>(
+                now->actions, place, nodes,
+                [&](auto tag) { return sum(Sums::template channel<NodeMark<decltype(tag)>>); }, momentum);
         if constexpr (Effects::changes_impulse) apply_on_impulse<Real, d>(now->actions, before, momentum);
         return {nodes, inverse_mass, momentum * inverse_mass};
     }

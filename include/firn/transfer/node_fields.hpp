@@ -55,6 +55,14 @@ struct NodeArea
     static constexpr auto shape = FieldShape::vector;
 };
 
+/// The mass of a node that a mark is about, in the scene's unit of mass: see Marks.
+template <class Tag>
+struct NodeMark
+{
+    static constexpr auto name = "node_mark";
+    static constexpr auto shape = FieldShape::scalar;
+};
+
 /// The fields that nodes sum for a transfer.
 template <class Transfer>
 using SumsOf = Join<Fields<NodeMass, NodeMomentum>,
