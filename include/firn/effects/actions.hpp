@@ -48,7 +48,7 @@ struct Chain<>
 {
     static constexpr int obstacles = 0, groups = 0, walls = 0, shells = 0, lookups = 0, touching = 0;
     static constexpr bool may_touch_particles = false, uses_kilograms = false, changes_impulse = false,
-                          loads_surfaces = false, accelerates_marked = false;
+                          loads_surfaces = false, accelerates_marked = false, touches_marked = false;
     template <class Visit>
     FIRN_HOST_DEVICE void for_each(Visit const&) const
     {}
@@ -74,6 +74,8 @@ struct Chain<First, Rest...>
     /// Whether an action accelerates what is marked.
     static constexpr bool accelerates_marked =
         detail::has_marked_acceleration<First> || Chain<Rest...>::accelerates_marked;
+    /// Whether an action touches what is marked.
+    static constexpr bool touches_marked = detail::has_touch_marked<First> || Chain<Rest...>::touches_marked;
     /// Whether an action asks for the impulse of all forces.
     static constexpr bool changes_impulse = detail::has_on_impulse<First> || Chain<Rest...>::changes_impulse;
     /// Whether an action needs masses in kg.

@@ -97,23 +97,34 @@ FIRN_HOST_DEVICE void apply_on_impulse(Chain<Actions...> const& chain, Vector<Re
     for (int a = 0; a < d; ++a) momentum[a] = before[a] + impulse[a];
 }
 
-/// The velocity of lanes of nodes after all effects on velocities.
+/// Where no action touches what is marked.
+struct NothingMarked
+{};
+
+/// The velocity of lanes of nodes after all effects on velocities. `marked(tag)` is the share of their mass
+/// that a mark is about, for actions that touch what is marked.
 ///
 /// Obstacles act one after the other. Where two of them meet (a corner), a second pass settles friction, and
 /// four passes of pure non-penetration follow.
-template <Lane Real, int d, class... Actions>
-FIRN_HOST_DEVICE Vector<Real, d> apply_on_nodes(Chain<Actions...> const& chain,
-                                                LanePosition<Real, d> const& place,
-                                                NodesOfStep<Real> const& nodes, Vector<Real, d> velocity,
-                                                Reactions<Chain<Actions...>::obstacles>& reactions)
+template <Lane Real, int d, class... Actions, class Marked = NothingMarked>
+FIRN_HOST_DEVICE Vector<Real, d>
+apply_on_nodes(Chain<Actions...> const& chain, LanePosition<Real, d> const& place,
+               NodesOfStep<Real> const& nodes, Vector<Real, d> velocity,
+               Reactions<Chain<Actions...>::obstacles>& reactions, [[maybe_unused]] Marked const& marked = {})
 {
     constexpr int obstacles = Chain<Actions...>::obstacles;
     Mask<Real> once = Real(1) < Real(0), twice = once;
 
     auto const pass = [&](bool first_pass, bool only_non_penetration) {
         auto const meet = [&](auto const& action, Reaction& received) { // returns whether they touch
-            Contact const rule = only_non_penetration ? Contact::slip() : action.contact;
-            auto const touched = action.touch(place, velocity, rule);
+            using Action = std::decay_t<decltype(action)>;
+            auto const touched = [&] {
+                if constexpr (detail::has_touch_marked<Action>)
+                    return action.touch_marked(place, velocity, marked(typename Action::Marked{}));
+                else
+                    return action.touch(place, velocity,
+                                        only_non_penetration ? Contact::slip() : action.contact);
+            }();
             if (!any(touched.inside)) return false;
             detail::book<Real, d>(received, touched, velocity, nodes.booked_mass);
             velocity = touched.velocity;

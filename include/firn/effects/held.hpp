@@ -7,6 +7,7 @@
 #include <firn/effects/contact.hpp>
 #include <firn/effects/effect.hpp>
 #include <firn/effects/motion.hpp>
+#include <firn/effects/prescribed_velocity.hpp>
 #include <firn/effects/shapes/shape.hpp>
 #include <firn/math/product.hpp>
 
@@ -41,21 +42,12 @@ struct Held
         static_assert(!is_deforming<ShapeType>,
                       "a shape that changes its form is an obstacle, and makes no region");
         if constexpr (requires { shape.validate(); }) shape.validate();
-        motion.validate("Held");
-        // its square is finite in single precision, too
-        require(!velocity || (all_finite(*velocity) && norm(*velocity) <= 1e15),
-                "the prescribed velocity is not finite, or beyond 1e15 m/s", "Held", "Pass it in m/s.");
-        require(axes[0] || axes[1] || axes[2], "no axis is held", "Held",
-                "Leave axes out to hold all, or name one at least.");
+        detail::validate_prescribed(motion, velocity, axes, "Held");
     }
     /// Throws an Error if it leaves the plane, in a scene of two dimensions.
     void validate_in_plane() const
     {
-        require(!velocity || exactly_equal(velocity->z(), 0),
-                "a prescribed velocity in a scene in two dimensions leaves the plane", "Held",
-                "Keep z out of the velocity.");
-        require(axes[0] || axes[1], "neither of the plane's axes is held", "Held", "Hold x, y or both.");
-        motion.validate_in_plane("Held");
+        detail::validate_prescribed_in_plane(motion, velocity, axes, "Held");
         if constexpr (requires { shape.validate_in_plane(); }) shape.validate_in_plane();
     }
 
@@ -84,11 +76,8 @@ struct Held
 
         detail::Plain<ShapeType> shape;
         Contact contact;
-        Eigen::Vector3d position;
         Matrix<Number, d> rotation; ///< region to world
-        Vector<Number, d> velocity;
-        Vector<Number, 3> angular_velocity;
-        std::array<bool, 3> axes;
+        detail::PrescribedVelocity<Number, d> prescribed;
 
         /// The prescribed velocity inside, and v outside, whatever the rule is.
         template <Lane Real>
@@ -96,7 +85,7 @@ struct Held
                                                       Vector<Real, d> const& v, Contact const&) const
         {
             ContactResult<Real, d> held;
-            held.arm = place.relative_to(position);
+            held.arm = place.relative_to(prescribed.position);
             Matrix<Real, d> const R = matrix_of<Real, d>(rotation);
             auto const sample = surface_of<Real, d>(shape, transpose_product<Real, d>(R, held.arm));
             held.inside = !(sample.distance > Real(Number(0)));
@@ -105,31 +94,21 @@ struct Held
             held.normal = held.surface = zeros<Vector<Real, d>>(); // or compilers warn
             if (!any(held.inside)) return held;
             held.normal = product<Real, d>(R, sample.normal);
-            held.surface = detail::rigid_velocity<Real, d>(velocity, angular_velocity, held.arm);
-            for (int a = 0; a < d; ++a)
-                if (axes[std::size_t(a)]) // the same for all nodes
-                    held.velocity[a] = select(held.inside, held.surface[a], v[a]);
             held.depth = select(held.inside, -sample.distance, Real(Number(0)));
-            held.surface_speed2 =
-                select(held.inside, dot<Real, d>(held.surface, held.surface), Real(Number(0)));
+            prescribed.template hold<Real>(v, held);
             return held;
         }
     };
 
-    /// The region at the end of the step, since velocities are prescribed for that time. Called on a plain
-    /// value.
+    /// The region at the end of the step, as its velocities are. Called on a plain value.
     template <class Number, int d>
     FIRN_HOST_DEVICE Action<Number, d> over(Interval const& interval) const
     {
         Motion const now = motion.at(interval.end);
-        bool const own = velocity.has_value();
         return {shape,
                 {},
-                now.position,
                 matrix_of<Number, d>(now.rotation()),
-                vector_of<Number, d>(own ? *velocity : now.velocity),
-                vector_of<Number, 3>(own ? zeros<Eigen::Vector3d>() : now.angular_velocity),
-                axes};
+                detail::PrescribedVelocity<Number, d>::of(now, velocity, axes)};
     }
 };
 

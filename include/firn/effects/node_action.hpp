@@ -17,8 +17,8 @@ namespace detail
 /// The names of all hooks. An action has a member of such a name if the name is ambiguous in NamesOf.
 struct HookNames
 {
-    int acceleration, on_momentum, surface_force, marked_acceleration, on_impulse, on_node, touch, hold,
-        on_particles, overlap, lost_beyond, carried, reference;
+    int acceleration, on_momentum, surface_force, marked_acceleration, on_impulse, on_node, touch,
+        touch_marked, hold, on_particles, overlap, lost_beyond, carried, reference;
 };
 template <class Action>
 struct NamesOf : Action, HookNames
@@ -57,6 +57,11 @@ template <class Action>
 inline constexpr bool has_touch = !requires
 {
     &NamesOf<Action>::touch;
+};
+template <class Action>
+inline constexpr bool has_touch_marked = !requires
+{
+    &NamesOf<Action>::touch_marked;
 };
 template <class Action>
 inline constexpr bool has_hold = !requires
@@ -104,7 +109,8 @@ inline constexpr bool is_group = requires
 
 /// Whether an action is that of an obstacle, which has a reaction.
 template <class Action>
-inline constexpr bool is_obstacle = is_wall<Action> || detail::has_touch<Action>;
+inline constexpr bool is_obstacle =
+    is_wall<Action> || detail::has_touch<Action> || detail::has_touch_marked<Action>;
 
 /// Whether an obstacle's action may act on particles, too.
 template <class Action>
@@ -195,6 +201,18 @@ concept TouchesNodes = requires(Action const action, LanePosition<Real, d> const
         } -> std::same_as<ContactResult<Real, d>>;
 };
 
+/// An action on lanes of nodes with a velocity [m/s] by the share of their mass, 0 to 1, that is marked by
+/// `Action::Marked`: see Marks. It has a reaction, as an obstacle has.
+template <class Action, class Real, int d>
+concept TouchesMarked = requires(Action const action, LanePosition<Real, d> const place,
+                                 Vector<Real, d> const velocity, Real const share)
+{
+    typename Action::Marked;
+    {
+        action.touch_marked(place, velocity, share)
+        } -> std::same_as<ContactResult<Real, d>>;
+};
+
 /// An action that can act on lanes of particles, too: Obstacle::Action documents each of the calls.
 template <class Action, class Real, int d>
 concept HoldsParticles = requires(Action const action, LanePosition<Real, d> const place,
@@ -256,9 +274,11 @@ constexpr bool has_only_hooks_that_are_called()
     if constexpr (has_on_impulse<Action>) has = true, called = called && ChangesImpulse<Action, Real, d>;
     if constexpr (has_on_node<Action>) has = true, called = called && ChangesVelocity<Action, Real, d>;
     if constexpr (is_wall<Action>)
-        called = called && !has_touch<Action> && MirrorsNodes<Action, Real, d>;
+        called = called && !has_touch<Action> && !has_touch_marked<Action> && MirrorsNodes<Action, Real, d>;
     else {
         if constexpr (has_touch<Action>) called = called && TouchesNodes<Action, Real, d>;
+        if constexpr (has_touch_marked<Action>)
+            called = called && !has_touch<Action> && TouchesMarked<Action, Real, d>;
         if constexpr (has_hold<Action>)
             called = called && has_touch<Action> && MayHoldParticles<Action, Real, d>;
         else
@@ -403,7 +423,7 @@ constexpr bool says_what_steps_need()
     bool says = true;
     if constexpr (has_acceleration<Action> || has_marked_acceleration<Action>)
         says = says && BoundsAcceleration<T>;
-    if constexpr (has_touch<Action>) says = says && BoundsSpeed<T, d>;
+    if constexpr (has_touch<Action> || has_touch_marked<Action>) says = says && BoundsSpeed<T, d>;
     if constexpr (has_touch<Action> && has_hold<Action>) says = says && requires(PlainEffect<T> const plain)
         {
             bool(plain.on_particles);
@@ -456,9 +476,9 @@ struct CheckedEffect<T, Real, d, true>
         "'firn::Vector<Real, d> acceleration(firn::LanePosition<Real, d> const& place) const' [m/s^2], "
         "'void on_momentum(firn::Vector<Real, d>& momentum, Real mass) const' [kg m/s, kg], "
         "'firn::Vector<Real, d> surface_force(firn::Vector<Real, d> const& area) const' [N, m^2], "
-        "'firn::Vector<Real, d> marked_acceleration(firn::LanePosition<Real, d> const& place) const' beside "
-        "a "
-        "type 'Marked', "
+        "'firn::Vector<Real, d> marked_acceleration(firn::LanePosition<Real, d> const& place) const' or "
+        "'firn::ContactResult<Real, d> touch_marked(firn::LanePosition<Real, d> const& place, "
+        "firn::Vector<Real, d> const& velocity, Real share) const' beside a type 'Marked', "
         "'void on_impulse(firn::Vector<Real, d>& impulse, firn::Vector<Real, d> const& momentum) const', "
         "'firn::Vector<Real, d> on_node(firn::LaneNode<Real, d> const& node, firn::Vector<Real, d> const& "
         "velocity) const' [m/s] and contact, 'firn::ContactResult<Real, d> touch(firn::LanePosition<Real, d> "

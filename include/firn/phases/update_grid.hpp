@@ -21,7 +21,7 @@ template <class Set, class... Actions>
 constexpr bool finds_marks(std::type_identity<Chain<Actions...>>)
 {
     [[maybe_unused]] auto const finds = []<class Action>(std::type_identity<Action>) {
-        if constexpr (has_marked_acceleration<Action>)
+        if constexpr (has_marked_acceleration<Action> || has_touch_marked<Action>)
             return Set::template contains<NodeMark<typename Action::Marked>>;
         else
             return true;
@@ -64,10 +64,11 @@ struct UpdateGrid : CarriedBy<Transfer>
                   "Traction loads particles that are marked, and the transfer does not carry their marks: "
                   "choose Carrying<Mls, LoadedSurfaces>, or another base");
 
-    static_assert(detail::finds_marks<SumsOf<Transfer>>(std::type_identity<Effects>{}),
-                  "MarkedForce acts on particles that are marked, and the transfer does not carry their "
-                  "marks: choose Carrying<Mls, Marks<Mark>>, with the mark that the effect names, or another "
-                  "base");
+    static_assert(
+        detail::finds_marks<SumsOf<Transfer>>(std::type_identity<Effects>{}),
+        "MarkedForce and HeldMarked act on particles that are marked, and the transfer does not carry their "
+        "marks: choose Carrying<Mls, Marks<Mark>>, with the mark that the effect names, or another "
+        "base");
 
     StepContext<Number, Effects> const* now;
     Lattice lattice;
@@ -199,7 +200,13 @@ protected:
                                       Vector<Real, d> velocity, Sum const& sum, Set const& set,
                                       Result& reactions) const
     {
-        velocity = apply_on_nodes<Real, d>(now->actions, place, node.nodes, velocity, reactions);
+        if constexpr (Effects::touches_marked)
+            velocity =
+                apply_on_nodes<Real, d>(now->actions, place, node.nodes, velocity, reactions, [&](auto tag) {
+                    return sum(Sums::template channel<NodeMark<decltype(tag)>>) * node.inverse_mass;
+                });
+        else
+            velocity = apply_on_nodes<Real, d>(now->actions, place, node.nodes, velocity, reactions);
         for (int a = 0; a < d; ++a)
             set(Values::velocity + a, select(node.nodes.filled, velocity[a], Real(0)));
         if constexpr (Carried::any) update_carried<Real>(sum, node.nodes.filled, node.inverse_mass, set);
