@@ -155,7 +155,6 @@ public:
     /// step fails because of them however short it is, or at the length passed to step(). The run goes on
     /// without them, and its report names them (see isolated()). All other particles keep all their values,
     /// bit by bit, as with remove_if(). One removal more than `most` is an error.
-    ///
     /// The gathered fields are then cached beside the particles in every step. A snapshot, and so a
     /// checkpoint, has the list of removed particles. `most` stays the solver's own; removals on a restored
     /// list count towards it.
@@ -403,7 +402,6 @@ public:
     /// kernel, transfer and materials, with the same parameters; backend and step control may differ. With
     /// the same backend, lanes and step control the steps that follow are those of the solver that made it,
     /// bit by bit. To go on with other parameters see Snapshot::forget_parameters.
-    ///
     /// Throws an Error, and changes nothing, if the snapshot does not fit or is none that snapshot() can have
     /// returned, or if a call of this solver has broken off. Running out of memory or a device failure in the
     /// middle of a call may have left more than the particles half changed: restore into a new solver then.
