@@ -5,6 +5,7 @@
 #include <firn/core/lane.hpp>
 #include <firn/core/queue_outcome.hpp>
 #include <firn/grid/lattice.hpp>
+#include <firn/grid/periods.hpp>
 
 #include <array>
 #include <concepts>
@@ -91,15 +92,19 @@ concept BackendReadbackBuffer = std::constructible_from<T, B const&> && requires
     *buffer.read(); // waits for the loops, and returns where the host reads them
 };
 
-/// `B::CellOrder<Number, d>`: the items of one material by their cells, and by rank within a cell.
+/// `B::CellOrder<Number, d>`: the items of one material by their cells, and by rank within a cell. Cells are
+/// wrapped by the periods that it is made with.
 template <class T, class B, class Number, int d>
-concept BackendCellOrder = std::constructible_from<T, B const&> && std::movable<T> &&
-    requires(T order, T const constant, std::span<Coordinates<d> const> cells, std::uint32_t first,
-             unsigned char const* gone, std::size_t kept,
-             std::array<typename CellOffset<Number>::Stored*, std::size_t(d)> offsets)
+concept BackendCellOrder = std::constructible_from < T,
+        B const&, Periods<d>
+const& >
+    &&std::movable<T>&& requires(T order, T const constant, std::span<Coordinates<d> const> cells,
+                                 std::uint32_t first, unsigned char const* gone, std::size_t kept,
+                                 std::array<typename CellOffset<Number>::Stored*, std::size_t(d)> offsets)
 {
     double{T::largest_coordinate};   // of a cell, along any axis and to either side
     std::size_t{T::bytes_per_item};  // of the order
+    int{T::extent(0)};               // the cells along this axis of which a period must be a multiple
     order.insert(cells, first);      // adds items that lie at first, first + 1, … in these cells
     order.erase(gone, &first, kept); // erases by `gone[place]`; `kept` items will lie at `second[place]`
     order.begin_rebin(offsets);      // begins rebin(), which the loop that needs it first completes
@@ -112,10 +117,12 @@ concept BackendCellOrder = std::constructible_from<T, B const&> && std::movable<
 
 /// `B::Grid<Number, d, degree, sums, values, layers, own_values>`: the nodes under the cells of as many
 /// orders as it has layers, each node with `sums` sums per layer, twice, and `values` values, or so many per
-/// layer if `own_values` is true; it is false if it is not said.
-template <class T, class B, class Order>
-concept BackendGrid = std::constructible_from<T, B const&> && std::movable<T> &&
-    requires(T grid, T const constant, std::array<Order*, 1> orders, std::size_t layer)
+/// layer if `own_values` is true; it is false if it is not said. Nodes are wrapped by its periods.
+template <class T, class B, class Order, int d>
+concept BackendGrid = std::constructible_from < T,
+        B const&, Periods<d>
+const& >
+    &&std::movable<T>&& requires(T grid, T const constant, std::array<Order*, 1> orders, std::size_t layer)
 {
     grid.activate(orders); // creates the nodes under the cells, and keeps the sums of those that stay
     grid.swap();           // makes the next sums the current ones, and the other way round
@@ -148,7 +155,7 @@ template <class B, class Number, int d>
 concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::template Array<Number>, B> &&
     BackendReadbackBuffer<typename B::template ReadbackBuffer<detail::AnyPlain>, B> &&
     BackendCellOrder<detail::OrderOf<B, Number, d>, B, Number, d> &&
-    BackendGrid<detail::GridOf<B, Number, d>, B, detail::OrderOf<B, Number, d>> &&
+    BackendGrid<detail::GridOf<B, Number, d>, B, detail::OrderOf<B, Number, d>, d> &&
     BackendLoops<B, detail::OrderOf<B, Number, d>, d> &&
     (!B::queues || QueueingBackend<B, detail::OrderOf<B, Number, d>, Number, d>);
 

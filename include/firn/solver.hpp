@@ -380,7 +380,7 @@ public:
     Occupancy occupancy() const
     {
         auto const access = guard_.read("Solver::occupancy");
-        return detail::CellNeighbours<d>(cells_of(scene_.sets), Kernel::degree).occupancy();
+        return detail::occupancy_of(cells_of(scene_.sets), Kernel::degree, lattice());
     }
 
     /// All that the next steps depend on, in memory of the host.

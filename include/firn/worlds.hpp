@@ -279,6 +279,8 @@ private:
     }
     static Lattice divided(Lattice lattice, WorldLayout<d> const& layout)
     {
+        require(std::ranges::all_of(lattice.periods, [](int cells) { return cells == 0; }),
+                "the lattice is periodic", "Worlds", "Pass an unbounded one: each world has a part of it.");
         lattice.half_world = layout.half_world;
         return lattice;
     }

@@ -259,7 +259,7 @@ TEST_CASE("a checkpoint of another version is refused as one, and what is no che
         write(path, signed_anew(bytes));
         return refused([&] { read_checkpoint(path, solver); });
     };
-    CHECK_THAT(refusal(6), Contains("schema 6") && Contains("newer version"));
+    CHECK_THAT(refusal(7), Contains("schema 7") && Contains("newer version"));
     CHECK_THAT(refusal(4), Contains("schema 4") && Contains("older version"));
     write(path, "ply\nformat ascii 1.0, and so on for more than thirty-two bytes\n");
     CHECK_THAT(refused([&] { read_checkpoint(path, solver); }), Contains("no checkpoint"));

@@ -4,6 +4,8 @@
 #include <firn/core/lane.hpp>
 #include <firn/grid/lattice.hpp>
 
+#include <cmath>
+
 // An effect is what acts on velocities beside the material itself: gravity, obstacles. Effects are arguments
 // of a step. An effect is a plain description; `over(interval)` turns it into an *action*, a plain value with
 // the step's numbers filled in. The phases call actions on lanes of nodes: for an acceleration, on momentum,
@@ -36,15 +38,21 @@ struct LanePosition
     Vector<Real, d> offset;    ///< [cells]
     double kernel_reach = 1.5; ///< from a particle to its nodes along each axis [cells]
 
-    /// The vector from `reference` [m] to here in this world, in world axes [m].
+    /// The vector from `reference` [m] to here in this world, in world axes [m]. Along a periodic axis it is
+    /// that from the nearest image of the reference.
     FIRN_HOST_DEVICE Vector<Real, d> relative_to(Eigen::Vector3d const& reference) const
     {
         using Number = ScalarOf<Real>;
         Vector<Real, d> x;
         for (int a = 0; a < d; ++a) {
-            double const base =
-                lattice.origin[a] + lattice.cell_size * lattice.in_world(first[a]) - reference[a];
+            double base = lattice.origin[a] + lattice.cell_size * lattice.in_world(first[a]) - reference[a];
+            bool const is_periodic = lattice.periods[std::size_t(a)] != 0;
+            double const period = lattice.period(a);
+            if (is_periodic) base -= period * std::floor(base / period + 0.5); // precise however far it moved
             x[a] = Real(static_cast<Number>(base)) + offset[a] * Real(static_cast<Number>(lattice.cell_size));
+            if (is_periodic) // lanes lie on both sides of the middle between two images
+                x[a] -= Real(static_cast<Number>(period)) *
+                        floor(x[a] * Real(static_cast<Number>(1 / period)) + Real(Number(0.5)));
         }
         return x;
     }

@@ -230,6 +230,9 @@ public:
             Motion& motion = plain.back().motion;
             if (!from.own_worlds.empty() && obstacle.motion.time) *motion.time += from.own_worlds[i].begun;
             boxes.push_back(box_of(motion, double(reach.back()), lattice, begin, begin + duration));
+            for (std::size_t a = 0; a < std::size_t(d); ++a) // its images, too: wherever they may be
+                if (int const period = lattice.periods[a]; period != 0 && boxes.back().is_bounded)
+                    boxes.back().low[a] = -furthest_before, boxes.back().high[a] = period;
             if (!from.own_worlds.empty()) keep_in(from.own_worlds[i], lattice.half_world, boxes.back());
         }
         store(obstacles_, plain);
@@ -308,6 +311,8 @@ private:
         }
         return box;
     }
+
+    static constexpr int furthest_before = 8; ///< the first node of a period lies less than this before it
 
     /// The part of a box that lies in a world, in cells of the lattice.
     static void keep_in(OwnWorld const& world, int half, SweptBox<d>& box)

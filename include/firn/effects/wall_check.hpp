@@ -58,6 +58,10 @@ public:
                     walls[place++] = effect;
             };
             (list(effects), ...);
+            for (auto const& wall : walls)
+                require(lattice.periods[std::size_t(wall.axis)] == 0,
+                        "a reflecting wall lies across an axis along which the lattice is periodic",
+                        "ReflectingWall", "Let the lattice be periodic along other axes.");
             bool const knows_all = std::ranges::all_of(
                 walls, [&](auto const& wall) { return std::ranges::find(walls_, wall) != walls_.end(); });
             if (!knows_all) {

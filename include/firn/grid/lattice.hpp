@@ -7,14 +7,16 @@
 #include <firn/core/host_device.hpp>
 #include <firn/core/space.hpp>
 
+#include <array>
 #include <cmath>
+#include <cstddef>
 #include <limits>
 
 namespace firn
 {
 
 /// The unbounded lattice of grid nodes: node i is at origin + i h. A scene in two dimensions uses x and y
-/// alone.
+/// alone. It may be periodic along some axes.
 struct Lattice
 {
     double cell_size;                ///< h [m]
@@ -22,6 +24,27 @@ struct Lattice
     /// Half the cells of a world along each axis, a power of two; 0: the lattice is one world. Worlds sets
     /// it.
     int half_world = 0;
+    /// After how many cells it begins anew along each axis; 0: never. See periodic().
+    std::array<int, 3> periods{};
+
+    /// The same lattice, but periodic along an axis (0, 1, 2: x, y, z) over so many cells: a particle that
+    /// leaves at one end comes in at the other, and nodes near one end are those beyond the other. Positions
+    /// are then from the origin on up to the period. An obstacle acts where its nearest image is.
+    ///
+    /// Throws an Error unless there is such an axis, and the cells are from 4 to 2^20. A backend needs whole
+    /// blocks: multiples of 4 cells, and along the last axis multiples of its lanes. A Solver says so.
+    Lattice periodic(int axis, int cells) const
+    {
+        require(axis >= 0 && axis < 3, "there is no such axis", "Lattice::periodic",
+                "Pass 0, 1 or 2 for x, y or z.");
+        require(cells >= 4 && cells <= 1 << 20, "the period is not from 4 to 1048576 cells",
+                "Lattice::periodic", "Pass a number of cells: the length of the scene over the cell size.");
+        Lattice with = *this;
+        with.periods[std::size_t(axis)] = cells;
+        return with;
+    }
+    /// The length after which it begins anew along an axis [m]; 0: never.
+    FIRN_HOST_DEVICE double period(int axis) const { return periods[std::size_t(axis)] * cell_size; }
 
     /// A coordinate of a cell or a node in the world where it lies.
     FIRN_HOST_DEVICE int in_world(int coordinate) const
@@ -101,6 +124,10 @@ FIRN_HOST_DEVICE Vector<double, d> world_position(Lattice const& lattice, int ke
     for (int a = 0; a < d; ++a) {
         double const in_cells = lattice.in_world(cell[a]) + offset[a] + (0.5 - cell_shift(kernel_degree));
         position[a] = lattice.origin[a] + lattice.cell_size * in_cells;
+        if (lattice.periods[std::size_t(a)] !=
+            0) { // a cell that is centred on a node reaches below the origin
+            if (in_cells < 0) position[a] += lattice.period(a);
+        }
     }
     return position;
 }

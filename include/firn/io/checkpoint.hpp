@@ -25,8 +25,9 @@
 //     snapshot.forget_parameters();
 //     solver.restore(snapshot);
 //
-// A file of schema 5: little-endian, SI units, floats as in IEEE 754, nothing between one thing and the next.
-// A text is its length as u32 and so many bytes; `real` is f32 or f64.
+// A file of schema 5, or 6 where the lattice is periodic: little-endian, SI units, floats as in IEEE 754,
+// nothing between one thing and the next. A text is its length as u32 and so many bytes; `real` is f32 or
+// f64.
 //
 //     preamble, the same in all schemas to come:
 //       8 bytes 89 'F' 'I' 'R' 'N' 0d 0a 1a | u32 schema | u32 01020304 hex | u64 bytes of the whole file
@@ -54,6 +55,7 @@
 //     u32 number of particles that were removed from the scene (see Solver::quarantine), and of each:
 //       u8 cause (a FailureCause) | u32 id | u32 its material | 3 f64 position [m] | f64 time [s] | f64 step
 //       [s] u64 how many failed in that step
+//     of schema 6 alone: 3 u32 after how many cells the lattice begins anew along each axis, or 0
 //
 // Parameters are u32 their number, and of each: text name | f64 value, in its SI unit.
 namespace firn
@@ -96,6 +98,7 @@ template <class SnapshotType, class... Companions>
 void write_whole_checkpoint(std::ostream& out, SnapshotType const& snapshot, Companions const&... companions)
 {
     CheckpointPreamble preamble;
+    preamble.schema = checkpoint_schema_of(snapshot);
     auto const begin = out.tellp();
     auto const put_preamble = [&] {
         out.write(preamble.memory().data(), static_cast<std::streamsize>(preamble.memory().size()));

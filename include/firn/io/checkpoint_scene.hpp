@@ -5,6 +5,7 @@
 #include <firn/io/checkpoint_stream.hpp>
 #include <firn/state/snapshot.hpp>
 
+#include <algorithm>
 #include <cstdint>
 #include <string>
 #include <tuple>
@@ -131,6 +132,16 @@ inline std::vector<StepFailure> get_isolated(CheckpointReader& in)
     return isolated;
 }
 
+/// The schema of a snapshot's checkpoint: the older one, which earlier versions read, where it has all.
+template <class Number, int d>
+std::uint32_t checkpoint_schema_of(Snapshot<Number, d> const& from)
+{
+    auto const& periods = from.lattice.periods;
+    bool const is_periodic =
+        std::any_of(periods.begin(), periods.end(), [](int cells) { return cells != 0; });
+    return is_periodic ? newest_checkpoint_schema : checkpoint_schema;
+}
+
 template <class Number, int d, class... Companions>
 void put_checkpoint(CheckpointWriter& out, Snapshot<Number, d> const& from, Companions const&... companions)
 {
@@ -149,6 +160,10 @@ void put_checkpoint(CheckpointWriter& out, Snapshot<Number, d> const& from, Comp
     out.values(static_cast<std::uint32_t>(from.materials.size()));
     for (auto const& material : from.materials) put_material(out, material);
     put_isolated(out, from.isolated);
+    if (checkpoint_schema_of(from) > checkpoint_schema) {
+        auto const& periods = from.lattice.periods;
+        out.values(std::uint32_t(periods[0]), std::uint32_t(periods[1]), std::uint32_t(periods[2]));
+    }
 }
 
 /// Refuses a number other than the one that the solver was compiled for.
@@ -188,6 +203,14 @@ std::tuple<Companions...> get_checkpoint(CheckpointReader& in, Snapshot<Number, 
     in.expect(materials, 44); // of a text, two reals and four counts
     for (std::uint32_t i = 0; i < materials; ++i) to.materials.push_back(get_material<Number, d>(in));
     to.isolated = get_isolated(in);
+    if (in.schema() > checkpoint_schema)
+        for (int& period : to.lattice.periods) {
+            std::uint32_t cells = 0;
+            in.values(cells);
+            require(cells <= 1u << 20, "a period is out of range", "read_checkpoint",
+                    "The file was not written by this library: pass another one.");
+            period = static_cast<int>(cells);
+        }
     in.expect_end();
     return read;
 }

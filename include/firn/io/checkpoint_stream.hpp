@@ -32,7 +32,7 @@ static_assert(
     "checkpoints copy memory into little-endian files; a big-endian machine needs a byte swap here");
 
 inline constexpr std::array<char, 8> checkpoint_magic{'\x89', 'F', 'I', 'R', 'N', '\r', '\n', '\x1a'};
-inline constexpr std::uint32_t checkpoint_schema = 5;
+inline constexpr std::uint32_t checkpoint_schema = 5, newest_checkpoint_schema = 6;
 
 /// The first bytes of a checkpoint of any schema.
 struct CheckpointPreamble
@@ -98,9 +98,11 @@ private:
 class CheckpointReader
 {
 public:
-    CheckpointReader(std::istream& in, std::uint64_t left, std::uint32_t checksum)
-        : in_(in), left_(left), checksum_(checksum)
+    CheckpointReader(std::istream& in, std::uint64_t left, std::uint32_t checksum, std::uint32_t schema)
+        : in_(in), left_(left), checksum_(checksum), schema_(schema)
     {}
+
+    std::uint32_t schema() const { return schema_; }
 
     void bytes(void* to, std::uint64_t count)
     {
@@ -153,7 +155,7 @@ public:
 private:
     std::istream& in_;
     std::uint64_t left_;
-    std::uint32_t checksum_;
+    std::uint32_t checksum_, schema_;
     Crc32 crc_;
 };
 
@@ -175,10 +177,10 @@ inline CheckpointReader checked_checkpoint(std::istream& in, std::uint64_t bytes
         refuse("the checkpoint's first bytes are damaged", damaged);
     if (preamble.byte_order != CheckpointPreamble{}.byte_order)
         refuse("the checkpoint has another byte order", "Write it on a little-endian machine.");
-    if (preamble.schema != checkpoint_schema)
-        refuse("the checkpoint is of schema " + std::to_string(preamble.schema) + ", known here is " +
-                   std::to_string(checkpoint_schema),
-               preamble.schema > checkpoint_schema
+    if (preamble.schema < checkpoint_schema || preamble.schema > newest_checkpoint_schema)
+        refuse("the checkpoint is of schema " + std::to_string(preamble.schema) + ", known here are " +
+                   std::to_string(checkpoint_schema) + " and " + std::to_string(newest_checkpoint_schema),
+               preamble.schema > newest_checkpoint_schema
                    ? "It was written by a newer version of this library: read it with that one."
                    : "It was written by an older version of this library: read it with that one.");
     if (preamble.bytes != bytes)
@@ -196,7 +198,7 @@ inline CheckpointReader checked_checkpoint(std::istream& in, std::uint64_t bytes
     }
     if (crc.value() != preamble.checksum) refuse("the checkpoint is damaged", damaged);
     in.seekg(sizeof(preamble));
-    return {in, bytes - sizeof(preamble), preamble.checksum};
+    return {in, bytes - sizeof(preamble), preamble.checksum, preamble.schema};
 }
 
 /// The bytes of the checkpoint that a stream is at the begin of; fewer where the stream ends before. What is

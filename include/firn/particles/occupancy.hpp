@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/grid/lattice.hpp>
+#include <firn/grid/periods.hpp>
 
 #include <algorithm>
 #include <array>
@@ -9,6 +10,7 @@
 #include <cstdint>
 #include <cstdlib>
 #include <numeric>
+#include <utility>
 #include <vector>
 
 namespace firn
@@ -40,19 +42,27 @@ class CellNeighbours
 {
 public:
     /// `cells` has one entry per particle, the particle's cell.
-    CellNeighbours(std::vector<Coordinates<d>> cells, int degree) : degree_(degree)
+    CellNeighbours(std::vector<Coordinates<d>> cells, int degree, Periods<d> const& periods) : degree_(degree)
     {
-        auto const before = [](Coordinates<d> const& a, Coordinates<d> const& b) {
-            return std::lexicographical_compare(a.data(), a.data() + d, b.data(), b.data() + d);
-        };
-        std::sort(cells.begin(), cells.end(), before);
+        std::sort(cells.begin(), cells.end(), is_before);
+        std::vector<Cell> all;
         for (auto const& cell : cells) {
-            if (cells_.empty() || cells_.back() != cell) {
-                if (cells_.empty() || across(cells_.back()) != across(cell)) rows_.push_back(cells_.size());
-                cells_.push_back(cell);
-                count_.push_back(0);
-            }
-            ++count_.back();
+            if (all.empty() || all.back().at != cell) all.push_back({cell, 0, all.size()});
+            ++all.back().particles;
+        }
+        std::size_t const own = all.size();
+        for (std::size_t i = 0; i < own; ++i) add_images(all, all[i].at, i, periods, 0);
+        std::vector<std::size_t> order(all.size()), place_of(all.size());
+        std::iota(order.begin(), order.end(), std::size_t(0));
+        std::stable_sort(order.begin(), order.end(),
+                         [&](auto a, auto b) { return is_before(all[a].at, all[b].at); });
+        for (std::size_t i = 0; i < order.size(); ++i) place_of[order[i]] = i;
+        for (auto const i : order) {
+            Cell const& cell = all[i];
+            if (cells_.empty() || across(cells_.back()) != across(cell.at)) rows_.push_back(cells_.size());
+            cells_.push_back(cell.at);
+            count_.push_back(cell.particles);
+            image_of_.push_back(place_of[cell.own]);
         }
         rows_.push_back(cells_.size());
         adjacent_.assign(cells_.size(), 0);
@@ -60,17 +70,24 @@ public:
         std::iota(parent_.begin(), parent_.end(), std::size_t(0));
         std::array<int, std::size_t(d - 1)> offset{};
         visit_offsets(offset, 0);
+        for (std::size_t i = 0; i < cells_.size(); ++i) {
+            if (!is_image(i)) continue;
+            parent_[root(i)] = root(image_of_[i]);
+            adjacent_[image_of_[i]] += adjacent_[i];
+        }
     }
 
     Occupancy occupancy()
     {
-        Occupancy found{.cells = cells_.size(), .cells_with = {0}};
+        Occupancy found{.cells_with = {0}};
         std::uint64_t inner = 0, in_inner = 0;
         int all_around = 1;
         for (int a = 0; a < d; ++a) all_around *= 3;
         std::vector<std::uint64_t> in_piece(cells_.size(), 0);
         for (std::size_t i = 0; i < cells_.size(); ++i) {
+            if (is_image(i)) continue;
             std::size_t const n = count_[i];
+            ++found.cells;
             found.particles += n;
             if (found.cells_with.size() <= n) found.cells_with.resize(n + 1, 0);
             ++found.cells_with[n];
@@ -92,6 +109,32 @@ public:
 
 private:
     using Across = std::array<int, std::size_t(d - 1)>;
+    struct Cell
+    {
+        Coordinates<d> at;
+        std::size_t particles; ///< 0: it is the image of a cell beyond the end of a period
+        std::size_t own;       ///< that cell, or itself
+    };
+
+    static bool is_before(Coordinates<d> const& a, Coordinates<d> const& b)
+    {
+        return std::lexicographical_compare(a.data(), a.data() + d, b.data(), b.data() + d);
+    }
+    bool is_image(std::size_t i) const { return image_of_[i] != i; }
+
+    /// Adds the images, beyond the ends of periods, of a cell that lies at their begins.
+    void add_images(std::vector<Cell>& all, Coordinates<d> at, std::size_t own, Periods<d> const& periods,
+                    std::size_t axis) const
+    {
+        for (std::size_t a = axis; a < std::size_t(d); ++a) {
+            int const period = periods.of[a];
+            if (period == 0 || at[int(a)] >= degree_) continue;
+            Coordinates<d> image = at;
+            image[int(a)] += period;
+            all.push_back({image, 0, own});
+            add_images(all, image, own, periods, a + 1);
+        }
+    }
 
     static Across across(Coordinates<d> const& cell)
     {
@@ -130,7 +173,7 @@ private:
             while (first < rows_[other + 1] && cells_[first][d - 1] < at - degree_) ++first;
             for (std::size_t j = first; j < rows_[other + 1] && cells_[j][d - 1] <= at + degree_; ++j) {
                 parent_[root(i)] = root(j);
-                if (!near || std::abs(cells_[j][d - 1] - at) > 1) continue;
+                if (!near || std::abs(cells_[j][d - 1] - at) > 1 || (is_image(i) && is_image(j))) continue;
                 ++adjacent_[i];
                 ++adjacent_[j];
             }
@@ -148,9 +191,17 @@ private:
     std::vector<Coordinates<d>> cells_; ///< each once
     std::vector<std::uint64_t> count_;  ///< particles of each
     std::vector<int> adjacent_;         ///< how many cells around each have particles, too
+    std::vector<std::size_t> image_of_; ///< a cell beyond the end of a period: that at its begin
     std::vector<std::size_t> parent_;
     std::vector<std::size_t> rows_; ///< where rows of cells begin, and the end of the last
 };
+
+/// The occupancy of cells of a lattice by the particles whose cells are listed.
+template <int d>
+Occupancy occupancy_of(std::vector<Coordinates<d>> cells, int degree, Lattice const& lattice)
+{
+    return CellNeighbours<d>(std::move(cells), degree, periods_of<d>(lattice)).occupancy();
+}
 } // namespace detail
 
 } // namespace firn

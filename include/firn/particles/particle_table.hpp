@@ -3,6 +3,7 @@
 
 #include <firn/core/error.hpp>
 #include <firn/grid/lattice.hpp>
+#include <firn/grid/periods.hpp>
 #include <firn/particles/derived_cache.hpp>
 #include <firn/particles/mass_groups.hpp>
 #include <firn/particles/row_ids.hpp>
@@ -64,9 +65,9 @@ public:
     /// All that a table holds.
     struct Contents
     {
-        explicit Contents(Backend const& backend)
+        Contents(Backend const& backend, Periods<d> const& periods)
             : buffer{Buffer(backend), Buffer(backend)}, gathered(backend), mass_groups(backend),
-              cells(backend)
+              cells(backend, periods)
         {}
 
         /// Resizes for `count` particles, and keeps the existing ones; the other buffer needs no contents.
@@ -85,7 +86,8 @@ public:
     };
 
     ParticleTable(Lattice lattice, int kernel_degree, Backend const& backend)
-        : lattice_(lattice), kernel_degree_(kernel_degree), backend_(backend), contents_(backend)
+        : lattice_(lattice), kernel_degree_(kernel_degree), backend_(backend),
+          contents_(backend, periods_of<d>(lattice))
     {}
 
     Lattice const& lattice() const { return lattice_; }

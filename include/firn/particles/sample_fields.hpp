@@ -6,6 +6,7 @@
 #include <firn/core/host_arrays.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/grid/lattice.hpp>
+#include <firn/grid/periods.hpp>
 #include <firn/grid/stencil.hpp>
 #include <firn/math/product.hpp>
 #include <firn/models/several_materials.hpp>
@@ -160,7 +161,7 @@ private:
                 weight *= stencil.weight[std::size_t(a)][k];
                 away[a] = stencil.distance[std::size_t(a)][k] * lattice_.cell_size;
             }
-            use(node, weight, away);
+            use(periods_of<d>(lattice_).wrapped(node), weight, away);
         }
     }
 

@@ -7,6 +7,7 @@
 #include <firn/core/field_sets.hpp>
 #include <firn/core/parameters.hpp>
 #include <firn/grid/lattice.hpp>
+#include <firn/grid/periods.hpp>
 #include <firn/particles/mass_groups.hpp>
 #include <firn/particles/row_ids.hpp>
 #include <firn/particles/storage.hpp>
@@ -133,7 +134,7 @@ template <class Table>
 typename Table::CellOrder cell_order_of(Table const& table,
                                         MaterialSnapshot<typename Table::Number, Table::d> const& from)
 {
-    typename Table::CellOrder cells(table.backend());
+    typename Table::CellOrder cells(table.backend(), periods_of<Table::d>(table.lattice()));
     if (!from.ids.empty()) cells.insert(from.cells, 0);
     return cells;
 }

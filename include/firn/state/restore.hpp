@@ -105,6 +105,10 @@ bool require_fits(Snapshot<Number, d> const& from, Sets const& sets, Lattice con
                                                 from.transfer_parameters, parameters_of(transfer));
     compare("a cell size [m] of", from.lattice.cell_size, lattice.cell_size);
     compare("the origin [m]", from.lattice.origin.transpose().eval(), lattice.origin.transpose().eval());
+    char const* const axes[]{"x", "y", "z"};
+    for (std::size_t a = 0; a < 3; ++a)
+        compare(std::string("a period in cells along ") + axes[a] + " of", from.lattice.periods[a],
+                lattice.periods[a]);
     compare("this many materials:", from.materials.size(), Sets::count + 0);
     Sets::for_each([&](auto k) {
         MaterialSnapshot<Number, d> ours;

@@ -4,6 +4,7 @@
 #include <firn/core/exactly_equal.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/effects/chain.hpp>
+#include <firn/grid/periods.hpp>
 #include <firn/particles/readback.hpp>
 #include <firn/phases/extend_velocities.hpp>
 #include <firn/phases/gather.hpp>
@@ -40,7 +41,7 @@ public:
                                 typename MaterialTraits<k>::Stored, typename MaterialTraits<k>::Derived>;
 
     GridState(Lattice lattice, Transfer const& transfer, Backend const& backend)
-        : lattice_(lattice), transfer_(transfer), backend_(backend), grid_(backend_)
+        : lattice_(lattice), transfer_(transfer), backend_(backend), grid_(backend_, periods_of<d>(lattice))
     {}
 
     Grid& grid() { return grid_; }

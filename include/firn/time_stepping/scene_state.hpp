@@ -4,6 +4,7 @@
 #include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
 #include <firn/core/finite.hpp>
+#include <firn/grid/periods.hpp>
 #include <firn/particles/add_remove.hpp>
 #include <firn/particles/material_sets.hpp>
 #include <firn/particles/readback.hpp>
@@ -40,7 +41,8 @@ public:
     /// An empty scene with the materials of `list`.
     template <class List>
     SceneState(Lattice cells, List list, Transfer const& scheme, Backend runner)
-        : lattice(lattice_for<Number>(cells)), transfer(scheme), backend(std::move(runner)),
+        : lattice(require_whole_periods<typename Sets::CellOrder, d>(lattice_for<Number>(cells))),
+          transfer(scheme), backend(std::move(runner)),
           sets(std::move(list), lattice, Kernel::degree, backend), grid_state(lattice, transfer, backend)
     {}
 

@@ -55,11 +55,15 @@ public:
     };
 
     template <class Backend>
-    explicit CellOrder(Backend const& backend)
-        : queue_(backend.queue()), set_(queue_), begin_(queue_), new_begin_(queue_), order_(queue_),
-          order_before_(queue_), left_(queue_), changes_(queue_), block_begin_(queue_),
-          arrived_begin_(queue_), arrived_(queue_), leavers_(queue_), blocks_before_(queue_), signal_(queue_)
+    explicit CellOrder(Backend const& backend, Periods<d> const& periods = {})
+        : queue_(backend.queue()), periods_(periods.in_blocks(extent)), set_(queue_), begin_(queue_),
+          new_begin_(queue_), order_(queue_), order_before_(queue_), left_(queue_), changes_(queue_),
+          block_begin_(queue_), arrived_begin_(queue_), arrived_(queue_), leavers_(queue_),
+          blocks_before_(queue_), signal_(queue_)
     {}
+
+    /// The cells of a block along an axis, of which a period is a multiple.
+    static constexpr int extent(int) { return Shape::extent; }
 
     Queue const& queue() const { return queue_; }
     std::size_t size() const { return size_; }
@@ -91,7 +95,7 @@ public:
         for (;;) { // again if blocks were missing
             stay_all();
             launch_after("find_cells", queue_, detail::find_cells<d, Number>, groups_of(count, 256), 256,
-                         fresh.view(0), where.data(), first, count, changes(), set_.view());
+                         fresh.view(0), where.data(), first, count, changes(), set_.view(), periods_);
             std::uint32_t const births = set_.births();
             if (births == 0) break;
             add_blocks(births);
@@ -221,9 +225,9 @@ public:
     }
     unsigned char* left() { return left_.data(); }
     detail::Changes changes() { return changes_.view(); }
-    detail::Destinations destinations()
+    detail::Destinations<d> destinations()
     {
-        return {changes(), set_.view(), set_.keys(), is_small() ? 3 : 0, rebins_early()};
+        return {changes(), set_.view(), set_.keys(), periods_, is_small() ? 3 : 0, rebins_early()};
     }
 
     /// What a loop of `groups` groups of threads needs in order to clear the incoming items on its way,
@@ -428,6 +432,7 @@ private:
     }
 
     Queue queue_;
+    Periods<d> periods_; ///< of blocks
     std::size_t size_ = 0;
     bool committed_ = true;
     bool kept_order_ = false; ///< the last rebin kept the previous order

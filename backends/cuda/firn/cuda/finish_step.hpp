@@ -79,7 +79,7 @@ struct MovedOrder
 
     Signal signal;
     Leavers<Number> leavers;
-    Destinations to;
+    Destinations<d> to;
     bool is_to_find;    ///< the loop that moved the leavers did not find their new cells
     BlockBegins begins; ///< no blocks: there are no items
     bool small;

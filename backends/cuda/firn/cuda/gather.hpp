@@ -15,11 +15,11 @@ namespace firn::cuda::detail
 {
 
 /// What the moving loop writes beside what the phase does.
-template <class Number, class Result>
+template <class Number, int d, class Result>
 struct Moved
 {
     Leavers<Number> leavers;
-    Destinations to;
+    Destinations<d> to;
     unsigned char* left;
     ResultsOfGroups<Result> results;
 };
@@ -29,7 +29,7 @@ struct Moved
 template <class Order, class GridType, class Phase>
 __global__ void __launch_bounds__(most_teams_that_move<Phase>* block_threads, 1)
     move(Signal signal, Phase phase, typename Order::View cells, typename GridType::View grid,
-         Moved<typename GridType::Number, typename Phase::Result> moved)
+         Moved<typename GridType::Number, Phase::d, typename Phase::Result> moved)
 {
     using Tile = typename GridType::TileShape;
     Signal::Heard const heard = signal.hear();

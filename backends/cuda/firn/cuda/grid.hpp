@@ -15,19 +15,20 @@ namespace detail
 /// Requests the blocks of nodes under some blocks of cells.
 template <int d>
 __global__ void want_nodes(std::uint64_t const* cell_keys, std::uint32_t first, std::uint32_t blocks,
-                           BlockSet::View nodes)
+                           BlockSet::View nodes, Periods<d> periods)
 {
     std::uint32_t const b = first + (blockIdx.x * blockDim.x + threadIdx.x) / (1u << d);
     if (b >= blocks) return;
     Coordinates<d> block = block_of_key<d>(cell_keys[b]);
     for (int a = 0; a < d; ++a) block[a] += static_cast<int>(threadIdx.x >> (d - 1 - a) & 1);
-    nodes.want(block_key<d>(block));
+    nodes.want(block_key<d>(periods.wrapped(block)));
 }
 
 /// Connects some blocks of cells to the blocks of nodes under them.
 template <int d>
 __global__ void tie(std::uint64_t const* cell_keys, std::uint32_t first, std::uint32_t blocks,
-                    BlockSet::View nodes, std::uint32_t* nodes_of, std::uint32_t* covered_by)
+                    BlockSet::View nodes, Periods<d> periods, std::uint32_t* nodes_of,
+                    std::uint32_t* covered_by)
 {
     constexpr std::uint32_t corners = 1u << d;
     std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x, b = first + i / corners,
@@ -35,7 +36,7 @@ __global__ void tie(std::uint64_t const* cell_keys, std::uint32_t first, std::ui
     if (b >= blocks) return;
     Coordinates<d> block = block_of_key<d>(cell_keys[b]);
     for (int a = 0; a < d; ++a) block[a] += static_cast<int>(corner >> (d - 1 - a) & 1);
-    std::uint32_t const n = nodes.find(block_key<d>(block));
+    std::uint32_t const n = nodes.find(block_key<d>(periods.wrapped(block)));
     nodes_of[b * corners + corner] = n;
     covered_by[n * corners + corner] = b;
 }
@@ -101,6 +102,7 @@ public:
         Cover layer[layers];
         Values* node_values; ///< per block of nodes
         std::size_t count;   ///< of the values of a layer, if each has its own
+        Periods<d> periods;  ///< of blocks
 
         FIRN_HOST_DEVICE Values* values_of(std::size_t layer_number) const
         {
@@ -162,8 +164,8 @@ public:
     Layer layer(std::size_t of) { return {*this, of}; }
 
     template <class Backend>
-    explicit Grid(Backend const& backend)
-        : Grid(backend.queue(), std::make_index_sequence<static_cast<std::size_t>(layers)>{})
+    explicit Grid(Backend const& backend, Periods<d> const& periods = {})
+        : Grid(backend.queue(), periods, std::make_index_sequence<static_cast<std::size_t>(layers)>{})
     {}
 
     /// Updates the blocks to the orders of cells, one per layer; a block that existed before keeps its sums.
@@ -185,8 +187,11 @@ public:
     std::uint32_t node_blocks() const { return set_.size(); }
     View view() const
     {
-        View view{
-            set_.keys(), {}, const_cast<Values*>(values_.data()), std::size_t(set_.size()) * Shape::cells};
+        View view{set_.keys(),
+                  {},
+                  const_cast<Values*>(values_.data()),
+                  std::size_t(set_.size()) * Shape::cells,
+                  periods_};
         for (std::size_t l = 0; l < layers; ++l)
             view.layer[l] = {tiles_[l].covered_by.data(), tiles_[l].of[0].data()};
         return view;
@@ -209,9 +214,9 @@ public:
 
 private:
     template <std::size_t... l>
-    Grid(Queue const& queue, std::index_sequence<l...>)
-        : queue_(queue), set_(queue), tiles_{(static_cast<void>(l), Tiles(queue))...}, values_(queue),
-          node_results_(queue)
+    Grid(Queue const& queue, Periods<d> const& periods, std::index_sequence<l...>)
+        : queue_(queue), periods_(periods.in_blocks([](int) { return int{Shape::extent}; })),
+          set_(queue), tiles_{(static_cast<void>(l), Tiles(queue))...}, values_(queue), node_results_(queue)
     {}
 
     template <class Order>
@@ -259,7 +264,7 @@ private:
         for (;;) {
             launch_after("want_nodes", queue_, detail::want_nodes<d>,
                          groups_of(std::size_t(blocks - before) * corners, threads), threads,
-                         cells.view().keys, before, blocks, set_.view());
+                         cells.view().keys, before, blocks, set_.view(), periods_);
             std::uint32_t const births = set_.births();
             if (set_.has_room_for(births)) {
                 set_.number(births);
@@ -282,7 +287,7 @@ private:
         tiles.nodes_of.resize(std::size_t(blocks) * corners);
         launch_after("tie", queue_, detail::tie<d>,
                      groups_of(std::size_t(blocks - before) * corners, threads), threads, cells.view().keys,
-                     before, blocks, set_.view(), tiles.nodes_of.data(), tiles.covered_by.data());
+                     before, blocks, set_.view(), periods_, tiles.nodes_of.data(), tiles.covered_by.data());
         std::size_t const count = std::size_t(blocks) * TileShape::nodes,
                           count_before = std::min(tiles.of[0].size(), count);
         tiles.of[0].resize(count);
@@ -292,6 +297,7 @@ private:
     }
 
     Queue queue_;
+    Periods<d> periods_; ///< of blocks
     BlockSet set_;
     std::array<Tiles, static_cast<std::size_t>(layers)> tiles_;
     Array<Values> values_;

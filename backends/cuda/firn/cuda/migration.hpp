@@ -4,6 +4,7 @@
 #include <firn/cuda/changes.hpp>
 #include <firn/cuda/signal.hpp>
 #include <firn/cuda/tuning.hpp>
+#include <firn/grid/periods.hpp>
 
 #include <array>
 #include <cstdint>
@@ -58,11 +59,13 @@ struct ArrivalsToForget
 };
 
 /// Where leavers find their new cells.
+template <int d>
 struct Destinations
 {
     Changes changes;
     BlockSet::View set;
     std::uint64_t const* keys; ///< of blocks
+    Periods<d> periods;        ///< of blocks
     int ahead;                 ///< with each missing block, this many beyond it are requested too
     bool at_once;              ///< the loop that moves items also searches; otherwise end_step does
 };
@@ -83,7 +86,7 @@ __device__ void arrive(Leavers<Number> const& leavers, Changes const& changes, s
 
 /// Finds the new cell of a leaver from the cell `from`, or requests its block.
 template <int d, class Number>
-__device__ void find_new_cell(Leavers<Number> const& leavers, Destinations const& to, std::uint32_t leaver,
+__device__ void find_new_cell(Leavers<Number> const& leavers, Destinations<d> const& to, std::uint32_t leaver,
                               std::uint32_t from, std::uint32_t way)
 {
     using Shape = BlockShape<d>;
@@ -98,11 +101,12 @@ __device__ void find_new_cell(Leavers<Number> const& leavers, Destinations const
     }
     if (leaves_block) {
         Coordinates<d> const there = block_of_key<d>(to.keys[block]) + beyond;
-        std::uint64_t const key = block_key<d>(there);
+        std::uint64_t const key = block_key<d>(to.periods.wrapped(there));
         block = to.set.find(key);
         if (block == absent) {
             to.set.want(key);
-            for (int i = 1; i <= to.ahead; ++i) to.set.want(block_key<d>(there + i * beyond));
+            for (int i = 1; i <= to.ahead; ++i)
+                to.set.want(block_key<d>(to.periods.wrapped(there + i * beyond)));
             return;
         }
     }
@@ -112,7 +116,7 @@ __device__ void find_new_cell(Leavers<Number> const& leavers, Destinations const
 /// The same for new items, which come with their cells.
 template <int d, class Number>
 __global__ void find_cells(Leavers<Number> leavers, std::array<int, d> const* cells, std::uint32_t first,
-                           std::uint32_t count, Changes changes, BlockSet::View set)
+                           std::uint32_t count, Changes changes, BlockSet::View set, Periods<d> periods)
 {
     using Shape = BlockShape<d>;
     std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
@@ -122,7 +126,7 @@ __global__ void find_cells(Leavers<Number> leavers, std::array<int, d> const* ce
         in_block[a] = cells[i][a] & (Shape::extent - 1);
         cell[a] = cells[i][a] >> Shape::bits;
     }
-    std::uint64_t const key = block_key<d>(cell);
+    std::uint64_t const key = block_key<d>(periods.wrapped(cell)); // of the block
     std::uint32_t const block = set.find(key);
     if (block == absent) {
         set.want(key);
@@ -141,7 +145,7 @@ static __global__ void __launch_bounds__(64) forget_all_incoming(Signal signal, 
 
 /// Finds the new cells of all leavers; called by each of several groups of threads.
 template <int d, class Number>
-__device__ void find_new_cells(Leavers<Number> const& leavers, Destinations const& to, std::uint32_t group,
+__device__ void find_new_cells(Leavers<Number> const& leavers, Destinations<d> const& to, std::uint32_t group,
                                std::uint32_t groups)
 {
     std::uint32_t const all = leavers.counters->departed, noted = all < leavers.most ? all : leavers.most;

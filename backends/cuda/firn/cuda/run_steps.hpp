@@ -42,8 +42,8 @@ Partial<typename Phase::Result> start_moving(Order& cells, LayerType const& laye
     // The most this loop ever needs: several host threads may set it concurrently, so all set the same.
     constexpr std::size_t most = Tiles::bytes(true, true, Tiles::teams(0, most_teams));
     if constexpr (most + declared > given_shared) allow_shared(loop, most);
-    Moved<typename LayerType::Number, Result> const moved{leavers, cells.destinations(), cells.left(),
-                                                          results};
+    Moved<typename LayerType::Number, Phase::d, Result> const moved{leavers, cells.destinations(),
+                                                                    cells.left(), results};
     launch("move", cells.queue(), loop, layer.blocks(), teams, shared, signal, phase, cells.view(),
            layer.view(), moved);
     return layer.item_results().template partial<Result>();

@@ -66,8 +66,8 @@ sum_of_tiles(typename GridType::View const& grid, std::uint32_t n, Coordinates<d
 
 /// The block of a node, and the node's place in it.
 template <class GridType, int d>
-__device__ __forceinline__ std::uint32_t block_of(BlockSet::View const& blocks, Coordinates<d> const& node,
-                                                  Coordinates<d>& here)
+__device__ __forceinline__ std::uint32_t block_of(BlockSet::View const& blocks, Periods<d> const& periods,
+                                                  Coordinates<d> const& node, Coordinates<d>& here)
 {
     using Shape = typename GridType::Shape;
     Coordinates<d> block;
@@ -76,7 +76,7 @@ __device__ __forceinline__ std::uint32_t block_of(BlockSet::View const& blocks, 
         block[a] = at >> Shape::bits;
         here[a] = at & (Shape::extent - 1);
     }
-    return blocks.find(block_key<d>(block));
+    return blocks.find(block_key<d>(periods.wrapped(block)));
 }
 
 /// One node that reads the sums of others.
@@ -103,7 +103,7 @@ public:
         Coordinates<d> node = first;
         node[d - 1] += static_cast<int>(along);
         Coordinates<d> here;
-        std::uint32_t const n = block_of<GridType, d>(blocks_, node, here);
+        std::uint32_t const n = block_of<GridType, d>(blocks_, grid_.periods, node, here);
         typename GridType::Sums sums{};
         bool any = false;
         if (n != absent) sums = sum_of_tiles<GridType, d>(grid_, n, here, any);
@@ -145,7 +145,7 @@ public:
     {
         if (!which) return 0;
         Coordinates<d> here;
-        std::uint32_t const n = block_of<GridType, d>(blocks_, at_ + step, here);
+        std::uint32_t const n = block_of<GridType, d>(blocks_, grid_.periods, at_ + step, here);
         typename GridType::Sums sums{};
         bool any = false;
         if (n != absent) add_tiles<GridType, d>(grid_.layer[layer], n, here, sums, any);

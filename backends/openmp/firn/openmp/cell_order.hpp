@@ -51,8 +51,14 @@ public:
 
     /// `backend` says how many threads work.
     template <class Backend>
-    explicit CellOrder(Backend const& backend) : threads_(backend.all_threads())
+    explicit CellOrder(Backend const& backend, Periods<d> const& periods = {})
+        : threads_(backend.all_threads()), periods_(periods.in_blocks(Shape::extent))
     {}
+
+    /// The cells of a block along an axis, of which a period is a multiple.
+    static constexpr int extent(int axis) { return Shape::extent(axis); }
+    /// Those of blocks.
+    Periods<d> const& periods() const { return periods_; }
 
     std::size_t size() const { return blocks().empty() ? 0 : blocks().back().end; }
     std::span<Block const> blocks() const { return blocks_.now(); }
@@ -136,7 +142,7 @@ public:
         leavers.reserve(cells.size());
         for (std::size_t i = 0; i < cells.size(); ++i) {
             auto const [block, place] = block_and_place(cells[i]);
-            migration_.insert(block_key<d>(block), leavers.data() + i);
+            migration_.insert(block_key<d>(periods_.wrapped(block)), leavers.data() + i);
             leavers.push_back({static_cast<std::uint32_t>(first + i), place, here<d>, nullptr});
         }
         rearrange(size() + cells.size());
@@ -172,7 +178,7 @@ public:
     /// the new order. The contents of blocks must not be read before complete().
     void begin_rebin(std::array<Offset*, std::size_t(d)> const& offset)
     {
-        migration_.list_flows(blocks());
+        migration_.list_flows(blocks(), periods_);
         find_blocks(size(), offset);
     }
 
@@ -316,6 +322,7 @@ private:
     }
 
     Threads threads_;
+    Periods<d> periods_;
     mutable Workspace workspace_;
     bool committed_ = true, is_incomplete_ = false;
     std::array<Offset*, std::size_t(d)> offset_{}; ///< of the items being rebinned

@@ -154,7 +154,8 @@ public:
     static constexpr int layers = layer_count;
 
     template <class Backend>
-    explicit Grid(Backend const&)
+    explicit Grid(Backend const&, Periods<d> const& periods = {})
+        : periods_(periods.in_blocks(Base::Shape::extent))
     {}
 
     /// A block of nodes with the blocks of cells that add to it.
@@ -257,7 +258,7 @@ public:
     }
 
     /// The index of the block of nodes with these coordinates, or absent.
-    int find(Coordinates<d> const& block) const { return map_.find(block_key<d>(block)); }
+    int find(Coordinates<d> const& block) const { return map_.find(block_key<d>(periods_.wrapped(block))); }
 
     /// The sums of one node, wherever it is: those of its row, or zeros.
     void sums_at(Coordinates<d> const& node, Number (&found)[std::size_t(sums)]) const
@@ -350,7 +351,7 @@ private:
             for (int corner = 0; corner < corners; ++corner) {
                 Coordinates<d> at = cells.blocks()[b].coordinates;
                 for (int a = 0; a < d; ++a) at[a] += offset(corner)[a];
-                tiles.nodes_of[b][std::size_t(corner)] = node_block(at);
+                tiles.nodes_of[b][std::size_t(corner)] = node_block(periods_.wrapped(at));
                 owners.resize(nodes_.size(), static_cast<std::uint32_t>(tiles.nodes_of[b][0]));
             }
     }
@@ -380,6 +381,7 @@ private:
         return index;
     }
 
+    Periods<d> periods_; ///< of blocks
     std::vector<NodeBlock> nodes_;
     std::vector<std::uint32_t> by_owner_, owner_begin_{0};
     BlockMap map_;

@@ -3,6 +3,7 @@
 
 #include <firn/core/cell_offset.hpp>
 #include <firn/grid/lattice.hpp>
+#include <firn/grid/periods.hpp>
 #include <firn/openmp/block_map.hpp>
 #include <firn/openmp/leavers.hpp>
 #include <firn/openmp/tuning.hpp>
@@ -143,7 +144,7 @@ public:
     /// Lists the leavers by the blocks that they come to; those of each block are already sorted by
     /// direction.
     template <class Blocks>
-    void list_flows(Blocks const& blocks)
+    void list_flows(Blocks const& blocks, Periods<d> const& periods)
     {
         flows_.clear();
         for (std::size_t b = 0; b < outflows_.size(); ++b) {
@@ -152,8 +153,8 @@ public:
             for (int direction = 0; direction < directions<d>; ++direction) {
                 std::uint32_t const count = outflows_[b].to[std::size_t(direction)];
                 if (count == 0) continue;
-                flows_.push_back({block_key<d>(neighbour<d>(blocks[b].coordinates, direction)), first, count,
-                                  BlockMap::absent});
+                auto const there = periods.wrapped(neighbour<d>(blocks[b].coordinates, direction));
+                flows_.push_back({block_key<d>(there), first, count, BlockMap::absent});
                 first += count;
             }
         }

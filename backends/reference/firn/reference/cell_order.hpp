@@ -4,6 +4,7 @@
 #include <firn/core/cell_offset.hpp>
 #include <firn/core/components.hpp>
 #include <firn/grid/lattice.hpp>
+#include <firn/grid/periods.hpp>
 #include <firn/reference/array.hpp>
 
 #include <algorithm>
@@ -53,7 +54,10 @@ public:
     static constexpr double largest_coordinate = d == 3 ? 4.0e6 : 1.0e9;
     static constexpr std::size_t bytes_per_item = sizeof(Entry);
 
-    explicit CellOrder(Reference const&) {}
+    explicit CellOrder(Reference const&, Periods<d> const& periods = {}) : periods_(periods) {}
+
+    /// The cells that are stored together along an axis, of which a period is a multiple.
+    static constexpr int extent(int) { return 1; }
 
     std::size_t size() const { return entries_.size(); }
     Entry const& operator[](std::size_t slot) const
@@ -67,7 +71,7 @@ public:
     {
         assert(!committed_ && "items that moved have been rebinned");
         leavers.clear();
-        for (auto const& cell : cells) entries_.push_back({cell, first++});
+        for (auto const& cell : cells) entries_.push_back({periods_.wrapped(cell), first++});
         sort();
     }
 
@@ -93,6 +97,7 @@ public:
             entries_[slot].place = slot;
             for (int a = 0; a < d; ++a)
                 entries_[slot].cell[a] += CellOffset<Number>::wrap(offset[std::size_t(a)][slot]);
+            entries_[slot].cell = periods_.wrapped(entries_[slot].cell);
         }
         committed_ = false;
         sort();
@@ -130,6 +135,7 @@ private:
 
     std::vector<Entry> entries_; ///< by slot
     bool committed_ = false;     ///< whether items lie at their slots
+    Periods<d> periods_;
 };
 
 /// One item, as a phase sees it, with `channels` values of scratch. It has both roles: that of items side by

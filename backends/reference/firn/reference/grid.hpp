@@ -3,6 +3,7 @@
 
 #include <firn/core/components.hpp>
 #include <firn/grid/lattice.hpp>
+#include <firn/grid/periods.hpp>
 #include <firn/reference/array.hpp>
 
 #include <algorithm>
@@ -36,7 +37,7 @@ public:
     static constexpr int width = degree + 1, rows = d == 3 ? width * width : width;
 
     Stencil() = default;
-    /// `find(key)` says where the numbers of a node are.
+    /// `find(node)` says where its numbers are.
     template <class Find>
     Stencil(Coordinates<d> const& cell, Find const& find)
     {
@@ -47,7 +48,7 @@ public:
                 node[0] += d == 3 ? row / width : row;
                 if (d == 3) node[1] += row % width;
                 node[d - 1] += k;
-                node_[k][row] = find(key_of<d>(node));
+                node_[k][row] = find(node);
             }
     }
 
@@ -76,22 +77,30 @@ public:
     {
         NodeMap<Sums, d>&sums_now, &next_sums;
         NodeMap<Values, d> const& node_values;
+        Periods<d> periods;
 
         /// The values around a cell; all of these nodes have been updated.
         Stencil<Number const, d, degree> values_around(Coordinates<d> const& cell) const
         {
-            return {cell, [&](auto const& key) { return node_values.at(key).data(); }};
+            return {cell, [&](auto const& node) {
+                        return node_values.at(key_of<d>(periods.wrapped(node))).data();
+                    }};
         }
         /// The sums around a cell, of this step or of the next one.
         Stencil<double, d, degree> sums_around(Coordinates<d> const& cell, NodeMap<Sums, d>& of) const
         {
-            return {cell, [&](auto const& key) { return of[key].data(); }};
+            return {cell, [&](auto const& node) { return of[key_of<d>(periods.wrapped(node))].data(); }};
         }
     };
 
-    explicit Grid(Reference const&) {}
+    explicit Grid(Reference const&, Periods<d> const& periods = {}) : periods_(periods) {}
 
-    Layer layer(std::size_t of) { return {now_[of], next_[of], values_[own_values ? of : 0]}; }
+    Layer layer(std::size_t of) { return {now_[of], next_[of], values_[own_values ? of : 0], periods_}; }
+    /// A node's key.
+    std::array<int, std::size_t(d)> key(Coordinates<d> const& node) const
+    {
+        return key_of<d>(periods_.wrapped(node));
+    }
 
     /// Prepares the nodes for a step: the values of the last one are not needed any more.
     template <class Orders>
@@ -136,6 +145,7 @@ public:
 private:
     std::array<NodeMap<Sums, d>, std::size_t(layers)> now_, next_; ///< by layer
     std::array<NodeMap<Values, d>, own_values ? std::size_t(layers) : 1> values_;
+    Periods<d> periods_;
 };
 
 /// One node, as a phase sees it that tells layers apart.
@@ -152,7 +162,7 @@ public:
     Real sum(std::size_t layer, int channel) const { return sum_at(layer, channel, at_); }
     Real sum_beside(std::size_t layer, int channel, Coordinates<d> const& step, bool) const
     {
-        return sum_at(layer, channel, key_of<d>(first() + step));
+        return sum_at(layer, channel, grid_.key(first() + step));
     }
     void set(std::size_t layer, int channel, Real value)
     {
