@@ -129,7 +129,7 @@ struct RestStates
 
     Matrix<Number, d> solid(double pressure, std::size_t place) const
     {
-        auto state = State::at_rest();
+        auto state = state_of_new<State>(model);
         auto const stress = [&](double across, double along) {
             state[DisplacementGradient{}] = gradient(across, along);
             Matrix<double, d> const tau = stress_of_state<d>(model, state);
@@ -155,7 +155,7 @@ struct RestStates
 
     Number fluid(double pressure, std::size_t place) const
     {
-        auto state = State::at_rest();
+        auto state = state_of_new<State>(model);
         Vector<double, 2> log_J = guess(pressure); // and nothing
         bool const found = !(pressure > 0) || solve(log_J, pressure, [&](Vector<double, 2> const& logarithm) {
             state[LogVolumeRatio{}] = logarithm[0];
@@ -170,7 +170,7 @@ private:
     /// The strains of about a pressure from all sides.
     Vector<double, 2> guess(double pressure) const
     {
-        auto state = State::at_rest();
+        auto state = state_of_new<State>(model);
         double const strain =
             -pressure / d /
             model.template respond<double>(state, zeros<Matrix<double, d>>(), 0.0).wave_modulus;

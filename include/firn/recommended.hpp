@@ -5,6 +5,7 @@
 #include <firn/models/bodies.hpp>
 #include <firn/models/heterogeneous.hpp>
 #include <firn/models/materials.hpp>
+#include <firn/models/varied.hpp>
 #include <firn/solver.hpp>
 #include <firn/transfer/flip.hpp>
 
@@ -76,6 +77,13 @@ struct Recommended<Fluid<Space>> : Recommended<void>
 /// Like the solid whose moduli it varies.
 template <class Model>
 struct Recommended<Heterogeneous<Model>> : Recommended<Model>
+{
+    static constexpr bool is_measured = false;
+};
+
+/// Like the material of which parameters vary.
+template <class Model, class... Tags>
+struct Recommended<Varied<Model, Tags...>> : Recommended<Model>
 {
     static constexpr bool is_measured = false;
 };

@@ -35,7 +35,7 @@ cstring: memcpy memset
 exception: current_exception exception exception_ptr rethrow_exception
 filesystem: filesystem
 fstream: ifstream ofstream
-functional: equal_to function
+functional: equal_to function less
 initializer_list,array,vector,string: initializer_list
 iterator: back_inserter input_iterator_tag istreambuf_iterator prev
 fstream,istream,sstream: istream

@@ -79,6 +79,7 @@ TEST_CASE("what is recommended for a material holds with factors of its moduli, 
 {
     using Room = Space<3, double>;
     CHECK(std::is_same_v<Recommended<Heterogeneous<Sand<Room>>>::Transfer, Flip>);
+    CHECK(std::is_same_v<Recommended<Varied<Sand<Room>, OwnCone>>::Transfer, Flip>);
     CHECK(std::is_same_v<Recommended<Materials<Snow<Room>, Sand<Room>>>::Kernel, QuadraticBSpline>);
     CHECK(std::is_same_v<Recommended<Materials<Snow<Room>, Sand<Room>>>::Transfer, Mls>);
     CHECK(std::is_same_v<Recommended<Bodies<Snow<Room>, Sand<Room>>>::Kernel, QuadraticBSpline>);

@@ -39,6 +39,16 @@ concept ObjectsToStates = requires(Model const model, Particle const state)
         } -> std::convertible_to<std::string>;
 };
 
+/// The state of a new particle of a material: its fields at rest, of which a model may set some by
+/// `set_defaults(particle)`, where they are its own parameters.
+template <class State, class Model>
+State state_of_new(Model const& model)
+{
+    auto state = State::at_rest();
+    if constexpr (requires { model.set_defaults(state); }) model.set_defaults(state);
+    return state;
+}
+
 /// A material that tells its elastic energy per volume at rest [J/m^3], of which its stress is the
 /// derivative.
 template <class Model, class Real, class Particle>

@@ -8,6 +8,7 @@
 #include <firn/core/host_device.hpp>
 #include <firn/grid/lattice.hpp>
 #include <firn/grid/world_layout.hpp>
+#include <firn/models/response.hpp>
 #include <firn/particles/mass_groups.hpp>
 #include <firn/particles/row_ids.hpp>
 #include <firn/particles/storage.hpp>
@@ -66,10 +67,11 @@ std::vector<CellPosition<Table::d>> locate_all(Table const& table, Points const&
     return located;
 }
 
-/// Writes new particles behind the existing ones, where there is room: with a velocity, otherwise at rest.
+/// Writes new particles behind the existing ones, where there is room: with a velocity, and otherwise as a
+/// new particle is.
 template <class Table, int d = Table::d, class Number = typename Table::Number>
 void place(Table& table, std::vector<CellPosition<d>> const& located, std::uint32_t first,
-           Vector<Number, d> const& velocity)
+           Vector<Number, d> const& velocity, Record<Number, d, typename Table::PersistentFields> stored)
 {
     auto& buffer = table.contents().buffer[0];
     std::size_t const count = located.size();
@@ -81,7 +83,6 @@ void place(Table& table, std::vector<CellPosition<d>> const& located, std::uint3
     std::vector<std::uint32_t> rows(count);
     std::iota(rows.begin(), rows.end(), first);
     buffer.id.upload(first, rows);
-    auto stored = Record<Number, d, typename Table::PersistentFields>::at_rest();
     auto derived = Record<Number, d, typename Table::DerivedFields>::at_rest();
     if constexpr (Table::PersistentFields::template contains<Velocity>)
         stored[Velocity{}] = velocity;
@@ -93,16 +94,17 @@ void place(Table& table, std::vector<CellPosition<d>> const& located, std::uint3
 }
 } // namespace detail
 
-/// Adds particles with a velocity, otherwise at rest, whose ids begin with `first_id`; see Solver::add. The
-/// points are in the world with this centre. Returns how many.
-template <class Table, class Points>
-FIRN_COLD std::size_t add_particles(Table& table, Points const& points, Volumes const& volumes,
-                                    double density, Vector<double, Table::d> const& velocity,
+/// Adds particles of a model with a velocity, otherwise at rest, whose ids begin with `first_id`; see
+/// Solver::add. The points are in the world with this centre. Returns how many.
+template <class Table, class Model, class Points>
+FIRN_COLD std::size_t add_particles(Table& table, Model const& model, Points const& points,
+                                    Volumes const& volumes, Vector<double, Table::d> const& velocity,
                                     std::uint32_t first_id, MassScale& scale,
                                     Coordinates<Table::d> const& centre)
 {
     constexpr int d = Table::d;
     using Number = typename Table::Number;
+    double const density(model.density);
     std::vector<CellPosition<d>> const located = detail::locate_all(table, points, centre);
     volumes.validate(located.size());
     Vector<Number, d> const same_velocity = vector_of<Number, d>(velocity);
@@ -120,7 +122,8 @@ FIRN_COLD std::size_t add_particles(Table& table, Points const& points, Volumes 
 
     to.resize_buffers(count);
     to.gathered.resize(count);
-    detail::place(table, located, first, same_velocity);
+    detail::place(table, located, first, same_velocity,
+                  state_of_new<Record<Number, d, typename Table::PersistentFields>>(model));
     std::vector<Coordinates<d>> cells(located.size());
     for (std::size_t i = 0; i < located.size(); ++i) cells[i] = located[i].cell;
     RowIds ids = to.ids.extended(table.size(), located.size(), first_id);

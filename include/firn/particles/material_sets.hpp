@@ -257,7 +257,7 @@ public:
     template <std::size_t k, class Particle>
     Response<Number, d> response(Particle const& particle) const
     {
-        auto state = StateOf<k>::at_rest();
+        auto state = state_of_new<StateOf<k>>(model<k>());
         for_each_tag(typename MaterialTraits<k>::Model::State{},
                      [&](auto tag) { state[tag] = particle[tag]; });
         return response_of<k>(state);
@@ -265,7 +265,7 @@ public:
     template <std::size_t k>
     Response<Number, d> response_at_rest() const
     {
-        return response_of<k>(StateOf<k>::at_rest());
+        return response_of<k>(state_of_new<StateOf<k>>(model<k>()));
     }
 
     /// The speed of waves [m/s] of a modulus [Pa].

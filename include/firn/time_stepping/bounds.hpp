@@ -31,7 +31,9 @@ controller_of_materials(Sets const& sets, Transfer const& transfer, StepControl 
     Sets::for_each([&](auto k) {
         auto const& model = sets.template model<k>();
         double expansion_ratio = Sets::d; // the largest possible, for models that do not declare one
-        if constexpr (requires { model.elasticity.expansion_ratio(Sets::d); })
+        if constexpr (requires { model.expansion_ratio(Sets::d); })
+            expansion_ratio = model.expansion_ratio(Sets::d);
+        else if constexpr (requires { model.elasticity.expansion_ratio(Sets::d); })
             expansion_ratio = model.elasticity.expansion_ratio(Sets::d);
         MaterialLimits& limits = controller.limits[k];
         limits.wave = isolated_limit<Kernel, Transfer>(expansion_ratio);

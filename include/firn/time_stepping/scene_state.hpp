@@ -91,9 +91,8 @@ public:
     {
         cache_grid_fields();
         if (size() == 0) masses = {}; // there are none to compare with
-        std::size_t const added =
-            add_particles(particles<k>(), points, volumes, double(sets.template model<k>().density), velocity,
-                          next_id, masses, centre);
+        std::size_t const added = add_particles(particles<k>(), sets.template model<k>(), points, volumes,
+                                                velocity, next_id, masses, centre);
         if (added == 0) return 0;
         next_id += static_cast<std::uint32_t>(added);
         grid_state.forget();
