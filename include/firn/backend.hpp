@@ -201,7 +201,8 @@ concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::t
 //   depart(which, zero_from, channels)     items leave their cells: scatter_leavers() scatters so many
 //                                          channels of their scratch, with their new offsets as the first d.
 //                                          Here channels from `zero_from` on become 0
-//   first(), along()                       the coordinates of a cell, and the way from it to the lanes' own
+//   first(), along()                       the coordinates of a cell, and the way from it to the lanes' own:
+//                                          0 to 7 cells along an axis, and as many as lanes along the last
 //   at_the_edge()                          whether an item might leave the range of coordinates
 //   expect_load(array), expect_store(array)   say what comes next
 //

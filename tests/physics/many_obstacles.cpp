@@ -52,7 +52,7 @@ Obstacle<Sphere> const ball{
     .contact = Contact::coulomb(0.5),
     .motion = {.position = {0.42, 0.1, 0.1}, .velocity = {-0.4, 0, 0}, .angular_velocity = {0, 0, 3}}};
 Obstacle<Box> const crate{
-    .shape = {{0.1, 0.2, 1}}, .contact = Contact::sticky(), .motion = {.position = {-0.12, 0.1, 0}}};
+    .shape = {{0.1, 0.2, 1}}, .contact = Contact::sticky(), .motion = {.position = {-0.09, 0.1, 0}}};
 
 Obstacles<> all_of_them()
 {
@@ -75,34 +75,129 @@ struct RightOf
     }
 };
 
-/// Compares obstacles that are arguments each with those that are one, for a while.
+/// Compares obstacles that are arguments each with those that are one or two, for a while: `apart` and
+/// `together` advance a solver with them.
 template <class SolverType>
-void compare(double tolerance)
+void compare(double tolerance, auto const& advance_apart, auto const& advance_together)
 {
     auto one_by_one = block<SolverType>(), together = block<SolverType>();
-    Obstacles<> const all = all_of_them();
     double const mass = 1000 * std::pow(0.3, SolverType::d);
-    double received = 0;
+    std::vector<int> received;
     for (int i = 0; i < 8; ++i) {
-        auto const expected = one_by_one.advance(0.02, Gravity{}, ground, ball, crate);
-        auto const found = together.advance(0.02, Gravity{}, all);
+        auto const expected = advance_apart(one_by_one), found = advance_together(together);
         CHECK(found.substeps == expected.substeps);
-        REQUIRE(found.reactions.size() == 3);
-        for (std::size_t k = 0; k < 3; ++k) {
+        REQUIRE(found.reactions.size() == expected.reactions.size());
+        received.resize(expected.reactions.size());
+        for (std::size_t k = 0; k < expected.reactions.size(); ++k) {
             CHECK(agree(found.reactions[k], expected.reactions[k], tolerance * mass));
-            received += k > 0 && expected.reactions[k].impulse.norm() > 0.01 * mass;
+            received[k] += expected.reactions[k].impulse.norm() > 0.01 * mass;
         }
     }
     CHECK(apart(one_by_one, together) <= tolerance);
-    CHECK(received > 2); // or nothing would have been compared
+    for (int const calls : received) CHECK(calls > 0); // or nothing would have been compared
+}
+
+/// The same obstacles, of which all act on particles but the ground, and shells: one that drives through the
+/// block, and a large one around it.
+Obstacle<Shell<Sphere>> const bowl{.shape = {{0.24}, 0.002},
+                                   .contact = Contact::coulomb(0.2),
+                                   .motion = {.position = {0.15, 0.2, 0.1}, .velocity = {0.1, 0, 0}}};
+Obstacle<Shell<Box>> const sheet{.shape = {{{0.001, 0.15, 0.2}}, 0.001},
+                                 .motion = {.position = {0.05, 0.2, 0.1}, .velocity = {1, 0, 0}}};
+template <class ShapeType>
+Obstacle<ShapeType> on_particles(Obstacle<ShapeType> obstacle)
+{
+    obstacle.on_particles = true;
+    return obstacle;
+}
+template <class SolverType>
+void compare_on_particles(double tolerance)
+{
+    auto const hard_ball = on_particles(ball);
+    auto const hard_crate = on_particles(crate);
+    compare<SolverType>(
+        tolerance,
+        [&](auto& solver) {
+            return solver.advance(0.02, sheet, Gravity{}, ground, hard_ball, hard_crate, bowl);
+        },
+        [&](auto& solver) {
+            Obstacles<Shell<Box>> const sheets{{sheet}};
+            Obstacles<> solids = all_of_them();
+            for (std::size_t i = 1; i < 3; ++i) solids.list[i].on_particles = true;
+            return solver.advance(0.02, sheets, Gravity{}, solids, bowl);
+        });
 }
 
 } // namespace
 
 TEST_CASE("obstacles in one argument act as if each were an argument of its own")
 {
-    compare<InPlane>(1e-11);
-    compare<InSpace>(1e-4);
+    auto const apart = [](auto& solver) { return solver.advance(0.02, Gravity{}, ground, ball, crate); };
+    auto const together = [](auto& solver) { return solver.advance(0.02, Gravity{}, all_of_them()); };
+    compare<InPlane>(1e-11, apart, together);
+    compare<InSpace>(1e-4, apart, together);
+}
+
+TEST_CASE("solids and shells in one argument act on particles as if each were an argument of its own")
+{
+    compare_on_particles<InPlane>(1e-9);
+    compare_on_particles<InSpace>(2e-3);
+}
+
+TEST_CASE("no particle gets into one of many obstacles that act on particles, wherever they lie and move")
+{
+    auto solver = block<InPlane>();
+    Obstacles<> balls;
+    for (int i = 0; i < 300; ++i)
+        balls.list.push_back({.shape = Sphere{0.03 + 0.0001 * (i % 30)},
+                              .contact = Contact::coulomb(0.1 * (i % 5)),
+                              .motion = {.position = {0.45 + 0.15 * (i % 20), 0.15 * (i / 20) - 1, 0},
+                                         .velocity = {-2, 0.2, 0},
+                                         .time = 0},
+                              .on_particles = i % 7 != 0});
+    std::vector<int> touched(balls.list.size());
+    double deepest = 0;
+    for (int call = 0; call < 8; ++call) {
+        auto const report = solver.advance(0.02, balls);
+        for (std::size_t k = 0; k < balls.list.size(); ++k) {
+            touched[k] += report.reactions[k].impulse.norm() > 0;
+            auto const& one = balls.list[k];
+            auto const centre = one.motion.at(solver.time()).position;
+            if (!one.on_particles) continue;
+            for (auto const& x : solver.positions())
+                deepest = std::max(deepest, one.shape.as<Sphere>()->radius - (x - centre.head<2>()).norm());
+        }
+    }
+    CHECK(deepest <= 1e-5 * h);
+    CHECK(std::count_if(touched.begin(), touched.end(), [](int calls) { return calls > 0; }) > 5);
+}
+
+TEST_CASE("particles leave obstacles of a group that are laid over them, by a quarter of a cell for each")
+{
+    for (int const many : {1, 3}) {
+        auto solver = block<InPlane>();
+        Obstacles<Sphere> balls;
+        for (int i = 0; i < many; ++i)
+            balls.list.push_back({.shape = {0.12},
+                                  .motion = {.position = {0.15, 0.17, 0}, .velocity = {0.5, 0, 0}, .time = 0},
+                                  .on_particles = true});
+        double inside = 0;
+        for (int i = 0; i < 20; ++i) {
+            auto const before = solver.positions();
+            double const start = solver.time();
+            solver.step(1e-4, balls);
+            auto const after = solver.positions();
+            Eigen::Vector2d const centre(0.15 + 0.5 * solver.time(), 0.17);
+            double furthest = 0;
+            inside = 0;
+            for (std::size_t k = 0; k < after.size(); ++k) {
+                furthest = std::max(furthest, (after[k] - before[k]).norm());
+                inside = std::max(inside, 0.12 - (after[k] - centre).norm());
+            }
+            CHECK(furthest <= 0.25 * many * h + 10 * (solver.time() - start));
+        }
+        CHECK(inside <= 1e-5 * h);
+    }
 }
 
 TEST_CASE("reactions are in the order of arguments, groups and fixed obstacles mixed")
@@ -180,7 +275,8 @@ TEST_CASE("an obstacle that crosses the scene in one call is met wherever it com
 TEST_CASE("a step that failed leaves no trace in reactions")
 {
     auto solver = block<InPlane>();
-    Obstacles<> const all = all_of_them();
+    Obstacles<> all = all_of_them();
+    for (std::size_t i = 1; i < 3; ++i) all.list[i].on_particles = true;
     solver.advance(0.05, Gravity{}, all);
     CHECK_THROWS_AS(solver.step(0.5, Gravity{}, all), StepError);
     Totals const before(solver);
@@ -204,8 +300,33 @@ TEST_CASE("obstacles of a group that make no sense are refused by their number")
     refuses([](auto& one) { one.shape = Sphere{-1}; }, "radius");
     refuses([](auto& one) { one.motion.velocity.z() = 1; }, "plane");
     refuses([](auto& one) { one.motion.position.x() = std::numeric_limits<double>::infinity(); }, "motion");
-    refuses([](auto& one) { one.on_particles = true; }, "particles");
     CHECK((solver.positions() == before));
+}
+
+TEST_CASE("obstacles of a group for whose depths there is no room push once, and then wait")
+{
+    SparedDepths<double, 2, true> spared;
+    spared.set(1, 5);
+    for (int i = 0; i < 10; ++i) spared.set(2 + i, 0); // not deep: these need no room
+    for (int i = 0; i < 20; ++i) spared.set(20 + i, 1 + i);
+    CHECK(spared.of(0, 9, 0.25) == 0);
+    CHECK(spared.of(1, 9, 0.25) == 5);
+    CHECK(spared.of(20, 9, 0.25) == 1);
+    CHECK(spared.of(35, 9, 0.25) == 16);
+    CHECK(spared.of(36, 9, 0.25) == 9);
+    CHECK(spared.of(36, 0.2, 0.25) == 0);
+    spared = {};
+    CHECK(spared.of(1, 9, 0.25) == 0);
+    CHECK(spared.of(20, 9, 0.25) == 0);
+}
+
+TEST_CASE("no list has obstacles that nothing is to meet")
+{
+    std::vector<SweptBox<2>> boxes(3, SweptBox<2>::nowhere());
+    boxes[1].is_bounded = false;
+    BroadPhase<2> const sorted(boxes);
+    CHECK(sorted.everywhere == 1);
+    CHECK(sorted.lists == std::vector<std::uint32_t>{1});
 }
 
 TEST_CASE("a cell's list has all obstacles whose boxes it lies in, by rising number")

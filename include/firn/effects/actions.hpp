@@ -63,10 +63,10 @@ struct Chain<First, Rest...>
     static constexpr int obstacles = int(is_obstacle<First>) + Chain<Rest...>::obstacles;
     static constexpr int groups = int(is_group<First>) + Chain<Rest...>::groups;
     static constexpr int walls = int(is_wall<First>) + Chain<Rest...>::walls;
-    static constexpr int shells = int(keeps_sides<First>) + Chain<Rest...>::shells;
+    static constexpr int shells = int(keeps_sides<First> && !is_group<First>) + Chain<Rest...>::shells;
     static constexpr int lookups = int(looks_up<First>) + Chain<Rest...>::lookups;
-    static constexpr bool may_touch_particles =
-        (acts_on_particles<First> && !is_wall<First>) || Chain<Rest...>::may_touch_particles;
+    static constexpr bool may_touch_particles = (acts_on_particles<First> && !is_wall<First>) ||
+                                                is_group<First> || Chain<Rest...>::may_touch_particles;
     /// The number of obstacles if one of them may act on particles, else 0: walls alone do not.
     static constexpr int touching = may_touch_particles ? obstacles : 0;
     /// Whether an action asks for the areas of surfaces.
@@ -98,7 +98,10 @@ FIRN_HOST_DEVICE bool touches_particles(Chain<Actions...> const& chain)
     bool wanted = false;
     chain.for_each([&](auto const& action) {
         using Action = std::decay_t<decltype(action)>;
-        if constexpr (acts_on_particles<Action> && !is_wall<Action>) wanted = wanted || action.on_particles;
+        if constexpr (is_group<Action>)
+            wanted = wanted || action.acting > 0;
+        else if constexpr (acts_on_particles<Action> && !is_wall<Action>)
+            wanted = wanted || action.on_particles;
     });
     return wanted;
 }
@@ -147,7 +150,10 @@ struct PlainEffects<First, Rest...>
     /// Whether one of the effects acts on particles, too.
     bool touch_particles() const
     {
-        if constexpr (requires { first.on_particles; })
+        if constexpr (is_group<First>) {
+            if (first.acting > 0) return true;
+        }
+        else if constexpr (requires { first.on_particles; })
             if (first.on_particles) return true;
         return rest.touch_particles();
     }

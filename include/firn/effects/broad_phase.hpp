@@ -13,9 +13,9 @@
 #include <utility>
 #include <vector>
 
-// Which of many obstacles may touch nodes of a place. Space is cut into cubes of some cells, and each cube
-// that an obstacle's box meets has a list of such obstacles, by rising number. A cube is found by a hash
-// table.
+// Which of many obstacles may touch nodes or particles of a place. Space is cut into cubes of some cells, and
+// each cube that an obstacle's box meets has a list of such obstacles, by rising number. A cube is found by a
+// hash table.
 namespace firn
 {
 
@@ -26,6 +26,15 @@ struct SweptBox
     std::array<int, std::size_t(d)> low{}, high{}; ///< both included
     bool is_bounded = false;                       ///< false: it is everywhere
 
+    /// The box of an obstacle that nothing is to meet.
+    static SweptBox nowhere()
+    {
+        SweptBox box;
+        box.low.fill(1);
+        box.is_bounded = true;
+        return box;
+    }
+    bool is_empty() const { return low[0] > high[0]; }
     FIRN_HOST_DEVICE bool contains(Coordinates<d> const& cell) const
     {
         bool inside = true;
@@ -120,7 +129,7 @@ public:
         for (std::uint32_t i = 0; i < boxes.size(); ++i) {
             if (!boxes[i].is_bounded)
                 lists.push_back(i);
-            else
+            else if (!boxes[i].is_empty())
                 for_each_cube(boxes[i], [&](Cube const& cube) { met.push_back({cube, i}); });
         }
         everywhere = static_cast<std::uint32_t>(lists.size());
@@ -159,7 +168,7 @@ private:
             double cubes = 1;
             for (std::size_t a = 0; a < std::size_t(d); ++a)
                 cubes *= double(box.high[a] >> shift) - double(box.low[a] >> shift) + 1;
-            if (box.is_bounded) sum += cubes;
+            if (box.is_bounded && !box.is_empty()) sum += cubes;
         }
         return sum;
     }

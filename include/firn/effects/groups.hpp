@@ -17,8 +17,12 @@ class GroupMemory
 {
 public:
     virtual ~GroupMemory() = default;
-    /// Before a step: the obstacles are placed, and nothing has been received.
-    virtual void begin(Interval const& interval) = 0;
+    /// Before a step, whose interval lies where loops run: the obstacles are placed, and nothing has been
+    /// received.
+    virtual void begin(Interval const* interval) = 0;
+    /// Before a part of the step is repeated: the obstacles are placed once more, and what they receive from
+    /// now on does not count, since they have received it before.
+    virtual void begin_again(Interval const* interval) = 0;
     /// After it: appends what each obstacle received, times a factor.
     virtual void append(std::vector<Reaction>& to, double factor) = 0;
 };
@@ -61,12 +65,9 @@ public:
         if constexpr (detail::has_groups<Plain>) stage_from<0>(plain, lattice, begin, duration, effects...);
     }
 
-    /// See GroupMemory.
-    void begin(Interval const& interval) const
-    {
-        for (GroupMemory* const group : of_call_) group->begin(interval);
-    }
-    /// The same for the group in this place among those of the call.
+    /// The groups of the call.
+    std::vector<GroupMemory*> const& of_call() const { return of_call_; }
+    /// See GroupMemory; for the group in this place among those of the call.
     void append(std::size_t place, std::vector<Reaction>& to, double factor)
     {
         of_call_[place]->append(to, factor);

@@ -275,7 +275,7 @@ constexpr bool has_only_hooks_that_are_called()
     if constexpr (has_on_node<Action>) has = true, called = called && ChangesVelocity<Action, Real, d>;
     if constexpr (is_wall<Action>)
         called = called && !has_touch<Action> && !has_touch_marked<Action> && MirrorsNodes<Action, Real, d>;
-    else {
+    else if constexpr (!is_group<Action>) {
         if constexpr (has_touch<Action>) called = called && TouchesNodes<Action, Real, d>;
         if constexpr (has_touch_marked<Action>)
             called = called && !has_touch<Action> && TouchesMarked<Action, Real, d>;

@@ -4,10 +4,12 @@
 #include <firn/core/components.hpp>
 #include <firn/core/exactly_equal.hpp>
 #include <firn/effects/actions.hpp>
+#include <firn/effects/spared_depths.hpp>
 #include <firn/math/product.hpp>
 
-#include <array>
 #include <cstddef>
+#include <cstdint>
+#include <type_traits>
 
 namespace firn
 {
@@ -44,19 +46,29 @@ struct ParticleContact
     /// Velocity of the motion in this step [m/s]: the grid's, unless the transfer has one of its own.
     Vector<Real, d> motion = moved * (Real(1) / dt);
     bool may_fail = false; ///< whether one pass over the obstacles may not be enough
-    std::array<Real, std::size_t(obstacles)> spared =
-        no_depths();       ///< depth that each obstacle may leave in this step [m]
+    SparedDepths<Real, obstacles, (Effects::groups > 0)> spared{};
     Real last{Number(-1)}; ///< the obstacle of the last contact
 
     /// Corrects the velocity, and returns the displacement [m] that goes with it.
     FIRN_HOST_DEVICE Vector<Real, d> solve()
     {
         // One pass is enough for a single solid. Only obstacles that act on particles count.
-        int acting = 0;
-        for_each([&](auto const&, int) { ++acting; });
-        may_fail = acting > 1 || Effects::shells > 0;
+        std::uint32_t acting = 0;
+        bool has_shells = Effects::shells > 0;
+        chain.for_each([&](auto const& action) {
+            using Action = std::decay_t<decltype(action)>;
+            if constexpr (is_group<Action>) {
+                acting += action.acting; // also those that are far
+                has_shells = has_shells || (keeps_sides<Action> && action.acting > 0);
+            }
+            else if constexpr (is_wall<Action>)
+                ++acting;
+            else if constexpr (acts_on_particles<Action>)
+                acting += action.on_particles ? 1 : 0;
+        });
+        may_fail = acting > 1 || has_shells;
         bool moves = pass(true);
-        if constexpr (obstacles > 1 || Effects::shells > 0)
+        if constexpr (obstacles > 1 || Effects::groups > 0 || Effects::shells > 0)
             if (may_fail) {
                 for (int i = 1; i < passes && moves; ++i) moves = pass(false);
                 if (moves) settle();
@@ -66,13 +78,6 @@ struct ParticleContact
 
 private:
     using Number = ScalarOf<Real>;
-
-    FIRN_HOST_DEVICE static std::array<Real, std::size_t(obstacles)> no_depths()
-    {
-        std::array<Real, std::size_t(obstacles)> depths;
-        for (Real& depth : depths) depth = Real(0);
-        return depths;
-    }
 
     FIRN_HOST_DEVICE Number in_metres(double cells) const { return Number(cells * place.lattice.cell_size); }
     /// An overlap [m] that counts as outside: single precision resolves no less a few cells from the
@@ -87,18 +92,49 @@ private:
         return there;
     }
 
-    /// Calls `use(action, i)` for every action on particles, `i` counting all obstacles.
+    /// When an obstacle acts in a pass. The last to act prevails: nothing may pass a shell, and a wall leaves
+    /// no more than rounding behind it.
+    template <class Action>
+    static constexpr int turn_of = is_wall<Action>       ? 2
+                                   : keeps_sides<Action> ? 1
+                                                         : 0;
+    static constexpr int turns = 3, any_turn = -1;
+
+    /// Calls `use(action, i, receive)` for every action on particles that has this turn; `i` counts all
+    /// obstacles that are arguments, and behind them those of groups that are near, and `receive(touched)`
+    /// books what contact takes.
     template <class Use>
-    FIRN_HOST_DEVICE void for_each(Use const& use) const
+    FIRN_HOST_DEVICE void for_each(int turn, Use const& use) const
     {
         int i = 0;
+        [[maybe_unused]] int of_groups[2]{0, 0}; // by turn, so that numbers are the same whatever is skipped
         chain.for_each([&](auto const& action) {
             using Action = std::decay_t<decltype(action)>;
-            if constexpr (is_wall<Action>)
-                use(action, i);
-            else if constexpr (acts_on_particles<Action>)
-                if (action.on_particles) use(action, i);
-            if constexpr (is_obstacle<Action>) ++i;
+            constexpr int its_turn = turn_of<Action>;
+            [[maybe_unused]] bool const acts = turn == any_turn || turn == its_turn;
+            if constexpr (is_group<Action>) {
+                if (acts)
+                    action.template for_each_near_particles<Real>(
+                        place, dt, [&](auto const& one, auto const& add) {
+                            use(one, obstacles + 2 * of_groups[its_turn]++ + its_turn,
+                                [&](ContactResult<Real, d> const& touched) {
+                                    Reaction received;
+                                    detail::book<Real, d>(received, touched, velocity, mass);
+                                    add(received);
+                                });
+                        });
+            }
+            else {
+                [[maybe_unused]] auto const receive = [&](ContactResult<Real, d> const& touched) {
+                    detail::book<Real, d>(reactions.of[static_cast<std::size_t>(i)], touched, velocity, mass);
+                };
+                if constexpr (is_wall<Action>) {
+                    if (acts) use(action, i, receive);
+                }
+                else if constexpr (acts_on_particles<Action>)
+                    if (acts && action.on_particles) use(action, i, receive);
+                if constexpr (is_obstacle<Action>) ++i;
+            }
         });
     }
 
@@ -106,21 +142,17 @@ private:
     FIRN_HOST_DEVICE bool pass(bool first)
     {
         Mask<Real> pushed = Real(1) < Real(0);
-        // The last to act prevails: nothing may pass a shell, and a wall leaves no more than rounding behind
-        // it.
-        for (int turn = 0; turn < 3; ++turn)
-            for_each([&](auto const& action, int i) {
-                using Action = std::decay_t<decltype(action)>;
-                if (turn == (is_wall<Action> ? 2 : keeps_sides<Action> ? 1 : 0))
-                    pushed = pushed | push(action, i, first);
+        for (int turn = 0; turn < turns; ++turn)
+            for_each(turn, [&](auto const& action, int i, auto const& receive) {
+                pushed = pushed | push(action, i, receive, first);
             });
         return any(pushed);
     }
 
     /// Takes away the velocity into one obstacle, and moves out what is inside it. Returns the lanes that it
     /// moved.
-    template <class Action>
-    FIRN_HOST_DEVICE Mask<Real> push(Action const& action, int i, bool first)
+    template <class Action, class Receive>
+    FIRN_HOST_DEVICE Mask<Real> push(Action const& action, int i, Receive const& receive, bool first)
     {
         Contact rule = Contact::slip();
         if constexpr (!is_wall<Action>)
@@ -130,10 +162,14 @@ private:
         touched.inside = touched.inside & here;
         if (!any(touched.inside)) return touched.inside;
 
-        detail::book<Real, d>(reactions.of[static_cast<std::size_t>(i)], touched, velocity, mass);
-        Real& spare = spared[static_cast<std::size_t>(i)];
+        receive(touched);
         Number const lost_beyond = action.template lost_beyond<Number>(place.lattice);
-        if (first) spare = max(min(touched.depth, Real(lost_beyond)) - Real(in_metres(0.25)), Real(0));
+        Real const depth = min(touched.depth, Real(lost_beyond));
+        Real spare = max(depth - Real(in_metres(0.25)), Real(0));
+        if (first)
+            spared.set(i, spare);
+        else
+            spare = spared.of(i, depth, in_metres(0.25));
         Vector<Real, d> shift = zeros<Vector<Real, d>>();
         if (first) {
             Vector<Real, d> const left =
@@ -159,10 +195,10 @@ private:
     FIRN_HOST_DEVICE Real depths(Vector<Real, d> const& way) const
     {
         Real sum(0);
-        for_each([&](auto const& action, int i) {
+        for_each(any_turn, [&](auto const& action, int i, auto const&) {
             Real const overlap = action.overlap(after(way), Vector<Real, d>(moved + way));
             Real const lost_beyond(action.template lost_beyond<Number>(place.lattice));
-            sum += max(overlap - spared[static_cast<std::size_t>(i)], Real(0)) +
+            sum += max(overlap - spared.of(i, min(overlap, lost_beyond), in_metres(0.25)), Real(0)) +
                    select(overlap > lost_beyond, Real(in_metres(1000)), Real(0));
         });
         return sum;
@@ -175,10 +211,16 @@ private:
         Mask<Real> const stuck = here & (least > tolerance() * Real(2));
         if (!any(stuck)) return;
         Mask<Real> settled = Real(1) < Real(0);
-        for (int with = -1; with < obstacles; ++with) { // -1: back to where it was
+        int all = obstacles;
+        if constexpr (Effects::groups > 0) {
+            all = 0;
+            for_each(any_turn, [&](auto const&, int, auto const&) { ++all; });
+        }
+        for (int with = -1; with < all; ++with) { // -1: back to where it was
             Vector<Real, d> way = -moved;
-            for_each([&](auto const& action, int i) {
-                if (i == with) way += action.carried(place, moved, dt);
+            [[maybe_unused]] int at = 0; // groups are asked where they are among the arguments
+            for_each(any_turn, [&](auto const& action, [[maybe_unused]] int i, auto const&) {
+                if ((Effects::groups > 0 ? at++ : i) == with) way += action.carried(place, moved, dt);
             });
             Real const depth = depths(way);
             Mask<Real> const better = stuck & (depth < least);
@@ -190,10 +232,10 @@ private:
         ContactResult<Real, d> touched;
         for (int a = 0; a < d; ++a)
             touched.velocity[a] = select(settled, (moved[a] + displacement[a]) / dt, velocity[a]);
-        for_each([&](auto const& action, int i) {
+        for_each(any_turn, [&](auto const& action, int i, auto const& receive) {
             touched.inside = settled & exactly_equal(last, Real(Number(i)));
             touched.arm = place.relative_to(action.reference());
-            detail::book<Real, d>(reactions.of[static_cast<std::size_t>(i)], touched, velocity, mass);
+            receive(touched);
         });
         velocity = touched.velocity;
     }

@@ -21,8 +21,9 @@ struct ReactionSums
     static constexpr int numbers = 6; ///< of a reaction: impulse and angular impulse
     static constexpr int words = 3;   ///< of a number
 
-    std::int64_t* memory = nullptr; ///< size() integers
+    std::int64_t* memory = nullptr; ///< parts of size() integers each
     std::uint32_t obstacles = 0, slots = 1;
+    std::uint32_t const* part = nullptr; ///< the number of the part to add to; without it the first
 
     /// How many slots this many obstacles have: more where there are few.
     static std::uint32_t slots_of(std::size_t obstacles)
@@ -31,19 +32,21 @@ struct ReactionSums
         while (slots > 1 && slots * obstacles > 512) slots /= 2;
         return slots;
     }
+    /// The integers of a part.
     FIRN_HOST_DEVICE std::size_t size() const { return std::size_t(obstacles) * slots * numbers * words; }
 
     /// Adds what an obstacle received, in one of the slots (modulo their number).
     FIRN_HOST_DEVICE void add(std::uint32_t obstacle, std::uint32_t slot, Reaction const& received) const
     {
-        std::int64_t* const to = memory + first(obstacle, slot % slots);
+        std::size_t const skipped = part == nullptr ? 0 : *part * size();
+        std::int64_t* const to = memory + skipped + first(obstacle, slot % slots);
         for (int i = 0; i < 3; ++i) {
             add(to + words * i, received.impulse[i]);
             add(to + words * (3 + i), received.angular_impulse[i]);
         }
     }
 
-    /// What an obstacle received, from a copy of the memory on the host.
+    /// What an obstacle received, from a copy of a part on the host.
     Reaction of(std::uint32_t obstacle, std::int64_t const* copy) const
     {
         double sums[numbers];

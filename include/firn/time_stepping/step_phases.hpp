@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/host_device.hpp>
+#include <firn/effects/groups.hpp>
 #include <firn/particles/material_sets.hpp>
 #include <firn/phases/g2p2g.hpp>
 #include <firn/time_stepping/finish_step.hpp>
@@ -13,6 +14,7 @@
 #include <tuple>
 #include <type_traits>
 #include <utility>
+#include <vector>
 
 namespace firn
 {
@@ -27,6 +29,7 @@ struct StepScene
     double mass_unit;                                ///< of masses [kg]
     typename Sets::Space::Scalar smallest_node_mass; ///< below it a node's momentum is rounding [mass units]
     bool may_lose_particles;                         ///< after a failed step
+    std::vector<GroupMemory*> const& groups;         ///< of the call's effects
 };
 
 /// What steps use from one call to the next: where they run, and the memory of their plain values.
@@ -110,6 +113,8 @@ public:
     /// handle to them.
     auto update_grid(int step)
     {
+        if constexpr (detail::has_groups<Effects>)
+            for (GroupMemory* const group : scene_.groups) group->begin(interval_of(step));
         scene_.grid_state.extend_velocities(scene_.sets, scene_.smallest_node_mass);
         return memory_.backend.for_each_node(orders(), grid(),
                                              scene_.grid_state.grid_update(scene_.sets, now(step),
@@ -132,6 +137,13 @@ public:
     }
     /// The phases of which that consists.
     auto g2p2g_phases(int step) const { return g2p2g_phases(step, Places{}); }
+    /// The same to move particles once more in a step in which some had no room.
+    auto g2p2g_phases_again(int step) const
+    {
+        if constexpr (detail::has_groups<Effects>)
+            for (GroupMemory* const group : scene_.groups) group->begin_again(interval_of(step));
+        return g2p2g_phases(step);
+    }
 
     /// Chooses the next step by what the others have found.
     template <class OfNodes, class Found>
@@ -213,6 +225,8 @@ private:
         return buffer.data();
     }
 
+    /// Where loops find the interval of a step that is to be taken.
+    Interval const* interval_of(int step) const { return &log_[step].after.time_state.now.interval; }
     auto* now(int step) const { return storage_->now + (memory_.turn + step) % 2; }
 
     template <std::size_t... k>

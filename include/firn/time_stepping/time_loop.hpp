@@ -192,11 +192,11 @@ private:
     {
         typename Driver::Scene const parts{
             scene.sets,        scene.grid_state,           next_.time_state,
-            scene.masses.unit, scene.smallest_node_mass(), quarantine_.most() > 0};
+            scene.masses.unit, scene.smallest_node_mass(), quarantine_.most() > 0,
+            groups_.of_call()};
         int at_once = 1;
-        if constexpr (detail::has_groups<Effects>)
-            groups_.begin(next_.time_state.now.interval); // the host reads what they receive in each step
-        else if constexpr (Scene::Backend::queues)
+        if constexpr (Scene::Backend::queues &&
+                      !detail::has_groups<Effects>) // the host reads their reactions
             at_once = driver_.steps_at_once(memory_, parts, most);
         // outside of the change: this may run out of memory before the scene changes
         typename Driver::template Steps<Effects> steps(memory_, parts, controller, effects, at_once);

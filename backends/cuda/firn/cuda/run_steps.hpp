@@ -96,7 +96,7 @@ public:
         steps.rollback(queued - 1 - lacking, queued - 1 - lacking);
         do {
             steps.adopt(lacking, lacking, true);
-            auto const phases = steps.g2p2g_phases(lacking);
+            auto const phases = steps.g2p2g_phases_again(lacking);
             for_each_order([&](auto k) {
                 if (cells_[k]->make_room())
                     of_items[k] = detail::start_moving(*cells_[k], layers_[k], std::get<k>(phases));

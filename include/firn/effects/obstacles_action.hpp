@@ -1,0 +1,133 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/effects/broad_phase.hpp>
+#include <firn/effects/obstacle.hpp>
+#include <firn/effects/reaction_sums.hpp>
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+
+// Any number of obstacles as steps know them: see Obstacles.
+namespace firn
+{
+
+/// Which obstacles may meet nodes, and which of those that act on particles may meet particles.
+template <int d>
+struct NearbyObstacles
+{
+    NearObstacles<d> to_nodes, to_particles;
+};
+
+namespace detail
+{
+/// The reach of obstacles is kept in single precision, and distances are rounded: a thousandth more is
+/// searched.
+inline constexpr double with_rounding = 1.001;
+} // namespace detail
+
+/// The action of many obstacles: each of those that are near is asked what it gives to nodes and particles.
+template <class ShapeType, class Number, int d>
+struct ObstaclesAction
+{
+    static constexpr bool is_group = true;
+    static constexpr bool looks_up = is_sampled<ShapeType>;
+    static constexpr bool keeps_sides = is_two_sided<ShapeType>;
+    /// How far from where the grid moves them [cells] particles may meet an obstacle: a step that succeeds
+    /// moves them by less than a cell along each axis.
+    static constexpr double reach_of_particles = 3;
+
+    using One = typename Obstacle<ShapeType>::template Action<Number, d>;
+
+    One const* obstacles; ///< at the end of the step
+    float const* reach;   ///< of each [m]; 0: unbounded
+    NearbyObstacles<d> near;
+    std::uint32_t acting; ///< how many of them act on particles
+    bool have_own_worlds; ///< else they are in the same place in all worlds
+    ReactionSums sums;
+
+    /// Calls `use(action, receive)` for each obstacle that may touch lanes of nodes at a place;
+    /// `receive(reaction)` adds to what it received.
+    template <Lane Real, class Use>
+    FIRN_HOST_DEVICE void for_each_near(LanePosition<Real, d> const& place, Use const& use) const
+    {
+        if (sums.obstacles == 0) return;
+        near.to_nodes.for_each(cell_of(place), [&](std::uint32_t i) {
+            if (!is_far(place, i, Real(0))) ask(i, place.first, use);
+        });
+    }
+
+    /// The same for lanes of particles to whose place the grid moves them in a step of `dt` [s], and for
+    /// obstacles that act on them.
+    template <Lane Real, class Use>
+    FIRN_HOST_DEVICE void for_each_near_particles(LanePosition<Real, d> const& place, Real dt,
+                                                  Use const& use) const
+    {
+        if (acting == 0) return;
+        Real const travel(static_cast<Number>(reach_of_particles * place.lattice.cell_size));
+        near.to_particles.for_each(cell_of(place), [&](std::uint32_t i) {
+            Number speed(0); // of a shell that was near when the step began
+            for (int a = 0; a < d; ++a) speed += std::abs(obstacles[i].velocity[a]);
+            if (!is_far(place, i, travel + Real(speed) * dt)) ask(i, place.first, use);
+        });
+    }
+
+private:
+    /// The cell by which obstacles are looked up.
+    template <Lane Real>
+    FIRN_HOST_DEVICE Coordinates<d> cell_of(LanePosition<Real, d> const& place) const
+    {
+        Coordinates<d> cell = place.first;
+        for (int a = 0; a < d; ++a) cell[a] = have_own_worlds ? cell[a] : place.lattice.in_world(cell[a]);
+        return cell;
+    }
+
+    template <class Use>
+    FIRN_HOST_DEVICE void ask(std::uint32_t i, Coordinates<d> const& first, Use const& use) const
+    {
+        use(obstacles[i], [&](Reaction const& received) {
+            std::uint32_t slot = 0;
+            for (int a = 0; a < d; ++a) slot = 7 * slot + static_cast<std::uint32_t>(first[a]);
+            sums.add(i, slot, received);
+        });
+    }
+
+    /// Whether an obstacle is farther from all lanes than `more` [m] beyond its reach.
+    template <Lane Real>
+    FIRN_HOST_DEVICE bool is_far(LanePosition<Real, d> const& place, std::uint32_t i, Real more) const
+    {
+        if (!(reach[i] > 0)) return false;
+        Vector<Real, d> const away = place.relative_to(obstacles[i].position);
+        Real const furthest = Real(static_cast<Number>(reach[i] * float(detail::with_rounding))) + more;
+        return !any(dot<Real, d>(away, away) <= furthest * furthest);
+    }
+};
+
+/// Obstacles as steps know them: a plain value.
+template <class ShapeType>
+struct PlainObstacles
+{
+    static constexpr bool is_group = true;
+
+    void const* placed = nullptr; ///< their actions, of the scene's numbers and dimensions
+    float const* reach = nullptr;
+    NearbyObstacles<2> near_in_plane{};
+    NearbyObstacles<3> near_in_space{};
+    std::uint32_t acting = 0; ///< how many of them act on particles
+    bool have_own_worlds = false;
+    ReactionSums sums{};
+
+    template <class Number, int d>
+    FIRN_HOST_DEVICE ObstaclesAction<ShapeType, Number, d> over(Interval const&) const
+    {
+        auto const* const of_scene =
+            static_cast<typename ObstaclesAction<ShapeType, Number, d>::One const*>(placed);
+        if constexpr (d == 2)
+            return {of_scene, reach, near_in_plane, acting, have_own_worlds, sums};
+        else
+            return {of_scene, reach, near_in_space, acting, have_own_worlds, sums};
+    }
+};
+
+} // namespace firn

@@ -1,0 +1,272 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/lane.hpp>
+#include <firn/effects/broad_phase.hpp>
+#include <firn/effects/groups.hpp>
+#include <firn/effects/obstacle.hpp>
+#include <firn/effects/obstacles_action.hpp>
+#include <firn/effects/reaction_sums.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <utility>
+#include <vector>
+
+// The memory of any number of obstacles: see Obstacles.
+namespace firn
+{
+
+template <class ShapeType>
+struct Obstacles;
+
+/// The world in which an obstacle acts alone.
+struct OwnWorld
+{
+    std::array<int, 3> centre{}; ///< the cell that is its (0, 0, 0): see WorldLayout
+    double begun = 0;            ///< when its own time was 0 [s]
+};
+
+/// Places obstacles where they are at the end of a step, and says where what they receive is added.
+template <class ShapeType, class Number, int d>
+struct PlaceObstacles
+{
+    Obstacle<ShapeType> const* from;
+    typename Obstacle<ShapeType>::template Action<Number, d>* to;
+    Interval const* interval; ///< where loops run
+    std::uint32_t part, *part_of_step;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t place) const
+    {
+        to[place] = from[place].template over<Number, d>(*interval);
+        if (place == 0) *part_of_step = part;
+    }
+};
+
+namespace detail
+{
+/// The lists of obstacles by their boxes, in memory where loops read them; sorted anew only if the boxes
+/// changed.
+template <class Backend, int d>
+class SortedBoxes
+{
+    template <class T>
+    using Array = typename Backend::template Array<T>;
+
+public:
+    explicit SortedBoxes(Backend const& backend) : table_(backend), lists_(backend), boxes_there_(backend) {}
+
+    NearObstacles<d> const& sort(std::vector<SweptBox<d>> boxes)
+    {
+        if (is_sorted_ && boxes == boxes_) return near_;
+        is_sorted_ = false;
+        BroadPhase<d> const sorted(boxes);
+        store(table_, sorted.table);
+        store(lists_, sorted.lists);
+        store(boxes_there_, boxes);
+        near_ = {table_.data(),     static_cast<std::uint32_t>(sorted.table.size() - 1),
+                 lists_.data(),     boxes_there_.data(),
+                 sorted.everywhere, sorted.shift};
+        boxes_ = std::move(boxes);
+        is_sorted_ = true;
+        return near_;
+    }
+
+    template <class T>
+    static void store(Array<T>& to, std::vector<T> const& values)
+    {
+        to.resize(std::max<std::size_t>(values.size(), 1)); // so that it has an address
+        to.upload(0, values);
+    }
+
+private:
+    Array<ListOfCube<d>> table_;
+    Array<std::uint32_t> lists_;
+    Array<SweptBox<d>> boxes_there_;
+    std::vector<SweptBox<d>> boxes_; ///< for which the lists are
+    bool is_sorted_ = false;
+    NearObstacles<d> near_{};
+};
+} // namespace detail
+
+/// The memory in which a backend's loops find the obstacles of a call, kept for later calls.
+template <class Backend, class ShapeType, class Number, int d>
+class StagedObstacles : public GroupMemory
+{
+    using Plain = detail::Plain<ShapeType>;
+    using Action = ObstaclesAction<Plain, Number, d>;
+    using Sorted = detail::SortedBoxes<Backend, d>;
+    template <class T>
+    using Array = typename Backend::template Array<T>;
+    /// Parts of the sums: what a step received, and what is not to count.
+    static constexpr std::uint32_t counting = 0, lost = 1, parts = 2;
+
+public:
+    explicit StagedObstacles(Backend const& backend)
+        : backend_(backend), obstacles_(backend), placed_(backend), reach_(backend), to_nodes_(backend),
+          to_particles_(backend), part_(backend), sums_(backend)
+    {}
+
+    /// Stores the obstacles of a call that takes a time [s] from `begin` on, and writes the addresses into
+    /// the effect's plain value `to`.
+    void stage(Obstacles<ShapeType> const& from, Lattice const& lattice, double begin, double duration,
+               PlainObstacles<Plain>& to)
+    {
+        std::vector<Obstacle<Plain>> plain;
+        std::vector<float> reach;
+        std::vector<SweptBox<d>> of_nodes, of_particles; // the second is empty if none acts on particles
+        to.acting = 0;
+        to.have_own_worlds = !from.own_worlds.empty();
+        for (std::size_t i = 0; i < from.list.size(); ++i) {
+            auto const& obstacle = from.list[i];
+            OwnWorld const* const world = to.have_own_worlds ? &from.own_worlds[i] : nullptr;
+            plain.push_back(obstacle.plain(begin));
+            if (world != nullptr && obstacle.motion.time) *plain.back().motion.time += world->begun;
+            reach.push_back(static_cast<float>(reach_of(obstacle.shape, lattice)));
+            auto const box = [&](Room const& room) {
+                auto swept =
+                    box_of(plain.back().motion, double(reach.back()), lattice, begin, begin + duration, room);
+                include_images(lattice, swept);
+                if (world != nullptr) keep_in(*world, lattice.half_world, swept);
+                return swept;
+            };
+            of_nodes.push_back(box(room_for_nodes()));
+            if (!plain.back().on_particles) continue;
+            ++to.acting;
+            of_particles.resize(from.list.size(), SweptBox<d>::nowhere());
+            of_particles[plain.size() - 1] = box(room_for_particles());
+        }
+        Sorted::store(obstacles_, plain);
+        Sorted::store(reach_, reach);
+        NearbyObstacles<d> const near{to_nodes_.sort(std::move(of_nodes)),
+                                      to_particles_.sort(std::move(of_particles))};
+        placed_.resize(std::max<std::size_t>(plain.size(), 1));
+        part_.resize(1);
+        to.placed = placed_.data();
+        to.reach = reach_.data();
+        if constexpr (d == 2)
+            to.near_in_plane = near;
+        else
+            to.near_in_space = near;
+        to.sums.obstacles = static_cast<std::uint32_t>(plain.size());
+        to.sums.slots = ReactionSums::slots_of(plain.size());
+        sums_.resize(std::max<std::size_t>(parts * to.sums.size(), 1));
+        to.sums.memory = sums_.data();
+        to.sums.part = part_.data();
+        of_call_ = to.sums;
+    }
+
+    void begin(Interval const* interval) override
+    {
+        if (of_call_.obstacles == 0) return;
+        place(interval, counting);
+        backend_.for_each(of_call_.size(), ClearReactionSums{of_call_.memory});
+    }
+
+    void begin_again(Interval const* interval) override
+    {
+        if (of_call_.obstacles > 0) place(interval, lost);
+    }
+
+    void append(std::vector<Reaction>& to, double factor) override
+    {
+        if (of_call_.obstacles == 0) return;
+        std::int64_t const* const copy = sums_.read();
+        for (std::uint32_t i = 0; i < of_call_.obstacles; ++i) to.push_back(of_call_.of(i, copy) * factor);
+    }
+
+private:
+    /// How far from its reference point an obstacle acts [m]; 0 if it is unbounded. A thin shell acts on
+    /// nodes within half a cell of its middle.
+    static double reach_of(ShapeType const& shape, Lattice const& lattice)
+    {
+        double const reach = detail::reach_of(shape, d);
+        return reach > 0 && is_two_sided<ShapeType> ? reach + 0.5 * lattice.cell_size : reach;
+    }
+
+    void place(Interval const* interval, std::uint32_t part)
+    {
+        backend_.for_each(of_call_.obstacles,
+                          PlaceObstacles<Plain, Number, d>{obstacles_.data(), placed_.data(), interval, part,
+                                                           part_.data()});
+    }
+
+    /// How many cells before an obstacle, and behind it, lanes may begin if one of them is to touch it:
+    /// along all axes, and how many more along the last one.
+    struct Room
+    {
+        int before, behind, before_along, behind_along;
+    };
+    static constexpr int lanes = lane_width<typename Backend::template Lane<float>>;
+    /// Lanes are a row along the last axis; images in a wall lie up to 2 cells beside it.
+    static Room room_for_nodes() { return {0, 1, lanes - 1 + 2, 2}; }
+    /// Lanes are of cells that lie as far from the first as the backend's loops may tell, see
+    /// firn/backend.hpp; particles are up to a cell away from the centres of these, and then move.
+    static Room room_for_particles()
+    {
+        int const moves = 1 + static_cast<int>(Action::reach_of_particles);
+        return {moves + 7, moves, std::max(lanes - 8, 0), 0};
+    }
+
+    /// The cells where a lane may begin if one of its nodes or particles is to touch the obstacle.
+    static SweptBox<d> box_of(Motion const& motion, double reach, Lattice const& lattice, double begin,
+                              double end, Room const& room)
+    {
+        SweptBox<d> box;
+        if (!(reach > 0)) return box;
+        box.is_bounded = true;
+        Eigen::Vector3d const from = motion.at(begin).position, to = motion.at(end).position;
+        auto const cell = [&](int a, double x) {
+            constexpr double furthest = 0x1p30;
+            double const c = std::floor((x - lattice.origin[a]) / lattice.cell_size);
+            return static_cast<int>(std::min(std::max(c, -furthest), furthest));
+        };
+        for (int a = 0; a < d; ++a) {
+            int const along = a == d - 1 ? 1 : 0;
+            box.low[std::size_t(a)] = cell(a, std::min(from[a], to[a]) - detail::with_rounding * reach) -
+                                      room.before - along * room.before_along;
+            box.high[std::size_t(a)] = cell(a, std::max(from[a], to[a]) + detail::with_rounding * reach) +
+                                       room.behind + along * room.behind_along;
+        }
+        return box;
+    }
+
+    /// Along periodic axes images may be wherever there are cells, the first ones some before the origin.
+    static void include_images(Lattice const& lattice, SweptBox<d>& box)
+    {
+        constexpr int most_before = 32;
+        for (std::size_t a = 0; a < std::size_t(d); ++a)
+            if (int const period = lattice.periods[a]; period != 0 && box.is_bounded)
+                box.low[a] = -most_before, box.high[a] = period;
+    }
+
+    /// The part of a box that lies in a world, in cells of the lattice.
+    static void keep_in(OwnWorld const& world, int half, SweptBox<d>& box)
+    {
+        for (std::size_t a = 0; a < std::size_t(d); ++a) {
+            int const low = box.is_bounded ? std::max(box.low[a], -half) : -half,
+                      high = box.is_bounded ? std::min(box.high[a], half - 1) : half - 1;
+            if (low > high) { // it lies beyond the world
+                box = SweptBox<d>::nowhere();
+                return;
+            }
+            box.low[a] = world.centre[a] + low;
+            box.high[a] = world.centre[a] + high;
+        }
+        box.is_bounded = true;
+    }
+
+    Backend backend_;
+    Array<Obstacle<Plain>> obstacles_;
+    Array<typename Action::One> placed_; ///< at the end of a step
+    Array<float> reach_;
+    Sorted to_nodes_, to_particles_;
+    Array<std::uint32_t> part_; ///< of the sums to which a step adds
+    typename Backend::template ReadbackBuffer<std::int64_t> sums_;
+    ReactionSums of_call_{};
+};
+
+} // namespace firn
