@@ -95,9 +95,9 @@ private:
     /// When an obstacle acts in a pass. The last to act prevails: nothing may pass a shell, and a wall leaves
     /// no more than rounding behind it.
     template <class Action>
-    static constexpr int turn_of = is_wall<Action>       ? 2
-                                   : keeps_sides<Action> ? 1
-                                                         : 0;
+    static constexpr int turn_to_act = is_wall<Action>       ? 2
+                                       : keeps_sides<Action> ? 1
+                                                             : 0;
     static constexpr int turns = 3, any_turn = -1;
 
     /// Calls `use(action, i, receive)` for every action on particles that has this turn; `i` counts all
@@ -110,7 +110,7 @@ private:
         [[maybe_unused]] int of_groups[2]{0, 0}; // by turn, so that numbers are the same whatever is skipped
         chain.for_each([&](auto const& action) {
             using Action = std::decay_t<decltype(action)>;
-            constexpr int its_turn = turn_of<Action>;
+            constexpr int its_turn = turn_to_act<Action>;
             [[maybe_unused]] bool const acts = turn == any_turn || turn == its_turn;
             if constexpr (is_group<Action>) {
                 if (acts)
