@@ -2,6 +2,8 @@
 #include "catch.hpp"
 #include "support/policies.hpp"
 
+#include <firn/effects/obstacles.hpp>
+
 #include <algorithm>
 #include <tuple>
 
@@ -129,6 +131,75 @@ TEST_CASE("so are those of a run with rejected steps")
     };
     auto const one_by_one = run(1);
     for (std::size_t batch : {3, 64}) CHECK((run(batch) == one_by_one));
+}
+
+namespace
+{
+
+/// What a run tells in which any number of obstacles act on nodes and particles, solids and shells.
+auto meet_many(std::size_t batch, double speed, StepControl control)
+{
+    Thrown<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>> scene(batch, speed, control);
+    Obstacles<> solids;
+    solids.list.push_back({.shape = HalfSpace{},
+                           .contact = Contact::coulomb(0.3),
+                           .motion = {.position = {0, 0.2, 0}},
+                           .on_particles = true});
+    for (int i = 0; i < 40; ++i)
+        solids.list.push_back({.shape = Sphere{0.06},
+                               .contact = Contact::coulomb(0.01 * i),
+                               .motion = {.position = {0.1 * (i % 8) - 0.3, 0.2, 0.1 * (i / 8) - 0.3},
+                                          .velocity = {0.1 * i, 1, 0},
+                                          .angular_velocity = {0, 3, 0},
+                                          .time = 0},
+                               .on_particles = i % 2 == 0});
+    Obstacles<Shell<Sphere>> const bubbles{
+        {{.shape = {{0.3}, 0.002}, .motion = {.position = {0, 0.4, 0}, .time = 0}}}};
+    auto const first = scene.solver.advance(0.0004 * sample_of(30, 50), Gravity{}, solids, bubbles);
+    solids.list.pop_back();
+    auto const second = scene.solver.advance(0.0004 * sample_of(15, 30), Gravity{}, solids, bubbles);
+    std::vector<decltype(told(StepReport{}))> equal;
+    for (auto const& each :
+         scene.solver.steps(sample_of(8, 20), 0.2 * second.smallest_dt, Gravity{}, solids, bubbles))
+        equal.push_back(told(each));
+    return std::tuple{told(first), told(second), equal, state(scene.solver)};
+}
+
+} // namespace
+
+TEST_CASE("so are those with any number of obstacles, which receive the same")
+{
+    auto const one_by_one = meet_many(1, 6, {});
+    auto const& impulses = std::get<6>(std::get<0>(one_by_one));
+    CHECK(std::count_if(impulses.begin(), impulses.end(), [](double each) { return each != 0; }) > 60);
+    for (std::size_t batch : {2, 5, 64}) CHECK((meet_many(batch, 6, {}) == one_by_one));
+    StepControl const strict{.deformation = 0.09, .rejection = 0.1};
+    auto const with_rejected = meet_many(1, 30, strict);
+    CHECK(std::get<1>(std::get<0>(with_rejected)) > 0);
+    for (std::size_t batch : {3, 64}) CHECK((meet_many(batch, 30, strict) == with_rejected));
+}
+
+TEST_CASE("what obstacles of a group receive counts once where many particles leave their cells at once")
+{
+    Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver solver(lattice(0.05));
+    solver.add(box_of_points<3>({0.01, 0.01, 0.01}, {0.51, 0.51, 0.51}, 0.05), std::pow(0.025, 3),
+               {3, -20, 1});
+    Obstacles<Sphere> balls; // between nodes, so that only particles meet them
+    for (int i = 0; i < 200; ++i)
+        balls.list.push_back({.shape = {0.03},
+                              .contact = Contact::sticky(),
+                              .motion = {.position = {0.05 * (i % 10) + 0.025, 0.05 * (i / 10 % 10) + 0.025,
+                                                      0.05 * (i / 100) + 0.225}},
+                              .on_particles = true});
+    Totals const begin(solver);
+    for (int i = 0; i < 6; ++i) {
+        Totals const before(solver);
+        auto const report = solver.step(2e-4, balls);
+        Vector<double, 3> given = Totals(solver).momentum - before.momentum;
+        for (auto const& reaction : report.reactions) given += reaction.impulse;
+        CHECK(given.norm() <= 1e-4 * before.mass);
+    }
+    CHECK((Totals(solver).momentum - begin.momentum).norm() >= 0.01 * begin.momentum.norm());
 }
 
 TEST_CASE("so are equal steps, of which half of the particles leave their cells at once")
@@ -315,6 +386,10 @@ TEST_CASE("the host waits for the device once a batch, not once a step")
     }
     CHECK(of_steps <= 2);
     CHECK(of_advance <= 2);
+    // once more for what any number of obstacles received
+    Obstacles<Sphere> const balls{{{.shape = {0.1}, .motion = {.position = {0.2, 0.2, 0.2}}}}};
+    for (int i = 0; i < 2; ++i) solver.steps(60, dt, balls);
+    CHECK(waits_of([&] { solver.steps(60, dt, balls); }) <= 4);
 }
 
 #endif

@@ -4,7 +4,9 @@
 #include <firn/core/objects_by_type.hpp>
 #include <firn/effects/actions.hpp>
 
+#include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <vector>
 
 // Effects that stand for any number of obstacles (see Obstacles) need memory where the steps run: for the
@@ -12,18 +14,32 @@
 namespace firn
 {
 
+/// The beginning of a step of a batch. What it points to lies where loops run, and may be written when the
+/// step is queued already.
+struct BegunStep
+{
+    int number;                 ///< in the batch, from 0 on
+    Interval const* interval;   ///< of the step
+    std::uint32_t const* taken; ///< whether the step before was taken: else this one is not; null: it is
+};
+
 /// The memory of one such effect.
 class GroupMemory
 {
 public:
     virtual ~GroupMemory() = default;
-    /// Before a step, whose interval lies where loops run: the obstacles are placed, and nothing has been
-    /// received.
-    virtual void begin(Interval const* interval) = 0;
+    /// How many steps may be in a batch.
+    virtual int most_steps() const = 0;
+    /// Before a batch of at most so many steps: makes room for what obstacles receive.
+    virtual void expect(int steps) = 0;
+    /// Before a step: the obstacles are placed, and nothing has been received in it.
+    virtual void begin(BegunStep const& step) = 0;
     /// Before a part of the step is repeated: the obstacles are placed once more, and what they receive from
     /// now on does not count, since they have received it before.
-    virtual void begin_again(Interval const* interval) = 0;
-    /// After it: appends what each obstacle received, times a factor.
+    virtual void begin_again(BegunStep const& step) = 0;
+    /// After a batch, of which so many steps were taken.
+    virtual void end(int taken) = 0;
+    /// Appends what each obstacle received in the next of these steps, times a factor.
     virtual void append(std::vector<Reaction>& to, double factor) = 0;
 };
 
@@ -67,6 +83,12 @@ public:
 
     /// The groups of the call.
     std::vector<GroupMemory*> const& of_call() const { return of_call_; }
+    /// At most how many of `steps` steps a batch may have.
+    int most_steps(int steps) const
+    {
+        for (GroupMemory const* const group : of_call_) steps = std::min(steps, group->most_steps());
+        return steps;
+    }
     /// See GroupMemory; for the group in this place among those of the call.
     void append(std::size_t place, std::vector<Reaction>& to, double factor)
     {

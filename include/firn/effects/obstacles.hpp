@@ -29,8 +29,6 @@ namespace firn
 /// call begins, by what they sweep during it. Shapes of your own are named in the type,
 /// Obstacles<AnyShape<Pillar>>, or all are of one type, Obstacles<Sphere>; shells are
 /// Obstacles<Shell<AnyShape<>>>.
-///
-/// On a backend that queues steps the host waits for each step of a call with such obstacles.
 template <class ShapeType = AnyShape<>>
 struct Obstacles
 {

@@ -46,15 +46,25 @@ struct ReactionSums
         }
     }
 
-    /// What an obstacle received, from a copy of a part on the host.
-    Reaction of(std::uint32_t obstacle, std::int64_t const* copy) const
+    /// Sets what an obstacle received in a part to 0.
+    FIRN_HOST_DEVICE void clear(std::uint32_t obstacle, std::size_t of_part) const
     {
+        for (std::uint32_t slot = 0; slot < slots; ++slot)
+            for (int i = 0; i < numbers * words; ++i)
+                memory[of_part * size() + first(obstacle, slot) + std::size_t(i)] = 0;
+    }
+
+    /// What an obstacle received in a part. Its bits are the same wherever this runs: products with powers of
+    /// two are exact.
+    FIRN_HOST_DEVICE Reaction of(std::uint32_t obstacle, std::size_t of_part = 0) const
+    {
+        std::int64_t const* const from = memory + of_part * size();
         double sums[numbers];
         for (int i = 0; i < numbers; ++i) {
             std::int64_t of_word[words]{};
             for (std::uint32_t slot = 0; slot < slots; ++slot)
                 for (int w = 0; w < words; ++w)
-                    of_word[w] += copy[first(obstacle, slot) + std::size_t(words * i + w)];
+                    of_word[w] += from[first(obstacle, slot) + std::size_t(words * i + w)];
             sums[i] = 0;
             for (int w = words; w-- > 0;) sums[i] += double(of_word[w]) * unit(w); // the small ones first
         }
@@ -83,14 +93,6 @@ private:
             number -= double(share) * unit(w); // exact: what is left has fewer digits
         }
     }
-};
-
-/// Sets them to 0.
-struct ClearReactionSums
-{
-    std::int64_t* memory;
-
-    FIRN_HOST_DEVICE void operator()(std::size_t place) const { memory[place] = 0; }
 };
 
 } // namespace firn

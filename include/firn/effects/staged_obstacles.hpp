@@ -36,13 +36,28 @@ struct PlaceObstacles
 {
     Obstacle<ShapeType> const* from;
     typename Obstacle<ShapeType>::template Action<Number, d>* to;
-    Interval const* interval; ///< where loops run
+    BegunStep step;
+    ReactionSums sums;
     std::uint32_t part, *part_of_step;
 
     FIRN_HOST_DEVICE void operator()(std::size_t place) const
     {
-        to[place] = from[place].template over<Number, d>(*interval);
+        if (step.taken != nullptr && *step.taken == 0) return;
+        to[place] = from[place].template over<Number, d>(*step.interval);
+        sums.clear(static_cast<std::uint32_t>(place), part);
         if (place == 0) *part_of_step = part;
+    }
+};
+
+/// Adds up what obstacles received in each step of a batch.
+struct AddUpReactions
+{
+    ReactionSums sums;
+    Reaction* to; ///< step by step
+
+    FIRN_HOST_DEVICE void operator()(std::size_t place) const
+    {
+        to[place] = sums.of(static_cast<std::uint32_t>(place % sums.obstacles), place / sums.obstacles);
     }
 };
 
@@ -101,13 +116,14 @@ class StagedObstacles : public GroupMemory
     using Sorted = detail::SortedBoxes<Backend, d>;
     template <class T>
     using Array = typename Backend::template Array<T>;
-    /// Parts of the sums: what a step received, and what is not to count.
-    static constexpr std::uint32_t counting = 0, lost = 1, parts = 2;
+    /// How many steps a batch has room for at most, and how many bytes the sums may take for more than one.
+    static constexpr std::size_t most_steps_of_batch = Backend::queues ? 64 : 1;
+    static constexpr std::size_t most_bytes = std::size_t(16) << 20;
 
 public:
     explicit StagedObstacles(Backend const& backend)
         : backend_(backend), obstacles_(backend), placed_(backend), reach_(backend), to_nodes_(backend),
-          to_particles_(backend), part_(backend), sums_(backend)
+          to_particles_(backend), part_(backend), sums_(backend), received_(backend)
     {}
 
     /// Stores the obstacles of a call that takes a time [s] from `begin` on, and writes the addresses into
@@ -153,29 +169,35 @@ public:
             to.near_in_space = near;
         to.sums.obstacles = static_cast<std::uint32_t>(plain.size());
         to.sums.slots = ReactionSums::slots_of(plain.size());
-        sums_.resize(std::max<std::size_t>(parts * to.sums.size(), 1));
+        std::size_t const size = std::max<std::size_t>(to.sums.size(), 1),
+                          fit = most_bytes / (size * sizeof(std::int64_t));
+        most_steps_ = static_cast<int>(std::clamp<std::size_t>(fit, 1, most_steps_of_batch));
+        sums_.resize((std::size_t(most_steps_) + 1) * size); // the last part does not count
         to.sums.memory = sums_.data();
         to.sums.part = part_.data();
         of_call_ = to.sums;
     }
 
-    void begin(Interval const* interval) override
-    {
-        if (of_call_.obstacles == 0) return;
-        place(interval, counting);
-        backend_.for_each(of_call_.size(), ClearReactionSums{of_call_.memory});
-    }
+    int most_steps() const override { return most_steps_; }
 
-    void begin_again(Interval const* interval) override
+    void expect(int steps) override { received_.resize(std::size_t(steps) * of_call_.obstacles); }
+
+    void begin(BegunStep const& step) override { place(step, step.number); }
+
+    void begin_again(BegunStep const& step) override { place(step, most_steps_); }
+
+    void end(int taken) override
     {
-        if (of_call_.obstacles > 0) place(interval, lost);
+        backend_.for_each(std::size_t(taken) * of_call_.obstacles,
+                          AddUpReactions{of_call_, received_.data()});
+        appended_ = 0;
     }
 
     void append(std::vector<Reaction>& to, double factor) override
     {
         if (of_call_.obstacles == 0) return;
-        std::int64_t const* const copy = sums_.read();
-        for (std::uint32_t i = 0; i < of_call_.obstacles; ++i) to.push_back(of_call_.of(i, copy) * factor);
+        if (appended_ == 0) read_ = received_.read();
+        for (std::uint32_t i = 0; i < of_call_.obstacles; ++i) to.push_back(read_[appended_++] * factor);
     }
 
 private:
@@ -187,11 +209,11 @@ private:
         return reach > 0 && is_two_sided<ShapeType> ? reach + 0.5 * lattice.cell_size : reach;
     }
 
-    void place(Interval const* interval, std::uint32_t part)
+    void place(BegunStep const& step, int part)
     {
         backend_.for_each(of_call_.obstacles,
-                          PlaceObstacles<Plain, Number, d>{obstacles_.data(), placed_.data(), interval, part,
-                                                           part_.data()});
+                          PlaceObstacles<Plain, Number, d>{obstacles_.data(), placed_.data(), step, of_call_,
+                                                           static_cast<std::uint32_t>(part), part_.data()});
     }
 
     /// How many cells before an obstacle, and behind it, lanes may begin if one of them is to touch it:
@@ -265,8 +287,12 @@ private:
     Array<float> reach_;
     Sorted to_nodes_, to_particles_;
     Array<std::uint32_t> part_; ///< of the sums to which a step adds
-    typename Backend::template ReadbackBuffer<std::int64_t> sums_;
+    Array<std::int64_t> sums_;
+    typename Backend::template ReadbackBuffer<Reaction> received_; ///< step by step
+    Reaction const* read_ = nullptr;                               ///< the host's copy of it
+    std::size_t appended_ = 0;                                     ///< of these, since the batch ended
     ReactionSums of_call_{};
+    int most_steps_ = 1;
 };
 
 } // namespace firn

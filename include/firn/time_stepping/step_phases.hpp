@@ -73,6 +73,7 @@ public:
           storage_(resized(memory.storage.template of<Storage>(), 1)),
           log_(resized(memory.storage.template of<Entry>(), Entry::count(std::size_t(most))))
     {
+        for_each_group([&](GroupMemory& group) { group.expect(most); });
         BeginBatch<Actions::obstacles, materials> const begin{scene.time_state, log_};
         auto const entries = Entry::count(std::size_t(most));
         if (scene.time_state.ready)
@@ -113,8 +114,7 @@ public:
     /// handle to them.
     auto update_grid(int step)
     {
-        if constexpr (detail::has_groups<Effects>)
-            for (GroupMemory* const group : scene_.groups) group->begin(interval_of(step));
+        for_each_group([&](GroupMemory& group) { group.begin(begun(step)); });
         scene_.grid_state.extend_velocities(scene_.sets, scene_.smallest_node_mass);
         return memory_.backend.for_each_node(orders(), grid(),
                                              scene_.grid_state.grid_update(scene_.sets, now(step),
@@ -140,8 +140,7 @@ public:
     /// The same to move particles once more in a step in which some had no room.
     auto g2p2g_phases_again(int step) const
     {
-        if constexpr (detail::has_groups<Effects>)
-            for (GroupMemory* const group : scene_.groups) group->begin_again(interval_of(step));
+        for_each_group([&](GroupMemory& group) { group.begin_again(begun(step)); });
         return g2p2g_phases(step);
     }
 
@@ -193,6 +192,7 @@ public:
     /// failed.
     void end(int taken, bool failed)
     {
+        for_each_group([&](GroupMemory& group) { group.end(taken); });
         memory_.turn = (memory_.turn + taken) % 2;
         memory_.nodes_spoiled = failed;
     }
@@ -225,8 +225,16 @@ private:
         return buffer.data();
     }
 
-    /// Where loops find the interval of a step that is to be taken.
-    Interval const* interval_of(int step) const { return &log_[step].after.time_state.now.interval; }
+    template <class Use>
+    void for_each_group([[maybe_unused]] Use const& use) const
+    {
+        if constexpr (detail::has_groups<Effects>)
+            for (GroupMemory* const group : scene_.groups) use(*group);
+    }
+    BegunStep begun(int step) const
+    {
+        return {step, &log_[step].after.time_state.now.interval, step > 0 ? &log_[step].taken : nullptr};
+    }
     auto* now(int step) const { return storage_->now + (memory_.turn + step) % 2; }
 
     template <std::size_t... k>

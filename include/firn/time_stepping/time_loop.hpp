@@ -195,9 +195,8 @@ private:
             scene.masses.unit, scene.smallest_node_mass(), quarantine_.most() > 0,
             groups_.of_call()};
         int at_once = 1;
-        if constexpr (Scene::Backend::queues &&
-                      !detail::has_groups<Effects>) // the host reads their reactions
-            at_once = driver_.steps_at_once(memory_, parts, most);
+        if constexpr (Scene::Backend::queues)
+            at_once = groups_.most_steps(driver_.steps_at_once(memory_, parts, most));
         // outside of the change: this may run out of memory before the scene changes
         typename Driver::template Steps<Effects> steps(memory_, parts, controller, effects, at_once);
         StepLog const* log = nullptr;
