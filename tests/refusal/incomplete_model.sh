@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: MIT
 # A model that forgets a member is refused by the compiler, a host's or nvcc, with a sentence that names it, and by nvcc
 # one that a device cannot call; so is a transfer scheme or a plastic flow, what is no effect of a scene, one of which
-# something would be ignored, a field that a transfer cannot carry, and an obstacle of a shape without a surface:
+# something would be ignored, a field that a transfer cannot carry, and an obstacle of a shape without a surface. So is
+# what is complete by itself but not together, such as bodies and a reflecting wall:
 # incomplete_model.sh COMPILER SOURCE EIGEN.
 set -euo pipefail
 compiler=$1 source=$2 eigen=$3
@@ -99,6 +100,25 @@ END
 END
     errors=$(grep -cE '(error: |: error)' "$said" || true)
     [ "$errors" = 28 ] || { cat "$said"; echo "there are $errors errors, not one for each effect."; exit 1; }
+    unit=refused_pairs.cpp
+    if compiles; then echo "policies, effects and shapes that do not go together compile."; exit 1; fi
+    while read -r times sentence; do # a class may be compiled for several steps, and refused for each
+        said_times=$(grep 'error' "$said" | sort -u | grep -cF "$sentence" || true)
+        [ "$said_times" = "$times" ] || { cat "$said"; echo "it is said $said_times times, not $times: $sentence"; exit 1; }
+    done <<'END'
+1 Bodies know no ReflectingWall
+1 Xpic knows no ReflectingWall
+1 Xpic knows no Bodies
+1 Bodies exchange momentum alone
+1 LocalDamping, and any action with on_impulse, needs the forces apart from the momentum
+1 Traction loads particles that are marked, and the transfer does not carry their marks
+1 a shape that changes its form is a solid: it makes no Shell
+2 a shape that changes its form is an obstacle of its own
+1 a shape that changes its form is an obstacle of its own, or Obstacles<DeformingGrid<...>>
+3 a shape that changes its form is an obstacle, and makes no region
+END
+    errors=$(grep -E '(error: |: error)' "$said" | sort -u | wc -l)
+    [ "$errors" = 12 ] || { cat "$said"; echo "there are $errors errors, not one for each that is refused."; exit 1; }
 }
 others
 unit=incomplete_model.cpp
@@ -107,4 +127,4 @@ if [[ $(basename "$compiler") == nvcc* ]]; then # or it would compile into nothi
     grep -q 'calling a __host__ function' "$said" && grep -q 'respond' "$said" ||
         { cat "$said"; echo "it is not said that a device cannot call the model."; exit 1; }
 fi
-echo "a model without its Space, State, density, validate() or respond() is refused with a sentence that names it, and so is a transfer scheme or a flow without a member, what is no effect, an effect of which something would be ignored, and an obstacle of no shape"
+echo "a model without its Space, State, density, validate() or respond() is refused with a sentence that names it, and so is a transfer scheme or a flow without a member, what is no effect, an effect of which something would be ignored, an obstacle of no shape, and what does not go together"

@@ -1,0 +1,48 @@
+// SPDX-License-Identifier: MIT
+// Read by incomplete_model.sh: what is complete each by itself, and is refused together.
+#include <firn/firn.hpp>
+
+#include <firn/effects/force.hpp>
+#include <firn/effects/held.hpp>
+#include <firn/effects/local_damping.hpp>
+#include <firn/effects/shapes/any_shape.hpp>
+#include <firn/effects/shapes/deforming_grid.hpp>
+#include <firn/effects/shapes/union.hpp>
+#include <firn/effects/traction.hpp>
+#include <firn/models/bodies.hpp>
+#include <firn/sampling/fill.hpp>
+#include <firn/transfer/carrying.hpp>
+#include <firn/transfer/conduction.hpp>
+
+#if defined(__CUDACC__)
+#include <firn/cuda.hpp>
+using Backend = firn::Cuda;
+#else
+#include <firn/openmp.hpp>
+using Backend = firn::OpenMP;
+#endif
+
+using Solid = firn::NeoHookean<firn::Space<2, float>>;
+using Two = firn::Bodies<Solid, Solid>;
+using Deforming = firn::DeformingGrid<float, 2>;
+
+// three reasons at once, and that of the wall and the transfer
+template <class Transfer>
+using SolverOfBodies = firn::Solver<Backend, Two, firn::QuadraticBSpline, Transfer>;
+void bodies(SolverOfBodies<firn::Carrying<firn::Xpic, firn::Conduction>>& solver)
+{
+    solver.step(1e-4, firn::ReflectingWall{});
+}
+void loads(firn::Solver<Backend, Solid, firn::QuadraticBSpline, firn::Mls>& solver)
+{
+    solver.step(1e-4, firn::LocalDamping{}, firn::Traction{});
+}
+void shapes(Deforming const& shape)
+{
+    static_cast<void>(sizeof(firn::Shell<Deforming>));
+    static_cast<void>(sizeof(firn::Union<firn::Sphere, Deforming>));
+    static_cast<void>(sizeof(firn::AnyShape<Deforming>));
+    firn::Held<Deforming>{.shape = shape}.validate();
+    firn::Force<Deforming>{.shape = shape}.validate();
+    firn::fill<2>(shape, firn::Filling{.spacing = 0.1});
+}
