@@ -118,6 +118,7 @@ TEMPLATE_LIST_TEST_CASE(
     CHECK(apart > 1e-3);
 }
 
+#if !defined(__CUDACC__) // which has no packs
 namespace
 {
 
@@ -193,6 +194,7 @@ TEST_CASE("particles of a pack with values of their own are each computed with t
     CHECK(difference_in_lanes<CamClay<Plane>, OwnCohesion>({{0}, {0.5}, {2}}) <= 1e-12);
     CHECK(difference_in_lanes<Fluid<Plane>, OwnBulkModulus>({{1e5}, {2e5}, {3e5}}) <= 1e-12);
 }
+#endif
 
 TEST_CASE("the step is bounded by the stiffest particle, with the least favourable ratio of its moduli")
 {
