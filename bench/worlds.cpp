@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 // What many worlds cost beside one scene of as many particles: steps of both by turns, and the time in which
 // worlds are reset.
-//     worlds [rounds [worlds [side [steps of a call]]]]
+//     worlds [rounds [worlds [side [steps of a call [obstacles of each world]]]]]
 // Each world is a block of side^3 particles on the ground, jittered; the one scene is a block of as many
 // particles, with neither a gap nor a border between. In a third scene, of one world, as many small blocks
 // lie apart: it says what borders cost. Prints medians of milliseconds per step. The same file is compiled
@@ -56,14 +56,16 @@ int main(int argc, char** argv)
 {
     auto const argument = [&](int i, int otherwise) { return argc > i ? std::atoi(argv[i]) : otherwise; };
     int const rounds = argument(1, 5), count = argument(2, bench::on_a_device ? 148 : 12),
-              side = argument(3, 22), of_call = argument(4, 20);
+              side = argument(3, 22), of_call = argument(4, 20), obstacles = argument(5, 1);
     double const volume = std::pow(h / 2, 3);
 
     Worlds<Single> worlds(std::uint32_t(count), lattice(h), Single::Model{}, Single::Transfer{},
                           StepControl{}, bench::backend());
     for (std::uint32_t w = 0; w < worlds.count(); ++w) {
         worlds.add(w, block(side, side, side), volume);
-        worlds.obstacles(w).push_back({.shape = Sphere{0.1}, .motion = {.position = {-0.1, 0.2, 0.2}}});
+        for (int i = 0; i < obstacles; ++i)
+            worlds.obstacles(w).push_back(
+                {.shape = Sphere{0.1}, .motion = {.position = {-0.1, 0.2, 0.2 * (i + 1)}}});
     }
     auto const start = worlds.save(0);
     Single one(lattice(h), {}, {}, {}, bench::backend());

@@ -469,7 +469,7 @@ private:
         walls_.look(scene_.sets, scene_.lattice, Transfer::moves_with_grid ? 1e-3 : 0.5, effects...);
     }
 
-    template <class, class>
+    template <class, class, ActsOn>
     friend class Worlds;
     detail::AccessGuard<typename Backend::SharedCount> guard_;
     SceneState<Backend, Sets, Kernel, Transfer> scene_;

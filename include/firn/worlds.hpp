@@ -46,10 +46,11 @@ namespace firn
 /// this, particles scatter to the grid afresh when a call begins, which takes the time of about one step
 /// more.
 ///
-/// `SolverType` is a Solver, which the worlds own, and `ShapeType` the shape of the worlds' own obstacles, as
-/// in Obstacles. A particle that comes near the border of its world fails as one does at the border of the
-/// lattice: that is at least 16 000 cells away, and 130 000 for up to 4096 worlds in space.
-template <class SolverType, class ShapeType = AnyShape<>>
+/// `SolverType` is a Solver, which the worlds own; `ShapeType` is the shape of the worlds' own obstacles, and
+/// `acts_on` what they act on, as in Obstacles. A particle that comes near the border of its world fails as
+/// one does at the border of the lattice: that is at least 16 000 cells away, and 130 000 for up to 4096
+/// worlds in space.
+template <class SolverType, class ShapeType = AnyShape<>, ActsOn acts_on = ActsOn::nodes>
 class Worlds
 {
     using Sets = typename SolverType::Sets;
@@ -301,9 +302,9 @@ private:
     }
 
     /// The obstacles of all worlds as one effect.
-    Obstacles<ShapeType> all_obstacles() const
+    Obstacles<ShapeType, acts_on> all_obstacles() const
     {
-        Obstacles<ShapeType> all;
+        Obstacles<ShapeType, acts_on> all;
         for (std::uint32_t world = 0; world < count(); ++world) {
             OwnWorld own{.begun = begun_[world]};
             Coordinates<d> const centre = layout_.centre(world);

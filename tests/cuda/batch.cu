@@ -140,7 +140,7 @@ namespace
 auto meet_many(std::size_t batch, double speed, StepControl control)
 {
     Thrown<Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>> scene(batch, speed, control);
-    Obstacles<> solids;
+    Obstacles<AnyShape<>, ActsOn::particles> solids;
     solids.list.push_back({.shape = HalfSpace{},
                            .contact = Contact::coulomb(0.3),
                            .motion = {.position = {0, 0.2, 0}},
@@ -184,7 +184,7 @@ TEST_CASE("what obstacles of a group receive counts once where many particles le
     Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver solver(lattice(0.05));
     solver.add(box_of_points<3>({0.01, 0.01, 0.01}, {0.51, 0.51, 0.51}, 0.05), std::pow(0.025, 3),
                {3, -20, 1});
-    Obstacles<Sphere> balls; // between nodes, so that only particles meet them
+    Obstacles<Sphere, ActsOn::particles> balls; // between nodes, so that only particles meet them
     for (int i = 0; i < 200; ++i)
         balls.list.push_back({.shape = {0.03},
                               .contact = Contact::sticky(),

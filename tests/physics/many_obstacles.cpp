@@ -122,7 +122,7 @@ void compare_on_particles(double tolerance)
         },
         [&](auto& solver) {
             Obstacles<Shell<Box>> const sheets{{sheet}};
-            Obstacles<> solids = all_of_them();
+            Obstacles<AnyShape<>, ActsOn::particles> solids{all_of_them().list};
             for (std::size_t i = 1; i < 3; ++i) solids.list[i].on_particles = true;
             return solver.advance(0.02, sheets, Gravity{}, solids, bowl);
         });
@@ -147,7 +147,7 @@ TEST_CASE("solids and shells in one argument act on particles as if each were an
 TEST_CASE("no particle gets into one of many obstacles that act on particles, wherever they lie and move")
 {
     auto solver = block<InPlane>();
-    Obstacles<> balls;
+    Obstacles<AnyShape<>, ActsOn::particles> balls;
     for (int i = 0; i < 300; ++i)
         balls.list.push_back({.shape = Sphere{0.03 + 0.0001 * (i % 30)},
                               .contact = Contact::coulomb(0.1 * (i % 5)),
@@ -176,7 +176,7 @@ TEST_CASE("particles leave obstacles of a group that are laid over them, by a qu
 {
     for (int const many : {1, 3}) {
         auto solver = block<InPlane>();
-        Obstacles<Sphere> balls;
+        Obstacles<Sphere, ActsOn::particles> balls;
         for (int i = 0; i < many; ++i)
             balls.list.push_back({.shape = {0.12},
                                   .motion = {.position = {0.15, 0.17, 0}, .velocity = {0.5, 0, 0}, .time = 0},
@@ -275,7 +275,7 @@ TEST_CASE("an obstacle that crosses the scene in one call is met wherever it com
 TEST_CASE("a step that failed leaves no trace in reactions")
 {
     auto solver = block<InPlane>();
-    Obstacles<> all = all_of_them();
+    Obstacles<AnyShape<>, ActsOn::particles> all{all_of_them().list};
     for (std::size_t i = 1; i < 3; ++i) all.list[i].on_particles = true;
     solver.advance(0.05, Gravity{}, all);
     CHECK_THROWS_AS(solver.step(0.5, Gravity{}, all), StepError);
@@ -298,6 +298,7 @@ TEST_CASE("obstacles of a group that make no sense are refused by their number")
         CHECK(error.what_is_wrong().find(what) != std::string::npos);
     };
     refuses([](auto& one) { one.shape = Sphere{-1}; }, "radius");
+    refuses([](auto& one) { one.on_particles = true; }, "acts on nodes alone");
     refuses([](auto& one) { one.motion.velocity.z() = 1; }, "plane");
     refuses([](auto& one) { one.motion.position.x() = std::numeric_limits<double>::infinity(); }, "motion");
     CHECK((solver.positions() == before));

@@ -46,7 +46,8 @@ struct Chain;
 template <>
 struct Chain<>
 {
-    static constexpr int obstacles = 0, groups = 0, walls = 0, shells = 0, lookups = 0, touching = 0;
+    static constexpr int obstacles = 0, groups = 0, groups_on_particles = 0, walls = 0, shells = 0,
+                         lookups = 0, touching = 0;
     static constexpr bool may_touch_particles = false, uses_kilograms = false, changes_impulse = false,
                           loads_surfaces = false, accelerates_marked = false, touches_marked = false;
     template <class Visit>
@@ -62,11 +63,14 @@ struct Chain<First, Rest...>
     Chain<Rest...> rest;
     static constexpr int obstacles = int(is_obstacle<First>) + Chain<Rest...>::obstacles;
     static constexpr int groups = int(is_group<First>) + Chain<Rest...>::groups;
+    static constexpr int groups_on_particles =
+        int(is_group_on_particles<First>) + Chain<Rest...>::groups_on_particles;
     static constexpr int walls = int(is_wall<First>) + Chain<Rest...>::walls;
     static constexpr int shells = int(keeps_sides<First> && !is_group<First>) + Chain<Rest...>::shells;
     static constexpr int lookups = int(looks_up<First>) + Chain<Rest...>::lookups;
     static constexpr bool may_touch_particles = (acts_on_particles<First> && !is_wall<First>) ||
-                                                is_group<First> || Chain<Rest...>::may_touch_particles;
+                                                is_group_on_particles<First> ||
+                                                Chain<Rest...>::may_touch_particles;
     /// The number of obstacles if one of them may act on particles, else 0: walls alone do not.
     static constexpr int touching = may_touch_particles ? obstacles : 0;
     /// Whether an action asks for the areas of surfaces.
@@ -98,7 +102,7 @@ FIRN_HOST_DEVICE bool touches_particles(Chain<Actions...> const& chain)
     bool wanted = false;
     chain.for_each([&](auto const& action) {
         using Action = std::decay_t<decltype(action)>;
-        if constexpr (is_group<Action>)
+        if constexpr (is_group_on_particles<Action>)
             wanted = wanted || action.acting > 0;
         else if constexpr (acts_on_particles<Action> && !is_wall<Action>)
             wanted = wanted || action.on_particles;

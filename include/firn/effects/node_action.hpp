@@ -100,11 +100,24 @@ inline constexpr bool is_wall = requires
     requires Action::mirrors;
 };
 
+/// On what obstacles act whose number is known at run time.
+enum class ActsOn
+{
+    nodes,     ///< which is what a solid does unless it says `on_particles`
+    particles, ///< and on the particles themselves, those with `on_particles`; steps on a device cost more
+};
+
 /// Whether an action is that of many obstacles, whose number is known at run time: see Obstacles.
 template <class Action>
 inline constexpr bool is_group = requires
 {
     requires Action::is_group;
+};
+/// The same of obstacles of which some may act on particles.
+template <class Action>
+inline constexpr bool is_group_on_particles = requires
+{
+    requires Action::is_group && Action::acts_on_particles;
 };
 
 /// Whether an action is that of an obstacle, which has a reaction.

@@ -28,10 +28,15 @@ namespace firn
 /// Nodes and particles meet only those that are near: obstacles are sorted into cubes of some cells when a
 /// call begins, by what they sweep during it. Shapes of your own are named in the type,
 /// Obstacles<AnyShape<Pillar>>, or all are of one type, Obstacles<Sphere>; shells are
-/// Obstacles<Shell<AnyShape<>>>.
-template <class ShapeType = AnyShape<>>
+/// Obstacles<Shell<AnyShape<>>>. Solids that act on particles, too, are
+/// Obstacles<AnyShape<>, ActsOn::particles>: the type says so, since steps without them are faster on a
+/// device.
+template <class ShapeType = AnyShape<>,
+          ActsOn acts_on = is_two_sided<ShapeType> ? ActsOn::particles : ActsOn::nodes>
 struct Obstacles
 {
+    static_assert(!is_two_sided<ShapeType> || acts_on == ActsOn::particles, "a Shell acts on particles");
+
     std::vector<Obstacle<ShapeType>> list{};
     /// For each the world where it is; empty: they are in all worlds. Worlds sets this.
     std::vector<OwnWorld> own_worlds{};
@@ -43,7 +48,12 @@ struct Obstacles
                 "Obstacles", "Pass fewer than 1e8.");
         require(own_worlds.empty() || own_worlds.size() == list.size(), "there is not one world per obstacle",
                 "Obstacles", "Leave own_worlds empty: Worlds sets them.");
-        for_each([](auto const& obstacle) { obstacle.validate(); });
+        for_each([](auto const& obstacle) {
+            obstacle.validate();
+            require(!obstacle.on_particles || acts_on == ActsOn::particles,
+                    "it is to act on particles, and its list acts on nodes alone", "Obstacle",
+                    "Make the list Obstacles<Shape, ActsOn::particles>.");
+        });
     }
     /// Throws an Error if one of them leaves the plane, in a scene of two dimensions.
     void validate_in_plane() const
@@ -63,10 +73,10 @@ struct Obstacles
 
     /// The memory of a call's obstacles: see Groups.
     template <class Backend, class Number, int d>
-    using Staged = StagedObstacles<Backend, ShapeType, Number, d>;
+    using Staged = StagedObstacles<Backend, ShapeType, acts_on, Number, d>;
 
     /// What steps know, without the obstacles, which Staged adds.
-    PlainObstacles<detail::Plain<ShapeType>> plain() const { return {}; }
+    PlainObstacles<detail::Plain<ShapeType>, acts_on> plain() const { return {}; }
 
 private:
     template <class Use>

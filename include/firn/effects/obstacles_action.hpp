@@ -28,10 +28,10 @@ inline constexpr double with_rounding = 1.001;
 } // namespace detail
 
 /// The action of many obstacles: each of those that are near is asked what it gives to nodes and particles.
-template <class ShapeType, class Number, int d>
+template <class ShapeType, ActsOn acts_on, class Number, int d>
 struct ObstaclesAction
 {
-    static constexpr bool is_group = true;
+    static constexpr bool is_group = true, acts_on_particles = acts_on == ActsOn::particles;
     static constexpr bool looks_up = is_sampled<ShapeType>;
     static constexpr bool keeps_sides = is_two_sided<ShapeType>;
     /// How far from where the grid moves them [cells] particles may meet an obstacle: a step that succeeds
@@ -105,7 +105,7 @@ private:
 };
 
 /// Obstacles as steps know them: a plain value.
-template <class ShapeType>
+template <class ShapeType, ActsOn acts_on>
 struct PlainObstacles
 {
     static constexpr bool is_group = true;
@@ -119,10 +119,10 @@ struct PlainObstacles
     ReactionSums sums{};
 
     template <class Number, int d>
-    FIRN_HOST_DEVICE ObstaclesAction<ShapeType, Number, d> over(Interval const&) const
+    FIRN_HOST_DEVICE ObstaclesAction<ShapeType, acts_on, Number, d> over(Interval const&) const
     {
         auto const* const of_scene =
-            static_cast<typename ObstaclesAction<ShapeType, Number, d>::One const*>(placed);
+            static_cast<typename ObstaclesAction<ShapeType, acts_on, Number, d>::One const*>(placed);
         if constexpr (d == 2)
             return {of_scene, reach, near_in_plane, acting, have_own_worlds, sums};
         else

@@ -46,7 +46,7 @@ struct ParticleContact
     /// Velocity of the motion in this step [m/s]: the grid's, unless the transfer has one of its own.
     Vector<Real, d> motion = moved * (Real(1) / dt);
     bool may_fail = false; ///< whether one pass over the obstacles may not be enough
-    SparedDepths<Real, obstacles, (Effects::groups > 0)> spared{};
+    SparedDepths<Real, obstacles, (Effects::groups_on_particles > 0)> spared{};
     Real last{Number(-1)}; ///< the obstacle of the last contact
 
     /// Corrects the velocity, and returns the displacement [m] that goes with it.
@@ -57,7 +57,7 @@ struct ParticleContact
         bool has_shells = Effects::shells > 0;
         chain.for_each([&](auto const& action) {
             using Action = std::decay_t<decltype(action)>;
-            if constexpr (is_group<Action>) {
+            if constexpr (is_group_on_particles<Action>) {
                 acting += action.acting; // also those that are far
                 has_shells = has_shells || (keeps_sides<Action> && action.acting > 0);
             }
@@ -68,7 +68,7 @@ struct ParticleContact
         });
         may_fail = acting > 1 || has_shells;
         bool moves = pass(true);
-        if constexpr (obstacles > 1 || Effects::groups > 0 || Effects::shells > 0)
+        if constexpr (obstacles > 1 || Effects::groups_on_particles > 0 || Effects::shells > 0)
             if (may_fail) {
                 for (int i = 1; i < passes && moves; ++i) moves = pass(false);
                 if (moves) settle();
@@ -112,7 +112,7 @@ private:
             using Action = std::decay_t<decltype(action)>;
             constexpr int its_turn = turn_to_act<Action>;
             [[maybe_unused]] bool const acts = turn == any_turn || turn == its_turn;
-            if constexpr (is_group<Action>) {
+            if constexpr (is_group_on_particles<Action>) {
                 if (acts)
                     action.template for_each_near_particles<Real>(
                         place, dt, [&](auto const& one, auto const& add) {
@@ -212,7 +212,7 @@ private:
         if (!any(stuck)) return;
         Mask<Real> settled = Real(1) < Real(0);
         int all = obstacles;
-        if constexpr (Effects::groups > 0) {
+        if constexpr (Effects::groups_on_particles > 0) {
             all = 0;
             for_each(any_turn, [&](auto const&, int, auto const&) { ++all; });
         }
@@ -220,7 +220,8 @@ private:
             Vector<Real, d> way = -moved;
             [[maybe_unused]] int at = 0; // groups are asked where they are among the arguments
             for_each(any_turn, [&](auto const& action, [[maybe_unused]] int i, auto const&) {
-                if ((Effects::groups > 0 ? at++ : i) == with) way += action.carried(place, moved, dt);
+                if ((Effects::groups_on_particles > 0 ? at++ : i) == with)
+                    way += action.carried(place, moved, dt);
             });
             Real const depth = depths(way);
             Mask<Real> const better = stuck & (depth < least);

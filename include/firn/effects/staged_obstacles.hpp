@@ -20,7 +20,7 @@
 namespace firn
 {
 
-template <class ShapeType>
+template <class ShapeType, ActsOn acts_on>
 struct Obstacles;
 
 /// The world in which an obstacle acts alone.
@@ -108,11 +108,11 @@ private:
 } // namespace detail
 
 /// The memory in which a backend's loops find the obstacles of a call, kept for later calls.
-template <class Backend, class ShapeType, class Number, int d>
+template <class Backend, class ShapeType, ActsOn acts_on, class Number, int d>
 class StagedObstacles : public GroupMemory
 {
     using Plain = detail::Plain<ShapeType>;
-    using Action = ObstaclesAction<Plain, Number, d>;
+    using Action = ObstaclesAction<Plain, acts_on, Number, d>;
     using Sorted = detail::SortedBoxes<Backend, d>;
     template <class T>
     using Array = typename Backend::template Array<T>;
@@ -128,8 +128,8 @@ public:
 
     /// Stores the obstacles of a call that takes a time [s] from `begin` on, and writes the addresses into
     /// the effect's plain value `to`.
-    void stage(Obstacles<ShapeType> const& from, Lattice const& lattice, double begin, double duration,
-               PlainObstacles<Plain>& to)
+    void stage(Obstacles<ShapeType, acts_on> const& from, Lattice const& lattice, double begin,
+               double duration, PlainObstacles<Plain, acts_on>& to)
     {
         std::vector<Obstacle<Plain>> plain;
         std::vector<float> reach;

@@ -67,8 +67,9 @@ struct G2p2g
                                                 ? Gather::scratch_channels
                                                 : Scatter::scratch_channels;
     /// Contact is called while all gathered values are live, so a device needs more registers there.
-    static constexpr bool calls_amid_much = d == 3 && (Effects::touching > 1 || Effects::groups > 0 ||
-                                                       (Effects::lookups > 0 && !Transfer::moves_with_grid));
+    static constexpr bool calls_amid_much =
+        d == 3 && (Effects::touching > 1 || Effects::groups_on_particles > 0 ||
+                   (Effects::lookups > 0 && !Transfer::moves_with_grid));
     template <class Real>
     using CellNodes = typename Gather::template CellNodes<Real>;
 
@@ -221,7 +222,7 @@ private:
             Real const mass = mass_groups.find(items, before.id).mass, dt(now->dt);
             // Called out of line if the particle has a velocity of its own, or if contact is more than the
             // closed-form distance to one solid:
-            if constexpr (Effects::obstacles > 1 || Effects::groups > 0 || Effects::shells > 0 ||
+            if constexpr (Effects::obstacles > 1 || Effects::groups_on_particles > 0 || Effects::shells > 0 ||
                           Effects::lookups > 0 || !Transfer::moves_with_grid) {
                 Vector<Real, d> const moved = displacement; // copies: see call_on_particles
                 Vector<Real, d> velocity = particle[Velocity{}];
