@@ -195,6 +195,45 @@ TEST_CASE("particles are added with a volume each, and their masses, momentum an
     CHECK(one.memory() == each.memory());
 }
 
+TEST_CASE("particles with densities of their own are those of a model that has them")
+{
+    using Solver = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>::Solver;
+    double const h = 0.05, volume = h * h / 4;
+    auto const box = box_of_points<2>({0, 0.01}, {0.3, 0.31}, h);
+    Obstacle<HalfSpace> const floor{};
+    auto const fallen = [&](Solver solver) {
+        for (int i = 0; i < 100; ++i) solver.step(1e-4, Gravity{}, floor);
+        return solver;
+    };
+    NeoHookean<Plane> heavy;
+    heavy.density = 2500;
+    Solver of_model(lattice(h), heavy), own(lattice(h)), light(lattice(h));
+    of_model.add(box, volume, {0, -3});
+    own.add(box, Volumes(volume, std::vector<float>(box.size(), 2500)), {0, -3});
+    light.add(box, volume, {0, -3});
+    CHECK(own.totals().mass == Approx(2500 * 0.09).epsilon(1e-12));
+    CHECK(own.stable_step() == light.stable_step()); // by the model's
+    auto const of_model_after = fallen(std::move(of_model));
+    auto const own_after = fallen(std::move(own)), light_after = fallen(std::move(light));
+    double worst = 0, apart = 0;
+    auto const x = of_model_after.positions(), y = own_after.positions(), z = light_after.positions();
+    for (std::size_t i = 0; i < x.size(); ++i) {
+        worst = std::max(worst, (x[i] - y[i]).norm());
+        apart = std::max(apart, (z[i] - y[i]).norm());
+    }
+    CHECK(worst <= 1e-13);
+    CHECK(apart > 1e-4);
+    CHECK(own_after.energy().elastic == Approx(of_model_after.energy().elastic).epsilon(1e-9));
+    // volumes and densities one by one: mass is their product
+    Solver each(lattice(h));
+    each.add(std::vector<Eigen::Vector2d>{{0, 0}, {1, 0}, {2, 0}},
+             Volumes(std::vector<double>{1e-3, 2e-3, 1e-3}, std::array<double, 3>{2000, 1000, 1000}));
+    auto const m = each.masses();
+    CHECK(m[0] == Approx(2));
+    CHECK(m[1] == Approx(2));
+    CHECK(m[2] == Approx(1));
+}
+
 TEST_CASE("to remove no particle changes not a bit of what follows")
 {
     using Solver = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>::Solver;

@@ -255,6 +255,11 @@ TEST_CASE("bodies that collide give the same bits with any number of threads")
 
 TEST_CASE("contact between bodies is refused if its numbers make no sense")
 {
+    Two solver(lattice(0.1)); // they know what space their masses fill
+    CHECK_THAT(refused([&] {
+                   solver.add<Material<0>>(std::vector{Eigen::Vector2d(0, 0)}, Volumes(1e-3, 2000));
+               }).what(),
+               Contains("densities of their own"));
     double const no_number = std::numeric_limits<double>::quiet_NaN();
     auto const is_refused = [&](BodyContact<2> const& contact, char const* what) {
         CHECK_THAT(refused([&] {

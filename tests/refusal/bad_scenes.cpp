@@ -136,8 +136,18 @@ TEST_CASE("particles that are not finite, too far or of no volume are refused, a
     }
     CHECK(refused([&] {
               solver.add(Points{{0, 0}}, std::vector<float>{1e-3f, 1e-3f});
-          }).what_is_wrong() == "there are 2 volumes for 1 points");
+          }).what_is_wrong() == "there is not one volume for each point, but 2 for 1");
     refused([&] { solver.add(Points{{0, 0}}, std::vector<double>{}); });
+    // densities of particles, where the model's is 1000
+    for (double density : {0.0, -2000.0, 999.0, not_a_number, infinite}) {
+        refused([&] { solver.add(Points{{0, 0}}, Volumes(1e-3, density)); });
+        auto const one = refused([&] {
+            solver.add(Points{{0, 0}, {1, 0}}, Volumes(1e-3, std::vector<double>{2000, density}));
+        });
+        CHECK(one.where() == "Solver::add, density 1");
+    }
+    refused([&] { solver.add(Points{{0, 0}}, Volumes(1e-3, std::vector<double>{2e3, 2e3})); });
+    refused([&] { solver.add(Points{{0, 0}}, Volumes(-1e-3, 2000)); });
     refused([&] { solver.add(Points{{0, 0}}, 1e-3, {not_a_number, 0}); });
     CHECK(solver.size() == untouched.size());
     CHECK(same(solver, untouched));

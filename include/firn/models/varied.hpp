@@ -89,7 +89,7 @@ concept VariesParameter = Tag::shape == FieldShape::scalar&& requires(Model& mod
 ///
 /// Each particle is computed with the model that has its own values, so all that the model does holds for
 /// it. In a pack of numbers that is done once for each set of values in the pack, so it costs little more
-/// where neighbours have the same. Mass follows from the volume and the model's density, which is not varied.
+/// where neighbours have the same. A density is passed to add(): see Volumes.
 template <class ModelType, class... Tags>
 struct Varied : ModelType
 {
@@ -108,7 +108,7 @@ struct Varied : ModelType
     {
         Model::validate();
         require(!(is_in<Tags>(this->density) || ...), "the density of particles is not varied", "Varied",
-                "Pass a volume for each particle to add(), or make materials of different densities.");
+                "Pass densities of particles to add(): see Volumes.");
     }
 
     /// Sets the values of particles that are added: the model's.

@@ -109,34 +109,34 @@ public:
     MassGroups<Number> here() const { return {here_.data(), static_cast<int>(here_.size())}; }
     std::vector<MassGroup<Number>> const& all() const { return here_; }
 
-    /// Refuses particles of some volumes [m^3] and a density [kg/m^3] whose masses differ so much from each
-    /// other, or from others of the scene, that the lighter would be lost to rounding.
+    /// Refuses particles of some volumes [m^3] whose masses differ so much from each other, or from others of
+    /// the scene, that the lighter would be lost to rounding. `density` is the model's [kg/m^3].
     static void require_comparable(Volumes const& volumes, std::size_t count, double density, MassScale scale)
     {
         for (std::size_t i = 0; i < (volumes.are_listed() ? count : 1); ++i) {
-            double const volume = volumes[i];
-            if (exactly_equal(scale.unit, 0)) scale.unit = volume * density;
+            double const volume = volumes.volume(i), mass = volume * volumes.density(i, density);
+            if (exactly_equal(scale.unit, 0)) scale.unit = mass;
             bool const in_range = is_finite(Number(volume / scale.unit)) && Number(volume / scale.unit) > 0;
-            if (!in_range || !scale.bears<Number>(volume * density / scale.unit))
+            if (!in_range || !scale.bears<Number>(mass / scale.unit))
                 throw Error{"the new particles are lighter or heavier than others by a factor that rounding "
                             "does not bear",
                             volumes.are_listed() ? "Solver::add, volume " + std::to_string(i) : "Solver::add",
                             "Keep the masses of one scene within a factor of 1e10 (float) or 1e20 (double)."};
-            scale.admit(Number(volume * density / scale.unit));
+            scale.admit(Number(mass / scale.unit));
         }
     }
 
-    /// Sets volumes [m^3] and density [kg/m^3] of so many particles from a row on: where both equal those of
-    /// the particle before, they belong to the same mass group.
+    /// Sets volumes [m^3] of so many particles from a row on: where mass and volume equal those of the
+    /// particle before, they belong to the same mass group. `density` is the model's [kg/m^3].
     void add(std::uint32_t first_row, std::size_t count, Volumes const& volumes, double density,
              MassScale& scale)
     {
         std::size_t const groups = here_.size();
         for (std::size_t i = 0; i < (volumes.are_listed() ? count : 1); ++i) {
-            double const volume = volumes[i];
-            if (exactly_equal(scale.unit, 0)) scale.unit = volume * density;
+            double const volume = volumes.volume(i), mass = volume * volumes.density(i, density);
+            if (exactly_equal(scale.unit, 0)) scale.unit = mass;
             MassGroup<Number> const group{first_row + static_cast<std::uint32_t>(i),
-                                          Number(volume * density / scale.unit), Number(volume / scale.unit)};
+                                          Number(mass / scale.unit), Number(volume / scale.unit)};
             scale.admit(group.mass);
             if (here_.empty() || !exactly_equal(here_.back().mass, group.mass) ||
                 !exactly_equal(here_.back().volume, group.volume))

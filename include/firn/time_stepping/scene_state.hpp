@@ -89,6 +89,9 @@ public:
     std::size_t add(Points const& points, Volumes const& volumes, Vector<double, d> const& velocity,
                     Coordinates<d> const& centre = zeros<Coordinates<d>>())
     {
+        if constexpr (Sets::are_bodies)
+            require(!volumes.have_densities(), "particles of bodies have no densities of their own",
+                    "Solver::add", "Make bodies of different densities, or Materials without contact.");
         cache_grid_fields();
         if (size() == 0) masses = {}; // there are none to compare with
         std::size_t const added = add_particles(particles<k>(), sets.template model<k>(), points, volumes,
