@@ -112,13 +112,17 @@ END
 1 Bodies exchange momentum alone
 1 LocalDamping, and any action with on_impulse, needs the forces apart from the momentum
 1 Traction loads particles that are marked, and the transfer does not carry their marks
+1 MarkedForce and HeldMarked act on particles that are marked, and the transfer does not carry their marks
+1 a mark is a scalar from 0 to 1
+1 a parameter that varies is a number of the model
 1 a shape that changes its form is a solid: it makes no Shell
 2 a shape that changes its form is an obstacle of its own
 1 a shape that changes its form is an obstacle of its own, or Obstacles<DeformingGrid<...>>
 3 a shape that changes its form is an obstacle, and makes no region
 END
-    errors=$(grep -E '(error: |: error)' "$said" | sort -u | wc -l)
-    [ "$errors" = 12 ] || { cat "$said"; echo "there are $errors errors, not one for each that is refused."; exit 1; }
+    # nvcc goes on to where what is missing is asked for
+    errors=$(grep -E '(error: |: error)' "$said" | grep -v "this table has no such field" | sort -u | wc -l)
+    [ "$errors" = 15 ] || { cat "$said"; echo "there are $errors errors, not one for each that is refused."; exit 1; }
 }
 others
 unit=incomplete_model.cpp

@@ -4,15 +4,19 @@
 
 #include <firn/effects/force.hpp>
 #include <firn/effects/held.hpp>
+#include <firn/effects/held_marked.hpp>
 #include <firn/effects/local_damping.hpp>
+#include <firn/effects/marked_force.hpp>
 #include <firn/effects/shapes/any_shape.hpp>
 #include <firn/effects/shapes/deforming_grid.hpp>
 #include <firn/effects/shapes/union.hpp>
 #include <firn/effects/traction.hpp>
 #include <firn/models/bodies.hpp>
+#include <firn/models/varied.hpp>
 #include <firn/sampling/fill.hpp>
 #include <firn/transfer/carrying.hpp>
 #include <firn/transfer/conduction.hpp>
+#include <firn/transfer/marks.hpp>
 
 #if defined(__CUDACC__)
 #include <firn/cuda.hpp>
@@ -36,6 +40,16 @@ void bodies(SolverOfBodies<firn::Carrying<firn::Xpic, firn::Conduction>>& solver
 void loads(firn::Solver<Backend, Solid, firn::QuadraticBSpline, firn::Mls>& solver)
 {
     solver.step(1e-4, firn::LocalDamping{}, firn::Traction{});
+}
+struct Other : firn::Mark
+{
+    static constexpr auto name = "other";
+};
+void marks(firn::Solver<Backend, Solid, firn::QuadraticBSpline, firn::Mls>& solver)
+{
+    solver.step(1e-4, firn::HeldMarked<firn::Mark>{}, firn::MarkedForce<Other>{});
+    static_cast<void>(sizeof(firn::Marks<firn::Stiffness>));
+    static_cast<void>(sizeof(firn::Varied<Solid, firn::OwnCone>));
 }
 void shapes(Deforming const& shape)
 {

@@ -34,42 +34,51 @@ struct ParameterOfParticles
 struct OwnCone : ParameterOfParticles
 {
     static constexpr auto name = "own_cone";
-    FIRN_HOST_DEVICE static auto& of(auto& model) { return model.cone; }
+    FIRN_HOST_DEVICE static auto of(auto& model) -> decltype((model.cone)) { return model.cone; }
 };
 
 /// The dilatancy beta of sand: see dilatancy_cone.
 struct OwnDilatancy : ParameterOfParticles
 {
     static constexpr auto name = "own_dilatancy";
-    FIRN_HOST_DEVICE static auto& of(auto& model) { return model.dilatancy; }
+    FIRN_HOST_DEVICE static auto of(auto& model) -> decltype((model.dilatancy)) { return model.dilatancy; }
 };
 
 /// The cohesion of sand [Pa], or of Cam-Clay [-].
 struct OwnCohesion : ParameterOfParticles
 {
     static constexpr auto name = "own_cohesion";
-    FIRN_HOST_DEVICE static auto& of(auto& model) { return model.cohesion; }
+    FIRN_HOST_DEVICE static auto of(auto& model) -> decltype((model.cohesion)) { return model.cohesion; }
 };
 
 /// The yield stress of von Mises' solids and of fluids that have one [Pa].
 struct OwnYieldStress : ParameterOfParticles
 {
     static constexpr auto name = "own_yield_stress";
-    FIRN_HOST_DEVICE static auto& of(auto& model) { return model.yield_stress; }
+    FIRN_HOST_DEVICE static auto of(auto& model) -> decltype((model.yield_stress))
+    {
+        return model.yield_stress;
+    }
 };
 
 /// The shear modulus mu of a solid [Pa].
 struct OwnShearModulus : ParameterOfParticles
 {
     static constexpr auto name = "own_shear_modulus";
-    FIRN_HOST_DEVICE static auto& of(auto& model) { return model.elasticity.mu; }
+    FIRN_HOST_DEVICE static auto of(auto& model) -> decltype((model.elasticity.mu))
+    {
+        return model.elasticity.mu;
+    }
 };
 
 /// Lamé's lambda of a solid [Pa].
 struct OwnLambda : ParameterOfParticles
 {
     static constexpr auto name = "own_lambda";
-    FIRN_HOST_DEVICE static auto& of(auto& model) { return model.elasticity.lambda; }
+    FIRN_HOST_DEVICE static auto of(auto& model) -> decltype((model.elasticity.lambda))
+    {
+        return model.elasticity.lambda;
+    }
 };
 
 namespace detail
