@@ -3,6 +3,8 @@
 #include "support/policies.hpp"
 #include "support/refused.hpp"
 
+#include <firn/effects/local_damping.hpp>
+
 #include <limits>
 #include <utility>
 
@@ -199,6 +201,20 @@ TEMPLATE_LIST_TEST_CASE("bodies of other materials and transfers push each other
     CHECK(mean_velocity<0>(solver)[1] < -0.2);
 }
 
+TEST_CASE("local damping holds back bodies that fall apart from each other, each by its share of the force")
+{
+    using Falling = Scene<Bodies<NeoHookean<SolidFloat>, FixedCorotated<SolidFloat>>, CubicBSpline, Flip>;
+    Falling::Solver solver(lattice(h));
+    solver.add<Material<0>>(box_of_points<3>({0.011, 0.011, 0.011}, {0.2, 0.2, 0.2}, h), std::pow(h / 2, 3),
+                            {0, -1, 0});
+    solver.add<Material<1>>(box_of_points<3>({0.811, 0.011, 0.011}, {1, 0.2, 0.2}, h), std::pow(h / 2, 3),
+                            {0, 1, 0});
+    auto const report = solver.advance(0.02, Gravity{}, LocalDamping{0.5});
+    double const fall = 9.81 * report.time_of_forces;
+    CHECK(mean_velocity<0>(solver)[1] == Approx(-1 - 0.5 * fall).epsilon(1e-3));
+    CHECK(mean_velocity<1>(solver)[1] == Approx(1 - 1.5 * fall).epsilon(1e-3)); // it still rises
+}
+
 TEST_CASE("a scene of bodies goes on from its snapshot bit by bit, with the same contact only")
 {
     auto const scene = [](Contact const& contact) {
@@ -219,6 +235,58 @@ TEST_CASE("a scene of bodies goes on from its snapshot bit by bit, with the same
     for (std::size_t i = 0; i < x.size(); ++i) different += x[i] != y[i];
     CHECK(different == 0);
     CHECK_THAT(refused([&] { other.restore(snapshot); }).what(), Contains("contact.0_1.friction"));
+}
+
+TEST_CASE("a step that failed leaves bodies as they were")
+{
+    auto const run = [](bool fails) {
+        Two solver(lattice(h), {jelly(1e6), jelly(1e6), Contact::coulomb(0.4)});
+        add_box<0>(solver, {0, 0}, {0.3, 0.3});
+        add_box<1>(solver, {0.1, 0.32}, {0.4, 0.5}, {0.5, -1});
+        solver.advance(0.05, Gravity{}); // they touch
+        auto const velocities = solver.download<Velocity, Material<0>>();
+        solver.upload<Velocity, Material<0>>(velocities); // so that particles scatter anew in either case
+        auto const before = solver.positions();
+        if (fails) {
+            CHECK_THROWS_AS(solver.step(1, Gravity{}), StepError);
+            CHECK(solver.positions() == before);
+        }
+        solver.steps(20, 1e-4, Gravity{});
+        return std::pair{solver.positions(), solver.download<Velocity, Material<1>>()};
+    };
+    CHECK((run(true) == run(false)));
+}
+
+TEST_CASE("a particle of a body goes into quarantine, and all of a body may be removed")
+{
+    Two solver(lattice(h), {jelly(1e6), jelly(1e6), Contact::sticky()}),
+        alone(lattice(h), {jelly(1e6), jelly(1e6)});
+    add_box<0>(solver, {0, 0}, {0.3, 0.3}, {1, 0});
+    add_box<0>(alone, {0, 0}, {0.3, 0.3}, {1, 0});
+    add_box<1>(solver, {0.3, 0}, {0.6, 0.3}, {1, 0});
+    std::size_t const of_each = alone.size();
+    solver.quarantine(1);
+    auto H = solver.download<DisplacementGradient, Material<1>>();
+    H[7](0, 0) = -3; // inside out
+    solver.upload<DisplacementGradient, Material<1>>(H);
+    std::uint32_t const id = solver.ids<Material<1>>()[7];
+    auto const isolated = solver.step(1e-5, Gravity{}).isolated;
+    REQUIRE(isolated.size() == 1);
+    CHECK(isolated[0].particle == id);
+    CHECK(isolated[0].material == 1);
+    CHECK(solver.size() == 2 * of_each - 1);
+    CHECK(solver.positions<Material<0>>().size() == of_each);
+    alone.step(1e-5, Gravity{});
+    // with nothing beside it the body goes on as one that was alone from the beginning
+    CHECK(solver.remove_if(Inside<HalfSpace>{.shape = {{-1, 0, 0}}, .pose = {.position = {0.3, 0, 0}}}) ==
+          of_each - 1);
+    CHECK(solver.positions<Material<1>>().empty());
+    solver.advance(0.05, Gravity{});
+    alone.advance(0.05, Gravity{});
+    auto const x = solver.positions(), y = alone.positions();
+    double worst = 0;
+    for (std::size_t i = 0; i < of_each; ++i) worst = std::max(worst, (x[i] - y[i]).norm());
+    CHECK(worst <= 1e-4 * h); // in the first step they still shared nodes
 }
 
 TEST_CASE("the snapshot of materials that stick together is refused by bodies, unless it is on purpose")

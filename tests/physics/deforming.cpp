@@ -3,6 +3,7 @@
 #include "support/policies.hpp"
 #include "support/refused.hpp"
 
+#include <firn/effects/obstacles.hpp>
 #include <firn/effects/shapes/deforming_grid.hpp>
 
 #include <algorithm>
@@ -60,14 +61,17 @@ TEST_CASE("a disk that deforms by moving on is where the disk is that moves on")
         there(DeformingGrid<double, 2>(disk({0, 0}, 0.2037), disk(way, 0.2037),
                                        on_nodes<Point>([&](Point const&) { return way; }), 0, duration));
     Motion motion{.velocity = {way[0] / duration, way[1] / duration, 0}, .time = 0};
-    Jelly::Solver with_rigid(lattice(h)), with_soft(lattice(h));
+    Jelly::Solver with_rigid(lattice(h)), with_soft(lattice(h)), with_group(lattice(h));
     auto const points = box_of_points<2>({0.25, -0.2}, {0.65, 0.4}, h);
     with_rigid.add(points, h * h / 4);
     with_soft.add(points, h * h / 4);
+    with_group.add(points, h * h / 4);
     Obstacle<std::decay_t<decltype(rigid)>> const pushed{.shape = rigid, .motion = motion};
     Obstacle<std::decay_t<decltype(soft)>> const deformed{.shape = soft};
-    Eigen::Vector3d of_rigid(0, 0, 0), of_soft(0, 0, 0);
+    Obstacles<std::decay_t<decltype(soft)>> const group{{deformed}};
+    Eigen::Vector3d of_rigid(0, 0, 0), of_soft(0, 0, 0), of_group(0, 0, 0);
     for (int i = 0; i < 200; ++i) {
+        of_group += with_group.step(duration / 200, group).reactions[0].impulse;
         of_rigid += with_rigid.step(duration / 200, pushed).reactions[0].impulse;
         of_soft += with_soft.step(duration / 200, deformed).reactions[0].impulse;
     }
@@ -80,6 +84,12 @@ TEST_CASE("a disk that deforms by moving on is where the disk is that moves on")
     CHECK(farthest > h); // it has been pushed
     CHECK(worst <= 1e-6 * h);
     CHECK((of_rigid - of_soft).norm() <= 1e-6 * of_rigid.norm());
+    // as one of any number it is the same
+    auto const z = with_group.positions();
+    worst = 0;
+    for (std::size_t i = 0; i < y.size(); ++i) worst = std::max(worst, double((y[i] - z[i]).norm()));
+    CHECK(worst <= 1e-9 * h);
+    CHECK((of_group - of_soft).norm() <= 1e-9 * of_soft.norm());
 }
 
 TEST_CASE("a disk that grows pushes what surrounds it outwards at the speed of its surface")

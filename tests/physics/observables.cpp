@@ -210,6 +210,21 @@ TEST_CASE("without an affine matrix the velocity gradient is that of the last st
         if ((points[i].array() > 3 * h).all() && (points[i].array() < 0.5 - 3 * h).all())
             worst = std::max(worst, double((L[i] - G).norm()));
     CHECK(worst <= 1e-3);
+    // a step that failed has written to the grid: what is told is that of the last good step, or nothing
+    auto H = solver.download<DisplacementGradient>(); // forces, which a long step makes large
+    for (std::size_t i = 0; i < points.size(); ++i)
+        H[i] += 1e-4f * float(i % 7) * Eigen::Matrix3f::Identity();
+    solver.upload<DisplacementGradient>(H);
+    solver.upload<Velocity>(v);
+    solver.step(1e-7);
+    CHECK_THROWS_AS(solver.step(1), StepError);
+    auto const after = solver.download<VelocityGradient>();
+    double told = 0;
+    for (std::size_t i = 0; i < points.size(); ++i)
+        told = std::max(told, std::min(double(after[i].norm()), double((after[i] - L[i]).norm())));
+    CHECK(told <= 1e-3);
+    solver.step(1e-7);
+    CHECK((solver.download<VelocityGradient>()[points.size() / 2] - L[points.size() / 2]).norm() <= 1e-2);
     solver.upload<Velocity>(v);
     CHECK(solver.download<VelocityGradient>()[0].norm() == 0);
 }

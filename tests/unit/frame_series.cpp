@@ -121,6 +121,32 @@ TEST_CASE("a full disk is an error that loses no frame of before, and the series
                Contains("\"3\" group=\"\" part=\"0\" file=\"frames/frame_0003"));
 }
 
+TEST_CASE(
+    "of a frame of two files nothing is left if one of them cannot be written, and it may be tried again")
+{
+    meshes::Folder const folder;
+    FrameSeries series({.folder = folder / "", .file = FrameFile::both});
+    series.add(series.next(frame_at(0)).write());
+    auto const index = text_of(folder / "particles.pvd"), before = text_of(folder / "frames/frame_0000.ply");
+    auto const in_the_way = folder / "frames/frame_0001.ply"; // a folder of that name
+    std::filesystem::create_directories(in_the_way / "full");
+    auto const second = series.next(frame_at(1));
+    CHECK_THAT(refused([&] { (void)second.write(); }).where(), Contains("frame_0001.ply"));
+    CHECK_FALSE(std::filesystem::exists(folder / "frames/frame_0001.vtp"));
+    CHECK(text_of(folder / "particles.pvd") == index);
+    CHECK(text_of(folder / "frames/frame_0000.ply") == before);
+    CHECK(series.pending() == 1);
+    std::filesystem::remove_all(in_the_way);
+    series.add(second.write());
+    CHECK(std::filesystem::is_regular_file(in_the_way));
+    CHECK(std::filesystem::exists(folder / "frames/frame_0001.vtp"));
+    CHECK_THAT(text_of(folder / "particles.pvd"), Contains("frame_0001.vtp"));
+    for (auto const& each : std::filesystem::directory_iterator(folder / "frames")) { // nothing half written
+        auto const kind = each.path().extension();
+        CHECK((kind == ".vtp" || kind == ".ply"));
+    }
+}
+
 TEST_CASE("a series that cannot be, or would write over another's index, is refused")
 {
     meshes::Folder const folder;
