@@ -67,8 +67,8 @@ double expected(double friction)
 // (measured here with APIC, MLS and FLIP: the normal force then swings by a tenth, and with it the
 // acceleration); the rule is what is tested.
 using Cases = Combinations<Scene<NeoHookean<Plane>, QuadraticBSpline, Pic>,
-                           More<Scene<NeoHookean<Plane>, CubicBSpline, Pic>>,
-                           Scene<SplitNeoHookean<PlaneFloat>, QuadraticBSpline, Pic>>;
+                           More<Scene<NeoHookean<Plane>, CubicBSpline, Pic>,
+                                Scene<SplitNeoHookean<PlaneFloat>, QuadraticBSpline, Pic>>>;
 
 TEMPLATE_LIST_TEST_CASE("a block on an incline slides with g (sin - mu cos), and sticks above tan 30", "",
                         Cases)
