@@ -98,7 +98,8 @@ std::vector<Setting> varied(std::initializer_list<int> sizes)
 } // namespace
 
 using Settings = Combinations<
-    Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>, Scene<NeoHookean<PlaneFloat>, QuadraticBSpline, Mls>,
+    Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>,
+    More<Scene<NeoHookean<PlaneFloat>, QuadraticBSpline, Mls>>,
     Scene<NeoHookean<Plane>, QuadraticBSpline, Apic>, Scene<NeoHookean<Plane>, QuadraticBSpline, Flip>,
     More<Scene<NeoHookean<PlaneFloat>, CubicBSpline, Mls>>, Scene<NeoHookean<Plane>, CubicBSpline, Mls>>;
 
