@@ -127,7 +127,7 @@ TEMPLATE_LIST_TEST_CASE("one temperature stays one, and where nothing is conduct
     CHECK(other.template download<Temperature>() == before);
 }
 
-namespace firn::test // nvcc warns of what concepts alone refer to in a namespace without a name
+namespace arrows_at_nodes // nvcc warns of what concepts alone refer to in a namespace without a name
 {
 
 // A vector that is carried, and diffuses as heat does.
@@ -183,7 +183,8 @@ struct Arrows
     }
 };
 
-} // namespace firn::test
+} // namespace arrows_at_nodes
+using namespace arrows_at_nodes;
 
 TEST_CASE("beside a reflecting wall scalars and vectors are those of a body and its image")
 {
@@ -345,7 +346,7 @@ TEST_CASE("a checkpoint keeps temperatures, and the run that goes on from it is 
     CHECK_THROWS_AS(Block::Solver(lattice(0.05), {}, {{}, {.diffusivity = -1}}), Error);
 }
 
-namespace firn::test
+namespace means_at_nodes
 {
 
 // A number that particles keep, and how far it lies below the mean around them.
@@ -393,7 +394,8 @@ struct Means
     }
 };
 
-} // namespace firn::test
+} // namespace means_at_nodes
+using namespace means_at_nodes;
 
 TEST_CASE("a field that is gathered and depends on one that is stored is the same again when it is asked for")
 {
