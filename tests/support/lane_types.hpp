@@ -12,8 +12,9 @@
 namespace firn::test
 {
 
-// Tests of functions over lanes are compiled twice: in the program `lanes` for packs, in the program `math`
-// for the lanes every user has.
+// Tests of functions over lanes are compiled for packs in the program `lanes`, and for the lanes that every
+// user has in the program `math`. Without FIRN_TESTS_ALL `lanes` has both, which share what lanes do not
+// change.
 #if !__has_include(<firn/openmp/native_lane.hpp>) || !__has_include(<xsimd/xsimd.hpp>)
 #if defined(FIRN_TESTS_ALL) || defined(__CUDACC__)
 using LaneTypes = std::tuple<float, double, TestLane<float>, TestLane<double>>;
@@ -26,10 +27,12 @@ using LaneTypes = std::tuple<openmp::NativePack<float>, openmp::NativePack<doubl
 #elif defined(__AVX__) && defined(FIRN_TESTS_ALL)
 using LaneTypes = std::tuple<openmp::NativePack<float>, openmp::NativePack<double>, openmp::PackOf<float, 4>,
                              openmp::PackOf<double, 2>>;
-#elif defined(__AVX__) // the widest and the narrowest, one of each precision
-using LaneTypes = std::tuple<openmp::NativePack<float>, openmp::PackOf<double, 2>>;
-#else
+#elif defined(FIRN_TESTS_ALL)
 using LaneTypes = std::tuple<openmp::NativePack<float>, openmp::NativePack<double>>;
+#elif defined(__AVX__) // of packs the widest and the narrowest, one of each precision
+using LaneTypes = std::tuple<double, TestLane<double>, openmp::NativePack<float>, openmp::PackOf<double, 2>>;
+#else
+using LaneTypes = std::tuple<double, TestLane<double>, openmp::NativePack<float>, openmp::NativePack<double>>;
 #endif
 
 } // namespace firn::test
