@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/effects/broad_phase.hpp>
+#include <firn/effects/node_action.hpp>
 #include <firn/effects/obstacle.hpp>
 #include <firn/effects/reaction_sums.hpp>
 
