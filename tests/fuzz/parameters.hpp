@@ -171,6 +171,8 @@ void run_with(Input& input)
     Budget budget{.steps = 20};
     parameters.next(budget.steps);
     if (budget.steps > 100) budget.steps = 100; // else one may wait for long
+    int is_periodic = 0, axis = 0, period = 16;
+    parameters.next(is_periodic, axis, period);
 
     std::vector<Vector<double, d>> points;
     for (int i = 0; i < 4; ++i)
@@ -178,7 +180,9 @@ void run_with(Input& input)
             points.push_back((from + spacing * Eigen::Vector3d(i, j, i % 2)).template head<d>());
 
     refused([&] {
-        Solver solver({h, origin}, model, transfer, control);
+        Lattice cells{h, origin};
+        if (is_periodic != 0) cells = cells.periodic(axis, period);
+        Solver solver(cells, model, transfer, control);
         if constexpr (Solver::materials == 1)
             solver.add(points, volume, velocity.template head<d>());
         else

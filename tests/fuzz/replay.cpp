@@ -4,6 +4,7 @@
 #include "calls.hpp"
 #include "checkpoint.hpp"
 #include "parameters.hpp"
+#include "worlds.hpp"
 #if defined(FIRN_FUZZ_MESHES)
 #include "mesh.hpp"
 #endif
@@ -19,7 +20,7 @@ namespace
 
 std::map<std::string, void (*)(Bytes)> const harnesses
 {
-    {"calls", calls}, {"checkpoint", checkpoint}, {"parameters", parameters},
+    {"calls", calls}, {"checkpoint", checkpoint}, {"parameters", parameters}, {"worlds", worlds},
 #if defined(FIRN_FUZZ_MESHES)
     {
         "mesh", mesh
@@ -84,6 +85,7 @@ void write_seeds(fs::path const& folder)
         for (int i = 0; i < 12; ++i) scene += static_cast<char>(call * 7 + i * 29);
     }
     put("calls", "every_call", scene);
+    put("worlds", "every_call", scene);
 #if defined(FIRN_FUZZ_ALL)
     scene[0] = '\2';
     put("calls", "every_call_in_space", scene);

@@ -17,7 +17,7 @@ need_packages "${clang/clang++/clang}" "libclang-rt-${clang##*-}-dev" "libomp-${
 
 seconds=${1:-60}
 shift || true
-[ $# -gt 0 ] || set -- calls checkpoint parameters mesh
+[ $# -gt 0 ] || set -- calls checkpoint parameters worlds mesh
 folder=build/fuzz
 mkdir -p $folder
 export OMP_NUM_THREADS=1 # one input is one small scene
@@ -35,7 +35,7 @@ for harness in "$@"; do
         ;;
     parameters) options+=(-max_len=120) ;;
     checkpoint) options+=(-max_len=1600) ;;
-    calls) options+=(-max_len=800) ;;
+    calls | worlds) options+=(-max_len=800) ;;
     *) stop "there is no harness '$harness'" ;;
     esac
     echo "building $harness"
