@@ -53,10 +53,10 @@ auto everything(Solver const& solver)
 
 } // namespace
 
-using Cases =
-    Combinations<Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>, Scene<CamClay<Solid>, CubicBSpline, Flip>,
-                 More<Scene<FixedCorotated<SolidFloat>, QuadraticBSpline, Apic>,
-                      Scene<Sand<PlaneFloat>, CubicBSpline, Asflip>>>;
+using Cases = Combinations<Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>,
+                           Scene<CamClay<SolidFloat>, CubicBSpline, Flip>,
+                           More<Scene<FixedCorotated<SolidFloat>, QuadraticBSpline, Apic>,
+                                Scene<Sand<PlaneFloat>, CubicBSpline, Asflip>>>;
 
 TEMPLATE_LIST_TEST_CASE(
     "a particle that stays when others are removed keeps its id and, bit by bit, all it has", "", Cases)
