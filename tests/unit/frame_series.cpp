@@ -57,6 +57,8 @@ TEST_CASE("frames that are written elsewhere, in any order, have the names and t
     auto const at = [&](std::string const& part) { return index.find(part); };
     CHECK(at("\"0\" group=\"\" part=\"0\" file=\"frames/frame_0000.vtp\"") < at("\"0.25\" group"));
     CHECK(at("\"0.25\" group=\"\" part=\"0\" file=\"frames/frame_0001.vtp\"") < at("\"0.5\" group"));
+    CHECK_THAT(text_of(folder / "run/particles_state.py"),
+               Contains("\nINDEX = \"particles.pvd\"\nFIELD = \"velocity\"\n"));
     CHECK(at("\"0.5\" group=\"\" part=\"0\" file=\"frames/frame_0002.vtp\"") < std::string::npos);
 }
 
@@ -77,6 +79,9 @@ TEST_CASE("many frames under way at the same time are all written, and no more t
                                      [frame = series.next(frame_at(i, 2000))] { return frame.write(); }));
     }
     while (!writing.empty()) finish_oldest();
+    FrameSeries alone({.folder = folder / "of_ply", .file = FrameFile::ply});
+    alone.add(alone.next(frame_at(0)).write());
+    CHECK_FALSE(std::filesystem::exists(folder / "of_ply/particles_state.py"));
     for (auto const* const name : {"frame_0000.vtp", "frame_0039.vtp", "frame_0000.ply", "frame_0039.ply"})
         CHECK(std::filesystem::exists(folder / "frames" / name));
     CHECK_THAT(text_of(folder / "particles.pvd"), Contains("timestep=\"39\""));
@@ -161,8 +166,12 @@ TEST_CASE("a series that cannot be, or would write over another's index, is refu
     series.add(series.next(frame_at(0)).write());
     CHECK_THAT(refused([&] { FrameSeries({.folder = folder / "", .first = 1}); }).what_is_wrong(),
                Contains("the index of the frames before"));
-    FrameSeries more({.folder = folder / "", .first = 1, .index = "more.pvd"});
+    FrameSeries more(
+        {.folder = folder / "", .first = 1, .index = "more \"or\" less.pvd", .shown_field = "J_P"});
     more.add(more.next(frame_at(1)).write());
     CHECK(std::filesystem::exists(folder / "frames/frame_0001.vtp"));
-    CHECK_THAT(text_of(folder / "more.pvd"), Contains("frame_0001.vtp") && !Contains("frame_0000.vtp"));
+    CHECK_THAT(text_of(folder / "more \"or\" less.pvd"),
+               Contains("frame_0001.vtp") && !Contains("frame_0000.vtp"));
+    CHECK_THAT(text_of(folder / "more \"or\" less_state.py"),
+               Contains("\nINDEX = \"more \\\"or\\\" less.pvd\"\nFIELD = \"J_P\"\n"));
 }

@@ -3,6 +3,7 @@
 
 #include <firn/core/error.hpp>
 #include <firn/core/fields.hpp>
+#include <firn/io/paraview_state.hpp>
 #include <firn/io/write_particles.hpp>
 
 #include <algorithm>
@@ -64,6 +65,7 @@ struct FrameSettings
     std::size_t most_pending = 2; ///< frames that are taken and not yet written: each is a copy in memory
     std::size_t first = 0;        ///< the number of the first frame, if the series goes on with another's
     std::filesystem::path index = "particles.pvd"; ///< its name in the folder
+    std::string shown_field = "velocity"; ///< the colour of points in the state of ParaView beside the index
 };
 
 /// A frame that was taken, and is to be written: by write(), once, from anywhere. Copies are the same frame.
@@ -165,7 +167,8 @@ public:
     }
 
     /// Lists a frame that write() has written in the index, in the order of times. The index is whole on the
-    /// disk after each, and lists no frame that is not. Series of PLY have none.
+    /// disk after each, and lists no frame that is not. With the first one, a state of ParaView is written
+    /// that shows the series: see write_paraview_state. Series of PLY have neither.
     void add(PvdEntry entry)
     {
         if (!has_index()) return;
@@ -173,6 +176,8 @@ public:
         auto const later =
             std::ranges::upper_bound(entries, entry.time, {}, [](auto const& e) { return e.time; });
         entries.insert(later, std::move(entry));
+        if (entries_.empty())
+            write_paraview_state(state_path(), settings_.index.filename(), settings_.shown_field);
         write_pvd(index_path(), entries);
         entries_ = std::move(entries);
     }
@@ -180,6 +185,11 @@ public:
 private:
     bool has_index() const { return settings_.file != FrameFile::ply; }
     std::filesystem::path index_path() const { return settings_.folder / settings_.index; }
+    std::filesystem::path state_path() const
+    {
+        auto const path = index_path();
+        return path.parent_path() / (path.stem().string() + "_state.py");
+    }
 
     FrameSettings settings_;
     std::size_t next_;
