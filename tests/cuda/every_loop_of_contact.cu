@@ -2,6 +2,8 @@
 #include "catch.hpp"
 #include "support/policies.hpp"
 
+#include <firn/effects/obstacles.hpp>
+
 using namespace firn;
 using namespace firn::test;
 
@@ -33,4 +35,30 @@ TEST_CASE("a few steps through the loops of walls, shells, terrain, contact of p
     CHECK(solver.step(dt, Gravity{}, wall, lid, ground).isolated.size() == 1);
     solver.step(dt, Gravity{}, wall, lid, ground);
     CHECK(solver.size() == went.size() - 1);
+}
+
+TEST_CASE("a few steps through the loops of any number of obstacles, of which some act on particles")
+{
+    using Sheet = Scene<NeoHookean<PlaneFloat>, QuadraticBSpline, Mls>;
+    double const h = 0.1;
+    auto const run = [&](bool together) {
+        Sheet::Solver solver(lattice(h));
+        solver.add(ball_of_points<2>({0.3, 0.33}, 0.2, h), h * h / 4, {-3, -4});
+        Obstacles<Sphere> balls;
+        for (int i = 0; i < 5; ++i)
+            balls.list.push_back(
+                {.shape = {0.08}, .motion = {.position = {0.15 * i, 0.1, 0}}, .on_particles = i % 2 == 0});
+        double const dt = 1e-3;
+        std::vector<StepReport> reports;
+        if (together)
+            reports = solver.steps(8, dt, balls);
+        else
+            for (int i = 0; i < 8; ++i) reports.push_back(solver.step(dt, balls));
+        Eigen::Vector3d received(0, 0, 0);
+        for (auto const& report : reports)
+            for (auto const& reaction : report.reactions) received += reaction.impulse;
+        CHECK(received.norm() > 0);
+        return std::pair{Eigen::Vector3d(received), solver.positions()};
+    };
+    CHECK((run(true) == run(false)));
 }
