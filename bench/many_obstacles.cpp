@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: MIT
 // What obstacles cost that are far from most nodes: steps by turns with a floor and a ball as two arguments,
-// with both as one, and with 198 crates beside them:
+// with both as one, with 198 crates beside them, and with all of these acting on particles, too:
 //     many_obstacles [rounds]
 // Prints medians of milliseconds per step, and their ratio to the first. The same file is compiled for a
 // device.
@@ -54,18 +54,22 @@ int main(int argc, char** argv)
             {.shape = Box{{0.8 * h, 0.8 * h, 0.8 * h}},
              .motion = {.position = {width * (i % 14 + 0.5) / 14, h, width * (i / 14 + 0.5) / 15},
                         .angular_velocity = {0, 1, 0}}});
-    SolverOfBench apart = block(), together = block(), crowded = block();
+    Obstacles<> hard = all;
+    for (auto& obstacle : hard.list) obstacle.on_particles = true;
+    SolverOfBench apart = block(), together = block(), crowded = block(), pushed = block();
     double const dt = 0.5 * apart.stable_step(Gravity{}, ground, ball);
-    std::vector<double> seconds[3];
+    std::vector<double> seconds[4];
     for (int i = 0; i < rounds; ++i) {
         seconds[0].push_back(bench::seconds_per_step(apart, dt, ground, ball));
         seconds[1].push_back(bench::seconds_per_step(together, dt, both));
         seconds[2].push_back(bench::seconds_per_step(crowded, dt, all));
+        seconds[3].push_back(bench::seconds_per_step(pushed, dt, hard));
     }
-    char const* const names[]{"two arguments", "two in one argument", "200 in one argument"};
+    char const* const names[]{"two arguments", "two in one argument", "200 in one argument",
+                              "200 on particles"};
     double const first = bench::median(seconds[0]);
     std::printf("%zu particles\n", apart.size());
-    for (int i = 0; i < 3; ++i) {
+    for (int i = 0; i < 4; ++i) {
         double const middle = bench::median(seconds[i]);
         std::printf("%-20s %8.3f ms %6.3f\n", names[i], 1e3 * middle, middle / first);
     }
