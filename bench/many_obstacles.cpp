@@ -54,7 +54,7 @@ int main(int argc, char** argv)
             {.shape = Box{{0.8 * h, 0.8 * h, 0.8 * h}},
              .motion = {.position = {width * (i % 14 + 0.5) / 14, h, width * (i / 14 + 0.5) / 15},
                         .angular_velocity = {0, 1, 0}}});
-    Obstacles<> hard = all;
+    Obstacles<AnyShape<>, ActsOn::particles> hard{all.list};
     for (auto& obstacle : hard.list) obstacle.on_particles = true;
     SolverOfBench apart = block(), together = block(), crowded = block(), pushed = block();
     double const dt = 0.5 * apart.stable_step(Gravity{}, ground, ball);

@@ -44,7 +44,7 @@ TEST_CASE("a few steps through the loops of any number of obstacles, of which so
     auto const run = [&](bool together) {
         Sheet::Solver solver(lattice(h));
         solver.add(ball_of_points<2>({0.3, 0.33}, 0.2, h), h * h / 4, {-3, -4});
-        Obstacles<Sphere> balls;
+        Obstacles<Sphere, ActsOn::particles> balls;
         for (int i = 0; i < 5; ++i)
             balls.list.push_back(
                 {.shape = {0.08}, .motion = {.position = {0.15 * i, 0.1, 0}}, .on_particles = i % 2 == 0});
