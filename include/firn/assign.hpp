@@ -38,7 +38,7 @@ void assign_at(Solver& solver, std::vector<std::size_t> const& places,
 } // namespace detail
 
 /// Sets a field of the particles with these ids, a range such as std::vector<std::uint32_t>. Throws an Error,
-/// and changes nothing, if there is no particle with one of them, or the field may not have the value.
+/// and changes nothing, if there is no id, no particle with one of them, or the field may not have the value.
 template <class Tag, class... Which, class Solver, class Ids>
     requires requires(Ids const& ids) { std::uint32_t{*std::begin(ids)}; }
 void assign(Solver& solver, Ids const& ids, FieldValue<Tag, double, Solver::d> const& value)
@@ -53,6 +53,8 @@ void assign(Solver& solver, Ids const& ids, FieldValue<Tag, double, Solver::d> c
                         "Pass ids that add() or ids() has returned, of the material that the call is about."};
         places.push_back(static_cast<std::size_t>(found - all.begin()));
     }
+    require(!places.empty(), "there is no id of a particle whose field is to be set", "assign",
+            "Pass ids, or leave them out for all particles of a material.");
     detail::assign_at<Tag, Which...>(solver, places, value);
 }
 

@@ -92,15 +92,17 @@ concept BackendReadbackBuffer = std::constructible_from<T, B const&> && requires
     *buffer.read(); // waits for the loops, and returns where the host reads them
 };
 
+/// Whether it is constructed from a backend and the periods of a lattice in cells.
+template <class T, class B, int d, class PeriodsInCells = Periods<d>>
+concept MadeWithPeriods = std::constructible_from<T, B const&, PeriodsInCells>;
+
 /// `B::CellOrder<Number, d>`: the items of one material by their cells, and by rank within a cell. Cells are
 /// wrapped by the periods that it is made with.
 template <class T, class B, class Number, int d>
-concept BackendCellOrder = std::constructible_from < T,
-        B const&, Periods<d>
-const& >
-    &&std::movable<T>&& requires(T order, T const constant, std::span<Coordinates<d> const> cells,
-                                 std::uint32_t first, unsigned char const* gone, std::size_t kept,
-                                 std::array<typename CellOffset<Number>::Stored*, std::size_t(d)> offsets)
+concept BackendCellOrder = MadeWithPeriods<T, B, d> && std::movable<T> &&
+    requires(T order, T const constant, std::span<Coordinates<d> const> cells, std::uint32_t first,
+             unsigned char const* gone, std::size_t kept,
+             std::array<typename CellOffset<Number>::Stored*, std::size_t(d)> offsets)
 {
     double{T::largest_coordinate};   // of a cell, along any axis and to either side
     std::size_t{T::bytes_per_item};  // of the order
@@ -119,10 +121,8 @@ const& >
 /// orders as it has layers, each node with `sums` sums per layer, twice, and `values` values, or so many per
 /// layer if `own_values` is true; it is false if it is not said. Nodes are wrapped by its periods.
 template <class T, class B, class Order, int d>
-concept BackendGrid = std::constructible_from < T,
-        B const&, Periods<d>
-const& >
-    &&std::movable<T>&& requires(T grid, T const constant, std::array<Order*, 1> orders, std::size_t layer)
+concept BackendGrid = MadeWithPeriods<T, B, d> && std::movable<T> &&
+    requires(T grid, T const constant, std::array<Order*, 1> orders, std::size_t layer)
 {
     grid.activate(orders); // creates the nodes under the cells, and keeps the sums of those that stay
     grid.swap();           // makes the next sums the current ones, and the other way round

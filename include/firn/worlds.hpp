@@ -3,7 +3,7 @@
 
 #include <firn/core/error.hpp>
 #include <firn/core/exactly_equal.hpp>
-#include <firn/core/step_error.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/effects/obstacles.hpp>
 #include <firn/effects/reflecting_wall.hpp>
 #include <firn/grid/world_layout.hpp>
@@ -13,9 +13,11 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <iterator>
+#include <limits>
 #include <string>
 #include <type_traits>
 #include <utility>
@@ -42,18 +44,21 @@ namespace firn
 /// reset().
 ///
 /// All worlds take steps of one length, the shortest that any of them needs. With steps() of a given length
-/// the bits of a world depend on what was done in it and on the calls of steps(), not on other worlds. For
-/// this, particles scatter to the grid afresh when a call begins, which takes the time of about one step
-/// more.
+/// the bits of a world depend on what was done in it and on the calls of steps(), not on other worlds (but
+/// see WORLDS.md). For this, particles scatter to the grid afresh when a call begins, which takes the time of
+/// about one step more.
 ///
 /// `SolverType` is a Solver, which the worlds own; `ShapeType` is the shape of the worlds' own obstacles, and
 /// `acts_on` what they act on, as in Obstacles. A particle that comes near the border of its world fails as
 /// one does at the border of the lattice: that is at least 16 000 cells away, and 130 000 for up to 4096
 /// worlds in space.
-template <class SolverType, class ShapeType = AnyShape<>, ActsOn acts_on = ActsOn::nodes>
+template <class SolverType, class ShapeType = AnyShape<>,
+          ActsOn acts_on = is_two_sided<ShapeType> ? ActsOn::particles : ActsOn::nodes>
 class Worlds
 {
     using Sets = typename SolverType::Sets;
+    static_assert(!is_deforming<ShapeType>, "a shape that changes its form does so in the solver's time, and "
+                                            "obstacles of a world have the world's");
 
 public:
     using Solver = SolverType;
@@ -78,6 +83,28 @@ public:
     /// The solver of all worlds, for what only reads. Values of all particles are in the order of ids, and
     /// positions are those in their own worlds: see world_of_particles().
     Solver const& solver() const { return solver_; }
+
+    /// The same of a solver, so that assign() and others take worlds: ids, positions and fields by rising id.
+    template <class Which = EveryMaterial>
+    std::vector<std::uint32_t> ids() const
+    {
+        return solver_.template ids<Which>();
+    }
+    template <class Which = EveryMaterial>
+    auto positions() const
+    {
+        return solver_.template positions<Which>();
+    }
+    template <class Tag, class Which = EveryMaterial>
+    auto download() const
+    {
+        return solver_.template download<Tag, Which>();
+    }
+    template <class Which = EveryMaterial>
+    std::size_t size() const
+    {
+        return solver_.template size<Which>();
+    }
 
     /// Adds particles to a world: see Solver::add.
     template <class Which = EveryMaterial, class Points>
@@ -126,9 +153,9 @@ public:
     AdvanceReport advance(double duration, Arguments const&... arguments)
     {
         require_no_walls<Arguments...>();
-        return with_obstacles([&](auto const& own) {
+        return with_obstacles([&](auto const& own, ReactionsOfWorlds& received) {
             auto report = solver_.advance(duration, arguments..., own);
-            take_reactions(report.reactions, own.list.size());
+            take_reactions(report.reactions, own.list.size(), received);
             return report;
         });
     }
@@ -138,9 +165,9 @@ public:
     std::vector<StepReport> steps(std::size_t count, double dt, Effects const&... effects)
     {
         require_no_walls<Effects...>();
-        return with_obstacles([&](auto const& own) {
+        return with_obstacles([&](auto const& own, ReactionsOfWorlds& received) {
             auto reports = solver_.steps(count, dt, effects..., own);
-            for (auto& report : reports) take_reactions(report.reactions, own.list.size());
+            for (auto& report : reports) take_reactions(report.reactions, own.list.size(), received);
             return reports;
         });
     }
@@ -202,6 +229,8 @@ public:
             scene.cache_grid_fields();
             sort();
             state.cell_size = scene.lattice.cell_size;
+            state.origin = scene.lattice.origin;
+            state.masses = scene.masses;
             state.kernel_degree = Solver::kernel::degree;
             state.time = time(world);
             state.bounds = solver_.bounds();
@@ -227,6 +256,7 @@ public:
     void reset(std::vector<std::uint32_t> const& worlds, State const& state)
     {
         char const* const where = "Worlds::reset";
+        if (worlds.empty()) return;
         for (auto const world : worlds) require_exists(world, where);
         auto sorted = worlds;
         std::sort(sorted.begin(), sorted.end());
@@ -312,6 +342,10 @@ private:
             for (std::size_t i = 0; i < obstacles_[world].size(); ++i) {
                 try {
                     obstacles_[world][i].validate();
+                    if (d == 2) obstacles_[world][i].validate_in_plane();
+                    require(!obstacles_[world][i].on_particles || acts_on == ActsOn::particles,
+                            "it is to act on particles, and the worlds' obstacles act on nodes alone",
+                            "Obstacle", "Make them Worlds<Solver, Shape, ActsOn::particles>.");
                 }
                 catch (Error const& error) {
                     throw Error{error.what_is_wrong(),
@@ -326,29 +360,39 @@ private:
         return all;
     }
 
-    /// Calls `run(obstacles of all worlds)`, which returns what a call of the solver did.
+    using ReactionsOfWorlds = std::vector<std::vector<Reaction>>;
+
+    /// Calls `run(obstacles of all worlds, reactions)`, which returns what a call of the solver did and adds
+    /// to the reactions.
     template <class Run>
     auto with_obstacles(Run const& run)
     {
         auto const own = all_obstacles();
+        ReactionsOfWorlds received(count());
         for (std::uint32_t world = 0; world < count(); ++world)
-            reactions_[world].assign(obstacles_[world].size(), {});
+            received[world].assign(obstacles_[world].size(), {});
+        double const begin = solver_.time();
         try {
-            return run(own);
+            auto result = run(own, received);
+            reactions_.swap(received);
+            return result;
         }
-        catch (StepError const&) { // steps until then were taken
-            auto reactions = solver_.until_error().reactions;
-            take_reactions(reactions, own.list.size());
+        catch (...) {
+            if (solver_.time() > begin) { // steps until then were taken
+                auto reactions = solver_.until_error().reactions;
+                take_reactions(reactions, own.list.size(), received);
+                reactions_.swap(received);
+            }
             throw;
         }
     }
 
     /// Adds the last so many reactions to those of the worlds' own obstacles, and takes them off.
-    void take_reactions(std::vector<Reaction>& all, std::size_t own)
+    static void take_reactions(std::vector<Reaction>& all, std::size_t own, ReactionsOfWorlds& to)
     {
         if (all.size() < own) return; // no step was taken
         auto next = std::prev(all.end(), static_cast<std::ptrdiff_t>(own));
-        for (auto& of_world : reactions_)
+        for (auto& of_world : to)
             for (auto& reaction : of_world) reaction += *next++;
         all.resize(all.size() - own);
     }
@@ -388,8 +432,13 @@ private:
                 throw Error{what, where, "Pass what save() of worlds of the same kind has returned."};
         };
         same(exactly_equal(state.cell_size, solver_.lattice().cell_size) &&
+                 exactly_equal(state.origin, solver_.lattice().origin) &&
                  state.kernel_degree == Solver::kernel::degree,
-             "the state is of cells of another size or kernel");
+             "the state is of cells of another size, place or kernel");
+        auto const& [wave_speed, material, speed, rate, acceleration, obstacle_speed] = state.bounds;
+        same(is_finite(state.time) && material >= 0 && std::size_t(material) < Sets::count &&
+                 is_finite(wave_speed) && is_finite(speed) && is_finite(rate),
+             "the state's time, or what bounds the next step, is out of range");
         same(state.materials.size() == Sets::count, "the state has another number of materials");
         Sets::for_each([&](auto k) {
             MaterialSnapshot<Number, d> ours;
@@ -398,7 +447,13 @@ private:
             std::string const material = "material " + std::to_string(k);
             same(theirs.name == ours.name,
                  material + " of the state is '" + theirs.name + "', not '" + ours.name + "'");
-            require_same_fields<typename Sets::template MaterialTraits<k>::Table>(theirs, material);
+            require_same_fields<typename Sets::template MaterialTraits<k>::Table>(theirs, material, where);
+            detail::require_whole(theirs, state.masses, static_cast<std::uint32_t>(theirs.ids.size()),
+                                  layout_.half_world - WorldLayout<d>::margin, where);
+            auto ranks = theirs.ids;
+            std::sort(ranks.begin(), ranks.end());
+            same(std::adjacent_find(ranks.begin(), ranks.end()) == ranks.end(),
+                 material + " of the state has two particles of one rank");
         });
     }
 
@@ -419,11 +474,17 @@ private:
         if (rows.empty()) return;
         auto const& table = solver_.scene_.sets.template particles<k>();
         auto const ours = detail::groups_of_rows(table.contents().mass_groups.here(), rows);
-        bool const same = std::equal(ours.begin(), ours.end(), theirs.mass_groups.begin(),
-                                     theirs.mass_groups.end(), [](auto const& a, auto const& b) {
-                                         return a.first_row == b.first_row && exactly_equal(a.mass, b.mass) &&
-                                                exactly_equal(a.volume, b.volume);
-                                     });
+        double const unit = solver_.scene_.masses.unit, theirs_unit = state.masses.unit;
+        auto const alike = [&](double a, double b) { // in kg, to some roundings
+            return std::abs(a - b) <= 8 * double(std::numeric_limits<Number>::epsilon()) * b;
+        };
+        bool const same =
+            std::equal(ours.begin(), ours.end(), theirs.mass_groups.begin(), theirs.mass_groups.end(),
+                       [&](auto const& a, auto const& b) {
+                           return a.first_row == b.first_row &&
+                                  alike(unit * double(a.mass), theirs_unit * double(b.mass)) &&
+                                  alike(unit * double(a.volume), theirs_unit * double(b.volume));
+                       });
         if (!same) refuse("'s particles of material " + std::to_string(k) + " have other masses or volumes");
     }
 

@@ -173,6 +173,9 @@ void run_with(Input& input)
     if (budget.steps > 100) budget.steps = 100; // else one may wait for long
     int is_periodic = 0, axis = 0, period = 16;
     parameters.next(is_periodic, axis, period);
+    int have_own_volumes = 0;
+    double other_volume = 5e-4;
+    parameters.next(have_own_volumes, other_volume);
 
     std::vector<Vector<double, d>> points;
     for (int i = 0; i < 4; ++i)
@@ -183,8 +186,11 @@ void run_with(Input& input)
         Lattice cells{h, origin};
         if (is_periodic != 0) cells = cells.periodic(axis, period);
         Solver solver(cells, model, transfer, control);
+        std::vector<double> volumes(points.size(), volume);
+        volumes[5] = other_volume;
         if constexpr (Solver::materials == 1)
-            solver.add(points, volume, velocity.template head<d>());
+            solver.add(points, have_own_volumes == 0 ? Volumes(volume) : Volumes(volumes),
+                       velocity.template head<d>());
         else
             for (std::size_t i = 0; i < points.size(); ++i) {
                 std::vector const one{points[i]};

@@ -118,6 +118,18 @@ TEMPLATE_LIST_TEST_CASE(
     CHECK(apart > 1e-3);
 }
 
+TEST_CASE("the state of rest of a material whose parameters vary is its model's, in either precision")
+{
+    std::vector<Eigen::Vector3d> const deep{{0, -1, 0}};
+    auto const difference = [&](auto model) {
+        using Model = decltype(model);
+        return (k0_state(Varied<Model, OwnShearModulus>{model}, deep, {})[0] - k0_state(model, deep, {})[0])
+            .norm();
+    };
+    CHECK(difference(NeoHookean<Solid>{}) <= 1e-12);
+    CHECK(difference(NeoHookean<SolidFloat>{}) <= 1e-6);
+}
+
 #if !defined(__CUDACC__) // which has no packs
 namespace
 {

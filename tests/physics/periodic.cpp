@@ -121,6 +121,15 @@ TEST_CASE("a shear wave in a periodic box swings in its period, and the box is o
     for (auto const& at : sampled) CHECK(at.density == Approx(model.density).epsilon(0.01));
 }
 
+TEST_CASE("cells at the corner of two periods are neighbours", "[physics][periodic]")
+{
+    InPlane solver(lattice(h).periodic(0, 32).periodic(1, 16));
+    solver.add(box_of_points<2>({0, 0}, {32 * h, 16 * h}, h), h * h / 4);
+    solver.add(std::vector<Eigen::Vector2d>(4, {0.1 * h, 15.1 * h}), h * h / 4); // in the cell (0, 15)
+    CHECK(solver.occupancy().per_cell == Approx(4 + 4.0 / (32 * 16)).epsilon(1e-9));
+    CHECK(solver.occupancy().cells == 32 * 16);
+}
+
 TEST_CASE("periods that cannot be are refused", "[physics][periodic][refusal]")
 {
     auto const what = [](auto const& call) { return refused(call).what_is_wrong(); };
@@ -129,6 +138,12 @@ TEST_CASE("periods that cannot be are refused", "[physics][periodic][refusal]")
     CHECK_THAT(what([] { InPlane{lattice(h).periodic(2, 16)}; }), Contains("two dimensions"));
     if (InPlane::MaterialTraits<>::Table::CellOrder::extent(0) > 1)
         CHECK_THAT(what([] { InPlane{lattice(h).periodic(0, 17)}; }), Contains("a multiple of"));
+    Lattice made = lattice(h);
+    made.periods = {-16, 0, 0};
+    CHECK_THAT(what([&] { InPlane{made}; }), Contains("the period is not"));
+    made = lattice(h);
+    made.half_world = 3;
+    CHECK_THAT(what([&] { InPlane{made}; }), Contains("many worlds"));
     InPlane solver(lattice(h).periodic(0, 16));
     solver.add(box_of_points<2>({0.1, 0.1}, {0.2, 0.2}, h), h * h / 4);
     CHECK_THAT(what([&] { solver.advance(0.01, ReflectingWall{.axis = 0}); }), Contains("periodic"));

@@ -200,8 +200,36 @@ TEST_CASE("worlds refuse what they cannot do, and change nothing", "[physics][wo
     worlds.obstacles(2).push_back(ball(1));
     worlds.obstacles(2).back().motion.velocity[0] = NAN;
     check_refused([&] { worlds.advance(0.01, Gravity{}); }, "number 0 of world 2");
-    worlds.obstacles(2).clear();
+    worlds.obstacles(2) = {ball(1)};
     worlds.advance(0.01, Gravity{});
+    CHECK(worlds.reactions(2).size() == 1);
+    worlds.obstacles(2).clear();
+    check_refused([&] { worlds.advance(-1, Gravity{}); }, "duration");
+    CHECK(worlds.reactions(2).size() == 1); // of the call before
+    worlds.obstacles(2) = {ball(1)};
+    worlds.obstacles(2)[0].on_particles = true;
+    check_refused([&] { worlds.advance(0.01, Gravity{}); }, "nodes alone");
+    worlds.obstacles(2).clear();
+
+    // states that were not saved so, and of the same masses in another unit
+    auto const refuses = [&](auto const& change, char const* what) {
+        auto state = start;
+        change(state);
+        auto const before = worlds.positions();
+        check_refused([&] { worlds.reset(0, state); }, what);
+        CHECK(worlds.positions() == before);
+    };
+    refuses([](auto& state) { state.materials[0].cells[0][0] = 1 << 29; }, "a cell is out of range");
+    refuses([](auto& state) { state.materials[0].ids[1] = state.materials[0].ids[0]; }, "of one rank");
+    refuses([](auto& state) { state.materials[0].offsets[0].pop_back(); }, "one offset per particle");
+    refuses([](auto& state) { state.bounds.material = 7; }, "out of range");
+    refuses([](auto& state) { state.origin[0] = 1; }, "place");
+    refuses([](auto& state) { state.masses.unit *= 2; }, "other masses");
+    Worlds<Solver> others(2, lattice(h));
+    others.add(1, points, 3e-4);
+    others.add(0, points, 1e-4);
+    others.reset(0, start);
+    CHECK(others.time(0) == start.time);
     CHECK(worlds.time(2) == Approx(0.01));
     CHECK(worlds.solver().size() == 2 * points.size());
 }

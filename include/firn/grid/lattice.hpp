@@ -32,7 +32,7 @@ struct Lattice
     /// are then from the origin on up to the period. An obstacle acts where its nearest image is.
     ///
     /// Throws an Error unless there is such an axis, and the cells are from 4 to 2^20. A backend needs whole
-    /// blocks: multiples of 4 cells, and along the last axis multiples of its lanes. A Solver says so.
+    /// blocks, which 16 cells are for all of them; a Solver says what its own needs.
     Lattice periodic(int axis, int cells) const
     {
         require(axis >= 0 && axis < 3, "there is no such axis", "Lattice::periodic",

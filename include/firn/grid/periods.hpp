@@ -54,9 +54,13 @@ Periods<d> periods_of(Lattice const& lattice)
 template <class CellOrder, int d>
 Lattice const& require_whole_periods(Lattice const& lattice)
 {
+    int const half = lattice.half_world;
+    require(half == 0 || (half >= 64 && (half & (half - 1)) == 0), "a lattice of many worlds is none",
+            "lattice", "Leave half_world 0: Worlds sets it.");
     for (int a = 0; a < 3; ++a) {
         int const period = lattice.periods[std::size_t(a)];
         if (period == 0) continue;
+        static_cast<void>(Lattice{lattice.cell_size}.periodic(a, period)); // refuses what is no period
         std::string const where = "lattice, axis " + std::to_string(a);
         if (a >= d)
             throw Error{"a lattice of a scene in two dimensions is periodic along z", where,

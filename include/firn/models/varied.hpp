@@ -158,7 +158,7 @@ struct Varied : ModelType
     FIRN_HOST_DEVICE Response<Real, d> respond(Particle& state, Matrix<Real, d> const& velocity_gradient,
                                                Real dt) const
     {
-        if constexpr (std::is_same_v<Real, Number>)
+        if constexpr (lane_width<Real> == 1) // a state at rest may be computed in double, too
             return with(state).template respond<Real>(state, velocity_gradient, dt);
         else {
             Particle const before = state;
@@ -195,7 +195,7 @@ struct Varied : ModelType
     template <Lane Real, class Particle>
     FIRN_HOST_DEVICE Real energy(Particle const& state) const requires TellsEnergy<Model, Real, Particle>
     {
-        if constexpr (std::is_same_v<Real, Number>)
+        if constexpr (lane_width<Real> == 1) // a state at rest may be computed in double, too
             return with(state).template energy<Real>(state);
         else {
             Real all(0);
@@ -214,7 +214,7 @@ private:
     FIRN_HOST_DEVICE Model with(Particle const& state) const
     {
         Model own = model();
-        ((Tags::of(own) = state[Tags{}]), ...);
+        ((Tags::of(own) = static_cast<Number>(state[Tags{}])), ...);
         return own;
     }
 

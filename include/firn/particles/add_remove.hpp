@@ -106,7 +106,7 @@ FIRN_COLD std::size_t add_particles(Table& table, Model const& model, Points con
     using Number = typename Table::Number;
     double const density(model.density);
     std::vector<CellPosition<d>> const located = detail::locate_all(table, points, centre);
-    volumes.validate(located.size(), density);
+    volumes.validate(located.size(), static_cast<Number>(density));
     Vector<Number, d> const same_velocity = vector_of<Number, d>(velocity);
     require(all_finite(same_velocity), "the velocity is not finite", "Solver::add",
             "Pass metres per second, within the range of the scene's numbers.");

@@ -47,11 +47,11 @@ public:
         std::sort(cells.begin(), cells.end(), is_before);
         std::vector<Cell> all;
         for (auto const& cell : cells) {
-            if (all.empty() || all.back().at != cell) all.push_back({cell, 0, all.size()});
+            if (all.empty() || all.back().at != cell) all.push_back({cell, 0, all.size(), 0});
             ++all.back().particles;
         }
         std::size_t const own = all.size();
-        for (std::size_t i = 0; i < own; ++i) add_images(all, all[i].at, i, periods, 0);
+        for (std::size_t i = 0; i < own; ++i) add_images(all, all[i].at, i, periods, 0, 0);
         std::vector<std::size_t> order(all.size()), place_of(all.size());
         std::iota(order.begin(), order.end(), std::size_t(0));
         std::stable_sort(order.begin(), order.end(),
@@ -63,6 +63,7 @@ public:
             cells_.push_back(cell.at);
             count_.push_back(cell.particles);
             image_of_.push_back(place_of[cell.own]);
+            beyond_.push_back(cell.beyond);
         }
         rows_.push_back(cells_.size());
         adjacent_.assign(cells_.size(), 0);
@@ -114,6 +115,7 @@ private:
         Coordinates<d> at;
         std::size_t particles; ///< 0: it is the image of a cell beyond the end of a period
         std::size_t own;       ///< that cell, or itself
+        int beyond;            ///< along which axes it lies beyond the end: a bit for each
     };
 
     static bool is_before(Coordinates<d> const& a, Coordinates<d> const& b)
@@ -124,15 +126,15 @@ private:
 
     /// Adds the images, beyond the ends of periods, of a cell that lies at their begins.
     void add_images(std::vector<Cell>& all, Coordinates<d> at, std::size_t own, Periods<d> const& periods,
-                    std::size_t axis) const
+                    std::size_t axis, int beyond) const
     {
         for (std::size_t a = axis; a < std::size_t(d); ++a) {
             int const period = periods.of[a];
             if (period == 0 || at[int(a)] >= degree_) continue;
             Coordinates<d> image = at;
             image[int(a)] += period;
-            all.push_back({image, 0, own});
-            add_images(all, image, own, periods, a + 1);
+            all.push_back({image, 0, own, beyond | 1 << a});
+            add_images(all, image, own, periods, a + 1, beyond | 1 << a);
         }
     }
 
@@ -173,7 +175,7 @@ private:
             while (first < rows_[other + 1] && cells_[first][d - 1] < at - degree_) ++first;
             for (std::size_t j = first; j < rows_[other + 1] && cells_[j][d - 1] <= at + degree_; ++j) {
                 parent_[root(i)] = root(j);
-                if (!near || std::abs(cells_[j][d - 1] - at) > 1 || (is_image(i) && is_image(j))) continue;
+                if (!near || std::abs(cells_[j][d - 1] - at) > 1 || (beyond_[i] & beyond_[j]) != 0) continue;
                 ++adjacent_[i];
                 ++adjacent_[j];
             }
@@ -192,6 +194,7 @@ private:
     std::vector<std::uint64_t> count_;  ///< particles of each
     std::vector<int> adjacent_;         ///< how many cells around each have particles, too
     std::vector<std::size_t> image_of_; ///< a cell beyond the end of a period: that at its begin
+    std::vector<int> beyond_;           ///< see Cell; two images beyond one end are the pair at its begin
     std::vector<std::size_t> parent_;
     std::vector<std::size_t> rows_; ///< where rows of cells begin, and the end of the last
 };

@@ -187,17 +187,18 @@ void restore_particles(Table& table, MaterialSnapshot<typename Table::Number, Ta
     restore_particles(table, from, cell_order_of(table, from));
 }
 
-/// Refuses a snapshot whose particles have other fields than those of a `Table`; `where` is the material.
+/// Refuses a snapshot whose particles have other fields than those of a `Table`; `where` is the material, and
+/// `call` what asks for it.
 template <class Table>
 void require_same_fields(MaterialSnapshot<typename Table::Number, Table::d> const& from,
-                         std::string const& where)
+                         std::string const& where, std::string const& call = "Solver::restore")
 {
     using Number = typename Table::Number;
     constexpr int d = Table::d;
     using All = Join<typename Table::PersistentFields, typename Table::DerivedFields>;
     auto const refuse = [&](std::string what) {
-        throw Error{std::move(what), "Solver::restore, " + where,
-                    "Restore into a solver of the same model and transfer."};
+        throw Error{std::move(what), call + ", " + where,
+                    "Pass what a solver of the same model and transfer has returned."};
     };
     for_each_tag(All{}, [&](auto tag) {
         using Tag = decltype(tag);
@@ -212,8 +213,8 @@ void require_same_fields(MaterialSnapshot<typename Table::Number, Table::d> cons
             for (auto const& component : field->components)
                 for (Number const value : component)
                     require_valid<Tag>(
-                        value, [&] { return "Solver::restore, " + where; },
-                        "Restore what Solver::snapshot has returned.");
+                        value, [&] { return call + ", " + where; },
+                        "Pass what a solver of the same model and transfer has returned.");
     });
     for (auto field = from.fields.begin(); field != from.fields.end(); ++field) {
         bool known = false;

@@ -81,8 +81,9 @@ public:
     }
 
     /// Throws an Error unless there is a volume for each of `count` points, finite and above 0, and likewise
-    /// a density, finite and not below the model's.
-    void validate(std::size_t count, double density_of_model) const
+    /// a density, finite and not below the model's, which is one of the scene's `Number`s.
+    template <class Number>
+    void validate(std::size_t count, Number density_of_model) const
     {
         volumes_.validate(
             count, [](double volume) { return is_finite(volume) && volume > 0; }, "volume",
@@ -91,7 +92,10 @@ public:
             "points.");
         if (!have_densities_) return;
         densities_.validate(
-            count, [&](double density) { return is_finite(density) && density >= density_of_model; },
+            count,
+            [&](double density) {
+                return is_finite(density) && static_cast<Number>(density) >= density_of_model;
+            },
             "density", "is not finite, or below the model's, by which steps are bounded",
             "Pass kg/m^3, and let the model have the lowest of all.");
     }

@@ -68,10 +68,10 @@ std::string name_of_policy()
 /// Refuses a snapshot that is inconsistent in itself, so that no solver can have made it.
 template <class Number, int d>
 void require_whole(MaterialSnapshot<Number, d> const& material, MassScale const& masses,
-                   std::uint32_t next_id, double largest_coordinate)
+                   std::uint32_t next_id, double largest_coordinate, char const* call = "Solver::restore")
 {
     auto const whole = [&](bool condition, char const* what) {
-        require(condition, what, "Solver::restore", "Restore what Solver::snapshot has returned.");
+        require(condition, what, call, "Pass what a solver of the same kind has returned.");
     };
     std::size_t const count = material.ids.size();
     whole(material.cells.size() == count, "there is not one cell per particle");

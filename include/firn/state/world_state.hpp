@@ -5,6 +5,7 @@
 #include <firn/core/host_device.hpp>
 #include <firn/grid/world_layout.hpp>
 #include <firn/particles/add_remove.hpp>
+#include <firn/particles/mass_groups.hpp>
 #include <firn/particles/table_snapshot.hpp>
 #include <firn/time_stepping/stable_time_step.hpp>
 
@@ -25,10 +26,12 @@ namespace firn
 template <class Number, int d>
 struct WorldState
 {
-    double cell_size = 0;  ///< [m]
-    int kernel_degree = 0; ///< the cells are those of kernels of this degree
-    double time = 0;       ///< of the world [s]
-    StepBounds bounds{};   ///< of the next step
+    double cell_size = 0;            ///< [m]
+    Eigen::Vector3d origin{0, 0, 0}; ///< of the world's cells [m]
+    int kernel_degree = 0;           ///< the cells are those of kernels of this degree
+    MassScale masses{};              ///< the unit of masses, and their range
+    double time = 0;                 ///< of the world [s]
+    StepBounds bounds{};             ///< of the next step
     /// The particles, in cell order: cells from the world's own (0, 0, 0), and in place of ids the ranks of
     /// ids, 0, 1, 2, … in the world.
     std::vector<MaterialSnapshot<Number, d>> materials{};
