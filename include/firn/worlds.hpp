@@ -435,9 +435,10 @@ private:
                  exactly_equal(state.origin, solver_.lattice().origin) &&
                  state.kernel_degree == Solver::kernel::degree,
              "the state is of cells of another size, place or kernel");
-        auto const& [wave_speed, material, speed, rate, acceleration, obstacle_speed] = state.bounds;
-        same(is_finite(state.time) && material >= 0 && std::size_t(material) < Sets::count &&
-                 is_finite(wave_speed) && is_finite(speed) && is_finite(rate),
+        StepBounds const& bounds = state.bounds;
+        same(is_finite(state.time) && bounds.material >= 0 && std::size_t(bounds.material) < Sets::count &&
+                 is_finite(bounds.wave_speed) && is_finite(bounds.speed) &&
+                 is_finite(bounds.deformation_rate),
              "the state's time, or what bounds the next step, is out of range");
         same(state.materials.size() == Sets::count, "the state has another number of materials");
         Sets::for_each([&](auto k) {
