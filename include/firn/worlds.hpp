@@ -4,8 +4,8 @@
 #include <firn/core/error.hpp>
 #include <firn/core/exactly_equal.hpp>
 #include <firn/core/finite.hpp>
+#include <firn/effects/node_action.hpp>
 #include <firn/effects/obstacles.hpp>
-#include <firn/effects/reflecting_wall.hpp>
 #include <firn/grid/world_layout.hpp>
 #include <firn/particles/volumes.hpp>
 #include <firn/solver.hpp>
@@ -44,9 +44,9 @@ namespace firn
 /// reset().
 ///
 /// All worlds take steps of one length, the shortest that any of them needs. With steps() of a given length
-/// the bits of a world depend on what was done in it and on the calls of steps(), not on other worlds (but
-/// see WORLDS.md). For this, particles scatter to the grid afresh when a call begins, which takes the time of
-/// about one step more.
+/// the bits of a world depend on what was done in it and on the calls of steps(), and not on other worlds but
+/// for what WORLDS.md names. For this, particles scatter to the grid afresh when a call begins, which takes
+/// the time of about two steps.
 ///
 /// `SolverType` is a Solver, which the worlds own; `ShapeType` is the shape of the worlds' own obstacles, and
 /// `acts_on` what they act on, as in Obstacles. A particle that comes near the border of its world fails as
@@ -316,10 +316,20 @@ private:
         return lattice;
     }
 
+    /// Whether an argument is a reflecting wall, the library's or one of a user's own.
+    template <class Effect>
+    static constexpr bool mirrors()
+    {
+        if constexpr (NodeEffect<Effect, typename Solver::Real, d>)
+            return is_wall<detail::ActionOf<Effect, Number, d>>;
+        else
+            return false; // a budget, or what the solver refuses
+    }
+
     template <class... Effects>
     static constexpr void require_no_walls()
     {
-        static_assert(!(false || ... || std::is_same_v<Effects, ReflectingWall>),
+        static_assert(!(false || ... || mirrors<Effects>()),
                       "a ReflectingWall mirrors one plane of the lattice, which lies in some worlds alone: "
                       "pass an Obstacle<HalfSpace>");
     }
@@ -342,7 +352,7 @@ private:
             for (std::size_t i = 0; i < obstacles_[world].size(); ++i) {
                 try {
                     obstacles_[world][i].validate();
-                    if (d == 2) obstacles_[world][i].validate_in_plane();
+                    if constexpr (d == 2) obstacles_[world][i].validate_in_plane();
                     require(!obstacles_[world][i].on_particles || acts_on == ActsOn::particles,
                             "it is to act on particles, and the worlds' obstacles act on nodes alone",
                             "Obstacle", "Make them Worlds<Solver, Shape, ActsOn::particles>.");

@@ -55,8 +55,9 @@ template <class CellOrder, int d>
 Lattice const& require_whole_periods(Lattice const& lattice)
 {
     int const half = lattice.half_world;
-    require(half == 0 || (half >= 64 && (half & (half - 1)) == 0), "a lattice of many worlds is none",
-            "lattice", "Leave half_world 0: Worlds sets it.");
+    require(half == 0 || (half >= 64 && (half & (half - 1)) == 0),
+            "half_world is neither 0 nor a power of two from 64 on", "lattice",
+            "Leave half_world 0: Worlds sets it.");
     for (int a = 0; a < 3; ++a) {
         int const period = lattice.periods[std::size_t(a)];
         if (period == 0) continue;
