@@ -2,22 +2,19 @@
 #pragma once
 
 #include <firn/core/error.hpp>
-#include <firn/core/exactly_equal.hpp>
-#include <firn/core/finite.hpp>
 #include <firn/effects/node_action.hpp>
 #include <firn/effects/obstacles.hpp>
 #include <firn/grid/world_layout.hpp>
 #include <firn/particles/volumes.hpp>
 #include <firn/solver.hpp>
+#include <firn/state/reset_world.hpp>
 #include <firn/state/world_state.hpp>
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <iterator>
-#include <limits>
 #include <string>
 #include <type_traits>
 #include <utility>
@@ -262,14 +259,14 @@ public:
         std::sort(sorted.begin(), sorted.end());
         require(std::adjacent_find(sorted.begin(), sorted.end()) == sorted.end(), "a world is listed twice",
                 where, "List each world once.");
-        require_fits(state);
+        detail::require_state_fits(state, solver_.scene_, layout_);
         solver_.change(where, [&] {
             auto& scene = solver_.scene_;
             std::vector<std::vector<std::vector<std::uint32_t> const*>> rows(Sets::count);
             Sets::for_each([&](auto k) {
                 auto const& all = rows_by_world<k>();
                 for (auto const world : worlds) {
-                    require_same_particles<k>(state, world, all[world]);
+                    detail::require_same_particles<k>(state, solver_.scene_, world, all[world]);
                     rows[k].push_back(&all[world]);
                 }
             });
@@ -431,72 +428,6 @@ private:
     void sort()
     {
         Sets::for_each([&](auto k) { solver_.scene_.sets.template particles<k>().sort(); });
-    }
-
-    /// Refuses the state of a world of other materials, kernels or cells.
-    void require_fits(State const& state) const
-    {
-        char const* const where = "Worlds::reset";
-        auto const same = [&](bool condition, std::string const& what) {
-            if (!condition)
-                throw Error{what, where, "Pass what save() of worlds of the same kind has returned."};
-        };
-        same(exactly_equal(state.cell_size, solver_.lattice().cell_size) &&
-                 exactly_equal(state.origin, solver_.lattice().origin) &&
-                 state.kernel_degree == Solver::kernel::degree,
-             "the state is of cells of another size, place or kernel");
-        StepBounds const& bounds = state.bounds;
-        same(is_finite(state.time) && bounds.material >= 0 && std::size_t(bounds.material) < Sets::count &&
-                 is_finite(bounds.wave_speed) && is_finite(bounds.speed) &&
-                 is_finite(bounds.deformation_rate),
-             "the state's time, or what bounds the next step, is out of range");
-        same(state.materials.size() == Sets::count, "the state has another number of materials");
-        Sets::for_each([&](auto k) {
-            MaterialSnapshot<Number, d> ours;
-            detail::name_material<k>(solver_.scene_.sets, ours);
-            auto const& theirs = state.materials[k];
-            std::string const material = "material " + std::to_string(k);
-            same(theirs.name == ours.name,
-                 material + " of the state is '" + theirs.name + "', not '" + ours.name + "'");
-            require_same_fields<typename Sets::template MaterialTraits<k>::Table>(theirs, material, where);
-            detail::require_whole(theirs, state.masses, static_cast<std::uint32_t>(theirs.ids.size()),
-                                  layout_.half_world - WorldLayout<d>::margin, where);
-            auto ranks = theirs.ids;
-            std::sort(ranks.begin(), ranks.end());
-            same(std::adjacent_find(ranks.begin(), ranks.end()) == ranks.end(),
-                 material + " of the state has two particles of one rank");
-        });
-    }
-
-    /// Refuses a state of other particles than a world has; `rows` are those of its particles.
-    template <std::size_t k>
-    void require_same_particles(State const& state, std::uint32_t world,
-                                std::vector<std::uint32_t> const& rows) const
-    {
-        auto const& theirs = state.materials[k];
-        auto const refuse = [&](std::string const& what) {
-            throw Error{"world " + std::to_string(world) + what, "Worlds::reset",
-                        "Reset worlds that have the particles of the state; or clear() the world, and add() "
-                        "its particles."};
-        };
-        if (rows.size() != theirs.ids.size())
-            refuse(" has " + std::to_string(rows.size()) + " particles of material " + std::to_string(k) +
-                   ", and the state has " + std::to_string(theirs.ids.size()));
-        if (rows.empty()) return;
-        auto const& table = solver_.scene_.sets.template particles<k>();
-        auto const ours = detail::groups_of_rows(table.contents().mass_groups.here(), rows);
-        double const unit = solver_.scene_.masses.unit, theirs_unit = state.masses.unit;
-        auto const alike = [&](double a, double b) { // in kg, to some roundings
-            return std::abs(a - b) <= 8 * double(std::numeric_limits<Number>::epsilon()) * b;
-        };
-        bool const same =
-            std::equal(ours.begin(), ours.end(), theirs.mass_groups.begin(), theirs.mass_groups.end(),
-                       [&](auto const& a, auto const& b) {
-                           return a.first_row == b.first_row &&
-                                  alike(unit * double(a.mass), theirs_unit * double(b.mass)) &&
-                                  alike(unit * double(a.volume), theirs_unit * double(b.volume));
-                       });
-        if (!same) refuse("'s particles of material " + std::to_string(k) + " have other masses or volumes");
     }
 
     /// Which rows a world's particles have, as long as a table has the same particles.

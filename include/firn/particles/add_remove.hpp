@@ -262,14 +262,9 @@ void remove_particles(Table& table, RemovalMask<Backend> const& mask)
         if (keeps_row[row]) rows.push_back(row);
     }
 
-    auto const on_backend = [&](std::vector<std::uint32_t> const& list) {
-        typename Backend::template Array<std::uint32_t> there(table.backend());
-        there.resize(list.size());
-        there.upload(0, list);
-        return there;
-    };
-    auto const from_there = on_backend(from), rows_there = on_backend(rows),
-               new_place_there = on_backend(new_place);
+    auto const from_there = detail::array_of(table.backend(), from),
+               rows_there = detail::array_of(table.backend(), rows),
+               new_place_there = detail::array_of(table.backend(), new_place);
     RowIds ids = to.ids.kept(rows);
     auto derived = to.gathered.gathered(rows_there.data(), kept);
     for (auto& place : from) place = new_row[row_at[place]];

@@ -35,6 +35,16 @@ auto downloaded(Array const& array)
     array.download(0, values);
     return values;
 }
+
+/// A vector in the backend's memory.
+template <class Backend, class T>
+auto array_of(Backend const& backend, std::vector<T> const& values)
+{
+    typename Backend::template Array<T> there(backend);
+    there.resize(std::max<std::size_t>(values.size(), 1)); // so that it has an address
+    there.upload(0, values);
+    return there;
+}
 } // namespace detail
 
 /// Copies the listed elements of an array.
@@ -46,6 +56,27 @@ struct GatherValues
     T* to;
 
     FIRN_HOST_DEVICE void operator()(std::size_t i) const { to[i] = from[places[i]]; }
+};
+
+/// Copies values within an array, each from one place to another.
+template <class T>
+struct MoveValues
+{
+    T* values;
+    std::uint32_t const *from, *to;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const { values[to[i]] = values[from[i]]; }
+};
+
+/// Writes values to the listed places of an array.
+template <class T>
+struct PutValues
+{
+    T const* values;
+    std::uint32_t const* places;
+    T* to;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const { to[places[i]] = values[i]; }
 };
 
 /// One array per component of the fields that are stored from step to step, positions and rows among them, in

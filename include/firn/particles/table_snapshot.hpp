@@ -89,6 +89,17 @@ FieldSnapshot<Number> const& field_of(MaterialSnapshot<Number, d> const& from)
 {
     return *std::ranges::find(from.fields, std::string(Tag::name), &FieldSnapshot<Number>::name);
 }
+
+/// Adds the fields of a set to a snapshot; `values(component in the set)` are those of the particles.
+template <class Set, class Number, int d, class Values>
+void add_fields(MaterialSnapshot<Number, d>& to, Values const& values)
+{
+    for_each_tag(Set{}, [&](auto tag) {
+        to.fields.push_back({decltype(tag)::name, {}});
+        for_each_column<Set, d>(
+            tag, [&](std::size_t, std::size_t c) { to.fields.back().components.push_back(values(c)); });
+    });
+}
 } // namespace detail
 
 /// All particles, in memory of the host; requires has_grid_fields(). The caller adds the model's name and
@@ -112,18 +123,10 @@ auto snapshot_of(Table& table)
         to.offsets[a] = detail::listed(buffer.offset[a], places);
     std::vector<std::uint32_t> const rows = detail::listed(buffer.id, places);
     for (std::uint32_t const row : rows) to.ids.push_back(table.id(row));
-    for_each_tag(PersistentFields{}, [&](auto tag) {
-        to.fields.push_back({decltype(tag)::name, {}});
-        detail::for_each_column<PersistentFields, d>(tag, [&](std::size_t, std::size_t c) {
-            to.fields.back().components.push_back(detail::listed(buffer.component[c], places));
-        });
-    });
-    for_each_tag(DerivedFields{}, [&](auto tag) {
-        to.fields.push_back({decltype(tag)::name, {}});
-        detail::for_each_column<DerivedFields, d>(tag, [&](std::size_t, std::size_t c) {
-            to.fields.back().components.push_back(detail::listed(table.cached().column(int(c)), rows));
-        });
-    });
+    detail::add_fields<PersistentFields>(
+        to, [&](std::size_t c) { return detail::listed(buffer.component[c], places); });
+    detail::add_fields<DerivedFields>(
+        to, [&](std::size_t c) { return detail::listed(table.cached().column(int(c)), rows); });
     to.mass_groups = table.contents().mass_groups.all();
     return to;
 }

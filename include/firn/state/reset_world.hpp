@@ -1,0 +1,214 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/error.hpp>
+#include <firn/core/exactly_equal.hpp>
+#include <firn/core/finite.hpp>
+#include <firn/core/host_device.hpp>
+#include <firn/grid/world_layout.hpp>
+#include <firn/particles/storage.hpp>
+#include <firn/particles/table_snapshot.hpp>
+#include <firn/state/restore.hpp>
+#include <firn/state/snapshot.hpp>
+#include <firn/state/world_state.hpp>
+#include <firn/time_stepping/stable_time_step.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <numeric>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+// How the particles of worlds come back to a state, and which states are refused. `Table` is a ParticleTable.
+namespace firn
+{
+
+namespace detail
+{
+/// Refuses the state of a world of other materials, kernels or cells than those of a SceneState, and one that
+/// no world can have.
+template <class Scene, class Number, int d>
+void require_state_fits(WorldState<Number, d> const& state, Scene const& scene, WorldLayout<d> const& layout)
+{
+    using Sets = typename Scene::Sets;
+    char const* const where = "Worlds::reset";
+    auto const same = [&](bool condition, std::string const& what) {
+        if (!condition) throw Error{what, where, "Pass what save() of worlds of the same kind has returned."};
+    };
+    same(exactly_equal(state.cell_size, scene.lattice.cell_size) &&
+             exactly_equal(state.origin, scene.lattice.origin) &&
+             state.kernel_degree == Scene::Kernel::degree,
+         "the state is of cells of another size, place or kernel");
+    StepBounds const& bounds = state.bounds;
+    same(is_finite(state.time) && bounds.material >= 0 && std::size_t(bounds.material) < Sets::count &&
+             is_finite(bounds.wave_speed) && is_finite(bounds.speed) && is_finite(bounds.deformation_rate),
+         "the state's time, or what bounds the next step, is out of range");
+    same(state.materials.size() == Sets::count, "the state has another number of materials");
+    Sets::for_each([&](auto k) {
+        MaterialSnapshot<Number, d> ours;
+        name_material<k>(scene.sets, ours);
+        auto const& theirs = state.materials[k];
+        std::string const material = "material " + std::to_string(k);
+        same(theirs.name == ours.name,
+             material + " of the state is '" + theirs.name + "', not '" + ours.name + "'");
+        require_same_fields<typename Sets::template MaterialTraits<k>::Table>(theirs, material, where);
+        require_whole(theirs, state.masses, static_cast<std::uint32_t>(theirs.ids.size()),
+                      layout.half_world - WorldLayout<d>::margin, where);
+        auto ranks = theirs.ids;
+        std::sort(ranks.begin(), ranks.end());
+        same(std::adjacent_find(ranks.begin(), ranks.end()) == ranks.end(),
+             material + " of the state has two particles of one rank");
+    });
+}
+
+/// Refuses a state of other particles of a material than a world has; `rows` are those of its particles.
+template <std::size_t k, class Scene, class Number, int d>
+void require_same_particles(WorldState<Number, d> const& state, Scene const& scene, std::uint32_t world,
+                            std::vector<std::uint32_t> const& rows)
+{
+    auto const& theirs = state.materials[k];
+    auto const refuse = [&](std::string const& what) {
+        throw Error{"world " + std::to_string(world) + what, "Worlds::reset",
+                    "Reset worlds that have the particles of the state; or clear() the world, and add() its "
+                    "particles."};
+    };
+    if (rows.size() != theirs.ids.size())
+        refuse(" has " + std::to_string(rows.size()) + " particles of material " + std::to_string(k) +
+               ", and the state has " + std::to_string(theirs.ids.size()));
+    if (rows.empty()) return;
+    auto const ours = groups_of_rows(scene.sets.template particles<k>().contents().mass_groups.here(), rows);
+    auto const alike = [&](Number a, Number b) { // in kg, to some roundings
+        double const in_kg = scene.masses.unit * double(a), theirs_in_kg = state.masses.unit * double(b);
+        return std::abs(in_kg - theirs_in_kg) <=
+               8 * double(std::numeric_limits<Number>::epsilon()) * theirs_in_kg;
+    };
+    bool const same = std::equal(ours.begin(), ours.end(), theirs.mass_groups.begin(),
+                                 theirs.mass_groups.end(), [&](auto const& a, auto const& b) {
+                                     return a.first_row == b.first_row && alike(a.mass, b.mass) &&
+                                            alike(a.volume, b.volume);
+                                 });
+    if (!same) refuse("'s particles of material " + std::to_string(k) + " have other masses or volumes");
+}
+} // namespace detail
+
+/// Finds where the particles of some rows lie: called for every place.
+struct FindRows
+{
+    static constexpr auto none = std::numeric_limits<std::uint32_t>::max();
+
+    std::uint32_t const* row_at;      ///< by place
+    std::uint32_t const* rank_of_row; ///< in the list of these rows, or none
+    unsigned char* is_listed;         ///< 1 or 0, by place
+    std::uint32_t *place_of_rank, *new_place;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t place) const
+    {
+        auto const rank = rank_of_row[row_at[place]], here = static_cast<std::uint32_t>(place);
+        is_listed[place] = rank == none ? 0 : 1;
+        if (rank != none) place_of_rank[rank] = here;
+        new_place[place] = here;
+    }
+};
+
+/// Brings the particles of some worlds into the state `from` that those of one world had: each of these
+/// worlds gets the same. `rows_of` are the rows of their particles, in rising order. The particles keep their
+/// ids; all others keep all their values, and their order. Requires has_grid_fields(), and in each world as
+/// many particles as in the state. The host's work is proportional to what is reset.
+template <class Table>
+void reset_particles(Table& table, std::vector<std::uint32_t> const& worlds,
+                     std::vector<std::vector<std::uint32_t> const*> const& rows_of,
+                     MaterialSnapshot<typename Table::Number, Table::d> const& from,
+                     WorldLayout<Table::d> const& layout)
+{
+    constexpr int d = Table::d;
+    using Number = typename Table::Number;
+    using PersistentFields = typename Table::PersistentFields;
+    using DerivedFields = typename Table::DerivedFields;
+    std::size_t const count = from.ids.size(), all = count * worlds.size(), size = table.size(),
+                      kept = size - all;
+    if (all == 0) return;
+    auto const& backend = table.backend();
+    std::vector<std::uint32_t> rows, ranks(all);
+    std::vector<Coordinates<d>> cells;
+    rows.reserve(all);
+    cells.reserve(all);
+    for (std::size_t w = 0; w < worlds.size(); ++w) {
+        Coordinates<d> const centre = layout.centre(worlds[w]);
+        for (std::size_t i = 0; i < count; ++i) {
+            rows.push_back((*rows_of[w])[from.ids[i]]);
+            cells.push_back(from.cells[i] + centre);
+        }
+    }
+    std::iota(ranks.begin(), ranks.end(), std::uint32_t(0));
+
+    using Indices = typename Table::Backend::template Array<std::uint32_t>;
+    auto const rows_there = detail::array_of(backend, rows), ranks_there = detail::array_of(backend, ranks);
+    Indices rank_of_row(backend), place_of_rank(backend), new_place(backend);
+    typename Table::Backend::template Array<unsigned char> goes(backend);
+    rank_of_row.resize(size);
+    place_of_rank.resize(all);
+    new_place.resize(size);
+    goes.resize(size);
+    rank_of_row.fill(0, size, FindRows::none);
+    backend.for_each(all,
+                     PutValues<std::uint32_t>{ranks_there.data(), rows_there.data(), rank_of_row.data()});
+    backend.for_each(size, FindRows{table.contents().buffer[0].id.data(), rank_of_row.data(), goes.data(),
+                                    place_of_rank.data(), new_place.data()});
+    // What comes will lie at the end, so what lies there and stays moves into the places of what goes.
+    std::vector<std::uint32_t> from_place, to_place;
+    std::vector<unsigned char> last(all);
+    goes.download(kept, last);
+    for (std::size_t i = 0; i < all; ++i)
+        if (last[i] == 0) from_place.push_back(static_cast<std::uint32_t>(kept + i));
+    for (auto const place : detail::downloaded(place_of_rank))
+        if (place < kept) to_place.push_back(place);
+    std::sort(to_place.begin(), to_place.end());
+    auto const from_there = detail::array_of(backend, from_place),
+               to_there = detail::array_of(backend, to_place);
+    backend.for_each(from_place.size(),
+                     PutValues<std::uint32_t>{to_there.data(), from_there.data(), new_place.data()});
+
+    /// A column of the state, once for each world.
+    auto const repeated = [&](auto const& column) {
+        auto all_of_them = column;
+        all_of_them.reserve(column.size() * worlds.size());
+        for (std::size_t w = 1; w < worlds.size(); ++w)
+            all_of_them.insert(all_of_them.end(), column.begin(), column.end());
+        return all_of_them;
+    };
+    table.change([&] {
+        auto& to = table.contents();
+        auto& buffer = to.buffer[0];
+        auto const replace = [&](auto& column, auto const& values) {
+            using Value = typename std::decay_t<decltype(column)>::Value;
+            backend.for_each(from_place.size(),
+                             MoveValues<Value>{column.data(), from_there.data(), to_there.data()});
+            column.upload(kept, values);
+        };
+        for (std::size_t a = 0; a < from.offsets.size(); ++a)
+            replace(buffer.offset[a], repeated(from.offsets[a]));
+        replace(buffer.id, rows);
+        for_each_tag(PersistentFields{}, [&](auto tag) {
+            auto const& field = detail::field_of<decltype(tag)>(from);
+            detail::for_each_column<PersistentFields, d>(tag, [&](std::size_t i, std::size_t c) {
+                replace(buffer.component[c], repeated(field.components[i]));
+            });
+        });
+        for_each_tag(DerivedFields{}, [&](auto tag) {
+            auto const& field = detail::field_of<decltype(tag)>(from);
+            detail::for_each_column<DerivedFields, d>(tag, [&](std::size_t i, std::size_t c) {
+                auto const values = detail::array_of(backend, repeated(field.components[i]));
+                backend.for_each(rows.size(), PutValues<Number>{values.data(), rows_there.data(),
+                                                                table.cached().column(int(c)).data()});
+            });
+        });
+        to.cells.erase(goes.data(), new_place.data(), kept);
+        to.cells.insert(cells, static_cast<std::uint32_t>(kept));
+    });
+}
+
+} // namespace firn
