@@ -7,7 +7,7 @@ set -euo pipefail
 compiler=$1 source=$2 eigen=$3 clang=${4:-}
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
-flags=(-std=c++20 -fopenmp -DNDEBUG -DFIRN_COMPILE_SOON -I"$source/include" -I"$source/backends/openmp" -isystem "$eigen")
+flags=(-std=c++20 -fopenmp -DNDEBUG -DFIRN_COMPILE_SOON -DFIRN_ANY_COMPILER -I"$source/include" -I"$source/backends/openmp" -isystem "$eigen")
 
 # refuses <compiler> <flag>...: so does the header that everything includes
 refuses() {
