@@ -2,10 +2,10 @@
 // What many worlds cost beside one scene of as many particles: steps of both by turns, and the time in which
 // worlds are reset.
 //     worlds [rounds [worlds [side [steps of a call [obstacles of each world]]]]]
-// Each world is a block of side^3 particles on the ground, jittered; the one scene is a block of as many
-// particles, with neither a gap nor a border between. In a third scene, of one world, as many small blocks
-// lie apart: it says what borders cost. Prints medians of milliseconds per step. The same file is compiled
-// for a device.
+// Each world is a block of side^3 particles on the ground, jittered, and balls that touch a side of it; the
+// one scene is a block of as many particles, with neither a gap nor a border between, and as many balls along
+// its side. In a third scene, of one world, as many small blocks lie apart, each with its balls: it says what
+// borders cost. Prints medians of milliseconds per step. The same file is compiled for a device.
 #include "on_each_backend.hpp"
 #include "timing.hpp"
 
@@ -61,40 +61,47 @@ int main(int argc, char** argv)
 
     Worlds<Single> worlds(std::uint32_t(count), lattice(h), Single::Model{}, Single::Transfer{},
                           StepControl{}, bench::backend());
+    auto const ball = [](double x, double z) {
+        return Obstacle<AnyShape<>>{.shape = Sphere{0.1}, .motion = {.position = {x - 0.1, 0.2, z}}};
+    };
     for (std::uint32_t w = 0; w < worlds.count(); ++w) {
         worlds.add(w, block(side, side, side), volume);
-        for (int i = 0; i < obstacles; ++i)
-            worlds.obstacles(w).push_back(
-                {.shape = Sphere{0.1}, .motion = {.position = {-0.1, 0.2, 0.2 * (i + 1)}}});
+        for (int i = 0; i < obstacles; ++i) worlds.obstacles(w).push_back(ball(0, 0.2 * (i + 1)));
     }
     auto const start = worlds.save(0);
     Single one(lattice(h), {}, {}, {}, bench::backend());
     int const wide = static_cast<int>(std::lround(std::sqrt(count * double(side) * side)));
     one.add(block(wide, side, wide), volume);
+    Obstacles<> beside_one, beside_each;
+    for (int i = 0; i < obstacles * count; ++i)
+        beside_one.list.push_back(ball(0, (i + 0.5) * wide * h / 2 / (obstacles * count)));
 
     Single apart(lattice(h), {}, {}, {}, bench::backend());
     int const row = static_cast<int>(std::ceil(std::sqrt(count)));
     for (int w = 0; w < count; ++w) {
         auto points = block(side, side, side);
         double const step = h * 4 * (side / 8 + 2); // whole blocks of the grid
-        for (auto& x : points) x += step * Eigen::Vector3d(w % row, 0, w / row);
+        Eigen::Vector3d const at = step * Eigen::Vector3d(w % row, 0, w / row);
+        for (auto& x : points) x += at;
         apart.add(points, volume);
+        for (int i = 0; i < obstacles; ++i) beside_each.list.push_back(ball(at.x(), at.z() + 0.2 * (i + 1)));
     }
 
     Obstacle<HalfSpace> const ground{};
     double const dt = 0.5 * one.stable_step(Gravity{}, ground);
-    auto const steps_of = [&](auto& scene) {
-        return seconds_of([&] { scene.steps(std::size_t(of_call), dt, Gravity{}, ground); }) / of_call;
+    auto const steps_of = [&](auto& scene, auto const&... balls) {
+        return seconds_of([&] { scene.steps(std::size_t(of_call), dt, Gravity{}, ground, balls...); }) /
+               of_call;
     };
     std::vector<double> seconds[5];
     for (int i = 0; i < rounds + 1; ++i) {
-        double const of[]{steps_of(one), steps_of(worlds),
+        double const of[]{steps_of(one, beside_one), steps_of(worlds),
                           seconds_of([&] { worlds.reset(std::uint32_t(i % count), start); }), seconds_of([&] {
                               std::vector<std::uint32_t> tenth;
                               for (int w = 0; w < count; w += 10) tenth.push_back(std::uint32_t(w));
                               worlds.reset(tenth, start);
                           }),
-                          steps_of(apart)};
+                          steps_of(apart, beside_each)};
         for (int k = 0; k < 5 && i > 0; ++k) seconds[k].push_back(of[k]); // the first warms up
     }
     double const in_one = double(one.size()), in_worlds = double(worlds.solver().size());

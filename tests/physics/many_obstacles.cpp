@@ -330,7 +330,8 @@ TEST_CASE("no list has obstacles that nothing is to meet")
     boxes[1].is_bounded = false;
     BroadPhase<2> const sorted(boxes);
     CHECK(sorted.everywhere == 1);
-    CHECK(sorted.lists == std::vector<std::uint32_t>{1});
+    REQUIRE(sorted.lists.size() == 1);
+    CHECK(sorted.lists[0].number == 1);
 }
 
 TEST_CASE("a cell's list has all obstacles whose boxes it lies in, by rising number")
@@ -346,14 +347,15 @@ TEST_CASE("a cell's list has all obstacles whose boxes it lies in, by rising num
                 boxes[i].high[a] = boxes[i].low[a] + below(reach);
             }
         }
-        BroadPhase<3> const sorted(boxes);
+        int const before = below(3);
+        BroadPhase<3> const sorted(boxes, before);
         NearObstacles<3> const near{sorted.table.data(), static_cast<std::uint32_t>(sorted.table.size() - 1),
-                                    sorted.lists.data(), boxes.data(),
-                                    sorted.everywhere,   sorted.shift};
+                                    sorted.lists.data(), sorted.everywhere,
+                                    sorted.shift,        before};
         for (int k = 0; k < 2000; ++k) {
             Coordinates<3> const cell(below(300) - 150, below(300) - 150, below(300) - 150);
             std::vector<std::uint32_t> listed;
-            near.for_each(cell, [&](std::uint32_t i) { listed.push_back(i); });
+            near.for_each(cell, [&](std::uint32_t i, float) { listed.push_back(i); });
             if (!std::is_sorted(listed.begin(), listed.end())) FAIL("not by rising number");
             for (std::uint32_t i = 0; i < boxes.size(); ++i) {
                 bool inside = true;

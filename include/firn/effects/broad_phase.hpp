@@ -25,6 +25,7 @@ struct SweptBox
 {
     std::array<int, std::size_t(d)> low{}, high{}; ///< both included
     bool is_bounded = false;                       ///< false: it is everywhere
+    float reach = 0; ///< how far from its reference point it acts [m]; 0: it is unbounded
 
     /// The box of an obstacle that nothing is to meet.
     static SweptBox nowhere()
@@ -35,13 +36,6 @@ struct SweptBox
         return box;
     }
     bool is_empty() const { return low[0] > high[0]; }
-    FIRN_HOST_DEVICE bool contains(Coordinates<d> const& cell) const
-    {
-        bool inside = true;
-        for (int a = 0; a < d; ++a)
-            inside = inside && low[std::size_t(a)] <= cell[a] && cell[a] <= high[std::size_t(a)];
-        return inside || !is_bounded;
-    }
     friend bool operator==(SweptBox const&, SweptBox const&) = default;
 };
 
@@ -53,23 +47,40 @@ struct ListOfCube
     std::uint32_t begin = 0, end = 0;
 };
 
+/// An obstacle in a list, with all by which a node is found to be far from it: loops wait for memory once.
+template <int d>
+struct ListedObstacle
+{
+    std::array<int, std::size_t(d)> low{}, high{}; ///< its box, if it is bounded
+    std::uint32_t number = 0;
+    float reach = 0; ///< from its reference point [m]; 0: it is unbounded
+
+    FIRN_HOST_DEVICE bool may_meet(Coordinates<d> const& cell) const
+    {
+        bool inside = true;
+        for (int a = 0; a < d; ++a)
+            inside = inside && low[std::size_t(a)] <= cell[a] && cell[a] <= high[std::size_t(a)];
+        return inside;
+    }
+};
+
 /// The lists in the memory where loops read them: a plain value.
 template <int d>
 struct NearObstacles
 {
     ListOfCube<d> const* table = nullptr;
     std::uint32_t mask = 0; ///< the table's size, a power of two, less one
-    std::uint32_t const* lists = nullptr;
-    SweptBox<d> const* boxes = nullptr; ///< of each obstacle
-    std::uint32_t everywhere = 0;       ///< the length of the first list, of obstacles that are everywhere
-    int shift = 0;                      ///< cubes have 2^shift cells along each axis
+    ListedObstacle<d> const* lists = nullptr;
+    std::uint32_t everywhere = 0; ///< the length of the first list, of obstacles that are everywhere
+    int shift = 0;                ///< cubes have 2^shift cells along each axis
+    int before = 0;               ///< the cube of cell 0 begins so many cells before it
 
-    /// Calls `use(obstacle)` for all whose boxes a cell lies in, by rising number.
+    /// Calls `use(number, reach)` for all obstacles whose boxes a cell lies in, by rising number.
     template <class Use>
     FIRN_HOST_DEVICE void for_each(Coordinates<d> const& cell, Use const& use) const
     {
         std::array<int, std::size_t(d)> cube{};
-        for (int a = 0; a < d; ++a) cube[std::size_t(a)] = cell[a] >> shift;
+        for (int a = 0; a < d; ++a) cube[std::size_t(a)] = (cell[a] + before) >> shift;
         std::uint32_t at = 0, end = 0;
         for (std::uint32_t place = hash(cube) & mask; table[place].end != 0; place = (place + 1) & mask)
             if (same(table[place].cube, cube)) {
@@ -79,11 +90,13 @@ struct NearObstacles
             }
         // two lists by rising number: those of the cube, and those that are everywhere
         for (std::uint32_t unbounded = 0;;) {
-            while (at < end && !boxes[lists[at]].contains(cell)) ++at;
+            while (at < end && !lists[at].may_meet(cell)) ++at;
             bool const has_near = at < end, has_unbounded = unbounded < everywhere;
             if (!has_near && !has_unbounded) return;
-            bool const takes_near = has_near && (!has_unbounded || lists[at] < lists[unbounded]);
-            use(takes_near ? lists[at++] : lists[unbounded++]);
+            bool const takes_near =
+                has_near && (!has_unbounded || lists[at].number < lists[unbounded].number);
+            ListedObstacle<d> const& next = lists[takes_near ? at++ : unbounded++];
+            use(next.number, next.reach);
         }
     }
 
@@ -116,11 +129,12 @@ class BroadPhase
 
 public:
     std::vector<ListOfCube<d>> table;
-    std::vector<std::uint32_t> lists;
+    std::vector<ListedObstacle<d>> lists;
     std::uint32_t everywhere = 0;
-    int shift = 2; ///< as large as a block of nodes, which then have one list
+    int shift = 2; ///< as large as a block of cells or nodes, which then have one list
 
-    explicit BroadPhase(std::vector<SweptBox<d>> const& boxes)
+    /// The cube of cell 0 begins `before` cells before it.
+    explicit BroadPhase(std::vector<SweptBox<d>> const& boxes, int before = 0) : before_(before)
     {
         // large cubes where there are many or large obstacles: time and memory are bounded
         double const most = 8192 + 16 * double(boxes.size());
@@ -128,7 +142,7 @@ public:
         std::vector<std::pair<Cube, std::uint32_t>> met;
         for (std::uint32_t i = 0; i < boxes.size(); ++i) {
             if (!boxes[i].is_bounded)
-                lists.push_back(i);
+                lists.push_back(listed(boxes, i));
             else if (!boxes[i].is_empty())
                 for_each_cube(boxes[i], [&](Cube const& cube) { met.push_back({cube, i}); });
         }
@@ -140,7 +154,7 @@ public:
         for (std::size_t i = 0; i < met.size();) {
             std::size_t last = i;
             while (last < met.size() && met[last].first == met[i].first) ++last;
-            add_list(met, i, last);
+            add_list(boxes, met, i, last);
             i = last;
         }
     }
@@ -151,7 +165,7 @@ private:
     {
         Cube low, high;
         for (std::size_t a = 0; a < std::size_t(d); ++a)
-            low[a] = box.low[a] >> shift, high[a] = box.high[a] >> shift;
+            low[a] = (box.low[a] + before_) >> shift, high[a] = (box.high[a] + before_) >> shift;
         Cube cube = low;
         for (;;) {
             use(cube);
@@ -167,23 +181,32 @@ private:
         for (auto const& box : boxes) {
             double cubes = 1;
             for (std::size_t a = 0; a < std::size_t(d); ++a)
-                cubes *= double(box.high[a] >> shift) - double(box.low[a] >> shift) + 1;
+                cubes *=
+                    double((box.high[a] + before_) >> shift) - double((box.low[a] + before_) >> shift) + 1;
             if (box.is_bounded && !box.is_empty()) sum += cubes;
         }
         return sum;
     }
 
+    static ListedObstacle<d> listed(std::vector<SweptBox<d>> const& boxes, std::uint32_t i)
+    {
+        return {boxes[i].low, boxes[i].high, i, boxes[i].reach};
+    }
+
     /// The list of one cube.
-    void add_list(std::vector<std::pair<Cube, std::uint32_t>> const& met, std::size_t first, std::size_t last)
+    void add_list(std::vector<SweptBox<d>> const& boxes,
+                  std::vector<std::pair<Cube, std::uint32_t>> const& met, std::size_t first, std::size_t last)
     {
         ListOfCube<d> of{met[first].first, static_cast<std::uint32_t>(lists.size()), 0};
-        for (std::size_t i = first; i < last; ++i) lists.push_back(met[i].second);
+        for (std::size_t i = first; i < last; ++i) lists.push_back(listed(boxes, met[i].second));
         of.end = static_cast<std::uint32_t>(lists.size());
         auto const mask = static_cast<std::uint32_t>(table.size() - 1);
         std::uint32_t at = NearObstacles<d>::hash(of.cube) & mask;
         while (table[at].end != 0) at = (at + 1) & mask;
         table[at] = of;
     }
+
+    int before_;
 };
 
 } // namespace firn

@@ -3,6 +3,7 @@
 
 #include <firn/effects/actions.hpp>
 #include <firn/effects/particle_contact.hpp>
+#include <firn/effects/touching_obstacles.hpp>
 
 #include <cstddef>
 
@@ -112,7 +113,8 @@ apply_on_nodes(Chain<Actions...> const& chain, LanePosition<Real, d> const& plac
                NodesOfStep<Real> const& nodes, Vector<Real, d> velocity,
                Reactions<Chain<Actions...>::obstacles>& reactions, [[maybe_unused]] Marked const& marked = {})
 {
-    constexpr int obstacles = Chain<Actions...>::obstacles;
+    constexpr int obstacles = Chain<Actions...>::obstacles, groups = Chain<Actions...>::groups;
+    [[maybe_unused]] TouchingObstacles touching[std::size_t(groups > 0 ? groups : 1)];
     Mask<Real> once = Real(1) < Real(0), twice = once;
 
     auto const pass = [&](bool first_pass, bool only_non_penetration) {
@@ -135,6 +137,7 @@ apply_on_nodes(Chain<Actions...> const& chain, LanePosition<Real, d> const& plac
             return true;
         };
         int obstacle = 0;
+        [[maybe_unused]] int group = 0;
         chain.for_each([&](auto const& action) {
             using Action = std::decay_t<decltype(action)>;
             if constexpr (detail::has_on_node<Action>)
@@ -144,17 +147,20 @@ apply_on_nodes(Chain<Actions...> const& chain, LanePosition<Real, d> const& plac
                     for (int a = 0; a < d; ++a) velocity[a] = select(nodes.filled, after[a], velocity[a]);
                 }
             if constexpr (is_group<Action>)
-                action.for_each_near(place, [&](auto const& one, auto const& receive) {
-                    Reaction received;
-                    if (meet(one, received)) receive(received);
-                });
+                action.for_each_near(place, first_pass, touching[group++],
+                                     [&](auto const& one, auto const& receive) {
+                                         Reaction received;
+                                         bool const touches = meet(one, received);
+                                         if (touches) receive(received);
+                                         return touches;
+                                     });
             else if constexpr (!is_wall<Action> && is_obstacle<Action>)
                 meet(action, reactions.of[std::size_t(obstacle)]);
             obstacle += int(is_obstacle<Action>);
         });
     };
     pass(true, false);
-    if constexpr (obstacles > 1 || Chain<Actions...>::groups > 0)
+    if constexpr (obstacles > 1 || groups > 0)
         if (any(twice)) {
             pass(false, false);
             for (int i = 0; i < 4; ++i) pass(false, true);

@@ -5,6 +5,7 @@
 #include <firn/effects/node_action.hpp>
 #include <firn/effects/obstacle.hpp>
 #include <firn/effects/reaction_sums.hpp>
+#include <firn/effects/touching_obstacles.hpp>
 
 #include <cmath>
 #include <cstddef>
@@ -42,20 +43,25 @@ struct ObstaclesAction
     using One = typename Obstacle<ShapeType>::template Action<Number, d>;
 
     One const* obstacles; ///< at the end of the step
-    float const* reach;   ///< of each [m]; 0: unbounded
     NearbyObstacles<d> near;
     std::uint32_t acting; ///< how many of them act on particles
     bool have_own_worlds; ///< else they are in the same place in all worlds
     ReactionSums sums;
 
     /// Calls `use(action, receive)` for each obstacle that may touch lanes of nodes at a place;
-    /// `receive(reaction)` adds to what it received.
+    /// `receive(reaction)` adds to what it received, and `use` returns whether it touches. Those are noted in
+    /// the first of several calls for a place, and the later ones ask no others.
     template <Lane Real, class Use>
-    FIRN_HOST_DEVICE void for_each_near(LanePosition<Real, d> const& place, Use const& use) const
+    FIRN_HOST_DEVICE void for_each_near(LanePosition<Real, d> const& place, bool is_first,
+                                        TouchingObstacles& touching, Use const& use) const
     {
         if (sums.obstacles == 0) return;
-        near.to_nodes.for_each(cell_of(place), [&](std::uint32_t i) {
-            if (!is_far(place, i, Real(0))) ask(i, place.first, use);
+        if (!is_first && touching.are_all()) {
+            for (std::uint32_t k = 0; k < touching.count; ++k) ask(touching.number[k], place.first, use);
+            return;
+        }
+        near.to_nodes.for_each(cell_of(place), [&](std::uint32_t i, float reach) {
+            if (!is_far(place, i, reach, Real(0)) && ask(i, place.first, use) && is_first) touching.note(i);
         });
     }
 
@@ -67,10 +73,10 @@ struct ObstaclesAction
     {
         if (acting == 0) return;
         Real const travel(static_cast<Number>(reach_of_particles * place.lattice.cell_size));
-        near.to_particles.for_each(cell_of(place), [&](std::uint32_t i) {
+        near.to_particles.for_each(cell_of(place), [&](std::uint32_t i, float reach) {
             Number speed(0); // of a shell that was near when the step began
             for (int a = 0; a < d; ++a) speed += std::abs(obstacles[i].velocity[a]);
-            if (!is_far(place, i, travel + Real(speed) * dt)) ask(i, place.first, use);
+            if (!is_far(place, i, reach, travel + Real(speed) * dt)) ask(i, place.first, use);
         });
     }
 
@@ -85,9 +91,9 @@ private:
     }
 
     template <class Use>
-    FIRN_HOST_DEVICE void ask(std::uint32_t i, Coordinates<d> const& first, Use const& use) const
+    FIRN_HOST_DEVICE auto ask(std::uint32_t i, Coordinates<d> const& first, Use const& use) const
     {
-        use(obstacles[i], [&](Reaction const& received) {
+        return use(obstacles[i], [&](Reaction const& received) {
             std::uint32_t slot = 0;
             for (int a = 0; a < d; ++a) slot = 7 * slot + static_cast<std::uint32_t>(first[a]);
             sums.add(i, slot, received);
@@ -96,11 +102,12 @@ private:
 
     /// Whether an obstacle is farther from all lanes than `more` [m] beyond its reach.
     template <Lane Real>
-    FIRN_HOST_DEVICE bool is_far(LanePosition<Real, d> const& place, std::uint32_t i, Real more) const
+    FIRN_HOST_DEVICE bool is_far(LanePosition<Real, d> const& place, std::uint32_t i, float reach,
+                                 Real more) const
     {
-        if (!(reach[i] > 0)) return false;
+        if (!(reach > 0)) return false;
         Vector<Real, d> const away = place.relative_to(obstacles[i].position);
-        Real const furthest = Real(static_cast<Number>(reach[i] * float(detail::with_rounding))) + more;
+        Real const furthest = Real(static_cast<Number>(reach * float(detail::with_rounding))) + more;
         return !any(dot<Real, d>(away, away) <= furthest * furthest);
     }
 };
@@ -112,7 +119,6 @@ struct PlainObstacles
     static constexpr bool is_group = true;
 
     void const* placed = nullptr; ///< their actions, of the scene's numbers and dimensions
-    float const* reach = nullptr;
     NearbyObstacles<2> near_in_plane{};
     NearbyObstacles<3> near_in_space{};
     std::uint32_t acting = 0; ///< how many of them act on particles
@@ -125,9 +131,9 @@ struct PlainObstacles
         auto const* const of_scene =
             static_cast<typename ObstaclesAction<ShapeType, acts_on, Number, d>::One const*>(placed);
         if constexpr (d == 2)
-            return {of_scene, reach, near_in_plane, acting, have_own_worlds, sums};
+            return {of_scene, near_in_plane, acting, have_own_worlds, sums};
         else
-            return {of_scene, reach, near_in_space, acting, have_own_worlds, sums};
+            return {of_scene, near_in_space, acting, have_own_worlds, sums};
     }
 };
 

@@ -46,12 +46,10 @@ struct ReactionSums
         }
     }
 
-    /// Sets what an obstacle received in a part to 0.
-    FIRN_HOST_DEVICE void clear(std::uint32_t obstacle, std::size_t of_part) const
+    /// Sets one of the size() integers of a part to 0.
+    FIRN_HOST_DEVICE void clear(std::size_t i, std::size_t of_part) const
     {
-        for (std::uint32_t slot = 0; slot < slots; ++slot)
-            for (int i = 0; i < numbers * words; ++i)
-                memory[of_part * size() + first(obstacle, slot) + std::size_t(i)] = 0;
+        memory[of_part * size() + i] = 0;
     }
 
     /// What an obstacle received in a part. Its bits are the same wherever this runs: products with powers of

@@ -30,7 +30,9 @@ struct OwnWorld
     double begun = 0;            ///< when its own time was 0 [s]
 };
 
-/// Places obstacles where they are at the end of a step, and says where what they receive is added.
+/// Places obstacles where they are at the end of a step, and says where what they receive is added. Each
+/// obstacle has a place in the loop, and one for each of its integers in the sums, which are cleared there:
+/// on a device obstacles then lie in different groups of lanes, and wait for memory at the same time.
 template <class ShapeType, class Number, int d>
 struct PlaceObstacles
 {
@@ -43,9 +45,18 @@ struct PlaceObstacles
     FIRN_HOST_DEVICE void operator()(std::size_t place) const
     {
         if (step.taken != nullptr && *step.taken == 0) return;
-        to[place] = from[place].template over<Number, d>(*step.interval);
-        sums.clear(static_cast<std::uint32_t>(place), part);
+        std::size_t const of_each = places_of_each(sums), i = place / of_each, k = place % of_each;
+        if (k > 0)
+            sums.clear(place - i - 1, part);
+        else
+            to[i] = from[i].template over<Number, d>(*step.interval);
         if (place == 0) *part_of_step = part;
+    }
+
+    /// How many places of the loop an obstacle has.
+    FIRN_HOST_DEVICE static std::size_t places_of_each(ReactionSums const& sums)
+    {
+        return 1 + std::size_t(sums.slots) * ReactionSums::numbers * ReactionSums::words;
     }
 };
 
@@ -72,19 +83,19 @@ class SortedBoxes
     using Array = typename Backend::template Array<T>;
 
 public:
-    explicit SortedBoxes(Backend const& backend) : table_(backend), lists_(backend), boxes_there_(backend) {}
+    /// For places whose blocks begin `before` cells before those of cells.
+    SortedBoxes(Backend const& backend, int before) : table_(backend), lists_(backend), before_(before) {}
 
     NearObstacles<d> const& sort(std::vector<SweptBox<d>> boxes)
     {
         if (is_sorted_ && boxes == boxes_) return near_;
         is_sorted_ = false;
-        BroadPhase<d> const sorted(boxes);
+        BroadPhase<d> const sorted(boxes, before_);
         store(table_, sorted.table);
         store(lists_, sorted.lists);
-        store(boxes_there_, boxes);
-        near_ = {table_.data(),     static_cast<std::uint32_t>(sorted.table.size() - 1),
-                 lists_.data(),     boxes_there_.data(),
-                 sorted.everywhere, sorted.shift};
+        near_ = {table_.data(), static_cast<std::uint32_t>(sorted.table.size() - 1),
+                 lists_.data(), sorted.everywhere,
+                 sorted.shift,  before_};
         boxes_ = std::move(boxes);
         is_sorted_ = true;
         return near_;
@@ -99,8 +110,8 @@ public:
 
 private:
     Array<ListOfCube<d>> table_;
-    Array<std::uint32_t> lists_;
-    Array<SweptBox<d>> boxes_there_;
+    Array<ListedObstacle<d>> lists_;
+    int before_;
     std::vector<SweptBox<d>> boxes_; ///< for which the lists are
     bool is_sorted_ = false;
     NearObstacles<d> near_{};
@@ -122,8 +133,8 @@ class StagedObstacles : public GroupMemory
 
 public:
     explicit StagedObstacles(Backend const& backend)
-        : backend_(backend), obstacles_(backend), placed_(backend), reach_(backend), to_nodes_(backend),
-          to_particles_(backend), part_(backend), sums_(backend), received_(backend)
+        : backend_(backend), obstacles_(backend), placed_(backend), to_nodes_(backend, 1),
+          to_particles_(backend, 0), part_(backend), sums_(backend), received_(backend)
     {}
 
     /// Stores the obstacles of a call that takes a time [s] from `begin` on, and writes the addresses into
@@ -132,7 +143,6 @@ public:
                double duration, PlainObstacles<Plain, acts_on>& to)
     {
         std::vector<Obstacle<Plain>> plain;
-        std::vector<float> reach;
         std::vector<SweptBox<d>> of_nodes, of_particles; // the second is empty if none acts on particles
         to.acting = 0;
         to.have_own_worlds = !from.own_worlds.empty();
@@ -141,10 +151,9 @@ public:
             OwnWorld const* const world = to.have_own_worlds ? &from.own_worlds[i] : nullptr;
             plain.push_back(obstacle.plain(begin));
             if (world != nullptr && obstacle.motion.time) *plain.back().motion.time += world->begun;
-            reach.push_back(static_cast<float>(reach_of(obstacle.shape, lattice)));
+            auto const reach = static_cast<float>(reach_of(obstacle.shape, lattice));
             auto const box = [&](Room const& room) {
-                auto swept =
-                    box_of(plain.back().motion, double(reach.back()), lattice, begin, begin + duration, room);
+                auto swept = box_of(plain.back().motion, reach, lattice, begin, begin + duration, room);
                 include_images(lattice, swept);
                 if (world != nullptr) keep_in(*world, lattice.half_world, swept);
                 return swept;
@@ -156,13 +165,11 @@ public:
             of_particles[plain.size() - 1] = box(room_for_particles());
         }
         Sorted::store(obstacles_, plain);
-        Sorted::store(reach_, reach);
         NearbyObstacles<d> const near{to_nodes_.sort(std::move(of_nodes)),
                                       to_particles_.sort(std::move(of_particles))};
         placed_.resize(std::max<std::size_t>(plain.size(), 1));
         part_.resize(1);
         to.placed = placed_.data();
-        to.reach = reach_.data();
         if constexpr (d == 2)
             to.near_in_plane = near;
         else
@@ -211,9 +218,10 @@ private:
 
     void place(BegunStep const& step, int part)
     {
-        backend_.for_each(of_call_.obstacles,
-                          PlaceObstacles<Plain, Number, d>{obstacles_.data(), placed_.data(), step, of_call_,
-                                                           static_cast<std::uint32_t>(part), part_.data()});
+        using Place = PlaceObstacles<Plain, Number, d>;
+        backend_.for_each(of_call_.obstacles * Place::places_of_each(of_call_),
+                          Place{obstacles_.data(), placed_.data(), step, of_call_,
+                                static_cast<std::uint32_t>(part), part_.data()});
     }
 
     /// How many cells before an obstacle, and behind it, lanes may begin if one of them is to touch it:
@@ -234,12 +242,13 @@ private:
     }
 
     /// The cells where a lane may begin if one of its nodes or particles is to touch the obstacle.
-    static SweptBox<d> box_of(Motion const& motion, double reach, Lattice const& lattice, double begin,
+    static SweptBox<d> box_of(Motion const& motion, float reach, Lattice const& lattice, double begin,
                               double end, Room const& room)
     {
         SweptBox<d> box;
         if (!(reach > 0)) return box;
         box.is_bounded = true;
+        box.reach = reach;
         Eigen::Vector3d const from = motion.at(begin).position, to = motion.at(end).position;
         auto const cell = [&](int a, double x) {
             constexpr double furthest = 0x1p30;
@@ -248,10 +257,12 @@ private:
         };
         for (int a = 0; a < d; ++a) {
             int const along = a == d - 1 ? 1 : 0;
-            box.low[std::size_t(a)] = cell(a, std::min(from[a], to[a]) - detail::with_rounding * reach) -
-                                      room.before - along * room.before_along;
-            box.high[std::size_t(a)] = cell(a, std::max(from[a], to[a]) + detail::with_rounding * reach) +
-                                       room.behind + along * room.behind_along;
+            box.low[std::size_t(a)] =
+                cell(a, std::min(from[a], to[a]) - detail::with_rounding * double(reach)) - room.before -
+                along * room.before_along;
+            box.high[std::size_t(a)] =
+                cell(a, std::max(from[a], to[a]) + detail::with_rounding * double(reach)) + room.behind +
+                along * room.behind_along;
         }
         return box;
     }
@@ -284,7 +295,6 @@ private:
     Backend backend_;
     Array<Obstacle<Plain>> obstacles_;
     Array<typename Action::One> placed_; ///< at the end of a step
-    Array<float> reach_;
     Sorted to_nodes_, to_particles_;
     Array<std::uint32_t> part_; ///< of the sums to which a step adds
     Array<std::int64_t> sums_;
