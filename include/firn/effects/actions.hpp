@@ -46,8 +46,8 @@ struct Chain;
 template <>
 struct Chain<>
 {
-    static constexpr int obstacles = 0, groups = 0, groups_on_particles = 0, walls = 0, shells = 0,
-                         lookups = 0, touching = 0;
+    static constexpr int obstacles = 0, groups = 0, groups_at_surface = 0, groups_on_particles = 0, walls = 0,
+                         shells = 0, lookups = 0, touching = 0;
     static constexpr bool may_touch_particles = false, uses_kilograms = false, changes_impulse = false,
                           loads_surfaces = false, accelerates_marked = false, touches_marked = false;
     template <class Visit>
@@ -62,7 +62,9 @@ struct Chain<First, Rest...>
     First first;
     Chain<Rest...> rest;
     static constexpr int obstacles = int(is_obstacle<First>) + Chain<Rest...>::obstacles;
-    static constexpr int groups = int(is_group<First>) + Chain<Rest...>::groups;
+    static constexpr int groups = int(is_group_on_nodes<First>) + Chain<Rest...>::groups; ///< on nodes
+    static constexpr int groups_at_surface =
+        int(is_group_at_surface<First>) + Chain<Rest...>::groups_at_surface;
     static constexpr int groups_on_particles =
         int(is_group_on_particles<First>) + Chain<Rest...>::groups_on_particles;
     static constexpr int walls = int(is_wall<First>) + Chain<Rest...>::walls;

@@ -146,7 +146,7 @@ apply_on_nodes(Chain<Actions...> const& chain, LanePosition<Real, d> const& plac
                     Vector<Real, d> const after = action.on_node(node, velocity);
                     for (int a = 0; a < d; ++a) velocity[a] = select(nodes.filled, after[a], velocity[a]);
                 }
-            if constexpr (is_group<Action>)
+            if constexpr (is_group_on_nodes<Action>)
                 action.for_each_near(place, first_pass, touching[group++],
                                      [&](auto const& one, auto const& receive) {
                                          Reaction received;
@@ -154,7 +154,7 @@ apply_on_nodes(Chain<Actions...> const& chain, LanePosition<Real, d> const& plac
                                          if (touches) receive(received);
                                          return touches;
                                      });
-            else if constexpr (!is_wall<Action> && is_obstacle<Action>)
+            else if constexpr (!is_group<Action> && !is_wall<Action> && is_obstacle<Action>)
                 meet(action, reactions.of[std::size_t(obstacle)]);
             obstacle += int(is_obstacle<Action>);
         });

@@ -23,7 +23,11 @@ struct BegunStep
     std::uint32_t const* taken; ///< whether the step before was taken: else this one is not; null: it is
 };
 
-/// The memory of one such effect.
+template <class Backend, class Number, int d>
+class SurfaceMemory;
+
+/// The memory of one such effect in scenes on this backend.
+template <class Backend, class Number, int d>
 class GroupMemory
 {
 public:
@@ -41,6 +45,8 @@ public:
     virtual void end(int taken) = 0;
     /// Appends what each obstacle received in the next of these steps, times a factor.
     virtual void append(std::vector<Reaction>& to, double factor) = 0;
+    /// The memory of obstacles that act at their surface; null for others.
+    virtual SurfaceMemory<Backend, Number, d>* surface() { return nullptr; }
 };
 
 namespace detail
@@ -70,6 +76,8 @@ class Groups
     };
 
 public:
+    using Group = GroupMemory<Backend, Number, d>;
+
     explicit Groups(Backend const& backend) : backend_(backend) {}
 
     /// Stores the obstacles of a call that takes a time [s] from `begin` on, and writes their addresses into
@@ -82,11 +90,11 @@ public:
     }
 
     /// The groups of the call.
-    std::vector<GroupMemory*> const& of_call() const { return of_call_; }
+    std::vector<Group*> const& of_call() const { return of_call_; }
     /// At most how many of `steps` steps a batch may have.
     int most_steps(int steps) const
     {
-        for (GroupMemory const* const group : of_call_) steps = std::min(steps, group->most_steps());
+        for (Group const* const group : of_call_) steps = std::min(steps, group->most_steps());
         return steps;
     }
     /// See GroupMemory; for the group in this place among those of the call.
@@ -113,7 +121,7 @@ private:
 
     Backend backend_;
     ObjectsByType memory_;
-    std::vector<GroupMemory*> of_call_;
+    std::vector<Group*> of_call_;
 };
 
 } // namespace firn

@@ -42,7 +42,18 @@ enum class ActsOn
 {
     nodes,     ///< which is what a solid does unless it says `on_particles`
     particles, ///< and on the particles themselves, those with `on_particles`; steps on a device cost more
+    surface,   ///< by impulses at points of their surface: see SurfacePoint
+    surface_and_particles, ///< so, and on the particles themselves, those with `on_particles`
 };
+/// What an ActsOn consists of.
+constexpr bool acts_at_surface(ActsOn on)
+{
+    return on == ActsOn::surface || on == ActsOn::surface_and_particles;
+}
+constexpr bool acts_on_particles_too(ActsOn on)
+{
+    return on == ActsOn::particles || on == ActsOn::surface_and_particles;
+}
 
 /// Whether an action is that of many obstacles, whose number is known at run time: see Obstacles.
 template <class Action>
@@ -50,6 +61,15 @@ inline constexpr bool is_group = requires
 {
     requires Action::is_group;
 };
+/// The same of obstacles that act by impulses at points of their surface, for which UpdateGrid does nothing.
+template <class Action>
+inline constexpr bool is_group_at_surface = requires
+{
+    requires Action::is_group && Action::acts_at_surface;
+};
+/// The same of obstacles that act on nodes, in UpdateGrid.
+template <class Action>
+inline constexpr bool is_group_on_nodes = is_group<Action> && !is_group_at_surface<Action>;
 /// The same of obstacles of which some may act on particles.
 template <class Action>
 inline constexpr bool is_group_on_particles = requires

@@ -6,6 +6,7 @@
 #include <firn/effects/effect.hpp>
 #include <firn/effects/motion.hpp>
 #include <firn/effects/shapes/shape.hpp>
+#include <firn/effects/surface_points.hpp>
 #include <firn/math/product.hpp>
 
 #include <limits>
@@ -173,6 +174,23 @@ struct Obstacle<ShapeType>::Action
         touched.surface = surface;
         touched.surface_speed2 = select(touched.inside, dot<Real, d>(surface, surface), Real(0));
         return touched;
+    }
+
+    /// Where lanes of places, moved by `shift` [m], are relative to the surface.
+    template <Lane Real>
+    FIRN_HOST_DEVICE SurfaceAt<Real, d> surface_at(LanePosition<Real, d> const& place,
+                                                   Vector<Real, d> const& shift) const
+    {
+        Vector<Real, d> const arm = place.relative_to(position) + shift;
+        Matrix<Real, d> const R = matrix_of<Real, d>(rotation);
+        auto const sample = surface_of<Real, d>(shape, transpose_product<Real, d>(R, arm));
+        return {arm, sample.distance, product<Real, d>(R, sample.normal)};
+    }
+    /// The velocity of the surface [m/s] there.
+    template <Lane Real>
+    FIRN_HOST_DEVICE Vector<Real, d> velocity_at(Vector<Real, d> const& arm) const
+    {
+        return surface_velocity<Real>(arm);
     }
 
     /// Contact of lanes of particles with velocity v, at a place to which they travelled [m] since the step

@@ -50,9 +50,9 @@ struct Obstacles
                 "Obstacles", "Leave own_worlds empty: Worlds sets them.");
         for_each([](auto const& obstacle) {
             obstacle.validate();
-            require(!obstacle.on_particles || acts_on == ActsOn::particles,
-                    "it is to act on particles, and its list acts on nodes alone", "Obstacle",
-                    "Make the list Obstacles<Shape, ActsOn::particles>.");
+            require(!obstacle.on_particles || acts_on_particles_too(acts_on),
+                    "it is to act on particles, and its list does not", "Obstacle",
+                    "Make the list Obstacles<Shape, ActsOn::particles>, or ActsOn::surface_and_particles.");
         });
     }
     /// Throws an Error if one of them leaves the plane, in a scene of two dimensions.

@@ -33,7 +33,8 @@ inline constexpr double with_rounding = 1.001;
 template <class ShapeType, ActsOn acts_on, class Number, int d>
 struct ObstaclesAction
 {
-    static constexpr bool is_group = true, acts_on_particles = acts_on == ActsOn::particles;
+    static constexpr bool is_group = true, acts_on_particles = acts_on_particles_too(acts_on),
+                          acts_at_surface = firn::acts_at_surface(acts_on);
     static constexpr bool looks_up = is_sampled<ShapeType>;
     static constexpr bool keeps_sides = is_two_sided<ShapeType>;
     /// How far from where the grid moves them [cells] particles may meet an obstacle: a step that succeeds
@@ -65,8 +66,27 @@ struct ObstaclesAction
         });
     }
 
-    /// The same for lanes of particles to whose place the grid moves them in a step of `dt` [s], and for
-    /// obstacles that act on them.
+    /// Calls `use(number, action)` for each obstacle that may be as near as this [m] to lanes of nodes.
+    template <Lane Real, class Use>
+    FIRN_HOST_DEVICE void for_each_within(LanePosition<Real, d> const& place, Real distance,
+                                          Use const& use) const
+    {
+        if (sums.obstacles == 0) return;
+        near.to_nodes.for_each(cell_of(place), [&](std::uint32_t i, float reach) {
+            if (!is_far(place, i, reach, distance)) use(i, obstacles[i]);
+        });
+    }
+
+    /// Adds to what an obstacle received at a node.
+    FIRN_HOST_DEVICE void receive(std::uint32_t i, Coordinates<d> const& node, Reaction const& received) const
+    {
+        std::uint32_t slot = 0;
+        for (int a = 0; a < d; ++a) slot = 7 * slot + static_cast<std::uint32_t>(node[a]);
+        sums.add(i, slot, received);
+    }
+
+    /// As for_each_near, for lanes of particles to whose place the grid moves them in a step of `dt` [s], and
+    /// for obstacles that act on them.
     template <Lane Real, class Use>
     FIRN_HOST_DEVICE void for_each_near_particles(LanePosition<Real, d> const& place, Real dt,
                                                   Use const& use) const
@@ -93,11 +113,7 @@ private:
     template <class Use>
     FIRN_HOST_DEVICE auto ask(std::uint32_t i, Coordinates<d> const& first, Use const& use) const
     {
-        return use(obstacles[i], [&](Reaction const& received) {
-            std::uint32_t slot = 0;
-            for (int a = 0; a < d; ++a) slot = 7 * slot + static_cast<std::uint32_t>(first[a]);
-            sums.add(i, slot, received);
-        });
+        return use(obstacles[i], [&](Reaction const& received) { receive(i, first, received); });
     }
 
     /// Whether an obstacle is farther from all lanes than `more` [m] beyond its reach.

@@ -7,12 +7,14 @@
 #include <firn/effects/obstacle.hpp>
 #include <firn/effects/obstacles_action.hpp>
 #include <firn/effects/reaction_sums.hpp>
+#include <firn/effects/surface_points.hpp>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -120,7 +122,7 @@ private:
 
 /// The memory in which a backend's loops find the obstacles of a call, kept for later calls.
 template <class Backend, class ShapeType, ActsOn acts_on, class Number, int d>
-class StagedObstacles : public GroupMemory
+class StagedObstacles : public GroupMemory<Backend, Number, d>
 {
     using Plain = detail::Plain<ShapeType>;
     using Action = ObstaclesAction<Plain, acts_on, Number, d>;
@@ -128,14 +130,17 @@ class StagedObstacles : public GroupMemory
     template <class T>
     using Array = typename Backend::template Array<T>;
     /// How many steps a batch has room for at most, and how many bytes the sums may take for more than one.
-    static constexpr std::size_t most_steps_of_batch = Backend::queues ? 64 : 1;
+    /// One if they act at their surface: the host makes room for its points in each step.
+    static constexpr std::size_t most_steps_of_batch = Backend::queues && !acts_at_surface(acts_on) ? 64 : 1;
     static constexpr std::size_t most_bytes = std::size_t(16) << 20;
 
 public:
     explicit StagedObstacles(Backend const& backend)
         : backend_(backend), obstacles_(backend), placed_(backend), to_nodes_(backend, 1),
           to_particles_(backend, 0), part_(backend), sums_(backend), received_(backend)
-    {}
+    {
+        if constexpr (acts_at_surface(acts_on)) surface_.emplace(backend);
+    }
 
     /// Stores the obstacles of a call that takes a time [s] from `begin` on, and writes the addresses into
     /// the effect's plain value `to`.
@@ -145,6 +150,7 @@ public:
         std::vector<Obstacle<Plain>> plain;
         std::vector<SweptBox<d>> of_nodes, of_particles; // the second is empty if none acts on particles
         to.acting = 0;
+        if (surface_) surface_->forget();
         to.have_own_worlds = !from.own_worlds.empty();
         for (std::size_t i = 0; i < from.list.size(); ++i) {
             auto const& obstacle = from.list[i];
@@ -185,6 +191,8 @@ public:
         of_call_ = to.sums;
     }
 
+    SurfaceMemory<Backend, Number, d>* surface() override { return surface_ ? &*surface_ : nullptr; }
+
     int most_steps() const override { return most_steps_; }
 
     void expect(int steps) override { received_.resize(std::size_t(steps) * of_call_.obstacles); }
@@ -195,6 +203,7 @@ public:
 
     void end(int taken) override
     {
+        if (surface_ && taken == 0) surface_->forget();
         backend_.for_each(std::size_t(taken) * of_call_.obstacles,
                           AddUpReactions{of_call_, received_.data()});
         appended_ = 0;
@@ -232,7 +241,13 @@ private:
     };
     static constexpr int lanes = lane_width<typename Backend::template Lane<float>>;
     /// Lanes are a row along the last axis; images in a wall lie up to 2 cells beside it.
-    static Room room_for_nodes() { return {0, 1, lanes - 1 + 2, 2}; }
+    static Room room_for_nodes()
+    {
+        if constexpr (acts_at_surface(acts_on)) // a node's points, and what else is near these
+            return {3, 4, lanes - 1 + 2, 2};
+        else
+            return {0, 1, lanes - 1 + 2, 2};
+    }
     /// Lanes are of cells that lie as far from the first as the backend's loops may tell, see
     /// firn/backend.hpp; particles are up to a cell away from the centres of these, and then move.
     static Room room_for_particles()
@@ -303,6 +318,7 @@ private:
     std::size_t appended_ = 0;                                     ///< of these, since the batch ended
     ReactionSums of_call_{};
     int most_steps_ = 1;
+    std::optional<SurfaceMemory<Backend, Number, d>> surface_; ///< if they act there
 };
 
 } // namespace firn

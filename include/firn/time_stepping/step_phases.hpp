@@ -4,7 +4,9 @@
 #include <firn/core/host_device.hpp>
 #include <firn/effects/groups.hpp>
 #include <firn/particles/material_sets.hpp>
+#include <firn/phases/find_surface_points.hpp>
 #include <firn/phases/g2p2g.hpp>
+#include <firn/phases/surface_contact.hpp>
 #include <firn/time_stepping/finish_step.hpp>
 #include <firn/time_stepping/grid_state.hpp>
 #include <firn/time_stepping/typed_storage.hpp>
@@ -29,7 +31,8 @@ struct StepScene
     double mass_unit;                                ///< of masses [kg]
     typename Sets::Space::Scalar smallest_node_mass; ///< below it a node's momentum is rounding [mass units]
     bool may_lose_particles;                         ///< after a failed step
-    std::vector<GroupMemory*> const& groups;         ///< of the call's effects
+    /// of the call's effects
+    std::vector<GroupMemory<Backend, typename Sets::Space::Scalar, Sets::Space::dimension>*> const& groups;
 };
 
 /// What steps use from one call to the next: where they run, and the memory of their plain values.
@@ -73,7 +76,7 @@ public:
           storage_(resized(memory.storage.template of<Storage>(), 1)),
           log_(resized(memory.storage.template of<Entry>(), Entry::count(std::size_t(most))))
     {
-        for_each_group([&](GroupMemory& group) { group.expect(most); });
+        for_each_group([&](auto& group) { group.expect(most); });
         BeginBatch<Actions::obstacles, materials> const begin{scene.time_state, log_};
         auto const entries = Entry::count(std::size_t(most));
         if (scene.time_state.ready)
@@ -114,12 +117,18 @@ public:
     /// handle to them.
     auto update_grid(int step)
     {
-        for_each_group([&](GroupMemory& group) { group.begin(begun(step)); });
+        for_each_group([&](auto& group) { group.begin(begun(step)); });
         scene_.grid_state.extend_velocities(scene_.sets, scene_.smallest_node_mass);
-        return memory_.backend.for_each_node(orders(), grid(),
-                                             scene_.grid_state.grid_update(scene_.sets, now(step),
-                                                                           scene_.smallest_node_mass,
-                                                                           scene_.mass_unit, true));
+        std::uint32_t const points = find_surface_points(step);
+        auto reactions = memory_.backend.for_each_node(
+            orders(), grid(),
+            scene_.grid_state.grid_update(scene_.sets, now(step), scene_.smallest_node_mass, scene_.mass_unit,
+                                          true));
+        if constexpr (Actions::groups_at_surface > 0)
+            act_at_surfaces<Kernel, Transfer>(memory_.backend, surface(), points, grid(), now(step),
+                                              memory_.lattice, scene_.time_state.now.interval.length(),
+                                              scene_.smallest_node_mass);
+        return reactions;
     }
 
     /// Particles gather velocities, move, and scatter to the grid of the next step. Returns what they found,
@@ -140,7 +149,7 @@ public:
     /// The same to move particles once more in a step in which some had no room.
     auto g2p2g_phases_again(int step) const
     {
-        for_each_group([&](GroupMemory& group) { group.begin_again(begun(step)); });
+        for_each_group([&](auto& group) { group.begin_again(begun(step)); });
         return g2p2g_phases(step);
     }
 
@@ -192,7 +201,7 @@ public:
     /// failed.
     void end(int taken, bool failed)
     {
-        for_each_group([&](GroupMemory& group) { group.end(taken); });
+        for_each_group([&](auto& group) { group.end(taken); });
         memory_.turn = (memory_.turn + taken) % 2;
         memory_.nodes_spoiled = failed;
     }
@@ -229,7 +238,44 @@ private:
     void for_each_group([[maybe_unused]] Use const& use) const
     {
         if constexpr (detail::has_groups<Effects>)
-            for (GroupMemory* const group : scene_.groups) use(*group);
+            for (auto* const group : scene_.groups) use(*group);
+    }
+    /// The memory of the obstacles that act at their surface.
+    SurfaceMemory<Backend, Number, d>& surface() const
+    {
+        for (auto* const group : scene_.groups)
+            if (auto* const memory = group->surface()) return *memory;
+        std::abort(); // one of them is a list that acts at its surface
+    }
+    /// Finds the points at which obstacles act in a step; returns how many there are.
+    std::uint32_t find_surface_points([[maybe_unused]] int step)
+    {
+        if constexpr (Actions::groups_at_surface > 0) {
+            static_assert(
+                Actions::groups_at_surface == 1,
+                "two arguments act at their surface: make them one list, since obstacles that touch "
+                "have one surface");
+            static_assert(Actions::walls == 0, "a ReflectingWall goes with no obstacles that act at their "
+                                               "surface: make it a HalfSpace in their list");
+            static_assert(!Sets::are_bodies, "Bodies know no obstacles that act at their surface: choose "
+                                             "Obstacles<Shape>");
+            surface().begin_step();
+            for (;;) {
+                surface().begin();
+                memory_.backend.for_each_node(
+                    orders(), grid(),
+                    FindSurfacePoints<Space, Kernel, Transfer, Actions>{
+                        now(step), memory_.lattice, scene_.smallest_node_mass, surface().view()});
+                std::uint32_t const count = surface().count();
+                bool const had_room = count <= surface().room();
+                using Cell = Stencil<Kernel, Number, d>;
+                surface().make_room(had_room ? count : count + count / 4,
+                                    std::size_t(Cell::rows) * Cell::width);
+                if (had_room) return count;
+            }
+        }
+        else
+            return 0;
     }
     BegunStep begun(int step) const
     {

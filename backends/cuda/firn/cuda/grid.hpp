@@ -199,6 +199,56 @@ public:
     BlockSet::View blocks_of_nodes() { return set_.view(); }
     Results& node_results() { return node_results_; }
 
+    /// Single nodes that have been updated, by their indices, which hold until the next activate().
+    struct Nodes
+    {
+        static constexpr std::uint32_t absent = cuda::absent;
+        View grid;
+        BlockSet::View blocks;
+
+        __device__ std::uint32_t find(Coordinates<d> const& node) const
+        {
+            Coordinates<d> block;
+            std::uint32_t place = 0;
+            for (int a = 0; a < d; ++a) {
+                int const at = node[a] + Base::reach;
+                block[a] = at >> Shape::bits;
+                place = place * Shape::extent + static_cast<unsigned>(at & (Shape::extent - 1));
+            }
+            std::uint32_t const n = blocks.find(block_key<d>(grid.periods.wrapped(block)));
+            return n == absent ? absent : n * Shape::cells + place;
+        }
+        __device__ Number sum(Coordinates<d> const& node, std::uint32_t index, int channel) const
+        {
+            Number sum = 0;
+            std::uint32_t const n = index / Shape::cells;
+            for (int l = 0; l < layers; ++l)
+                for (int corner = 0; corner < corners; ++corner) {
+                    std::uint32_t const block = grid.layer[l].covered_by[n * corners + unsigned(corner)];
+                    Coordinates<d> at; // in the tile of a block that lies `corner` before this one
+                    bool covers = block != absent;
+                    for (int a = 0; a < d; ++a) {
+                        at[a] = ((node[a] + Base::reach) & (Shape::extent - 1)) +
+                                ((corner >> (d - 1 - a)) & 1) * Shape::extent;
+                        covers = covers && at[a] < TileShape::width;
+                    }
+                    if (covers)
+                        sum += grid.layer[l]
+                                   .tiles[std::size_t(block) * TileShape::nodes +
+                                          static_cast<std::size_t>(TileShape::at(at))]
+                                   .of[channel];
+                }
+            return sum;
+        }
+        __device__ Number& value(std::uint32_t index, int channel) const
+        {
+            return grid.node_values[index].of[channel];
+        }
+    };
+    Nodes nodes_by_index() { return {view(), set_.view()}; }
+    /// How many indices there are.
+    std::size_t node_count() const { return std::size_t(set_.size()) * Shape::cells; }
+
     /// Makes the sums of the next step those of this one.
     void swap()
     {

@@ -274,6 +274,44 @@ public:
         if (n != absent) add_sums(tiles_[layer], nodes_[std::size_t(n)].covered_by[layer], place, found);
     }
 
+    /// Single nodes that have been updated, by their indices, which hold until the next activate().
+    class Nodes
+    {
+    public:
+        static constexpr std::uint32_t absent = ~std::uint32_t(0);
+
+        explicit Nodes(Grid& grid) : grid_(&grid) {}
+        std::uint32_t find(Coordinates<d> const& node) const
+        {
+            auto const [block, place] = Base::block_and_place(node);
+            int const n = grid_->find(block);
+            if (n == Base::absent) return absent;
+            int row = 0;
+            for (int a = 0; a < d - 1; ++a) row = row * Base::Shape::across + place[a];
+            return static_cast<std::uint32_t>(n * block_channel + row * Base::Shape::along + place[d - 1]);
+        }
+        Number sum(Coordinates<d> const& node, std::uint32_t index, int channel) const
+        {
+            auto const place = Base::block_and_place(node).second;
+            Number sum = 0;
+            for (std::size_t l = 0; l < std::size_t(layers); ++l)
+                sum += grid_->sum_of(grid_->tiles_[l], grid_->nodes_[index / block_channel].covered_by[l],
+                                     place, channel);
+            return sum;
+        }
+        Number& value(std::uint32_t index, int channel) const
+        {
+            std::size_t const block = index / block_channel, place = index % block_channel;
+            return grid_->values_[(block * values + std::size_t(channel)) * block_channel + place];
+        }
+
+    private:
+        Grid* grid_;
+    };
+    Nodes nodes_by_index() { return Nodes(*this); }
+    /// How many indices there are.
+    std::size_t node_count() const { return nodes_.size() * std::size_t(block_channel); }
+
     /// Makes the sums of the next step those of this one.
     void swap()
     {
@@ -296,6 +334,26 @@ private:
     void add_sums(Tiles const& tiles, std::array<int, corners> const& covered_by, Coordinates<d> const& place,
                   Number (&found)[std::size_t(sums)]) const
     {
+        for_each_tile(tiles, covered_by, place, [&](Number const* from) {
+            for (int c = 0; c < sums; ++c) found[c] += from[c * tile_channel];
+        });
+    }
+
+    /// One of these sums.
+    Number sum_of(Tiles const& tiles, std::array<int, corners> const& covered_by, Coordinates<d> const& place,
+                  int channel) const
+    {
+        Number sum = 0;
+        for_each_tile(tiles, covered_by, place,
+                      [&](Number const* from) { sum += from[channel * tile_channel]; });
+        return sum;
+    }
+
+    /// Calls `use(first sum)` for the tiles of a layer that cover a place of a block of nodes.
+    template <class Use>
+    void for_each_tile(Tiles const& tiles, std::array<int, corners> const& covered_by,
+                       Coordinates<d> const& place, Use const& use) const
+    {
         for (int corner = 0; corner < corners; ++corner) {
             int const b = covered_by[std::size_t(corner)];
             if (b == absent) continue;
@@ -309,9 +367,7 @@ private:
             }
             std::size_t const tile = tiles.tile_of[std::size_t(b)];
             if (!covers || ((tiles.touched[0][tile] >> row) & 1) == 0) continue;
-            Number const* const from =
-                tiles.of[0].data() + tile * sums * tile_channel + row * Base::row_length + at[d - 1];
-            for (int c = 0; c < sums; ++c) found[c] += from[c * tile_channel];
+            use(tiles.of[0].data() + tile * sums * tile_channel + row * Base::row_length + at[d - 1]);
         }
     }
 

@@ -10,7 +10,9 @@
 #include <array>
 #include <cassert>
 #include <cstddef>
+#include <cstdint>
 #include <map>
+#include <vector>
 
 // The nodes, and one of them as a phase sees it.
 namespace firn::reference
@@ -93,6 +95,43 @@ public:
         }
     };
 
+    /// Single nodes that have been updated, by their indices, which hold until the next activate().
+    class Nodes
+    {
+    public:
+        static constexpr std::uint32_t absent = ~std::uint32_t(0);
+
+        explicit Nodes(Grid& grid) : grid_(&grid)
+        {
+            for (auto& [key, of_node] : grid.values_[0]) {
+                index_[key] = static_cast<std::uint32_t>(of_nodes_.size());
+                of_nodes_.push_back(&of_node);
+            }
+        }
+        std::uint32_t find(Coordinates<d> const& node) const
+        {
+            auto const found = index_.find(grid_->key(node));
+            return found == index_.end() ? absent : found->second;
+        }
+        Number sum(Coordinates<d> const& node, std::uint32_t, int channel) const
+        {
+            double sum = 0;
+            for (auto const& of_layer : grid_->now_)
+                if (auto const found = of_layer.find(grid_->key(node)); found != of_layer.end())
+                    sum += found->second[std::size_t(channel)];
+            return static_cast<Number>(sum);
+        }
+        Number& value(std::uint32_t index, int channel) const
+        {
+            return (*of_nodes_[index])[std::size_t(channel)];
+        }
+
+    private:
+        Grid* grid_;
+        NodeMap<std::uint32_t, d> index_;
+        std::vector<Values*> of_nodes_;
+    };
+
     explicit Grid(Reference const&, Periods<d> const& periods = {}) : periods_(periods) {}
 
     Layer layer(std::size_t of) { return {now_[of], next_[of], values_[own_values ? of : 0], periods_}; }
@@ -130,6 +169,10 @@ public:
     {
         return values_[layer][node];
     }
+
+    Nodes nodes_by_index() { return Nodes(*this); }
+    /// How many indices there are.
+    std::size_t node_count() const { return values_[0].size(); }
 
     /// As much as a node of a map has usually: its numbers, its key, three links and a colour.
     std::size_t memory() const

@@ -1,0 +1,229 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/components.hpp>
+#include <firn/core/lane.hpp>
+#include <firn/core/space.hpp>
+#include <firn/effects/contact.hpp>
+#include <firn/grid/lattice.hpp>
+#include <firn/math/product.hpp>
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstddef>
+#include <cstdint>
+
+// Contact at the surface of obstacles. Where a uniform pressure p meets a surface, node i receives the force
+// -p w_i(x_s) n per area: the kernel's weight at the point x_s of the surface, on both sides of it. Nodes
+// inside that lose their velocity take a part of this, and the rest drives currents. What balances it for any
+// place of the surface are impulses at its points, spread by the same weights:
+//
+//   m_i v_i += w_i(x_s) lambda_s        sum_i w_i(x_s) (v_i - u_s) . n >= 0,  lambda_s . n >= 0,  one of them
+//   0
+//
+// with Coulomb's law for the rest of lambda_s. About one point lies in each cell that the surface crosses.
+namespace firn
+{
+
+/// A point where an obstacle's surface acts on the grid.
+template <class Number, int d>
+struct SurfacePoint
+{
+    Coordinates<d> node;        ///< in whose cube of a cell it was found
+    Vector<Number, d> offset;   ///< from the node [cells]
+    Vector<Number, d> normal;   ///< outward
+    Vector<Number, d> velocity; ///< of the surface [m/s]
+    Vector<Number, d> arm;      ///< from the obstacle's reference point [m]
+    std::uint32_t obstacle;
+    std::uint32_t
+        behind; ///< 0, or 1 + the obstacle into which the surface is continued: see FindSurfacePoints
+    /// Whether it is a node so deep inside that no point of the surface reaches it: it goes no deeper.
+    bool is_deep;
+    bool separates, sticks; ///< of the obstacle's Contact
+    Number friction;
+
+    Number support;  ///< the sum of the weights of nodes with mass
+    Number mobility; ///< how fast [m/s] an impulse of 1 makes it, at most: the points beside it push, too
+    Vector<Number, d> impulse; ///< on the material [solver's unit of mass times m/s]
+    Vector<Number, d> tried;   ///< what the next sweep starts from
+
+    /// The nearest impulse that the contact allows.
+    FIRN_HOST_DEVICE Vector<Number, d> allowed(Vector<Number, d> const& wanted) const
+    {
+        if (sticks) return wanted;
+        Number along = dot<Number, d>(wanted, normal);
+        Vector<Number, d> const across = wanted - normal * along;
+        if (separates) along = max(along, Number(0));
+        Number const limit = along > Number(0) ? friction * along : Number(0),
+                     length = sqrt(dot<Number, d>(across, across));
+        return normal * along + across * (length > limit ? limit / length : Number(1));
+    }
+};
+
+/// A node of a point's stencil.
+template <class Number>
+struct NodeOfPoint
+{
+    std::uint32_t index;         ///< see Grid::nodes_by_index()
+    Number weight, inverse_mass; ///< 0: there is nothing on it
+};
+
+/// What lanes of places are to an obstacle.
+template <class Real, int d>
+struct SurfaceAt
+{
+    Vector<Real, d> arm;    ///< from its reference point [m]
+    Real distance;          ///< from its surface [m], negative inside
+    Vector<Real, d> normal; ///< outward, in world axes
+};
+
+/// The points of the step before, and a hash table by which they are found. Sweeps start from their impulses.
+template <class Number, int d>
+struct PointsBefore
+{
+    SurfacePoint<Number, d> const* points;
+    std::uint32_t* table; ///< the numbers of points from 1 on; 0: nothing is there
+    std::uint32_t mask;   ///< the table's size, a power of two, less one
+
+    /// The same point then; null if there was none.
+    FIRN_HOST_DEVICE SurfacePoint<Number, d> const* find(SurfacePoint<Number, d> const& now) const
+    {
+        for (std::uint32_t at = hash(now) & mask; table[at] != 0; at = (at + 1) & mask) {
+            SurfacePoint<Number, d> const& point = points[table[at] - 1];
+            bool same = point.obstacle == now.obstacle && point.behind == now.behind;
+            for (int a = 0; a < d; ++a) same = same && point.node[a] == now.node[a];
+            if (same) return &point;
+        }
+        return nullptr;
+    }
+    /// Enters a point.
+    FIRN_HOST_DEVICE void operator()(std::size_t p) const
+    {
+        std::uint32_t at = hash(points[p]) & mask;
+        while (!claim(table[at], static_cast<std::uint32_t>(p) + 1)) at = (at + 1) & mask;
+    }
+
+private:
+    FIRN_HOST_DEVICE static std::uint32_t hash(SurfacePoint<Number, d> const& point)
+    {
+        std::uint64_t mixed = (std::uint64_t(point.behind) << 32) + point.obstacle;
+        for (int a = 0; a < d; ++a) {
+            mixed = (mixed ^ static_cast<std::uint32_t>(point.node[a])) * 0x9e3779b97f4a7c15u;
+            mixed ^= mixed >> 29;
+        }
+        return static_cast<std::uint32_t>(mixed >> 16);
+    }
+};
+
+/// The points of a step as loops see them, and the sums on nodes in which they meet. Sums are integers, so
+/// they do not depend on the order of the points: velocities in units of 2^-46 cells a step.
+template <class Number, int d>
+struct SurfacePoints
+{
+    SurfacePoint<Number, d>* points;
+    std::uint32_t* count; ///< of the points that were found; those beyond `room` are not there
+    std::uint32_t room;
+    NodeOfPoint<Number>* stencils; ///< of each point
+    std::int64_t* weights;         ///< by node: the sum of the weights of points
+    std::int64_t* velocities[3];   ///< by node and axis: see SweepPoints
+    PointsBefore<Number, d> before;
+};
+
+/// The memory for that, kept for later steps. Sums are 0 between steps.
+template <class Backend, class Number, int d>
+class SurfaceMemory
+{
+    template <class T>
+    using Array = typename Backend::template Array<T>;
+
+public:
+    explicit SurfaceMemory(Backend const& backend)
+        : backend_(backend), points_(backend), before_(backend), table_(backend), stencils_(backend),
+          count_(backend),
+          weights_(backend), velocities_{Array<std::int64_t>(backend), Array<std::int64_t>(backend),
+                                         Array<std::int64_t>(backend)}
+    {
+        count_.resize(1);
+        make_room(256, 1);
+    }
+
+    /// Makes room for so many points with so many nodes each, and keeps points that fit.
+    void make_room(std::size_t points, std::size_t nodes_of_each)
+    {
+        if (points > points_.size()) points_.resize(points);
+        stencils_.resize(std::max(stencils_.size(), points_.size() * nodes_of_each), 0);
+    }
+    /// Makes room for the sums on so many nodes.
+    void make_room_for_nodes(std::size_t nodes)
+    {
+        grow(weights_, nodes);
+        for (auto& of : velocities_) grow(of, nodes * std::size_t(d));
+    }
+    /// Forgets the impulses of the step before: it was not taken, or a call begins. What a call does then
+    /// depends on the state before it alone.
+    void forget() { known_ = 0; }
+    /// Whether sweeps start from the impulses of the step before.
+    bool goes_on() const { return known_ > 0; }
+    /// Before a step: the points of the last one become those before it.
+    void begin_step()
+    {
+        points_.swap(before_);
+        if (points_.size() < before_.size()) points_.resize(before_.size(), 0);
+        std::size_t const size = std::bit_ceil(2 * std::size_t(known_) + 1);
+        if (table_.size() < size) table_.resize(size, 0);
+        table_.fill(0, size, 0);
+        before_view_ = {before_.data(), table_.data(), static_cast<std::uint32_t>(size - 1)};
+        backend_.for_each(known_, before_view_);
+    }
+    /// After a step with so many points.
+    void end_step(std::uint32_t points, double dt)
+    {
+        known_ = points;
+        dt_ = dt;
+    }
+    double dt_before() const { return dt_; } ///< [s]
+    /// Before points are looked for.
+    void begin() { count_.fill(0, 1, 0); }
+    /// How many have been found; waits for the loop that finds them.
+    std::uint32_t count() const
+    {
+        std::uint32_t found = 0;
+        count_.download(0, {&found, 1});
+        return found;
+    }
+    std::size_t room() const { return points_.size(); }
+
+    SurfacePoints<Number, d> view()
+    {
+        return {points_.data(),
+                count_.data(),
+                static_cast<std::uint32_t>(points_.size()),
+                stencils_.data(),
+                weights_.data(),
+                {velocities_[0].data(), velocities_[1].data(), velocities_[2].data()},
+                before_view_};
+    }
+
+private:
+    static void grow(Array<std::int64_t>& sums, std::size_t size)
+    {
+        std::size_t const before = sums.size();
+        if (size <= before) return;
+        sums.resize(size);
+        sums.fill(before, size - before, 0);
+    }
+
+    Backend backend_;
+    Array<SurfacePoint<Number, d>> points_, before_;
+    Array<std::uint32_t> table_;
+    PointsBefore<Number, d> before_view_{};
+    std::uint32_t known_ = 0; ///< the points of the step before
+    double dt_ = 1;           ///< its length [s]
+    Array<NodeOfPoint<Number>> stencils_;
+    Array<std::uint32_t> count_;
+    Array<std::int64_t> weights_;
+    std::array<Array<std::int64_t>, 3> velocities_;
+};
+
+} // namespace firn

@@ -1,0 +1,329 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "support/policies.hpp"
+#include "support/refused.hpp"
+
+#include <firn/effects/obstacles.hpp>
+
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <vector>
+
+// Obstacles that act by impulses at their surface, wherever that lies between nodes.
+using namespace firn;
+using namespace firn::test;
+
+namespace
+{
+
+using AtSurface = Obstacles<AnyShape<>, ActsOn::surface>;
+using Water = Scene<Fluid<Plane>, QuadraticBSpline, Mls>;
+using Block = Scene<NeoHookean<Plane>, QuadraticBSpline, Pic>;
+
+double const g = 9.81;
+
+Eigen::Vector3d in_space(Eigen::Vector2d const& v) { return {v.x(), v.y(), 0}; }
+
+/// A frame of reference that lies somehow across the cells.
+struct Frame
+{
+    double angle;           ///< against the axes [radians]
+    Eigen::Vector2d origin; ///< [m]
+
+    Eigen::Vector2d direction(Eigen::Vector2d const& v) const { return Eigen::Rotation2Dd(angle) * v; }
+    Eigen::Vector2d place(Eigen::Vector2d const& x) const { return direction(x) + origin; }
+    Eigen::Vector2d own(Eigen::Vector2d const& x) const
+    {
+        return Eigen::Rotation2Dd(-angle) * Eigen::Vector2d(x - origin);
+    }
+};
+
+/// Water at rest in a tank of slipping walls, 0.6 m wide and 0.4 m deep, that lies across the cells.
+class Tank
+{
+public:
+    static constexpr double h = 0.02, width = 0.6, depth = 0.4;
+
+    /// With a disk that is held in the middle, if it has a radius [m].
+    explicit Tank(Frame const& frame, double radius = 0, double fastest = 2)
+        : frame_(frame), model_(materials::water<Plane>(fastest)), water(lattice(h), model_)
+    {
+        std::vector<Eigen::Vector2d> points;
+        std::vector<double> log_J;
+        for (auto const& x : box_of_points<2>({-width / 2, 0}, {width / 2, depth}, h)) {
+            if ((x - Eigen::Vector2d(0, depth / 2)).norm() < radius) continue;
+            points.push_back(frame.place(x));
+            double const pressure = model_.density * g * (depth - x.y());
+            log_J.push_back(-std::log1p(model_.exponent * pressure / model_.bulk_modulus) / model_.exponent);
+        }
+        water.add(points, h * h / 4);
+        water.upload<LogVolumeRatio>(log_J);
+        add_wall({0, 1}, {0, 0});
+        add_wall({1, 0}, {-width / 2, 0});
+        add_wall({-1, 0}, {width / 2, 0});
+        if (radius > 0)
+            walls.list.push_back(
+                {.shape = Sphere{radius}, .motion = {.position = in_space(frame.place({0, depth / 2}))}});
+    }
+
+    AdvanceReport advance(double duration)
+    {
+        return water.advance(duration, Gravity{in_space(frame_.direction({0, -g}))}, walls);
+    }
+    /// The force [N/m] in a direction of the frame on an obstacle.
+    double force(AdvanceReport const& report, std::size_t obstacle, Eigen::Vector2d const& along,
+                 double duration) const
+    {
+        return report.reactions[obstacle].impulse.head<2>().dot(frame_.direction(along)) / duration;
+    }
+    double mean_height() const
+    {
+        double sum = 0;
+        for (auto const& x : water.positions()) sum += frame_.own(x).y();
+        return sum / double(water.size());
+    }
+    double rms_speed() const
+    {
+        double sum = 0;
+        for (auto const& v : water.download<Velocity>()) sum += v.squaredNorm();
+        return std::sqrt(sum / double(water.size()));
+    }
+    double weight() const { return model_.density * g * double(water.size()) * h * h / 4; }
+
+private:
+    void add_wall(Eigen::Vector2d const& normal, Eigen::Vector2d const& at)
+    {
+        walls.list.push_back({.shape = HalfSpace{in_space(frame_.direction(normal))},
+                              .motion = {.position = in_space(frame_.place(at))}});
+    }
+
+    Frame frame_;
+    Fluid<Plane> model_;
+
+public:
+    Water::Solver water;
+    AtSurface walls;
+};
+
+} // namespace
+
+TEST_CASE("still water stays at rest in a tank whose walls lie on nodes, or between them",
+          "[physics][surface]")
+{
+    for (Eigen::Vector2d const& offset :
+         {Eigen::Vector2d(0, 0), Eigen::Vector2d(0.5, 0.35), Eigen::Vector2d(0.5, 0.5)}) {
+        CAPTURE(offset.x(), offset.y());
+        Tank tank({0, offset * Tank::h});
+        tank.advance(0.5);
+        double const duration = 0.5;
+        auto const report = tank.advance(duration);
+        double const of_side = 0.5 * 1000 * g * Tank::depth * Tank::depth;
+        CHECK(tank.rms_speed() < 0.01 * std::sqrt(g * Tank::depth));
+        CHECK(std::abs(tank.mean_height() - Tank::depth / 2) < 0.01 * Tank::depth / 2);
+        CHECK(std::abs(tank.force(report, 0, {0, -1}, duration) / tank.weight() - 1) < 0.01);
+        CHECK(std::abs(tank.force(report, 1, {-1, 0}, duration) / of_side - 1) < 0.01);
+        CHECK(std::abs(tank.force(report, 2, {1, 0}, duration) / of_side - 1) < 0.01);
+    }
+}
+
+TEST_CASE("a tank that is tilted against the cells carries the weight of the water", "[physics][surface]")
+{
+    for (double const degrees : {17.0, 30.0}) {
+        CAPTURE(degrees);
+        Tank tank({degrees * M_PI / 180, Eigen::Vector2d(0.3, 0.21) * Tank::h});
+        double const duration = 0.2; // it begins with sound: particles lie across the cells
+        tank.advance(0.1);
+        auto const report = tank.advance(duration);
+        CHECK(tank.rms_speed() < 0.01 * std::sqrt(g * Tank::depth));
+        CHECK(std::abs(tank.force(report, 0, {0, -1}, duration) / tank.weight() - 1) < 0.01);
+    }
+}
+
+TEST_CASE("a held disk has the lift of Archimedes", "[physics][surface]")
+{
+    for (double const degrees : {0.0, 17.0}) {
+        CAPTURE(degrees);
+        double const radius = 3 * Tank::h;
+        Tank tank({degrees * M_PI / 180, Eigen::Vector2d(0.1, 0.07) * Tank::h}, radius, 3);
+        tank.advance(0.15);
+        double const duration = 0.45;
+        auto const report = tank.advance(duration);
+        double const lift = tank.force(report, 3, {0, 1}, duration) / (1000 * g * M_PI * radius * radius);
+        CHECK(std::abs(lift - 1) < 0.04);
+    }
+}
+
+TEST_CASE("a block slides down a plane by Coulomb's law, whatever its angle to the cells",
+          "[physics][surface]")
+{
+    double const h = 0.02, slope = M_PI / 6;
+    for (double const degrees : {0.0, 17.0, 45.0})
+        for (double const mu : {0.0, 0.3, 0.6}) {
+            CAPTURE(degrees, mu);
+            Frame const plane{-degrees * M_PI / 180, {0.004, 0.007}};
+            Block::Model material;
+            material.elasticity = lame<double>(1e6, 0.3);
+            Block::Solver block(lattice(h), material);
+            auto points = box_of_points<2>({0, 0}, {0.4, 0.2}, h);
+            for (auto& x : points) x = plane.place(x);
+            block.add(points, h * h / 4);
+            AtSurface floor;
+            floor.list.push_back({.shape = HalfSpace{in_space(plane.direction({0, 1}))},
+                                  .contact = Contact::coulomb(mu),
+                                  .motion = {.position = in_space(plane.origin)}});
+            Eigen::Vector3d const pull =
+                in_space(plane.direction(g * Eigen::Vector2d(std::sin(slope), -std::cos(slope))));
+            int const ramp = 20; // the load comes on smoothly
+            for (int i = 1; i <= ramp; ++i) block.advance(0.1 / ramp, Gravity{pull * i / ramp}, floor);
+            block.advance(0.4, Gravity{pull}, floor);
+            auto const velocity = [&] {
+                Totals const now(block);
+                return plane.direction({1, 0}).dot(now.momentum) / now.mass;
+            };
+            double const before = velocity(), duration = 0.3;
+            auto const report = block.advance(duration, Gravity{pull}, floor);
+            double const expected = std::max(0.0, g * (std::sin(slope) - mu * std::cos(slope)));
+            CHECK(std::abs((velocity() - before) / duration - expected) <= 0.01 * g * std::sin(slope));
+            Eigen::Vector2d const impulse = report.reactions[0].impulse.head<2>();
+            double const ratio = impulse.dot(plane.direction({1, 0})) / -impulse.dot(plane.direction({0, 1}));
+            CHECK(std::abs(ratio - std::min(mu, std::tan(slope))) <= 1e-3);
+            for (auto const& x : block.positions()) // it lies on the plane, not above it
+                if (plane.own(x).y() < 0.15 * h) FAIL("a particle is " << plane.own(x).y() / h << " h above");
+        }
+}
+
+TEST_CASE("boards that stand side by side hold water", "[physics][surface]")
+{
+    double const h = 0.02;
+    using OnAll = Obstacles<AnyShape<>, ActsOn::surface_and_particles>;
+    for (double const offset : {0.25, 0.5, 0.75}) {
+        CAPTURE(offset);
+        Water::Solver water(lattice(h, Eigen::Vector3d(offset, offset, 0) * h), materials::water<Plane>());
+        water.add(box_of_points<2>({-0.2, 0}, {0.2, 0.2}, h), h * h / 4);
+        OnAll boards;
+        auto const add = [&](double half_width, double half_height, double x, double y) {
+            boards.list.push_back({.shape = Box{{half_width, half_height, 1}},
+                                   .motion = {.position = {x, y, 0}},
+                                   .on_particles = true});
+        };
+        add(0.28, 0.04, 0, -0.04); // the others stand on this one
+        add(0.04, 1, -0.24, 1);
+        add(0.04, 1, 0.24, 1);
+        water.advance(0.5, Gravity{}, boards);
+        int outside = 0;
+        for (auto const& x : water.positions()) outside += std::abs(x.x()) > 0.24 || x.y() < -0.04;
+        CHECK(outside == 0);
+    }
+}
+
+TEST_CASE("what obstacles receive at their surface is what the material loses", "[physics][surface]")
+{
+    double const h = 0.05, dt = 4e-4;
+    for (auto const& contact : {Contact::slip(), Contact::coulomb(0.4), Contact::sticky()}) {
+        Water::Solver block(lattice(h), materials::water<Plane>(3)); // Mls keeps angular momentum, too
+        block.add(box_of_points<2>({0.02, 0.03}, {0.32, 0.23}, h), h * h / 4, {1, -2});
+        AtSurface around;
+        around.list.push_back({.shape = HalfSpace{}, .contact = contact});
+        around.list.push_back({.shape = Sphere{0.1},
+                               .contact = contact,
+                               .motion = {.position = {0.4, 0.1, 0}, .angular_velocity = {0, 0, 8}}});
+        Totals const before(block);
+        Reaction floor, ball;
+        for (auto const& report : block.steps(80, dt, around)) {
+            floor += report.reactions[0];
+            ball += report.reactions[1];
+        }
+        Totals const after(block);
+        Eigen::Vector2d const lost = before.momentum - after.momentum,
+                              received = floor.impulse.head<2>() + ball.impulse.head<2>();
+        double const scale = before.momentum.norm();
+        CHECK(floor.impulse.norm() > 0.05 * scale);
+        CHECK(ball.impulse.norm() > 0.05 * scale);
+        CHECK((lost - received).norm() < 1e-10 * scale);
+        double const around_ball = 0.4 * ball.impulse.y() - 0.1 * ball.impulse.x();
+        CHECK(std::abs(before.angular_momentum - after.angular_momentum -
+                       (floor.angular_impulse.z() + ball.angular_impulse.z() + around_ball)) < 1e-9 * scale);
+    }
+}
+
+TEST_CASE("contact at the surface lets go, sticks and carries along", "[physics][surface]")
+{
+    double const h = 0.05;
+    auto const block_with = [&](Eigen::Vector2d const& velocity) {
+        Block::Model stiff;
+        stiff.elasticity = lame<double>(1e6, 0.3);
+        Block::Solver block(lattice(h), stiff);
+        block.add(box_of_points<2>({0, 0}, {0.4, 0.2}, h), h * h / 4, velocity);
+        return block;
+    };
+    AtSurface plane;
+    plane.list.push_back({.shape = HalfSpace{}});
+    SECTION("what leaves a surface is not held")
+    {
+        auto block = block_with({0, 2});
+        auto const report = block.advance(0.05, plane);
+        CHECK(report.reactions[0].impulse.norm() < 1e-12);
+        CHECK(std::abs(Totals(block).momentum.y() / Totals(block).mass - 2) < 1e-12);
+    }
+    SECTION("unless it sticks: then it hangs")
+    {
+        plane.list[0].contact = Contact::sticky();
+        auto block = block_with({0, 0});
+        Gravity const up{{0, g, 0}};
+        block.advance(0.2, up, plane);
+        double const duration = 0.4;
+        auto const report = block.advance(duration, up, plane);
+        CHECK(std::abs(report.reactions[0].impulse.y() / (Totals(block).mass * g * duration) - 1) < 0.02);
+    }
+    SECTION("a moving surface drags by its friction")
+    {
+        double const mu = 0.2;
+        plane.list[0].contact = Contact::coulomb(mu);
+        plane.list[0].motion.velocity = {1, 0, 0};
+        auto block = block_with({0, 0});
+        block.advance(0.2, Gravity{}, plane);
+        auto const velocity = [&] { return Totals(block).momentum.x() / Totals(block).mass; };
+        double const before = velocity();
+        block.advance(0.2, Gravity{}, plane);
+        CHECK(std::abs((velocity() - before) / 0.2 - mu * g) < 0.02 * mu * g);
+        block.advance(0.4, Gravity{}, plane);
+        CHECK(std::abs(velocity() - 1) < 1e-3); // and then it goes along
+    }
+}
+
+TEST_CASE("contact at the surface has the same bits from run to run, and for any number of threads",
+          "[physics][surface]")
+{
+    auto const run = [](auto const& backend) {
+        double const h = 0.05;
+        Water::Solver water(lattice(h), materials::water<Plane>(2), {}, {}, backend);
+        water.add(box_of_points<2>({0.01, 0.02}, {1.01, 0.62}, h), h * h / 4, {0.5, -1});
+        AtSurface around;
+        around.list.push_back({.shape = HalfSpace{{0.6, 0.8, 0}}});
+        around.list.push_back({.shape = Sphere{0.2}, .motion = {.position = {0.8, 0, 0}}});
+        auto const report = water.advance(0.1, Gravity{}, around);
+        std::vector<double> bits;
+        for (auto const& x : water.positions()) bits.insert(bits.end(), {x.x(), x.y()});
+        for (auto const& reaction : report.reactions)
+            bits.insert(bits.end(), reaction.impulse.data(), reaction.impulse.data() + 3);
+        return bits;
+    };
+    auto const once = run(TestedBackend{});
+    CHECK(once == run(TestedBackend{}));
+#if defined(FIRN_TESTS_ON_OPENMP)
+    CHECK(once == run(OpenMP{.threads = 1}));
+    CHECK(once == run(OpenMP{.threads = 3}));
+#endif
+}
+
+TEST_CASE("obstacles at their surface that cannot act are refused", "[physics][surface]")
+{
+    Block::Solver block(lattice(0.05));
+    block.add(box_of_points<2>({0, 0}, {0.4, 0.2}, 0.05), 0.05 * 0.05 / 4);
+    AtSurface plane;
+    block.step(1e-4, plane); // none at all
+    plane.list.push_back({.shape = HalfSpace{}, .on_particles = true});
+    CHECK(refused([&] { block.step(1e-4, plane); }).what_is_wrong() ==
+          "it is to act on particles, and its list does not");
+}
