@@ -12,16 +12,16 @@ using namespace firn::test;
 namespace
 {
 
-using Jelly = Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver;
-constexpr double cell = 0.05; // [m]
+using Jelly = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>::Solver;
+constexpr double cell = 0.05, side = 64 * cell; // [m]
 
 /// A block that falls onto a floor.
 Jelly block(int seed, TestedBackend const& backend = {})
 {
     Jelly solver(lattice(cell), {}, {}, {}, backend);
-    Vector<double, 3> const low(0, 0.01 * seed, 0);
-    solver.add(box_of_points<3>(low, low + Vector<double, 3>::Constant(0.8), cell), 1.5e-5,
-               {0.1 * seed, -2, 0});
+    Vector<double, 2> const low(0, 0.01 * seed);
+    solver.add(box_of_points<2>(low, low + Vector<double, 2>::Constant(side), cell), cell * cell / 4,
+               {0.1 * seed, -2});
     return solver;
 }
 
@@ -93,7 +93,7 @@ TEST_CASE("two solvers on two threads at once come to the same bits as each alon
         if constexpr (requires { two.threads; }) two.threads = 2;
         return two;
     }(TestedBackend{});
-    std::vector<std::vector<Vector<double, 3>>> alone, together(2);
+    std::vector<std::vector<Vector<double, 2>>> alone, together(2);
     for (int seed = 0; seed < 2; ++seed) {
         Jelly solver = block(seed, backend);
         run(solver);
@@ -133,7 +133,7 @@ struct Interrupted
 {
     Ask const* ask;
 
-    bool operator()(Eigen::Matrix<double, 3, 1> const&) const
+    bool operator()(Eigen::Matrix<double, 2, 1> const&) const
     {
         static bool asked;
         if (!std::exchange(asked, true)) std::thread(*ask).join();
@@ -161,7 +161,7 @@ TEST_CASE("a call that comes from another thread while one is under way is refus
     };
     auto const ask = [&] {
         attempt([&] { run(solver); });
-        attempt([&] { solver.add(std::vector<Vector<double, 3>>(1), 1e-5); });
+        attempt([&] { solver.add(std::vector<Vector<double, 2>>(1), 1e-5); });
         attempt([&] { solver.positions(); });
         attempt([&] { solver.snapshot(); });
         attempt([&] { run(other); }); // another solver is independent

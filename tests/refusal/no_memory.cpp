@@ -1,11 +1,7 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
+#include "support/failing_memory.hpp"
 #include "support/policies.hpp"
-#if defined(__CUDACC__)
-#include "support/failing_device.hpp"
-#else
-#include "support/failing_new.hpp"
-#endif
 
 #include <functional>
 #include <optional>
