@@ -201,7 +201,8 @@ public:
         return solver_.template remove_if<Which>(predicate);
     }
 
-    /// Removes all particles of a world, whose time and obstacles stay. Returns how many.
+    /// Removes all particles of a world, whose time and obstacles stay, and takes those that it lost off the
+    /// list of the quarantine. Returns how many were removed.
     std::size_t clear(std::uint32_t world)
     {
         require_exists(world, "Worlds::clear");
@@ -211,6 +212,10 @@ public:
             std::vector<RemovalMask<Backend>> masks;
             for (auto const& found : particles()) masks.push_back(found.mask(world, scene.backend));
             count = scene.remove(masks);
+            std::vector<std::uint32_t> lost;
+            for (auto const& failure : solver_.isolated())
+                if (failure.world == world) lost.push_back(failure.particle);
+            solver_.time_loop_.release(lost);
             if (count > 0) scene.change([&] { solver_.time_loop_.next_step().follow_removal(scene); });
         });
         return count;
@@ -245,8 +250,11 @@ public:
     /// another world. The particles keep their ids: those of the same rank get the same values. Nothing
     /// changes in other worlds, bit by bit. Obstacles stay as they are.
     ///
+    /// Particles that the world lost to the quarantine come back, the last ones first, if it misses them for
+    /// the state. They leave the list of the quarantine, which Solver::isolated returns.
+    ///
     /// Throws an Error, and changes nothing, if the state is of other materials or cells, or unless the world
-    /// has as many particles of each material, of the same masses.
+    /// has, or gets so, as many particles of each material, of the same masses.
     void reset(std::uint32_t world, State const& state) { reset(std::vector<std::uint32_t>{world}, state); }
 
     /// The same for several worlds in one call, which takes hardly longer. None of them may be listed twice.
@@ -262,19 +270,28 @@ public:
         detail::require_state_fits(state, solver_.scene_, layout_);
         solver_.change(where, [&] {
             auto& scene = solver_.scene_;
-            std::vector<std::vector<std::vector<std::uint32_t> const*>> rows(Sets::count);
+            MassScale scale = scene.size() > 0 ? scene.masses : state.masses;
+            std::vector<std::vector<detail::Returning>> coming(Sets::count);
+            std::vector<std::uint32_t> back;
             Sets::for_each([&](auto k) {
                 auto const& all = rows_by_world<k>();
                 for (auto const world : worlds) {
-                    detail::require_same_particles<k>(state, solver_.scene_, world, all[world]);
-                    rows[k].push_back(&all[world]);
+                    coming[k].push_back(missing<k>(world, all[world], state));
+                    detail::require_same_particles<k>(state, scene, scale, all[world], coming[k].back());
+                    auto const& ids = coming[k].back().ids;
+                    back.insert(back.end(), ids.begin(), ids.end());
                 }
             });
             scene.cache_grid_fields();
             sort();
             scene.change([&] {
+                if (!back.empty()) bring_back(coming, state, scale);
+                solver_.time_loop_.release(back);
                 Sets::for_each([&](auto k) {
-                    reset_particles(scene.sets.template particles<k>(), worlds, rows[k], state.materials[k],
+                    auto const& all = rows_by_world<k>();
+                    std::vector<std::vector<std::uint32_t> const*> rows;
+                    for (auto const world : worlds) rows.push_back(&all[world]);
+                    reset_particles(scene.sets.template particles<k>(), worlds, rows, state.materials[k],
                                     layout_);
                 });
                 solver_.time_loop_.next_step().admit(state.bounds);
@@ -310,6 +327,7 @@ private:
         require(std::ranges::all_of(lattice.periods, [](int cells) { return cells == 0; }),
                 "the lattice is periodic", "Worlds", "Pass an unbounded one: each world has a part of it.");
         lattice.half_world = layout.half_world;
+        lattice.world_bits = layout.bits;
         return lattice;
     }
 
@@ -424,6 +442,31 @@ private:
             known.mark = table.id_mark();
         }
         return known.rows;
+    }
+    /// The particles that a world has to get back for a state; its others are those of some rows.
+    template <std::size_t k>
+    detail::Returning missing(std::uint32_t world, std::vector<std::uint32_t> const& rows,
+                              State const& state) const
+    {
+        std::size_t const wanted = state.materials[k].ids.size();
+        std::vector<std::uint32_t> present;
+        if (rows.size() >= wanted) return {world, {}, {}};
+        present.reserve(rows.size());
+        for (auto const row : rows) present.push_back(solver_.scene_.sets.template particles<k>().id(row));
+        return detail::returning_to(world, k, present, wanted, solver_.isolated());
+    }
+    /// Brings particles back, of each material. Tables and grid are then new ones, as after a restore.
+    void bring_back(std::vector<std::vector<detail::Returning>> const& coming, State const& state,
+                    MassScale scale)
+    {
+        auto& scene = solver_.scene_;
+        double const to_unit = state.masses.unit / scale.unit;
+        Sets::for_each([&](auto k) {
+            detail::return_particles(scene.sets.template particles<k>(), coming[k], state.materials[k],
+                                     to_unit, scale, layout_);
+        });
+        scene.masses = scale;
+        scene.grid_state = {scene.lattice, scene.transfer, scene.backend};
     }
     void sort()
     {

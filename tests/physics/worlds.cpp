@@ -5,8 +5,10 @@
 
 #include <firn/worlds.hpp>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <numeric>
 #include <utility>
 #include <vector>
 
@@ -65,6 +67,17 @@ bool same(One const& one, std::size_t first, Other const& other, std::size_t oth
            values<Velocity>(one, first, count) == values<Velocity>(other, other_first, count) &&
            values<DisplacementGradient>(one, first, count) ==
                values<DisplacementGradient>(other, other_first, count);
+}
+
+/// Turns particles of some ids inside out, so that the next step fails because of them.
+template <class Solver>
+void turn_inside_out(Worlds<Solver>& worlds, std::vector<std::uint32_t> const& ids)
+{
+    auto const found = worlds.ids();
+    auto of = worlds.template download<DisplacementGradient>();
+    for (std::size_t i = 0; i < of.size(); ++i)
+        if (std::find(ids.begin(), ids.end(), found[i]) != ids.end()) of[i](0, 0) = -2;
+    worlds.template upload<DisplacementGradient>(of);
 }
 
 template <class Call>
@@ -247,4 +260,164 @@ TEST_CASE("a particle at the border of its world fails as at the border of the l
     CHECK(worlds.solver().isolated()[0].cause == FailureCause::escaped);
     CHECK(worlds.solver().size() == block<2>(0.1).size() + 1);
     CHECK(worlds.world_of_particles().back() == 3);
+}
+
+TEST_CASE("a failure names the world and the place in it, alone or in quarantine",
+          "[physics][worlds][refusal]")
+{
+    std::uint32_t const count = 7;
+    auto const points = block<2>(0.1);
+    auto const n = std::uint32_t(points.size());
+    auto const begun = [&] {
+        Worlds<InPlane> worlds(count, lattice(h));
+        for (std::uint32_t w = 0; w < count; ++w) worlds.add(w, points, h * h / 4);
+        return worlds;
+    };
+    for (std::uint32_t w = 0; w < count; ++w) {
+        CAPTURE(w);
+        auto worlds = begun();
+        turn_inside_out(worlds, {w * n + 3});
+        auto const check = [&](StepFailure const& failure) {
+            CHECK(failure.particle == w * n + 3);
+            CHECK(failure.world == w);
+            CHECK(failure.position.head<2>() == worlds.positions()[3]); // the same in every world
+        };
+        try {
+            worlds.step(dt, Gravity{});
+            FAIL("nothing was thrown");
+        }
+        catch (StepError const& error) {
+            check(error.failure());
+            CHECK_THAT(error.where(), Contains("m in world " + std::to_string(w)));
+        }
+        worlds.quarantine(1);
+        auto const report = worlds.advance(dt, Gravity{});
+        REQUIRE(report.isolated.size() == 1);
+        CHECK(report.isolated[0].world == w);
+        REQUIRE(worlds.solver().isolated().size() == 1);
+        CHECK(worlds.solver().isolated()[0].world == w);
+    }
+    auto worlds = begun(); // no step advances time
+    auto v = worlds.download<Velocity>();
+    v[5 * n + 1] = {1e30, 0};
+    worlds.upload<Velocity>(v);
+    CHECK_THAT(refused([&] { worlds.advance(dt); }).where(), Contains("in world 5"));
+    InPlane alone(lattice(h));
+    alone.add(points, h * h / 4);
+    auto of = alone.download<DisplacementGradient>();
+    of[3](0, 0) = -2;
+    alone.upload<DisplacementGradient>(of);
+    CHECK_THAT(refused([&] { alone.step(dt, Gravity{}); }).where(), !Contains("world"));
+}
+
+TEMPLATE_TEST_CASE("particles in quarantine come back when their world is reset, and others keep their bits",
+                   "[physics][worlds]", InPlane, InSpace)
+{
+    constexpr int d = TestType::d;
+    auto const points = block<d>(0.2);
+    auto const n = std::uint32_t(points.size());
+    std::vector<double> volumes(n, std::pow(h / 2, d)); // mass groups of 4, 1 and n - 5 particles
+    for (std::uint32_t i = 0; i < 4; ++i) volumes[i] *= 2;
+    volumes[4] *= 3;
+    std::uint32_t const count = 3, lost_first = n + 4, lost_last = 2 * n - 1;
+    Worlds<TestType> worlds(count, lattice(h)), stays(count, lattice(h)), first(count, lattice(h));
+    for (auto* of : {&worlds, &stays, &first}) {
+        of->quarantine(2);
+        for (std::uint32_t w = 0; w < count; ++w) {
+            of->add(w, points, volumes);
+            of->obstacles(w).push_back(ball(0.5 + w));
+        }
+    }
+    auto const start = worlds.save(1);
+    auto const go_on = [&](Worlds<TestType>& of) { of.steps(15, dt, Gravity{}, ground); };
+    go_on(first);
+    for (auto* of : {&worlds, &stays}) {
+        go_on(*of);
+        turn_inside_out(*of, {lost_first, lost_last});
+        go_on(*of);
+        REQUIRE(of->solver().isolated().size() == 2);
+        REQUIRE(of->size() == count * n - 2);
+    }
+    auto const others_are_same = [&] { // two particles are not in `stays`
+        return same(worlds.solver(), 0, stays.solver(), 0, n) &&
+               same(worlds.solver(), 2 * n, stays.solver(), 2 * n - 2, n);
+    };
+    worlds.reset(1, start);
+    CHECK(worlds.solver().isolated().empty());
+    CHECK(worlds.time(1) == 0);
+    std::vector<std::uint32_t> all(count * n);
+    std::iota(all.begin(), all.end(), 0);
+    CHECK(worlds.ids() == all);
+    CHECK(others_are_same());
+    auto const again = worlds.save(1);
+    CHECK(again.materials[0].ids == start.materials[0].ids);
+    CHECK(again.materials[0].offsets == start.materials[0].offsets);
+    auto const &masses = start.materials[0].mass_groups, &masses_again = again.materials[0].mass_groups;
+    REQUIRE(masses_again.size() == masses.size());
+    for (std::size_t i = 0; i < masses.size(); ++i) {
+        CHECK(masses_again[i].first_row == masses[i].first_row);
+        CHECK(masses_again[i].mass == masses[i].mass);
+        CHECK(masses_again[i].volume == masses[i].volume);
+    }
+    go_on(worlds), go_on(stays);
+    CHECK(others_are_same());
+    auto const now = places(worlds.solver(), n, n), then = places(first.solver(), n, n);
+    for (std::size_t i = 0; i < n; ++i) REQUIRE((now[i] - then[i]).norm() <= 1e-9 * h);
+
+    // there is room for two again; and of two that were lost one after the other, a state between has one
+    turn_inside_out(worlds, {lost_last});
+    go_on(worlds);
+    auto const between = worlds.save(1);
+    turn_inside_out(worlds, {lost_first});
+    go_on(worlds);
+    REQUIRE(worlds.solver().isolated().size() == 2);
+    worlds.reset(1, between);
+    REQUIRE(worlds.solver().isolated().size() == 1);
+    CHECK(worlds.solver().isolated()[0].particle == lost_last);
+    CHECK(worlds.save(1).materials[0].offsets == between.materials[0].offsets);
+    check_refused([&] { worlds.reset(0, between); }, "world 0 has " + std::to_string(n) + " particles");
+
+    // the state of a world that lost none, in two at once
+    worlds.reset(std::vector<std::uint32_t>{2, 1}, start);
+    CHECK(worlds.ids() == all);
+    CHECK(same(worlds.solver(), n, worlds.solver(), 2 * n, n));
+    for (std::uint32_t w = 1; w < count; ++w) worlds.obstacles(w) = {ball(1)};
+    go_on(worlds);
+    CHECK(same(worlds.solver(), n, worlds.solver(), 2 * n, n));
+}
+
+TEST_CASE("a world that lost particles is cleared of them, and refuses states that lack others",
+          "[physics][worlds][refusal]")
+{
+    auto const points = block<2>(0.1);
+    auto const n = std::uint32_t(points.size());
+    Worlds<InPlane> worlds(2, lattice(h));
+    worlds.quarantine(n);
+    for (std::uint32_t w = 0; w < 2; ++w) worlds.add(w, points, h * h / 4);
+    auto const start = worlds.save(0);
+    worlds.remove_if(
+        Inside<Sphere>{.shape = {1e-6}, .pose = {.position = {points[0].x(), points[0].y(), 0}}});
+    REQUIRE(worlds.size() == 2 * n - 2); // one of each world
+    turn_inside_out(worlds, {3});
+    worlds.step(dt);
+    check_refused([&] { worlds.reset(0, start); }, "and 1 in quarantine, and the state has");
+    CHECK(worlds.solver().isolated().size() == 1);
+    CHECK(worlds.clear(0) == n - 2);
+    CHECK(worlds.solver().isolated().empty());
+    worlds.add(0, points, h * h / 4);
+    worlds.reset(0, start);
+    CHECK(worlds.size() == 2 * n - 1);
+
+    Worlds<InPlane> lone(1, lattice(h)); // its only particle is lost, and others of other mass may come
+    lone.quarantine(1);
+    lone.add(0, std::vector{points[0]}, h * h / 4);
+    auto const alone = lone.save(0);
+    turn_inside_out(lone, {0});
+    lone.step(dt);
+    REQUIRE(lone.size() == 0);
+    lone.reset(0, alone);
+    CHECK(lone.positions() == std::vector{points[0]});
+    CHECK(lone.ids() == std::vector<std::uint32_t>{0});
+    lone.step(dt, Gravity{});
+    CHECK(lone.download<Velocity>()[0].y() == Approx(-9.81 * dt));
 }

@@ -7,6 +7,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <sstream>
 #include <string>
 #include <utility>
@@ -25,6 +26,8 @@ struct StepFailure
     double time = 0;                   ///< at which the step began [s]
     double dt = 0;                     ///< length of the step [s]
     std::uint64_t count = 1;           ///< particles that failed in this step; this is the first
+    /// In which of many worlds it was, and the position is that in this world: see Worlds.
+    std::optional<std::uint32_t> world{};
 };
 
 /// A step that failed and cannot be repeated: the state is that of the last good step. `failure()` has the
@@ -46,7 +49,7 @@ private:
 
 namespace detail
 {
-/// The place of a failure in words: "at (1 2) m", the first `d` coordinates. Eigen's own printing takes long
+/// A place in words: "at (1 2) m", the first `d` coordinates. Eigen's own printing takes long
 /// to compile, and g++ 12 warns about it with AVX-512.
 [[gnu::cold]] inline std::string at_place(Eigen::Vector3d const& position, int d)
 {
@@ -54,6 +57,13 @@ namespace detail
     for (int a = 0; a < d; ++a) text << (a == 0 ? "at (" : " ") << position[a];
     text << ") m";
     return text.str();
+}
+/// The place of a failure, and its world if there are many: "at (1 2) m in world 3".
+[[gnu::cold]] inline std::string at_place(StepFailure const& failure, int d)
+{
+    auto place = at_place(failure.position, d);
+    if (failure.world) place += " in world " + std::to_string(*failure.world);
+    return place;
 }
 } // namespace detail
 

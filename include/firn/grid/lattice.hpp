@@ -24,6 +24,7 @@ struct Lattice
     /// Half the cells of a world along each axis, a power of two; 0: the lattice is one world. Worlds sets
     /// it.
     int half_world = 0;
+    int world_bits = 0; ///< there is room for 2^world_bits worlds along each axis; Worlds sets it, too
     /// After how many cells it begins anew along each axis; 0: never. See periodic().
     std::array<int, 3> periods{};
 

@@ -36,6 +36,14 @@ struct WorldLayout
         return layout;
     }
 
+    /// The layout of a lattice that has many worlds.
+    static WorldLayout of(Lattice const& lattice)
+    {
+        WorldLayout layout{lattice.world_bits, 1, lattice.half_world};
+        while ((1 << layout.size_bits) < 2 * layout.half_world) ++layout.size_bits;
+        return layout;
+    }
+
     /// The cell or node of the lattice that is a world's (0, 0, 0). World 0 has the lattice's own.
     FIRN_HOST_DEVICE Coordinates<d> centre(std::uint32_t world) const
     {

@@ -176,6 +176,18 @@ Vector<double, Table::d> position_of(Table const& table, std::uint32_t row)
     return found;
 }
 
+/// The cell of one particle, for error messages.
+template <class Table>
+Coordinates<Table::d> cell_of(Table const& table, std::uint32_t row)
+{
+    auto const rows = detail::downloaded(table.contents().buffer[0].id);
+    Coordinates<Table::d> found = zeros<Coordinates<Table::d>>();
+    table.cells().for_each([&](std::size_t place, Coordinates<Table::d> const& cell) {
+        if (rows[place] == row) found = cell;
+    });
+    return found;
+}
+
 /// Masses [kg]; `mass_unit` is that of the scene [kg].
 template <class Table>
 std::vector<double> masses_of(Table const& table, double mass_unit)

@@ -5,7 +5,9 @@
 #include <firn/core/exactly_equal.hpp>
 #include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
+#include <firn/core/step_error.hpp>
 #include <firn/grid/world_layout.hpp>
+#include <firn/particles/mass_groups.hpp>
 #include <firn/particles/storage.hpp>
 #include <firn/particles/table_snapshot.hpp>
 #include <firn/state/restore.hpp>
@@ -17,10 +19,12 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <iterator>
 #include <limits>
 #include <numeric>
 #include <string>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 // How the particles of worlds come back to a state, and which states are refused. `Table` is a ParticleTable.
@@ -48,6 +52,10 @@ void require_state_fits(WorldState<Number, d> const& state, Scene const& scene, 
              is_finite(bounds.wave_speed) && is_finite(bounds.speed) && is_finite(bounds.deformation_rate),
          "the state's time, or what bounds the next step, is out of range");
     same(state.materials.size() == Sets::count, "the state has another number of materials");
+    same(is_finite(state.masses.unit) &&
+             (state.masses.unit > 0 ||
+              std::ranges::all_of(state.materials, [](auto const& of) { return of.ids.empty(); })),
+         "the state's unit of masses is out of range");
     Sets::for_each([&](auto k) {
         MaterialSnapshot<Number, d> ours;
         name_material<k>(scene.sets, ours);
@@ -65,33 +73,142 @@ void require_state_fits(WorldState<Number, d> const& state, Scene const& scene, 
     });
 }
 
-/// Refuses a state of other particles of a material than a world has; `rows` are those of its particles.
+/// Listed mass groups, to be looked up by row.
+template <class Number>
+MassGroups<Number> grouped(std::vector<MassGroup<Number>> const& list)
+{
+    return {list.data(), static_cast<int>(list.size())};
+}
+
+/// The particles of a world that come back from the quarantine: their ids in rising order, and the ranks that
+/// these have in the world then.
+struct Returning
+{
+    std::uint32_t world;
+    std::vector<std::uint32_t> ids, ranks;
+};
+
+/// Those of a material that a world needs to have as many as `wanted`, where it has the ids in `present`:
+/// what it lost last. Fewer, if it has not lost so many.
+FIRN_COLD inline Returning returning_to(std::uint32_t world, std::size_t material,
+                                        std::vector<std::uint32_t> const& present, std::size_t wanted,
+                                        std::vector<StepFailure> const& isolated)
+{
+    Returning coming{world, {}, {}};
+    auto& ids = coming.ids;
+    for (auto lost = isolated.rbegin(); lost != isolated.rend() && present.size() + ids.size() < wanted;
+         ++lost)
+        if (lost->world == world && lost->material == material) ids.push_back(lost->particle);
+    std::sort(ids.begin(), ids.end());
+    for (std::size_t i = 0; i < ids.size(); ++i) {
+        auto const before = std::ranges::lower_bound(present, ids[i]) - present.begin();
+        coming.ranks.push_back(static_cast<std::uint32_t>(before) + static_cast<std::uint32_t>(i));
+    }
+    return coming;
+}
+
+/// Refuses a state of other particles of a material than a world has, whose rows are `rows`, together with
+/// those that come back to it. `scale` has the scene's masses.
 template <std::size_t k, class Scene, class Number, int d>
-void require_same_particles(WorldState<Number, d> const& state, Scene const& scene, std::uint32_t world,
-                            std::vector<std::uint32_t> const& rows)
+void require_same_particles(WorldState<Number, d> const& state, Scene const& scene, MassScale const& scale,
+                            std::vector<std::uint32_t> const& rows, Returning const& coming)
 {
     auto const& theirs = state.materials[k];
     auto const refuse = [&](std::string const& what) {
-        throw Error{"world " + std::to_string(world) + what, "Worlds::reset",
+        throw Error{"world " + std::to_string(coming.world) + what, "Worlds::reset",
                     "Reset worlds that have the particles of the state; or clear() the world, and add() its "
                     "particles."};
     };
-    if (rows.size() != theirs.ids.size())
-        refuse(" has " + std::to_string(rows.size()) + " particles of material " + std::to_string(k) +
+    auto const of_material = " of material " + std::to_string(k);
+    if (rows.size() + coming.ids.size() != theirs.ids.size())
+        refuse(" has " + std::to_string(rows.size()) + " particles" + of_material +
+               (coming.ids.empty() ? "" : " and " + std::to_string(coming.ids.size()) + " in quarantine") +
                ", and the state has " + std::to_string(theirs.ids.size()));
-    if (rows.empty()) return;
-    auto const ours = groups_of_rows(scene.sets.template particles<k>().contents().mass_groups.here(), rows);
+    if (theirs.ids.empty()) return;
+    auto const in_kg = [](double unit, Number mass) { return unit * double(mass); };
     auto const alike = [&](Number a, Number b) { // in kg, to some roundings
-        double const in_kg = scene.masses.unit * double(a), theirs_in_kg = state.masses.unit * double(b);
-        return std::abs(in_kg - theirs_in_kg) <=
+        double const theirs_in_kg = in_kg(state.masses.unit, b);
+        return std::abs(in_kg(scale.unit, a) - theirs_in_kg) <=
                8 * double(std::numeric_limits<Number>::epsilon()) * theirs_in_kg;
     };
-    bool const same = std::equal(ours.begin(), ours.end(), theirs.mass_groups.begin(),
-                                 theirs.mass_groups.end(), [&](auto const& a, auto const& b) {
-                                     return a.first_row == b.first_row && alike(a.mass, b.mass) &&
-                                            alike(a.volume, b.volume);
-                                 });
-    if (!same) refuse("'s particles of material " + std::to_string(k) + " have other masses or volumes");
+    bool same = true;
+    if (!rows.empty()) {
+        auto of_state = theirs.mass_groups;
+        if (!coming.ids.empty()) {
+            std::vector<std::uint32_t> all(theirs.ids.size()), present;
+            std::iota(all.begin(), all.end(), std::uint32_t(0));
+            std::ranges::set_difference(all, coming.ranks, std::back_inserter(present));
+            of_state = groups_of_rows(grouped(theirs.mass_groups), present);
+        }
+        auto const ours =
+            groups_of_rows(scene.sets.template particles<k>().contents().mass_groups.here(), rows);
+        same = std::equal(
+            ours.begin(), ours.end(), of_state.begin(), of_state.end(), [&](auto const& a, auto const& b) {
+                return a.first_row == b.first_row && alike(a.mass, b.mass) && alike(a.volume, b.volume);
+            });
+    }
+    if (!coming.ids.empty())
+        for (auto const& group : theirs.mass_groups)
+            same = same && scale.bears<Number>(in_kg(state.masses.unit, group.mass) / scale.unit);
+    if (!same) refuse("'s particles" + of_material + " have other masses or volumes");
+}
+
+/// The mass groups of a table's particles, by row, after others have come that a state has: their masses are
+/// those in the state, times `to_unit`. `scale` takes these in.
+template <class Table>
+auto groups_with(Table const& table, std::vector<Returning> const& coming,
+                 MaterialSnapshot<typename Table::Number, Table::d> const& from, double to_unit,
+                 MassScale& scale)
+{
+    using Number = typename Table::Number;
+    std::vector<std::pair<std::uint32_t, MassGroup<Number>>> by_id;
+    auto const ours = table.contents().mass_groups.here();
+    for (std::uint32_t row = 0; row < table.size(); ++row)
+        by_id.emplace_back(table.id(row), ours.of[ours.index(row)]);
+    auto const theirs = grouped(from.mass_groups);
+    for (auto const& of_world : coming)
+        for (std::size_t i = 0; i < of_world.ids.size(); ++i) {
+            auto group = theirs.of[theirs.index(of_world.ranks[i])];
+            group.mass = static_cast<Number>(to_unit * double(group.mass));
+            group.volume = static_cast<Number>(to_unit * double(group.volume));
+            scale.admit(group.mass);
+            by_id.emplace_back(of_world.ids[i], group);
+        }
+    std::ranges::sort(by_id, {}, [](auto const& of) { return of.first; });
+    std::vector<MassGroup<Number>> all;
+    std::vector<std::uint32_t> rows(by_id.size());
+    std::iota(rows.begin(), rows.end(), std::uint32_t(0));
+    for (auto const& of : by_id) all.push_back(of.second);
+    for (std::size_t row = 0; row < all.size(); ++row) all[row].first_row = static_cast<std::uint32_t>(row);
+    return groups_of_rows(grouped(all), rows);
+}
+
+/// Brings particles of worlds back into a table, as they are in a state of one world: see groups_with. All
+/// others keep their values, their ids and their order. Requires has_grid_fields().
+template <class Table>
+FIRN_COLD void return_particles(Table& table, std::vector<Returning> const& coming,
+                                MaterialSnapshot<typename Table::Number, Table::d> const& from,
+                                double to_unit, MassScale& scale, WorldLayout<Table::d> const& layout)
+{
+    if (std::ranges::all_of(coming, [](Returning const& of) { return of.ids.empty(); })) return;
+    auto all = snapshot_of(table);
+    all.mass_groups = groups_with(table, coming, from, to_unit, scale);
+    std::vector<std::size_t> at_rank(from.ids.size());
+    for (std::size_t i = 0; i < from.ids.size(); ++i) at_rank[from.ids[i]] = i;
+    for (auto const& of_world : coming)
+        for (std::size_t n = 0; n < of_world.ids.size(); ++n) {
+            std::size_t const i = at_rank[of_world.ranks[n]];
+            all.ids.push_back(of_world.ids[n]);
+            all.cells.push_back(from.cells[i] + layout.centre(of_world.world));
+            for (std::size_t a = 0; a < all.offsets.size(); ++a) all.offsets[a].push_back(from.offsets[a][i]);
+            for (auto& field : all.fields) {
+                auto const& same =
+                    *std::ranges::find(from.fields, field.name, &std::decay_t<decltype(field)>::name);
+                for (std::size_t c = 0; c < field.components.size(); ++c)
+                    field.components[c].push_back(same.components[c][i]);
+            }
+        }
+    restore_particles(table, all);
 }
 } // namespace detail
 

@@ -5,6 +5,8 @@
 #include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/core/step_error.hpp>
+#include <firn/grid/lattice.hpp>
+#include <firn/grid/world_layout.hpp>
 #include <firn/math/product.hpp>
 #include <firn/particles/readback.hpp>
 #include <firn/time_stepping/finish_step.hpp>
@@ -32,6 +34,8 @@ StepFailure failure_of(Sets const& sets, std::uint32_t row, FailureCause cause, 
     StepFailure failure{
         .cause = cause, .particle = particles.id(row), .material = k, .time = time, .dt = dt, .count = count};
     failure.position = in_space<Sets::d>(position_of(particles, row));
+    if (Lattice const& lattice = particles.lattice(); lattice.half_world != 0)
+        failure.world = WorldLayout<Sets::d>::of(lattice).world_of(cell_of(particles, row));
     return failure;
 }
 
@@ -140,8 +144,7 @@ template <class Sets, class Controller, class Values>
     std::ostringstream what, where, remedy;
     what << "particle " << failure.particle << material << " " << describe(failure.cause);
     if (failure.count > 1) what << ", as did " << failure.count - 1 << " more";
-    where << at_place(failure.position, d) << ", in a step of " << failure.dt << " s at t = " << failure.time
-          << " s";
+    where << at_place(failure, d) << ", in a step of " << failure.dt << " s at t = " << failure.time << " s";
     remedy << kept << ". ";
     if (failure.dt > stable && std::isnormal(stable))
         remedy << "Take a smaller step: the stable one is " << stable << " s, and advance() takes such.";
@@ -167,7 +170,7 @@ template <class Sets, class Controller, class Values>
               "steps, too.";
     if (!since) throw Error{what.str(), where.str(), remedy.str()};
     what << ", since particle " << since->particle << material << " " << describe(since->cause);
-    where << ", " << at_place(since->position, d);
+    where << ", " << at_place(*since, d);
     throw StepError{*since, what.str(), where.str(), remedy.str()};
 }
 

@@ -3,7 +3,9 @@
 
 #include <firn/time_stepping/failures.hpp>
 
+#include <algorithm>
 #include <cstddef>
+#include <cstdint>
 #include <optional>
 #include <utility>
 #include <vector>
@@ -29,6 +31,13 @@ public:
     void allow(std::size_t most) { most_ = most; }
     std::size_t most() const { return most_; }
     std::vector<StepFailure> const& isolated() const { return isolated_; }
+    /// Takes particles off the list, which came back to the scene, or will not.
+    void release(std::vector<std::uint32_t> const& ids)
+    {
+        std::erase_if(isolated_, [&](StepFailure const& lost) {
+            return std::find(ids.begin(), ids.end(), lost.particle) != ids.end();
+        });
+    }
     /// Goes on from another list of removed particles.
     void go_on_from(std::vector<StepFailure> isolated) { isolated_ = std::move(isolated); }
 

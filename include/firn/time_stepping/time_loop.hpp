@@ -76,6 +76,8 @@ public:
         quarantine_.allow(most);
         isolate_ = &TimeLoop::isolate;
     }
+    /// Takes particles off the list of removed ones.
+    void release(std::vector<std::uint32_t> const& ids) { quarantine_.release(ids); }
 
     /// Takes `count` steps of length `dt` [s]; see Solver::steps.
     template <class... Effects>
