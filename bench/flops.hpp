@@ -156,7 +156,7 @@ struct OneParticle
     bool at_the_edge() const { return false; }
     Coordinates<d> first() const { return Coordinates<d>::Zero(); }
     Vector<Real, d> along() const { return Vector<Real, d>::Zero(); }
-    void depart(bool, int, int) const {}
+    void leave(bool, int, int) const {}
     Real const& of_cells(Real const& value) const { return value; }
     Real node(int c, int row, int k) const { return Number(0.01) * Number(1 + c + row - 2 * k); }
 };

@@ -198,7 +198,7 @@ concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::t
 //   load_offset(array, axis)               offsets from the centres of cells [cells], see CellOffset
 //   move_offset(from, to, axis, by, value) moves the offsets that were loaded; `value` becomes what was
 //                                          stored. Returns which items are still in their cells
-//   depart(which, zero_from, channels)     items leave their cells: scatter_leavers() scatters so many
+//   leave(which, zero_from, channels)      items leave their cells: scatter_leavers() scatters so many
 //                                          channels of their scratch, with their new offsets as the first d.
 //                                          Here channels from `zero_from` on become 0
 //   first(), along()                       the coordinates of a cell, and the way from it to the lanes' own:

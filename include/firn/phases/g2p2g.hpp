@@ -146,7 +146,7 @@ struct G2p2g
         store_contribution<Real>(items, particle, x, response.kirchhoff_stress);
         // A particle that left its cell scatters from the new one, not here.
         Mask<Real> const left = items.here() & !stays;
-        if (any(left)) items.depart(left, Scatter::mass, Scatter::scratch_channels);
+        if (any(left)) items.leave(left, Scatter::mass, Scatter::scratch_channels);
     }
 
     template <class Row, class SumsOfCells>

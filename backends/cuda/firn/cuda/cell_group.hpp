@@ -34,7 +34,7 @@ public:
         source_ = source;
         slot_ = slot;
         way_ = 0;
-        departed_ = false;
+        leaves_ = false;
     }
 
     /// Sets the scratch to zero: the cell has no item of this rank.
@@ -42,7 +42,7 @@ public:
     {
 #pragma unroll
         for (int c = 0; c < Phase::scratch_channels; ++c) scratch_[c] = 0;
-        departed_ = false;
+        leaves_ = false;
     }
 
     __device__ bool here() const { return true; }
@@ -106,8 +106,8 @@ public:
 
     /// Marks the item as a leaver. Its contribution goes to a list; here channels from `zero_from` on are
     /// then zeroed.
-    __device__ void depart(bool, int zero_from, int) { departed_ = true, zero_from_ = zero_from; }
-    __device__ bool departed() const { return departed_; }
+    __device__ void leave(bool, int zero_from, int) { leaves_ = true, zero_from_ = zero_from; }
+    __device__ bool leaves() const { return leaves_; }
     __device__ std::uint32_t way() const { return way_; } ///< the neighbour it goes to, as in Leavers
     __device__ void write_outgoing(detail::Leavers<Number> const& leavers, std::uint32_t i,
                                    std::uint32_t cell)
@@ -149,7 +149,7 @@ private:
     typename GridType::Values const* read_;
     std::uint32_t source_ = 0, slot_ = 0;
     mutable std::uint32_t way_ = 0;
-    bool departed_ = false;
+    bool leaves_ = false;
     int zero_from_ = 0;
     Number scratch_[Phase::scratch_channels];
 };

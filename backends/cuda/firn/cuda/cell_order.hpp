@@ -269,7 +269,7 @@ public:
         if (short_.stopped == 0) return false;
         may_have_arrived_ = true; // even if the loop that clears them was queued
         crowded_ = short_.crowded != 0;
-        return short_.births > 0 || short_.departed > leavers_.most;
+        return short_.births > 0 || short_.leavers > leavers_.most;
     }
 
     /// Makes room where it lacked; if blocks were created, all leavers search for their cells again. True if
@@ -277,8 +277,8 @@ public:
     bool make_room()
     {
         OnDevice const here(queue_);
-        if (short_.departed > leavers_.most) {
-            leavers_.most = short_.departed + short_.departed / 32;
+        if (short_.leavers > leavers_.most) {
+            leavers_.most = short_.leavers + short_.leavers / 32;
             return true;
         }
         if (short_.births == 0) return false;

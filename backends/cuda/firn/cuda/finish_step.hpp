@@ -88,11 +88,11 @@ struct MovedOrder
     __device__ Stop lacking() const
     {
         if (begins.blocks == 0) return {1, 0, 0, 0};
-        return {1, __ldcg(&leavers.counters->departed), __ldcg(to.set.born_count), 0};
+        return {1, __ldcg(&leavers.counters->outgoing), __ldcg(to.set.born_count), 0};
     }
     __device__ bool lacks_room(Stop const& what) const
     {
-        return what.departed > leavers.most || what.births > 0;
+        return what.leavers > leavers.most || what.births > 0;
     }
     /// Never where no block holds items: the blocks are then kept for items that may come.
     __device__ bool is_crowded(std::uint32_t live) const
@@ -158,7 +158,7 @@ __global__ void __launch_bounds__(scanning_threads)
 #pragma unroll
     for (int k = 0; k < orders; ++k) {
         if (of[k].begins.blocks == 0) continue;
-        of[k].leavers.counters->rebinned = why[k].departed;
+        of[k].leavers.counters->rebinned = why[k].leavers;
         why[k].crowded = !lack && of[k].is_crowded(__ldcg(&of[k].leavers.counters->live));
         crowded = crowded || why[k].crowded != 0;
     }
@@ -194,7 +194,7 @@ __global__ void __launch_bounds__(most_teams_that_rebin * 64, 1)
     std::uint32_t const live = count_live_blocks(blocks, order.to.changes);
     bool const goes_on = finish(shared_memory());
     if (threadIdx.x != 0) return;
-    order.leavers.counters->rebinned = why.departed;
+    order.leavers.counters->rebinned = why.leavers;
     why.crowded = !lacks && order.is_crowded(live);
     if (lacks)
         signal.stop(why);

@@ -62,17 +62,17 @@ __global__ void __launch_bounds__(most_teams_that_move<Phase>* block_threads, 1)
             phase.begin(cell);
             Phase::gather(cell);
             phase.update(cell, result, rare);
-            moved.left[slot] = cell.departed();
+            moved.left[slot] = cell.leaves();
         }
-        if (std::uint32_t const left = __ballot_sync(~0u, cell.departed())) {
+        if (std::uint32_t const left = __ballot_sync(~0u, cell.leaves())) {
             std::uint32_t first = 0;
             if (threadIdx.x % 32 == 0) {
                 first =
-                    atomicAdd(&moved.leavers.counters->departed, static_cast<std::uint32_t>(__popc(left)));
+                    atomicAdd(&moved.leavers.counters->outgoing, static_cast<std::uint32_t>(__popc(left)));
                 atomicAdd(left_group + place / 32, static_cast<std::uint32_t>(__popc(left)));
             }
             std::uint32_t const i = __shfl_sync(~0u, first, 0) + __popc(left & below);
-            if (cell.departed()) {
+            if (cell.leaves()) {
                 atomicAdd(left_cell + place, 1u);
                 if (i < moved.leavers.most) {
                     cell.write_outgoing(moved.leavers, i, c);

@@ -16,7 +16,7 @@ namespace firn::cuda::detail
 /// Counters through which concurrent groups of threads coordinate the leavers.
 struct LeaverCounters
 {
-    std::uint32_t departed; ///< leavers of the current step
+    std::uint32_t outgoing; ///< leavers of the current step
     std::uint32_t searched; ///< groups of threads that have found new cells
     std::uint32_t live;     ///< blocks that will hold items
     std::uint32_t rebinned; ///< leavers of the step that was rebinned last
@@ -54,7 +54,7 @@ struct ArrivalsToForget
     {
         if (group >= blocks) return;
         forget_incoming(changes, group);
-        if (group == 0 && threadIdx.x == 0 && counters != nullptr) counters->departed = 0;
+        if (group == 0 && threadIdx.x == 0 && counters != nullptr) counters->outgoing = 0;
     }
 };
 
@@ -148,7 +148,7 @@ template <int d, class Number>
 __device__ void find_new_cells(Leavers<Number> const& leavers, Destinations<d> const& to, std::uint32_t group,
                                std::uint32_t groups)
 {
-    std::uint32_t const all = leavers.counters->departed, noted = all < leavers.most ? all : leavers.most;
+    std::uint32_t const all = leavers.counters->outgoing, noted = all < leavers.most ? all : leavers.most;
     for (std::uint32_t leaver = group * blockDim.x + threadIdx.x; leaver < noted;
          leaver += groups * blockDim.x)
         find_new_cell<d>(leavers, to, leaver, leavers.cell[leaver], leavers.way[leaver]);

@@ -11,10 +11,10 @@ namespace firn::cuda::detail
 /// What the host is told when loops have stopped.
 struct Stop
 {
-    std::uint32_t stopped;  ///< 1; the host clears it
-    std::uint32_t departed; ///< leavers; if more than there is room for, the others were not listed
-    std::uint32_t births;   ///< blocks that were requested and do not exist
-    std::uint32_t crowded;  ///< whether many blocks hold no items
+    std::uint32_t stopped; ///< 1; the host clears it
+    std::uint32_t leavers; ///< if more than there is room for, the others were not listed
+    std::uint32_t births;  ///< blocks that were requested and do not exist
+    std::uint32_t crowded; ///< whether many blocks hold no items
 };
 
 /// What loops tell the host while it queues more.

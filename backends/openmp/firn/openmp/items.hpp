@@ -339,7 +339,7 @@ public:
     /// Records leavers with their contributions, `kept` channels each, and sets those channels from
     /// `zero_from` on to zero in the scratch. The first channels of a contribution are the offset, now
     /// relative to the new cell.
-    void depart(Mask<Lane> const& which, int zero_from, int kept)
+    void leave(Mask<Lane> const& which, int zero_from, int kept)
     {
         std::uint64_t rest = bits(which);
         notes_.expect(static_cast<std::size_t>(std::popcount(rest)), static_cast<std::size_t>(kept));

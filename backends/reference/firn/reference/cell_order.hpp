@@ -181,7 +181,7 @@ public:
     }
     /// The item leaves for the cell to which its offset leads: it scatters the first `kept` channels there,
     /// and nothing here.
-    void depart(bool, int, int kept)
+    void leave(bool, int, int kept)
     {
         for (int a = 0; a < d; ++a) {
             cell_[a] += CellOffset<Number>::wrap(moved_[a]);
