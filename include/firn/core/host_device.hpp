@@ -81,16 +81,6 @@ FIRN_HOST_DEVICE inline void add_in_any_order(std::int64_t& to, std::int64_t val
 #endif
 }
 
-/// Sets a number to 0 and returns what it was, once: of several parts of a loop one gets it, and others 0.
-FIRN_HOST_DEVICE inline std::int64_t take(std::int64_t& from)
-{
-#if defined(__CUDA_ARCH__)
-    return static_cast<std::int64_t>(atomicExch(reinterpret_cast<unsigned long long*>(&from), 0ull));
-#else
-    return __atomic_exchange_n(&from, std::int64_t(0), __ATOMIC_RELAXED);
-#endif
-}
-
 /// Sets a number that is 0 to another one, and returns whether it was 0: of several parts of a loop, for one.
 FIRN_HOST_DEVICE inline bool claim(std::uint32_t& number, std::uint32_t value)
 {

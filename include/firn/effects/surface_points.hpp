@@ -9,7 +9,6 @@
 #include <firn/math/product.hpp>
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
@@ -65,8 +64,21 @@ struct SurfacePoint
 template <class Number>
 struct NodeOfPoint
 {
-    std::uint32_t index;         ///< see Grid::nodes_by_index()
-    Number weight, inverse_mass; ///< 0: there is nothing on it
+    static constexpr std::uint32_t none = ~std::uint32_t(0);
+    std::uint32_t node; ///< its number among the nodes that points reach, or none: there is nothing on it
+    Number weight;
+};
+
+/// A node that points reach. Its sums are integers, so they do not depend on the order of the points.
+template <class Number, int d>
+struct NodeAtSurface
+{
+    std::uint32_t index; ///< see Grid::nodes_by_index()
+    Number inverse_mass;
+    Vector<Number, d> free;              ///< its velocity without contact [m/s]
+    Vector<Number, d> velocity;          ///< and with the impulses of the last sweep
+    std::int64_t weights;                ///< the sum of the weights of points, see unit_of_weights
+    std::int64_t gained[std::size_t(d)]; ///< velocity, in units of 2^-46 cells a step
 };
 
 /// What lanes of places are to an obstacle.
@@ -116,8 +128,7 @@ private:
     }
 };
 
-/// The points of a step as loops see them, and the sums on nodes in which they meet. Sums are integers, so
-/// they do not depend on the order of the points: velocities in units of 2^-46 cells a step.
+/// The points of a step and the nodes that they reach, as loops see them.
 template <class Number, int d>
 struct SurfacePoints
 {
@@ -125,12 +136,14 @@ struct SurfacePoints
     std::uint32_t* count; ///< of the points that were found; those beyond `room` are not there
     std::uint32_t room;
     NodeOfPoint<Number>* stencils; ///< of each point
-    std::int64_t* weights;         ///< by node: the sum of the weights of points
-    std::int64_t* velocities[3];   ///< by node and axis: see SweepPoints
+    NodeAtSurface<Number, d>* nodes;
+    std::uint32_t* node_count;
+    std::uint32_t* claims;  ///< by index of a node: the place of a stencil that numbers it, from 1 on; else 0
+    std::uint32_t* numbers; ///< by index of a node: its number
     PointsBefore<Number, d> before;
 };
 
-/// The memory for that, kept for later steps. Sums are 0 between steps.
+/// The memory for that, kept for later steps. Between steps no node is claimed.
 template <class Backend, class Number, int d>
 class SurfaceMemory
 {
@@ -140,11 +153,9 @@ class SurfaceMemory
 public:
     explicit SurfaceMemory(Backend const& backend)
         : backend_(backend), points_(backend), before_(backend), table_(backend), stencils_(backend),
-          count_(backend),
-          weights_(backend), velocities_{Array<std::int64_t>(backend), Array<std::int64_t>(backend),
-                                         Array<std::int64_t>(backend)}
+          counts_(backend), nodes_(backend), claims_(backend), numbers_(backend)
     {
-        count_.resize(1);
+        counts_.resize(2);
         make_room(256, 1);
     }
 
@@ -154,11 +165,16 @@ public:
         if (points > points_.size()) points_.resize(points);
         stencils_.resize(std::max(stencils_.size(), points_.size() * nodes_of_each), 0);
     }
-    /// Makes room for the sums on so many nodes.
-    void make_room_for_nodes(std::size_t nodes)
+    /// Makes room for nodes with so many indices, of which points reach at most so many.
+    void make_room_for_nodes(std::size_t indices, std::size_t reached)
     {
-        grow(weights_, nodes);
-        for (auto& of : velocities_) grow(of, nodes * std::size_t(d));
+        std::size_t const before = claims_.size();
+        if (indices > before) {
+            claims_.resize(indices);
+            claims_.fill(before, indices - before, 0);
+            numbers_.resize(indices, 0);
+        }
+        nodes_.resize(std::max(nodes_.size(), std::min(indices, reached)), 0);
     }
     /// Forgets the impulses of the step before: it was not taken, or a call begins. What a call does then
     /// depends on the state before it alone.
@@ -176,7 +192,7 @@ public:
         before_view_ = {before_.data(), table_.data(), static_cast<std::uint32_t>(size - 1)};
         backend_.for_each(known_, before_view_);
     }
-    /// After a step with so many points.
+    /// After a step with so many points, of this length [s].
     void end_step(std::uint32_t points, double dt)
     {
         known_ = points;
@@ -184,34 +200,25 @@ public:
     }
     double dt_before() const { return dt_; } ///< [s]
     /// Before points are looked for.
-    void begin() { count_.fill(0, 1, 0); }
-    /// How many have been found; waits for the loop that finds them.
-    std::uint32_t count() const
-    {
-        std::uint32_t found = 0;
-        count_.download(0, {&found, 1});
-        return found;
-    }
+    void begin() { counts_.fill(0, 2, 0); }
+    /// How many points have been found, and how many nodes they reach; both wait for the loops that count.
+    std::uint32_t count() const { return read(0); }
+    std::uint32_t node_count() const { return read(1); }
     std::size_t room() const { return points_.size(); }
 
     SurfacePoints<Number, d> view()
     {
-        return {points_.data(),
-                count_.data(),
-                static_cast<std::uint32_t>(points_.size()),
-                stencils_.data(),
-                weights_.data(),
-                {velocities_[0].data(), velocities_[1].data(), velocities_[2].data()},
-                before_view_};
+        return {points_.data(),   counts_.data(),  static_cast<std::uint32_t>(points_.size()),
+                stencils_.data(), nodes_.data(),   counts_.data() + 1,
+                claims_.data(),   numbers_.data(), before_view_};
     }
 
 private:
-    static void grow(Array<std::int64_t>& sums, std::size_t size)
+    std::uint32_t read(std::size_t which) const
     {
-        std::size_t const before = sums.size();
-        if (size <= before) return;
-        sums.resize(size);
-        sums.fill(before, size - before, 0);
+        std::uint32_t count = 0;
+        counts_.download(which, {&count, 1});
+        return count;
     }
 
     Backend backend_;
@@ -221,9 +228,9 @@ private:
     std::uint32_t known_ = 0; ///< the points of the step before
     double dt_ = 1;           ///< its length [s]
     Array<NodeOfPoint<Number>> stencils_;
-    Array<std::uint32_t> count_;
-    Array<std::int64_t> weights_;
-    std::array<Array<std::int64_t>, 3> velocities_;
+    Array<std::uint32_t> counts_; ///< of points and of nodes
+    Array<NodeAtSurface<Number, d>> nodes_;
+    Array<std::uint32_t> claims_, numbers_;
 };
 
 } // namespace firn

@@ -6,10 +6,10 @@
 #include <firn/grid/stencil.hpp>
 #include <firn/phases/find_surface_points.hpp>
 
-#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <type_traits>
 
 // The impulses at points of surfaces, after nodes have been updated and before particles gather from them.
 // All points are improved at once, sweep by sweep, by their own part of the equations, where the response of
@@ -19,61 +19,52 @@
 namespace firn
 {
 
-/// What these loops know; `Nodes` gives access to the nodes of a backend, see Grid::nodes_by_index().
-template <class Kernel, class Number, int d, class Nodes>
+/// What the loops over points know.
+template <class Kernel, class Number, int d>
 struct PointLoop
 {
     using Cell = Stencil<Kernel, Number, d>;
     static constexpr int nodes_of_each = Cell::rows * Cell::width;
 
     SurfacePoints<Number, d> of;
-    Nodes nodes;
-    double unit; ///< of the sums of velocities [m/s]
+    double unit; ///< of the velocities that nodes gain [m/s]
 
     FIRN_HOST_DEVICE NodeOfPoint<Number>* stencil(std::size_t p) const
     {
         return of.stencils + p * std::size_t(nodes_of_each);
     }
-    /// Calls `use(node)` for the nodes of a point that have mass.
+    /// Calls `use(place, node)` for the places of a point's stencil where there is a node.
     template <class Use>
     FIRN_HOST_DEVICE void for_each_node(std::size_t p, Use const& use) const
     {
-        NodeOfPoint<Number> const* const nodes_of_point = stencil(p);
+        NodeOfPoint<Number> const* const places = stencil(p);
         for (int k = 0; k < nodes_of_each; ++k)
-            if (nodes_of_point[k].inverse_mass > 0) use(nodes_of_point[k]);
+            if (places[k].node != NodeOfPoint<Number>::none) use(places[k], of.nodes[places[k].node]);
     }
     /// Adds the velocities that an impulse at a point gives to its nodes.
-    FIRN_HOST_DEVICE void spread(std::size_t p, Vector<Number, d> const& impulse, std::int64_t* to) const
+    FIRN_HOST_DEVICE void spread(std::size_t p, Vector<Number, d> const& impulse) const
     {
-        for_each_node(p, [&](NodeOfPoint<Number> const& node) {
-            Number const gives = node.weight * node.inverse_mass;
+        for_each_node(p, [&](NodeOfPoint<Number> const& place, NodeAtSurface<Number, d>& node) {
+            double const gives = double(place.weight * node.inverse_mass) / unit;
             for (int a = 0; a < d; ++a)
-                add_in_any_order(to[axis(node, a)], static_cast<std::int64_t>(
-                                                        std::floor(double(gives * impulse[a]) / unit + 0.5)));
+                add_in_any_order(node.gained[a],
+                                 static_cast<std::int64_t>(std::floor(gives * double(impulse[a]) + 0.5)));
         });
-    }
-    FIRN_HOST_DEVICE static std::size_t axis(NodeOfPoint<Number> const& node, int a)
-    {
-        return std::size_t(node.index) * std::size_t(d) + std::size_t(a);
     }
 };
 
 inline constexpr double unit_of_weights = 0x1p-40;
 
-/// Finds the nodes of a point's stencil, and adds its weights to them.
+/// Finds the nodes of a point's stencil by their indices. Of all places that have a node, one claims it.
 template <class Kernel, class Number, int d, class Nodes>
-struct ReadStencils : PointLoop<Kernel, Number, d, Nodes>
+struct ReadStencils : PointLoop<Kernel, Number, d>
 {
-    using Loop = PointLoop<Kernel, Number, d, Nodes>;
-    using typename Loop::Cell;
-    Lattice lattice;
-    Number smallest_mass;
-    Number longer; ///< the step over the one before
-    int mass;      ///< the channel of the sums
+    using typename PointLoop<Kernel, Number, d>::Cell;
+    Nodes by_index; ///< see Grid::nodes_by_index()
 
     FIRN_HOST_DEVICE void operator()(std::size_t p) const
     {
-        SurfacePoint<Number, d>& point = this->of.points[p];
+        SurfacePoint<Number, d> const& point = this->of.points[p];
         Coordinates<d> first;
         Vector<Number, d> offset;
         for (int a = 0; a < d; ++a) {
@@ -82,131 +73,178 @@ struct ReadStencils : PointLoop<Kernel, Number, d, Nodes>
             offset[a] = x - cell - Number(0.5);
         }
         Cell const cell(offset);
-        Vector<Number, d> reached =
-            zeros<Vector<Number, d>>(); // from the point to where its nodes act [cells]
-        point.support = 0;
+        NodeOfPoint<Number>* place = this->stencil(p);
         for (int row = 0; row < Cell::rows; ++row)
-            for (int k = 0; k < Cell::width; ++k) {
+            for (int k = 0; k < Cell::width; ++k, ++place) {
                 int const at[3]{Cell::index(row, 0), d == 3 ? Cell::index(row, 1) : k, k};
                 Coordinates<d> node = first;
-                Vector<Number, d> way;
-                for (int a = 0; a < d; ++a) {
-                    node[a] += at[a];
-                    way[a] = cell.distance[std::size_t(a)][std::size_t(at[a])];
-                }
-                Number weight = cell.row_weight(row) * cell.weight[std::size_t(d - 1)][std::size_t(k)];
+                for (int a = 0; a < d; ++a) node[a] += at[a];
+                place->weight = cell.row_weight(row) * cell.weight[std::size_t(d - 1)][std::size_t(k)];
                 if (point.is_deep) {
-                    weight = 1;
-                    for (int a = 0; a < d; ++a) weight = node[a] == point.node[a] ? weight : Number(0);
+                    place->weight = 1;
+                    for (int a = 0; a < d; ++a)
+                        if (node[a] != point.node[a]) place->weight = 0;
                 }
-                auto& of_point = this->stencil(p)[row * Cell::width + k];
-                of_point = read(node, weight);
-                if (!(of_point.inverse_mass > 0)) continue;
-                point.support += weight;
-                reached += way * weight;
-                add_in_any_order(this->of.weights[of_point.index],
-                                 static_cast<std::int64_t>(double(weight) / unit_of_weights));
+                place->node = place->weight > 0 ? by_index.find(node) : NodeOfPoint<Number>::none;
+                if (place->node != NodeOfPoint<Number>::none && this->of.claims[place->node] == 0)
+                    claim(this->of.claims[place->node],
+                          static_cast<std::uint32_t>(place - this->of.stencils) + 1);
             }
-        if (auto const* const before = this->of.before.find(point))
-            point.impulse = point.tried = point.allowed(Vector<Number, d>(before->impulse * longer));
-        if (point.support > 0 && !point.is_deep)
-            point.arm += reached * (Number(lattice.cell_size) / point.support);
     }
-
-private:
-    FIRN_HOST_DEVICE NodeOfPoint<Number> read(Coordinates<d> const& node, Number weight) const
-    {
-        NodeOfPoint<Number> read{0, weight, 0};
-        if (!(weight > 0)) return read;
-        std::uint32_t const index = this->nodes.find(node);
-        if (index == Nodes::absent) return read;
-        Number const sum = this->nodes.sum(node, index, mass);
-        if (!(sum > smallest_mass)) return read;
-        read.index = index;
-        read.inverse_mass = 1 / sum;
-        return read;
-    }
+    static_assert(Nodes::absent == NodeOfPoint<Number>::none);
 };
 
-/// Bounds how fast an impulse at a point makes it, when the points around it receive as much; and gives nodes
-/// the impulses that the first sweep starts from.
+/// Numbers the nodes that a point has claimed, if they have mass.
 template <class Kernel, class Number, int d, class Nodes>
-struct BoundMobility : PointLoop<Kernel, Number, d, Nodes>
+struct NumberNodes : PointLoop<Kernel, Number, d>
 {
+    Nodes by_index;
+    Number smallest_mass; ///< see UpdateGrid
+    int mass, velocity;   ///< the channels of the sums, and of the values
+
     FIRN_HOST_DEVICE void operator()(std::size_t p) const
     {
-        Number sum = 0;
-        this->for_each_node(p, [&](NodeOfPoint<Number> const& node) {
-            auto const all = static_cast<Number>(double(this->of.weights[node.index]) * unit_of_weights);
-            sum += node.weight * node.inverse_mass * all;
-        });
-        SurfacePoint<Number, d>& point = this->of.points[p];
-        point.mobility = sum;
-        if (sum > 0)
-            this->spread(p, point.impulse, this->of.velocities[0]);
-        else
-            point.impulse = point.tried = zeros<Vector<Number, d>>();
+        auto const& of = this->of;
+        NodeOfPoint<Number> const* const places = this->stencil(p);
+        for (int k = 0; k < this->nodes_of_each; ++k) {
+            std::uint32_t const index = places[k].node;
+            if (index == Nodes::absent ||
+                of.claims[index] != static_cast<std::uint32_t>(places + k - of.stencils) + 1)
+                continue;
+            Number const sum = by_index.sum(index, mass);
+            of.numbers[index] = NodeOfPoint<Number>::none;
+            if (!(sum > smallest_mass)) continue;
+            std::uint32_t const number = next_number(*of.node_count);
+            of.numbers[index] = number;
+            NodeAtSurface<Number, d>& node = of.nodes[number];
+            node.index = index;
+            node.inverse_mass = 1 / sum;
+            node.weights = 0;
+            for (int a = 0; a < d; ++a) {
+                node.free[a] = by_index.value(index, velocity + a);
+                node.gained[a] = 0;
+            }
+        }
     }
 };
 
-/// A sweep: the impulse of each point by the velocities that the impulses of the sweep before give to its
-/// nodes. Sums of velocities lie in three arrays by turns: one is read, one is added to, and one is cleared.
-template <class Kernel, class Number, int d, class Nodes>
-struct SweepPoints : PointLoop<Kernel, Number, d, Nodes>
+/// Replaces the indices in a point's stencil by the numbers of its nodes, adds its weights to them, and lets
+/// the point start from its impulse in the step before. No node is claimed any more.
+template <class Kernel, class Number, int d>
+struct LinkStencils : PointLoop<Kernel, Number, d>
 {
-    int velocity; ///< the first channel of the values
-    Number ahead; ///< by which share of its change the next sweep starts ahead
-    int turn;
+    using typename PointLoop<Kernel, Number, d>::Cell;
+    Number cell_size; ///< [m]
+    Number longer;    ///< the step over the one before
 
     FIRN_HOST_DEVICE void operator()(std::size_t p) const
     {
         auto const& of = this->of;
         SurfacePoint<Number, d>& point = of.points[p];
-        if (!(point.mobility > 0)) return;
-        std::int64_t const* const before = of.velocities[turn % 3];
-        std::int64_t *const after = of.velocities[(turn + 1) % 3], *const next =
-                                                                       of.velocities[(turn + 2) % 3];
+        // the means of the places of its nodes: of those with mass, and of all [cells]
+        Vector<Number, d> reached = zeros<Vector<Number, d>>(), all = reached;
+        point.support = 0;
+        for (int k = 0; k < this->nodes_of_each; ++k) {
+            NodeOfPoint<Number>& place = this->stencil(p)[k];
+            Vector<Number, d> at;
+            for (int a = d - 1, rest = k; a >= 0; --a, rest /= Cell::width)
+                at[a] = Number(rest % Cell::width);
+            all += at * place.weight;
+            if (place.node == NodeOfPoint<Number>::none) continue;
+            of.claims[place.node] = 0;
+            place.node = of.numbers[place.node];
+            if (place.node == NodeOfPoint<Number>::none) continue;
+            point.support += place.weight;
+            reached += at * place.weight;
+            add_in_any_order(of.nodes[place.node].weights,
+                             static_cast<std::int64_t>(double(place.weight) / unit_of_weights));
+        }
+        if (point.support > 0 && !point.is_deep)
+            point.arm += (reached * (1 / point.support) - all) * cell_size;
+        if (auto const* const before = of.before.find(point))
+            point.impulse = point.tried = point.allowed(Vector<Number, d>(before->impulse * longer));
+    }
+};
+
+/// Bounds how fast an impulse at a point makes it, when the points around it receive as much; and gives nodes
+/// the impulse that the point starts from.
+template <class Kernel, class Number, int d>
+struct BoundMobility : PointLoop<Kernel, Number, d>
+{
+    FIRN_HOST_DEVICE void operator()(std::size_t p) const
+    {
+        SurfacePoint<Number, d>& point = this->of.points[p];
+        point.mobility = 0;
+        this->for_each_node(p, [&](NodeOfPoint<Number> const& place, NodeAtSurface<Number, d> const& node) {
+            point.mobility += place.weight * node.inverse_mass *
+                              static_cast<Number>(double(node.weights) * unit_of_weights);
+        });
+        this->spread(p, point.tried);
+    }
+};
+
+/// Nodes take the velocities that they have gained.
+template <class Number, int d>
+struct TakeGains
+{
+    NodeAtSurface<Number, d>* nodes;
+    double unit;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const
+    {
+        for (int a = 0; a < d; ++a) {
+            nodes[i].velocity[a] = nodes[i].free[a] + static_cast<Number>(double(nodes[i].gained[a]) * unit);
+            nodes[i].gained[a] = 0;
+        }
+    }
+};
+
+/// A sweep: the impulse of each point, by the velocities of its nodes.
+template <class Kernel, class Number, int d>
+struct SweepPoints : PointLoop<Kernel, Number, d>
+{
+    Number ahead; ///< by which share of its change the next sweep starts ahead
+
+    FIRN_HOST_DEVICE void operator()(std::size_t p) const
+    {
+        SurfacePoint<Number, d>& point = this->of.points[p];
+        if (!(point.mobility > 0)) return; // it reaches nothing
         Vector<Number, d> relative = point.velocity * -point.support;
-        this->for_each_node(p, [&](NodeOfPoint<Number> const& node) {
-            for (int a = 0; a < d; ++a) {
-                std::size_t const i = this->axis(node, a);
-                relative[a] += node.weight * (this->nodes.value(node.index, velocity + a) +
-                                              static_cast<Number>(double(before[i]) * this->unit));
-                next[i] = 0;
-            }
+        this->for_each_node(p, [&](NodeOfPoint<Number> const& place, NodeAtSurface<Number, d> const& node) {
+            for (int a = 0; a < d; ++a) relative[a] += place.weight * node.velocity[a];
         });
         Vector<Number, d> const improved =
             point.allowed(Vector<Number, d>(point.tried - relative * (1 / point.mobility)));
         point.tried = improved + (improved - point.impulse) * ahead;
         point.impulse = improved;
-        this->spread(p, point.tried, after);
+        this->spread(p, point.tried);
     }
 };
 
-/// Adds the sums to the velocities of nodes, clears all sums, and books what obstacles receive.
-template <class Kernel, class Number, int d, class Nodes, class Context>
-struct ApplyImpulses : PointLoop<Kernel, Number, d, Nodes>
+/// Gives the grid the velocities of nodes.
+template <class Number, int d, class Nodes>
+struct ReturnVelocitiesToGrid
 {
-    Context const* now;
+    NodeAtSurface<Number, d> const* nodes;
+    Nodes by_index;
     int velocity; ///< the first channel of the values
-    int turn;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const
+    {
+        for (int a = 0; a < d; ++a) by_index.value(nodes[i].index, velocity + a) = nodes[i].velocity[a];
+    }
+};
+
+/// Books what obstacles receive at a point.
+template <class Number, int d, class Context>
+struct BookImpulses
+{
+    SurfacePoint<Number, d> const* points;
+    Context const* now;
 
     FIRN_HOST_DEVICE void operator()(std::size_t p) const
     {
-        auto const& of = this->of;
-        SurfacePoint<Number, d> const& point = of.points[p];
-        this->for_each_node(p, [&](NodeOfPoint<Number> const& node) {
-            of.weights[node.index] = 0;
-            for (int a = 0; a < d; ++a) {
-                std::size_t const i = this->axis(node, a);
-                of.velocities[(turn + 1) % 3][i] = of.velocities[(turn + 2) % 3][i] = 0;
-                // a node belongs to several points: the first takes all
-                std::int64_t const sum = take(of.velocities[turn % 3][i]);
-                if (sum != 0)
-                    this->nodes.value(node.index, velocity + a) +=
-                        static_cast<Number>(double(sum) * this->unit);
-            }
-        });
+        SurfacePoint<Number, d> const& point = points[p];
         with_surface_action(now->actions, [&](auto const& action) {
             Reaction received;
             Vector<Number, d> const taken = point.impulse * -point.support;
@@ -222,7 +260,7 @@ struct ApplyImpulses : PointLoop<Kernel, Number, d, Nodes>
 };
 
 /// How many sweeps a step has that starts from the impulses of the step before, and one that does not.
-inline constexpr int sweeps_that_go_on = 4, sweeps_from_nothing = 40;
+inline constexpr int sweeps_that_go_on = 3, sweeps_from_nothing = 40;
 
 /// Lets the obstacles of a call that act at their surface act on nodes that have been updated. `points` are
 /// those that were found before.
@@ -232,28 +270,36 @@ void act_at_surfaces(Backend const& backend, SurfaceMemory<Backend, Number, d>& 
 {
     using Values = NodeValues<d, ValuesOf<Transfer>>;
     using Sums = NodeSums<d, SumsOf<Transfer>>;
-    using Nodes = decltype(grid.nodes_by_index());
-    using Loop = PointLoop<Kernel, Number, d, Nodes>;
+    using Loop = PointLoop<Kernel, Number, d>;
     int const sweeps = memory.goes_on() ? sweeps_that_go_on : sweeps_from_nothing;
-    auto const longer = static_cast<Number>(dt / memory.dt_before());
+    auto const longer = static_cast<Number>(dt / memory.dt_before()),
+               cell_size = static_cast<Number>(lattice.cell_size);
     memory.end_step(points, dt);
     if (points == 0) return;
-    memory.make_room_for_nodes(grid.node_count());
-    Loop const loop{memory.view(), grid.nodes_by_index(), 0x1p-46 * lattice.cell_size / dt};
-    backend.for_each(
-        points, ReadStencils<Kernel, Number, d, Nodes>{loop, lattice, smallest_mass, longer, Sums::mass});
-    backend.for_each(points, BoundMobility<Kernel, Number, d, Nodes>{loop});
+    memory.make_room_for_nodes(grid.node_count(), std::size_t(points) * std::size_t(Loop::nodes_of_each));
+    double const unit = 0x1p-46 * lattice.cell_size / dt;
+    Loop const loop{memory.view(), unit};
+    auto const by_index = grid.nodes_by_index();
+    using Nodes = std::remove_const_t<decltype(by_index)>;
+    backend.for_each(points, ReadStencils<Kernel, Number, d, Nodes>{loop, by_index});
+    backend.for_each(points, NumberNodes<Kernel, Number, d, Nodes>{loop, by_index, smallest_mass, Sums::mass,
+                                                                   Values::velocity});
+    backend.for_each(points, LinkStencils<Kernel, Number, d>{loop, cell_size, longer});
+    backend.for_each(points, BoundMobility<Kernel, Number, d>{loop});
+    std::size_t const nodes = memory.node_count();
+    TakeGains<Number, d> const take_gains{loop.of.nodes, unit};
+    backend.for_each(nodes, take_gains);
     double weight = 1;
-    for (int turn = 0; turn < sweeps; ++turn) { // sums begin in the array that the first sweep reads
+    for (int sweep = 1; sweep <= sweeps; ++sweep) {
         double const next = (1 + std::sqrt(1 + 4 * weight * weight)) / 2;
-        bool const is_last = turn + 1 == sweeps;
-        backend.for_each(points, SweepPoints<Kernel, Number, d, Nodes>{
-                                     loop, Values::velocity,
-                                     is_last ? Number(0) : static_cast<Number>((weight - 1) / next), turn});
+        auto const ahead = sweep == sweeps ? Number(0) : static_cast<Number>((weight - 1) / next);
+        backend.for_each(points, SweepPoints<Kernel, Number, d>{loop, ahead});
+        backend.for_each(nodes, take_gains);
         weight = next;
     }
-    backend.for_each(points,
-                     ApplyImpulses<Kernel, Number, d, Nodes, Context>{loop, now, Values::velocity, sweeps});
+    backend.for_each(nodes,
+                     ReturnVelocitiesToGrid<Number, d, Nodes>{loop.of.nodes, by_index, Values::velocity});
+    backend.for_each(points, BookImpulses<Number, d, Context>{loop.of.points, now});
 }
 
 } // namespace firn

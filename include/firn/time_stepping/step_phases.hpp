@@ -12,7 +12,9 @@
 #include <firn/time_stepping/typed_storage.hpp>
 
 #include <array>
+#include <cassert>
 #include <cstddef>
+#include <cstdint>
 #include <tuple>
 #include <type_traits>
 #include <utility>
@@ -243,9 +245,11 @@ private:
     /// The memory of the obstacles that act at their surface.
     SurfaceMemory<Backend, Number, d>& surface() const
     {
+        SurfaceMemory<Backend, Number, d>* memory = nullptr;
         for (auto* const group : scene_.groups)
-            if (auto* const memory = group->surface()) return *memory;
-        std::abort(); // one of them is a list that acts at its surface
+            if (memory == nullptr) memory = group->surface();
+        assert(memory != nullptr && "the list that acts at its surface has it");
+        return *memory;
     }
     /// Finds the points at which obstacles act in a step; returns how many there are.
     std::uint32_t find_surface_points([[maybe_unused]] int step)

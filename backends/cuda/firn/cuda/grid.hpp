@@ -218,18 +218,20 @@ public:
             std::uint32_t const n = blocks.find(block_key<d>(grid.periods.wrapped(block)));
             return n == absent ? absent : n * Shape::cells + place;
         }
-        __device__ Number sum(Coordinates<d> const& node, std::uint32_t index, int channel) const
+        __device__ Number sum(std::uint32_t index, int channel) const
         {
             Number sum = 0;
             std::uint32_t const n = index / Shape::cells;
+            Coordinates<d> here;
+            for (int a = d - 1, place = int(index % Shape::cells); a >= 0; --a, place /= Shape::extent)
+                here[a] = place % Shape::extent;
             for (int l = 0; l < layers; ++l)
                 for (int corner = 0; corner < corners; ++corner) {
                     std::uint32_t const block = grid.layer[l].covered_by[n * corners + unsigned(corner)];
                     Coordinates<d> at; // in the tile of a block that lies `corner` before this one
                     bool covers = block != absent;
                     for (int a = 0; a < d; ++a) {
-                        at[a] = ((node[a] + Base::reach) & (Shape::extent - 1)) +
-                                ((corner >> (d - 1 - a)) & 1) * Shape::extent;
+                        at[a] = here[a] + ((corner >> (d - 1 - a)) & 1) * Shape::extent;
                         covers = covers && at[a] < TileShape::width;
                     }
                     if (covers)

@@ -290,9 +290,12 @@ public:
             for (int a = 0; a < d - 1; ++a) row = row * Base::Shape::across + place[a];
             return static_cast<std::uint32_t>(n * block_channel + row * Base::Shape::along + place[d - 1]);
         }
-        Number sum(Coordinates<d> const& node, std::uint32_t index, int channel) const
+        Number sum(std::uint32_t index, int channel) const
         {
-            auto const place = Base::block_and_place(node).second;
+            int row = static_cast<int>(index % block_channel) / Base::Shape::along;
+            Coordinates<d> place;
+            place[d - 1] = static_cast<int>(index) % Base::Shape::along;
+            for (int a = d - 2; a >= 0; --a, row /= Base::Shape::across) place[a] = row % Base::Shape::across;
             Number sum = 0;
             for (std::size_t l = 0; l < std::size_t(layers); ++l)
                 sum += grid_->sum_of(grid_->tiles_[l], grid_->nodes_[index / block_channel].covered_by[l],

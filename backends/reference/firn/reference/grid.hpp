@@ -12,6 +12,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <map>
+#include <utility>
 #include <vector>
 
 // The nodes, and one of them as a phase sees it.
@@ -105,7 +106,7 @@ public:
         {
             for (auto& [key, of_node] : grid.values_[0]) {
                 index_[key] = static_cast<std::uint32_t>(of_nodes_.size());
-                of_nodes_.push_back(&of_node);
+                of_nodes_.push_back({key, &of_node});
             }
         }
         std::uint32_t find(Coordinates<d> const& node) const
@@ -113,23 +114,23 @@ public:
             auto const found = index_.find(grid_->key(node));
             return found == index_.end() ? absent : found->second;
         }
-        Number sum(Coordinates<d> const& node, std::uint32_t, int channel) const
+        Number sum(std::uint32_t index, int channel) const
         {
             double sum = 0;
             for (auto const& of_layer : grid_->now_)
-                if (auto const found = of_layer.find(grid_->key(node)); found != of_layer.end())
+                if (auto const found = of_layer.find(of_nodes_[index].first); found != of_layer.end())
                     sum += found->second[std::size_t(channel)];
             return static_cast<Number>(sum);
         }
         Number& value(std::uint32_t index, int channel) const
         {
-            return (*of_nodes_[index])[std::size_t(channel)];
+            return (*of_nodes_[index].second)[std::size_t(channel)];
         }
 
     private:
         Grid* grid_;
         NodeMap<std::uint32_t, d> index_;
-        std::vector<Values*> of_nodes_;
+        std::vector<std::pair<std::array<int, std::size_t(d)>, Values*>> of_nodes_;
     };
 
     explicit Grid(Reference const&, Periods<d> const& periods = {}) : periods_(periods) {}
