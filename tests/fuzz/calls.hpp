@@ -94,6 +94,7 @@ private:
             break;
         case 14:
             gravity_.acceleration = {input_.between(-20, 20), input_.between(-20, 20), 0};
+            if constexpr (has_marks<Solver>) mark();
             break;
         default:
             toggle();
@@ -239,9 +240,73 @@ private:
             upload<Velocity>();
     }
 
+    /// Particles are marked, or get a modulus, and what acts on marked ones changes.
+    void mark()
+    {
+        OnTheLeft const left{input_.between(-1.1, 1.1)};
+        bool const any = input_.below(8) == 0;
+        double const value = any ? input_.any(1) : input_.between(0, 1);
+        switch (input_.below(8)) {
+        case 0:
+            assign_some<OwnShearModulus>(left, any ? value : 1e6 * value);
+            break;
+        case 1:
+            assign_some<OwnLambda>(left, any ? value : 1e6 * value);
+            break;
+        case 2:
+            upload<Mark>();
+            break;
+        case 3:
+            wind_.acceleration = {input_.between(-20, 20), input_.between(-20, 20), 0};
+            break;
+        case 4:
+            grip_.motion.position = {input_.between(-1, 1), input_.between(-0.2, 1), 0};
+            grip_.motion.velocity = {input_.between(-2, 2), input_.between(-2, 2), 0};
+            grip_.motion.angular_velocity = {0, 0, input_.between(-5, 5)};
+            grip_.beyond = input_.between(0, 0.99);
+            break;
+        default:
+            assign_some<Mark>(left, value);
+            break;
+        }
+    }
+    /// Sets a field of the particles on the left, by place or by ids.
+    template <class Tag>
+    void assign_some(OnTheLeft const& left, double value)
+    {
+        auto expected = solver_.template download<Tag>();
+        auto const positions = solver_.positions();
+        std::vector<std::uint32_t> ids;
+        for (std::size_t i = 0; i < positions.size(); ++i) {
+            if (!left(positions[i])) continue;
+            expected[i] = static_cast<Number>(value);
+            ids.push_back(ids_[i]);
+        }
+        bool const by_ids = input_.below(2) == 0;
+        bool const one_too_many = by_ids && input_.below(8) == 0;
+        if (one_too_many) ids.push_back(next_ + input_.byte());
+        bool const was_refused = refused_whole(solver_, [&] {
+            if (by_ids)
+                assign<Tag>(solver_, ids, value);
+            else
+                assign<Tag>(solver_, left, value);
+        });
+        if (ids.empty() || one_too_many) expect(was_refused, "what no particle gets was not refused");
+        if (!was_refused)
+            expect(solver_.template download<Tag>() == expected, "other values than were assigned");
+    }
+
     /// Calls `use` with all effects.
     template <class Use>
     auto with_effects(Use const& use)
+    {
+        if constexpr (has_marks<Solver>)
+            return with_others([&](auto const&... effects) { return use(wind_, grip_, effects...); });
+        else
+            return with_others(use);
+    }
+    template <class Use>
+    auto with_others(Use const& use)
     {
         Obstacle<HalfSpace> const floor{.contact = contact_};
         ReflectingWall const left{.axis = 0, .node = -wall_node, .side = 1},
@@ -256,10 +321,11 @@ private:
     /// How many reactions these have.
     std::size_t reaction_count() const
     {
+        std::size_t const of_marked = has_marks<Solver> ? 1 : 0;
 #if defined(FIRN_FUZZ_FEW)
-        return 4;
+        return of_marked + 4;
 #else
-        return 5 + crates_.list.size();
+        return of_marked + 5 + crates_.list.size();
 #endif
     }
 
@@ -277,6 +343,13 @@ private:
         double scale =
             before.momenta() + after.momenta() + before.mass() * elapsed * gravity_.acceleration.norm() +
             before.mass() * std::max(bounds.wave_speed, solver_.bounds().wave_speed) * steps * beyond;
+        if constexpr (has_marks<Solver>) {
+            double marked = 0; // mass
+            auto const marks = solver_.template download<Mark>();
+            for (std::size_t i = 0; i < marks.size(); ++i) marked += double(marks[i]) * before.masses[i];
+            expected += marked * elapsed * wind_.acceleration.template head<d>();
+            scale += marked * elapsed * wind_.acceleration.norm();
+        }
         for (auto const& reaction : reactions) {
             expect(reaction.impulse.allFinite() && reaction.angular_impulse.allFinite(),
                    "a reaction is not finite");
@@ -507,6 +580,8 @@ private:
     std::size_t isolated_ = 0;      ///< how many of the isolated particles are gone from the books
     std::optional<Saved> saved_;
     Gravity gravity_;
+    MarkedForce<Mark> wind_;
+    HeldMarked<Mark> grip_{.beyond = 0.9};
     Contact contact_ = Contact::coulomb(0.3);
     Obstacles<> crates_;
     Held<Sphere> held_{.shape = {1e-3}, .motion = {.position = {50, 50, 0}}}; // holds nothing yet
@@ -518,6 +593,13 @@ inline void calls(Bytes bytes)
 {
     Input input(bytes);
     [[maybe_unused]] int const scene = input.byte();
+#if defined(FIRN_FUZZ_FEW)
+    Calls<MarkedSheet>(input, {materials::fresh_snow<PlaneFloat>()}).run();
+#else
+    if (scene % 8 == 5) {
+        Calls<MarkedSheet>(input, {materials::fresh_snow<PlaneFloat>()}).run();
+        return;
+    }
 #if defined(FIRN_FUZZ_ALL)
     if (scene % 4 == 1) {
         using Two = Materials<Sand<PlaneFloat>, Fluid<PlaneFloat>>;
@@ -532,6 +614,7 @@ inline void calls(Bytes bytes)
     }
 #endif
     Calls<Sheet>(input, materials::fresh_snow<PlaneFloat>()).run();
+#endif
 }
 
 } // namespace firn::fuzz

@@ -27,7 +27,7 @@ public:
     {
         int const count = 1 + input.below(8);
         for (int i = 0; i < count; ++i) {
-            int const which = input.below(100);
+            int const which = input.below(180);
             for (auto& byte : chosen_[which]) byte = input.byte();
         }
     }
@@ -176,6 +176,13 @@ void run_with(Input& input)
     int have_own_volumes = 0;
     double other_volume = 5e-4;
     parameters.next(have_own_volumes, other_volume);
+    MarkedForce<Mark> pull{.acceleration = {0, 5, 0}};
+    parameters.next(pull.acceleration);
+    HeldMarked<Mark> grip{.velocity = Eigen::Vector3d(0, 0, 0), .beyond = 0.2};
+    parameters.next(grip.motion);
+    parameters.next(*grip.velocity);
+    double marks = 0.5, modulus = 2e5, lambda = 1e5;
+    parameters.next(grip.beyond, marks, modulus, lambda);
 
     std::vector<Vector<double, d>> points;
     for (int i = 0; i < 4; ++i)
@@ -204,6 +211,15 @@ void run_with(Input& input)
             auto const told = expect_whole(solver);
             expect(told.ids == first.ids && told.masses == first.masses, "ids or masses have changed");
         };
+        if constexpr (has_marks<Solver>) {
+            std::vector<std::uint32_t> const few{1, 4, 7};
+            refused_whole(solver, [&] { assign<Mark>(solver, Inside<Sphere>{.shape = {0.05}}, 1); });
+            refused_whole(solver, [&] { assign<Mark>(solver, few, marks); });
+            refused_whole(solver, [&] { assign<OwnShearModulus>(solver, few, modulus); });
+            refused_whole(solver, [&] { assign<OwnLambda>(solver, lambda); });
+            refused([&] { solver.step(dt, gravity, pull, grip); });
+            look();
+        }
         double stable = 1e-9;
         if constexpr (Solver::materials == 1) {
             for (int i = 0; i < 3; ++i) {
@@ -234,9 +250,11 @@ void run_with(Input& input)
 inline void parameters(Bytes bytes)
 {
     Input input(bytes);
-    switch (input.below(8)) {
+    switch (input.below(9)) {
+#if !defined(FIRN_FUZZ_FEW)
     case 0:
         return run_with<Sheet>(input);
+#endif
 #if defined(FIRN_FUZZ_ALL)
     case 2:
         return run_with<Solver<OpenMP, Sand<SolidFloat>, CubicBSpline, Asflip>>(input);
@@ -256,7 +274,7 @@ inline void parameters(Bytes bytes)
     }
 #endif
     default:
-        return;
+        return run_with<MarkedSheet>(input);
     }
 }
 

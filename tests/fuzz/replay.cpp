@@ -86,6 +86,8 @@ void write_seeds(fs::path const& folder)
     }
     put("calls", "every_call", scene);
     put("worlds", "every_call", scene);
+    scene[0] = '\5';
+    put("calls", "every_call_with_marks", scene);
 #if defined(FIRN_FUZZ_ALL)
     scene[0] = '\2';
     put("calls", "every_call_in_space", scene);
@@ -94,6 +96,7 @@ void write_seeds(fs::path const& folder)
     put("checkpoint", "in_space", content(file.path()).substr(sizeof(firn::detail::CheckpointPreamble)));
     put("parameters", "usual_7", {'\7', 0, 99, 0, 0, 0, 0});
 #endif
+    put("parameters", "usual_8", {'\10', 0, 99, 0, 0, 0, 0});
     for (char model = 0; model < 7; ++model)
         put("parameters", ("usual_" + std::to_string(model)).c_str(), {model, 0, 99, 0, 0, 0, 0});
 }

@@ -3,8 +3,13 @@
 
 #include "input.hpp"
 
+#include <firn/assign.hpp>
+#include <firn/effects/held_marked.hpp>
+#include <firn/effects/marked_force.hpp>
 #include <firn/firn.hpp>
+#include <firn/models/varied.hpp>
 #include <firn/openmp.hpp>
+#include <firn/transfer/marks.hpp>
 
 #include <vector>
 
@@ -16,8 +21,14 @@ using Plane = Space<2, double>;
 using PlaneFloat = Space<2, float>;
 using SolidFloat = Space<3, float>;
 
-/// What all harnesses have: single precision, a material that yields and hardens.
+/// What most harnesses have: single precision, a material that yields and hardens.
 using Sheet = Solver<OpenMP, Snow<PlaneFloat>, QuadraticBSpline, Mls>;
+
+/// The same with marks of particles, and moduli of each particle's own.
+using MarkedSheet = Solver<OpenMP, Varied<Snow<PlaneFloat>, OwnShearModulus, OwnLambda>, QuadraticBSpline,
+                           Carrying<Mls, Marks<Mark>>>;
+template <class Solver>
+inline constexpr bool has_marks = Solver::State::template contains<Mark>;
 
 /// The same in space, where velocities are stored: with FIRN_FUZZ_ALL.
 using SnowBall = Solver<OpenMP, Snow<SolidFloat>, CubicBSpline, Flip>;
