@@ -1,4 +1,5 @@
 // SPDX-License-Identifier: MIT
+#include "carried.hpp"
 #include "lists.hpp"
 #include "step.hpp"
 
@@ -27,6 +28,7 @@ void add_material_steps(int threads)
     for_each_type<AllTransfers>([=]<class Transfer>() {
         if constexpr (!is_one_of<Transfer, Mls>) add_one<NeoHookean<S>, Transfer>(threads);
     });
+    for_each_type<CarryingTransfers>([=]<class Transfer>() { add_one<NeoHookean<S>, Transfer>(threads); });
 }
 
 } // namespace firn::bench
