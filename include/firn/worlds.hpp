@@ -368,9 +368,9 @@ private:
                 try {
                     obstacles_[world][i].validate();
                     if constexpr (d == 2) obstacles_[world][i].validate_in_plane();
-                    require(!obstacles_[world][i].on_particles || acts_on == ActsOn::particles,
-                            "it is to act on particles, and the worlds' obstacles act on nodes alone",
-                            "Obstacle", "Make them Worlds<Solver, Shape, ActsOn::particles>.");
+                    require(!obstacles_[world][i].on_particles || acts_on_particles_too(acts_on),
+                            "it is to act on particles, and the worlds' obstacles do not", "Obstacle",
+                            "Make them Worlds<Solver, Shape, ActsOn::particles>.");
                 }
                 catch (Error const& error) {
                     throw Error{error.what_is_wrong(),

@@ -301,7 +301,7 @@ TEST_CASE("obstacles of a group that make no sense are refused by their number")
         CHECK(error.what_is_wrong().find(what) != std::string::npos);
     };
     refuses([](auto& one) { one.shape = Sphere{-1}; }, "radius");
-    refuses([](auto& one) { one.on_particles = true; }, "acts on nodes alone");
+    refuses([](auto& one) { one.on_particles = true; }, "its list does not");
     refuses([](auto& one) { one.motion.velocity.z() = 1; }, "plane");
     refuses([](auto& one) { one.motion.position.x() = std::numeric_limits<double>::infinity(); }, "motion");
     CHECK((solver.positions() == before));

@@ -7,6 +7,7 @@
 #include <firn/effects/held_marked.hpp>
 #include <firn/effects/local_damping.hpp>
 #include <firn/effects/marked_force.hpp>
+#include <firn/effects/obstacles.hpp>
 #include <firn/effects/shapes/any_shape.hpp>
 #include <firn/effects/shapes/deforming_grid.hpp>
 #include <firn/effects/shapes/union.hpp>
@@ -40,6 +41,14 @@ void bodies(SolverOfBodies<firn::Carrying<firn::Xpic, firn::Conduction>>& solver
 void loads(firn::Solver<Backend, Solid, firn::QuadraticBSpline, firn::Mls>& solver)
 {
     solver.step(1e-4, firn::LocalDamping{}, firn::Traction{});
+}
+using AtSurface = firn::Obstacles<firn::AnyShape<>, firn::ActsOn::surface>;
+void surfaces(firn::Solver<Backend, Solid, firn::QuadraticBSpline, firn::Mls>& solver,
+              firn::Solver<Backend, Two, firn::QuadraticBSpline, firn::Mls>& of_bodies)
+{
+    solver.step(1e-4, AtSurface{}, AtSurface{}, firn::ReflectingWall{});
+    of_bodies.step(1e-4, AtSurface{});
+    static_cast<void>(sizeof(firn::Obstacles<firn::Shell<firn::Sphere>, firn::ActsOn::surface>));
 }
 struct Other : firn::Mark
 {

@@ -30,7 +30,8 @@ namespace firn
 /// Obstacles<AnyShape<Pillar>>, or all are of one type, Obstacles<Sphere>; shells are
 /// Obstacles<Shell<AnyShape<>>>. Solids that act on particles, too, are
 /// Obstacles<AnyShape<>, ActsOn::particles>: the type says so, since steps without them are faster on a
-/// device.
+/// device. Obstacles<AnyShape<>, ActsOn::surface> act by impulses at points of their surface (SurfacePoint),
+/// as one surface where they meet; a call takes one such list.
 template <class ShapeType = AnyShape<>,
           ActsOn acts_on = is_two_sided<ShapeType> ? ActsOn::particles : ActsOn::nodes>
 struct Obstacles
