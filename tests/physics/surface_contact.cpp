@@ -4,8 +4,9 @@
 #include "support/refused.hpp"
 
 #include <firn/effects/obstacles.hpp>
+#include <firn/effects/rigid_body.hpp>
 
-#include <array>
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <vector>
@@ -45,14 +46,15 @@ class Tank
 public:
     static constexpr double h = 0.02, width = 0.6, depth = 0.4;
 
-    /// With a disk that is held in the middle, if it has a radius [m].
-    explicit Tank(Frame const& frame, double radius = 0, double fastest = 2)
+    /// With a disk whose centre lies at this height, if it has a radius [m].
+    explicit Tank(Frame const& frame, double radius = 0, double fastest = 2, double height = depth / 2)
         : frame_(frame), model_(materials::water<Plane>(fastest)), water(lattice(h), model_)
     {
+        Eigen::Vector2d const centre(0, height);
         std::vector<Eigen::Vector2d> points;
         std::vector<double> log_J;
         for (auto const& x : box_of_points<2>({-width / 2, 0}, {width / 2, depth}, h)) {
-            if ((x - Eigen::Vector2d(0, depth / 2)).norm() < radius) continue;
+            if ((x - centre).norm() < radius) continue;
             points.push_back(frame.place(x));
             double const pressure = model_.density * g * (depth - x.y());
             log_J.push_back(-std::log1p(model_.exponent * pressure / model_.bulk_modulus) / model_.exponent);
@@ -64,13 +66,11 @@ public:
         add_wall({-1, 0}, {width / 2, 0});
         if (radius > 0)
             walls.list.push_back(
-                {.shape = Sphere{radius}, .motion = {.position = in_space(frame.place({0, depth / 2}))}});
+                {.shape = Sphere{radius}, .motion = {.position = in_space(frame.place(centre))}});
     }
 
-    AdvanceReport advance(double duration)
-    {
-        return water.advance(duration, Gravity{in_space(frame_.direction({0, -g}))}, walls);
-    }
+    AdvanceReport advance(double duration) { return water.advance(duration, Gravity{pull()}, walls); }
+    Eigen::Vector3d pull() const { return in_space(frame_.direction({0, -g})); }
     /// The force [N/m] in a direction of the frame on an obstacle.
     double force(AdvanceReport const& report, std::size_t obstacle, Eigen::Vector2d const& along,
                  double duration) const
@@ -151,6 +151,40 @@ TEST_CASE("a held disk has the lift of Archimedes", "[physics][surface]")
         auto const report = tank.advance(duration);
         double const lift = tank.force(report, 3, {0, 1}, duration) / (1000 * g * M_PI * radius * radius);
         CHECK(std::abs(lift - 1) < 0.04);
+    }
+}
+
+TEST_CASE("a disk floats as deep as Archimedes says", "[physics][surface]")
+{
+    double const radius = 4 * Tank::h, whole = M_PI * radius * radius;
+    // the area of a disk below the surface of the water, by the height of its centre above it
+    auto const immersed = [&](double height) {
+        double const half_angle = std::acos(std::clamp(height / radius, -1.0, 1.0));
+        return radius * radius * (half_angle - std::sin(2 * half_angle) / 2);
+    };
+    for (double const density : {0.3, 0.8}) { // of the water's
+        CAPTURE(density);
+        double low = -radius, high = radius;
+        for (int i = 0; i < 50; ++i) {
+            double const middle = (low + high) / 2;
+            (immersed(middle) > density * whole ? low : high) = middle;
+        }
+        Frame const upright{0, Eigen::Vector2d(0.3, 0.21) * Tank::h};
+        double const height = Tank::depth + low;
+        Tank tank(upright, radius, 2, height);
+        double const mass = density * 1000 * whole, flat = mass * radius * radius / 4;
+        RigidBody disk{.mass = mass, .motion = tank.walls.list[3].motion};
+        disk.inertia = Eigen::Vector3d(flat, flat, 2 * flat).asDiagonal();
+        double sum = 0;
+        int const calls = 250;
+        double const of_call = 0.002;
+        for (int i = 0; i < calls; ++i) {
+            tank.walls.list[3].motion = disk.motion;
+            auto const report = tank.advance(of_call);
+            disk.advance(report.reactions[3], of_call, tank.pull());
+            if (2 * i >= calls) sum += upright.own(disk.motion.position.head<2>()).y() / (calls / 2.0);
+        }
+        CHECK(std::abs(sum - height) < 0.05 * 2 * radius);
     }
 }
 
