@@ -46,9 +46,11 @@ struct PointLoop
     {
         for_each_node(p, [&](NodeOfPoint<Number> const& place, NodeAtSurface<Number, d>& node) {
             double const gives = double(place.weight * node.inverse_mass) / unit;
-            for (int a = 0; a < d; ++a)
+            for (int a = 0; a < d; ++a) { // rounded, without a call to the C library
+                double const gained = gives * double(impulse[a]);
                 add_in_any_order(node.gained[a],
-                                 static_cast<std::int64_t>(std::floor(gives * double(impulse[a]) + 0.5)));
+                                 static_cast<std::int64_t>(gained + (gained < 0 ? -0.5 : 0.5)));
+            }
         });
     }
 };
