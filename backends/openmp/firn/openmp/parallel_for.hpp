@@ -107,50 +107,24 @@ private:
     };
 };
 
-/// What a thread does with the indices that it gets: `make(its number)` once, and what that returns for each.
-/// The type is hidden from all that hands out indices: compilers compile that once, not for every loop.
+/// Threads do `make`'s work for all indices, each calling it once; `all` hands out the indices.
 template <class Index, class Make>
-ThreadWork work_of(Make const& make)
+void share_out(Threads const& threads, SharedIndices& all, Make const& make)
 {
-    return {[](void const* context, SharedIndices& indices, int thread, int of) {
-                indices.expect(thread, of);
-                auto work_on = (*static_cast<Make const*>(context))(thread);
-                return indices.for_each<Index>(thread, of, work_on);
-            },
-            &make};
-}
-
-/// Threads work on all indices that `all` hands out.
-inline void share_out(Threads const& threads, SharedIndices& all, ThreadWork const& work)
-{
+    // The type of the work is hidden from the team; otherwise compilers would compile the body of each loop
+    // twice, for one thread and for several.
+    ThreadWork const work{[](void const* context, SharedIndices& indices, int thread, int of) {
+                              indices.expect(thread, of);
+                              auto work_on = (*static_cast<Make const*>(context))(thread);
+                              return indices.for_each<Index>(thread, of, work_on);
+                          },
+                          &make};
     if (threads.count == 1) // no team
         work.run(work.context, all, 0, 1);
     else if (threads.executor)
         run_on(threads.executor, threads.count, work, all);
     else
         ThreadTeam::run(threads.count, work, all);
-}
-
-inline void parallel_for(Threads const& threads, std::int64_t count, std::int64_t chunk,
-                         ThreadWork const& work)
-{
-    if (count <= 1 && threads.count > 1) return parallel_for(Threads(1), count, chunk, work);
-    // small chunks, so that others can help a late thread
-    std::int64_t const fair = count / (4 * threads.count), one = 1;
-    SharedIndices all(count, threads.count == 1 ? std::max(count, one) : std::clamp(fair, one, chunk),
-                      threads.count);
-    share_out(threads, all, work);
-}
-
-inline void parallel_for(Threads const& threads, std::int64_t count, std::span<std::uint32_t const> bounds,
-                         ThreadWork const& work)
-{
-    bool const fit = threads.count <= SharedIndices::most_parts &&
-                     bounds.size() == static_cast<std::size_t>(threads.count) + 1 &&
-                     bounds.back() == static_cast<std::uint32_t>(count);
-    if (threads.count == 1 || count <= 1 || !fit) return parallel_for(threads, count, 1, work);
-    SharedIndices all(bounds);
-    share_out(threads, all, work);
 }
 } // namespace detail
 
@@ -160,7 +134,13 @@ inline void parallel_for(Threads const& threads, std::int64_t count, std::span<s
 template <class Index, class Make>
 void parallel_for(Threads const& threads, Index count, int chunk, Make const& make)
 {
-    detail::parallel_for(threads, static_cast<std::int64_t>(count), chunk, detail::work_of<Index>(make));
+    if (count <= 1 && threads.count > 1) return parallel_for(Threads(1), count, chunk, make);
+    // small chunks, so that others can help a late thread
+    Index const fair = count / Index(4 * threads.count);
+    Index const at_once =
+        threads.count == 1 ? std::max(count, Index(1)) : std::clamp(fair, Index(1), Index(chunk));
+    detail::SharedIndices all(count, at_once, threads.count);
+    detail::share_out<Index>(threads, all, make);
 }
 
 /// The same one index at a time, in partitions that begin at `bounds`; the last bound ends the last
@@ -169,7 +149,12 @@ template <class Index, class Make>
 void parallel_for(Threads const& threads, Index count, std::span<std::uint32_t const> bounds,
                   Make const& make)
 {
-    detail::parallel_for(threads, static_cast<std::int64_t>(count), bounds, detail::work_of<Index>(make));
+    bool const fit = threads.count <= detail::SharedIndices::most_parts &&
+                     bounds.size() == static_cast<std::size_t>(threads.count) + 1 &&
+                     bounds.back() == static_cast<std::uint32_t>(count);
+    if (threads.count == 1 || count <= 1 || !fit) return parallel_for(threads, count, 1, make);
+    detail::SharedIndices all(bounds);
+    detail::share_out<Index>(threads, all, make);
 }
 
 /// Calls `body(i)` for each i below `count`, in any order and on several threads.
