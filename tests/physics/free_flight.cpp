@@ -10,9 +10,9 @@ using Cases = Combinations<
          Scene<FixedCorotated<Plane>, CubicBSpline, Apic>,
          Scene<FixedCorotated<Solid>, QuadraticBSpline, Mls>,
          Scene<NeoHookean<PlaneFloat>, QuadraticBSpline, Mls>, Scene<Snow<PlaneFloat>, CubicBSpline, Flip>>,
-    Scene<SplitNeoHookean<Plane>, CubicBSpline, Mls>, Scene<MooneyRivlin<Solid>, CubicBSpline, Flip>,
-    Scene<Hencky<SolidFloat>, QuadraticBSpline, Apic>,
-    MoreThanReference<Scene<NeoHookean<Plane>, QuadraticBSpline, Tpic>,
+    Scene<SplitNeoHookean<Plane>, CubicBSpline, Mls>, Scene<Hencky<SolidFloat>, QuadraticBSpline, Apic>,
+    MoreThanReference<Scene<MooneyRivlin<Solid>, CubicBSpline, Flip>,
+                      Scene<NeoHookean<Plane>, QuadraticBSpline, Tpic>,
                       Scene<NeoHookean<Plane>, CubicBSpline, Asflip>>>;
 
 // A block thrown sideways falls as the symplectic Euler rule says, exactly: after n steps y = y0 - g dt^2 n
@@ -82,7 +82,7 @@ TEST_CASE("advance takes a frame in whole and lands on its end")
 
 TEST_CASE("a scene without particles advances its time")
 {
-    Scene<MooneyRivlin<Solid>, CubicBSpline, Flip>::Solver solver(lattice(0.1));
+    Scene<Hencky<SolidFloat>, QuadraticBSpline, Apic>::Solver solver(lattice(0.1));
     CHECK(solver.advance(0.5, Gravity{}).substeps > 0);
     CHECK(solver.time() == 0.5);
     solver.add(std::vector<Eigen::Vector3d>{}, 1e-6);
