@@ -201,7 +201,7 @@ struct Pile
 
 Pile collapse(double aspect)
 {
-    SandColumn<Scene<Sand<Plane>, QuadraticBSpline, Mls>> column(16, 2, {}, {}, {}, aspect);
+    SandColumn<Scene<Sand<Plane>, QuadraticBSpline, Mls>> column(sample_of(12, 16), 2, {}, {}, {}, aspect);
     double const L0 = column.half_width, h = column.solver.lattice().cell_size;
     column.advance(0);
     auto const before = column.solver.positions();
