@@ -251,6 +251,26 @@ TEST_CASE("boards that stand side by side hold water", "[physics][surface]")
     }
 }
 
+TEST_CASE("obstacles with the same face have it once", "[physics][surface]")
+{
+    double const h = 0.05, duration = 0.3;
+    auto const tile = [](double width, double x) {
+        return Obstacle<AnyShape<>>{.shape = Box{{width, 0.1, 1}}, .motion = {.position = {x, -0.1, 0}}};
+    };
+    Obstacle<AnyShape<>> const ground{.shape = HalfSpace{}};
+    std::vector<Obstacle<AnyShape<>>> const floors[]{
+        {ground}, {ground, ground}, {ground, tile(0.1, 0)}, {tile(0.3, -0.1), tile(0.3, 0.1)}};
+    for (auto const& floor : floors) {
+        CAPTURE(&floor - floors);
+        Block::Solver block(lattice(h));
+        block.add(box_of_points<2>({-0.2, 0}, {0.2, 0.2}, h), h * h / 4);
+        auto const report = block.advance(duration, Gravity{}, AtSurface{floor});
+        double carried = 0;
+        for (auto const& reaction : report.reactions) carried -= reaction.impulse.y();
+        CHECK(std::abs(carried / (Totals(block).mass * g * duration) - 1) < 0.02);
+    }
+}
+
 TEST_CASE("what obstacles receive at their surface is what the material loses", "[physics][surface]")
 {
     double const h = 0.05, dt = 4e-4;

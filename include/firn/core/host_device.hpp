@@ -81,6 +81,25 @@ FIRN_HOST_DEVICE inline void add_in_any_order(std::int64_t& to, std::int64_t val
 #endif
 }
 
+/// A number that other parts of a loop may set at the same time.
+FIRN_HOST_DEVICE inline std::uint32_t read_shared(std::uint32_t const& number)
+{
+#if defined(__CUDA_ARCH__)
+    return *static_cast<std::uint32_t const volatile*>(&number);
+#else
+    return __atomic_load_n(&number, __ATOMIC_RELAXED);
+#endif
+}
+/// Sets a number that other parts of a loop may set at the same time, to the same.
+FIRN_HOST_DEVICE inline void write_shared(std::uint32_t& number, std::uint32_t value)
+{
+#if defined(__CUDA_ARCH__)
+    *static_cast<std::uint32_t volatile*>(&number) = value;
+#else
+    __atomic_store_n(&number, value, __ATOMIC_RELAXED);
+#endif
+}
+
 /// Sets a number that is 0 to another one, and returns whether it was 0: of several parts of a loop, for one.
 FIRN_HOST_DEVICE inline bool claim(std::uint32_t& number, std::uint32_t value)
 {

@@ -18,10 +18,10 @@
 // inside that lose their velocity take a part of this, and the rest drives currents. What balances it for any
 // place of the surface are impulses at its points, spread by the same weights:
 //
-//   m_i v_i += w_i(x_s) lambda_s        sum_i w_i(x_s) (v_i - u_s) . n >= 0,  lambda_s . n >= 0,  one of them
-//   0
+//   m_i v_i += w_i(x_s) lambda_s,    sum_i w_i(x_s) (v_i - u_s) . n >= 0  and  lambda_s . n >= 0
 //
-// with Coulomb's law for the rest of lambda_s. About one point lies in each cell that the surface crosses.
+// where one of the two is 0, with Coulomb's law for the rest of lambda_s. About one point lies in each cell
+// that the surface crosses.
 namespace firn
 {
 
@@ -37,13 +37,15 @@ struct SurfacePoint
     std::uint32_t obstacle;
     std::uint32_t
         behind; ///< 0, or 1 + the obstacle into which the surface is continued: see FindSurfacePoints
-    /// Whether it is a node so deep inside that no point of the surface reaches it: it goes no deeper.
+    /// Whether it is a node inside: one so deep that no point of the surface reaches it, which goes no
+    /// deeper, or any node in what sticks.
     bool is_deep;
     bool separates, sticks; ///< of the obstacle's Contact
     Number friction;
 
-    Number support;  ///< the sum of the weights of nodes with mass
-    Number mobility; ///< how fast [m/s] an impulse of 1 makes it, at most: the points beside it push, too
+    Number support; ///< the sum of the weights of nodes with mass
+    /// A bound on the speed [m/s] that an impulse of 1 gives it, when the points beside it receive as much.
+    Number mobility;
     Vector<Number, d> impulse; ///< on the material [solver's unit of mass times m/s]
     Vector<Number, d> tried;   ///< what the next sweep starts from
 
@@ -168,11 +170,10 @@ public:
     /// Makes room for nodes with so many indices, of which points reach at most so many.
     void make_room_for_nodes(std::size_t indices, std::size_t reached)
     {
-        std::size_t const before = claims_.size();
-        if (indices > before) {
+        if (indices > numbers_.size()) numbers_.resize(indices, 0);
+        if (std::size_t const before = claims_.size(); indices > before) {
             claims_.resize(indices);
             claims_.fill(before, indices - before, 0);
-            numbers_.resize(indices, 0);
         }
         nodes_.resize(std::max(nodes_.size(), std::min(indices, reached)), 0);
     }

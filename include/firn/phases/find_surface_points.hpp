@@ -21,12 +21,13 @@ FIRN_HOST_DEVICE void with_surface_action(Chain<Actions...> const& chain, Use co
     });
 }
 
-/// On nodes, before they are updated: finds the points of obstacles' surfaces in the cube of a cell around
-/// each node that has mass: there, the point nearest to a node is that node's if it lies in its cube.
+/// On nodes, before they are updated: finds points of obstacles' surfaces. Each node that has mass has, of
+/// each obstacle, the point nearest to it, if that lies in the cube of a cell around the node.
 ///
 /// A point inside another obstacle is no surface, so where obstacles touch, overlap or share a face they have
-/// that of their union. One exception is a surface that goes on where the other obstacle ends, as a floor
-/// does under a wall: without it the nodes behind a corner would be free.
+/// that of their union. Of two obstacles with the same face, the first in the list has it. One exception is a
+/// surface that goes on where the other obstacle ends, as a floor does under a wall: without it the nodes
+/// behind a corner would be free.
 template <class Space, class Kernel, class Transfer, class Effects>
 struct FindSurfacePoints
 {
@@ -88,7 +89,9 @@ private:
         constexpr double rounding = 1.0001; // two cubes may have one point, and none may be missing
         Vector<Real, d> shift = zeros<Vector<Real, d>>();
         SurfaceAt<Real, d> at = obstacle.template surface_at<Real>(place, shift);
-        Mask<Real> const deep = filled & (-at.distance > in_cells<Real>(place.kernel_reach));
+        // whatever sticks holds all that is inside
+        Real const least = in_cells<Real>(obstacle.contact.sticks ? 0 : place.kernel_reach);
+        Mask<Real> const deep = filled & (-at.distance > least);
         Mask<Real> here = filled & (abs(at.distance) * largest_of<Real>(at.normal) <= in_cells<Real>(0.52));
         if (any(deep)) emit<Real>(place, i, obstacle, at, shift, deep, true, 0);
         if (!any(here)) return;
@@ -99,7 +102,7 @@ private:
         here = here & (largest_of<Real>(shift) <= in_cells<Real>(0.5 * rounding));
         if (!any(here)) return;
         action.for_each_within(place, in_cells<Real>(looks_as_far), [&](std::uint32_t j, auto const& other) {
-            if (j != i) here = here & !is_inside<Real>(place, shift, at.normal, obstacle, other);
+            if (j != i) here = here & !is_inside<Real>(place, shift, at.normal, obstacle, other, i < j);
         });
         if (!any(here)) return;
         emit<Real>(place, i, obstacle, at, shift, here, false, 0);
@@ -134,14 +137,18 @@ private:
     }
 
     /// Whether a point of an obstacle's surface, with this normal, lies inside another one and is no surface
-    /// therefore.
+    /// therefore. Where both have the same face it is that of the first.
     template <class Real, class Obstacle, class Other>
     FIRN_HOST_DEVICE Mask<Real> is_inside(LanePosition<Real, d> const& place, Vector<Real, d> const& shift,
                                           Vector<Real, d> const& normal, Obstacle const& obstacle,
-                                          Other const& other) const
+                                          Other const& other, bool is_first) const
     {
-        Mask<Real> const inside =
-            other.template surface_at<Real>(place, shift).distance < in_cells<Real>(0.01);
+        SurfaceAt<Real, d> const there = other.template surface_at<Real>(place, shift);
+        Real const least = in_cells<Real>(0.01);
+        Mask<Real> inside = there.distance < least;
+        if (is_first)
+            inside = inside &
+                     !((there.distance > -least) & (dot<Real, d>(there.normal, normal) > Real(Number(0.99))));
         if (!any(inside)) return inside;
         // The way along the surface out of the other, as seen from above the surface, where a face that both
         // share is far: half a cell behind that the surface goes on.
@@ -195,7 +202,9 @@ private:
             point.obstacle = i;
             point.behind = behind;
             point.is_deep = is_deep;
-            Contact const contact = is_deep ? Contact::slip() : obstacle.contact;
+            Contact contact = obstacle.contact;
+            if (is_deep && !contact.sticks) // nothing slides there
+                contact = Contact::coulomb(std::numeric_limits<double>::max());
             point.separates = contact.separates;
             point.sticks = contact.sticks;
             point.friction =

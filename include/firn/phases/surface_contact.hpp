@@ -15,7 +15,8 @@
 // All points are improved at once, sweep by sweep, by their own part of the equations, where the response of
 // a point to its impulse is replaced by that to the impulses of all points around it: a bound, by which
 // sweeps do not overshoot and pressure, which is smooth, is found at once. Each sweep starts ahead of the
-// last one (Nesterov 1983; for contact Mazhar et al. 2015). Nothing is kept from step to step.
+// last one (Nesterov 1983; for contact Mazhar et al. 2015). Impulses are kept from
+// step to step within a call.
 namespace firn
 {
 
@@ -48,6 +49,8 @@ struct PointLoop
             double const gives = double(place.weight * node.inverse_mass) / unit;
             for (int a = 0; a < d; ++a) { // rounded, without a call to the C library
                 double const gained = gives * double(impulse[a]);
+                // a step that gave more than that, or NaN, fails: it moves particles by more than a cell
+                if (!(std::abs(gained) < 0x1p62)) continue;
                 add_in_any_order(node.gained[a],
                                  static_cast<std::int64_t>(gained + (gained < 0 ? -0.5 : 0.5)));
             }
@@ -88,7 +91,8 @@ struct ReadStencils : PointLoop<Kernel, Number, d>
                         if (node[a] != point.node[a]) place->weight = 0;
                 }
                 place->node = place->weight > 0 ? by_index.find(node) : NodeOfPoint<Number>::none;
-                if (place->node != NodeOfPoint<Number>::none && this->of.claims[place->node] == 0)
+                if (place->node != NodeOfPoint<Number>::none &&
+                    read_shared(this->of.claims[place->node]) == 0)
                     claim(this->of.claims[place->node],
                           static_cast<std::uint32_t>(place - this->of.stencils) + 1);
             }
@@ -153,7 +157,7 @@ struct LinkStencils : PointLoop<Kernel, Number, d>
                 at[a] = Number(rest % Cell::width);
             all += at * place.weight;
             if (place.node == NodeOfPoint<Number>::none) continue;
-            of.claims[place.node] = 0;
+            write_shared(of.claims[place.node], 0);
             place.node = of.numbers[place.node];
             if (place.node == NodeOfPoint<Number>::none) continue;
             point.support += place.weight;

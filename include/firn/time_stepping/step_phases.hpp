@@ -273,6 +273,8 @@ private:
                 std::uint32_t const count = surface().count();
                 bool const had_room = count <= surface().room();
                 using Cell = Stencil<Kernel, Number, d>;
+                require(count < (std::uint32_t(1) << 26), "more than 6e7 points of surfaces meet material",
+                        "Obstacles", "Take larger cells, or obstacles that act on nodes.");
                 surface().make_room(had_room ? count : count + count / 4,
                                     std::size_t(Cell::rows) * Cell::width);
                 if (had_room) return count;

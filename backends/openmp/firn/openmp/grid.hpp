@@ -288,7 +288,8 @@ public:
             if (n == Base::absent) return absent;
             int row = 0;
             for (int a = 0; a < d - 1; ++a) row = row * Base::Shape::across + place[a];
-            return static_cast<std::uint32_t>(n * block_channel + row * Base::Shape::along + place[d - 1]);
+            return static_cast<std::uint32_t>(n) * block_channel +
+                   static_cast<std::uint32_t>(row * Base::Shape::along + place[d - 1]);
         }
         Number sum(std::uint32_t index, int channel) const
         {
