@@ -221,7 +221,7 @@ TEST_CASE("worlds refuse what they cannot do, and change nothing", "[physics][wo
     CHECK(worlds.reactions(2).size() == 1); // of the call before
     worlds.obstacles(2) = {ball(1)};
     worlds.obstacles(2)[0].on_particles = true;
-    check_refused([&] { worlds.advance(0.01, Gravity{}); }, "nodes alone");
+    check_refused([&] { worlds.advance(0.01, Gravity{}); }, "obstacles do not");
     worlds.obstacles(2).clear();
 
     // states that were not saved so, and of the same masses in another unit
