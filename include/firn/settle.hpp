@@ -35,7 +35,7 @@ struct Settling
         };
         keep(is_finite(rate) && rate > 0, "the rate of damping is not a finite number above 0",
              "Pass 1/s, e.g. twice the lowest frequency in rad/s: for a column of height H on its base, pi c "
-             "/ H.");
+             "/ H. With a LocalDamping any guess of it will do.");
         keep(is_finite(share) && share > 0 && share < 1, "the share of the kinetic energy is outside (0, 1)",
              "Pass e.g. 1e-6.");
         keep(is_finite(longest) && longest > 0, "the longest time is not a finite number above 0",
