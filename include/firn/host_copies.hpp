@@ -182,7 +182,7 @@ void upload(Solver& solver, Array const& from)
 
 /// Sets a field of the particles of a material from an id on, by rising id: of those that Solver::add has
 /// just added and returned the first id of. All others keep theirs. Throws an Error, and changes nothing,
-/// unless there is one value for each of them.
+/// unless that particle is there and there is one value for each of them.
 template <class Tag, class Which = EveryMaterial, class Solver, class Array>
 void upload_from(Solver& solver, std::uint32_t first_id, Array const& from)
 {
@@ -191,6 +191,9 @@ void upload_from(Solver& solver, std::uint32_t first_id, Array const& from)
     using Number = typename Solver::Number;
     auto const ids = solver.template ids<Which>();
     auto const place = static_cast<std::size_t>(std::ranges::lower_bound(ids, first_id) - ids.begin());
+    if (place < ids.size() && ids[place] != first_id)
+        throw Error{"there is no particle with the id " + std::to_string(first_id), "upload_from",
+                    "Pass the id that add() returned, before particles of that call are removed."};
     if (std::size(from) != ids.size() - place)
         throw Error{"there are " + std::to_string(std::size(from)) + " values for " +
                         std::to_string(ids.size() - place) + " particles from the id " +

@@ -179,6 +179,15 @@ TEST_CASE("values for those that were added leave all others their bits, whateve
     CHECK(after[0] == before[0]);
     CHECK(after[1] == before[1]);
     CHECK(after[2] == Vector<double, 2>(0.5, 0.25));
+
+    // where the first of them is gone, its value would go to another particle
+    std::uint32_t const gone = solver.add(std::vector<HostPoint>{{0.5, 0.5}, {0.7, 0.7}}, 1e-3);
+    CHECK(solver.remove_if([](auto const& x) { return std::abs(x[0] - 0.5) < 0.05; }) == 1);
+    auto const left = solver.download<Velocity>();
+    CHECK(refused([&] {
+              upload_from<Velocity>(solver, gone, std::vector<std::array<float, 2>>{{1, 1}});
+          }).what_is_wrong() == "there is no particle with the id " + std::to_string(gone));
+    CHECK(solver.download<Velocity>() == left);
 }
 
 TEST_CASE("an array of a host that does not fit the particles is refused, and nothing has changed")

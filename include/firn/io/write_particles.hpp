@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/error.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/io/replace_file.hpp>
 
 #include <Eigen/Core>
@@ -136,6 +137,7 @@ inline void check_frame(ParticleFrame const& frame, std::filesystem::path const&
     auto const refuse = [&](std::string what, char const* remedy) {
         throw Error{std::move(what), path.string(), remedy};
     };
+    if (!is_finite(frame.time)) refuse("the time of a frame is not finite", "Pass seconds.");
     // Cells count their points in 32 bits.
     if (frame.positions.size() > std::size_t(std::numeric_limits<std::int32_t>::max()))
         refuse("a frame holds more than 2^31 - 1 particles", "Write several files.");
