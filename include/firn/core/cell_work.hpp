@@ -1,8 +1,19 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/host_device.hpp>
+
+#include <cstdint>
+
 namespace firn
 {
+
+/// The result of a phase of nodes that finds nothing.
+struct NothingFound
+{
+    std::uint32_t nothing = 0;
+    FIRN_HOST_DEVICE void merge(NothingFound const&) {}
+};
 
 /// The sums on the grid that a phase scatters to.
 enum class ScatterTarget

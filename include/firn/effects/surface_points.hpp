@@ -35,8 +35,8 @@ struct SurfacePoint
     Vector<Number, d> velocity; ///< of the surface [m/s]
     Vector<Number, d> arm;      ///< from the obstacle's reference point [m]
     std::uint32_t obstacle;
-    std::uint32_t
-        behind; ///< 0, or 1 + the obstacle into which the surface is continued: see FindSurfacePoints
+    /// 0, or 1 + the obstacle into which the surface is continued: see FindSurfacePoints.
+    std::uint32_t behind;
     /// Whether it is a node inside: one so deep that no point of the surface reaches it, which goes no
     /// deeper, or any node in what sticks.
     bool is_deep;

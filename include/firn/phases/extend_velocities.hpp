@@ -26,12 +26,7 @@ struct ExtendVelocities
     using Sums = NodeSums<d, Fields<NodeMass, NodeMomentum, NodeImpulse>>;
     using Values = NodeValues<d, Fields<NodeVelocity, NodeOldVelocity>>;
     static constexpr bool looks_around = false;
-    /// The loop returns nothing.
-    struct Result
-    {
-        std::uint32_t nothing = 0;
-        FIRN_HOST_DEVICE void merge(Result const&) {}
-    };
+    using Result = NothingFound;
 
     Number smallest_mass; ///< see UpdateGrid
     bool first;

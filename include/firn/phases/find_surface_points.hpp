@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/cell_work.hpp>
 #include <firn/effects/chain.hpp>
 #include <firn/effects/surface_points.hpp>
 #include <firn/phases/scatter.hpp>
@@ -8,6 +9,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 
 namespace firn
 {
@@ -34,14 +36,8 @@ struct FindSurfacePoints
     static constexpr int d = Space::dimension;
     using Number = typename Space::Scalar;
     using Sums = NodeSums<d, SumsOf<Transfer>>;
-    using Values = NodeValues<d, ValuesOf<Transfer>>;
     static constexpr bool looks_around = false;
-    /// The loop returns nothing.
-    struct Result
-    {
-        std::uint32_t nothing = 0;
-        FIRN_HOST_DEVICE void merge(Result const&) {}
-    };
+    using Result = NothingFound;
 
     StepContext<Number, Effects> const* now;
     Lattice lattice;

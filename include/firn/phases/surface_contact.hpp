@@ -15,8 +15,8 @@
 // All points are improved at once, sweep by sweep, by their own part of the equations, where the response of
 // a point to its impulse is replaced by that to the impulses of all points around it: a bound, by which
 // sweeps do not overshoot and pressure, which is smooth, is found at once. Each sweep starts ahead of the
-// last one (Nesterov 1983; for contact Mazhar et al. 2015). Impulses are kept from
-// step to step within a call.
+// last one (Nesterov 1983; for contact Mazhar et al. 2015). Within a call a step starts from the impulses of
+// the step before.
 namespace firn
 {
 

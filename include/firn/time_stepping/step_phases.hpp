@@ -115,8 +115,8 @@ public:
         scene_.grid_state.scatter_missing(scene_.time_state.now.interval.forces, scene_.sets);
     }
 
-    /// Nodes turn momentum into velocity, on which the effects act. Returns the reactions of obstacles, or a
-    /// handle to them.
+    /// Nodes turn momentum into velocity, on which the effects act, and last of them the obstacles that act
+    /// at their surface. Returns the reactions of obstacles, or a handle to them.
     auto update_grid(int step)
     {
         for_each_group([&](auto& group) { group.begin(begun(step)); });
