@@ -2,6 +2,7 @@
 #include "catch.hpp"
 #include "support/policies.hpp"
 #include "support/refused.hpp"
+#include "support/tank.hpp"
 
 #include <firn/effects/obstacles.hpp>
 #include <firn/effects/rigid_body.hpp>
@@ -18,93 +19,10 @@ using namespace firn::test;
 namespace
 {
 
-using AtSurface = Obstacles<AnyShape<>, ActsOn::surface>;
 using Water = Scene<Fluid<Plane>, QuadraticBSpline, Mls>;
 using Block = Scene<NeoHookean<Plane>, QuadraticBSpline, Pic>;
 
-double const g = 9.81;
-
-Eigen::Vector3d in_space(Eigen::Vector2d const& v) { return {v.x(), v.y(), 0}; }
-
-/// A frame of reference that lies somehow across the cells.
-struct Frame
-{
-    double angle;           ///< against the axes [radians]
-    Eigen::Vector2d origin; ///< [m]
-
-    Eigen::Vector2d direction(Eigen::Vector2d const& v) const { return Eigen::Rotation2Dd(angle) * v; }
-    Eigen::Vector2d place(Eigen::Vector2d const& x) const { return direction(x) + origin; }
-    Eigen::Vector2d own(Eigen::Vector2d const& x) const
-    {
-        return Eigen::Rotation2Dd(-angle) * Eigen::Vector2d(x - origin);
-    }
-};
-
-/// Water at rest in a tank of slipping walls, 0.6 m wide and 0.4 m deep, that lies across the cells.
-class Tank
-{
-public:
-    static constexpr double h = 0.02, width = 0.6, depth = 0.4;
-
-    /// With a disk whose centre lies at this height, if it has a radius [m].
-    explicit Tank(Frame const& frame, double radius = 0, double fastest = 2, double height = depth / 2)
-        : frame_(frame), model_(materials::water<Plane>(fastest)), water(lattice(h), model_)
-    {
-        Eigen::Vector2d const centre(0, height);
-        std::vector<Eigen::Vector2d> points;
-        std::vector<double> log_J;
-        for (auto const& x : box_of_points<2>({-width / 2, 0}, {width / 2, depth}, h)) {
-            if ((x - centre).norm() < radius) continue;
-            points.push_back(frame.place(x));
-            double const pressure = model_.density * g * (depth - x.y());
-            log_J.push_back(-std::log1p(model_.exponent * pressure / model_.bulk_modulus) / model_.exponent);
-        }
-        water.add(points, h * h / 4);
-        water.upload<LogVolumeRatio>(log_J);
-        add_wall({0, 1}, {0, 0});
-        add_wall({1, 0}, {-width / 2, 0});
-        add_wall({-1, 0}, {width / 2, 0});
-        if (radius > 0)
-            walls.list.push_back(
-                {.shape = Sphere{radius}, .motion = {.position = in_space(frame.place(centre))}});
-    }
-
-    AdvanceReport advance(double duration) { return water.advance(duration, Gravity{pull()}, walls); }
-    Eigen::Vector3d pull() const { return in_space(frame_.direction({0, -g})); }
-    /// The force [N/m] in a direction of the frame on an obstacle.
-    double force(AdvanceReport const& report, std::size_t obstacle, Eigen::Vector2d const& along,
-                 double duration) const
-    {
-        return report.reactions[obstacle].impulse.head<2>().dot(frame_.direction(along)) / duration;
-    }
-    double mean_height() const
-    {
-        double sum = 0;
-        for (auto const& x : water.positions()) sum += frame_.own(x).y();
-        return sum / double(water.size());
-    }
-    double rms_speed() const
-    {
-        double sum = 0;
-        for (auto const& v : water.download<Velocity>()) sum += v.squaredNorm();
-        return std::sqrt(sum / double(water.size()));
-    }
-    double weight() const { return model_.density * g * double(water.size()) * h * h / 4; }
-
-private:
-    void add_wall(Eigen::Vector2d const& normal, Eigen::Vector2d const& at)
-    {
-        walls.list.push_back({.shape = HalfSpace{in_space(frame_.direction(normal))},
-                              .motion = {.position = in_space(frame_.place(at))}});
-    }
-
-    Frame frame_;
-    Fluid<Plane> model_;
-
-public:
-    Water::Solver water;
-    AtSurface walls;
-};
+using StillWater = Tank<Fluid<Plane>>;
 
 } // namespace
 
@@ -114,13 +32,13 @@ TEST_CASE("still water stays at rest in a tank whose walls lie on nodes, or betw
     for (Eigen::Vector2d const& offset :
          {Eigen::Vector2d(0, 0), Eigen::Vector2d(0.5, 0.35), Eigen::Vector2d(0.5, 0.5)}) {
         CAPTURE(offset.x(), offset.y());
-        Tank tank({0, offset * Tank::h});
+        StillWater tank({0, offset * StillWater::h});
         tank.advance(0.5);
         double const duration = 0.5;
         auto const report = tank.advance(duration);
-        double const of_side = 0.5 * 1000 * g * Tank::depth * Tank::depth;
-        CHECK(tank.rms_speed() < 0.01 * std::sqrt(g * Tank::depth));
-        CHECK(std::abs(tank.mean_height() - Tank::depth / 2) < 0.01 * Tank::depth / 2);
+        double const of_side = 0.5 * 1000 * g * StillWater::depth * StillWater::depth;
+        CHECK(tank.rms_speed() < 0.01 * std::sqrt(g * StillWater::depth));
+        CHECK(std::abs(tank.mean_height() - StillWater::depth / 2) < 0.01 * StillWater::depth / 2);
         CHECK(std::abs(tank.force(report, 0, {0, -1}, duration) / tank.weight() - 1) < 0.01);
         CHECK(std::abs(tank.force(report, 1, {-1, 0}, duration) / of_side - 1) < 0.01);
         CHECK(std::abs(tank.force(report, 2, {1, 0}, duration) / of_side - 1) < 0.01);
@@ -131,11 +49,11 @@ TEST_CASE("a tank that is tilted against the cells carries the weight of the wat
 {
     for (double const degrees : {17.0, 30.0}) {
         CAPTURE(degrees);
-        Tank tank({degrees * M_PI / 180, Eigen::Vector2d(0.3, 0.21) * Tank::h});
+        StillWater tank({degrees * M_PI / 180, Eigen::Vector2d(0.3, 0.21) * StillWater::h});
         double const duration = 0.2;
         tank.advance(0.3); // it begins with sound, since particles lie across the cells
         auto const report = tank.advance(duration);
-        CHECK(tank.rms_speed() < 0.01 * std::sqrt(g * Tank::depth));
+        CHECK(tank.rms_speed() < 0.01 * std::sqrt(g * StillWater::depth));
         CHECK(std::abs(tank.force(report, 0, {0, -1}, duration) / tank.weight() - 1) < 0.01);
     }
 }
@@ -144,8 +62,8 @@ TEST_CASE("a held disk has the lift of Archimedes", "[physics][surface]")
 {
     for (double const degrees : {0.0, 17.0}) {
         CAPTURE(degrees);
-        double const radius = 3 * Tank::h;
-        Tank tank({degrees * M_PI / 180, Eigen::Vector2d(0.1, 0.07) * Tank::h}, radius, 3);
+        double const radius = 3 * StillWater::h;
+        StillWater tank({degrees * M_PI / 180, Eigen::Vector2d(0.1, 0.07) * StillWater::h}, radius, 3);
         tank.advance(0.15);
         double const duration = 0.45;
         auto const report = tank.advance(duration);
@@ -156,7 +74,7 @@ TEST_CASE("a held disk has the lift of Archimedes", "[physics][surface]")
 
 TEST_CASE("a disk floats as deep as Archimedes says", "[physics][surface]")
 {
-    double const radius = 4 * Tank::h, whole = M_PI * radius * radius;
+    double const radius = 4 * StillWater::h, whole = M_PI * radius * radius;
     // the area of a disk below the surface of the water, by the height of its centre above it
     auto const immersed = [&](double height) {
         double const half_angle = std::acos(std::clamp(height / radius, -1.0, 1.0));
@@ -169,9 +87,9 @@ TEST_CASE("a disk floats as deep as Archimedes says", "[physics][surface]")
             double const middle = (low + high) / 2;
             (immersed(middle) > density * whole ? low : high) = middle;
         }
-        Frame const upright{0, Eigen::Vector2d(0.3, 0.21) * Tank::h};
-        double const height = Tank::depth + low;
-        Tank tank(upright, radius, 2, height);
+        Frame const upright{0, Eigen::Vector2d(0.3, 0.21) * StillWater::h};
+        double const height = StillWater::depth + low;
+        StillWater tank(upright, radius, 2, height);
         double const mass = density * 1000 * whole, flat = mass * radius * radius / 4;
         RigidBody disk{.mass = mass, .motion = tank.walls.list[3].motion};
         disk.inertia = Eigen::Vector3d(flat, flat, 2 * flat).asDiagonal();

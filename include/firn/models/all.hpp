@@ -7,6 +7,7 @@
 #include <firn/models/elasticity/neo_hookean.hpp>
 #include <firn/models/elasticity/split_neo_hookean.hpp>
 #include <firn/models/fluids/fluid.hpp>
+#include <firn/models/fluids/keeps_volume.hpp>
 #include <firn/models/plasticity/cam_clay.hpp>
 #include <firn/models/plasticity/drucker_prager.hpp>
 #include <firn/models/plasticity/herschel_bulkley.hpp>

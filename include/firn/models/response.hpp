@@ -118,4 +118,11 @@ FIRN_HOST_DEVICE inline Mask<Real> no_lanes()
     return Real(1) < Real(0);
 }
 
+/// Whether a model is a fluid whose particles are moved to fill its volume: see KeepsVolume.
+template <class Model>
+concept KeepsItsVolume = requires
+{
+    requires Model::keeps_volume;
+};
+
 } // namespace firn

@@ -30,6 +30,11 @@ template <class Transfer, class State>
     requires requires { typename Transfer::Own; }
 inline constexpr bool leaves_own_fields<Transfer, State> =
     Join<typename Transfer::Own, State>::components(3) == Transfer::Own::components(3) + State::components(3);
+
+template <class Models>
+inline constexpr bool any_keeps_volume = false;
+template <class... Models>
+inline constexpr bool any_keeps_volume<std::tuple<Models...>> = (KeepsItsVolume<Models> || ...);
 } // namespace detail
 
 /// The materials of a scene, each with its particles. Each has a layer of the grid, in the same order.
@@ -45,6 +50,8 @@ public:
     using Places = std::make_index_sequence<count>;
     /// Whether the materials are bodies, which have their own velocities on the grid.
     static constexpr bool are_bodies = detail::BodyContactOf<List>::any;
+    /// Whether one of them is a fluid that keeps its volume.
+    static constexpr bool keep_volume = detail::any_keeps_volume<decltype(List::of)>;
 
     /// The types and sizes of one material.
     template <std::size_t place>

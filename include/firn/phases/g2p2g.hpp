@@ -6,6 +6,7 @@
 #include <firn/grid/world_layout.hpp>
 #include <firn/particles/mass_groups.hpp>
 #include <firn/phases/gather.hpp>
+#include <firn/phases/gather_shifts.hpp>
 #include <firn/phases/scatter.hpp>
 
 #include <cassert>
@@ -82,6 +83,7 @@ struct G2p2g
     MassGroups<Number> mass_groups;
     Lattice lattice;
     Number largest_deformation; ///< dt |L| beyond which the step is rejected
+    ShiftsOf<Model, Number, d> shifts{};
 
     /// Stores the particles' positions in scratch.
     template <class Items>
@@ -124,6 +126,7 @@ struct G2p2g
         Vector<Real, d> displacement = motion<Real>(particle, gathered) * Real(now->dt);
         Matrix<Real, d> const L = transfer.template gather<Kernel, Real, d>(particle, gathered, inverse_h);
         carried_by(transfer).template gather<Real, d>(particle, carried_terms, inverse_h);
+        shift<Real>(items, displacement);
         touch_obstacles<Real>(items, x, particle, displacement, rare.reactions);
         displacement = displacement * inverse_h;
 
@@ -164,6 +167,19 @@ private:
             return gathered.velocity;
         else
             return transfer.template motion<Kernel, Real, d>(particle, gathered);
+    }
+
+    /// Adds what keeps a fluid's volume, in the steps that have it: see KeepsVolume.
+    template <class Real, class Items>
+    FIRN_HOST_DEVICE void shift([[maybe_unused]] Items const& items,
+                                [[maybe_unused]] Vector<Real, d>& displacement) const
+    {
+        if constexpr (KeepsItsVolume<Model>)
+            if (shifts.present) {
+                Record<Real, d, Fields<VolumeShift>> own;
+                shifts.load(items, before.id, own);
+                displacement += own[VolumeShift{}] * Real(static_cast<Number>(lattice.cell_size));
+            }
     }
 
     /// Stores the particles' contributions to the next step.

@@ -110,19 +110,19 @@ struct NumberNodes : PointLoop<Kernel, Number, d>
 
     FIRN_HOST_DEVICE void operator()(std::size_t p) const
     {
-        auto const& of = this->of;
+        auto const& surface = this->of;
         NodeOfPoint<Number> const* const places = this->stencil(p);
         for (int k = 0; k < this->nodes_of_each; ++k) {
             std::uint32_t const index = places[k].node;
             if (index == Nodes::absent ||
-                of.claims[index] != static_cast<std::uint32_t>(places + k - of.stencils) + 1)
+                surface.claims[index] != static_cast<std::uint32_t>(places + k - surface.stencils) + 1)
                 continue;
             Number const sum = by_index.sum(index, mass);
-            of.numbers[index] = NodeOfPoint<Number>::none;
+            surface.numbers[index] = NodeOfPoint<Number>::none;
             if (!(sum > smallest_mass)) continue;
-            std::uint32_t const number = next_number(*of.node_count);
-            of.numbers[index] = number;
-            NodeAtSurface<Number, d>& node = of.nodes[number];
+            std::uint32_t const number = next_number(*surface.node_count);
+            surface.numbers[index] = number;
+            NodeAtSurface<Number, d>& node = surface.nodes[number];
             node.index = index;
             node.inverse_mass = 1 / sum;
             node.weights = 0;
@@ -145,8 +145,8 @@ struct LinkStencils : PointLoop<Kernel, Number, d>
 
     FIRN_HOST_DEVICE void operator()(std::size_t p) const
     {
-        auto const& of = this->of;
-        SurfacePoint<Number, d>& point = of.points[p];
+        auto const& surface = this->of;
+        SurfacePoint<Number, d>& point = surface.points[p];
         // the means of the places of its nodes: of those with mass, and of all [cells]
         Vector<Number, d> reached = zeros<Vector<Number, d>>(), all = reached;
         point.support = 0;
@@ -157,17 +157,17 @@ struct LinkStencils : PointLoop<Kernel, Number, d>
                 at[a] = Number(rest % Cell::width);
             all += at * place.weight;
             if (place.node == NodeOfPoint<Number>::none) continue;
-            write_shared(of.claims[place.node], 0);
-            place.node = of.numbers[place.node];
+            write_shared(surface.claims[place.node], 0);
+            place.node = surface.numbers[place.node];
             if (place.node == NodeOfPoint<Number>::none) continue;
             point.support += place.weight;
             reached += at * place.weight;
-            add_in_any_order(of.nodes[place.node].weights,
+            add_in_any_order(surface.nodes[place.node].weights,
                              static_cast<std::int64_t>(double(place.weight) / unit_of_weights));
         }
         if (point.support > 0 && !point.is_deep)
             point.arm += (reached * (1 / point.support) - all) * cell_size;
-        if (auto const* const before = of.before.find(point))
+        if (auto const* const before = surface.before.find(point))
             point.impulse = point.tried = point.allowed(Vector<Number, d>(before->impulse * longer));
     }
 };

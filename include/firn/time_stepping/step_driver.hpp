@@ -12,6 +12,7 @@ namespace firn
 ///   rebin             particles into the cells that they have moved to
 ///   activate_grid     blocks of nodes under these cells
 ///   scatter_missing   P2G: particles that were added or changed, or for another dt, scatter to the nodes
+///   find_shifts       at intervals: how far particles of a fluid that keeps its volume are moved
 ///   update_grid       momentum becomes velocity; forces, gravity and obstacles act on it
 ///   g2p2g             G2P and P2G: particles gather velocities, move, deform, and scatter to the next grid
 ///   finish_step       the next dt, by the bounds that the particles found; which of them failed
@@ -22,7 +23,7 @@ template <class Backend, class Sets, class Kernel, class Transfer>
 class StepDriver
 {
 public:
-    using Memory = StepMemory<Backend, Transfer>;
+    using Memory = StepMemory<Backend, Sets, Transfer>;
     using Scene = StepScene<Backend, Sets, Kernel, Transfer>;
     using Controller = TimeStepController<static_cast<int>(Sets::count)>;
     template <class Effects>
@@ -38,6 +39,7 @@ public:
         step.rebin();
         step.activate_grid();
         step.scatter_missing();
+        step.find_shifts();
         auto const reactions = step.update_grid(0);
         auto const found = step.g2p2g(0);
         step.finish_step(0, reactions, found);

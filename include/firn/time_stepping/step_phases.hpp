@@ -6,13 +6,16 @@
 #include <firn/particles/material_sets.hpp>
 #include <firn/phases/find_surface_points.hpp>
 #include <firn/phases/g2p2g.hpp>
+#include <firn/phases/keep_volume.hpp>
 #include <firn/phases/surface_contact.hpp>
 #include <firn/time_stepping/finish_step.hpp>
 #include <firn/time_stepping/grid_state.hpp>
 #include <firn/time_stepping/typed_storage.hpp>
 
+#include <algorithm>
 #include <array>
 #include <cassert>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <tuple>
@@ -38,17 +41,20 @@ struct StepScene
 };
 
 /// What steps use from one call to the next: where they run, and the memory of their plain values.
-template <class Backend, class Transfer>
+template <class Backend, class Sets, class Transfer>
 struct StepMemory
 {
     StepMemory(Lattice where, Transfer const& scheme, Backend const& on)
-        : lattice(where), transfer(scheme), backend(on), storage(on)
+        : lattice(where), transfer(scheme), backend(on), storage(on), volumes(on)
     {}
 
     Lattice lattice;
     Transfer transfer;
     Backend backend;
     TypedStorage<Backend> storage;
+    std::conditional_t<Sets::keep_volume, VolumeKeeping<Backend, typename Sets::Space, Sets::count>,
+                       NoVolumeKeeping>
+        volumes;
     int turn = 0;               ///< which of the two contexts the next step reads
     bool nodes_spoiled = false; ///< the last step failed: nodes lack the velocities of the last good one
 };
@@ -64,7 +70,7 @@ public:
     using Number = typename Space::Scalar;
     static constexpr int d = Space::dimension, materials = static_cast<int>(Sets::count);
     using Scene = StepScene<Backend, Sets, Kernel, Transfer>;
-    using Memory = StepMemory<Backend, Transfer>;
+    using Memory = StepMemory<Backend, Sets, Transfer>;
     using Controller = TimeStepController<materials>;
     using Actions = decltype(std::declval<Effects const&>().template over<Number, d>(Interval{}));
     using Entry = StepEntry<Actions::obstacles, materials>;
@@ -113,6 +119,48 @@ public:
     void scatter_missing()
     {
         scene_.grid_state.scatter_missing(scene_.time_state.now.interval.forces, scene_.sets);
+    }
+
+    /// Finds how far the particles of a fluid are to be moved in the first step, so that it keeps its volume:
+    /// in the steps that correct it, and for other materials never. See keep_volume.hpp.
+    void find_shifts()
+    {
+        if constexpr (Sets::keep_volume) {
+            static_assert(Actions::obstacles == 0 && Actions::groups == 0 &&
+                              Actions::groups_on_particles <= Actions::groups_at_surface,
+                          "a fluid that keeps its volume needs obstacles that act at their surface: pass "
+                          "Obstacles<Shape, ActsOn::surface>");
+            static_assert(!Sets::are_bodies, "Bodies know no fluid that keeps its volume: choose Fluid");
+            if (!memory_.volumes.is_due()) return;
+            for_each_group([&](auto& group) { group.begin(begun(0)); });
+            auto const layers = this->layers();
+            grid().swap(); // volumes take the room of the next step's sums
+            Sets::for_each([&](auto k) {
+                auto layer = layers[k];
+                auto& table = particles<k>();
+                memory_.backend.for_each_cell(
+                    table.cells(), layer,
+                    ScatterVolumes<Space, typename MaterialTraits<k>::Model, Kernel,
+                                   typename MaterialTraits<k>::Stored>{
+                        scene_.sets.template model<k>(), table.current(), table.mass_groups(),
+                        static_cast<Number>(scene_.mass_unit / std::pow(memory_.lattice.cell_size, d))});
+            });
+            memory_.volumes.solve(grid(), sweeps(), [&](auto const& nodes) {
+                memory_.backend.for_each_node(
+                    orders(), grid(), FindVolumes<Space, Kernel, Actions>{now(0), memory_.lattice, nodes});
+            });
+            grid().swap();
+            Sets::for_each([&](auto k) {
+                if constexpr (KeepsItsVolume<typename MaterialTraits<k>::Model>) {
+                    auto layer = layers[k];
+                    auto& table = particles<k>();
+                    memory_.backend.for_each_cell(
+                        table.cells(), layer,
+                        GatherShifts<Space, Kernel, typename MaterialTraits<k>::Stored>{
+                            table.current(), memory_.volumes.shifts(k, table.size())});
+                }
+            });
+        }
     }
 
     /// Nodes turn momentum into velocity, on which the effects act, and last of them the obstacles that act
@@ -204,6 +252,7 @@ public:
     void end(int taken, bool failed)
     {
         for_each_group([&](auto& group) { group.end(taken); });
+        if constexpr (Sets::keep_volume) memory_.volumes.end(taken);
         memory_.turn = (memory_.turn + taken) % 2;
         memory_.nodes_spoiled = failed;
     }
@@ -308,7 +357,28 @@ private:
             wrote_derived_[k] ? table.next_derived() : typename MaterialTraits<k>::Table::DerivedView{},
             table.mass_groups(),
             memory_.lattice,
-            largest_deformation_};
+            largest_deformation_,
+            shifts_of<k>(step)};
+    }
+    /// How far particles are moved in a step beside the grid's motion.
+    template <std::size_t k>
+    auto shifts_of([[maybe_unused]] int step) const
+    {
+        ShiftsOf<typename MaterialTraits<k>::Model, Number, d> shifts{};
+        if constexpr (KeepsItsVolume<typename MaterialTraits<k>::Model>)
+            if (step == 0 && memory_.volumes.is_due())
+                shifts = memory_.volumes.shifts(k, particles<k>().size());
+        return shifts;
+    }
+    /// The most sweeps that a material asks for.
+    int sweeps() const
+    {
+        int most = 0;
+        Sets::for_each([&](auto k) {
+            if constexpr (KeepsItsVolume<typename MaterialTraits<k>::Model>)
+                most = std::max(most, scene_.sets.template model<k>().sweeps);
+        });
+        return most;
     }
     template <std::size_t... k>
     auto layers(std::index_sequence<k...>) const

@@ -51,7 +51,7 @@ template <class Backend, class Sets, class Kernel, class Transfer>
 class StepQueue
 {
 public:
-    using Memory = StepMemory<Backend, Transfer>;
+    using Memory = StepMemory<Backend, Sets, Transfer>;
     using Scene = StepScene<Backend, Sets, Kernel, Transfer>;
     using Controller = TimeStepController<static_cast<int>(Sets::count)>;
     template <class Effects>
@@ -73,6 +73,7 @@ public:
         steps.rebin();
         steps.activate_grid();
         steps.scatter_missing();
+        steps.find_shifts();
         QueueOutcome const ran = steps.backend().run_steps(steps, steps.most());
 
         int const taken = steps.taken();

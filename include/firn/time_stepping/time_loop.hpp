@@ -36,6 +36,24 @@ struct FullPace
     static void tell(double /*time*/, double /*end*/, AdvanceReport const&) {}
 };
 
+namespace detail
+{
+/// The time [s] between two corrections of the volume of fluids that keep it.
+template <class Sets, class Scene>
+double volume_interval(Scene const& scene)
+{
+    double least = std::numeric_limits<double>::infinity();
+    Sets::for_each([&](auto k) {
+        if constexpr (KeepsItsVolume<typename Sets::template MaterialTraits<k>::Model>) {
+            double const modulus = scene.sets.template response_at_rest<k>().wave_modulus;
+            least = std::min(least, double(scene.sets.template model<k>().interval) *
+                                        scene.lattice.cell_size / scene.sets.template wave_speed<k>(modulus));
+        }
+    });
+    return least;
+}
+} // namespace detail
+
 /// Advances a scene in time: chooses steps, has them taken, retries failed ones with half their length, and
 /// removes particles where that is allowed. `Scene` is a SceneState, the same in every call.
 template <class Scene>
@@ -88,6 +106,7 @@ public:
         auto plain = plain_effects(next_.time_state.time, effects...);
         groups_.stage(plain, scene.lattice, next_.time_state.time, double(count) * dt, effects...);
         scene.begin_call();
+        if constexpr (Sets::keep_volume) memory_.volumes.begin_call();
         std::vector<StepReport> reports;
         Failures isolated;
         auto const take = [&] {
@@ -130,6 +149,7 @@ public:
         auto plain = plain_effects(next_.time_state.time, effects...);
         groups_.stage(plain, scene.lattice, next_.time_state.time, duration, effects...);
         scene.begin_call();
+        if constexpr (Sets::keep_volume) memory_.volumes.begin_call();
         AdvanceReport all;
         StepReport of_step; // reused, so that its lists are allocated once
         StepLog failed;     // the step that is being repeated, if next_.time_state.retries > 0
@@ -199,6 +219,10 @@ private:
         int at_once = 1;
         if constexpr (Scene::Backend::queues)
             at_once = groups_.most_steps(driver_.steps_at_once(memory_, parts, most));
+        if constexpr (Sets::keep_volume)
+            at_once = memory_.volumes.steps_at_once(at_once, next_.time_state.time,
+                                                    next_.time_state.now.interval.length(),
+                                                    detail::volume_interval<Sets>(scene));
         // outside of the change: this may run out of memory before the scene changes
         typename Driver::template Steps<Effects> steps(memory_, parts, controller, effects, at_once);
         StepLog const* log = nullptr;

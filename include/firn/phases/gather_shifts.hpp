@@ -1,0 +1,131 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/cell_work.hpp>
+#include <firn/grid/cell_polynomial.hpp>
+#include <firn/grid/stencil.hpp>
+#include <firn/models/response.hpp>
+#include <firn/particles/table_view.hpp>
+#include <firn/transfer/node_fields.hpp>
+
+#include <type_traits>
+
+namespace firn
+{
+
+/// How far a particle of a fluid is moved in a step to keep the fluid's volume [cells].
+struct VolumeShift
+{
+    static constexpr auto name = "volume_shift";
+    static constexpr auto shape = FieldShape::vector;
+};
+
+/// Of a model that needs none.
+struct NoShifts
+{};
+
+/// The shifts of a model's particles, by row, as the step that moves them sees them.
+template <class Model, class Number, int d>
+using ShiftsOf =
+    std::conditional_t<KeepsItsVolume<Model>, FieldsById<Number const, d, Fields<VolumeShift>>, NoShifts>;
+
+/// Particles gather the gradient of the potential that nodes have in the first channel of their values, which
+/// is how far they are moved.
+template <class Space, class Kernel, class PersistentFields>
+struct GatherShifts
+{
+    static constexpr int d = Space::dimension;
+    using Number = typename Space::Scalar;
+    static constexpr CellWork work{.gathers = true};
+    static constexpr int node_channels = channels_at_once<Kernel, d>; ///< all but the first are 0
+    static constexpr int scratch_channels = 2 * d;
+    /// The most that a particle is moved at once, along any axis [cells].
+    static constexpr double most = 0.2;
+    template <class Real>
+    using CellNodes = CellPolynomial<Kernel, Real, d, channels_at_once<Kernel, d>>;
+    /// The loop returns nothing.
+    struct Result
+    {
+        FIRN_HOST_DEVICE void merge(Result const&) {}
+    };
+
+    TableView<Number const, d, PersistentFields> particles;
+    FieldsById<Number, d, Fields<VolumeShift>> shifts;
+
+    template <class Items>
+    FIRN_HOST_DEVICE void begin(Items& items) const
+    {
+        auto const x = particles.position(items);
+        FIRN_UNROLL
+        for (int a = 0; a < d; ++a) items.set_scratch(a, x[a]);
+    }
+
+    /// The gather, by the two ways of firn::Gather.
+    struct Gather
+    {
+        static constexpr int node_channels = GatherShifts::node_channels;
+
+        template <class Row, class Real = typename Row::Real>
+        FIRN_HOST_DEVICE static void gather(Row& row_of_cells, CellNodes<Real> const& nodes, int)
+        {
+            Monomials<Kernel, Real, d> const powers(position_of<Real>(row_of_cells));
+            auto const of_cells = [&](Real const& term) { return row_of_cells.of_cells(term); };
+            auto const found = nodes.template at<false, true>(powers, of_cells);
+            FIRN_UNROLL
+            for (int a = 0; a < d; ++a) row_of_cells.set_scratch(d + a, found.gradient[0][a]);
+        }
+
+        template <class Row, class Real = typename Row::Real>
+        FIRN_HOST_DEVICE static void gather(Row& row_of_cells)
+        {
+            using Nodes = Stencil<Kernel, Real, d>;
+            Nodes const nodes(position_of<Real>(row_of_cells));
+            Real const middle = row_of_cells.node(0, Nodes::rows / 2, Nodes::width / 2);
+            Vector<Real, d> slopes = zeros<Vector<Real, d>>();
+            FIRN_UNROLL_ON_DEVICE
+            for (int row = 0; row < Nodes::rows; ++row) {
+                Real plain(0), slope(0);
+                FIRN_UNROLL
+                for (int k = 0; k < Nodes::width; ++k) {
+                    Real const value = row_of_cells.node(0, row, k) - middle;
+                    plain += value * nodes.weight[Nodes::last][std::size_t(k)];
+                    slope += value * nodes.derivative[Nodes::last][std::size_t(k)];
+                }
+                FIRN_UNROLL
+                for (int a = 0; a < Nodes::last; ++a) slopes[a] += plain * nodes.row_gradient(row, a);
+                slopes[Nodes::last] += slope * nodes.row_weight(row);
+            }
+            FIRN_UNROLL
+            for (int a = 0; a < d; ++a) row_of_cells.set_scratch(d + a, slopes[a]);
+        }
+    };
+
+    template <class Row>
+    FIRN_HOST_DEVICE static void gather(Row& row_of_cells)
+    {
+        Gather::gather(row_of_cells);
+    }
+
+    template <class Items>
+    FIRN_HOST_DEVICE void update(Items& items, Result&) const
+    {
+        using Real = typename Items::Real;
+        Real const bound(static_cast<Number>(most));
+        Record<Real, d, Fields<VolumeShift>> found;
+        FIRN_UNROLL
+        for (int a = 0; a < d; ++a) found[VolumeShift{}][a] = min(max(items.scratch(d + a), -bound), bound);
+        shifts.store(items, particles.id, found);
+    }
+
+private:
+    template <class Real, class Items>
+    FIRN_HOST_DEVICE static Vector<Real, d> position_of(Items const& items)
+    {
+        Vector<Real, d> x;
+        FIRN_UNROLL
+        for (int a = 0; a < d; ++a) x[a] = items.scratch(a);
+        return x;
+    }
+};
+
+} // namespace firn

@@ -1,0 +1,382 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/host_device.hpp>
+#include <firn/particles/mass_groups.hpp>
+#include <firn/particles/storage.hpp>
+#include <firn/phases/find_surface_points.hpp>
+#include <firn/phases/gather_shifts.hpp>
+#include <firn/phases/scatter.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <optional>
+
+// How a fluid keeps its volume, in steps at intervals and before nodes are updated: see KeepsVolume. With V_p
+// = J_p V0_p, nodes have
+//
+//   e_i = sum_p w_ip V_p / h^d - r_i         the volume that is too much
+//
+// where r_i is the share of the node's kernel outside obstacles, and e_i < 0 counts only where there is fluid
+// on all sides. Sweeps bring the potential phi nearer to that of (sum over neighbours of phi_i - phi_j) =
+// -e_i, with phi = 0 where there is no fluid, and particles are moved by its gradient.
+namespace firn
+{
+
+/// The share of a B-spline's integral on one side of a plane, at this signed distance from its centre
+/// [cells]: 0.5 if the plane goes through that.
+template <int degree, Lane Real>
+FIRN_HOST_DEVICE Real share_above(Real const& distance)
+{
+    using Number = ScalarOf<Real>;
+    auto const c = [](double value) { return Real(static_cast<Number>(value)); };
+    Real const a = min(abs(distance), c(0.5 * (degree + 1)));
+    Real larger;
+    if constexpr (degree == 1)
+        larger = c(0.5) + a - a * a * c(0.5);
+    else if constexpr (degree == 2) {
+        Real const rest = c(1.5) - a;
+        larger = select(a < c(0.5), c(0.5) + c(0.75) * a - a * a * a * c(1.0 / 3),
+                        c(1) - rest * rest * rest * c(1.0 / 6));
+    }
+    else {
+        static_assert(degree == 3, "the integral of this kernel is not known");
+        Real const rest = c(2) - a, a2 = a * a;
+        larger = select(a < c(1), c(0.5) + a * c(2.0 / 3) - a2 * a * c(1.0 / 3) + a2 * a2 * c(0.125),
+                        c(1) - rest * rest * rest * rest * c(1.0 / 24));
+    }
+    return select(distance < c(0), c(1) - larger, larger);
+}
+
+/// A node with some volume.
+template <class Number, int d>
+struct NodeOfVolume
+{
+    static constexpr std::uint32_t none = ~std::uint32_t(0);
+    Coordinates<d> node;
+    std::uint32_t index; ///< see Grid::nodes_by_index()
+    /// The numbers of its neighbours below and above along each axis; none: they have no volume.
+    std::uint32_t beside[std::size_t(2 * d)];
+    std::uint32_t in_obstacles; ///< bit by bit whether these have hardly any room
+    Number volume;              ///< that particles bring [cells]
+    Number room;                ///< the share of its kernel outside obstacles
+    Number source;              ///< of the potential, over 2 d [cells^2]
+    Number change;              ///< of the potential in the last sweep
+    Number potential[2];        ///< after sweeps of odd and of even number [cells^2]
+};
+
+/// The nodes as loops see them.
+template <class Number, int d>
+struct NodesOfVolume
+{
+    NodeOfVolume<Number, d>* nodes;
+    std::uint32_t* count; ///< those beyond `room` are not there
+    std::uint32_t room;
+    std::uint32_t* numbers; ///< by index of a node
+};
+
+/// All particles of a material scatter their volumes, in the place of masses.
+template <class Space, class Model, class Kernel, class PersistentFields>
+struct ScatterVolumes
+{
+    /// Of volumes alone; momentum stays 0.
+    struct Transfer
+    {
+        template <class>
+        static constexpr Terms scatter_terms{};
+        static constexpr bool keeps_old_velocity = false;
+    };
+    using Scatter = firn::Scatter<Space, Kernel, Transfer>;
+    static constexpr int d = Space::dimension;
+    using Number = typename Space::Scalar;
+    static constexpr CellWork work{.scatters_to = ScatterTarget::sums};
+    static constexpr int channels = Scatter::channels, scratch_channels = Scatter::scratch_channels;
+
+    Model model;
+    TableView<Number const, d, PersistentFields> particles;
+    MassGroups<Number> mass_groups;
+    Number in_cells; ///< a unit of volume over that of a cell
+
+    bool adds_to_sums() const { return false; }
+
+    template <class Items>
+    FIRN_HOST_DEVICE void prepare(Items& items) const
+    {
+        using Real = typename Items::Real;
+        Real volume = mass_groups.find(items, particles.id).volume * Real(in_cells);
+        if constexpr (KeepsItsVolume<Model>) {
+            auto particle = Record<Real, d, PersistentFields>::at_rest();
+            particles.load(items, particle);
+            volume = volume * model.template volume_ratio<Real>(particle);
+        }
+        ParticleContribution<Real, d> contribution;
+        contribution.momentum.setZero();
+        Scatter::store(items, particles.position(items), volume, contribution, {});
+    }
+
+    template <class Row, class SumsOfCells>
+    FIRN_HOST_DEVICE static void scatter(Row const& row_of_cells, SumsOfCells& sums)
+    {
+        Scatter::scatter(row_of_cells, sums);
+    }
+};
+
+/// On nodes: lists those that have volume, and finds the room that obstacles leave them.
+template <class Space, class Kernel, class Effects>
+struct FindVolumes
+{
+    static constexpr int d = Space::dimension;
+    using Number = typename Space::Scalar;
+    using Sums = NodeSums<d, Fields<NodeMass, NodeMomentum>>; ///< with volumes in the place of masses
+    static constexpr bool looks_around = false;
+    using Result = NothingFound;
+    /// A node with less room than this lies in an obstacle.
+    static constexpr double least_room = 0.05;
+
+    StepContext<Number, Effects> const* now;
+    Lattice lattice;
+    NodesOfVolume<Number, d> found;
+
+    template <class Node>
+    FIRN_HOST_DEVICE void operator()(Node& node, Result&) const
+    {
+        using Real = typename Node::Real;
+        constexpr int width = lane_width<Real>;
+        Real const volume = node.sum(Sums::mass);
+        for (int a = 0; a < channels_at_once<Kernel, d>; ++a) node.set(a, Real(0));
+        Mask<Real> const filled = volume > Real(0);
+        if (!any(filled)) return;
+        LanePosition<Real, d> const place{lattice, node.first(), node.offset(), kernel_reach(Kernel::degree)};
+        Real room(1), beside[std::size_t(2 * d)];
+        for (auto& of_neighbour : beside) of_neighbour = Real(1);
+        with_surface_action(now->actions, [&](auto const& action) {
+            Real const reach(static_cast<Number>((0.5 * (Kernel::degree + 1) + 1) * lattice.cell_size));
+            action.for_each_within(place, reach, [&](std::uint32_t, auto const& obstacle) {
+                auto const at = obstacle.template surface_at<Real>(place, zeros<Vector<Real, d>>());
+                Real const away = at.distance * Real(static_cast<Number>(1 / lattice.cell_size));
+                room = room * share_above<Kernel::degree>(away);
+                for (int a = 0; a < d; ++a)
+                    for (int side = 0; side < 2; ++side) {
+                        Real const there = side == 0 ? away - at.normal[a] : away + at.normal[a];
+                        beside[2 * a + side] = beside[2 * a + side] * share_above<Kernel::degree>(there);
+                    }
+            });
+        });
+        Number along[std::size_t(d)][std::size_t(width)], volumes[std::size_t(width)],
+            rooms[std::size_t(width)];
+        std::uint64_t in_obstacles[std::size_t(2 * d)];
+        for (int a = 0; a < d; ++a) LaneTraits<Real>::store(place.offset[a], along[a]);
+        LaneTraits<Real>::store(volume, volumes);
+        LaneTraits<Real>::store(room, rooms);
+        for (int b = 0; b < 2 * d; ++b)
+            in_obstacles[b] = bits(beside[b] < Real(static_cast<Number>(least_room)));
+        for_each_lane<width>(bits(filled), [&](int lane) {
+            std::uint32_t const number = next_number(*found.count);
+            if (number >= found.room) return; // the host makes room, and looks again
+            NodeOfVolume<Number, d>& listed = found.nodes[number];
+            for (int a = 0; a < d; ++a) listed.node[a] = place.first[a] + static_cast<int>(along[a][lane]);
+            listed.volume = volumes[lane];
+            listed.room = rooms[lane];
+            listed.in_obstacles = 0;
+            for (int b = 0; b < 2 * d; ++b)
+                listed.in_obstacles |= static_cast<std::uint32_t>((in_obstacles[b] >> lane) & 1) << b;
+        });
+    }
+};
+
+/// Numbers the listed nodes by their indices.
+template <class Number, int d, class Nodes>
+struct NumberVolumes
+{
+    NodesOfVolume<Number, d> of;
+    Nodes by_index;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const
+    {
+        NodeOfVolume<Number, d>& node = of.nodes[i];
+        node.index = by_index.find(node.node);
+        of.numbers[node.index] = static_cast<std::uint32_t>(i);
+    }
+};
+
+/// Finds the neighbours of nodes, and by them the source of the potential.
+template <class Number, int d, class Nodes>
+struct FindSources
+{
+    NodesOfVolume<Number, d> of;
+    Nodes by_index;
+    /// A node has fluid beside it if that fills so much of its room, and what is more than this too much or
+    /// too little is corrected as if it were this.
+    static constexpr double least_filled = 0.3, most = 0.2;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const
+    {
+        NodeOfVolume<Number, d>& node = of.nodes[i];
+        bool inside = is_filled(node) && node.room > Number(0.05);
+        for (int b = 0; b < 2 * d; ++b) {
+            Coordinates<d> there = node.node;
+            there[b / 2] += b % 2 == 0 ? -1 : 1;
+            std::uint32_t const index = by_index.find(there);
+            std::uint32_t const number =
+                index == Nodes::absent ? NodeOfVolume<Number, d>::none : of.numbers[index];
+            bool const in_obstacle = ((node.in_obstacles >> b) & 1) != 0;
+            inside = inside && (in_obstacle ||
+                                (number != NodeOfVolume<Number, d>::none && is_filled(of.nodes[number])));
+        }
+        Number const bound = Number(most);
+        Number const excess = min(max(node.volume - node.room, -bound), bound);
+        node.source = excess > Number(0) || inside ? -excess / Number(2 * d) : Number(0);
+        node.change = node.potential[0] = node.potential[1] = 0;
+    }
+
+private:
+    FIRN_HOST_DEVICE static bool is_filled(NodeOfVolume<Number, d> const& node)
+    {
+        return node.volume > Number(least_filled) * node.room;
+    }
+};
+
+/// A sweep of Chebyshev's iteration (Golub & Varga 1961) for the potential, with the factors of its change.
+template <class Number, int d>
+struct SweepPotential
+{
+    NodeOfVolume<Number, d>* nodes;
+    int from; ///< which of the two potentials it reads
+    Number of_change, of_residual;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const
+    {
+        NodeOfVolume<Number, d>& node = nodes[i];
+        Number around = 0;
+        for (std::uint32_t const beside : node.beside)
+            if (beside != NodeOfVolume<Number, d>::none) around += nodes[beside].potential[from];
+        Number const residual = node.source - (node.potential[from] - around / Number(2 * d));
+        node.change = of_change * node.change + of_residual * residual;
+        node.potential[1 - from] = node.potential[from] + node.change;
+    }
+};
+
+/// Gives the grid the potential, as the first value of nodes.
+template <class Number, int d, class Nodes>
+struct ReturnPotential
+{
+    NodeOfVolume<Number, d> const* nodes;
+    Nodes by_index;
+    int from;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const
+    {
+        by_index.value(nodes[i].index, 0) = nodes[i].potential[from];
+    }
+};
+
+/// When volumes are corrected in a call, and the memory for it. What a call does depends on the state before
+/// it alone, and on no batch of steps.
+template <class Backend, class Space, std::size_t materials>
+class VolumeKeeping
+{
+    using Number = typename Space::Scalar;
+    static constexpr int d = Space::dimension;
+    template <class T>
+    using Array = typename Backend::template Array<T>;
+    using Shifts = DerivedStorage<Backend, Space, Fields<VolumeShift>>;
+
+public:
+    explicit VolumeKeeping(Backend const& backend)
+        : backend_(backend), nodes_(backend), numbers_(backend), count_(backend)
+    {
+        count_.resize(1);
+        nodes_.resize(256);
+    }
+
+    void begin_call() { left_ = unknown; }
+    /// How many of `most` steps may follow in a batch, the first of which is this long [s]; volumes are
+    /// corrected in the step with which an `interval` [s] of time begins.
+    int steps_at_once(int most, double time, double dt, double interval)
+    {
+        if (left_ == unknown) {
+            double const rest = (std::floor(time / interval) + 1) * interval - time;
+            left_ = interval > 0 ? static_cast<int>(std::min(rest / dt, 1e6)) : 0;
+        }
+        return left_ == 0 ? 1 : std::min(most, left_);
+    }
+    bool is_due() const { return left_ == 0; }
+    /// After a batch of which so many steps were taken.
+    void end(int taken)
+    {
+        if (taken > 0) left_ = left_ == 0 ? unknown : left_ - taken;
+    }
+
+    /// The shifts of a material's particles, of which there are `count`.
+    typename Shifts::View shifts(std::size_t material, std::size_t count)
+    {
+        auto& own = shifts_[material];
+        if (!own || size_[material] != count) own.emplace(backend_, size_[material] = count);
+        return own->view();
+    }
+
+    /// Finds what nodes have too much or too little of, and gives the grid the potential. `find(nodes)` is to
+    /// list the nodes that have volume.
+    template <class Grid, class Find>
+    void solve(Grid& grid, int sweeps, Find const& find)
+    {
+        for (;;) {
+            count_.fill(0, 1, 0);
+            find(view());
+            if (count() <= nodes_.size()) break;
+            nodes_.resize(count() + count() / 4, 0);
+        }
+        std::size_t const nodes = count(), indices = grid.node_count();
+        if (nodes == 0) return;
+        if (numbers_.size() < indices) numbers_.resize(indices, 0);
+        numbers_.fill(0, indices, NodeOfVolume<Number, d>::none);
+        auto const by_index = grid.nodes_by_index();
+        using Nodes = std::remove_const_t<decltype(by_index)>;
+        backend_.for_each(nodes, NumberVolumes<Number, d, Nodes>{view(), by_index});
+        backend_.for_each(nodes, FindSources<Number, d, Nodes>{view(), by_index});
+        // of the operator phi_i - mean(phi_j): what varies more slowly than its least eigenvalue here is left
+        // to later corrections
+        double const least = 0.05, middle = (2 + least) / 2, half = (2 - least) / 2, sigma = middle / half;
+        double rho = 1 / sigma, of_change = 0, of_residual = 1 / middle;
+        for (int sweep = 0; sweep < sweeps; ++sweep) {
+            backend_.for_each(nodes, SweepPotential<Number, d>{nodes_.data(), sweep % 2,
+                                                               static_cast<Number>(of_change),
+                                                               static_cast<Number>(of_residual)});
+            double const next = 1 / (2 * sigma - rho);
+            of_change = next * rho, of_residual = 2 * next / half, rho = next;
+        }
+        backend_.for_each(nodes, ReturnPotential<Number, d, Nodes>{nodes_.data(), by_index, sweeps % 2});
+    }
+
+private:
+    static constexpr int unknown = -1;
+
+    NodesOfVolume<Number, d> view()
+    {
+        return {nodes_.data(), count_.data(), static_cast<std::uint32_t>(nodes_.size()), numbers_.data()};
+    }
+    std::uint32_t count() const
+    {
+        std::uint32_t count = 0;
+        count_.download(0, {&count, 1});
+        return count;
+    }
+
+    Backend backend_;
+    int left_ = unknown; ///< steps before the next correction
+    Array<NodeOfVolume<Number, d>> nodes_;
+    Array<std::uint32_t> numbers_, count_;
+    std::array<std::optional<Shifts>, materials> shifts_;
+    std::array<std::size_t, materials> size_{};
+};
+
+/// Where no material keeps its volume.
+struct NoVolumeKeeping
+{
+    explicit NoVolumeKeeping(auto const&) {}
+};
+
+} // namespace firn
