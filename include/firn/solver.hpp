@@ -247,8 +247,7 @@ public:
     double stable_step(Effects const&... effects) const
     {
         auto const access = guard_.read("Solver::stable_step");
-        detail::validate_effects<Backend, Number, d>("Solver::stable_step", scene_.bears_kilograms(),
-                                                     effects...);
+        detail::validate_effects("Solver::stable_step", scene_, effects...);
         return time_loop_.next_step().stable(scene_, effects...).dt;
     }
 
@@ -457,12 +456,13 @@ private:
         return report;
     }
 
-    /// Refuses invalid effects, and walls that share nodes or have particles behind them; checks the
-    /// latter only where walls or particles are new.
+    /// Refuses invalid effects, those that act on a mark that no particle has, and walls that share nodes or
+    /// have particles behind them; looks at particles only where these, or walls, are new.
     template <class... Effects>
     void accept(char const* call, Effects const&... effects)
     {
-        detail::validate_effects<Backend, Number, d>(call, scene_.bears_kilograms(), effects...);
+        detail::validate_effects(call, scene_, effects...);
+        scene_.known_marks.look(call, scene_.sets, effects...);
         require_walls_apart(effects...);
         // with transfers in which particles move by velocities of their own they may overshoot by up to half
         // a cell, where their kernels still reach mirrored nodes only

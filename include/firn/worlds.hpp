@@ -284,6 +284,7 @@ public:
             });
             scene.cache_grid_fields();
             sort();
+            scene.known_marks.forget();
             scene.change([&] {
                 if (!back.empty()) bring_back(coming, state, scale);
                 solver_.time_loop_.release(back);

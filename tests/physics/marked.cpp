@@ -35,6 +35,17 @@ using PairScenes = Combinations<Pair, More<Scene<Bodies<NeoHookean<SolidFloat>, 
 
 constexpr double size = 0.1; // of a cell
 
+/// Tells which particles are marked.
+struct IsLeft
+{
+    template <class Vec, class Particle>
+    FIRN_HOST_DEVICE auto operator()(Vec const&, Particle const& particle) const
+        -> decltype(particle[Left{}] > 0)
+    {
+        return particle[Left{}] > 0;
+    }
+};
+
 /// Two blocks, one of each material, with a gap between them.
 template <class Solver>
 Solver pair_of_blocks(double gap)
@@ -143,6 +154,40 @@ TEMPLATE_LIST_TEST_CASE("marked particles move as they are told, to rounding, an
                                         .margin(1e3 * rounding * totals.mass));
     CHECK(report.reactions[0].impulse[0] > 0);
     CHECK(solver.stable_step(grip) <= size / norm(grip.motion.velocity));
+}
+
+TEMPLATE_LIST_TEST_CASE("effects on a mark that no particle has are refused, also once the last one has gone",
+                        "", PairScenes)
+{
+    auto solver = pair_of_blocks<typename TestType::Solver>(0);
+    auto const is_refused = [&](auto const& effect) {
+        auto const before = solver.positions();
+        double const time = solver.time();
+        auto const error = refused([&] { solver.advance(1e-3, Gravity{}, effect); });
+        CHECK_THAT(error.what_is_wrong(), Contains("no particle has the mark 'left'"));
+        CHECK_THAT(error.where(), EndsWith(", effect 2 of Solver::advance"));
+        CHECK_THAT(error.remedy(), Contains("assign"));
+        CHECK((solver.positions() == before));
+        CHECK(solver.time() == time);
+        return error.where();
+    };
+    MarkedForce<Left> const push{{1, 0, 0}};
+    HeldMarked<Left> const grip{};
+    CHECK_THAT(is_refused(push), StartsWith("MarkedForce"));
+    CHECK_THAT(is_refused(grip), StartsWith("HeldMarked"));
+    std::vector<std::uint32_t> const one{solver.template ids<Material<1>>()[5]};
+    assign<Right, Material<1>>(solver, one, 1);
+    is_refused(push);
+    assign<Left, Material<1>>(solver, one, 0.5);
+    solver.advance(1e-3, Gravity{}, push, grip);
+    solver.step(1e-4, push);
+    CHECK(solver.remove_if(IsLeft{}) == 1);
+    is_refused(push);
+    is_refused(grip);
+    assign<Left, Material<0>>(solver, 1);
+    solver.step(1e-4, push);
+    assign<Left, Material<0>>(solver, 0);
+    is_refused(grip);
 }
 
 TEST_CASE("a bar whose marked ends are pulled apart bears E times its strain, as between held regions")

@@ -107,10 +107,33 @@ TEST_CASE(
     solver = marked_bar(16);
     CHECK(mark_face(solver, Inside<Box>{{{2, 0.5 / 16, 1}}, {.position = {0.5, height, 0}}}, {0, 1}) == 32);
     check(Traction::pressure(10), {-10 * height, -10});
-    SceneType::Solver unmarked(lattice(0.1));
-    unmarked.add(box_of_points<2>({0, 0}, {0.4, 0.4}, 0.1), 0.0025);
-    unmarked.step(1e-4, Traction::pressure(1000));
-    CHECK(unmarked.totals().momentum.norm() == 0);
+}
+
+TEST_CASE("a traction while no particle is marked is refused, and changes nothing")
+{
+    SceneType::Solver solver(lattice(0.1));
+    auto const load = Traction::pressure(1000);
+    refused([&] { solver.step(1e-4, load); }); // there is no particle at all
+    solver.add(box_of_points<2>({0, 0}, {0.4, 0.4}, 0.1), 0.0025);
+    auto const error = refused([&] { solver.advance(1e-3, Gravity{}, load); });
+    CHECK_THAT(error.what_is_wrong(), Contains("no particle has the mark 'area_per_mass'"));
+    CHECK(error.where() == "Traction, effect 2 of Solver::advance");
+    CHECK_THAT(error.remedy(), Contains("mark_face"));
+    CHECK(solver.time() == 0);
+    auto const snapshot = solver.snapshot();
+    Inside<Box> const top{{{1, 0.05, 1}}, {.position = {0.2, 0.4, 0}}};
+    CHECK(mark_face(solver, top, {0, 0.4}) == 8);
+    solver.step(1e-4, load);
+    CHECK(solver.totals().momentum.norm() > 0);
+    CHECK(solver.remove_if(top) == 8); // and now none is left
+    refused([&] { solver.step(1e-4, load); });
+    solver.restore(snapshot);
+    refused([&] { solver.step(1e-4, load); });
+    mark_face(solver, top, {0, 0.4});
+    solver.step(1e-4, load);
+    solver.restore(snapshot); // the same particles without marks
+    refused([&] { solver.step(1e-4, load); });
+    solver.step(1e-4); // but without it the solver goes on
 }
 
 TEST_CASE("faces without a particle or an area, and tractions without a number, are refused")

@@ -16,7 +16,8 @@ namespace firn
 
 /// Prescribes the velocity of the particles that are marked by `Tag`, wherever they are: held fast, pulled,
 /// or turned. What it takes to do so is its reaction, as of an obstacle. The transfer carries the marks, such
-/// as `Carrying<Mls, Marks<Mark>>`; others are refused at compile time.
+/// as `Carrying<Mls, Marks<Mark>>`; others are refused at compile time. A call is refused while no particle
+/// is marked.
 ///
 /// All nodes that a marked particle reaches take the velocity, so marked particles move by it to rounding,
 /// with transfers in which particles move with the grid. What lies within the kernel's reach of them goes
@@ -26,6 +27,8 @@ namespace firn
 template <class Tag>
 struct HeldMarked
 {
+    static constexpr auto name = "HeldMarked"; ///< in messages
+
     /// The motion of the particles: they go and turn as a rigid body does that has it.
     Motion motion{};
     /// Their velocity in world axes, if that is not the motion's own [m/s].

@@ -12,13 +12,15 @@ namespace firn
 
 /// Accelerates the particles that are marked by `Tag`, each by the share that its mark says: a body force on
 /// one material, one body, or some ids. The transfer carries the marks, such as `Carrying<Mls, Marks<Mark>>`;
-/// others are refused at compile time.
+/// others are refused at compile time. A call is refused while no particle is marked.
 ///
 /// What a body gets is its marked mass times the acceleration, to rounding. Nodes that it shares with others
 /// pass a part of it on to them, as they do with any force.
 template <class Tag>
 struct MarkedForce
 {
+    static constexpr auto name = "MarkedForce"; ///< in messages
+
     Eigen::Vector3d acceleration{0, 0, 0}; ///< in world axes [m/s^2]
 
     void validate() const

@@ -13,13 +13,15 @@ namespace firn
 {
 
 /// Loads the surfaces that are marked (see mark_face) by a stress: the force on an area A with the outward
-/// normal n is stress n A. Without a mark nothing is loaded. The transfer carries the marks, such as
-/// `Carrying<Mls, LoadedSurfaces>`; others are refused at compile time.
+/// normal n is stress n A. A call with a Traction is refused while no particle is marked. The
+/// transfer carries the marks, such as `Carrying<Mls, LoadedSurfaces>`; others are refused at compile time.
 ///
 /// The impulse on a body is that force times the time of forces, to rounding. It enters within the kernel's
 /// reach of the marked particles, so stress is that of the load from there on inwards.
 struct Traction
 {
+    static constexpr auto name = "Traction"; ///< in messages
+
     /// In world axes, tension above 0 [Pa].
     Eigen::Matrix3d stress = zeros<Eigen::Matrix3d>();
 

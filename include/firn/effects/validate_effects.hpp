@@ -59,13 +59,16 @@ void validate_effect(char const* call, int place, [[maybe_unused]] bool bears_ki
     }
 }
 
-/// Refuses invalid effects of a call; the error says which argument it is.
-template <class Backend, class Number, int d, class... Effects>
-void validate_effects([[maybe_unused]] char const* call, [[maybe_unused]] bool bears_kilograms,
+/// Refuses invalid effects of a call on a scene, which is a SceneState; the error says which argument it is.
+template <class Scene, class... Effects>
+void validate_effects([[maybe_unused]] char const* call, [[maybe_unused]] Scene const& scene,
                       Effects const&... effects)
 {
+    using Backend = typename Scene::Backend;
     [[maybe_unused]] int place = 0;
-    (validate_effect<Backend, Number, d>(call, ++place, bears_kilograms, effects), ...);
+    (validate_effect<Backend, typename Scene::Number, Scene::d>(call, ++place, scene.bears_kilograms(),
+                                                                effects),
+     ...);
 }
 
 /// Refuses an invalid predicate of positions, such as Inside<Shape>.

@@ -90,6 +90,7 @@ void restore(Snapshot<Number, d> const& from, Scene& scene, TimeLoop& time_loop)
     auto isolated = from.isolated;
     typename Scene::GridStateType grid_state(scene.lattice, scene.transfer, scene.backend);
     scene.sets = std::move(sets); // from here on nothing can fail
+    scene.known_marks.forget();
     go_on_from(from, bounds, std::move(grid_state), std::move(isolated), scene, time_loop);
 }
 

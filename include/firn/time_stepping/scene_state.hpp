@@ -4,6 +4,7 @@
 #include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
 #include <firn/core/finite.hpp>
+#include <firn/effects/mark_check.hpp>
 #include <firn/grid/periods.hpp>
 #include <firn/particles/add_remove.hpp>
 #include <firn/particles/material_sets.hpp>
@@ -54,6 +55,7 @@ public:
     MassScale masses{};
     std::uint32_t next_id = 0;       ///< of the next particle that is added
     bool calls_begin_afresh = false; ///< see begin_call()
+    detail::KnownMarks known_marks;  ///< to forget where fields of particles are set
 
     /// Before the steps of a call: particles scatter afresh if it is asked for. What follows then depends on
     /// the particles alone, and not on what came or went before the call.
@@ -140,6 +142,7 @@ public:
                     "Pass finite values that the field may have.");
             });
         cache_grid_fields();
+        known_marks.forget();
         if constexpr (Traits::Stored::template contains<Tag>) {
             auto const changed = changed_columns(particles<k>(), [&](std::uint32_t row, auto& particle) {
                 particle[Tag{}] = by_id[row];
