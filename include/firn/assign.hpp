@@ -4,6 +4,7 @@
 #include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
 #include <firn/core/fields.hpp>
+#include <firn/effects/shapes/images.hpp>
 
 #include <algorithm>
 #include <cstddef>
@@ -67,10 +68,16 @@ std::size_t assign(Solver& solver, Where const& where, FieldValue<Tag, double, S
 {
     if constexpr (requires { where.validate(); }) where.validate();
     if constexpr (Solver::d == 2 && requires { where.validate_in_plane(); }) where.validate_in_plane();
+    auto const is_there = [&] {
+        if constexpr (requires { solver.lattice(); }) // of Worlds none is periodic
+            return detail::with_images<Solver::d>(where, solver.lattice());
+        else
+            return where;
+    }();
     auto const positions = solver.template positions<Which...>();
     std::vector<std::size_t> places;
     for (std::size_t i = 0; i < positions.size(); ++i)
-        if (where(positions[i])) places.push_back(i);
+        if (is_there(positions[i])) places.push_back(i);
     require(!places.empty(), "no particle lies where a field is to be set", "assign",
             "Let the region hold particles, in metres.");
     detail::assign_at<Tag, Which...>(solver, places, value);

@@ -32,12 +32,13 @@ std::size_t mark_face(Solver& solver, Inside<ShapeType> const& region, Vector<do
     if constexpr (d == 2) region.validate_in_plane();
     require(all_finite(area) && norm(area) > 0, "the area of a face is not finite, or 0", "mark_face",
             "Pass the area times the outward normal in m^2, in the plane in m.");
+    auto const inside = region.with_images(solver.lattice(), d);
     auto const positions = solver.template positions<Which...>();
     auto const masses = solver.template masses<Which...>();
     std::vector<std::size_t> found;
     double mass = 0;
     for (std::size_t i = 0; i < positions.size(); ++i)
-        if (region(positions[i])) {
+        if (inside(positions[i])) {
             found.push_back(i);
             mass += masses[i];
         }

@@ -3,8 +3,16 @@
 #include "support/policies.hpp"
 #include "support/refused.hpp"
 
+#include <firn/assign.hpp>
+#include <firn/effects/force.hpp>
+#include <firn/effects/held.hpp>
 #include <firn/effects/obstacles.hpp>
+#include <firn/effects/shapes/cylinder.hpp>
+#include <firn/effects/shapes/union.hpp>
 #include <firn/io/checkpoint.hpp>
+#include <firn/mark_face.hpp>
+#include <firn/transfer/loaded_surfaces.hpp>
+#include <firn/transfer/marks.hpp>
 
 #include <cmath>
 #include <sstream>
@@ -20,6 +28,23 @@ double const h = 0.05, pi = 3.14159265358979323846;
 
 using InPlane = Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>::Solver;
 using InSpace = Scene<NeoHookean<SolidFloat>, QuadraticBSpline, Mls>::Solver;
+
+/// What lies between the reference point and a length along an axis: a region of a user's own.
+struct Ahead
+{
+    int axis;
+    double length;
+
+    double reach() const { return length; }
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const
+    {
+        SurfaceSample<Real, d> sample;
+        for (int a = 0; a < d; ++a) sample.normal[a] = Real(a == axis ? 1 : 0);
+        sample.distance = max(x[axis] - Real(length), -x[axis]);
+        return sample;
+    }
+};
 
 /// The distance between two points where the nearest images of x are meant.
 double apart(double one, double other, double period) { return std::remainder(one - other, period); }
@@ -128,6 +153,147 @@ TEST_CASE("cells at the corner of two periods are neighbours", "[physics][period
     solver.add(std::vector<Eigen::Vector2d>(4, {0.1 * h, 15.1 * h}), h * h / 4); // in the cell (0, 15)
     CHECK(solver.occupancy().per_cell == Approx(4 + 4.0 / (32 * 16)).epsilon(1e-9));
     CHECK(solver.occupancy().cells == 32 * 16);
+}
+
+TEMPLATE_TEST_CASE("a region across the end of a period has the particles of both ends",
+                   "[physics][periodic]", InPlane, InSpace)
+{
+    constexpr int d = TestType::d;
+    using Vec = Vector<double, d>;
+    int const axis = GENERATE(0, d - 1);
+    double const period = 16 * h;
+    TestType solver(lattice(h).periodic(axis, 16));
+    Vec high = Vec::Constant(0.2);
+    high[axis] = period;
+    solver.add(box_of_points<d>(Vec::Zero(), high, h), std::pow(h / 2, d));
+    auto const all = solver.size(), of_row = all / 32; // rows are h / 2 apart
+    Eigen::Vector3d half(1, 1, 1), at(0, 0, 0);
+    half[axis] = 2 * h;
+    // it reaches from two cells below the border to two above it, wherever its reference point is counted
+    for (int const around : {0, 1, -3}) {
+        at[axis] = around * period;
+        auto const region = Inside<Box>{{half}, {.position = at}};
+        auto const count = [&](auto const& predicate) {
+            auto copy = solver.snapshot();
+            auto const removed = solver.remove_if(predicate);
+            solver.restore(copy);
+            return removed;
+        };
+        CHECK(count(region) == 8 * of_row);
+        CHECK(count(Outside<Box>{{half}, {.position = at}}) == all - 8 * of_row);
+        // longer than half a period, and seen from its middle; across the axis all particles are in it
+        Eigen::Vector3d long_one = half;
+        long_one[axis] = 6 * h;
+        CHECK(count(Inside<Box>{{long_one}, {.position = at}}) == 24 * of_row);
+        // seen from its end, so that its nearest image has a part of it alone
+        CHECK(count(Inside<Ahead>{{axis, 12 * h}, {.position = at}}) == 24 * of_row);
+        CHECK(count(Inside<Ahead>{{axis, 40 * h}, {.position = at}}) == all);
+        if (axis == 0) CHECK(count(Inside<HalfSpace>{{{0, 1, 0}}, {.position = {0, 2 * h, 0}}}) == all / 2);
+    }
+    Eigen::Vector3d along = Eigen::Vector3d::Zero();
+    along[axis] = 1;
+    auto const error = refused([&] { solver.remove_if(Inside<HalfSpace>{{along}}); });
+    CHECK_THAT(error.what_is_wrong(), Contains("unbounded"));
+    along[axis] = 0.6;
+    along[axis == 0 ? 1 : 0] = 0.8;
+    refused([&] { solver.remove_if(Outside<HalfSpace>{{along}}); });
+    CHECK(solver.size() == all);
+}
+
+TEST_CASE("fields are assigned, and faces marked, on both sides of a border", "[physics][periodic]")
+{
+    using Loaded = Scene<NeoHookean<Plane>, QuadraticBSpline, Carrying<Mls, LoadedSurfaces, Marks<Mark>>>;
+    Loaded::Solver solver(lattice(h).periodic(0, 16));
+    solver.add(box_of_points<2>({0, 0}, {16 * h, 4 * h}, h), h * h / 4);
+    Inside<Box> const corner{{{2 * h, h / 2, 1}}, {.position = {0, 4 * h, 0}}};
+    CHECK(assign<Mark>(solver, corner, 1) == 8);
+    CHECK(mark_face(solver, corner, {0, 4 * h}) == 8);
+    auto const x = solver.positions();
+    auto const marks = solver.download<Mark>();
+    for (std::size_t i = 0; i < x.size(); ++i)
+        CHECK((marks[i] > 0) == (x[i][1] > 3.5 * h && (x[i][0] < 2 * h || x[i][0] > 14 * h)));
+    refused([&] { assign<Mark>(solver, Inside<HalfSpace>{{{1, 0, 0}}}, 1); });
+    refused([&] { mark_face(solver, Inside<HalfSpace>{{{1, 0, 0}}}, {1, 0}); });
+    // held by a region across the border: they all move
+    Held<Box> const held{
+        .shape = {{2 * h, 10, 1}}, .motion = {.time = 0.0}, .velocity = Eigen::Vector3d(0, 0.1, 0)};
+    solver.advance(0.01, held);
+    auto const v = solver.download<Velocity>();
+    for (std::size_t i = 0; i < x.size(); ++i)
+        if (x[i][0] < h / 2 || x[i][0] > 15.5 * h) CHECK(v[i][1] == Approx(0.1));
+}
+
+TEST_CASE("shapes that a period would part are refused, and others are not", "[physics][periodic][refusal]")
+{
+    double const period = 16 * h, c = std::sqrt(0.5);
+    InSpace solver(lattice(h).periodic(0, 16));
+    solver.add(box_of_points<3>({0.1, 0.1, 0.1}, {0.3, 0.3, 0.3}, h), h * h * h / 8);
+    auto const step = [&](auto const& effect) { solver.step(1e-5, effect); };
+    auto const is_refused = [&](auto const& effect, char const* what) {
+        double const time = solver.time();
+        auto const error = refused([&] { step(effect); });
+        CHECK_THAT(error.what_is_wrong(), Contains(what));
+        CHECK_THAT(error.where(), Contains("effect 1 of Solver::step"));
+        CHECK(solver.time() == time);
+    };
+    Eigen::Quaterniond const about_x(c, c, 0, 0), tilted(std::cos(0.3), 0, 0, std::sin(0.3));
+    Motion const turning{.angular_velocity = {0, 0, 1}}, rolling{.angular_velocity = {2, 0, 0}};
+    using Floor = Obstacle<HalfSpace>;
+    step(Floor{});
+    step(Floor{.motion = {.position = {0, -1, 0}, .orientation = about_x}});
+    step(Floor{.motion = rolling});
+    is_refused(Floor{.shape = {{1, 0, 0}}, .motion = {.position = {-9, 0, 0}}}, "unbounded");
+    is_refused(Floor{.shape = {{c, c, 0}}, .motion = {.position = {-9, 0, 0}}}, "unbounded");
+    is_refused(Floor{.motion = {.position = {0, -9, 0}, .orientation = tilted}}, "unbounded");
+    is_refused(Floor{.motion = {.position = {0, -9, 0}, .angular_velocity = {0, 0, 1e-3}}}, "unbounded");
+    is_refused(Held<HalfSpace>{.shape = {{1, 0, 0}}}, "unbounded");
+    is_refused(Force<HalfSpace>{.shape = {{1, 0, 0}}}, "unbounded");
+    using Long = Obstacle<Box>;
+    Motion const below{.position = {0, -30, 0}};
+    auto turned = below;
+    turned.orientation = tilted;
+    step(Long{.shape = {{10, 0.1, 10}}, .motion = below}); // as a floor: it is mirrored
+    step(Long{.shape = {{0.3, 0.1, 10}}, .motion = turned});
+    is_refused(Long{.shape = {{0.4, 0.4, 10}}, .motion = turned}, "half a period along x");
+    is_refused(Long{.shape = {{10, 0.1, 10}}, .motion = turning}, "half a period along x");
+    step(Obstacle<Capsule>{.shape = {0.1, 10}, .motion = below});
+    turned.orientation = {c, 0, 0, c};
+    step(Obstacle<Cylinder>{.shape = {0.1, 10}, .motion = turned}); // along the axis
+    turned.orientation = tilted;
+    is_refused(Obstacle<Capsule>{.shape = {0.1, 10}, .motion = turned}, "half a period along x");
+    step(Obstacle<Sphere>{.shape = {3}, .motion = below});
+    // a union with a part that is an image away, in a list of any shapes, too
+    using Two = Union<Sphere, Box>;
+    Two const fine{{{.shape = {0.1}, .position = {0.2, 0, 0}}, {.shape = {{10, 0.1, 10}}}}},
+        wide{{{.shape = {0.1}, .position = {0.35, 0, 0}}, {.shape = {{0.1, 0.1, 0.1}}}}};
+    step(Obstacle<Two>{.shape = fine, .motion = below});
+    is_refused(Obstacle<Two>{.shape = wide, .motion = below}, "half a period along x");
+    Obstacles<AnyShape<Two>> list{{{.shape = fine, .motion = below}}};
+    step(list);
+    list.list.push_back({.shape = wide, .motion = below});
+    auto const error = refused([&] { step(list); });
+    CHECK_THAT(error.where(), Contains("number 1 of Obstacles"));
+    list.list[1] = {.shape = HalfSpace{{0.6, 0.8, 0}}, .motion = below};
+    is_refused(list, "unbounded");
+    is_refused(Obstacle<Shell<Box>>{.shape = {{{0.4, 0.4, 10}}, 0.01}, .motion = turned}, "half a period");
+    // an unbounded lattice knows none of this
+    InSpace free(lattice(h));
+    free.add(box_of_points<3>({0.1, 0.1, 0.1}, {0.3, 0.3, 0.3}, h), h * h * h / 8);
+    free.step(1e-5, Floor{.shape = {{1, 0, 0}}, .motion = {.position = {-9, 0, 0}}});
+    free.step(1e-5, Obstacle<Two>{.shape = wide, .motion = below});
+    CHECK(period < 1);
+}
+
+TEST_CASE("the energy of height is refused along a periodic axis, and given across it", "[physics][periodic]")
+{
+    InPlane solver(lattice(h).periodic(0, 16));
+    solver.add(box_of_points<2>({0, 0}, {16 * h, 4 * h}, h), h * h / 4);
+    auto const totals = solver.totals();
+    CHECK(solver.energy(Gravity{{0, -10, 0}}).gravitational ==
+          Approx(10 * totals.mass * totals.centre_of_mass[1]));
+    CHECK(solver.energy().total() == 0);
+    auto const error = refused([&] { (void)solver.energy(Gravity{{1e-3, -10, 0}}); });
+    CHECK_THAT(error.what_is_wrong(), Contains("no potential"));
 }
 
 TEST_CASE("periods that cannot be are refused", "[physics][periodic][refusal]")

@@ -6,6 +6,7 @@
 #include <firn/core/exactly_equal.hpp>
 #include <firn/effects/effect.hpp>
 #include <firn/effects/motion.hpp>
+#include <firn/effects/shapes/images.hpp>
 #include <firn/effects/shapes/shape.hpp>
 
 namespace firn
@@ -40,6 +41,13 @@ struct Force
         motion.validate_in_plane("Force");
         if constexpr (requires { shape.validate_in_plane(); }) shape.validate_in_plane();
     }
+    /// Throws an Error if it makes no sense in a scene that is periodic along some axes: see
+    /// detail::require_fits_periods.
+    void validate_in(Lattice const& lattice, int dimension) const
+    {
+        detail::require_fits_periods(shape, motion, lattice, dimension, "Force");
+    }
+
     /// A bound for the time step [m/s^2]: see stable_time_step.
     double largest_acceleration() const { return norm(acceleration); }
 

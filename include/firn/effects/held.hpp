@@ -8,7 +8,9 @@
 #include <firn/effects/effect.hpp>
 #include <firn/effects/motion.hpp>
 #include <firn/effects/prescribed_velocity.hpp>
+#include <firn/effects/shapes/images.hpp>
 #include <firn/effects/shapes/shape.hpp>
+#include <firn/grid/lattice.hpp>
 #include <firn/math/product.hpp>
 
 #include <array>
@@ -49,6 +51,13 @@ struct Held
     {
         detail::validate_prescribed_in_plane(motion, velocity, axes, "Held");
         if constexpr (requires { shape.validate_in_plane(); }) shape.validate_in_plane();
+    }
+
+    /// Throws an Error if it makes no sense in a scene that is periodic along some axes: see
+    /// detail::require_fits_periods.
+    void validate_in(Lattice const& lattice, int dimension) const
+    {
+        detail::require_fits_periods(shape, motion, lattice, dimension, "Held");
     }
 
     /// A bound on the speed of the region and of what is inside [m/s] in a scene of `dimension` dimensions.

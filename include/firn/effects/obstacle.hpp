@@ -5,8 +5,10 @@
 #include <firn/effects/contact.hpp>
 #include <firn/effects/effect.hpp>
 #include <firn/effects/motion.hpp>
+#include <firn/effects/shapes/images.hpp>
 #include <firn/effects/shapes/shape.hpp>
 #include <firn/effects/surface_points.hpp>
+#include <firn/grid/lattice.hpp>
 #include <firn/math/product.hpp>
 
 #include <limits>
@@ -71,6 +73,13 @@ struct Obstacle
     {
         motion.validate_in_plane("Obstacle");
         if constexpr (requires { shape.validate_in_plane(); }) shape.validate_in_plane();
+    }
+
+    /// Throws an Error if it makes no sense in a scene that is periodic along some axes: see
+    /// detail::require_fits_periods.
+    void validate_in(Lattice const& lattice, int dimension) const
+    {
+        detail::require_fits_periods(shape, motion, lattice, dimension, "Obstacle");
     }
 
     /// A bound on the speed of its surface [m/s] in a scene of `dimension` dimensions. It limits the time

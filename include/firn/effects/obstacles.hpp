@@ -5,6 +5,7 @@
 #include <firn/effects/obstacles_action.hpp>
 #include <firn/effects/shapes/any_shape.hpp>
 #include <firn/effects/staged_obstacles.hpp>
+#include <firn/grid/lattice.hpp>
 
 #include <algorithm>
 #include <cstddef>
@@ -60,6 +61,12 @@ struct Obstacles
     void validate_in_plane() const
     {
         for_each([](auto const& obstacle) { obstacle.validate_in_plane(); });
+    }
+
+    /// Throws an Error if one of them makes no sense in a scene that is periodic along some axes.
+    void validate_in(Lattice const& lattice, int dimension) const
+    {
+        for_each([&](auto const& obstacle) { obstacle.validate_in(lattice, dimension); });
     }
 
     /// A bound on the speed of their surfaces [m/s]: see Obstacle.

@@ -37,20 +37,23 @@ void validate_bounds(Effect const& effect)
                 error.remedy()};
 }
 
-/// Refuses an invalid effect, the argument of a call in this place. `bears_kilograms` says whether the
-/// scene's precision can represent its masses in kg.
-template <class Backend, class Number, int d, class Effect>
-void validate_effect(char const* call, int place, [[maybe_unused]] bool bears_kilograms, Effect const& effect)
+/// Refuses an invalid effect, the argument of a call in this place.
+template <class Scene, class Effect>
+void validate_effect(char const* call, int place, [[maybe_unused]] Scene const& scene, Effect const& effect)
 {
+    using Backend = typename Scene::Backend;
+    constexpr int d = Scene::d;
     if constexpr (requires { Effect::in_host_memory; })
         static_assert(Backend::reaches_host_memory || !Effect::in_host_memory,
                       "the obstacle's shape lies in memory of the host: pass shape.on(backend)");
     try {
         effect.validate();
         if constexpr (d == 2 && requires { effect.validate_in_plane(); }) effect.validate_in_plane();
+        if constexpr (requires { effect.validate_in(scene.lattice, d); })
+            effect.validate_in(scene.lattice, d);
         validate_bounds<d>(effect);
-        if constexpr (Chain<ActionOf<Effect, Number, d>>::uses_kilograms)
-            require(bears_kilograms,
+        if constexpr (Chain<ActionOf<Effect, typename Scene::Number, d>>::uses_kilograms)
+            require(scene.bears_kilograms(),
                     "it asks for masses in kg, and those of the scene are beyond its numbers", "an effect",
                     "Compute in double, or let particles have 1e-27 to 1e28 kg.");
     }
@@ -64,11 +67,8 @@ template <class Scene, class... Effects>
 void validate_effects([[maybe_unused]] char const* call, [[maybe_unused]] Scene const& scene,
                       Effects const&... effects)
 {
-    using Backend = typename Scene::Backend;
     [[maybe_unused]] int place = 0;
-    (validate_effect<Backend, typename Scene::Number, Scene::d>(call, ++place, scene.bears_kilograms(),
-                                                                effects),
-     ...);
+    (validate_effect(call, ++place, scene, effects), ...);
 }
 
 /// Refuses an invalid predicate of positions, such as Inside<Shape>.

@@ -5,6 +5,7 @@
 #include <firn/core/error.hpp>
 #include <firn/core/finite.hpp>
 #include <firn/effects/mark_check.hpp>
+#include <firn/effects/shapes/images.hpp>
 #include <firn/grid/periods.hpp>
 #include <firn/particles/add_remove.hpp>
 #include <firn/particles/material_sets.hpp>
@@ -109,7 +110,7 @@ public:
     std::size_t remove_if(Predicate const& predicate)
     {
         if constexpr (!TellsByPosition<Predicate, d>) cache_grid_fields();
-        return remove(sets.template find<place>(predicate, backend));
+        return remove(sets.template find<place>(detail::with_images<d>(predicate, lattice), backend));
     }
 
     /// Removes the marked particles of each material. Returns how many.

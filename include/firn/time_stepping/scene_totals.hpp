@@ -3,6 +3,7 @@
 
 #include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
+#include <firn/core/exactly_equal.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/effects/gravity.hpp>
 #include <firn/grid/stencil.hpp>
@@ -23,7 +24,7 @@ struct Energy
 {
     double kinetic = 0;       ///< of affine velocities, too
     double elastic = 0;       ///< of EnergyDensity
-    double gravitational = 0; ///< -m g . x, if gravity was passed: 0 at the origin
+    double gravitational = 0; ///< -m g . x, if gravity was passed: 0 at the origin; none along periodic axes
 
     double total() const { return kinetic + elastic + gravitational; }
 
@@ -120,6 +121,11 @@ FIRN_COLD Energy energy_of(Scene const& scene, Gravity const& gravity)
     gravity.validate();
     if constexpr (d == 2) gravity.validate_in_plane();
     auto const g = vector_of<double, d>(gravity.acceleration);
+    for (int a = 0; a < d; ++a)
+        require(
+            scene.lattice.periods[std::size_t(a)] == 0 || exactly_equal(g[a], 0),
+            "gravity along a periodic axis has no potential: what goes around comes back with more energy",
+            "Solver::energy", "Pass a gravity across the periodic axes, or none.");
     Energy sum;
     Sets::for_each([&](auto k) {
         if constexpr (Sets::template is_about<place, k>) {

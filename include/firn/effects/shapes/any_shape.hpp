@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/effects/shapes/all.hpp>
+#include <firn/effects/shapes/images.hpp>
 #include <firn/effects/shapes/shape.hpp>
 
 #include <concepts>
@@ -145,6 +146,13 @@ public:
     double reach(int dimension = 3) const
     {
         return std::visit([&](auto const& shape) { return detail::reach_of(shape, dimension); }, shape_);
+    }
+
+    /// Whether images at a period do not part it: see detail::fits_period.
+    bool fits_period(Eigen::Vector3d const& axis, double half, double offset) const
+    {
+        return std::visit([&](auto const& shape) { return detail::fits_period(shape, axis, half, offset); },
+                          shape_);
     }
 
     /// The same as a plain value.

@@ -3,6 +3,7 @@
 
 #include <firn/effects/shapes/solids.hpp>
 
+#include <algorithm>
 #include <cmath>
 
 namespace firn
@@ -22,6 +23,13 @@ struct Cylinder
     }
     /// Distance of its farthest point from the reference point [m].
     double reach() const { return std::sqrt(radius * radius + half_length * half_length); }
+    /// Along a unit vector in the body's frame: see AlongAxis.
+    AlongAxis along(Eigen::Vector3d const& axis) const
+    {
+        double const a = std::abs(axis.y());
+        return {half_length * a + radius * std::sqrt(std::max(1 - a * a, 0.0)),
+                detail::is_along_or_across(a)};
+    }
 
     /// Outside, the distance to the closest point; inside, the negative distance to the closest of mantle and
     /// ends.

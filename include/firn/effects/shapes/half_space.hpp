@@ -7,6 +7,9 @@
 #include <firn/effects/shapes/shape.hpp>
 #include <firn/math/product.hpp>
 
+#include <cmath>
+#include <limits>
+
 namespace firn
 {
 
@@ -27,6 +30,15 @@ struct HalfSpace
         require(std::abs(normal.z()) < 1e-6,
                 "the normal of a half-space leaves the plane of a scene in two dimensions", "HalfSpace",
                 "Pass a normal with z = 0.");
+    }
+
+    /// Along a unit vector in the body's frame: see AlongAxis. Where it is the same everywhere along the axis
+    /// it has no end that could reach too far.
+    AlongAxis along(Eigen::Vector3d const& axis) const
+    {
+        constexpr double infinity = std::numeric_limits<double>::infinity();
+        bool const is_same = std::abs(normal.dot(axis)) < 1e-6;
+        return {is_same ? -infinity : infinity, is_same};
     }
 
     template <Lane Real, int d>

@@ -13,6 +13,7 @@
 #include <cmath>
 #include <concepts>
 #include <cstddef>
+#include <limits>
 #include <memory>
 #include <utility>
 #include <vector>
@@ -46,6 +47,15 @@ struct HeightFieldView
         for (int i = 0; i < across; ++i) sample.normal[axis(i)] = -slope[i] * shrink;
         sample.normal[1] = shrink;
         return sample;
+    }
+
+    /// Along a unit vector in the body's frame: see AlongAxis. Along the ground it goes on from image to
+    /// image.
+    static AlongAxis along(Eigen::Vector3d const& axis)
+    {
+        constexpr double infinity = std::numeric_limits<double>::infinity();
+        bool const is_level = std::abs(axis.y()) < 1e-6;
+        return {is_level ? -infinity : infinity, is_level};
     }
 
     /// The height [m] of the terrain below or above `x`, and its slope.

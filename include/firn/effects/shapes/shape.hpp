@@ -31,6 +31,13 @@ concept Shape = requires(T const shape, Vector<Real, d> const x)
         } -> std::same_as<SurfaceSample<Real, d>>;
 };
 
+/// How a solid lies along an axis through its reference point.
+struct AlongAxis
+{
+    double reach;     ///< of its farthest point along the axis [m]; infinite if it is unbounded there
+    bool is_mirrored; ///< it is convex, and its own image in the plane across the axis
+};
+
 namespace detail
 {
 /// A shape as a plain value: its view, if it has one.

@@ -4,6 +4,7 @@
 #include <firn/core/error.hpp>
 #include <firn/core/finite.hpp>
 #include <firn/core/lane.hpp>
+#include <firn/effects/shapes/images.hpp>
 #include <firn/effects/shapes/shape.hpp>
 
 namespace firn
@@ -51,6 +52,12 @@ struct Shell
     double reach(int dimension = 3) const requires requires(ShapeType const s) { s.reach(); }
     {
         return detail::reach_of(shape, dimension) + thickness / 2;
+    }
+
+    /// Whether images at a period do not part it: see detail::fits_period.
+    bool fits_period(Eigen::Vector3d const& axis, double half, double offset) const
+    {
+        return detail::fits_period(shape, axis, half - thickness / 2, offset);
     }
 
     /// Where its values lie: see SignedDistanceGrid::on.

@@ -25,6 +25,10 @@ FIRN_HOST_DEVICE SurfaceSample<Real, d> around_point(Vector<Real, d> const& away
     return sample;
 }
 
+/// Whether a component of a unit vector says that it lies along that axis, or across it.
+inline bool is_along(double component) { return std::abs(component) > 1 - 1e-12; }
+inline bool is_along_or_across(double component) { return is_along(component) || std::abs(component) < 1e-6; }
+
 inline void require_length(double length, char const* where)
 {
     require(is_finite(length) && length > 0, "a radius or extent is not a finite number above 0", where,
@@ -41,6 +45,8 @@ struct Sphere
 
     void validate() const { detail::require_length(radius, "Sphere"); }
     double reach() const { return radius; } ///< distance of its farthest point from the reference point [m]
+    /// Along a unit vector: see AlongAxis.
+    AlongAxis along(Eigen::Vector3d const&) const { return {radius, true}; }
 
     template <Lane Real, int d>
     FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const
@@ -66,6 +72,11 @@ struct Capsule
     {
         return radius + half_length;
     } ///< distance of its farthest point from the reference point [m]
+    /// Along a unit vector in the body's frame: see AlongAxis.
+    AlongAxis along(Eigen::Vector3d const& axis) const
+    {
+        return {radius + half_length * std::abs(axis.y()), detail::is_along_or_across(axis.y())};
+    }
 
     template <Lane Real, int d>
     FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const
@@ -92,6 +103,14 @@ struct Box
         double square = 0;
         for (int a = 0; a < dimension; ++a) square += half_extents[a] * half_extents[a];
         return std::sqrt(square);
+    }
+    /// Along a unit vector in the body's frame: see AlongAxis.
+    AlongAxis along(Eigen::Vector3d const& axis) const
+    {
+        double reach = 0;
+        for (int a = 0; a < 3; ++a) reach += std::abs(axis[a]) * half_extents[a];
+        return {reach,
+                detail::is_along(axis.x()) || detail::is_along(axis.y()) || detail::is_along(axis.z())};
     }
 
     /// Outside, the distance to the closest point of the box; inside, the negative distance to the closest

@@ -3,6 +3,7 @@
 
 #include <firn/core/error.hpp>
 #include <firn/effects/motion.hpp>
+#include <firn/effects/shapes/images.hpp>
 #include <firn/effects/shapes/shape.hpp>
 #include <firn/math/product.hpp>
 
@@ -39,6 +40,13 @@ struct Placed
     {
         double const own = detail::reach_of(shape, dimension);
         return own > 0 ? own + norm(position) : 0;
+    }
+
+    /// Whether images at a period do not part it: see detail::fits_period.
+    bool fits_period(Eigen::Vector3d const& axis, double half, double offset) const
+    {
+        return detail::fits_period(shape, pose().rotation().transpose() * axis, half,
+                                   offset + axis.dot(position));
     }
 
     Motion pose() const { return {.position = position, .orientation = orientation}; }
@@ -141,6 +149,14 @@ struct Union
             farthest = std::max(farthest, reach);
         });
         return is_bounded ? farthest : 0;
+    }
+
+    /// Whether images at a period part none of them: see detail::fits_period.
+    bool fits_period(Eigen::Vector3d const& axis, double half, double offset) const
+    {
+        bool fits = true;
+        for_each([&](auto const& part) { fits = fits && part.fits_period(axis, half, offset); });
+        return fits;
     }
 
     /// Where its values lie: see SignedDistanceGrid::on.
