@@ -146,6 +146,8 @@ TEST_CASE("what is downloaded to a host's memory has its stride and its numbers,
     REQUIRE(frame.fields.size() == 4);
     CHECK((frame.fields[0].name == "id" && frame.fields[0].integers == solver.ids()));
     CHECK((frame.fields[1].name == "velocity" && frame.fields[1].values[7] == float(v[7])));
+    CHECK(firn::detail::name_in_ply(frame, frame.fields[1]) == "v");
+    CHECK(firn::detail::name_in_ply(frame, frame.fields[0]) == "id");
     CHECK((frame.fields[2].components == 1 && frame.fields[3].components == 9));
     check(float{}, 5, x, 3, [&](float* to) { download_positions(solver, to, count, 5); });
     check(double{}, 3, x, 3, [&](double* to) { download_positions(solver, to, count); });

@@ -130,13 +130,29 @@ TEST_CASE("a PLY file holds one row of floats for each particle")
     auto const text = content(folder / "a.ply");
     CHECK_THAT(text, StartsWith("ply\nformat binary_little_endian 1.0\n"));
     CHECK_THAT(text, Contains("comment time 0.1 s\nelement vertex 2\nproperty float x\nproperty float y\n"
-                              "property float z\nproperty float velocity_x\nproperty float velocity_y\n"
-                              "property float velocity_z\nproperty float J_P\nend_header\n"));
+                              "property float z\nproperty float v_x\nproperty float v_y\n"
+                              "property float v_z\nproperty float J_P\nend_header\n"));
     auto at = text.find("end_header\n") + 11;
     for (float const value :
          {1.f, 2.f, 3.f, -1.f, 0.f, 0.5f, 0.9f, 1000000.125f, 5.f, 6.f, 7.f, 8.f, 9.f, 1.1f})
         CHECK(read<float>(text, at) == value);
     CHECK(at == text.size());
+}
+
+TEST_CASE(
+    "the velocity is v in PLY, as in Houdini, unless another field has that name, and keeps its own in VTP")
+{
+    meshes::Folder const folder;
+    auto frame = small_frame();
+    firn::write_vtp(folder / "a.vtp", frame);
+    CHECK_THAT(content(folder / "a.vtp"), Contains("Name=\"velocity\"") && !Contains("Name=\"v\""));
+    frame.vector("v", std::vector<Vector3d>{{0, 0, 0}, {1, 1, 1}});
+    firn::write_ply(folder / "a.ply", frame);
+    CHECK_THAT(content(folder / "a.ply"), Contains("property float velocity_x\n") && Contains("float v_x\n"));
+    firn::ParticleFrame speeds; // a scalar is no velocity
+    speeds.at(std::vector<Vector3d>{{0, 0, 0}}).scalar("velocity", std::vector<float>{1});
+    firn::write_ply(folder / "b.ply", speeds);
+    CHECK_THAT(content(folder / "b.ply"), Contains("property float velocity\n"));
 }
 
 TEST_CASE("particles in the plane are written with z = 0")

@@ -53,7 +53,7 @@ ParticleFrame frame_of(Solver const& solver)
 enum class FrameFile
 {
     vtp, ///< for ParaView, with an index
-    ply, ///< for Blender and Houdini
+    ply, ///< for Blender and Houdini, in which the velocity is `v`
     both
 };
 

@@ -159,6 +159,14 @@ inline void check_frame(ParticleFrame const& frame, std::filesystem::path const&
     }
 }
 
+/// The name of a field in PLY: see write_ply.
+inline std::string name_in_ply(ParticleFrame const& frame, ParticleField const& field)
+{
+    bool const is_velocity = field.name == "velocity" && field.components == 3;
+    bool const is_taken = std::ranges::any_of(frame.fields, [](auto const& f) { return f.name == "v"; });
+    return is_velocity && !is_taken ? "v" : field.name;
+}
+
 /// The XML head of a VTP file; each appended array is a 64-bit length and its bytes.
 inline std::string vtp_head(ParticleFrame const& frame)
 {
@@ -225,7 +233,8 @@ inline void write_vtp(std::filesystem::path const& path, ParticleFrame const& fr
 
 /// Writes a frame as a binary little-endian PLY point cloud: x, y, z [m] and the fields as float, integers as
 /// uint, a vector `name` as `name_x`, `name_y`, `name_z`, a matrix as `name_xx`, `name_xy` and so on; the
-/// time [s] is a comment. Houdini and Blender open it.
+/// time [s] is a comment. A vector `velocity` is named `v`, as in Houdini, unless there is another `v`.
+/// Houdini and Blender open it.
 ///
 /// Throws firn::Error: the file cannot be created or not written to its end, a field does not fit the frame.
 inline void write_ply(std::filesystem::path const& path, ParticleFrame const& frame)
@@ -233,16 +242,16 @@ inline void write_ply(std::filesystem::path const& path, ParticleFrame const& fr
     detail::check_frame(frame, path);
     std::vector<std::string> properties{"x", "y", "z"}, integers;
     for (auto const& field : frame.fields) {
-        if (field.is_integer) integers.push_back(field.name);
+        std::string const name = detail::name_in_ply(frame, field);
+        if (field.is_integer) integers.push_back(name);
         if (field.components == 1)
-            properties.push_back(field.name);
+            properties.push_back(name);
         else
             for (std::string const axis : {"_x", "_y", "_z"}) {
                 if (field.components == 3)
-                    properties.push_back(field.name + axis);
+                    properties.push_back(name + axis);
                 else
-                    for (char const* second : {"x", "y", "z"})
-                        properties.push_back(field.name + axis + second);
+                    for (char const* second : {"x", "y", "z"}) properties.push_back(name + axis + second);
             }
     }
     std::string head = "ply\nformat binary_little_endian 1.0\ncomment firn schema 1\ncomment time " +
