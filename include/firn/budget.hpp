@@ -50,8 +50,9 @@ struct Budget
     /// steps than one long call does: pass all of `left` with the next one. The solver's time is then behind
     /// by less than a step. A step that may be of any length is cut all the same.
     bool cut_last_step = true;
-    /// Called after each step, or on a backend that queues steps after each group of them. It must not call
-    /// the solver. What it throws leaves advance(), after which Solver::until_error() has the report.
+    /// Called after each step, or on a backend that queues steps after each group of them. It does not call
+    /// the solver, of which a step is under way: a call that changes it or copies from it is an Error, as
+    /// from `cancelled`. What it throws leaves advance(), after which Solver::until_error() has the report.
     std::function<void(Progress const&)> progress{};
     /// Asked before each step or group: the call stops where it returns true. For a flag that another part of
     /// the program sets, read it here.

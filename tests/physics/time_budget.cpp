@@ -186,6 +186,43 @@ TEST_CASE("a call tells how far it is, and stops when it is cancelled")
     solver.advance(0.01, gravity, ground);
 }
 
+TEST_CASE("what a callback calls of the solver is refused, in every build, and the solver goes on after it")
+{
+    struct Enough
+    {};
+    Block twin = falling_block(); // whose callback throws something else
+    CHECK_THROWS_AS(
+        twin.advance(1, Budget{.progress = [](Progress const&) { throw Enough(); }}, gravity, ground),
+        Enough);
+    auto const expected = state(twin);
+    auto const is_refused = [&](auto const& call, bool is_asked = false) {
+        Block solver = falling_block();
+        Budget budget;
+        if (is_asked) // after a step, before the next one
+            budget.cancelled = [&, steps = 0]() mutable {
+                if (steps++ > 0) call(solver);
+                return false;
+            };
+        else
+            budget.progress = [&](Progress const&) { call(solver); };
+        auto const error = refused([&] { solver.advance(1, budget, gravity, ground); });
+        CHECK_THAT(error.what_is_wrong(), Contains("another call of the same object is under way"));
+        CHECK_THAT(error.remedy(), Contains("Budget::progress"));
+        CHECK((state(solver) == expected));
+        CHECK(solver.until_error().substeps == twin.until_error().substeps);
+        solver.advance(0.01, gravity, ground);
+    };
+    is_refused([](Block& solver) { solver.advance(0.01, gravity, ground); });
+    is_refused([](Block& solver) { solver.step(1e-5); });
+    is_refused([](Block& solver) { solver.add(std::vector<Eigen::Vector2d>{{1, 1}}, 1e-3); });
+    is_refused([](Block& solver) { solver.remove_if(Inside<Sphere>{}); });
+    is_refused([](Block& solver) { (void)solver.snapshot(); });
+    is_refused([](Block& solver) { (void)solver.positions(); });
+    is_refused([](Block& solver) { (void)solver.totals(); });
+    is_refused([](Block& solver) { (void)solver.stable_step(); }, true);
+    is_refused([](Block& solver) { solver.quarantine(3); }, true);
+}
+
 TEST_CASE("the stable step is the one that a step reports")
 {
     Block solver = falling_block();

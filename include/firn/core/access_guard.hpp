@@ -11,8 +11,9 @@ namespace firn::detail
 {
 
 /// Counts the calls inside an object: none, one that changes it, or some that only read. A call that comes
-/// between gets an Error; with NDEBUG defined this is not checked. A call to an object that was moved from,
-/// or in which a call broke off in the middle, always gets an Error.
+/// between gets an Error. With NDEBUG defined nothing is counted, but a call that comes from inside of one
+/// that changes the object, such as from its callback, gets an Error all the same. A call to an object that
+/// was moved from, or in which a call broke off in the middle, always gets an Error.
 ///
 /// `Count` is the backend's: an integer that several threads may change at the same time.
 template <class Count>
@@ -23,17 +24,22 @@ public:
     class Access
     {
     public:
-        Access(Count* inside, int as) : inside_(inside), as_(as) {}
+        Access(Count* inside, int as, bool* changes = nullptr) : inside_(inside), as_(as), changes_(changes)
+        {
+            if (changes_) *changes_ = true;
+        }
         Access(Access const&) = delete;
         Access& operator=(Access const&) = delete;
         ~Access()
         {
             if (inside_) inside_->fetch_sub(as_); // the same where only some files define NDEBUG
+            if (changes_) *changes_ = false;
         }
 
     private:
         Count* inside_;
         int as_;
+        bool* changes_;
     };
 
     AccessGuard() = default;
@@ -82,11 +88,12 @@ public:
     {
         if (state_ != State::sound) refuse_for_good(where);
 #ifdef NDEBUG
-        return {nullptr, 0};
+        if (is_changing_) refuse(where);
+        return {nullptr, 0, &is_changing_};
 #else
         int none = 0;
         if (!inside_.compare_exchange_strong(none, changing)) refuse(where);
-        return {&inside_, changing};
+        return {&inside_, changing, &is_changing_};
 #endif
     }
 
@@ -94,6 +101,7 @@ public:
     {
         if (state_ != State::sound) refuse_for_good(where);
 #ifdef NDEBUG
+        if (is_changing_) refuse(where);
         return {nullptr, 0};
 #else
         int looking = inside_.load();
@@ -116,8 +124,10 @@ private:
 
     [[noreturn, gnu::cold]] static void refuse(char const* where)
     {
-        throw Error{"another call of the same object is under way", where,
-                    "One thread at a time calls a solver: let the others wait, or give each its own."};
+        throw Error{
+            "another call of the same object is under way", where,
+            "One thread at a time calls a solver: let the others wait, or give each its own. A callback, "
+            "such as Budget::progress, does not call it: do that after the call."};
     }
 
     [[noreturn, gnu::cold]] void refuse_for_good(char const* where) const
@@ -137,6 +147,7 @@ private:
     }
 
     mutable Count inside_{0};
+    mutable bool is_changing_ = false; ///< a call that changes the object is under way
     State state_ = State::sound;
     std::optional<Error> why_;
 };
