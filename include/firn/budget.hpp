@@ -49,6 +49,10 @@ struct Budget
     /// false, what is shorter than a step is left for the next call, so that calls of any length take no more
     /// steps than one long call does: pass all of `left` with the next one. The solver's time is then behind
     /// by less than a step. A step that may be of any length is cut all the same.
+    ///
+    /// Where it is true a call takes its duration over the stable step, rounded up: two steps for a call of
+    /// 1.1. Sixteen calls to a frame of 15 to 40 steps take 1.1 to 1.4 times as many in all, and 64 up to 4.3
+    /// times (REAL_TIME.md).
     bool cut_last_step = true;
     /// Called after each step, or on a backend that queues steps after each group of them. It does not call
     /// the solver, of which a step is under way: a call that changes it or copies from it is an Error, as

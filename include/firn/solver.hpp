@@ -215,8 +215,8 @@ public:
         return {};
     }
 
-    /// Advances the simulation by `duration` [s] in as many stable steps as needed. These are at most 1e12:
-    /// a step below StepControl::smallest (1e-12) of the duration is an error. A larger share says so sooner.
+    /// Advances the simulation by exactly `duration` [s] in as many stable steps as needed. Many short calls
+    /// take more: see Budget::cut_last_step. A step below StepControl::smallest of the duration is an error.
     ///
     /// A failed step is repeated with half its length. After StepControl::retries halvings it is a StepError
     /// that names particle, place, time and cause, and the state is that of the last good step (but see
@@ -351,7 +351,7 @@ public:
         return by_id<Which, double>([&](auto k) { return masses_of(particles<k>(), scene_.masses.unit); });
     }
 
-    /// Kinetic and elastic energy [J], and with gravity that of height, on the host: see Energy.
+    /// Kinetic and elastic energy [J], of models that tell it, and with gravity that of height: see Energy.
     template <class Which = Every>
     Energy energy(Gravity const& gravity = {zeros<Eigen::Vector3d>()}) const
     {
