@@ -194,7 +194,8 @@ public:
         solver_.template upload<Tag, Which>(by_id);
     }
 
-    /// Removes the particles of all worlds for which a predicate is true: see Solver::remove_if.
+    /// Removes the particles of all worlds for which a predicate is true: see Solver::remove_if. They are
+    /// gone for good: a reset does not bring them back, see there.
     template <class Which = EveryMaterial, class Predicate>
     std::size_t remove_if(Predicate const& predicate)
     {
@@ -251,7 +252,9 @@ public:
     /// changes in other worlds, bit by bit. Obstacles stay as they are.
     ///
     /// Particles that the world lost to the quarantine come back, the last ones first, if it misses them for
-    /// the state. They leave the list of the quarantine, which Solver::isolated returns.
+    /// the state. They leave the list of the quarantine, which Solver::isolated returns. Particles that
+    /// remove_if() took do not come back, since their ids are gone, and the world is refused: clear() it, and
+    /// add() as many particles of the same masses, which then get the values of the state.
     ///
     /// Throws an Error, and changes nothing, if the state is of other materials or cells, or unless the world
     /// has, or gets so, as many particles of each material, of the same masses.

@@ -401,11 +401,16 @@ TEST_CASE("a world that lost particles is cleared of them, and refuses states th
     turn_inside_out(worlds, {3});
     worlds.step(dt);
     check_refused([&] { worlds.reset(0, start); }, "and 1 in quarantine, and the state has");
+    // world 1 lost one to remove_if() alone, which says what to do
+    auto const gone = refused([&] { worlds.reset(1, start); });
+    CHECK_THAT(gone.what_is_wrong(), Contains("world 1 has " + std::to_string(n - 1) + " particles"));
+    CHECK_THAT(gone.remedy(), Contains("What remove_if() took does not come back"));
     CHECK(worlds.solver().isolated().size() == 1);
     CHECK(worlds.clear(0) == n - 2);
     CHECK(worlds.solver().isolated().empty());
     worlds.add(0, points, h * h / 4);
     worlds.reset(0, start);
+    CHECK(worlds.save(0).materials[0].offsets == start.materials[0].offsets);
     CHECK(worlds.size() == 2 * n - 1);
 
     Worlds<InPlane> lone(1, lattice(h)); // its only particle is lost, and others of other mass may come

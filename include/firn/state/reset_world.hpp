@@ -115,9 +115,10 @@ void require_same_particles(WorldState<Number, d> const& state, Scene const& sce
 {
     auto const& theirs = state.materials[k];
     auto const refuse = [&](std::string const& what) {
-        throw Error{"world " + std::to_string(coming.world) + what, "Worlds::reset",
-                    "Reset worlds that have the particles of the state; or clear() the world, and add() its "
-                    "particles."};
+        throw Error{
+            "world " + std::to_string(coming.world) + what, "Worlds::reset",
+            "Reset worlds that have the particles of the state. What remove_if() took does not come back: "
+            "clear() the world, add() its particles, and reset it then."};
     };
     auto const of_material = " of material " + std::to_string(k);
     if (rows.size() + coming.ids.size() != theirs.ids.size())
