@@ -3,7 +3,9 @@
 #include "support/policies.hpp"
 #include "support/refused.hpp"
 
+#include <firn/budget.hpp>
 #include <firn/effects/held.hpp>
+#include <firn/effects/pose_path.hpp>
 #include <firn/settle.hpp>
 
 #include <cmath>
@@ -53,6 +55,43 @@ double stress_in_the_middle(BarSolver const& solver)
 }
 
 } // namespace
+
+TEST_CASE("what is held along a path is at each of its keys, if the calls end there, and else does not turn")
+{
+    PosePath path; // up, and down again, within a frame
+    path.add(0, {0.5, 0, 0});
+    path.add(0.013, {0.5, 0.01, 0});
+    path.add(0.027, {0.52, -0.005, 0});
+    double const frame = 0.04;
+    Held<Box> region{.shape = {{2, 2, 1}}};
+    BarSolver solver = bar(), at_once = bar();
+    auto const from = solver.positions();
+    auto const farthest = [&](BarSolver const& of, Motion const& pose) { // from where the path has it
+        auto const x = of.positions();
+        double worst = 0;
+        for (std::size_t i = 0; i < x.size(); ++i)
+            worst =
+                std::max(worst, (x[i] - from[i] - (pose.position - path.at(0).position).head<2>()).norm());
+        return worst;
+    };
+    int calls = 0;
+    for (double left = frame; left > 0; ++calls) {
+        REQUIRE(calls < 3);
+        double const part = path.until_key(solver.time(), left);
+        region.motion = path.during(solver.time(), part);
+        solver.advance(part, region);
+        left -= part;
+        CHECK(farthest(solver, path.at(solver.time())) <= 1e-12);
+    }
+    CHECK(calls == 3);
+    CHECK(solver.time() == Approx(frame).epsilon(1e-14));
+    // one call takes the straight way: at the time of the first key it is not there
+    region.motion = path.during(0, frame);
+    auto const report =
+        at_once.advance(frame, Budget{.cancelled = [&] { return at_once.time() >= 0.013; }}, region);
+    CHECK(report.stopped_by == StoppedBy::cancel);
+    CHECK(farthest(at_once, path.at(0.013)) > 5e-3);
+}
 
 TEST_CASE("a bar that is held at one end and pulled at the other bears E du/L, and the clamps bear it")
 {

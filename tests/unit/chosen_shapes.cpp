@@ -140,4 +140,17 @@ TEST_CASE("a path goes through its poses, straight and at a constant rate betwee
     CHECK(path.during(5, 1).velocity.norm() == 0); // it stands
     CHECK(path.during(1.5, 0).velocity.norm() == 0);
     refused([&] { (void)path.during(1, -1); });
+
+    CHECK(path.until_key(0, 0.5) == 0.5);
+    CHECK(path.until_key(0.5, 2) == 0.5);
+    CHECK(path.until_key(1, 2) == 1);
+    CHECK(path.until_key(1.5, 0.5) == 0.5); // it ends with the key
+    CHECK(path.until_key(1.5, 0.5 + 1e-10) == 0.5 + 1e-10);
+    CHECK(path.until_key(2 - 1e-10, 1) == 1); // it begins with it
+    CHECK(path.until_key(4, 100) == 100);
+    CHECK(path.until_key(2, 0) == 0);
+    CHECK(PosePath().until_key(0, 3) == 3);
+    refused([&] { (void)path.until_key(1, -1); });
+    refused([&] { (void)path.until_key(1, std::numeric_limits<double>::quiet_NaN()); });
+    refused([&] { (void)path.until_key(std::numeric_limits<double>::infinity(), 1); });
 }
