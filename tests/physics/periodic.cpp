@@ -46,6 +46,22 @@ struct Ahead
     }
 };
 
+/// The same, but it says that its images do not part it.
+struct Fitting : Ahead
+{
+    AlongAxis along(Eigen::Vector3d const&) const { return {length, true}; }
+};
+
+/// A shape whose values are where the tested backend reads them.
+template <class ShapeType>
+auto where_it_is_read(ShapeType const& shape)
+{
+    if constexpr (TestedBackend::reaches_host_memory)
+        return shape;
+    else
+        return shape.on(TestedBackend{});
+}
+
 /// The distance between two points where the nearest images of x are meant.
 double apart(double one, double other, double period) { return std::remainder(one - other, period); }
 
@@ -262,6 +278,9 @@ TEST_CASE("shapes that a period would part are refused, and others are not", "[p
     turned.orientation = tilted;
     is_refused(Obstacle<Capsule>{.shape = {0.1, 10}, .motion = turned}, "half a period along x");
     step(Obstacle<Sphere>{.shape = {3}, .motion = below});
+    step(Obstacle<Ahead>{.shape = {0, 0.39}, .motion = below});
+    is_refused(Obstacle<Ahead>{.shape = {0, 0.41}, .motion = below}, "half a period along x");
+    step(Obstacle<Fitting>{.shape = {{0, 0.41}}, .motion = below});
     // a union with a part that is an image away, in a list of any shapes, too
     using Two = Union<Sphere, Box>;
     Two const fine{{{.shape = {0.1}, .position = {0.2, 0, 0}}, {.shape = {{10, 0.1, 10}}}}},
@@ -276,12 +295,17 @@ TEST_CASE("shapes that a period would part are refused, and others are not", "[p
     list.list[1] = {.shape = HalfSpace{{0.6, 0.8, 0}}, .motion = below};
     is_refused(list, "unbounded");
     is_refused(Obstacle<Shell<Box>>{.shape = {{{0.4, 0.4, 10}}, 0.01}, .motion = turned}, "half a period");
+    // a mesh may go on from image to image
+    SignedDistanceGrid<float, 3> const mesh({-0.5f, -0.5f, -0.5f}, 0.5f, {3, 3, 3},
+                                            std::vector<float>(27, -1.f));
+    CHECK(mesh.reach() > period / 2);
+    auto const read = where_it_is_read(mesh);
+    step(Obstacle<std::remove_const_t<decltype(read)>>{.shape = read, .motion = below});
     // an unbounded lattice knows none of this
     InSpace free(lattice(h));
     free.add(box_of_points<3>({0.1, 0.1, 0.1}, {0.3, 0.3, 0.3}, h), h * h * h / 8);
     free.step(1e-5, Floor{.shape = {{1, 0, 0}}, .motion = {.position = {-9, 0, 0}}});
     free.step(1e-5, Obstacle<Two>{.shape = wide, .motion = below});
-    CHECK(period < 1);
 }
 
 TEST_CASE("the energy of height is refused along a periodic axis, and given across it", "[physics][periodic]")

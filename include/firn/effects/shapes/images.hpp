@@ -30,15 +30,17 @@ inline constexpr bool tells_along = requires(ShapeType const& shape, Eigen::Vect
 
 /// Whether the nearest image of a shape's reference point tells all that is inside its images along `axis`, a
 /// unit vector in the shape's frame. They are two `half` [m] apart. The reference point is `offset` [m] along
-/// the axis from the one whose nearest image is taken: that of the body. A shape of a program's own that does
-/// not say how it lies along an axis is taken to be mirrored.
+/// the axis from the one whose nearest image is taken: that of the body. Samples, such as those of a mesh,
+/// are not looked at, since they may go on from image to image, nor is a shape of a program's own that says
+/// neither how it lies along an axis nor how far it reaches.
 template <class ShapeType>
 bool fits_period(ShapeType const& shape, Eigen::Vector3d const& axis, double half, double offset)
 {
     if constexpr (requires { shape.fits_period(axis, half, offset); })
         return shape.fits_period(axis, half, offset);
     else {
-        AlongAxis along{reach_of(shape, 3), true};
+        double const own_reach = reach_of(shape, 3);
+        AlongAxis along{own_reach, !(own_reach > 0) || is_sampled<Plain<ShapeType>>};
         if constexpr (requires { shape.along(axis); })
             along = shape.along(axis);
         else if constexpr (requires { shape.view().along(axis); })
@@ -66,7 +68,7 @@ bool fits_period(ShapeType const& shape, Motion const& pose, Lattice const& latt
                 ", and its nearest image does not tell all of it",
             where,
             "Make it of shorter ones, put its reference point into its middle, or let it lie along or "
-            "across that axis."};
+            "across that axis. A shape of your own that fits says so by a member along()."};
     throw Error{"it is unbounded, and not the same all along " + name + ", where the lattice is periodic",
                 where,
                 "Let its surface be parallel to that axis, or pass a shape that has an end, such as a Box."};
