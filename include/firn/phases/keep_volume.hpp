@@ -222,6 +222,7 @@ struct FindSources
             std::uint32_t const index = by_index.find(there);
             std::uint32_t const number =
                 index == Nodes::absent ? NodeOfVolume<Number, d>::none : of.numbers[index];
+            node.beside[b] = number;
             bool const in_obstacle = ((node.in_obstacles >> b) & 1) != 0;
             inside = inside && (in_obstacle ||
                                 (number != NodeOfVolume<Number, d>::none && is_filled(of.nodes[number])));

@@ -133,10 +133,9 @@ public:
             static_assert(!Sets::are_bodies, "Bodies know no fluid that keeps its volume: choose Fluid");
             if (!memory_.volumes.is_due()) return;
             for_each_group([&](auto& group) { group.begin(begun(0)); });
-            auto const layers = this->layers();
             grid().swap(); // volumes take the room of the next step's sums
             Sets::for_each([&](auto k) {
-                auto layer = layers[k];
+                auto layer = grid().layer(k);
                 auto& table = particles<k>();
                 memory_.backend.for_each_cell(
                     table.cells(), layer,
@@ -152,7 +151,7 @@ public:
             grid().swap();
             Sets::for_each([&](auto k) {
                 if constexpr (KeepsItsVolume<typename MaterialTraits<k>::Model>) {
-                    auto layer = layers[k];
+                    auto layer = grid().layer(k);
                     auto& table = particles<k>();
                     memory_.backend.for_each_cell(
                         table.cells(), layer,
