@@ -289,6 +289,41 @@ TEST_CASE("a step that failed leaves no trace in reactions")
     CHECK((Totals(solver).momentum - before.momentum - given).norm() <= 1e-12 * before.mass);
 }
 
+TEST_CASE("a step in which an obstacle receives more than its reaction holds fails, and changes nothing")
+{
+    auto const refuses = [](double speed, auto const& obstacle) {
+        auto solver = block<InPlane>();
+        auto velocities = solver.template download<Velocity>();
+        for (auto& v : velocities) v = {0, -speed / 2};
+        velocities[70] *= 2;
+        solver.template upload<Velocity>(velocities);
+        auto const before = solver.positions();
+        try {
+            solver.step(1e-4, Gravity{}, obstacle);
+            FAIL("it was taken");
+        }
+        catch (StepError const& error) {
+            CHECK(error.failure().cause == FailureCause::overflowed);
+            CHECK(error.failure().particle == 70);
+        }
+        CHECK((solver.positions() == before));
+        CHECK((solver.template download<Velocity>() == velocities));
+        CHECK(solver.time() == 0);
+        for (auto& v : velocities) v.setZero();
+        solver.template upload<Velocity>(velocities);
+        solver.step(1e-4, Gravity{}, obstacle);
+    };
+    Obstacle<Box> const all_around{.shape = {{1, 1, 1}}, .contact = Contact::sticky()};
+    double const largest = std::numeric_limits<double>::max();
+    refuses(largest, all_around);
+    for (double const speed : {1e30, largest}) {
+        refuses(speed, Obstacles<>{{{.shape = all_around.shape, .contact = all_around.contact}}});
+        refuses(speed,
+                Obstacles<AnyShape<>, ActsOn::particles>{
+                    {{.shape = all_around.shape, .contact = all_around.contact, .on_particles = true}}});
+    }
+}
+
 TEST_CASE("obstacles of a group that make no sense are refused by their number")
 {
     auto solver = block<InPlane>();
@@ -399,4 +434,25 @@ TEST_CASE("sums of reactions do not depend on the order, and are exact to roundi
     Eigen::Vector3d expected(0, 0, 0);
     for (auto const& part : parts) expected += part.impulse;
     CHECK((forwards.impulse - expected).norm() <= 1e-13 * expected.norm());
+}
+
+TEST_CASE("a number that is too large for sums of reactions is told of its step alone")
+{
+    std::uint32_t part = 1;
+    std::vector<std::int64_t> memory(2 * ReactionSums{nullptr, 2, 4}.size());
+    ReactionSums const sums{memory.data(), 2, 4, &part};
+    sums.add(1, 3, {{1, 0, 0}, {0, 0, 0}});
+    CHECK(!sums.overflow(1));
+    using Double = std::numeric_limits<double>;
+    for (double const number : {0x1p60, -Double::infinity(), Double::quiet_NaN()})
+        for (bool const angular : {false, true}) {
+            Reaction too_large;
+            (angular ? too_large.angular_impulse : too_large.impulse).y() = number;
+            sums.add(1, 3, too_large);
+            CHECK(sums.overflow(1));
+            CHECK(!sums.overflow(0));
+            CHECK((sums.of(1, 1).impulse == Eigen::Vector3d(1, 0, 0)));
+            sums.clear(sums.sums(), 1);
+            CHECK(!sums.overflow(1));
+        }
 }

@@ -17,6 +17,7 @@ enum class FailureCause : std::uint8_t
     not_finite, ///< NaN or infinity in a particle's state or stress
     rejected,   ///< a particle moved by a cell, or deformed by more than the step's limit
     stalled,    ///< no step that is stable for a particle advances time
+    overflowed, ///< an obstacle would receive more than its reaction can hold
 };
 
 /// The failure in words.
@@ -39,6 +40,8 @@ constexpr char const* describe(FailureCause cause)
         return "moved by a cell or more, or deformed by more than a step may";
     case FailureCause::stalled:
         return "is too fast, or its waves are, for any time step that makes progress";
+    case FailureCause::overflowed:
+        return "pushes an obstacle by an impulse that is too large to be added up";
     }
     return "";
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/finite.hpp>
 #include <firn/effects/node_action.hpp>
 #include <firn/effects/obstacle.hpp>
 
@@ -21,6 +22,15 @@ struct Reactions
     {
         for (int i = 0; i < obstacles; ++i) of[std::size_t(i)] += other.of[std::size_t(i)];
         largest_surface_speed2 = max(largest_surface_speed2, other.largest_surface_speed2);
+    }
+
+    /// Whether one of them is not finite.
+    FIRN_HOST_DEVICE bool overflow() const
+    {
+        for (Reaction const& one : of)
+            for (int a = 0; a < 3; ++a)
+                if (!is_finite(one.impulse[a]) || !is_finite(one.angular_impulse[a])) return true;
+        return false;
     }
 };
 
@@ -136,6 +146,7 @@ struct PlainEffects<>
         return {};
     }
     bool touch_particles() const { return false; }
+    FIRN_HOST_DEVICE bool overflow(std::size_t) const { return false; }
 };
 
 /// A list of at least one effect.
@@ -162,6 +173,14 @@ struct PlainEffects<First, Rest...>
         else if constexpr (requires { first.on_particles; })
             if (first.on_particles) return true;
         return rest.touch_particles();
+    }
+
+    /// Whether one of the groups received more in a step of a batch than it can add up.
+    FIRN_HOST_DEVICE bool overflow(std::size_t step) const
+    {
+        if constexpr (is_group<First>)
+            if (first.sums.overflow(step)) return true;
+        return rest.overflow(step);
     }
 };
 

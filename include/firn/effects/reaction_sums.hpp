@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/effects/effect.hpp>
 
@@ -13,7 +14,8 @@ namespace firn
 
 /// The sums of what any number of obstacles received, to which all parts of a loop add. They are integers, so
 /// that they do not depend on the order: a number is split into multiples of 2^20, 2^-20 and 2^-60, and each
-/// of these has a sum of its own, which has room for 2^23 numbers below 2^60.
+/// of these has a sum of its own, which has room for 2^23 numbers below 2^60. Larger ones are counted, and
+/// the step fails.
 ///
 /// Every obstacle has several such sums, its slots, so that parts of a loop seldom wait for one another.
 struct ReactionSums
@@ -33,7 +35,9 @@ struct ReactionSums
         return slots;
     }
     /// The integers of a part.
-    FIRN_HOST_DEVICE std::size_t size() const { return std::size_t(obstacles) * slots * numbers * words; }
+    FIRN_HOST_DEVICE std::size_t size() const { return sums() + 1; }
+    /// How many of them are sums: the last integer counts the numbers that are too large for these.
+    FIRN_HOST_DEVICE std::size_t sums() const { return std::size_t(obstacles) * slots * numbers * words; }
 
     /// Adds what an obstacle received, in one of the slots (modulo their number).
     FIRN_HOST_DEVICE void add(std::uint32_t obstacle, std::uint32_t slot, Reaction const& received) const
@@ -41,9 +45,16 @@ struct ReactionSums
         std::size_t const skipped = part == nullptr ? 0 : *part * size();
         std::int64_t* const to = memory + skipped + first(obstacle, slot % slots);
         for (int i = 0; i < 3; ++i) {
-            add(to + words * i, received.impulse[i]);
-            add(to + words * (3 + i), received.angular_impulse[i]);
+            if (!add(to + words * i, received.impulse[i]) ||
+                !add(to + words * (3 + i), received.angular_impulse[i]))
+                add_in_any_order(memory[skipped + sums()], std::int64_t(1));
         }
+    }
+
+    /// Whether a number was too large in a part.
+    FIRN_HOST_DEVICE bool overflow(std::size_t of_part) const
+    {
+        return obstacles > 0 && memory[of_part * size() + sums()] != 0;
     }
 
     /// Sets one of the size() integers of a part to 0.
@@ -80,16 +91,17 @@ private:
         return (std::size_t(slot) * obstacles + obstacle) * numbers * words;
     }
 
-    FIRN_HOST_DEVICE static void add(std::int64_t* to, double number)
+    /// Returns false, and adds nothing, if the number is too large or NaN.
+    FIRN_HOST_DEVICE static bool add(std::int64_t* to, double number)
     {
-        // a step that gave more than that, or NaN, fails: it moves particles by more than a cell
-        if (!(std::abs(number) < 0x1p60)) return;
+        if (!(detail::bits_of_magnitude(number) < detail::bits_of_magnitude(0x1p60))) return false;
         for (int w = 0; w < words; ++w) {
             auto const share = static_cast<std::int64_t>(number * (1 / unit(w)));
             if (share == 0) continue;
             add_in_any_order(to[w], share);
             number -= double(share) * unit(w); // exact: what is left has fewer digits
         }
+        return true;
     }
 };
 

@@ -52,7 +52,9 @@ struct PlaceObstacles
             sums.clear(place - i - 1, part);
         else
             to[i] = from[i].template over<Number, d>(*step.interval);
-        if (place == 0) *part_of_step = part;
+        if (place > 0) return;
+        *part_of_step = part;
+        sums.clear(sums.sums(), part);
     }
 
     /// How many places of the loop an obstacle has.

@@ -97,6 +97,32 @@ template <class Sets, class Values>
     return found;
 }
 
+/// The log of a step in which an obstacle would have received more than its reaction can hold, with the
+/// particle that is fastest along an axis, as far as velocities are known after such a step.
+template <class Sets, class Values>
+[[gnu::cold]] StepLog with_fastest(Sets const& sets, StepLog log, Values const& values)
+{
+    double fastest = -1;
+    Sets::for_each([&](auto k) {
+        constexpr bool is_stored = Sets::template MaterialTraits<k>::Stored::template contains<Velocity>;
+        auto const& particles = sets.template particles<k>();
+        auto const admit = [&](std::uint32_t row, double speed) {
+            if (!(speed > fastest)) return;
+            fastest = speed;
+            log.material = static_cast<int>(k);
+            log.particle = row;
+        };
+        if (particles.size() == 0) return;
+        admit(0, 0);
+        if (!is_stored && !particles.has_grid_fields()) return;
+        auto const velocities = values(Velocity{}, k);
+        for (std::uint32_t row = 0; row < particles.size(); ++row)
+            for (int a = 0; a < Sets::d; ++a) // squares might overflow
+                admit(row, std::abs(double(velocities[row][a])));
+    });
+    return log;
+}
+
 /// The particle whose own state bounds the step to `stable` [s] or less, up to rounding; none if there is no
 /// such particle.
 template <class Sets, class Controller, class Values>

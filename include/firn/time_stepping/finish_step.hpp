@@ -93,17 +93,26 @@ struct FinishStep
     FIRN_HOST_DEVICE bool operator()(Reactions<Actions::obstacles> const& reactions,
                                      Found const&... found) const
     {
-        return went_well(found...) && goes_on(reactions, found...);
+        Reactions<Actions::obstacles> all = reactions;
+        if constexpr (Actions::touching > 0) (all.merge(found.reactions), ...);
+        return went_well(all, found...) && goes_on(all, found...);
     }
 
 private:
     /// Logs failures; false if there are any.
     template <class... Found>
-    FIRN_HOST_DEVICE bool went_well(Found const&... found) const
+    FIRN_HOST_DEVICE bool went_well(Reactions<Actions::obstacles> const& reactions,
+                                    Found const&... found) const
     {
         static_assert(sizeof...(Found) == materials);
         StepEntry<Actions::obstacles, materials>& mine = log[step + 1];
-        bool const failed = note_failures(mine.after, found...);
+        bool failed = note_failures(mine.after, found...);
+        if (!failed && (reactions.overflow() || plan->effects.overflow(static_cast<std::size_t>(step)))) {
+            // no particle failed by itself: the host names one
+            failed = true;
+            mine.after.cause = FailureCause::overflowed;
+            mine.after.failed = 1;
+        }
         mine.taken = failed ? 0 : 1;
         if (!failed) return true;
         mine.after.time_state = log[step].after.time_state;
@@ -114,7 +123,7 @@ private:
     /// After a step without failures: logs it and chooses the next one. Returns false if that must not be
     /// taken yet: all steps are done, or particles have scattered for a length that no longer fits.
     template <class... Found>
-    FIRN_HOST_DEVICE bool goes_on(Reactions<Actions::obstacles> reactions, Found const&... found) const
+    FIRN_HOST_DEVICE bool goes_on(Reactions<Actions::obstacles> const& reactions, Found const&... found) const
     {
         TimeState time_state = log[step].after.time_state; // copies, so that they are loaded once
         BatchPlan<Effects, materials> const fixed = *plan;
@@ -137,7 +146,6 @@ private:
         };
         (ask(found), ...);
         bounds.obstacle_speed = sqrt(reactions.largest_surface_speed2);
-        if constexpr (Actions::touching > 0) (reactions.merge(found.reactions), ...);
         record.reactions = reactions;
         log[step + 1].record = record;
         controller.finish(time_state, bounds);

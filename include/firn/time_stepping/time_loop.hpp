@@ -227,7 +227,12 @@ private:
         typename Driver::template Steps<Effects> steps(memory_, parts, controller, effects, at_once);
         StepLog const* log = nullptr;
         scene.change([&] { log = &driver_.take(steps, visit); });
-        if (log->failed == 0) next_.trust_bounds();
+        if (log->failed == 0)
+            next_.trust_bounds();
+        else if (log->cause == FailureCause::overflowed) {
+            overflowed_ = detail::with_fastest(scene.sets, *log, scene.values(scene.sets));
+            log = &overflowed_;
+        }
         return *log;
     }
 
@@ -357,6 +362,7 @@ private:
     detail::Quarantine quarantine_;
     bool (TimeLoop::*isolate_)(Scene&, detail::FailedStep const&, Failures&) = nullptr;
     AdvanceReport until_error_; ///< see until_error()
+    StepLog overflowed_;        ///< of such a step, with a particle
 };
 
 } // namespace firn
