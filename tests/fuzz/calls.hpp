@@ -1,23 +1,26 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "scenes.hpp"
+#include "surroundings.hpp"
 
 #include <firn/budget.hpp>
-#include <firn/effects/held.hpp>
-#include <firn/effects/obstacles.hpp>
+#include <firn/host_copies.hpp>
+#include <firn/id_lookup.hpp>
+#include <firn/initial_stress.hpp>
 #include <firn/io/checkpoint.hpp>
+#include <firn/mark_face.hpp>
+#include <firn/sampling/fill.hpp>
+#include <firn/settle.hpp>
 
 #include <algorithm>
 #include <optional>
+#include <sstream>
 
 // Calls in any order: particles come and go, effects move, states are saved, uploaded and restored, and
-// failing particles may go to the quarantine.
+// failing particles may go to the quarantine. Whatever can be asked of a scene is asked in between.
 namespace firn::fuzz
 {
 
-constexpr double cell = 0.05;     // [m]
-constexpr int wall_node = 20;     // walls at ±1 m
 constexpr std::size_t most = 300; // particles
 
 /// What is on the left of a plane [m].
@@ -40,8 +43,9 @@ class Calls
     using Model = typename Solver::Model;
 
 public:
-    Calls(Input& input, Model const& model)
-        : input_(input), model_(model),
+    /// Of `kinds` kinds of calls: a new kind comes behind the others, so that inputs keep their meaning.
+    Calls(Input& input, Model const& model, int kinds)
+        : input_(input), model_(model), kinds_(kinds),
           solver_(lattice(cell), model, {}, {.smallest = 1e-3, .retries = input.below(14)})
     {}
 
@@ -57,7 +61,7 @@ public:
 private:
     void call()
     {
-        switch (input_.below(16)) {
+        switch (input_.below(kinds_)) {
         case 0:
         case 1:
             add();
@@ -81,7 +85,7 @@ private:
             advance();
             break;
         case 10:
-            move_ball();
+            around_.move_ball(input_, solver_.time());
             break;
         case 11:
             save_or_restore();
@@ -93,12 +97,108 @@ private:
             twin();
             break;
         case 14:
-            gravity_.acceleration = {input_.between(-20, 20), input_.between(-20, 20), 0};
+            around_.change_gravity(input_);
             if constexpr (has_marks<Solver>) mark();
             break;
-        default:
+        case 15:
             toggle();
             break;
+        case 16:
+        case 17:
+            ask();
+            break;
+        case 18:
+            add_filled();
+            break;
+        case 19:
+            settle_down();
+            break;
+        case 20:
+            around_.follow_path(input_, solver_.time());
+            break;
+        case 21:
+            if constexpr (Solver::State::template contains<DisplacementGradient>) begin_at_rest();
+            break;
+        case 22:
+            if constexpr (has_marks<Solver>) mark_surface();
+            break;
+        case 23:
+            remove_by_shape();
+            break;
+        default:
+            around_.change_more(input_);
+            break;
+        }
+    }
+
+    /// Asks for what is computed on request: it is that of these particles, and changes nothing.
+    void ask()
+    {
+        Told<Solver> const told(solver_);
+        switch (input_.below(4)) {
+        case 0:
+            ask_for_totals(told);
+            break;
+        case 1:
+            ask_for_samples();
+            break;
+        case 2:
+            look_up();
+            break;
+        default:
+            longest_stable_step();
+            break;
+        }
+        expect(Told<Solver>(solver_) == told, "a question changed something");
+    }
+
+    void ask_for_totals(Told<Solver> const& told)
+    {
+        Vector<double, d> about;
+        Gravity gravity;
+        for (int a = 0; a < d; ++a) about[a] = input_.any(1), gravity.acceleration[a] = input_.any(9.81);
+        SceneTotals<d> totals;
+        if (!refused([&] { totals = solver_.totals(about); })) {
+            expect(std::abs(totals.mass - told.mass()) <= 1e-12 * told.mass(), "the mass is another one");
+            expect((totals.momentum - told.momentum()).norm() <= 1e-12 * told.momenta(),
+                   "the momentum is another one");
+            expect(totals.centre_of_mass.allFinite(), "the centre of mass is not finite");
+        }
+        Energy energy;
+        if (!refused([&] { energy = solver_.energy(gravity); })) {
+            expect(energy.kinetic == solver_.totals().kinetic_energy, "there are two kinetic energies");
+            expect(std::isfinite(energy.elastic), "the elastic energy is not finite");
+        }
+    }
+
+    void ask_for_samples()
+    {
+        std::vector<Vector<double, d>> points(static_cast<std::size_t>(input_.below(6)));
+        bool const anywhere = input_.below(4) == 0;
+        for (auto& x : points)
+            for (int a = 0; a < d; ++a) x[a] = anywhere ? input_.any(1) : input_.between(-1, 1);
+        refused([&] {
+            auto const samples = solver_.sample(points);
+            expect(samples.size() == points.size(), "not one sample per point");
+            for (auto const& at : samples)
+                expect(std::isfinite(at.density) && at.density >= 0 && at.velocity.allFinite() &&
+                           at.stress.allFinite(),
+                       "a sample is not finite");
+        });
+    }
+
+    /// Particles are found by their ids, and no others.
+    void look_up()
+    {
+        for (int i = 0; i < 4; ++i) {
+            std::uint32_t const id = next_ + 3u - (input_.byte() * 256u + input_.byte()) % (next_ + 4u);
+            auto const at = std::ranges::lower_bound(ids_, id);
+            bool const exists = at != ids_.end() && *at == id;
+            expect(lookup_.contains(solver_, id) == exists, "an id is known that is gone, or the reverse");
+            std::size_t index = 0;
+            bool const was_refused = refused([&] { index = lookup_.index_of(solver_, id); });
+            expect(was_refused != exists, "an id that is gone has an index, or the reverse");
+            if (exists) expect(index == std::size_t(at - ids_.begin()), "an id has another one's index");
         }
     }
 
@@ -110,7 +210,15 @@ private:
         expect(told.masses.size() == masses_.size(), "other masses than were added");
         for (std::size_t i = 0; i < masses_.size(); ++i)
             expect(std::abs(told.masses[i] - masses_[i]) <= 1e-6 * masses_[i], "a mass has changed");
+        if constexpr (has_marks<Solver>) {
+            auto const handles = solver_.template download<Handle>();
+            for (std::size_t i = 0; i < ids_.size(); ++i)
+                expect(integer_of(handles[i]) == handle_of(ids_[i]), "a particle has another one's handle");
+        }
     }
+
+    /// The number that the particle of an id is given.
+    static std::uint32_t handle_of(std::uint32_t id) { return 2654435761u * (id + 1); }
 
     /// Removes the particles isolated since the last call from the books, too: each must have existed, and
     /// they must be no more than the quarantine allows.
@@ -154,6 +262,12 @@ private:
         double const volume = anywhere ? input_.any(1e-3) : input_.between(1e-4, 1e-3);
         Vector<double, d> velocity;
         for (int a = 0; a < d; ++a) velocity[a] = input_.between(-5, 5);
+        put(points, volume, velocity);
+    }
+
+    /// Adds particles, and gives each its handle.
+    void put(std::vector<Vector<double, d>> const& points, double volume, Vector<double, d> const& velocity)
+    {
         if (ids_.size() + points.size() > most) return;
         of_some_material([&](auto k) {
             std::uint32_t first = 0;
@@ -162,11 +276,42 @@ private:
                 return;
             expect(first == next_, "an id was given twice, or left out");
             double const density = double(solver_.template model<Material<k>>().density);
+            std::vector<std::uint32_t> handles;
             for (std::size_t i = 0; i < points.size(); ++i) {
+                handles.push_back(handle_of(next_));
                 ids_.push_back(next_++);
                 masses_.push_back(density * volume);
             }
+            if constexpr (has_marks<Solver>) upload_from<Handle>(solver_, first, handles);
         });
+    }
+
+    /// Fills a shape: it is refused, or has points that all lie inside and stand for its volume.
+    void add_filled()
+    {
+        bool const any = input_.below(4) == 0;
+        double const radius = any ? input_.any(0.1) : input_.between(0.05, 0.15);
+        Filling how{.spacing = any ? input_.any(0.04) : input_.between(0.03, 0.06),
+                    .pattern = static_cast<Pattern>(input_.below(3)),
+                    .pose = {.position = {input_.between(-0.8, 0.8), input_.between(0, 0.8), 0}},
+                    .jitter = any ? input_.any(0.5) : input_.between(0, 1),
+                    .seed = input_.byte()};
+        if (any) how.pose.orientation.z() = input_.any(0.1);
+        double const least = std::max(std::abs(radius), 0.1) / 20; // with less one waits for long
+        if (how.spacing > 0 && how.spacing < least) how.spacing = least;
+        Sphere const ball{radius};
+        Box const box{{0.1, radius, 0.1}}; // shapes without a formula are left out: they take seconds
+        bool const is_ball = input_.below(2) == 0;
+        Filled<d> filled;
+        if (refused([&] { filled = is_ball ? fill<d>(ball, how) : fill<d>(box, how); })) return;
+        double const reach = is_ball ? radius : box.reach(d);
+        expect(!filled.points.empty() && std::isfinite(filled.volume_per_point) &&
+                   filled.volume_per_point > 0,
+               "a filled shape has no volume");
+        for (auto const& x : filled.points)
+            expect((x - how.pose.position.template head<d>()).norm() <= 1.000001 * reach,
+                   "a point of a filled shape lies outside");
+        put(filled.points, filled.volume_per_point, Vector<double, d>::Zero());
     }
 
     void remove()
@@ -185,6 +330,35 @@ private:
         }
         std::size_t const count = solver_.remove_if(left);
         forget(before, count, [&](std::size_t i) { return left(before.positions[i]); });
+    }
+
+    /// Removes what is in a ball, outside of it, or fast.
+    void remove_by_shape()
+    {
+        bool const any = input_.below(8) == 0;
+        Sphere const ball{any ? input_.any(0.2) : input_.between(0.01, 0.5)};
+        Motion pose{.position = {input_.between(-1, 1), input_.between(-0.2, 1), 0}};
+        if (any) pose.orientation.z() = input_.any(0.1);
+        Told<Solver> const before(solver_);
+        auto const remove = [&](auto const& predicate, auto const& is_gone) {
+            std::size_t count = 0;
+            if (!refused_whole(solver_, [&] { count = solver_.remove_if(predicate); }))
+                forget(before, count, is_gone);
+        };
+        Inside<Sphere> const inside{ball, pose};
+        switch (input_.below(4)) {
+        case 0:
+        case 1:
+            return remove(inside, [&](std::size_t i) { return inside(before.positions[i]); });
+        case 2:
+            return remove(Outside<Sphere>{ball, pose},
+                          [&](std::size_t i) { return !inside(before.positions[i]); });
+        default:
+            Number const most(static_cast<Number>(input_.any(1)));
+            return remove(
+                [most](auto const&, auto const& particle) { return particle[Velocity{}][0] > most; },
+                [&](std::size_t i) { return before.velocities[i][0] > most; });
+        }
     }
 
     /// The particles that were to be removed, and no others, are gone; those that stay have changed no bit.
@@ -240,6 +414,33 @@ private:
             upload<Velocity>();
     }
 
+    /// The stress of a body at rest, which the model's own response bears.
+    void begin_at_rest()
+    {
+        bool const any = input_.below(4) == 0;
+        AtRest rest{.surface = any ? input_.any(1) : input_.between(0, 2),
+                    .load = any ? input_.any(1e3) : input_.between(0, 1e4)};
+        if (any) rest.acceleration = {input_.any(5), input_.any(9.81), 0};
+        if (input_.below(2) == 0) rest.k0 = any ? input_.any(0.5) : input_.between(0.1, 1.5);
+        bool const is_hydrostatic = input_.below(4) == 0;
+        of_some_material([&](auto k) {
+            using Which = Material<k>;
+            if constexpr (Solver::template MaterialTraits<Which>::Stored::template contains<
+                              DisplacementGradient>) {
+                auto values = solver_.template download<DisplacementGradient, Which>();
+                auto const& model = solver_.template model<Which>();
+                auto const positions = solver_.template positions<Which>();
+                if (refused([&] {
+                        values = is_hydrostatic ? hydrostatic(model, positions, rest)
+                                                : k0_state(model, positions, rest);
+                    }))
+                    return;
+                for (auto const& H : values) expect(H.allFinite(), "the state of rest is not finite");
+                refused_whole(solver_, [&] { solver_.template upload<DisplacementGradient, Which>(values); });
+            }
+        });
+    }
+
     /// Particles are marked, or get a modulus, and what acts on marked ones changes.
     void mark()
     {
@@ -257,13 +458,10 @@ private:
             upload<Mark>();
             break;
         case 3:
-            wind_.acceleration = {input_.between(-20, 20), input_.between(-20, 20), 0};
+            around_.change_wind(input_);
             break;
         case 4:
-            grip_.motion.position = {input_.between(-1, 1), input_.between(-0.2, 1), 0};
-            grip_.motion.velocity = {input_.between(-2, 2), input_.between(-2, 2), 0};
-            grip_.motion.angular_velocity = {0, 0, input_.between(-5, 5)};
-            grip_.beyond = input_.between(0, 0.99);
+            around_.change_grip(input_);
             break;
         default:
             assign_some<Mark>(left, value);
@@ -296,37 +494,20 @@ private:
             expect(solver_.template download<Tag>() == expected, "other values than were assigned");
     }
 
-    /// Calls `use` with all effects.
-    template <class Use>
-    auto with_effects(Use const& use)
+    /// A face is marked for a load, or marks are any numbers.
+    void mark_surface()
     {
-        if constexpr (has_marks<Solver>)
-            return with_others([&](auto const&... effects) { return use(wind_, grip_, effects...); });
-        else
-            return with_others(use);
-    }
-    template <class Use>
-    auto with_others(Use const& use)
-    {
-        Obstacle<HalfSpace> const floor{.contact = contact_};
-        ReflectingWall const left{.axis = 0, .node = -wall_node, .side = 1},
-            right{.axis = 0, .node = wall_node, .side = -1};
-#if defined(FIRN_FUZZ_FEW)
-        return use(gravity_, floor, ball_, left, right);
-#else
-        return use(gravity_, floor, ball_, crates_, held_, left, right);
-#endif
-    }
-
-    /// How many reactions these have.
-    std::size_t reaction_count() const
-    {
-        std::size_t const of_marked = has_marks<Solver> ? 1 : 0;
-#if defined(FIRN_FUZZ_FEW)
-        return of_marked + 4;
-#else
-        return of_marked + 5 + crates_.list.size();
-#endif
+        if (input_.below(4) == 0) return upload<AreaPerMass>();
+        bool const any = input_.below(4) == 0;
+        Inside<Sphere> const region{
+            .shape = {any ? input_.any(0.1) : input_.between(0.02, 0.3)},
+            .pose = {.position = {input_.between(-1, 1), input_.between(-0.2, 1), 0}}};
+        Vector<double, d> area;
+        for (int a = 0; a < d; ++a) area[a] = any ? input_.any(0.1) : input_.between(-0.1, 0.1);
+        std::size_t marked = 0;
+        if (refused_whole(solver_, [&] { marked = mark_face(solver_, region, area); })) return;
+        auto const inside = std::ranges::count_if(solver_.positions(), region);
+        expect(marked == std::size_t(inside), "another number of particles is marked than is in the region");
     }
 
     /// The change of momentum equals the impulses of gravity and of the obstacles over that time, and no
@@ -336,32 +517,36 @@ private:
                         double beyond, Reactions const& reactions)
     {
         Told<Solver> const after(solver_);
-        Vector<double, d> expected =
-            before.momentum() + before.mass() * elapsed * gravity_.acceleration.template head<d>();
+        auto const forces = around_.forces(solver_, before, elapsed);
+        Vector<double, d> expected = before.momentum() + forces.sum;
         // the scale of rounding errors: momenta, impulses, and the stresses' exchange of momentum within the
         // body
         double scale =
-            before.momenta() + after.momenta() + before.mass() * elapsed * gravity_.acceleration.norm() +
+            before.momenta() + after.momenta() + forces.scale +
             before.mass() * std::max(bounds.wave_speed, solver_.bounds().wave_speed) * steps * beyond;
-        if constexpr (has_marks<Solver>) {
-            double marked = 0; // mass
-            auto const marks = solver_.template download<Mark>();
-            for (std::size_t i = 0; i < marks.size(); ++i) marked += double(marks[i]) * before.masses[i];
-            expected += marked * elapsed * wind_.acceleration.template head<d>();
-            scale += marked * elapsed * wind_.acceleration.norm();
-        }
         for (auto const& reaction : reactions) {
-            expect(reaction.impulse.allFinite() && reaction.angular_impulse.allFinite(),
-                   "a reaction is not finite");
             expected -= reaction.impulse.template head<d>();
             scale += reaction.impulse.norm();
         }
         double const tolerance = std::is_same_v<Number, float> ? 1e-4 : 1e-10;
-        if ((after.momentum() - expected).norm() > tolerance * scale)
+        if (!around_.has_secrets() && (after.momentum() - expected).norm() > tolerance * scale)
             broken("momentum is not that which was given",
                    std::to_string((after.momentum() - expected).norm()) + " of " + std::to_string(scale));
         for (auto const& x : after.positions)
             expect(std::abs(x[0]) <= wall_node * cell + 1e-3 * cell, "a particle is behind a wall");
+    }
+
+    /// The longest stable step with all effects; 0 if these are refused.
+    double longest_stable_step() const
+    {
+        double stable = 0;
+        if (refused([&] {
+                stable =
+                    around_.with([&](auto const&... effects) { return solver_.stable_step(effects...); });
+            }))
+            return 0;
+        expect(stable > 0, "no step is stable"); // it is not NaN either
+        return stable;
     }
 
     void step()
@@ -371,9 +556,10 @@ private:
         Told<Solver> const before(solver_);
         StepBounds const bounds = solver_.bounds();
         std::vector<StepReport> reports;
+        double const stable = longest_stable_step();
         bool const was_refused = refused([&] {
             reports =
-                with_effects([&](auto const&... effects) { return solver_.steps(count, dt, effects...); });
+                around_.with([&](auto const&... effects) { return solver_.steps(count, dt, effects...); });
         });
         std::size_t const gone = solver_.isolated().size() - isolated_;
         if (was_refused) { // each step is as if it had not been, or was made
@@ -394,9 +580,34 @@ private:
             beyond = std::max(beyond, dt / report.stable_dt);
             elapsed += report.time_of_forces;
             bool const as_asked = std::abs(report.dt - dt) <= 1e-15 * (before.time + 10 * dt);
-            expect(as_asked && report.reactions.size() == reaction_count(), "a report is of another step");
+            expect(as_asked && report.reactions.size() == around_.reactions(), "a report is of another step");
         }
+        if (gone == 0) expect(reports[0].stable_dt == stable, "another step was said to be stable");
+        expect_finite(reactions);
         if (gone == 0) expect_balance(before, bounds, double(count), elapsed, beyond, reactions);
+    }
+
+    /// Damped steps until the scene is at rest, or the time is up.
+    void settle_down()
+    {
+        bool const any = input_.below(4) == 0;
+        Settling how{.rate = any ? input_.any(100) : std::pow(10.0, input_.between(0, 5)),
+                     .share = any ? input_.any(1e-6) : input_.between(1e-6, 1),
+                     .longest = std::pow(10.0, input_.between(-6, -3)),
+                     .least = input_.below(2) * 1e-3};
+        if (any) how.between = input_.any(1e-4), how.least = input_.any(1e-3);
+        if (how.between < how.longest / 20) how.between = how.longest / 20; // else one waits for long
+        double const before = solver_.time();
+        SettleReport report;
+        if (refused([&] {
+                report =
+                    around_.with([&](auto const&... effects) { return settle(solver_, how, effects...); });
+            }))
+            return;
+        expect(report.is_at_rest || solver_.time() >= before + how.longest, "it ended before it was at rest");
+        expect(report.steps.lost == 0 && report.steps.left == 0, "it lost particles, or a part of its time");
+        expect(report.kinetic >= 0 && report.kinetic <= report.largest_kinetic,
+               "the kinetic energy is above the largest one");
     }
 
     void advance()
@@ -407,11 +618,25 @@ private:
         StepBounds const bounds = solver_.bounds();
         // of four calls one has a budget; the input is not asked, so that what was found keeps its meaning
         int const kind = static_cast<int>(-1e4 * exponent) % 16;
-        Budget const budget{.steps = static_cast<std::uint64_t>(kind), .cut_last_step = kind % 2 == 0};
-        bool const has_budget = kind < 4;
+        Budget budget;
+        if (kind < 4) budget.steps = static_cast<std::uint64_t>(kind);
+        if (kind == 4) budget.seconds = 0;
+        if (kind == 5) budget.seconds = 1e-4; // the clock says how far it comes
+        budget.cut_last_step = kind % 2 == 0;
+        int asked = 0, told = 0;
+        double time = before.time;
+        if (kind == 6) budget.cancelled = [&] { return ++asked > 3; };
+        if (kind == 6 || kind == 7)
+            budget.progress = [&](Progress const& now) {
+                expect(now.begin == before.time && now.time > time && now.end == before.time + duration,
+                       "a call tells of another one's progress, or goes back in time");
+                expect(now.steps == std::uint64_t(++told), "steps are told of twice, or not at all");
+                time = now.time;
+            };
+        bool const has_budget = kind < 8;
         AdvanceReport report;
         if (refused([&] {
-                report = with_effects([&](auto const&... effects) {
+                report = around_.with([&](auto const&... effects) {
                     return has_budget ? solver_.advance(duration, budget, effects...)
                                       : solver_.advance(duration, effects...);
                 });
@@ -421,6 +646,8 @@ private:
         if (has_budget) {
             double const end = before.time + duration;
             expect(report.substeps <= budget.steps, "it took more steps than it may");
+            expect(told == 0 || std::uint64_t(told) == report.substeps, "not all steps were told of");
+            if (report.stopped_by == StoppedBy::cancel) expect(asked == 4, "it was cancelled and went on");
             expect(std::abs(solver_.time() + report.left - end) <= 1e-12 * end,
                    "what is left is not the rest of the duration");
         }
@@ -428,64 +655,22 @@ private:
             expect(report.left == 0 && solver_.time() == before.time + duration, "it ended at another time");
         std::size_t const gone = solver_.isolated().size() - isolated_;
         expect(report.isolated.size() == gone, "the report does not tell what was taken out");
+        expect_finite(report.reactions);
         if (gone == 0)
             expect_balance(before, bounds, double(report.substeps), report.time_of_forces, 1,
                            report.reactions);
     }
 
-    void move_ball()
-    {
-        auto& motion = ball_.motion;
-        if (input_.below(8) == 0)
-            ball_.shape = Sphere{input_.any(0.2)};
-        else
-            ball_.shape = Sphere{input_.between(0.01, 0.4)};
-        motion.position = {input_.between(-1, 1), input_.between(-0.2, 1), 0};
-        motion.velocity = {input_.between(-10, 10), input_.between(-10, 10), 0};
-        motion.angular_velocity = {0, 0, input_.between(-50, 50)};
-        motion.time.reset();
-        if (motion.velocity.x() > 0) motion.time = solver_.time(); // it goes on through all calls
-    }
-
     void toggle()
     {
         int const what = input_.byte();
-        ball_.on_particles = what & 1;
-        ball_.contact = what & 2 ? Contact::sticky() : what & 4 ? Contact::coulomb(0.5) : Contact::slip();
-        contact_ = what & 8 ? Contact::sticky() : what & 16 ? Contact::bound_slip() : Contact::coulomb(0.3);
+        around_.change_contact(what);
         if (what & 32) {
             in_quarantine_ = what & 64 ? std::numeric_limits<std::size_t>::max()
                                        : static_cast<std::size_t>(input_.below(6));
             solver_.quarantine(in_quarantine_);
         }
-        if (what & 128) change_crates();
-    }
-
-    /// Obstacles come, move and go, and a region is held or let go.
-    void change_crates()
-    {
-        Motion motion{.position = {input_.between(-1, 1), input_.between(-0.2, 1), 0},
-                      .velocity = {input_.between(-5, 5), input_.between(-5, 5), 0}};
-        auto& list = crates_.list;
-        switch (input_.below(5)) {
-        case 0:
-            if (list.size() < 20)
-                list.push_back({.shape = Sphere{input_.between(0.01, 0.2)}, .motion = motion});
-            break;
-        case 1:
-            if (list.size() < 20) list.push_back({.shape = Box{{0.1, 0.05, 0.1}}, .motion = motion});
-            break;
-        case 2:
-            if (!list.empty()) list.erase(list.begin() + input_.below(int(list.size())));
-            break;
-        case 3:
-            for (auto& crate : list) crate.motion.velocity = motion.velocity;
-            break;
-        default:
-            held_.motion = motion;
-            held_.shape.radius = input_.between(0.01, 0.1);
-            break;
-        }
+        if (what & 128) around_.change_crates(input_);
     }
 
     void save_or_restore()
@@ -523,19 +708,38 @@ private:
         expect(Told<Solver>(solver_) == saved_->told, "what was restored is not what was saved");
     }
 
-    /// A file is written, and read into another solver: both are the same.
+    /// A file is written, and read into another solver: both are the same. So are the bytes in memory, and
+    /// those of a stream behind one another.
     void checkpoint()
     {
         TemporaryFile const file(".firn");
         int const frame = input_.byte();
-        write_checkpoint(file.path(), solver_, ball_.motion, frame);
+        Motion const ball = around_.ball.motion;
         Solver other(lattice(cell), model_, {}, {.smallest = 1e-3});
+        auto const expect_same = [&](auto const& read_into) {
+            Motion motion;
+            int read = -1;
+            read_into(motion, read);
+            expect(read == frame && motion.position == ball.position, "a companion has changed");
+            expect(Told<Solver>(other) == Told<Solver>(solver_), "what was read is not what was written");
+            expect(other.isolated().size() == isolated_,
+                   "others are taken out than were when it was written");
+        };
+        write_checkpoint(file.path(), solver_, ball, frame);
+        expect_same([&](auto&... to) { read_checkpoint(file.path(), other, to...); });
+        if (kinds_ <= 16) return;
+        std::string bytes = checkpoint_in_memory(solver_, ball, frame);
+        expect(bytes == file.content(), "other bytes are in memory than in a file");
+        expect_same([&](auto&... to) { restore_from_memory(bytes, other, to...); });
+        std::stringstream stream;
+        for (int i = 0; i < 2; ++i) write_checkpoint(stream, solver_, ball, frame);
+        for (int i = 0; i < 2; ++i) expect_same([&](auto&... to) { read_checkpoint(stream, other, to...); });
+        bytes[(input_.byte() * 256u + input_.byte()) % bytes.size()] ^=
+            static_cast<char>(1 + input_.below(255));
         Motion motion;
         int read = -1;
-        read_checkpoint(file.path(), other, motion, read);
-        expect(read == frame && motion.position == ball_.motion.position, "a companion has changed");
-        expect(Told<Solver>(other) == Told<Solver>(solver_), "what was read is not what was written");
-        expect(other.isolated().size() == isolated_, "others are taken out than were when it was written");
+        expect(refused_whole(other, [&] { restore_from_memory(bytes, other, motion, read); }),
+               "a checkpoint with a byte that was changed is taken");
     }
 
     /// One that is restored from a snapshot makes the same step, bit by bit.
@@ -547,7 +751,7 @@ private:
         double const dt = std::pow(10.0, input_.between(-6, -3));
         auto const step = [&](Solver& solver) {
             return refused(
-                [&] { with_effects([&](auto const&... effects) { solver.steps(1, dt, effects...); }); });
+                [&] { around_.with([&](auto const&... effects) { solver.steps(1, dt, effects...); }); });
         };
         expect(step(solver_) == step(other), "one of two twins was refused");
         expect(Told<Solver>(solver_) == Told<Solver>(other), "twins differ");
@@ -572,6 +776,7 @@ private:
 
     Input& input_;
     Model model_;
+    int kinds_; ///< of calls
     Solver solver_;
     std::vector<std::uint32_t> ids_; ///< of the particles that exist, in rising order
     std::vector<double> masses_;     ///< [kg]
@@ -579,41 +784,36 @@ private:
     std::size_t in_quarantine_ = 0; ///< as many may be
     std::size_t isolated_ = 0;      ///< how many of the isolated particles are gone from the books
     std::optional<Saved> saved_;
-    Gravity gravity_;
-    MarkedForce<Mark> wind_;
-    HeldMarked<Mark> grip_{.beyond = 0.9};
-    Contact contact_ = Contact::coulomb(0.3);
-    Obstacles<> crates_;
-    Held<Sphere> held_{.shape = {1e-3}, .motion = {.position = {50, 50, 0}}}; // holds nothing yet
-    Obstacle<Sphere> ball_{.shape = {0.2}, .motion = {.position = {0.3, 0.1, 0}}};
+    Surroundings<Solver> around_;
+    IdLookup<> lookup_;
 };
 
 /// The first byte says which scene it is.
 inline void calls(Bytes bytes)
 {
     Input input(bytes);
-    [[maybe_unused]] int const scene = input.byte();
+    int const scene = input.byte(), kinds = scene / 8 % 2 == 0 ? 16 : 26;
 #if defined(FIRN_FUZZ_FEW)
-    Calls<MarkedSheet>(input, {materials::fresh_snow<PlaneFloat>()}).run();
+    Calls<MarkedSheet>(input, {materials::fresh_snow<PlaneFloat>()}, kinds).run();
 #else
     if (scene % 8 == 5) {
-        Calls<MarkedSheet>(input, {materials::fresh_snow<PlaneFloat>()}).run();
+        Calls<MarkedSheet>(input, {materials::fresh_snow<PlaneFloat>()}, kinds).run();
         return;
     }
 #if defined(FIRN_FUZZ_ALL)
     if (scene % 4 == 1) {
         using Two = Materials<Sand<PlaneFloat>, Fluid<PlaneFloat>>;
         Calls<Solver<OpenMP, Two, CubicBSpline, Flip>>(
-            input, {materials::dry_sand<PlaneFloat>(), materials::water<PlaneFloat>()})
+            input, {materials::dry_sand<PlaneFloat>(), materials::water<PlaneFloat>()}, kinds)
             .run();
         return;
     }
     if (scene % 4 == 2) {
-        Calls<SnowBall>(input, materials::fresh_snow<SolidFloat>()).run();
+        Calls<SnowBall>(input, materials::fresh_snow<SolidFloat>(), kinds).run();
         return;
     }
 #endif
-    Calls<Sheet>(input, materials::fresh_snow<PlaneFloat>()).run();
+    Calls<Sheet>(input, materials::fresh_snow<PlaneFloat>(), kinds).run();
 #endif
 }
 

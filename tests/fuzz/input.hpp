@@ -129,6 +129,11 @@ public:
         std::ofstream(path_, std::ios::binary)
             .write(reinterpret_cast<char const*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
     }
+    std::string content() const
+    {
+        std::ifstream file(path_, std::ios::binary);
+        return {std::istreambuf_iterator<char>(file), {}};
+    }
     std::filesystem::path const& path() const { return path_; }
 
 private:

@@ -1,13 +1,13 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include "scenes.hpp"
+#include "surroundings.hpp"
 
 #include <firn/budget.hpp>
-#include <firn/effects/damping.hpp>
-#include <firn/effects/force.hpp>
-#include <firn/effects/held.hpp>
-#include <firn/effects/obstacles.hpp>
+#include <firn/initial_stress.hpp>
+#include <firn/mark_face.hpp>
+#include <firn/sampling/fill.hpp>
+#include <firn/settle.hpp>
 
 #include <algorithm>
 #include <array>
@@ -27,7 +27,7 @@ public:
     {
         int const count = 1 + input.below(8);
         for (int i = 0; i < count; ++i) {
-            int const which = input.below(180);
+            int const which = input.byte();
             for (auto& byte : chosen_[which]) byte = input.byte();
         }
     }
@@ -40,8 +40,8 @@ public:
         if (found == chosen_.end()) return;
         double const value = Input(found->second).any(double(parameter));
         if constexpr (std::is_integral_v<Number>) {
-            constexpr double least = std::numeric_limits<Number>::min(),
-                             largest = std::numeric_limits<Number>::max();
+            constexpr double least = double(std::numeric_limits<Number>::min()),
+                             largest = double(std::numeric_limits<Number>::max());
             parameter = static_cast<Number>(std::isnan(value) ? least : std::clamp(value, least, largest));
         }
         else
@@ -51,12 +51,13 @@ public:
         requires(sizeof...(Numbers) > 1)
     void next(Numbers&... parameters) { (next(parameters), ...); }
     void next(Eigen::Vector3d& vector) { next(vector.x(), vector.y(), vector.z()); }
+    void next(Eigen::Quaterniond& turn) { next(turn.w(), turn.x(), turn.y(), turn.z()); }
     void next(Motion& motion)
     {
         next(motion.position);
         next(motion.velocity);
         next(motion.angular_velocity);
-        next(motion.orientation.w(), motion.orientation.x(), motion.orientation.y(), motion.orientation.z());
+        next(motion.orientation);
         double time = motion.time.value_or(0);
         next(time);
         motion.time = time;
@@ -109,103 +110,180 @@ public:
         if constexpr (requires { transfer.separation; }) next(transfer.separation);
     }
 
+    /// A byte names each of them.
+    void expect_room() const { expect(count_ <= 256, "there are more parameters than a byte can name"); }
+
 private:
     std::map<int, std::array<std::uint8_t, 10>> chosen_;
     int count_ = 0;
 };
+
+/// The numbers of a scene that are no effects'.
+template <class Solver>
+struct SceneNumbers
+{
+    typename Solver::Model model{};
+    typename Solver::Transfer transfer{};
+    StepControl control{};
+    double h = 0.05, volume = 6e-4, dt = 1e-4, duration = 1e-3;
+    Eigen::Vector3d origin = Eigen::Vector3d::Zero();
+    Eigen::Vector3d from{0, 0.02, 0}, velocity{0.5, -2, 0};
+    double spacing = 0.025;
+    Budget budget{.steps = 20};
+    int is_periodic = 0, axis = 0, period = 16;
+    int have_own_volumes = 0;
+    double other_volume = 5e-4;
+    double marks = 0.5, modulus = 2e5, lambda = 1e5;
+    Eigen::Vector3d area{0, 0.1, 0};
+    Settling settling{.rate = 1e3, .longest = 1e-3, .between = 2e-4};
+    AtRest rest{.surface = 0.2, .load = 100, .k0 = 0.5};
+    Filling filling{.spacing = 0.03, .pose = {.position = {0.4, 0.3, 0}}};
+    double filled = 0.1;
+    double begin = 0, path_duration = 1e-3;
+    Motion first_key{.time = 0}, second_key{.position = {0.01, 0, 0}, .time = 1e-3};
+    Eigen::Vector3d place{0, 0.05, 0};
+};
+
+/// The usual effects: all of them act.
+template <class Solver>
+Surroundings<Solver> usual_surroundings()
+{
+    Surroundings<Solver> around;
+    around.ball.on_particles = true;
+    around.crates.list = {
+        {.shape = Sphere{0.1}, .motion = {.position = {0.1, 0, 0}}},
+        {.shape = Box{{0.05, 0.05, 0.05}}, .motion = {.position = {0, 0.1, 0}}},
+        {.shape = typename Surroundings<Solver>::Pair{{{.shape = {0.05}}, {.shape = {{0.1, 0.02, 0.1}}}}},
+         .motion = {.position = {0.3, 0.4, 0}},
+         .on_particles = true}};
+    around.shells.list = {{.shape = {Sphere{0.3}, 0.01}, .motion = {.position = {0.1, 0.1, 0}}}};
+    around.held = {
+        .shape = {0.03}, .motion = {.position = {0.1, 0.1, 0}}, .velocity = Eigen::Vector3d(0, 0, 0)};
+    around.blast.acceleration = {1, 0, 0};
+    around.damping.rate = 1;
+    around.local_damping.share = 0.1;
+    around.wind.acceleration = {0, 5, 0};
+    around.grip = {.velocity = Eigen::Vector3d(0, 0, 0), .beyond = 0.2};
+    around.load = Traction::pressure(10);
+    return around;
+}
+
+/// Chooses all of them. New ones come behind the others, so that inputs keep their meaning.
+template <class Solver>
+void choose(Parameters& parameters, SceneNumbers<Solver>& scene, Surroundings<Solver>& around)
+{
+    parameters.next_of_model(scene.model);
+    parameters.next_of_transfer(scene.transfer);
+    parameters.next(scene.control);
+    parameters.next(scene.h, scene.volume, scene.dt, scene.duration);
+    parameters.next(scene.origin);
+    parameters.next(scene.from);
+    parameters.next(scene.velocity);
+    parameters.next(scene.spacing);
+    parameters.next(around.gravity.acceleration);
+    parameters.next(around.floor.shape.normal);
+    parameters.next(around.floor.contact);
+    parameters.next(around.floor.motion);
+    parameters.next(around.ball.shape.radius);
+    parameters.next(around.ball.contact);
+    parameters.next(around.ball.motion);
+    parameters.next(around.left.axis, around.left.node, around.left.side, around.right.axis,
+                    around.right.node, around.right.side);
+    parameters.next(around.crates.list[0].shape.template as<Sphere>()->radius);
+    for (std::size_t i = 0; i < 2; ++i) {
+        parameters.next(around.crates.list[i].contact);
+        parameters.next(around.crates.list[i].motion);
+    }
+    parameters.next(around.held.shape.radius);
+    parameters.next(around.held.motion);
+    parameters.next(*around.held.velocity);
+    parameters.next(around.blast.shape.radius);
+    parameters.next(around.blast.acceleration);
+    parameters.next(around.blast.motion);
+    parameters.next(around.damping.rate);
+    parameters.next(scene.budget.steps);
+    parameters.next(scene.is_periodic, scene.axis, scene.period);
+    parameters.next(scene.have_own_volumes, scene.other_volume);
+    parameters.next(around.wind.acceleration);
+    parameters.next(around.grip.motion);
+    parameters.next(*around.grip.velocity);
+    parameters.next(around.grip.beyond, scene.marks, scene.modulus, scene.lambda);
+
+    parameters.next(around.local_damping.share);
+    for (int i : {0, 1, 3, 4, 5}) parameters.next(around.load.stress.data()[i]);
+    parameters.next(scene.area);
+    auto& [sphere, box] =
+        around.crates.list[2].shape.template as<typename Surroundings<Solver>::Pair>()->parts;
+    parameters.next(sphere.shape.radius, box.shape.half_extents.x());
+    parameters.next(box.position);
+    parameters.next(box.orientation);
+    parameters.next(around.shells.list[0].shape.thickness);
+    parameters.next(scene.budget.seconds, scene.budget.respond_within);
+    parameters.next(scene.settling.rate, scene.settling.share, scene.settling.longest, scene.settling.between,
+                    scene.settling.least);
+    parameters.next(scene.rest.surface, scene.rest.load, *scene.rest.k0);
+    parameters.next(scene.rest.acceleration);
+    parameters.next(scene.filled, scene.filling.spacing, scene.filling.jitter);
+    parameters.next(scene.filling.pose.orientation);
+    parameters.next(scene.begin, scene.path_duration, *scene.first_key.time, *scene.second_key.time);
+    parameters.next(scene.second_key.position);
+    parameters.next(scene.second_key.orientation);
+    parameters.next(scene.place);
+    parameters.expect_room();
+}
+
+/// Bounds what would take for long.
+template <class Solver>
+void shorten(SceneNumbers<Solver>& scene)
+{
+    // any smaller positive share is valid too, but the run might then never end
+    if (scene.control.smallest > 0 && scene.control.smallest < 1e-2) scene.control.smallest = 1e-2;
+    if (scene.budget.steps > 100) scene.budget.steps = 100;
+    auto const no_less = [](double& number, double least) { number = number < least ? least : number; };
+    no_less(scene.filling.spacing, std::abs(scene.filled) / 20);
+    no_less(scene.settling.between, scene.settling.longest / 10);
+}
 
 template <class Solver>
 void run_with(Input& input)
 {
     constexpr int d = Solver::d;
     Parameters parameters(input);
-    typename Solver::Model model;
-    parameters.next_of_model(model);
-    typename Solver::Transfer transfer;
-    parameters.next_of_transfer(transfer);
-    StepControl control;
-    parameters.next(control);
-    // any smaller positive share is valid too, but the run might then never end
-    if (control.smallest > 0 && control.smallest < 1e-2) control.smallest = 1e-2;
-    double h = 0.05, volume = 6e-4, dt = 1e-4, duration = 1e-3;
-    Eigen::Vector3d origin = Eigen::Vector3d::Zero();
-    parameters.next(h, volume, dt, duration);
-    parameters.next(origin);
-    Eigen::Vector3d from(0, 0.02, 0), velocity(0.5, -2, 0);
-    double spacing = 0.025;
-    parameters.next(from);
-    parameters.next(velocity);
-    parameters.next(spacing);
-    Gravity gravity;
-    parameters.next(gravity.acceleration);
-    Obstacle<HalfSpace> floor{.contact = Contact::coulomb(0.3)};
-    parameters.next(floor.shape.normal);
-    parameters.next(floor.contact);
-    parameters.next(floor.motion);
-    Obstacle<Sphere> ball{.shape = {0.2}, .motion = {.position = {0.3, 0.1, 0}}, .on_particles = true};
-    parameters.next(ball.shape.radius);
-    parameters.next(ball.contact);
-    parameters.next(ball.motion);
-    ReflectingWall left{.axis = 0, .node = -20, .side = 1}, right{.axis = 0, .node = 20, .side = -1};
-    parameters.next(left.axis, left.node, left.side, right.axis, right.node, right.side);
-    Obstacles<> crates{{{.shape = Sphere{0.1}, .motion = {.position = {0.1, 0, 0}}},
-                        {.shape = Box{{0.05, 0.05, 0.05}}, .motion = {.position = {0, 0.1, 0}}}}};
-    double radius = 0.1;
-    parameters.next(radius);
-    crates.list[0].shape = Sphere{radius};
-    for (auto& crate : crates.list) {
-        parameters.next(crate.contact);
-        parameters.next(crate.motion);
-    }
-    Held<Sphere> held{
-        .shape = {0.03}, .motion = {.position = {0.1, 0.1, 0}}, .velocity = Eigen::Vector3d(0, 0, 0)};
-    parameters.next(held.shape.radius);
-    parameters.next(held.motion);
-    parameters.next(*held.velocity);
-    Force<Sphere> wind{.shape = {0.2}, .acceleration = {1, 0, 0}};
-    parameters.next(wind.shape.radius);
-    parameters.next(wind.acceleration);
-    parameters.next(wind.motion);
-    Damping damping{.rate = 1};
-    parameters.next(damping.rate);
-    Budget budget{.steps = 20};
-    parameters.next(budget.steps);
-    if (budget.steps > 100) budget.steps = 100; // else one may wait for long
-    int is_periodic = 0, axis = 0, period = 16;
-    parameters.next(is_periodic, axis, period);
-    int have_own_volumes = 0;
-    double other_volume = 5e-4;
-    parameters.next(have_own_volumes, other_volume);
-    MarkedForce<Mark> pull{.acceleration = {0, 5, 0}};
-    parameters.next(pull.acceleration);
-    HeldMarked<Mark> grip{.velocity = Eigen::Vector3d(0, 0, 0), .beyond = 0.2};
-    parameters.next(grip.motion);
-    parameters.next(*grip.velocity);
-    double marks = 0.5, modulus = 2e5, lambda = 1e5;
-    parameters.next(grip.beyond, marks, modulus, lambda);
+    SceneNumbers<Solver> scene;
+    auto around = usual_surroundings<Solver>();
+    choose(parameters, scene, around);
+    shorten(scene);
+    Vector<double, d> const velocity = scene.velocity.template head<d>();
 
     std::vector<Vector<double, d>> points;
     for (int i = 0; i < 4; ++i)
         for (int j = 0; j < 4; ++j)
-            points.push_back((from + spacing * Eigen::Vector3d(i, j, i % 2)).template head<d>());
+            points.push_back((scene.from + scene.spacing * Eigen::Vector3d(i, j, i % 2)).template head<d>());
 
     refused([&] {
-        Lattice cells{h, origin};
-        if (is_periodic != 0) cells = cells.periodic(axis, period);
-        Solver solver(cells, model, transfer, control);
-        std::vector<double> volumes(points.size(), volume);
-        volumes[5] = other_volume;
+        Lattice cells{scene.h, scene.origin};
+        if (scene.is_periodic != 0) cells = cells.periodic(scene.axis, scene.period);
+        Solver solver(cells, scene.model, scene.transfer, scene.control);
+        std::vector<double> volumes(points.size(), scene.volume);
+        volumes[5] = scene.other_volume;
         if constexpr (Solver::materials == 1)
-            solver.add(points, have_own_volumes == 0 ? Volumes(volume) : Volumes(volumes),
-                       velocity.template head<d>());
+            solver.add(points, scene.have_own_volumes == 0 ? Volumes(scene.volume) : Volumes(volumes),
+                       velocity);
         else
             for (std::size_t i = 0; i < points.size(); ++i) {
                 std::vector const one{points[i]};
                 if (i % 2 == 0)
-                    solver.template add<Material<0>>(one, volume, velocity.template head<d>());
+                    solver.template add<Material<0>>(one, scene.volume, velocity);
                 else
-                    solver.template add<Material<1>>(one, volume);
+                    solver.template add<Material<1>>(one, scene.volume);
             }
+        refused([&] { // what is filled is added, or refused
+            auto const filled = fill<d>(Sphere{scene.filled}, scene.filling);
+            if (filled.points.size() > 200) return;
+            refused_whole(solver, [&] {
+                solver.template add<Material<0>>(filled.points, filled.volume_per_point, velocity);
+            });
+        });
         auto const first = expect_whole(solver);
         auto const look = [&] {
             auto const told = expect_whole(solver);
@@ -214,33 +292,67 @@ void run_with(Input& input)
         if constexpr (has_marks<Solver>) {
             std::vector<std::uint32_t> const few{1, 4, 7};
             refused_whole(solver, [&] { assign<Mark>(solver, Inside<Sphere>{.shape = {0.05}}, 1); });
-            refused_whole(solver, [&] { assign<Mark>(solver, few, marks); });
-            refused_whole(solver, [&] { assign<OwnShearModulus>(solver, few, modulus); });
-            refused_whole(solver, [&] { assign<OwnLambda>(solver, lambda); });
-            refused([&] { solver.step(dt, gravity, pull, grip); });
-            look();
+            refused_whole(solver, [&] { assign<Mark>(solver, few, scene.marks); });
+            refused_whole(solver, [&] { assign<OwnShearModulus>(solver, few, scene.modulus); });
+            refused_whole(solver, [&] { assign<OwnLambda>(solver, scene.lambda); });
+            refused_whole(solver, [&] {
+                mark_face(solver, Inside<Sphere>{.shape = {0.06}},
+                          Vector<double, d>(scene.area.template head<d>()));
+            });
+            refused_whole(solver, [&] {
+                solver.template upload<DisplacementGradient>(
+                    k0_state(solver.model(), solver.positions(), scene.rest));
+            });
         }
+        refused([&] {
+            PosePath path;
+            for (Motion const& key : {scene.first_key, scene.second_key})
+                path.add(*key.time, key.position, key.orientation);
+            around.crates.list[1].motion = path.during(scene.begin, scene.path_duration);
+        });
+        refused([&] { solver.sample(std::vector<Vector<double, d>>{scene.place.template head<d>()}); });
+        refused([&] { solver.totals(Vector<double, d>(scene.place.template head<d>())); });
+        refused([&] { solver.energy(around.gravity); });
+        look();
         double stable = 1e-9;
-        if constexpr (Solver::materials == 1) {
+        auto const advance = [&](auto const&... effects) {
             for (int i = 0; i < 3; ++i) {
-                refused([&] { solver.step(dt, gravity, floor, ball, left, right); });
+                refused([&] { expect_finite(solver.step(scene.dt, effects...).reactions); });
                 look();
             }
-            stable = solver.step(1e-9, gravity, floor, ball, left, right).stable_dt;
+            stable = solver.step(1e-9, effects...).stable_dt;
             look();
-            if (duration > 30 * stable) duration = 30 * stable; // else one may wait for long
-            refused([&] { solver.advance(duration, gravity, floor, ball, left, right); });
+            auto const least = [](double& number, double most) { number = number > most ? most : number; };
+            least(scene.duration, 30 * stable); // else one may wait for long
+            refused([&] { expect_finite(solver.advance(scene.duration, effects...).reactions); });
+            look();
+            refused(
+                [&] { expect_finite(solver.advance(scene.duration, scene.budget, effects...).reactions); });
+            look();
+            least(scene.settling.longest, 30 * stable);
+            if constexpr (has_marks<Solver>)
+                refused([&] { expect_finite(settle(solver, scene.settling, effects...).steps.reactions); });
+            look();
+        };
+        if constexpr (Solver::materials == 1)
+            around.with(advance);
+        else // bodies, which know no ReflectingWall
+            advance(around.gravity, around.floor, around.crates, around.held, around.blast, around.damping);
+#if !defined(FIRN_FUZZ_FEW)
+        if constexpr (Solver::materials == 1) { // as one surface, beside which there is no ReflectingWall
+            Obstacles<AnyShape<typename Surroundings<Solver>::Pair>, ActsOn::surface_and_particles> const
+                surface{around.crates.list};
+            refused([&] {
+                expect_finite(solver
+                                  .advance(scene.duration, scene.budget, around.gravity, surface, around.held,
+                                           around.blast, around.damping)
+                                  .reactions);
+            });
             look();
         }
-        else // bodies, which know no ReflectingWall
-            stable = solver.step(1e-9, gravity, floor).stable_dt;
-        if (duration > 30 * stable) duration = 30 * stable;
-#if !defined(FIRN_FUZZ_FEW)
-        refused([&] { solver.advance(duration, budget, gravity, crates, held, wind, damping); });
-        look();
 #endif
         auto const saved = solver.snapshot();
-        Solver other({h, origin}, model, transfer, control);
+        Solver other(cells, scene.model, scene.transfer, scene.control);
         other.restore(saved);
         expect(Told<Solver>(other) == Told<Solver>(solver), "what was restored is not what was saved");
     });

@@ -71,29 +71,33 @@ void write_seeds(fs::path const& folder)
     auto sheet = some_snow<Sheet>();
     TemporaryFile const file(".firn");
     firn::write_checkpoint(file.path(), sheet);
-    std::string const whole = content(file.path());
+    std::string const whole = file.content();
     put("checkpoint", "scene", whole.substr(sizeof(firn::detail::CheckpointPreamble)));
     put("checkpoint", "whole_file", '\0' + whole);
     firn::write_checkpoint(file.path(), sheet, firn::RigidBody{}, 5);
-    put("checkpoint", "companions", content(file.path()).substr(sizeof(firn::detail::CheckpointPreamble)));
+    put("checkpoint", "companions", file.content().substr(sizeof(firn::detail::CheckpointPreamble)));
 
     // every call once, after some particles are there
-    std::string scene{'\0', '\5', '\0', '\40', '\1'};
-    for (int i = 0; i < 80; ++i) scene += static_cast<char>(i * 41);
-    for (int call = 0; call < 16; ++call) {
-        scene += static_cast<char>(call);
-        for (int i = 0; i < 12; ++i) scene += static_cast<char>(call * 7 + i * 29);
-    }
-    put("calls", "every_call", scene);
-    put("worlds", "every_call", scene);
-    scene[0] = '\5';
-    put("calls", "every_call_with_marks", scene);
+    auto const with_calls = [](char scene, int first, int last) {
+        std::string bytes{scene, '\5', '\0', '\40', '\1'};
+        for (int i = 0; i < 80; ++i) bytes += static_cast<char>(i * 41);
+        for (int call = first; call < last; ++call) {
+            bytes += static_cast<char>(call);
+            for (int i = 0; i < 12; ++i) bytes += static_cast<char>(call * 7 + i * 29);
+        }
+        return bytes;
+    };
+    put("calls", "every_call", with_calls('\0', 0, 16));
+    put("worlds", "every_call", with_calls('\0', 0, 16));
+    put("calls", "every_call_with_marks", with_calls('\5', 0, 16));
+    put("calls", "later_calls", with_calls('\10', 16, 26));
+    put("calls", "later_calls_with_marks", with_calls('\15', 16, 26));
 #if defined(FIRN_FUZZ_ALL)
-    scene[0] = '\2';
-    put("calls", "every_call_in_space", scene);
+    put("calls", "every_call_in_space", with_calls('\2', 0, 16));
+    put("calls", "later_calls_in_space", with_calls('\12', 16, 26));
     auto ball_of_snow = some_snow<SnowBall>();
     firn::write_checkpoint(file.path(), ball_of_snow);
-    put("checkpoint", "in_space", content(file.path()).substr(sizeof(firn::detail::CheckpointPreamble)));
+    put("checkpoint", "in_space", file.content().substr(sizeof(firn::detail::CheckpointPreamble)));
     put("parameters", "usual_7", {'\7', 0, 99, 0, 0, 0, 0});
 #endif
     put("parameters", "usual_8", {'\10', 0, 99, 0, 0, 0, 0});

@@ -4,12 +4,12 @@
 #include "input.hpp"
 
 #include <firn/assign.hpp>
-#include <firn/effects/held_marked.hpp>
-#include <firn/effects/marked_force.hpp>
 #include <firn/firn.hpp>
 #include <firn/models/varied.hpp>
 #include <firn/openmp.hpp>
+#include <firn/transfer/loaded_surfaces.hpp>
 #include <firn/transfer/marks.hpp>
+#include <firn/transfer/with_fields.hpp>
 
 #include <vector>
 
@@ -24,9 +24,18 @@ using SolidFloat = Space<3, float>;
 /// What most harnesses have: single precision, a material that yields and hardens.
 using Sheet = Solver<OpenMP, Snow<PlaneFloat>, QuadraticBSpline, Mls>;
 
-/// The same with marks of particles, and moduli of each particle's own.
+/// A number of each particle that the host gives it.
+struct Handle
+{
+    static constexpr auto name = "handle";
+    static constexpr auto shape = FieldShape::integer;
+    static constexpr std::uint32_t at_rest = 0xffffffff;
+};
+
+/// The same with all that particles may carry: marks, areas of loaded surfaces, moduli and a number of their
+/// own. Velocities are stored, and forces act apart from momentum.
 using MarkedSheet = Solver<OpenMP, Varied<Snow<PlaneFloat>, OwnShearModulus, OwnLambda>, QuadraticBSpline,
-                           Carrying<Mls, Marks<Mark>>>;
+                           WithFields<Carrying<Flip, Marks<Mark>, LoadedSurfaces>, Handle>>;
 template <class Solver>
 inline constexpr bool has_marks = Solver::State::template contains<Mark>;
 
@@ -92,6 +101,14 @@ Told<Solver> expect_whole(Solver const& solver)
                std::isfinite(bounds.deformation_rate),
            "a bound of the step is not finite");
     return told;
+}
+
+/// What obstacles received is a number, however little sense the scene makes.
+inline void expect_finite(std::vector<Reaction> const& reactions)
+{
+    for (auto const& reaction : reactions)
+        expect(reaction.impulse.allFinite() && reaction.angular_impulse.allFinite(),
+               "a reaction is not finite");
 }
 
 /// Whether a call was refused, by an Error with all of its parts: any other exception ends the program.
