@@ -162,12 +162,14 @@ private:
             expect(std::abs(totals.mass - told.mass()) <= 1e-12 * told.mass(), "the mass is another one");
             expect((totals.momentum - told.momentum()).norm() <= 1e-12 * told.momenta(),
                    "the momentum is another one");
-            expect(totals.centre_of_mass.allFinite(), "the centre of mass is not finite");
+            expect(totals.centre_of_mass.allFinite() && totals.angular_momentum.allFinite(),
+                   "the totals are not finite");
         }
         Energy energy;
         if (!refused([&] { energy = solver_.energy(gravity); })) {
             expect(energy.kinetic == solver_.totals().kinetic_energy, "there are two kinetic energies");
-            expect(std::isfinite(energy.elastic), "the elastic energy is not finite");
+            expect(std::isfinite(energy.elastic) && std::isfinite(energy.gravitational),
+                   "an energy is not finite");
         }
     }
 

@@ -355,7 +355,9 @@ TEST_CASE(
 
     double const nan = std::numeric_limits<double>::quiet_NaN();
     CHECK_THROWS_AS(solver.totals({0, nan}), Error);
+    CHECK_THROWS_AS(solver.totals({1e305, -1e305}), Error); // moments that are none
     CHECK_THROWS_AS(solver.energy(Gravity{{0, nan, 0}}), Error);
+    CHECK_THROWS_AS(solver.energy(Gravity{{1e308, -1e308, 0}}), Error);
     CHECK_THROWS_AS(solver.energy(Gravity{{0, 0, 1}}), Error);
 }
 

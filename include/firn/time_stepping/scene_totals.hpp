@@ -4,8 +4,10 @@
 #include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
 #include <firn/core/exactly_equal.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/effects/gravity.hpp>
+#include <firn/effects/shapes/shape.hpp>
 #include <firn/grid/stencil.hpp>
 #include <firn/math/product.hpp>
 #include <firn/particles/observables.hpp>
@@ -138,6 +140,8 @@ FIRN_COLD Energy energy_of(Scene const& scene, Gravity const& gravity)
             for (std::size_t i = 0; i < density.size(); ++i) sum.elastic += volume[i] * double(density[i]);
         }
     });
+    require(is_finite(sum.gravitational), "the energy of height is not finite under this gravity",
+            "Solver::energy", "Pass the acceleration in m/s^2.");
     return sum;
 }
 
@@ -147,8 +151,10 @@ FIRN_COLD SceneTotals<Scene::d> totals_of(Scene const& scene, Vector<double, Sce
 {
     constexpr int d = Scene::d;
     using Sets = typename Scene::Sets;
-    require(all_finite(about), "the point about which momentum turns is not finite", "Solver::totals",
-            "Pass a point [m], or none for the origin.");
+    for (int a = 0; a < d; ++a)
+        require(is_between(-largest_length, about[a], largest_length),
+                "the point about which momentum turns is not finite, or beyond 1e15 m", "Solver::totals",
+                "Pass a point [m], or none for the origin.");
     SceneTotals<d> sum;
     Sets::for_each([&](auto k) {
         if constexpr (Sets::template is_about<place, k>)
