@@ -5,6 +5,7 @@
 
 #include <firn/budget.hpp>
 
+#include <cstdint>
 #include <limits>
 #include <stdexcept>
 
@@ -221,6 +222,23 @@ TEST_CASE("what a callback calls of the solver is refused, in every build, and t
     is_refused([](Block& solver) { (void)solver.totals(); });
     is_refused([](Block& solver) { (void)solver.stable_step(); }, true);
     is_refused([](Block& solver) { solver.quarantine(3); }, true);
+}
+
+TEST_CASE("a call tells of steps alone, and not of attempts after which a particle is taken out")
+{
+    Block solver = falling_block();
+    solver.quarantine(1);
+    auto H = solver.download<DisplacementGradient>();
+    H[3](0, 0) = -1.5; // inside out
+    solver.upload<DisplacementGradient>(H);
+    std::uint64_t told = 0;
+    Budget const watched{.progress = [&](Progress const& progress) {
+        CHECK(progress.steps == ++told);
+        CHECK(progress.time > 0);
+    }};
+    auto const report = solver.advance(0.001, watched, gravity, ground);
+    CHECK(report.isolated.size() == 1);
+    CHECK(report.substeps == told);
 }
 
 TEST_CASE("the stable step is the one that a step reports")

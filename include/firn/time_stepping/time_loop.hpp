@@ -183,8 +183,10 @@ public:
                 // not between a failed step and its repetition: the nodes lack the velocities of the last
                 // good one until then
                 std::size_t const allowed = next_.time_state.retries > 0 ? 1 : pace.steps_allowed(all);
+                std::uint64_t const taken = all.substeps;
                 if (allowed == 0 || !get_on(allowed)) break;
-                if (next_.time_state.retries == 0) pace.tell(next_.time_state.time, controller.end, all);
+                bool const goes_well = all.substeps > taken && next_.time_state.retries == 0;
+                if (goes_well) pace.tell(next_.time_state.time, controller.end, all);
             }
         }
         catch (...) {
