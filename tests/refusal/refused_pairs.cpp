@@ -13,6 +13,7 @@
 #include <firn/effects/shapes/union.hpp>
 #include <firn/effects/traction.hpp>
 #include <firn/models/bodies.hpp>
+#include <firn/models/fluids/keeps_volume.hpp>
 #include <firn/models/varied.hpp>
 #include <firn/sampling/fill.hpp>
 #include <firn/transfer/carrying.hpp>
@@ -49,6 +50,11 @@ void surfaces(firn::Solver<Backend, Solid, firn::QuadraticBSpline, firn::Mls>& s
     solver.step(1e-4, AtSurface{}, AtSurface{}, firn::ReflectingWall{});
     of_bodies.step(1e-4, AtSurface{});
     static_cast<void>(sizeof(firn::Obstacles<firn::Shell<firn::Sphere>, firn::ActsOn::surface>));
+}
+using KeptWater = firn::KeepsVolume<firn::Fluid<firn::Space<2, float>>>;
+void volumes(firn::Solver<Backend, KeptWater, firn::QuadraticBSpline, firn::Mls>& solver)
+{
+    solver.step(1e-4, firn::Obstacles<>{});
 }
 struct Other : firn::Mark
 {

@@ -3,6 +3,7 @@
 
 #include <firn/core/host_device.hpp>
 #include <firn/particles/mass_groups.hpp>
+#include <firn/particles/observables.hpp>
 #include <firn/particles/storage.hpp>
 #include <firn/phases/find_surface_points.hpp>
 #include <firn/phases/gather_shifts.hpp>
@@ -110,7 +111,7 @@ struct ScatterVolumes
         if constexpr (KeepsItsVolume<Model>) {
             auto particle = Record<Real, d, PersistentFields>::at_rest();
             particles.load(items, particle);
-            volume = volume * model.template volume_ratio<Real>(particle);
+            volume = volume * volume_ratio<Real, d>(model, particle);
         }
         ParticleContribution<Real, d> contribution;
         contribution.momentum.setZero();

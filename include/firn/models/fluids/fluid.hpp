@@ -122,13 +122,6 @@ struct Fluid
         return response;
     }
 
-    /// The volume of a particle over the one that it was added with: J.
-    template <Lane Real, class Particle>
-    FIRN_HOST_DEVICE Real volume_ratio(Particle const& state) const
-    {
-        return exp(state[LogVolumeRatio{}]);
-    }
-
     /// The energy of Tait's pressure [J/m^3]: K/gamma (J - 1 + (J^(1 - gamma) - 1) / (gamma - 1)), or for
     /// gamma = 1 its limit K (J - 1 - ln J).
     template <Lane Real, class Particle>
