@@ -6,6 +6,7 @@
 // for as long. The level is the mean height over the right one less what the water's kinetic energy could
 // raise it by. Then, in space, medians of milliseconds per step by turns (9 rounds).
 #include "on_each_backend.hpp"
+#include "tank.hpp"
 #include "timing.hpp"
 
 #include <firn/effects/obstacles.hpp>
@@ -24,94 +25,11 @@ using namespace firn;
 namespace
 {
 
-using Plane = Space<2, double>;
-using Walls = Obstacles<AnyShape<>, ActsOn::surface_and_particles>;
-double const g = 9.81;
-
-Eigen::Vector3d in_space(Eigen::Vector2d const& v) { return {v.x(), v.y(), 0}; }
-
-void add_wall(Walls& walls, Eigen::Vector3d const& normal, Eigen::Vector3d const& at)
-{
-    walls.list.push_back({.shape = HalfSpace{normal}, .motion = {.position = at}, .on_particles = true});
-}
-
-/// Water in a tank that lies across the cells, at rest at the start.
-template <class Model, class Kernel, class Transfer>
-class Tank
-{
-public:
-    static constexpr double h = 0.02, width = 0.6;
-
-    Tank(double degrees, double depth, double fastest)
-        : turn_(degrees * M_PI / 180), depth_(depth), model_(materials::water<Plane>(fastest)),
-          water_(lattice(h), model_, {}, {}, bench::backend())
-    {
-        std::vector<Eigen::Vector2d> points;
-        std::vector<double> log_J;
-        for (double x = -width / 2 + h / 4; x < width / 2; x += h / 2)
-            for (double y = h / 4; y < depth; y += h / 2) {
-                points.push_back(turn_ * Eigen::Vector2d(x, y) + origin_);
-                double const pressure = model_.density * g * (depth - y);
-                log_J.push_back(-std::log1p(model_.exponent * pressure / model_.bulk_modulus) /
-                                model_.exponent);
-            }
-        water_.add(points, h * h / 4);
-        water_.template upload<LogVolumeRatio>(log_J);
-        auto const wall = [&](Eigen::Vector2d const& normal, Eigen::Vector2d const& at) {
-            add_wall(walls_, in_space(turn_ * normal), in_space(turn_ * at + origin_));
-        };
-        wall({0, 1}, {0, 0});
-        wall({1, 0}, {-width / 2, 0});
-        wall({-1, 0}, {width / 2, 0});
-        rest_ = mean_height();
-    }
-
-    /// Advances by a time [s], pushed sidewards by a share of gravity.
-    void advance(double duration, double sidewards = 0)
-    {
-        water_.advance(duration, Gravity{in_space(turn_ * Eigen::Vector2d(sidewards * g, -g))}, walls_);
-    }
-    /// The frequency of the first standing wave [Hz].
-    double frequency() const
-    {
-        double const k = M_PI / width;
-        return std::sqrt(g * k * std::tanh(k * depth_)) / (2 * M_PI);
-    }
-    /// How far the level is from its place [% of the depth], without the waves.
-    double level() const
-    {
-        double const waves = speed() * speed() / (2 * g);
-        return 100 * (mean_height() - rest_ - waves) / (depth_ / 2);
-    }
-    /// The root mean square [m/s].
-    double speed() const
-    {
-        double sum = 0;
-        for (auto const& v : water_.template download<Velocity>()) sum += v.squaredNorm();
-        return std::sqrt(sum / double(water_.size()));
-    }
-
-private:
-    double mean_height() const
-    {
-        double sum = 0;
-        for (auto const& x : water_.positions()) sum += (turn_.inverse() * (x - origin_)).y();
-        return sum / double(water_.size());
-    }
-
-    Eigen::Rotation2Dd turn_;
-    Eigen::Vector2d origin_ = Eigen::Vector2d(0.3, 0.21) * h;
-    double depth_, rest_ = 0;
-    Model model_;
-    Solver<bench::Backend, Model, Kernel, Transfer> water_;
-    Walls walls_;
-};
-
 template <class Model, class Kernel, class Transfer>
 void still(char const* name, double seconds)
 {
     for (double const degrees : {17.0, 30.0}) {
-        Tank<Model, Kernel, Transfer> tank(degrees, 0.4, 3);
+        bench::Tank<Model, Kernel, Transfer> tank({.degrees = degrees});
         std::printf("still  %-24s %2.0f degrees", name, degrees);
         for (int i = 1; i <= 4; ++i) {
             tank.advance(seconds / 4);
@@ -125,7 +43,7 @@ void still(char const* name, double seconds)
 template <class Model, class Kernel, class Transfer>
 void sloshed(char const* name, double seconds)
 {
-    Tank<Model, Kernel, Transfer> tank(0, 0.25, 4);
+    bench::Tank<Model, Kernel, Transfer> tank({.depth = 0.25, .fastest = 4});
     double const of_call = 0.02, shaken = 5;
     double time = 0;
     for (; time < shaken; time += of_call)
@@ -194,7 +112,7 @@ int main(int argc, char** argv)
 {
     double const seconds = argc > 1 ? std::atof(argv[1]) : 10;
     int const rounds = argc > 2 ? std::atoi(argv[2]) : 9;
-    using Water = Fluid<Plane>;
+    using Water = Fluid<bench::Plane>;
     if (seconds > 0) {
         still<Water, QuadraticBSpline, Mls>("Fluid, quadratic MLS", seconds);
         still<KeepsVolume<Water>, QuadraticBSpline, Mls>("kept, quadratic MLS", seconds);

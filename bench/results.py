@@ -151,6 +151,16 @@ def of_real_time(text):
     return "real_time.csv", rows
 
 
+def of_figures(text):
+    """Rows of a program whose lines are `figure ENTRY VALUE UNIT`: a file for the first part of their entries."""
+    rows = []
+    for line in text.splitlines():
+        words = line.split()
+        if len(words) == 4 and words[0] == "figure":
+            rows.append(row(words[1], words[2], words[3]))
+    return rows[0]["entry"].split("/")[0] + ".csv", rows
+
+
 def rows_of(path):
     if not path.is_file():
         stop(f"there is no {path}.")
@@ -167,6 +177,8 @@ def rows_of(path):
         return of_busy_cores(text)
     elif "steps/frame" in text:
         return of_real_time(text)
+    elif text.startswith("figure "):
+        return of_figures(text)
     stop(f"{path} is of no benchmark that is known here.")
 
 

@@ -285,7 +285,7 @@ public:
     template <class Which = Every>
     std::vector<std::uint32_t> ids() const
     {
-        return by_id<Which, std::uint32_t>([&](auto k) { return particles<k>().ids(); });
+        return by_id<Which, std::uint32_t>([&](auto k) { return scene_.sets.template particles<k>().ids(); });
     }
 
     /// What stays equal as long as ids() does, and is compared at once: see IdLookup.
@@ -299,7 +299,7 @@ public:
     template <class Which = Every>
     std::vector<Vector<double, d>> positions() const
     {
-        return by_id<Which, Vector<double, d>>([&](auto k) { return positions_of(particles<k>()); });
+        return by_id<Which, Vector<double, d>>([&](auto k) { return scene_.template positions<k>(); });
     }
 
     /// A field's values, by rising id: `download<Velocity>()`, `download<Stress>()` (observables.hpp).
@@ -316,10 +316,9 @@ public:
     auto view() const
     {
         static_assert(MaterialTraits<Which>::Stored::template contains<Tag>,
-                      "this field is not stored: ask for it with download(), and for positions with "
-                      "write_positions()");
+                      "this field is not stored: ask download() for it, or write_positions() for positions");
         auto const access = guard_.read("Solver::view");
-        return field_view<Tag>(particles<MaterialTraits<Which>::place>());
+        return field_view<Tag>(scene_.sets.template particles<MaterialTraits<Which>::place>());
     }
 
     /// Writes world positions [m], by rising id, to memory that the backend's loops reach: axis a of the i-th
@@ -348,7 +347,7 @@ public:
     template <class Which = Every>
     std::vector<double> masses() const
     {
-        return by_id<Which, double>([&](auto k) { return masses_of(particles<k>(), scene_.masses.unit); });
+        return by_id<Which, double>([&](auto k) { return scene_.template masses_of_particles<k>(); });
     }
 
     /// Kinetic and elastic energy [J], of models that tell it, and with gravity that of height: see Energy.
@@ -412,6 +411,13 @@ public:
         });
     }
 
+    /// See contact_points() of firn/contact_points.hpp.
+    auto last_contacts() const
+    {
+        auto const access = guard_.read("contact_points");
+        return time_loop_.last_contacts(scene_);
+    }
+
     /// Bytes held by particles and grid, with spare capacity, without threads' scratch memory of some 10 kB.
     std::size_t memory() const { return scene_.memory(); }
 
@@ -419,12 +425,6 @@ private:
     /// The place of the material that a call names; the number of materials if it is about all.
     template <class Which>
     static constexpr std::size_t place_of = detail::PlaceOf<Which, List>::value;
-
-    template <std::size_t k>
-    auto const& particles() const
-    {
-        return scene_.sets.template particles<k>();
-    }
 
     /// The values that `ask(place)` returns for one material, or for all merged, by rising id.
     template <class Which, class Value, class Ask>

@@ -4,6 +4,7 @@
 #include "support/refused.hpp"
 #include "support/tank.hpp"
 
+#include <firn/contact_points.hpp>
 #include <firn/effects/obstacles.hpp>
 #include <firn/effects/rigid_body.hpp>
 
@@ -217,6 +218,34 @@ TEST_CASE("what obstacles receive at their surface is what the material loses", 
         CHECK(std::abs(before.angular_momentum - after.angular_momentum -
                        (floor.angular_impulse.z() + ball.angular_impulse.z() + around_ball)) < 1e-9 * scale);
     }
+}
+
+TEST_CASE("obstacles tell where they were touched, and by what impulse", "[physics][surface]")
+{
+    double const h = 0.05;
+    Block::Solver block(lattice(h, {0.013, 0.021, 0}));
+    block.add(box_of_points<2>({-0.2, 0}, {0.2, 0.2}, h), h * h / 4, {0, -1});
+    CHECK(contact_points(block).points.empty());
+    AtSurface around;
+    around.list.push_back({.shape = Sphere{0.1}, .motion = {.position = {0.7, 0, 0}}}); // far away
+    around.list.push_back({.shape = HalfSpace{}, .contact = Contact::coulomb(0.3)});
+    auto const reports = block.steps(5, 1e-4, around);
+    auto const last = contact_points(block);
+    CHECK(last.dt == reports.back().dt);
+    CHECK(last.points.size() >= 8); // one in each cell along the block
+    CHECK(last.points.size() <= 14);
+    Eigen::Vector2d sum = Eigen::Vector2d::Zero();
+    for (auto const& point : last.points) {
+        CHECK(point.obstacle == 1);
+        CHECK(std::abs(point.position.y()) < 1e-12);
+        CHECK(std::abs(point.position.x()) < 0.2 + 2 * h);
+        CHECK((point.normal - Eigen::Vector2d(0, 1)).norm() < 1e-12);
+        CHECK(point.impulse.y() < 0);
+        sum += point.impulse;
+    }
+    CHECK((sum - reports.back().reactions[1].impulse.head<2>()).norm() < 1e-9 * sum.norm());
+    block.steps(1, 1e-4);
+    CHECK(contact_points(block).points.empty());
 }
 
 TEST_CASE("contact at the surface lets go, sticks and carries along", "[physics][surface]")

@@ -12,6 +12,7 @@
 #include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <vector>
 
 // Contact at the surface of obstacles. Where a uniform pressure p meets a surface, node i receives the force
 // -p w_i(x_s) n per area: the kernel's weight at the point x_s of the surface, on both sides of it. Nodes
@@ -200,6 +201,13 @@ public:
         dt_ = dt;
     }
     double dt_before() const { return dt_; } ///< [s]
+    /// The points of the last step, on the host.
+    std::vector<SurfacePoint<Number, d>> last() const
+    {
+        std::vector<SurfacePoint<Number, d>> points(known_);
+        if (known_ > 0) points_.download(0, points);
+        return points;
+    }
     /// Before points are looked for.
     void begin() { counts_.fill(0, 2, 0); }
     /// How many points have been found, and how many nodes they reach; both wait for the loops that count.

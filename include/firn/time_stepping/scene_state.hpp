@@ -67,6 +67,17 @@ public:
         grid_state.forget();
     }
 
+    /// The positions [m] and masses [kg] of a material's particles, by row.
+    template <std::size_t k>
+    auto positions() const
+    {
+        return positions_of(particles<k>());
+    }
+    template <std::size_t k>
+    auto masses_of_particles() const
+    {
+        return masses_of(particles<k>(), masses.unit);
+    }
     /// How many particles there are.
     std::size_t size() const { return sets.template size<Sets::count>(); }
 

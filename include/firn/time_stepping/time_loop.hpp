@@ -5,6 +5,7 @@
 #include <firn/effects/groups.hpp>
 #include <firn/time_stepping/durations.hpp>
 #include <firn/time_stepping/failures.hpp>
+#include <firn/time_stepping/last_contacts.hpp>
 #include <firn/time_stepping/next_step.hpp>
 #include <firn/time_stepping/quarantine.hpp>
 #include <firn/time_stepping/report.hpp>
@@ -78,6 +79,15 @@ public:
     NextStep<Scene> const& next_step() const { return next_; }
     /// The particles that were removed from the scene.
     Failures const& isolated() const { return quarantine_.isolated(); }
+    /// See contact_points().
+    ContactPoints<d> last_contacts(Scene const& scene) const
+    {
+        ContactPoints<d> last{.dt = next_.time_state.last, .points = {}};
+        for (auto* const group : groups_.of_call())
+            if (auto const* const memory = group->surface())
+                detail::add_contacts(*memory, scene.lattice, scene.masses.unit, last.points);
+        return last;
+    }
     /// See Solver::until_error.
     AdvanceReport const& until_error() const { return until_error_; }
 

@@ -1,0 +1,142 @@
+// SPDX-License-Identifier: MIT
+// How well obstacles that act at their surface hold water that keeps its volume.
+//     surfaces [fine]
+// Prints figures, one to a line, which results.py reads: tanks at rest for 2 s in the plane, by their place
+// on the cells and the size of these; the lift of a disk, and of a ball in space, over that of Archimedes;
+// the particles that leave a tank. With `fine`, cells of half the size and larger disks, too: some minutes.
+#include "on_each_backend.hpp"
+#include "tank.hpp"
+
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdio>
+#include <string>
+#include <vector>
+
+using namespace firn;
+
+namespace
+{
+
+using Water = KeepsVolume<Fluid<bench::Plane>>;
+using Tank = bench::Tank<Water, QuadraticBSpline, Mls>;
+
+void figure(std::string const& entry, double value, char const* unit)
+{
+    std::printf("figure surfaces/%s %.6g %s\n", entry.c_str(), value, unit);
+    std::fflush(stdout);
+}
+
+struct Place
+{
+    char const* name;
+    double degrees;
+    Eigen::Vector2d offset;
+};
+std::array<Place, 4> const places{{{"on_nodes", 0, {0, 0}},
+                                   {"half_a_cell_off", 0, {0.5, 0.5}},
+                                   {"17_degrees", 17, {0.3, 0.21}},
+                                   {"30_degrees", 30, {0.3, 0.21}}}};
+
+void tank_at_rest(Place const& place, double h)
+{
+    Tank tank({.degrees = place.degrees, .offset = place.offset, .h = h});
+    tank.advance(1);
+    double const duration = 1, depth = tank.setting().depth;
+    auto const report = tank.advance(duration);
+    std::string const entry = "tank/" + std::string(place.name) + '/' + std::to_string(int(1000 * h)) + "mm/";
+    double const of_side = 0.5 * 1000 * bench::g * depth * depth;
+    figure(entry + "speed", 100 * tank.speed() / std::sqrt(bench::g * depth), "%");
+    figure(entry + "level", tank.level(), "%");
+    figure(entry + "force_on_floor", 100 * (tank.force(report, 0, {0, -1}, duration) / tank.weight() - 1),
+           "%");
+    for (int side = 0; side < 2; ++side) // water leans on the walls at its sides
+        figure(entry + (side == 0 ? "force_on_left" : "force_on_right"),
+               100 * (tank.force(report, std::size_t(1 + side), {side == 0 ? -1.0 : 1.0, 0}, duration) /
+                          of_side -
+                      1),
+               "%");
+    figure(entry + "pressure_at_floor", 100 * (tank.pressure_at_floor() - 1), "%");
+}
+
+void lift_of_disk(Place const& place, double radius_in_cells)
+{
+    double const radius = 0.06, h = radius / radius_in_cells;
+    Tank tank(
+        {.degrees = place.degrees, .offset = place.offset, .h = h, .radius = radius, .half_width = 0.24});
+    tank.advance(0.15);
+    double const duration = 0.45;
+    auto const report = tank.advance(duration);
+    double const displaced = 1000 * bench::g * M_PI * radius * radius;
+    figure("lift/disk/" + std::string(place.name) + '/' + std::to_string(int(radius_in_cells)) + "_cells",
+           100 * (tank.force(report, 3, {0, 1}, duration) / displaced - 1), "%");
+}
+
+void lift_of_ball(double radius_in_cells)
+{
+    using Ball = KeepsVolume<Fluid<Space<3, float>>>;
+    double const radius = 0.06, h = radius / radius_in_cells, side = 0.15, depth = 0.3;
+    Ball const model = materials::water<Space<3, float>>(3);
+    Solver<bench::Backend, Ball> water(lattice(h, Eigen::Vector3d(0.3, 0.21, 0.4) * h), model, {}, {},
+                                       bench::backend());
+    Eigen::Vector3d const middle(0, depth / 2, 0);
+    std::vector<Eigen::Vector3d> points;
+    std::vector<float> log_J;
+    for (double x = -side + h / 4; x < side; x += h / 2)
+        for (double y = h / 4; y < depth; y += h / 2)
+            for (double z = -side + h / 4; z < side; z += h / 2) {
+                Eigen::Vector3d const at(x, y, z);
+                if ((at - middle).norm() < radius) continue;
+                points.push_back(at);
+                log_J.push_back(
+                    float(-std::log1p(7 * 1000 * bench::g * (depth - y) / model.bulk_modulus) / 7));
+            }
+    water.add(points, std::pow(h / 2, 3));
+    water.upload<LogVolumeRatio>(log_J);
+    bench::Walls walls;
+    auto const add = [&](Eigen::Vector3d const& normal, Eigen::Vector3d const& at) {
+        walls.list.push_back({.shape = HalfSpace{normal}, .motion = {.position = at}, .on_particles = true});
+    };
+    walls.list.push_back({.shape = Sphere{radius}, .motion = {.position = middle}, .on_particles = true});
+    add({0, 1, 0}, {0, 0, 0});
+    for (double const towards : {-1.0, 1.0}) {
+        add({towards, 0, 0}, {-towards * side, 0, 0});
+        add({0, 0, towards}, {0, 0, -towards * side});
+    }
+    water.advance(0.1, Gravity{}, walls);
+    double const duration = 0.2;
+    auto const report = water.advance(duration, Gravity{}, walls);
+    double const displaced = 1000 * bench::g * 4 / 3 * M_PI * std::pow(radius, 3);
+    figure("lift/ball/" + std::to_string(int(radius_in_cells)) + "_cells",
+           100 * (report.reactions[0].impulse.y() / duration / displaced - 1), "%");
+}
+
+void leaks()
+{
+    Tank tank({.degrees = 17, .h = 0.0031}); // some 1e5 particles
+    double const of_call = 0.01;
+    std::uint64_t steps = 0;
+    for (double time = 0; steps < 2000; time += of_call) // shaken, so that it is no idle test
+        steps += tank.advance(of_call, 0.5 * std::sin(2 * M_PI * tank.frequency() * time)).substeps;
+    figure("leaks/particles", double(tank.size()), "1");
+    figure("leaks/steps", double(steps), "1");
+    figure("leaks/lost", tank.lost(), "1");
+}
+
+} // namespace
+
+int main(int argc, char**)
+{
+    bool const is_fine = argc > 1;
+    for (auto const& place : places) {
+        tank_at_rest(place, 0.02);
+        if (is_fine) tank_at_rest(place, 0.01);
+    }
+    for (auto const& place : places)
+        for (double const radius : {3.0, 6.0, 12.0})
+            if (radius < 12 || is_fine) lift_of_disk(place, radius);
+    lift_of_ball(3);
+    if (is_fine) lift_of_ball(6);
+    leaks();
+}

@@ -1,0 +1,25 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/time_stepping/last_contacts.hpp>
+
+namespace firn
+{
+
+/// Where the obstacles of the last call that act at their surface (`ActsOn::surface`) touched material, and
+/// by what impulse, in the call's last step: points about a cell apart, without those that touched nothing.
+/// None after a call without such obstacles, or whose last step failed. On a device this waits for the step
+/// and copies the points to the host.
+///
+///     auto const last = firn::contact_points(solver);
+///     for (auto const& point : last.points) hit(point.obstacle, point.position, point.impulse / last.dt);
+///
+/// The impulses of an obstacle's points add up to the Reaction::impulse of that step. Throws an Error as
+/// other calls do, for example after a call that broke off.
+template <class Solver>
+ContactPoints<Solver::Space::dimension> contact_points(Solver const& solver)
+{
+    return solver.last_contacts();
+}
+
+} // namespace firn
