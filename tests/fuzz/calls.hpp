@@ -551,8 +551,24 @@ private:
         return stable;
     }
 
+    /// Before steps with all effects: while no particle has a mark that one of them acts on, these are
+    /// refused, and then a particle gets one. Steps without any particle are left to scenes without marks.
+    void be_marked()
+    {
+        if constexpr (has_marks<Solver>) {
+            if (is_marked<Mark>(solver_) && is_marked<AreaPerMass>(solver_)) return;
+            bool const was_refused = refused_whole(solver_, [&] {
+                around_.with([&](auto const&... effects) { solver_.steps(1, 1e-6, effects...); });
+            });
+            expect(was_refused, "effects act on a mark that no particle has");
+            if (solver_.size() == 0) put({0.3 * Vector<double, d>::Unit(1)}, 5e-4, Vector<double, d>::Zero());
+            mark_one(solver_);
+        }
+    }
+
     void step()
     {
+        be_marked();
         double const dt = std::pow(10.0, input_.between(-7, -2));
         auto const count = static_cast<std::size_t>(1 + input_.below(4));
         Told<Solver> const before(solver_);
@@ -592,6 +608,7 @@ private:
     /// Damped steps until the scene is at rest, or the time is up.
     void settle_down()
     {
+        be_marked();
         bool const any = input_.below(4) == 0;
         Settling how{.rate = any ? input_.any(100) : std::pow(10.0, input_.between(0, 5)),
                      .share = any ? input_.any(1e-6) : input_.between(1e-6, 1),
@@ -614,6 +631,7 @@ private:
 
     void advance()
     {
+        be_marked();
         double const exponent = input_.between(-6, -2.5);
         double const duration = std::pow(10.0, exponent);
         Told<Solver> const before(solver_);
@@ -747,6 +765,7 @@ private:
     /// One that is restored from a snapshot makes the same step, bit by bit.
     void twin()
     {
+        be_marked();
         Solver other(lattice(cell), model_, {}, {.smallest = 1e-3});
         other.restore(solver_.snapshot());
         other.quarantine(in_quarantine_);

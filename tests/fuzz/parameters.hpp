@@ -299,6 +299,7 @@ void run_with(Input& input)
                 mark_face(solver, Inside<Sphere>{.shape = {0.06}},
                           Vector<double, d>(scene.area.template head<d>()));
             });
+            mark_one(solver);
             refused_whole(solver, [&] {
                 solver.template upload<DisplacementGradient>(
                     k0_state(solver.model(), solver.positions(), scene.rest));

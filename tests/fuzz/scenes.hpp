@@ -4,6 +4,7 @@
 #include "input.hpp"
 
 #include <firn/assign.hpp>
+#include <firn/core/components.hpp>
 #include <firn/firn.hpp>
 #include <firn/models/varied.hpp>
 #include <firn/openmp.hpp>
@@ -124,6 +125,29 @@ bool refused(Call const& call)
                "a part of an error is missing");
         return true;
     }
+}
+
+/// Whether some particle has a field that is not 0.
+template <class Tag, class Solver>
+bool is_marked(Solver const& solver)
+{
+    using Number = typename Solver::Number;
+    bool any = false;
+    for (auto& value : solver.template download<Tag>())
+        for_each_component<Tag, Solver::d>(value,
+                                           [&](int, Number& number) { any = any || std::abs(number) > 0; });
+    return any;
+}
+
+/// Marks a particle where none is marked, or calls with effects on marks would all be refused.
+template <class Solver>
+void mark_one(Solver& solver)
+{
+    if (solver.size() == 0) return;
+    std::vector const one{solver.ids().front()};
+    if (!is_marked<Mark>(solver)) assign<Mark>(solver, one, 0.5);
+    if (!is_marked<AreaPerMass>(solver))
+        assign<AreaPerMass>(solver, one, 1e-3 * Vector<double, Solver::d>::Unit(0));
 }
 
 /// A call that is refused is to change nothing.
