@@ -7,6 +7,7 @@
 #include <firn/effects/force.hpp>
 #include <firn/effects/held.hpp>
 #include <firn/effects/obstacles.hpp>
+#include <firn/effects/shapes/any_shape.hpp>
 #include <firn/effects/shapes/cylinder.hpp>
 #include <firn/effects/shapes/union.hpp>
 #include <firn/io/checkpoint.hpp>
@@ -230,6 +231,14 @@ TEST_CASE("fields are assigned, and faces marked, on both sides of a border", "[
         CHECK((marks[i] > 0) == (x[i][1] > 3.5 * h && (x[i][0] < 2 * h || x[i][0] > 14 * h)));
     refused([&] { assign<Mark>(solver, Inside<HalfSpace>{{{1, 0, 0}}}, 1); });
     refused([&] { mark_face(solver, Inside<HalfSpace>{{{1, 0, 0}}}, {1, 0}); });
+    // regions of several parts, or of a kind that is chosen at run time
+    Union<Box, Sphere> const parts{{{.shape = corner.shape}, {.shape = {1e-3}, .position = {h, 0, 0}}}};
+    CHECK(assign<Mark>(solver, Inside<Union<Box, Sphere>>{parts, corner.pose}, 0.5) == 8);
+    CHECK(mark_face(solver, Inside<AnyShape<>>{corner.shape, corner.pose}, {0, h}) == 8);
+    auto const saved = solver.snapshot();
+    CHECK(solver.remove_if(Inside<Union<Box, Sphere>>{parts, corner.pose}) == 8);
+    CHECK(solver.remove_if(Outside<AnyShape<>>{Box{{9, h, 1}}, {.position = {0, h, 0}}}) == x.size() / 2 - 8);
+    solver.restore(saved);
     // held by a region across the border: they all move
     Held<Box> const held{
         .shape = {{2 * h, 10, 1}}, .motion = {.time = 0.0}, .velocity = Eigen::Vector3d(0, 0.1, 0)};

@@ -123,7 +123,7 @@ END
 1 a shape that changes its form is a solid: it makes no Shell
 2 a shape that changes its form is an obstacle of its own
 1 a shape that changes its form is an obstacle of its own, or Obstacles<DeformingGrid<...>>
-3 a shape that changes its form is an obstacle, and makes no region
+4 a shape that changes its form is an obstacle, and makes no region
 END
     # nvcc goes on to where what is missing is asked for
     errors=$(grep -E '(error: |: error)' "$said" | grep -v "this table has no such field" | sort -u | wc -l)

@@ -10,6 +10,7 @@
 #include <firn/effects/obstacles.hpp>
 #include <firn/effects/shapes/any_shape.hpp>
 #include <firn/effects/shapes/deforming_grid.hpp>
+#include <firn/effects/shapes/inside.hpp>
 #include <firn/effects/shapes/union.hpp>
 #include <firn/effects/traction.hpp>
 #include <firn/models/bodies.hpp>
@@ -71,6 +72,7 @@ void shapes(Deforming const& shape)
     static_cast<void>(sizeof(firn::Shell<Deforming>));
     static_cast<void>(sizeof(firn::Union<firn::Sphere, Deforming>));
     static_cast<void>(sizeof(firn::AnyShape<Deforming>));
+    static_cast<void>(sizeof(firn::Inside<Deforming>));
     firn::Held<Deforming>{.shape = shape}.validate();
     firn::Force<Deforming>{.shape = shape}.validate();
     firn::fill<2>(shape, firn::Filling{.spacing = 0.1});

@@ -6,6 +6,8 @@
 #include <firn/effects/pose_path.hpp>
 #include <firn/effects/shapes/all.hpp>
 #include <firn/effects/shapes/any_shape.hpp>
+#include <firn/effects/shapes/inside.hpp>
+#include <firn/effects/shapes/signed_distance_grid.hpp>
 #include <firn/effects/shapes/union.hpp>
 
 #include <cmath>
@@ -105,6 +107,48 @@ TEST_CASE("the surface of a union is the nearest of its parts, each at its place
     Union<Box> leaves{};
     std::get<0>(leaves.parts).orientation = Eigen::AngleAxisd(0.3, Eigen::Vector3d::UnitX());
     refused([&] { leaves.validate_in_plane(); });
+}
+
+TEST_CASE("a region is of a union, of a shape chosen at run time, or of both, as its parts are one by one")
+{
+    Motion const pose{.position = {0.1, -0.2, 0.3}, .orientation = about_z(0.7)};
+    Inside<Sphere> const ball{{0.6}, {.position = pose.position + about_z(0.7) * Eigen::Vector3d(0.4, 0, 0)}};
+    Inside<Box> const box{{{0.8, 0.3, 0.5}}, pose};
+    Union<Sphere, Box> const both{{{.shape = {0.6}, .position = {0.4, 0, 0}}, {.shape = box.shape}}};
+    AnyShape<Union<Sphere, Box>> const chosen = both;
+    Inside<Union<Sphere, Box>> const inside{both, pose};
+    Inside<AnyShape<Union<Sphere, Box>>> const inside_chosen{chosen, pose};
+    Outside<Union<AnyShape<>, Box>> const outside{
+        {{{.shape = Sphere{0.6}, .position = {0.4, 0, 0}}, {box.shape}}}, pose};
+    inside.validate();
+    outside.validate_in_plane();
+    auto const in_scene = outside.with_images(Lattice{0.1}, 3); // as loops know it
+    std::size_t count = 0;
+    for (auto const& x : some_points()) {
+        bool const is_inside = ball(x) || box(x);
+        count += is_inside ? 1 : 0;
+        CHECK(inside(x) == is_inside);
+        CHECK(inside_chosen(x) == is_inside);
+        CHECK(outside(x) == !is_inside);
+        CHECK(in_scene(x) == !is_inside);
+    }
+    CHECK(count > 20);
+
+    // of samples in single precision, which are asked in it
+    using Sampled = SignedDistanceGrid<float, 2>;
+    std::vector<float> const values{-1, -1, 1, 1}; // solid where y < 0.5
+    Sampled const grid({0, 0}, 1.0f, {2, 2}, values);
+    Inside<Union<Sampled, Sphere>> const sampled{
+        {{{.shape = grid}, {.shape = {0.1}, .position = {0.5, 1, 0}}}}};
+    static_assert(Inside<Union<Sampled, Sphere>>::in_host_memory && !Inside<Union<Sphere>>::in_host_memory);
+    CHECK(sampled(Eigen::Vector2d(0.5, 0.4)));
+    CHECK(sampled(Eigen::Vector2d(0.5, 0.95)));
+    CHECK_FALSE(sampled(Eigen::Vector2d(0.5, 0.7)));
+    CHECK(Inside<AnyShape<Sampled>>{grid}(Eigen::Vector2d(0.5, 0.4)));
+    CHECK_FALSE(Inside<AnyShape<Sampled>>{Sphere{0.1}}(Eigen::Vector2d(0.5, 0.4)));
+    Inside<Union<Sphere>> wrong{};
+    std::get<0>(wrong.shape.parts).shape.radius = -1;
+    refused([&] { wrong.validate(); });
 }
 
 TEST_CASE("a path goes through its poses, straight and at a constant rate between them")

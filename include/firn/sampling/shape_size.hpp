@@ -50,16 +50,6 @@ inline ShapeSize size_of_shape(Capsule const& capsule, int d)
     return size;
 }
 
-/// The signed distance of a point from the surface of a shape [m].
-template <int d, class ShapeType>
-double distance_from(ShapeType const& shape, Vector<double, d> const& x)
-{
-    if constexpr (Shape<ShapeType, double, d>)
-        return shape.surface(x).distance;
-    else // samples in single precision
-        return double(shape.surface(Vector<float, d>(x.template cast<float>())).distance);
-}
-
 /// Calls `use(centre)` for each of so many cells per axis in a box.
 template <int d, class Use>
 void for_each_middle(Eigen::AlignedBox3d const& box, int cells, Use const& use)

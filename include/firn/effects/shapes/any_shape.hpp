@@ -59,10 +59,9 @@ struct ChosenShape
     int which = 0;
 
     template <Lane Real, int d>
-    FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const
-    {
-        return all.template of<Real, d>(which, x);
-    }
+        requires(HasSurface<Shapes, Real, d>&&...)
+    FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x)
+    const { return all.template of<Real, d>(which, x); }
 };
 template <class... Types>
 inline constexpr bool are_different = true;

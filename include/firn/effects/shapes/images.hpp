@@ -141,7 +141,7 @@ struct Images
 
 /// A predicate of positions that knows the images of its region in a scene, if it is one that can.
 template <int d, class Predicate>
-Predicate with_images(Predicate const& predicate, [[maybe_unused]] Lattice const& lattice)
+auto with_images(Predicate const& predicate, [[maybe_unused]] Lattice const& lattice)
 {
     if constexpr (requires { predicate.with_images(lattice, d); })
         return predicate.with_images(lattice, d);

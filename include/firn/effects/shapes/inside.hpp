@@ -10,6 +10,7 @@ namespace firn
 
 /// Tells whether a point [m] is inside a solid: `solver.remove_if(Inside<Box>{.shape = {...}})` is a drain.
 ///
+/// It takes any shape that an obstacle takes but one that changes its form, a Union or an AnyShape, too.
 /// `pose` says where the solid is: its position and orientation. On a device the shape must be a plain value,
 /// as an obstacle's must. In a scene that is periodic along some axes a solver's calls, assign() and
 /// mark_face() take what is inside the solid or any of its images: a solid that lies across an end of a
@@ -17,6 +18,9 @@ namespace firn
 template <class ShapeType>
 struct Inside
 {
+    static_assert(!is_deforming<ShapeType>,
+                  "a shape that changes its form is an obstacle, and makes no region");
+
     ShapeType shape{};
     Motion pose{};
     detail::Images images{}; ///< in a periodic scene: see with_images()
@@ -36,23 +40,28 @@ struct Inside
     }
 
     template <int d>
-    FIRN_HOST_DEVICE bool operator()(Eigen::Matrix<double, d, 1> const& x) const
+    requires detail::is_plain<ShapeType> FIRN_HOST_DEVICE bool
+    operator()(Eigen::Matrix<double, d, 1> const& x) const
     {
         Eigen::Matrix3d const rotation = pose.rotation();
         return images.any<d>(x - pose.position.template head<d>(), [&](Vector<double, d> const& away) {
             Vector<double, d> const local = rotation.template topLeftCorner<d, d>().transpose() * away;
-            if constexpr (Shape<ShapeType, double, d>)
-                return shape.surface(local).distance < 0;
-            else // samples in single precision
-                return shape.surface(Vector<float, d>(local.template cast<float>())).distance < 0;
+            return detail::distance_from<d>(shape, local) < 0;
         });
     }
-
-    /// The same in a scene on a lattice, with the images of the solid along its periodic axes. A solver's
-    /// calls do this themselves.
-    Inside with_images(Lattice const& lattice, int dimension) const
+    /// Of a shape that loops know by its view, such as a Union.
+    template <int d>
+    bool operator()(Eigen::Matrix<double, d, 1> const& x) const
     {
-        return {shape, pose, detail::Images::of(shape, pose, lattice, dimension, "Inside")};
+        return Inside<detail::Plain<ShapeType>>{detail::plain(shape), pose, images}(x);
+    }
+
+    /// The same in a scene on a lattice, with the images of the solid along its periodic axes, as a plain
+    /// value, which is valid while the shape lives. A solver's calls do this themselves.
+    auto with_images(Lattice const& lattice, int dimension) const
+    {
+        return Inside<detail::Plain<ShapeType>>{
+            detail::plain(shape), pose, detail::Images::of(shape, pose, lattice, dimension, "Inside")};
     }
 };
 
@@ -71,15 +80,23 @@ struct Outside
     void validate_in_plane() const { Inside<ShapeType>{shape, pose}.validate_in_plane(); }
 
     template <int d>
-    FIRN_HOST_DEVICE bool operator()(Eigen::Matrix<double, d, 1> const& x) const
+    requires detail::is_plain<ShapeType> FIRN_HOST_DEVICE bool
+    operator()(Eigen::Matrix<double, d, 1> const& x) const
+    {
+        return !Inside<ShapeType>{shape, pose, images}(x);
+    }
+    /// Of a shape that loops know by its view, such as a Union.
+    template <int d>
+    bool operator()(Eigen::Matrix<double, d, 1> const& x) const
     {
         return !Inside<ShapeType>{shape, pose, images}(x);
     }
 
-    /// The same in a scene on a lattice: outside of the solid and of all its images.
-    Outside with_images(Lattice const& lattice, int dimension) const
+    /// The same in a scene on a lattice, as a plain value: outside of the solid and of all its images.
+    auto with_images(Lattice const& lattice, int dimension) const
     {
-        return {shape, pose, detail::Images::of(shape, pose, lattice, dimension, "Outside")};
+        return Outside<detail::Plain<ShapeType>>{
+            detail::plain(shape), pose, detail::Images::of(shape, pose, lattice, dimension, "Outside")};
     }
 };
 

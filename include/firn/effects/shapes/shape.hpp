@@ -31,6 +31,10 @@ concept Shape = requires(T const shape, Vector<Real, d> const x)
         } -> std::same_as<SurfaceSample<Real, d>>;
 };
 
+/// A solid that loops may ask for its surface at lanes of points, in packs or one by one: see surface_of.
+template <class T, class Real, int d>
+concept HasSurface = Shape<T, Real, d> || Shape<T, ScalarOf<Real>, d>;
+
 /// How a solid lies along an axis through its reference point.
 struct AlongAxis
 {
@@ -52,6 +56,10 @@ auto plain(ShapeType const& shape)
 
 template <class ShapeType>
 using Plain = decltype(plain(std::declval<ShapeType const&>()));
+
+/// Whether a shape is a plain value as it is.
+template <class ShapeType>
+inline constexpr bool is_plain = std::same_as<Plain<ShapeType>, ShapeType>;
 
 /// How far [m] from the reference point a shape reaches in a scene of `dimension` dimensions; 0 if it is
 /// unbounded.
@@ -131,10 +139,9 @@ FIRN_HOST_DEVICE SurfaceSample<Real, d> surface_of(ShapeType const& shape, Vecto
     if constexpr (Shape<ShapeType, Real, d>)
         return shape.surface(x);
     else {
-        static_assert(
-            requires(Vector<ScalarOf<Real>, d> const point) { shape.surface(point).distance; },
-            "a shape lacks 'template <firn::Lane Real, int d> firn::SurfaceSample<Real, d> "
-            "surface(firn::Vector<Real, d> const&) const'");
+        static_assert(HasSurface<ShapeType, Real, d>,
+                      "a shape lacks 'template <firn::Lane Real, int d> firn::SurfaceSample<Real, d> "
+                      "surface(firn::Vector<Real, d> const&) const'");
         constexpr int width = lane_width<Real>;
         ScalarOf<Real> at[std::size_t(d)][std::size_t(width)], distance[std::size_t(width)],
             normal[std::size_t(d)][std::size_t(width)];
@@ -152,5 +159,24 @@ FIRN_HOST_DEVICE SurfaceSample<Real, d> surface_of(ShapeType const& shape, Vecto
         return sample;
     }
 }
+
+namespace detail
+{
+/// The signed distance of a point from the surface of a plain shape [m]. Samples in single precision are
+/// asked in it.
+template <int d, class ShapeType>
+FIRN_HOST_DEVICE double distance_from(ShapeType const& shape, Vector<double, d> const& x)
+{
+    if constexpr (Shape<ShapeType, double, d>)
+        return shape.surface(x).distance;
+    else {
+        static_assert(
+            Shape<ShapeType, float, d>,
+            "a region's shape lacks 'template <firn::Lane Real, int d> firn::SurfaceSample<Real, d> "
+            "surface(firn::Vector<Real, d> const&) const' in the scene's dimensions");
+        return double(shape.surface(Vector<float, d>(x.template cast<float>())).distance);
+    }
+}
+} // namespace detail
 
 } // namespace firn

@@ -63,7 +63,9 @@ struct PlainPlaced
     Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity(); ///< from the shape's frame to the body's
 
     template <Lane Real, int d>
-    FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const
+        requires HasSurface<ShapeType, Real, d> FIRN_HOST_DEVICE SurfaceSample<Real, d>
+        surface(Vector<Real, d> const& x)
+    const
     {
         Matrix<Real, d> R;
         Vector<Real, d> away;
@@ -88,10 +90,9 @@ struct PlainUnion<First>
     PlainPlaced<First> first;
 
     template <Lane Real, int d>
-    FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const
-    {
-        return first.template surface<Real, d>(x);
-    }
+        requires HasSurface<First, Real, d> FIRN_HOST_DEVICE SurfaceSample<Real, d>
+        surface(Vector<Real, d> const& x)
+    const { return first.template surface<Real, d>(x); }
 };
 
 template <class First, class Second, class... Rest>
@@ -102,7 +103,9 @@ struct PlainUnion<First, Second, Rest...>
     PlainUnion<Second, Rest...> rest;
 
     template <Lane Real, int d>
-    FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x) const
+        requires HasSurface<First, Real, d> && HasSurface<PlainUnion<Second, Rest...>, Real, d>
+            FIRN_HOST_DEVICE SurfaceSample<Real, d> surface(Vector<Real, d> const& x)
+    const
     {
         auto sample = first.template surface<Real, d>(x);
         auto const other = rest.template surface<Real, d>(x);
