@@ -127,7 +127,7 @@ END
 END
     # nvcc goes on to where what is missing is asked for
     errors=$(grep -E '(error: |: error)' "$said" | grep -v "this table has no such field" | sort -u | wc -l)
-    [ "$errors" = 20 ] || { cat "$said"; echo "there are $errors errors, not one for each that is refused."; exit 1; }
+    [ "$errors" = 21 ] || { cat "$said"; echo "there are $errors errors, not one for each that is refused."; exit 1; }
 }
 others
 unit=incomplete_model.cpp

@@ -63,21 +63,26 @@ struct ReactionSums
         memory[of_part * size() + i] = 0;
     }
 
-    /// What an obstacle received in a part. Its bits are the same wherever this runs: products with powers of
-    /// two are exact.
-    FIRN_HOST_DEVICE Reaction of(std::uint32_t obstacle, std::size_t of_part = 0) const
+    /// One number of what an obstacle received in a part: first the impulse, then the angular impulse. Its
+    /// bits are the same wherever this runs: products with powers of two are exact.
+    FIRN_HOST_DEVICE double number(int i, std::uint32_t obstacle, std::size_t of_part) const
     {
         std::int64_t const* const from = memory + of_part * size();
-        double sums[numbers];
-        for (int i = 0; i < numbers; ++i) {
-            std::int64_t of_word[words]{};
-            for (std::uint32_t slot = 0; slot < slots; ++slot)
-                for (int w = 0; w < words; ++w)
-                    of_word[w] += from[first(obstacle, slot) + std::size_t(words * i + w)];
-            sums[i] = 0;
-            for (int w = words; w-- > 0;) sums[i] += double(of_word[w]) * unit(w); // the small ones first
-        }
-        return {{sums[0], sums[1], sums[2]}, {sums[3], sums[4], sums[5]}};
+        std::int64_t of_word[words]{};
+        for (std::uint32_t slot = 0; slot < slots; ++slot)
+            for (int w = 0; w < words; ++w)
+                of_word[w] += from[first(obstacle, slot) + std::size_t(words * i + w)];
+        double sum = 0;
+        for (int w = words; w-- > 0;) sum += double(of_word[w]) * unit(w); // the small ones first
+        return sum;
+    }
+    /// All of them.
+    FIRN_HOST_DEVICE Reaction of(std::uint32_t obstacle, std::size_t of_part = 0) const
+    {
+        Reaction received;
+        for (int i = 0; i < numbers; ++i)
+            (i < 3 ? received.impulse[i] : received.angular_impulse[i - 3]) = number(i, obstacle, of_part);
+        return received;
     }
 
 private:

@@ -70,9 +70,14 @@ struct AddUpReactions
     ReactionSums sums;
     Reaction* to; ///< step by step
 
+    /// For each number of each reaction.
     FIRN_HOST_DEVICE void operator()(std::size_t place) const
     {
-        to[place] = sums.of(static_cast<std::uint32_t>(place % sums.obstacles), place / sums.obstacles);
+        int const i = static_cast<int>(place % ReactionSums::numbers);
+        std::size_t const reaction = place / ReactionSums::numbers;
+        double const number =
+            sums.number(i, static_cast<std::uint32_t>(reaction % sums.obstacles), reaction / sums.obstacles);
+        (i < 3 ? to[reaction].impulse[i] : to[reaction].angular_impulse[i - 3]) = number;
     }
 };
 
@@ -206,7 +211,7 @@ public:
     void end(int taken) override
     {
         if (surface_ && taken == 0) surface_->forget();
-        backend_.for_each(std::size_t(taken) * of_call_.obstacles,
+        backend_.for_each(std::size_t(taken) * of_call_.obstacles * ReactionSums::numbers,
                           AddUpReactions{of_call_, received_.data()});
         appended_ = 0;
     }

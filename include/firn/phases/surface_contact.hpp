@@ -34,18 +34,20 @@ struct PointLoop
     {
         return of.stencils + p * std::size_t(nodes_of_each);
     }
-    /// Calls `use(place, node)` for the places of a point's stencil where there is a node.
+    /// Calls `use(place, node)` for the places of a linked stencil. Where there is no node it is the first of
+    /// all, with a weight of 0: without a branch a device loads all of them at once.
     template <class Use>
     FIRN_HOST_DEVICE void for_each_node(std::size_t p, Use const& use) const
     {
         NodeOfPoint<Number> const* const places = stencil(p);
-        for (int k = 0; k < nodes_of_each; ++k)
-            if (places[k].node != NodeOfPoint<Number>::none) use(places[k], of.nodes[places[k].node]);
+        FIRN_UNROLL_ON_DEVICE
+        for (int k = 0; k < nodes_of_each; ++k) use(places[k], of.nodes[places[k].node]);
     }
     /// Adds the velocities that an impulse at a point gives to its nodes.
     FIRN_HOST_DEVICE void spread(std::size_t p, Vector<Number, d> const& impulse) const
     {
         for_each_node(p, [&](NodeOfPoint<Number> const& place, NodeAtSurface<Number, d>& node) {
+            if (!(place.weight > 0)) return;
             double const gives = double(place.weight * node.inverse_mass) / unit;
             for (int a = 0; a < d; ++a) { // rounded, without a call to the C library
                 double const gained = gives * double(impulse[a]);
@@ -156,10 +158,14 @@ struct LinkStencils : PointLoop<Kernel, Number, d>
             for (int a = d - 1, rest = k; a >= 0; --a, rest /= Cell::width)
                 at[a] = Number(rest % Cell::width);
             all += at * place.weight;
-            if (place.node == NodeOfPoint<Number>::none) continue;
-            write_shared(surface.claims[place.node], 0);
-            place.node = surface.numbers[place.node];
-            if (place.node == NodeOfPoint<Number>::none) continue;
+            if (place.node != NodeOfPoint<Number>::none) {
+                write_shared(surface.claims[place.node], 0);
+                place.node = surface.numbers[place.node];
+            }
+            if (place.node == NodeOfPoint<Number>::none) {
+                place = {0, Number(0)};
+                continue;
+            }
             point.support += place.weight;
             reached += at * place.weight;
             add_in_any_order(surface.nodes[place.node].weights,
