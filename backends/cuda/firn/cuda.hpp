@@ -105,8 +105,9 @@ struct Cuda
     {
         if (count == 0) return;
         cuda::OnDevice const here(device);
-        cuda::launch_after("for_each", queue(), cuda::detail::for_each<Body>, cuda::groups_of(count, 256),
-                           256, body, count);
+        unsigned const threads = count < 65536 ? 64 : 256; // few of them spread over all multiprocessors
+        cuda::launch_after("for_each", queue(), cuda::detail::for_each<Body>, cuda::groups_of(count, threads),
+                           threads, body, count);
     }
 
     /// Calls `visit(where it lies, coordinates of its cell)` for every item, on the device.

@@ -69,19 +69,29 @@ struct NodeOfPoint
 {
     static constexpr std::uint32_t none = ~std::uint32_t(0);
     std::uint32_t node; ///< its number among the nodes that points reach, or none: there is nothing on it
+    std::uint32_t next; ///< of the places with this node: one more than its place, or 0
     Number weight;
 };
 
-/// A node that points reach. Its sums are integers, so they do not depend on the order of the points.
+/// A point that reaches a node.
+template <class Number>
+struct PointOfNode
+{
+    std::uint32_t point;
+    Number weight;
+};
+
+/// A node that points reach. What they give it is summed as integers, so it does not depend on their order.
 template <class Number, int d>
 struct NodeAtSurface
 {
     std::uint32_t index; ///< see Grid::nodes_by_index()
     Number inverse_mass;
-    Vector<Number, d> free;              ///< its velocity without contact [m/s]
-    Vector<Number, d> velocity;          ///< and with the impulses of the last sweep
-    std::int64_t weights;                ///< the sum of the weights of points, see unit_of_weights
-    std::int64_t gained[std::size_t(d)]; ///< velocity, in units of 2^-46 cells a step
+    Vector<Number, d> free;     ///< its velocity without contact [m/s]
+    Vector<Number, d> velocity; ///< and with the impulses of the last sweep
+    std::uint32_t first;        ///< of the places in stencils: one more than it, or 0
+    std::uint32_t begin, end;   ///< of its points in the list of those of all nodes
+    Number weights;             ///< the sum of the weights of points
 };
 
 /// What lanes of places are to an obstacle.
@@ -138,7 +148,9 @@ struct SurfacePoints
     SurfacePoint<Number, d>* points;
     std::uint32_t* count; ///< of the points that were found; those beyond `room` are not there
     std::uint32_t room;
-    NodeOfPoint<Number>* stencils; ///< of each point
+    NodeOfPoint<Number>* stencils;        ///< of each point
+    PointOfNode<Number>* points_of_nodes; ///< the points of each node, one behind the other
+    std::uint32_t* listed;                ///< how many of these there are
     NodeAtSurface<Number, d>* nodes;
     std::uint32_t* node_count;
     std::uint32_t* claims;  ///< by index of a node: the place of a stencil that numbers it, from 1 on; else 0
@@ -156,9 +168,9 @@ class SurfaceMemory
 public:
     explicit SurfaceMemory(Backend const& backend)
         : backend_(backend), points_(backend), before_(backend), table_(backend), stencils_(backend),
-          counts_(backend), nodes_(backend), claims_(backend), numbers_(backend)
+          points_of_nodes_(backend), counts_(backend), nodes_(backend), claims_(backend), numbers_(backend)
     {
-        counts_.resize(2);
+        counts_.resize(3);
         make_room(256, 1);
     }
 
@@ -167,6 +179,7 @@ public:
     {
         if (points > points_.size()) points_.resize(points);
         stencils_.resize(std::max(stencils_.size(), points_.size() * nodes_of_each), 0);
+        points_of_nodes_.resize(stencils_.size(), 0);
     }
     /// Makes room for nodes with so many indices, of which points reach at most so many.
     void make_room_for_nodes(std::size_t indices, std::size_t reached)
@@ -209,7 +222,7 @@ public:
         return points;
     }
     /// Before points are looked for.
-    void begin() { counts_.fill(0, 2, 0); }
+    void begin() { counts_.fill(0, 3, 0); }
     /// How many points have been found, and how many nodes they reach; both wait for the loops that count.
     std::uint32_t count() const { return read(0); }
     std::uint32_t node_count() const { return read(1); }
@@ -217,9 +230,17 @@ public:
 
     SurfacePoints<Number, d> view()
     {
-        return {points_.data(),   counts_.data(),  static_cast<std::uint32_t>(points_.size()),
-                stencils_.data(), nodes_.data(),   counts_.data() + 1,
-                claims_.data(),   numbers_.data(), before_view_};
+        return {points_.data(),
+                counts_.data(),
+                static_cast<std::uint32_t>(points_.size()),
+                stencils_.data(),
+                points_of_nodes_.data(),
+                counts_.data() + 2,
+                nodes_.data(),
+                counts_.data() + 1,
+                claims_.data(),
+                numbers_.data(),
+                before_view_};
     }
 
 private:
@@ -237,7 +258,8 @@ private:
     std::uint32_t known_ = 0; ///< the points of the step before
     double dt_ = 1;           ///< its length [s]
     Array<NodeOfPoint<Number>> stencils_;
-    Array<std::uint32_t> counts_; ///< of points and of nodes
+    Array<PointOfNode<Number>> points_of_nodes_;
+    Array<std::uint32_t> counts_; ///< of points, of nodes, and of points of nodes
     Array<NodeAtSurface<Number, d>> nodes_;
     Array<std::uint32_t> claims_, numbers_;
 };

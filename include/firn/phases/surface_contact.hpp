@@ -28,7 +28,6 @@ struct PointLoop
     static constexpr int nodes_of_each = Cell::rows * Cell::width;
 
     SurfacePoints<Number, d> of;
-    double unit; ///< of the velocities that nodes gain [m/s]
 
     FIRN_HOST_DEVICE NodeOfPoint<Number>* stencil(std::size_t p) const
     {
@@ -42,21 +41,6 @@ struct PointLoop
         NodeOfPoint<Number> const* const places = stencil(p);
         FIRN_UNROLL_ON_DEVICE
         for (int k = 0; k < nodes_of_each; ++k) use(places[k], of.nodes[places[k].node]);
-    }
-    /// Adds the velocities that an impulse at a point gives to its nodes.
-    FIRN_HOST_DEVICE void spread(std::size_t p, Vector<Number, d> const& impulse) const
-    {
-        for_each_node(p, [&](NodeOfPoint<Number> const& place, NodeAtSurface<Number, d>& node) {
-            if (!(place.weight > 0)) return;
-            double const gives = double(place.weight * node.inverse_mass) / unit;
-            for (int a = 0; a < d; ++a) { // rounded, without a call to the C library
-                double const gained = gives * double(impulse[a]);
-                // a step that gave more than that, or NaN, fails: it moves particles by more than a cell
-                if (!(std::abs(gained) < 0x1p62)) continue;
-                add_in_any_order(node.gained[a],
-                                 static_cast<std::int64_t>(gained + (gained < 0 ? -0.5 : 0.5)));
-            }
-        });
     }
 };
 
@@ -127,17 +111,15 @@ struct NumberNodes : PointLoop<Kernel, Number, d>
             NodeAtSurface<Number, d>& node = surface.nodes[number];
             node.index = index;
             node.inverse_mass = 1 / sum;
-            node.weights = 0;
-            for (int a = 0; a < d; ++a) {
-                node.free[a] = by_index.value(index, velocity + a);
-                node.gained[a] = 0;
-            }
+            node.first = 0;
+            for (int a = 0; a < d; ++a) node.free[a] = by_index.value(index, velocity + a);
         }
     }
 };
 
-/// Replaces the indices in a point's stencil by the numbers of its nodes, adds its weights to them, and lets
-/// the point start from its impulse in the step before. No node is claimed any more.
+/// Replaces the indices in a point's stencil by the numbers of its nodes, links each node to the places that
+/// it has in stencils, and lets the point start from its impulse in the step before. No node is claimed any
+/// more.
 template <class Kernel, class Number, int d>
 struct LinkStencils : PointLoop<Kernel, Number, d>
 {
@@ -152,24 +134,29 @@ struct LinkStencils : PointLoop<Kernel, Number, d>
         // the means of the places of its nodes: of those with mass, and of all [cells]
         Vector<Number, d> reached = zeros<Vector<Number, d>>(), all = reached;
         point.support = 0;
+        NodeOfPoint<Number>* const places = this->stencil(p);
+        std::uint32_t number[std::size_t(PointLoop<Kernel, Number, d>::nodes_of_each)];
+        FIRN_UNROLL_ON_DEVICE // a device loads all of them at once
+            for (int k = 0; k < this->nodes_of_each; ++k)
+        {
+            bool const is_there = places[k].node != NodeOfPoint<Number>::none;
+            number[k] = is_there ? surface.numbers[places[k].node] : NodeOfPoint<Number>::none;
+            if (is_there) write_shared(surface.claims[places[k].node], 0);
+        }
         for (int k = 0; k < this->nodes_of_each; ++k) {
-            NodeOfPoint<Number>& place = this->stencil(p)[k];
             Vector<Number, d> at;
             for (int a = d - 1, rest = k; a >= 0; --a, rest /= Cell::width)
                 at[a] = Number(rest % Cell::width);
-            all += at * place.weight;
-            if (place.node != NodeOfPoint<Number>::none) {
-                write_shared(surface.claims[place.node], 0);
-                place.node = surface.numbers[place.node];
-            }
-            if (place.node == NodeOfPoint<Number>::none) {
-                place = {0, Number(0)};
+            Number const weight = places[k].weight;
+            all += at * weight;
+            if (number[k] == NodeOfPoint<Number>::none) {
+                places[k] = {0, 0, Number(0)};
                 continue;
             }
-            point.support += place.weight;
-            reached += at * place.weight;
-            add_in_any_order(surface.nodes[place.node].weights,
-                             static_cast<std::int64_t>(double(place.weight) / unit_of_weights));
+            point.support += weight;
+            reached += at * weight;
+            auto const place = static_cast<std::uint32_t>(places + k - surface.stencils);
+            places[k] = {number[k], exchange(surface.nodes[number[k]].first, place + 1), weight};
         }
         if (point.support > 0 && !point.is_deep)
             point.arm += (reached * (1 / point.support) - all) * cell_size;
@@ -178,36 +165,66 @@ struct LinkStencils : PointLoop<Kernel, Number, d>
     }
 };
 
-/// Bounds how fast an impulse at a point makes it, when the points around it receive as much; and gives nodes
-/// the impulse that the point starts from.
+/// Nodes list the points that reach them, one behind the other, and sum their weights.
+template <class Kernel, class Number, int d>
+struct ListPoints : PointLoop<Kernel, Number, d>
+{
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const
+    {
+        auto const& surface = this->of;
+        NodeAtSurface<Number, d>& node = surface.nodes[i];
+        std::uint32_t count = 0;
+        for (std::uint32_t at = node.first; at != 0; at = surface.stencils[at - 1].next) ++count;
+        node.begin = node.end = next_number(*surface.listed, count);
+        std::int64_t weights = 0; // integers come to the same sum in any order
+        for (std::uint32_t at = node.first; at != 0; at = surface.stencils[at - 1].next) {
+            Number const weight = surface.stencils[at - 1].weight;
+            surface.points_of_nodes[node.end++] = {(at - 1) / std::uint32_t(this->nodes_of_each), weight};
+            weights += static_cast<std::int64_t>(double(weight) / unit_of_weights);
+        }
+        node.weights = static_cast<Number>(double(weights) * unit_of_weights);
+    }
+};
+
+/// Nodes take the velocities that the impulses of the points around them give. A node asks its points, since
+/// many of these would wait for one another if they added to it.
+template <class Kernel, class Number, int d>
+struct GatherImpulses : PointLoop<Kernel, Number, d>
+{
+    double unit; ///< of the velocities that nodes gain: 2^-46 cells a step [m/s]
+
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const
+    {
+        auto const& surface = this->of;
+        NodeAtSurface<Number, d>& node = surface.nodes[i];
+        std::int64_t gained[std::size_t(d)]{};
+        for (std::uint32_t at = node.begin; at < node.end; ++at) {
+            PointOfNode<Number> const from = surface.points_of_nodes[at];
+            auto const& impulse = surface.points[from.point].tried;
+            double const gives = double(from.weight * node.inverse_mass) / unit;
+            for (int a = 0; a < d; ++a) { // rounded, without a call to the C library
+                double const gain = gives * double(impulse[a]);
+                // a step that gave more than that, or NaN, fails: it moves particles by more than a cell
+                if (std::abs(gain) < 0x1p57)
+                    gained[a] += static_cast<std::int64_t>(gain + (gain < 0 ? -0.5 : 0.5));
+            }
+        }
+        for (int a = 0; a < d; ++a)
+            node.velocity[a] = node.free[a] + static_cast<Number>(double(gained[a]) * unit);
+    }
+};
+
+/// Bounds how fast an impulse at a point makes it, when the points around it receive as much.
 template <class Kernel, class Number, int d>
 struct BoundMobility : PointLoop<Kernel, Number, d>
 {
     FIRN_HOST_DEVICE void operator()(std::size_t p) const
     {
-        SurfacePoint<Number, d>& point = this->of.points[p];
-        point.mobility = 0;
+        Number mobility = 0;
         this->for_each_node(p, [&](NodeOfPoint<Number> const& place, NodeAtSurface<Number, d> const& node) {
-            point.mobility += place.weight * node.inverse_mass *
-                              static_cast<Number>(double(node.weights) * unit_of_weights);
+            mobility += place.weight * node.inverse_mass * node.weights;
         });
-        this->spread(p, point.tried);
-    }
-};
-
-/// Nodes take the velocities that they have gained.
-template <class Number, int d>
-struct TakeGains
-{
-    NodeAtSurface<Number, d>* nodes;
-    double unit;
-
-    FIRN_HOST_DEVICE void operator()(std::size_t i) const
-    {
-        for (int a = 0; a < d; ++a) {
-            nodes[i].velocity[a] = nodes[i].free[a] + static_cast<Number>(double(nodes[i].gained[a]) * unit);
-            nodes[i].gained[a] = 0;
-        }
+        this->of.points[p].mobility = mobility;
     }
 };
 
@@ -229,7 +246,6 @@ struct SweepPoints : PointLoop<Kernel, Number, d>
             point.allowed(Vector<Number, d>(point.tried - relative * (1 / point.mobility)));
         point.tried = improved + (improved - point.impulse) * ahead;
         point.impulse = improved;
-        this->spread(p, point.tried);
     }
 };
 
@@ -289,24 +305,24 @@ void act_at_surfaces(Backend const& backend, SurfaceMemory<Backend, Number, d>& 
     memory.end_step(points, dt);
     if (points == 0) return;
     memory.make_room_for_nodes(grid.node_count(), std::size_t(points) * std::size_t(Loop::nodes_of_each));
-    double const unit = 0x1p-46 * lattice.cell_size / dt;
-    Loop const loop{memory.view(), unit};
+    Loop const loop{memory.view()};
     auto const by_index = grid.nodes_by_index();
     using Nodes = std::remove_const_t<decltype(by_index)>;
     backend.for_each(points, ReadStencils<Kernel, Number, d, Nodes>{loop, by_index});
     backend.for_each(points, NumberNodes<Kernel, Number, d, Nodes>{loop, by_index, smallest_mass, Sums::mass,
                                                                    Values::velocity});
     backend.for_each(points, LinkStencils<Kernel, Number, d>{loop, cell_size, longer});
-    backend.for_each(points, BoundMobility<Kernel, Number, d>{loop});
     std::size_t const nodes = memory.node_count();
-    TakeGains<Number, d> const take_gains{loop.of.nodes, unit};
-    backend.for_each(nodes, take_gains);
+    GatherImpulses<Kernel, Number, d> const gather{loop, 0x1p-46 * lattice.cell_size / dt};
+    backend.for_each(nodes, ListPoints<Kernel, Number, d>{loop});
+    backend.for_each(nodes, gather);
+    backend.for_each(points, BoundMobility<Kernel, Number, d>{loop});
     double weight = 1;
     for (int sweep = 1; sweep <= sweeps; ++sweep) {
         double const next = (1 + std::sqrt(1 + 4 * weight * weight)) / 2;
         auto const ahead = sweep == sweeps ? Number(0) : static_cast<Number>((weight - 1) / next);
         backend.for_each(points, SweepPoints<Kernel, Number, d>{loop, ahead});
-        backend.for_each(nodes, take_gains);
+        backend.for_each(nodes, gather);
         weight = next;
     }
     backend.for_each(nodes,
