@@ -111,16 +111,6 @@ FIRN_HOST_DEVICE inline bool claim(std::uint32_t& number, std::uint32_t value)
 #endif
 }
 
-/// Sets a number that other parts of a loop may set at the same time, and returns the one before.
-FIRN_HOST_DEVICE inline std::uint32_t exchange(std::uint32_t& number, std::uint32_t value)
-{
-#if defined(__CUDA_ARCH__)
-    return atomicExch(&number, value);
-#else
-    return __atomic_exchange_n(&number, value, __ATOMIC_RELAXED);
-#endif
-}
-
 /// Counts up by so many, and returns the number before: each part of a loop gets others.
 FIRN_HOST_DEVICE inline std::uint32_t next_number(std::uint32_t& count, std::uint32_t so_many = 1)
 {

@@ -69,7 +69,7 @@ struct NodeOfPoint
 {
     static constexpr std::uint32_t none = ~std::uint32_t(0);
     std::uint32_t node; ///< its number among the nodes that points reach, or none: there is nothing on it
-    std::uint32_t next; ///< of the places with this node: one more than its place, or 0
+    std::uint32_t rank; ///< among the places with this node
     Number weight;
 };
 
@@ -89,8 +89,7 @@ struct NodeAtSurface
     Number inverse_mass;
     Vector<Number, d> free;     ///< its velocity without contact [m/s]
     Vector<Number, d> velocity; ///< and with the impulses of the last sweep
-    std::uint32_t first;        ///< of the places in stencils: one more than it, or 0
-    std::uint32_t begin, end;   ///< of its points in the list of those of all nodes
+    std::uint32_t begin, count; ///< of its points in the list of those of all nodes
     Number weights;             ///< the sum of the weights of points
 };
 

@@ -111,14 +111,14 @@ struct NumberNodes : PointLoop<Kernel, Number, d>
             NodeAtSurface<Number, d>& node = surface.nodes[number];
             node.index = index;
             node.inverse_mass = 1 / sum;
-            node.first = 0;
+            node.count = 0;
             for (int a = 0; a < d; ++a) node.free[a] = by_index.value(index, velocity + a);
         }
     }
 };
 
-/// Replaces the indices in a point's stencil by the numbers of its nodes, links each node to the places that
-/// it has in stencils, and lets the point start from its impulse in the step before. No node is claimed any
+/// Replaces the indices in a point's stencil by the numbers of its nodes, counts the points of
+/// each node, and lets the point start from its impulse in the step before. No node is claimed any
 /// more.
 template <class Kernel, class Number, int d>
 struct LinkStencils : PointLoop<Kernel, Number, d>
@@ -135,28 +135,22 @@ struct LinkStencils : PointLoop<Kernel, Number, d>
         Vector<Number, d> reached = zeros<Vector<Number, d>>(), all = reached;
         point.support = 0;
         NodeOfPoint<Number>* const places = this->stencil(p);
-        std::uint32_t number[std::size_t(PointLoop<Kernel, Number, d>::nodes_of_each)];
-        FIRN_UNROLL_ON_DEVICE // a device loads all of them at once
-            for (int k = 0; k < this->nodes_of_each; ++k)
-        {
-            bool const is_there = places[k].node != NodeOfPoint<Number>::none;
-            number[k] = is_there ? surface.numbers[places[k].node] : NodeOfPoint<Number>::none;
-            if (is_there) write_shared(surface.claims[places[k].node], 0);
-        }
         for (int k = 0; k < this->nodes_of_each; ++k) {
             Vector<Number, d> at;
             for (int a = d - 1, rest = k; a >= 0; --a, rest /= Cell::width)
                 at[a] = Number(rest % Cell::width);
             Number const weight = places[k].weight;
             all += at * weight;
-            if (number[k] == NodeOfPoint<Number>::none) {
-                places[k] = {0, 0, Number(0)};
-                continue;
+            std::uint32_t node = places[k].node;
+            if (node != NodeOfPoint<Number>::none) {
+                write_shared(surface.claims[node], 0);
+                node = surface.numbers[node];
             }
+            places[k] = {0, 0, Number(0)};
+            if (node == NodeOfPoint<Number>::none) continue;
             point.support += weight;
             reached += at * weight;
-            auto const place = static_cast<std::uint32_t>(places + k - surface.stencils);
-            places[k] = {number[k], exchange(surface.nodes[number[k]].first, place + 1), weight};
+            places[k] = {node, next_number(surface.nodes[node].count), weight};
         }
         if (point.support > 0 && !point.is_deep)
             point.arm += (reached * (1 / point.support) - all) * cell_size;
@@ -165,24 +159,29 @@ struct LinkStencils : PointLoop<Kernel, Number, d>
     }
 };
 
-/// Nodes list the points that reach them, one behind the other, and sum their weights.
+/// Nodes make room for the points that reach them in a list of all.
+template <class Number, int d>
+struct MakeRoomForPoints
+{
+    SurfacePoints<Number, d> of;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const
+    {
+        of.nodes[i].begin = next_number(*of.listed, of.nodes[i].count);
+    }
+};
+
+/// Points enter themselves there.
 template <class Kernel, class Number, int d>
 struct ListPoints : PointLoop<Kernel, Number, d>
 {
-    FIRN_HOST_DEVICE void operator()(std::size_t i) const
+    FIRN_HOST_DEVICE void operator()(std::size_t p) const
     {
-        auto const& surface = this->of;
-        NodeAtSurface<Number, d>& node = surface.nodes[i];
-        std::uint32_t count = 0;
-        for (std::uint32_t at = node.first; at != 0; at = surface.stencils[at - 1].next) ++count;
-        node.begin = node.end = next_number(*surface.listed, count);
-        std::int64_t weights = 0; // integers come to the same sum in any order
-        for (std::uint32_t at = node.first; at != 0; at = surface.stencils[at - 1].next) {
-            Number const weight = surface.stencils[at - 1].weight;
-            surface.points_of_nodes[node.end++] = {(at - 1) / std::uint32_t(this->nodes_of_each), weight};
-            weights += static_cast<std::int64_t>(double(weight) / unit_of_weights);
-        }
-        node.weights = static_cast<Number>(double(weights) * unit_of_weights);
+        this->for_each_node(p, [&](NodeOfPoint<Number> const& place, NodeAtSurface<Number, d> const& node) {
+            if (place.weight > 0)
+                this->of.points_of_nodes[node.begin + place.rank] = {static_cast<std::uint32_t>(p),
+                                                                     place.weight};
+        });
     }
 };
 
@@ -192,13 +191,14 @@ template <class Kernel, class Number, int d>
 struct GatherImpulses : PointLoop<Kernel, Number, d>
 {
     double unit; ///< of the velocities that nodes gain: 2^-46 cells a step [m/s]
+    bool weighs; ///< the first time: the weights of points are summed, too
 
     FIRN_HOST_DEVICE void operator()(std::size_t i) const
     {
         auto const& surface = this->of;
         NodeAtSurface<Number, d>& node = surface.nodes[i];
-        std::int64_t gained[std::size_t(d)]{};
-        for (std::uint32_t at = node.begin; at < node.end; ++at) {
+        std::int64_t gained[std::size_t(d)]{}, weights = 0; // integers come to the same sum in any order
+        for (std::uint32_t at = node.begin; at < node.begin + node.count; ++at) {
             PointOfNode<Number> const from = surface.points_of_nodes[at];
             auto const& impulse = surface.points[from.point].tried;
             double const gives = double(from.weight * node.inverse_mass) / unit;
@@ -208,7 +208,9 @@ struct GatherImpulses : PointLoop<Kernel, Number, d>
                 if (std::abs(gain) < 0x1p57)
                     gained[a] += static_cast<std::int64_t>(gain + (gain < 0 ? -0.5 : 0.5));
             }
+            weights += static_cast<std::int64_t>(double(from.weight) / unit_of_weights);
         }
+        if (weighs) node.weights = static_cast<Number>(double(weights) * unit_of_weights);
         for (int a = 0; a < d; ++a)
             node.velocity[a] = node.free[a] + static_cast<Number>(double(gained[a]) * unit);
     }
@@ -313,9 +315,11 @@ void act_at_surfaces(Backend const& backend, SurfaceMemory<Backend, Number, d>& 
                                                                    Values::velocity});
     backend.for_each(points, LinkStencils<Kernel, Number, d>{loop, cell_size, longer});
     std::size_t const nodes = memory.node_count();
-    GatherImpulses<Kernel, Number, d> const gather{loop, 0x1p-46 * lattice.cell_size / dt};
-    backend.for_each(nodes, ListPoints<Kernel, Number, d>{loop});
+    backend.for_each(nodes, MakeRoomForPoints<Number, d>{loop.of});
+    backend.for_each(points, ListPoints<Kernel, Number, d>{loop});
+    GatherImpulses<Kernel, Number, d> gather{loop, 0x1p-46 * lattice.cell_size / dt, true};
     backend.for_each(nodes, gather);
+    gather.weighs = false;
     backend.for_each(points, BoundMobility<Kernel, Number, d>{loop});
     double weight = 1;
     for (int sweep = 1; sweep <= sweeps; ++sweep) {
