@@ -14,6 +14,7 @@ namespace firn
 ///     auto const last = firn::contact_points(solver);
 ///     for (auto const& point : last.points) hit(point.obstacle, point.position, point.impulse / last.dt);
 ///
+/// Of many worlds (Worlds) the points lie in the coordinates of their own, and do not say in which.
 /// The impulses of an obstacle's points add up to the Reaction::impulse of that step. Throws an Error as
 /// other calls do, for example after a call that broke off.
 template <class Solver>

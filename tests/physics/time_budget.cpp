@@ -4,6 +4,7 @@
 #include "support/refused.hpp"
 
 #include <firn/budget.hpp>
+#include <firn/effects/obstacles.hpp>
 
 #include <cstdint>
 #include <limits>
@@ -98,6 +99,18 @@ TEST_CASE("calls of any length take the steps of one long call, where the last s
         }
         CHECK(steps == steps_of_whole);
         CHECK((state(split) == state(whole))); // not to be printed
+    }
+}
+
+TEST_CASE("a call that takes no step has a reaction of nothing for each obstacle")
+{
+    Obstacles<> const list{{{.shape = HalfSpace{}}, {.shape = Sphere{0.1}}}};
+    for (Budget const& budget : {Budget{.steps = 0}, Budget{.cancelled = [] { return true; }}}) {
+        Block solver = falling_block();
+        auto const report = solver.advance(0.01, budget, gravity, ground, list);
+        CHECK(report.substeps == 0);
+        REQUIRE(report.reactions.size() == 3);
+        for (auto const& reaction : report.reactions) CHECK(reaction.impulse.norm() == 0);
     }
 }
 

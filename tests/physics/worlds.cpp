@@ -209,6 +209,9 @@ TEST_CASE("worlds refuse what they cannot do, and change nothing", "[physics][wo
     check_refused([&] { worlds.reset(1, start); }, "other masses");
     check_refused([&] { worlds.reset(std::vector<std::uint32_t>{0, 0}, start); }, "listed twice");
     check_refused([&] { Worlds<Solver>(1, lattice(2 * h)).reset(0, start); }, "another size");
+    auto stiffer = Solver::Model{};
+    stiffer.elasticity.mu *= 2;
+    check_refused([&] { Worlds<Solver>(1, lattice(h), stiffer).reset(0, start); }, "mu");
     check_refused([&] { worlds.solver().sample(points); }, "many worlds");
     worlds.obstacles(2).push_back(ball(1));
     worlds.obstacles(2).back().motion.velocity[0] = NAN;

@@ -32,6 +32,8 @@ class GroupMemory
 {
 public:
     virtual ~GroupMemory() = default;
+    /// How many obstacles the call has in it.
+    virtual std::size_t size() const = 0;
     /// How many steps may be in a batch.
     virtual int most_steps() const = 0;
     /// Before a batch of at most so many steps: makes room for what obstacles receive.

@@ -200,6 +200,8 @@ public:
 
     SurfaceMemory<Backend, Number, d>* surface() override { return surface_ ? &*surface_ : nullptr; }
 
+    std::size_t size() const override { return of_call_.obstacles; }
+
     int most_steps() const override { return most_steps_; }
 
     void expect(int steps) override { received_.resize(std::size_t(steps) * of_call_.obstacles); }

@@ -63,6 +63,11 @@ void require_state_fits(WorldState<Number, d> const& state, Scene const& scene, 
         std::string const material = "material " + std::to_string(k);
         same(theirs.name == ours.name,
              material + " of the state is '" + theirs.name + "', not '" + ours.name + "'");
+        std::string const owner = "for " + material + " (" + ours.name + ")";
+        char const* const remedy = "Pass what save() of worlds with the same parameters has returned.";
+        if (!exactly_equal(theirs.density, ours.density))
+            refuse_snapshot(owner + " the density [kg/m^3]", theirs.density, ours.density, remedy, where);
+        compare_parameters<Number>(owner, theirs.parameters, ours.parameters, remedy, where);
         require_same_fields<typename Sets::template MaterialTraits<k>::Table>(theirs, material, where);
         require_whole(theirs, state.masses, static_cast<std::uint32_t>(theirs.ids.size()),
                       layout.half_world - WorldLayout<d>::margin, where);

@@ -36,7 +36,7 @@ void name_material(Sets const& sets, MaterialSnapshot<typename Sets::Number, Set
 /// Refuses a snapshot for a value that differs from this solver's.
 template <class Value>
 [[noreturn]] void refuse_snapshot(std::string const& what, Value const& theirs, Value const& ours,
-                                  char const* remedy)
+                                  char const* remedy, char const* call = "Solver::restore")
 {
     int digits = 6; // more if needed to tell the values apart
     auto const text = [&](Value const& value) {
@@ -46,8 +46,8 @@ template <class Value>
         return out.str();
     };
     while (digits < 17 && text(theirs) == text(ours)) ++digits;
-    throw Error{"the snapshot has " + what + " " + text(theirs) + ", this solver has " + text(ours),
-                "Solver::restore", remedy};
+    throw Error{"the snapshot has " + what + " " + text(theirs) + ", this solver has " + text(ours), call,
+                remedy};
 }
 
 inline constexpr auto remedy_of_parameters =
@@ -59,7 +59,8 @@ inline constexpr auto remedy_of_parameters =
 /// `Number`s, as compilers do not all compute them alike to the last bit.
 template <class Number>
 bool compare_parameters(std::string const& owner, std::vector<Parameter> const& theirs,
-                        std::vector<Parameter> const& ours)
+                        std::vector<Parameter> const& ours, char const* remedy = remedy_of_parameters,
+                        char const* call = "Solver::restore")
 {
     auto const alike = [](double a, double b, bool whole) {
         double const rounding = whole ? 0 : 8 * double(std::numeric_limits<Number>::epsilon());
@@ -72,10 +73,10 @@ bool compare_parameters(std::string const& owner, std::vector<Parameter> const& 
     for (Parameter const& their : theirs) {
         auto const own = find(ours, their.name);
         if (own == ours.end())
-            refuse_snapshot<std::string>(owner + " a parameter", their.name, "none of this name",
-                                         remedy_of_parameters);
+            refuse_snapshot<std::string>(owner + " a parameter", their.name, "none of this name", remedy,
+                                         call);
         if (!alike(their.value, own->value, own->is_whole))
-            refuse_snapshot(owner + ' ' + their.name + " =", their.value, own->value, remedy_of_parameters);
+            refuse_snapshot(owner + ' ' + their.name + " =", their.value, own->value, remedy, call);
     }
     return std::ranges::all_of(ours,
                                [&](Parameter const& own) { return find(theirs, own.name) != theirs.end(); });

@@ -161,8 +161,9 @@ public:
         scene.begin_call();
         if constexpr (Sets::keep_volume) memory_.volumes.begin_call();
         AdvanceReport all;
-        StepReport of_step; // reused, so that its lists are allocated once
-        StepLog failed;     // the step that is being repeated, if next_.time_state.retries > 0
+        all.reactions.resize(count_obstacles<Effects...>()); // also if no step fits
+        StepReport of_step;                                  // reused, so that its lists are allocated once
+        StepLog failed; // the step that is being repeated, if next_.time_state.retries > 0
         auto const get_on = [&](std::size_t allowed) { // returns false where a whole step does not fit
             if (!next_.time_state.ready) next_.choose(scene, controller);
             if (!controller.gets_on(next_.time_state)) {
@@ -246,6 +247,19 @@ private:
             log = &overflowed_;
         }
         return *log;
+    }
+
+    /// How many obstacles the effects of the call are.
+    template <class... Effects>
+    std::size_t count_obstacles() const
+    {
+        std::size_t count = 0;
+        for (auto const* const group : groups_.of_call()) count += group->size();
+        [[maybe_unused]] auto const add = [&]<class Action>(std::type_identity<Action>) {
+            count += !is_group<Action> && is_obstacle<Action> ? 1 : 0;
+        };
+        (add(std::type_identity<detail::ActionOf<Effects, Number, d>>{}), ...);
+        return count;
     }
 
     /// Overwrites a report with a record; the report may have been another step's.
