@@ -4,6 +4,7 @@
 #include "surroundings.hpp"
 
 #include <firn/budget.hpp>
+#include <firn/contact_points.hpp>
 #include <firn/host_copies.hpp>
 #include <firn/id_lookup.hpp>
 #include <firn/initial_stress.hpp>
@@ -13,6 +14,7 @@
 #include <firn/settle.hpp>
 
 #include <algorithm>
+#include <limits>
 #include <optional>
 #include <sstream>
 
@@ -135,7 +137,7 @@ private:
     void ask()
     {
         Told<Solver> const told(solver_);
-        switch (input_.below(4)) {
+        switch (input_.below(5)) {
         case 0:
             ask_for_totals(told);
             break;
@@ -144,6 +146,9 @@ private:
             break;
         case 2:
             look_up();
+            break;
+        case 3:
+            read_otherwise(told);
             break;
         default:
             longest_stable_step();
@@ -187,6 +192,31 @@ private:
                            at.stress.allFinite(),
                        "a sample is not finite");
         });
+    }
+
+    /// Values are the same by whichever call they are read.
+    void read_otherwise(Told<Solver> const& told)
+    {
+        auto const count = told.ids.size(), components = std::size_t(d);
+        std::vector<Number> positions(components * count), velocities(components * count);
+        solver_.write_positions(positions.data());
+        solver_.template write<Velocity>(velocities.data());
+        auto const at = solver_.positions();
+        auto const moving = solver_.template download<Velocity>();
+        for (std::size_t i = 0; i < count; ++i)
+            for (int a = 0; a < d; ++a) {
+                Number const x = positions[components * i + std::size_t(a)], expected = Number(at[i][a]);
+                expect(std::abs(x - expected) <=
+                           2 * std::numeric_limits<Number>::epsilon() * std::abs(expected),
+                       "another position is written than is read");
+                expect(velocities[components * i + std::size_t(a)] == moving[i][a],
+                       "another velocity is written than is read");
+            }
+        auto const occupied = solver_.occupancy();
+        expect(occupied.particles == count, "cells have other particles than there are");
+        expect(occupied.cells <= count && occupied.pieces <= occupied.cells && occupied.alone <= count,
+               "there are more cells than particles");
+        expect(contact_points(solver_).points.empty(), "nothing acts at its surface, and was touched");
     }
 
     /// Particles are found by their ids, and no others.
