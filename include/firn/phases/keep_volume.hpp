@@ -4,17 +4,12 @@
 #include <firn/core/host_device.hpp>
 #include <firn/particles/mass_groups.hpp>
 #include <firn/particles/observables.hpp>
-#include <firn/particles/storage.hpp>
 #include <firn/phases/find_surface_points.hpp>
 #include <firn/phases/gather_shifts.hpp>
 #include <firn/phases/scatter.hpp>
 
-#include <algorithm>
-#include <array>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <optional>
 
 // How a fluid keeps its volume, in steps at intervals and before nodes are updated: see KeepsVolume. With V_p
 // = J_p V0_p, nodes have
@@ -273,112 +268,6 @@ struct ReturnPotential
     {
         by_index.value(nodes[i].index, 0) = nodes[i].potential[from];
     }
-};
-
-/// When volumes are corrected in a call, and the memory for it. What a call does depends on the state before
-/// it alone, and on no batch of steps.
-template <class Backend, class Space, std::size_t materials>
-class VolumeKeeping
-{
-    using Number = typename Space::Scalar;
-    static constexpr int d = Space::dimension;
-    template <class T>
-    using Array = typename Backend::template Array<T>;
-    using Shifts = DerivedStorage<Backend, Space, Fields<VolumeShift>>;
-
-public:
-    explicit VolumeKeeping(Backend const& backend)
-        : backend_(backend), nodes_(backend), numbers_(backend), count_(backend)
-    {
-        count_.resize(1);
-        nodes_.resize(256);
-    }
-
-    void begin_call() { left_ = unknown; }
-    /// How many of `most` steps may follow in a batch, the first of which is this long [s]; volumes are
-    /// corrected in the step with which an `interval` [s] of time begins.
-    int steps_at_once(int most, double time, double dt, double interval)
-    {
-        if (left_ == unknown) {
-            double const rest = (std::floor(time / interval) + 1) * interval - time;
-            left_ = interval > 0 ? static_cast<int>(std::min(rest / dt, 1e6)) : 0;
-        }
-        return left_ == 0 ? 1 : std::min(most, left_);
-    }
-    bool is_due() const { return left_ == 0; }
-    /// After a batch of which so many steps were taken.
-    void end(int taken)
-    {
-        if (taken > 0) left_ = left_ == 0 ? unknown : left_ - taken;
-    }
-
-    /// The shifts of a material's particles, of which there are `count`.
-    typename Shifts::View shifts(std::size_t material, std::size_t count)
-    {
-        auto& own = shifts_[material];
-        if (!own || size_[material] != count) own.emplace(backend_, size_[material] = count);
-        return own->view();
-    }
-
-    /// Finds what nodes have too much or too little of, and gives the grid the potential. `find(nodes)` is to
-    /// list the nodes that have volume.
-    template <class Grid, class Find>
-    void solve(Grid& grid, int sweeps, Find const& find)
-    {
-        for (;;) {
-            count_.fill(0, 1, 0);
-            find(view());
-            if (count() <= nodes_.size()) break;
-            nodes_.resize(count() + count() / 4, 0);
-        }
-        std::size_t const nodes = count(), indices = grid.node_count();
-        if (nodes == 0) return;
-        if (numbers_.size() < indices) numbers_.resize(indices, 0);
-        numbers_.fill(0, indices, NodeOfVolume<Number, d>::none);
-        auto const by_index = grid.nodes_by_index();
-        using Nodes = std::remove_const_t<decltype(by_index)>;
-        backend_.for_each(nodes, NumberVolumes<Number, d, Nodes>{view(), by_index});
-        backend_.for_each(nodes, FindSources<Number, d, Nodes>{view(), by_index});
-        // of the operator phi_i - mean(phi_j): what varies more slowly than its least eigenvalue here is left
-        // to later corrections
-        double const least = 0.05, middle = (2 + least) / 2, half = (2 - least) / 2, sigma = middle / half;
-        double rho = 1 / sigma, of_change = 0, of_residual = 1 / middle;
-        for (int sweep = 0; sweep < sweeps; ++sweep) {
-            backend_.for_each(nodes, SweepPotential<Number, d>{nodes_.data(), sweep % 2,
-                                                               static_cast<Number>(of_change),
-                                                               static_cast<Number>(of_residual)});
-            double const next = 1 / (2 * sigma - rho);
-            of_change = next * rho, of_residual = 2 * next / half, rho = next;
-        }
-        backend_.for_each(nodes, ReturnPotential<Number, d, Nodes>{nodes_.data(), by_index, sweeps % 2});
-    }
-
-private:
-    static constexpr int unknown = -1;
-
-    NodesOfVolume<Number, d> view()
-    {
-        return {nodes_.data(), count_.data(), static_cast<std::uint32_t>(nodes_.size()), numbers_.data()};
-    }
-    std::uint32_t count() const
-    {
-        std::uint32_t count = 0;
-        count_.download(0, {&count, 1});
-        return count;
-    }
-
-    Backend backend_;
-    int left_ = unknown; ///< steps before the next correction
-    Array<NodeOfVolume<Number, d>> nodes_;
-    Array<std::uint32_t> numbers_, count_;
-    std::array<std::optional<Shifts>, materials> shifts_;
-    std::array<std::size_t, materials> size_{};
-};
-
-/// Where no material keeps its volume.
-struct NoVolumeKeeping
-{
-    explicit NoVolumeKeeping(auto const&) {}
 };
 
 } // namespace firn

@@ -6,11 +6,11 @@
 #include <firn/particles/material_sets.hpp>
 #include <firn/phases/find_surface_points.hpp>
 #include <firn/phases/g2p2g.hpp>
-#include <firn/phases/keep_volume.hpp>
 #include <firn/phases/surface_contact.hpp>
 #include <firn/time_stepping/finish_step.hpp>
 #include <firn/time_stepping/grid_state.hpp>
 #include <firn/time_stepping/typed_storage.hpp>
+#include <firn/time_stepping/volume_keeping.hpp>
 
 #include <algorithm>
 #include <array>
