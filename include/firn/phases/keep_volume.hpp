@@ -47,6 +47,9 @@ FIRN_HOST_DEVICE Real share_above(Real const& distance)
     return select(distance < c(0), c(1) - larger, larger);
 }
 
+/// A node with less room than this lies in an obstacle.
+inline constexpr double least_room = 0.05;
+
 /// A node with some volume.
 template <class Number, int d>
 struct NodeOfVolume
@@ -129,9 +132,6 @@ struct FindVolumes
     using Sums = NodeSums<d, Fields<NodeMass, NodeMomentum>>; ///< with volumes in the place of masses
     static constexpr bool looks_around = false;
     using Result = NothingFound;
-    /// A node with less room than this lies in an obstacle.
-    static constexpr double least_room = 0.05;
-
     StepContext<Number, Effects> const* now;
     Lattice lattice;
     NodesOfVolume<Number, d> found;
@@ -211,7 +211,7 @@ struct FindSources
     FIRN_HOST_DEVICE void operator()(std::size_t i) const
     {
         NodeOfVolume<Number, d>& node = of.nodes[i];
-        bool inside = is_filled(node) && node.room > Number(0.05);
+        bool inside = is_filled(node) && node.room > Number(least_room);
         for (int b = 0; b < 2 * d; ++b) {
             Coordinates<d> there = node.node;
             there[b / 2] += b % 2 == 0 ? -1 : 1;

@@ -132,6 +132,7 @@ public:
                           "Obstacles<Shape, ActsOn::surface>");
             static_assert(!Sets::are_bodies, "Bodies know no fluid that keeps its volume: choose Fluid");
             if (!memory_.volumes.is_due()) return;
+            // obstacles are placed to find the room beside them; update_grid() begins the step with them anew
             for_each_group([&](auto& group) { group.begin(begun(0)); });
             grid().swap(); // volumes take the room of the next step's sums
             Sets::for_each([&](auto k) {
