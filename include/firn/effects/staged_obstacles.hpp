@@ -7,7 +7,7 @@
 #include <firn/effects/obstacle.hpp>
 #include <firn/effects/obstacles_action.hpp>
 #include <firn/effects/reaction_sums.hpp>
-#include <firn/effects/surface_points.hpp>
+#include <firn/effects/surface_memory.hpp>
 
 #include <algorithm>
 #include <array>

@@ -8,11 +8,8 @@
 #include <firn/grid/lattice.hpp>
 #include <firn/math/product.hpp>
 
-#include <algorithm>
-#include <bit>
 #include <cstddef>
 #include <cstdint>
-#include <vector>
 
 // Contact at the surface of obstacles. Where a uniform pressure p meets a surface, node i receives the force
 // -p w_i(x_s) n per area: the kernel's weight at the point x_s of the surface, on both sides of it. Nodes
@@ -48,7 +45,6 @@ struct SurfacePoint
     /// A bound on the speed [m/s] that an impulse of 1 gives it, when the points beside it receive as much.
     Number mobility;
     Vector<Number, d> impulse; ///< on the material [solver's unit of mass times m/s]
-    Vector<Number, d> tried;   ///< what the next sweep starts from
 
     /// The nearest impulse that the contact allows.
     FIRN_HOST_DEVICE Vector<Number, d> allowed(Vector<Number, d> const& wanted) const
@@ -63,13 +59,28 @@ struct SurfacePoint
     }
 };
 
+/// A node at which a point of an obstacle's surface may have been found, or that lies deep inside.
+template <int d>
+struct SurfaceCandidate
+{
+    Coordinates<d> node;
+    std::uint32_t obstacle;
+};
+
+/// A vector and a number beside it, which a device loads at once.
+template <class Number, int d>
+struct alignas(d == 3 ? 4 * sizeof(Number) : sizeof(Number)) VectorAndNumber
+{
+    Vector<Number, d> vector;
+    Number number;
+};
+
 /// A node of a point's stencil.
 template <class Number>
 struct NodeOfPoint
 {
-    static constexpr std::uint32_t none = ~std::uint32_t(0);
-    std::uint32_t node; ///< its number among the nodes that points reach, or none: there is nothing on it
-    std::uint32_t rank; ///< among the places with this node
+    static constexpr std::uint32_t none = 0; ///< the first of all nodes, on which there is nothing
+    std::uint32_t node;                      ///< 1 + its index, see Grid::nodes_by_index(); or none
     Number weight;
 };
 
@@ -81,15 +92,13 @@ struct PointOfNode
     Number weight;
 };
 
-/// A node that points reach. What they give it is summed as integers, so it does not depend on their order.
+/// A node that points reach. What they give it comes to the same sum in any order.
 template <class Number, int d>
 struct NodeAtSurface
 {
-    std::uint32_t index; ///< see Grid::nodes_by_index()
-    Number inverse_mass;
     Vector<Number, d> free;     ///< its velocity without contact [m/s]
-    Vector<Number, d> velocity; ///< and with the impulses of the last sweep
     std::uint32_t begin, count; ///< of its points in the list of those of all nodes
+    Number mass;                ///< 0 if it is too small for a velocity
     Number weights;             ///< the sum of the weights of points
 };
 
@@ -140,127 +149,34 @@ private:
     }
 };
 
+/// How many there are of what loops count.
+struct SurfaceCounts
+{
+    std::uint32_t candidates, points; ///< those that were found; those beyond the room are not there
+    std::uint32_t nodes;              ///< that points reach
+    std::uint32_t listed;             ///< points of nodes
+};
+
 /// The points of a step and the nodes that they reach, as loops see them.
 template <class Number, int d>
 struct SurfacePoints
 {
+    /// Stencils lie in tiles of so many points: first the first node of each of these, then the second one.
+    static constexpr std::size_t tile = 32;
+
+    SurfaceCounts* counts;
+    SurfaceCandidate<d>* candidates;
     SurfacePoint<Number, d>* points;
-    std::uint32_t* count; ///< of the points that were found; those beyond `room` are not there
-    std::uint32_t room;
-    NodeOfPoint<Number>* stencils;        ///< of each point
+    std::uint32_t candidates_room, points_room;
+    VectorAndNumber<Number, d>* tried; ///< the impulses from which the next sweep starts, by point
+    NodeOfPoint<Number>* stencils;
+    std::uint32_t* ranks;                 ///< of each of these: the point's number among those of the node
     PointOfNode<Number>* points_of_nodes; ///< the points of each node, one behind the other
-    std::uint32_t* listed;                ///< how many of these there are
-    NodeAtSurface<Number, d>* nodes;
-    std::uint32_t* node_count;
-    std::uint32_t* claims;  ///< by index of a node: the place of a stencil that numbers it, from 1 on; else 0
-    std::uint32_t* numbers; ///< by index of a node: its number
+    NodeAtSurface<Number, d>* nodes;      ///< by 1 + index
+    /// Their velocities with the impulses of the last sweep [m/s] and inverse masses; all is 0 for the first.
+    VectorAndNumber<Number, d>* velocities;
+    std::uint32_t* reached; ///< the nodes that points reach
     PointsBefore<Number, d> before;
-};
-
-/// The memory for that, kept for later steps. Between steps no node is claimed.
-template <class Backend, class Number, int d>
-class SurfaceMemory
-{
-    template <class T>
-    using Array = typename Backend::template Array<T>;
-
-public:
-    explicit SurfaceMemory(Backend const& backend)
-        : backend_(backend), points_(backend), before_(backend), table_(backend), stencils_(backend),
-          points_of_nodes_(backend), counts_(backend), nodes_(backend), claims_(backend), numbers_(backend)
-    {
-        counts_.resize(3);
-        make_room(256, 1);
-    }
-
-    /// Makes room for so many points with so many nodes each, and keeps points that fit.
-    void make_room(std::size_t points, std::size_t nodes_of_each)
-    {
-        if (points > points_.size()) points_.resize(points);
-        stencils_.resize(std::max(stencils_.size(), points_.size() * nodes_of_each), 0);
-        points_of_nodes_.resize(stencils_.size(), 0);
-    }
-    /// Makes room for nodes with so many indices, of which points reach at most so many.
-    void make_room_for_nodes(std::size_t indices, std::size_t reached)
-    {
-        if (indices > numbers_.size()) numbers_.resize(indices, 0);
-        if (std::size_t const before = claims_.size(); indices > before) {
-            claims_.resize(indices);
-            claims_.fill(before, indices - before, 0);
-        }
-        nodes_.resize(std::max(nodes_.size(), std::min(indices, reached)), 0);
-    }
-    /// Forgets the impulses of the step before: it was not taken, or a call begins. What a call does then
-    /// depends on the state before it alone.
-    void forget() { known_ = 0; }
-    /// Whether sweeps start from the impulses of the step before.
-    bool goes_on() const { return known_ > 0; }
-    /// Before a step: the points of the last one become those before it.
-    void begin_step()
-    {
-        points_.swap(before_);
-        if (points_.size() < before_.size()) points_.resize(before_.size(), 0);
-        std::size_t const size = std::bit_ceil(2 * std::size_t(known_) + 1);
-        if (table_.size() < size) table_.resize(size, 0);
-        table_.fill(0, size, 0);
-        before_view_ = {before_.data(), table_.data(), static_cast<std::uint32_t>(size - 1)};
-        backend_.for_each(known_, before_view_);
-    }
-    /// After a step with so many points, of this length [s].
-    void end_step(std::uint32_t points, double dt)
-    {
-        known_ = points;
-        dt_ = dt;
-    }
-    double dt_before() const { return dt_; } ///< [s]
-    /// The points of the last step, on the host.
-    std::vector<SurfacePoint<Number, d>> last() const
-    {
-        std::vector<SurfacePoint<Number, d>> points(known_);
-        if (known_ > 0) points_.download(0, points);
-        return points;
-    }
-    /// Before points are looked for.
-    void begin() { counts_.fill(0, 3, 0); }
-    /// How many points have been found, and how many nodes they reach; both wait for the loops that count.
-    std::uint32_t count() const { return read(0); }
-    std::uint32_t node_count() const { return read(1); }
-    std::size_t room() const { return points_.size(); }
-
-    SurfacePoints<Number, d> view()
-    {
-        return {points_.data(),
-                counts_.data(),
-                static_cast<std::uint32_t>(points_.size()),
-                stencils_.data(),
-                points_of_nodes_.data(),
-                counts_.data() + 2,
-                nodes_.data(),
-                counts_.data() + 1,
-                claims_.data(),
-                numbers_.data(),
-                before_view_};
-    }
-
-private:
-    std::uint32_t read(std::size_t which) const
-    {
-        std::uint32_t count = 0;
-        counts_.download(which, {&count, 1});
-        return count;
-    }
-
-    Backend backend_;
-    Array<SurfacePoint<Number, d>> points_, before_;
-    Array<std::uint32_t> table_;
-    PointsBefore<Number, d> before_view_{};
-    std::uint32_t known_ = 0; ///< the points of the step before
-    double dt_ = 1;           ///< its length [s]
-    Array<NodeOfPoint<Number>> stencils_;
-    Array<PointOfNode<Number>> points_of_nodes_;
-    Array<std::uint32_t> counts_; ///< of points, of nodes, and of points of nodes
-    Array<NodeAtSurface<Number, d>> nodes_;
-    Array<std::uint32_t> claims_, numbers_;
 };
 
 } // namespace firn

@@ -79,4 +79,13 @@ FIRN_HOST_DEVICE inline Matrix<Real, d> square_of(Matrix<Real, d> const& A)
         [&](int i, int j) { return sum_of<Real, d>([&](int k) { return A(i, k) * A(j, k); }); });
 }
 
+/// The largest of the absolute values of a vector's components.
+template <Lane Real, int d>
+FIRN_HOST_DEVICE Real largest_component(Vector<Real, d> const& v)
+{
+    Real largest = abs(v[0]);
+    for (int a = 1; a < d; ++a) largest = max(largest, abs(v[a]));
+    return largest;
+}
+
 } // namespace firn

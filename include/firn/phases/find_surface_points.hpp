@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/cell_work.hpp>
+#include <firn/core/error.hpp>
 #include <firn/effects/chain.hpp>
 #include <firn/effects/surface_points.hpp>
 #include <firn/phases/scatter.hpp>
@@ -23,15 +24,10 @@ FIRN_HOST_DEVICE void with_surface_action(Chain<Actions...> const& chain, Use co
     });
 }
 
-/// On nodes, before they are updated: finds points of obstacles' surfaces. Each node that has mass has, of
-/// each obstacle, the point nearest to it, if that lies in the cube of a cell around the node.
-///
-/// A point inside another obstacle is no surface, so where obstacles touch, overlap or share a face they have
-/// that of their union. Of two obstacles with the same face, the first in the list has it. One exception is a
-/// surface that goes on where the other obstacle ends, as a floor does under a wall: without it the nodes
-/// behind a corner would be free.
+/// On nodes, before they are updated: finds those at which points of obstacles' surfaces may lie, since they
+/// have mass and are near a surface, or that lie deep inside.
 template <class Space, class Kernel, class Transfer, class Effects>
-struct FindSurfacePoints
+struct FindCandidates
 {
     static constexpr int d = Space::dimension;
     using Number = typename Space::Scalar;
@@ -51,11 +47,72 @@ struct FindSurfacePoints
         Mask<Real> const filled = node.sum(Sums::mass) > Real(smallest_mass);
         if (!any(filled)) return;
         LanePosition<Real, d> const place{lattice, node.first(), node.offset(), kernel_reach(Kernel::degree)};
+        auto const in_cells = [&](double cells) {
+            return Real(static_cast<Number>(cells * lattice.cell_size));
+        };
         with_surface_action(now->actions, [&](auto const& action) {
-            action.for_each_within(place, in_cells<Real>(looks_as_far),
-                                   [&](std::uint32_t i, auto const& obstacle) {
-                                       find<Real>(action, place, filled, i, obstacle);
-                                   });
+            // a point lies at most half the diagonal of a cell from its node
+            action.for_each_within(place, in_cells(1), [&](std::uint32_t i, auto const& obstacle) {
+                auto const at = obstacle.template surface_at<Real>(place, zeros<Vector<Real, d>>());
+                add<Real>(place, i,
+                          filled & ((-at.distance > in_cells(deep_from(obstacle.contact, place))) |
+                                    (abs(at.distance) * largest_component<Real, d>(at.normal) <=
+                                     in_cells(nearly_half_a_cell))));
+            });
+        });
+    }
+
+    /// Whatever sticks holds all that is inside.
+    FIRN_HOST_DEVICE static double deep_from(Contact const& contact, auto const& place)
+    {
+        return contact.sticks ? 0 : place.kernel_reach;
+    }
+    static constexpr double nearly_half_a_cell = 0.52;
+
+private:
+    template <class Real>
+    FIRN_HOST_DEVICE void add(LanePosition<Real, d> const& place, std::uint32_t obstacle,
+                              Mask<Real> const& which) const
+    {
+        if (!any(which)) return;
+        constexpr int width = lane_width<Real>;
+        Number along[std::size_t(d)][std::size_t(width)];
+        for (int a = 0; a < d; ++a) LaneTraits<Real>::store(place.offset[a], along[a]);
+        for_each_lane<width>(bits(which), [&](int lane) {
+            std::uint32_t const number = next_number(found.counts->candidates);
+            if (number >= found.candidates_room) return; // the host makes room, and looks again
+            auto& candidate = found.candidates[number];
+            for (int a = 0; a < d; ++a) candidate.node[a] = place.first[a] + static_cast<int>(along[a][lane]);
+            candidate.obstacle = obstacle;
+        });
+    }
+};
+
+/// Finds the points of obstacles' surfaces by these candidates. Each of these nodes has the point of the
+/// obstacle nearest to it, if that lies in the cube of a cell around the node.
+///
+/// A point inside another obstacle is no surface, so where obstacles touch, overlap or share a face they have
+/// that of their union. Of two obstacles with the same face, the first in the list has it. One exception is a
+/// surface that goes on where the other obstacle ends, as a floor does under a wall: without it the nodes
+/// behind a corner would be free.
+template <class Space, class Kernel, class Transfer, class Effects>
+struct FindSurfacePoints
+{
+    static constexpr int d = Space::dimension;
+    using Number = typename Space::Scalar;
+    using Candidates = FindCandidates<Space, Kernel, Transfer, Effects>;
+
+    StepContext<Number, Effects> const* now;
+    Lattice lattice;
+    SurfacePoints<Number, d> found;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t c) const
+    {
+        if (c >= found.counts->candidates || c >= found.candidates_room) return;
+        SurfaceCandidate<d> const candidate = found.candidates[c];
+        Place const place{lattice, candidate.node, zeros<Vector<Number, d>>(), kernel_reach(Kernel::degree)};
+        with_surface_action(now->actions, [&](auto const& action) {
+            find(action, place, candidate.obstacle, action.obstacles[candidate.obstacle]);
         });
     }
 
@@ -64,149 +121,139 @@ struct FindSurfacePoints
     static constexpr double looks_as_far = 3;
 
 private:
-    template <class Real>
-    FIRN_HOST_DEVICE Real in_cells(double cells) const
+    using Place = LanePosition<Number, d>;
+    using At = SurfaceAt<Number, d>;
+
+    FIRN_HOST_DEVICE Number in_cells(double cells) const
     {
-        return Real(static_cast<Number>(cells * lattice.cell_size));
+        return static_cast<Number>(cells * lattice.cell_size);
     }
 
-    template <class Real>
-    FIRN_HOST_DEVICE static Real largest_of(Vector<Real, d> const& v)
-    {
-        Real largest = abs(v[0]);
-        for (int a = 1; a < d; ++a) largest = max(largest, abs(v[a]));
-        return largest;
-    }
-
-    template <class Real, class Action, class Obstacle>
-    FIRN_HOST_DEVICE void find(Action const& action, LanePosition<Real, d> const& place,
-                               Mask<Real> const& filled, std::uint32_t i, Obstacle const& obstacle) const
+    template <class Action, class Obstacle>
+    FIRN_HOST_DEVICE void find(Action const& action, Place const& place, std::uint32_t i,
+                               Obstacle const& obstacle) const
     {
         constexpr double rounding = 1.0001; // two cubes may have one point, and none may be missing
-        Vector<Real, d> shift = zeros<Vector<Real, d>>();
-        SurfaceAt<Real, d> at = obstacle.template surface_at<Real>(place, shift);
-        // whatever sticks holds all that is inside
-        Real const least = in_cells<Real>(obstacle.contact.sticks ? 0 : place.kernel_reach);
-        Mask<Real> const deep = filled & (-at.distance > least);
-        Mask<Real> here = filled & (abs(at.distance) * largest_of<Real>(at.normal) <= in_cells<Real>(0.52));
-        if (any(deep)) emit<Real>(place, i, obstacle, at, shift, deep, true, 0);
-        if (!any(here)) return;
+        Vector<Number, d> shift = zeros<Vector<Number, d>>();
+        At at = obstacle.template surface_at<Number>(place, shift);
+        if (-at.distance > in_cells(Candidates::deep_from(obstacle.contact, place)))
+            add(place, i, obstacle, at, shift, true, 0);
+        if (!(abs(at.distance) * largest_component<Number, d>(at.normal) <=
+              in_cells(Candidates::nearly_half_a_cell)))
+            return;
         for (int twice = 0; twice < 2; ++twice) { // distances may be estimates
             shift -= at.normal * at.distance;
-            at = obstacle.template surface_at<Real>(place, shift);
+            at = obstacle.template surface_at<Number>(place, shift);
         }
-        here = here & (largest_of<Real>(shift) <= in_cells<Real>(0.5 * rounding));
-        if (!any(here)) return;
-        action.for_each_within(place, in_cells<Real>(looks_as_far), [&](std::uint32_t j, auto const& other) {
-            if (j != i) here = here & !is_inside<Real>(place, shift, at.normal, obstacle, other, i < j);
+        if (!(largest_component<Number, d>(shift) <= in_cells(0.5 * rounding))) return;
+        bool is_inside_another = false;
+        action.for_each_within(place, in_cells(looks_as_far), [&](std::uint32_t j, auto const& other) {
+            if (j != i && !is_inside_another)
+                is_inside_another = is_inside(place, shift, at.normal, obstacle, other, i < j);
         });
-        if (!any(here)) return;
-        emit<Real>(place, i, obstacle, at, shift, here, false, 0);
-        action.for_each_within(place, in_cells<Real>(looks_as_far), [&](std::uint32_t j, auto const& other) {
-            if (j != i) go_on_behind<Real>(place, i, obstacle, at, shift, here, j, other);
+        if (is_inside_another) return;
+        add(place, i, obstacle, at, shift, false, 0);
+        action.for_each_within(place, in_cells(looks_as_far), [&](std::uint32_t j, auto const& other) {
+            if (j != i) go_on_behind(place, i, obstacle, at, shift, j, other);
         });
     }
 
     /// Where a surface ends at another obstacle, continues it into that one: a point at a distance from the
     /// corner has one as far behind it. Without these the nodes behind the corner would be free.
-    template <class Real, class Obstacle, class Other>
-    FIRN_HOST_DEVICE void go_on_behind(LanePosition<Real, d> const& place, std::uint32_t i,
-                                       Obstacle const& obstacle, SurfaceAt<Real, d> at,
-                                       Vector<Real, d> const& shift, Mask<Real> const& here, std::uint32_t j,
+    template <class Obstacle, class Other>
+    FIRN_HOST_DEVICE void go_on_behind(Place const& place, std::uint32_t i, Obstacle const& obstacle, At at,
+                                       Vector<Number, d> const& shift, std::uint32_t j,
                                        Other const& other) const
     {
-        auto const of_other = other.template surface_at<Real>(place, shift);
-        Vector<Real, d> const way = at.normal * dot<Real, d>(of_other.normal, at.normal) - of_other.normal;
-        Real const steepness2 = max(dot<Real, d>(way, way), Real(Number(0.01)));
-        Real const distance =
-            max(of_other.distance, Real(0)); // times the way, over steepness2: to the corner
-        Real const reach = in_cells<Real>(place.kernel_reach), least = in_cells<Real>(0.05);
-        Mask<Real> which =
-            here & (steepness2 > Real(Number(0.1))) & (distance * distance < reach * reach * steepness2);
-        if (!any(which)) return;
-        Vector<Real, d> const along = way * (Real(2) * distance / steepness2), behind = shift + along;
-        which = which & (other.template surface_at<Real>(place, behind).distance < -least) &
-                (abs(obstacle.template surface_at<Real>(place, behind).distance) > least);
-        if (!any(which)) return;
+        At const of_other = other.template surface_at<Number>(place, shift);
+        Vector<Number, d> const way =
+            at.normal * dot<Number, d>(of_other.normal, at.normal) - of_other.normal;
+        Number const steepness2 = dot<Number, d>(way, way), reach = in_cells(place.kernel_reach),
+                     least = in_cells(0.05);
+        Number const distance =
+            max(of_other.distance, Number(0)); // times the way, over steepness2: to the corner
+        if (!(steepness2 > Number(0.1)) || !(distance * distance < reach * reach * steepness2)) return;
+        Vector<Number, d> const along = way * (2 * distance / steepness2), behind = shift + along;
+        if (!(other.template surface_at<Number>(place, behind).distance < -least) ||
+            !(abs(obstacle.template surface_at<Number>(place, behind).distance) > least))
+            return;
         at.arm += along;
-        emit<Real>(place, i, obstacle, at, behind, which, false, j + 1);
+        add(place, i, obstacle, at, behind, false, j + 1);
     }
 
     /// Whether a point of an obstacle's surface, with this normal, lies inside another one and is no surface
     /// therefore. Where both have the same face it is that of the first.
-    template <class Real, class Obstacle, class Other>
-    FIRN_HOST_DEVICE Mask<Real> is_inside(LanePosition<Real, d> const& place, Vector<Real, d> const& shift,
-                                          Vector<Real, d> const& normal, Obstacle const& obstacle,
-                                          Other const& other, bool is_first) const
+    template <class Obstacle, class Other>
+    FIRN_HOST_DEVICE bool is_inside(Place const& place, Vector<Number, d> const& shift,
+                                    Vector<Number, d> const& normal, Obstacle const& obstacle,
+                                    Other const& other, bool is_first) const
     {
-        SurfaceAt<Real, d> const there = other.template surface_at<Real>(place, shift);
-        Real const least = in_cells<Real>(0.01);
-        Mask<Real> inside = there.distance < least;
-        if (is_first)
-            inside = inside &
-                     !((there.distance > -least) & (dot<Real, d>(there.normal, normal) > Real(Number(0.99))));
-        if (!any(inside)) return inside;
+        At const there = other.template surface_at<Number>(place, shift);
+        Number const least = in_cells(0.01);
+        if (!(there.distance < least)) return false;
+        if (is_first && there.distance > -least && dot<Number, d>(there.normal, normal) > Number(0.99))
+            return false;
         // The way along the surface out of the other, as seen from above the surface, where a face that both
         // share is far: half a cell behind that the surface goes on.
-        Real const reach = in_cells<Real>(place.kernel_reach);
-        auto const above = other.template surface_at<Real>(place, Vector<Real, d>(shift + normal * reach));
-        Vector<Real, d> const way = above.normal - normal * dot<Real, d>(above.normal, normal);
-        Real const steepness2 = dot<Real, d>(way, way);
-        Mask<Real> const leads_out =
-            (steepness2 > Real(Number(0.1))) & (above.distance > -reach * Real(Number(1.5)));
-        if (!any(inside & leads_out)) return inside;
-        Real const steepness = sqrt(max(steepness2, Real(Number(0.01))));
-        Vector<Real, d> const beyond =
-            shift + way * ((in_cells<Real>(0.5) - min(above.distance, Real(0)) / steepness) / steepness);
-        Mask<Real> const goes_on =
-            leads_out &
-            (abs(obstacle.template surface_at<Real>(place, beyond).distance) < in_cells<Real>(0.25));
-        return inside & !goes_on;
+        Number const reach = in_cells(place.kernel_reach);
+        At const above = other.template surface_at<Number>(place, Vector<Number, d>(shift + normal * reach));
+        Vector<Number, d> const way = above.normal - normal * dot<Number, d>(above.normal, normal);
+        Number const steepness2 = dot<Number, d>(way, way);
+        if (!(steepness2 > Number(0.1)) || !(above.distance > Number(-1.5) * reach)) return true;
+        Number const steepness = sqrt(steepness2);
+        Vector<Number, d> const beyond =
+            shift + way * ((in_cells(0.5) - min(above.distance, Number(0)) / steepness) / steepness);
+        return !(abs(obstacle.template surface_at<Number>(place, beyond).distance) < in_cells(0.25));
     }
 
-    /// Stores points of some lanes.
-    template <class Real, class Obstacle>
-    FIRN_HOST_DEVICE void emit(LanePosition<Real, d> const& place, std::uint32_t i, Obstacle const& obstacle,
-                               SurfaceAt<Real, d> const& at, Vector<Real, d> const& shift,
-                               Mask<Real> const& which, bool is_deep, std::uint32_t behind) const
+    template <class Obstacle>
+    FIRN_HOST_DEVICE void add(Place const& place, std::uint32_t i, Obstacle const& obstacle, At const& at,
+                              Vector<Number, d> const& shift, bool is_deep, std::uint32_t behind) const
     {
-        constexpr int width = lane_width<Real>;
-        auto const velocity = obstacle.template velocity_at<Real>(at.arm);
-        Number along[std::size_t(d)][std::size_t(width)], of_shift[std::size_t(d)][std::size_t(width)],
-            normal[std::size_t(d)][std::size_t(width)], of_surface[std::size_t(d)][std::size_t(width)],
-            arm[std::size_t(d)][std::size_t(width)];
-        for (int a = 0; a < d; ++a) {
-            LaneTraits<Real>::store(place.offset[a], along[a]);
-            LaneTraits<Real>::store(shift[a], of_shift[a]);
-            LaneTraits<Real>::store(at.normal[a], normal[a]);
-            LaneTraits<Real>::store(velocity[a], of_surface[a]);
-            LaneTraits<Real>::store(at.arm[a], arm[a]);
-        }
-        Number const per_metre = static_cast<Number>(1 / lattice.cell_size);
-        for_each_lane<width>(bits(which), [&](int lane) {
-            std::uint32_t const number = next_number(*found.count);
-            if (number >= found.room) return; // the host makes room, and looks again
-            auto& point = found.points[number];
-            for (int a = 0; a < d; ++a) {
-                point.node[a] = place.first[a] + static_cast<int>(along[a][lane]);
-                point.offset[a] = of_shift[a][lane] * per_metre;
-                point.normal[a] = normal[a][lane];
-                point.velocity[a] = of_surface[a][lane];
-                point.arm[a] = arm[a][lane];
-                point.impulse[a] = point.tried[a] = 0;
-            }
-            point.obstacle = i;
-            point.behind = behind;
-            point.is_deep = is_deep;
-            Contact contact = obstacle.contact;
-            if (is_deep && !contact.sticks) // nothing slides there
-                contact = Contact::coulomb(std::numeric_limits<double>::max());
-            point.separates = contact.separates;
-            point.sticks = contact.sticks;
-            point.friction =
-                static_cast<Number>(min(contact.friction, double(std::numeric_limits<Number>::max())));
-        });
+        std::uint32_t const number = next_number(found.counts->points);
+        if (number >= found.points_room) return; // the host makes room, and looks again
+        SurfacePoint<Number, d>& point = found.points[number];
+        point.node = place.first;
+        point.offset = shift * static_cast<Number>(1 / lattice.cell_size);
+        point.normal = at.normal;
+        point.velocity = obstacle.template velocity_at<Number>(at.arm);
+        point.arm = at.arm;
+        point.impulse = zeros<Vector<Number, d>>();
+        point.obstacle = i;
+        point.behind = behind;
+        point.is_deep = is_deep;
+        Contact contact = obstacle.contact;
+        if (is_deep && !contact.sticks) // nothing slides there
+            contact = Contact::coulomb(std::numeric_limits<double>::max());
+        point.separates = contact.separates;
+        point.sticks = contact.sticks;
+        point.friction =
+            static_cast<Number>(min(contact.friction, double(std::numeric_limits<Number>::max())));
     }
 };
+
+/// Finds the points at which the obstacles of a call that act at their surface act in a step; returns how
+/// many there are.
+template <class Space, class Kernel, class Transfer, class Effects, class Backend, class Memory, class Orders,
+          class Grid>
+std::uint32_t find_surface_points(Backend const& backend, Memory& memory, Orders const& orders, Grid& grid,
+                                  StepContext<typename Space::Scalar, Effects> const* now,
+                                  Lattice const& lattice, typename Space::Scalar smallest_mass)
+{
+    memory.begin_step();
+    for (;;) {
+        memory.begin();
+        auto const found = memory.view();
+        backend.for_each_node(
+            orders, grid,
+            FindCandidates<Space, Kernel, Transfer, Effects>{now, lattice, smallest_mass, found});
+        backend.for_each(memory.most_candidates(),
+                         FindSurfacePoints<Space, Kernel, Transfer, Effects>{now, lattice, found});
+        SurfaceCounts const counts = memory.counted();
+        require(counts.points < (std::uint32_t(1) << 26), "more than 6e7 points of surfaces meet material",
+                "Obstacles", "Take larger cells, or obstacles that act on nodes.");
+        if (memory.had_room(counts)) return counts.points;
+    }
+}
 
 } // namespace firn

@@ -2,10 +2,11 @@
 #pragma once
 
 #include <firn/core/host_device.hpp>
-#include <firn/effects/surface_points.hpp>
+#include <firn/effects/surface_memory.hpp>
 #include <firn/grid/stencil.hpp>
 #include <firn/phases/find_surface_points.hpp>
 
+#include <algorithm>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -26,140 +27,93 @@ struct PointLoop
 {
     using Cell = Stencil<Kernel, Number, d>;
     static constexpr int nodes_of_each = Cell::rows * Cell::width;
+    static constexpr std::size_t tile = SurfacePoints<Number, d>::tile;
 
     SurfacePoints<Number, d> of;
 
-    FIRN_HOST_DEVICE NodeOfPoint<Number>* stencil(std::size_t p) const
+    /// Where node k of a point's stencil lies.
+    FIRN_HOST_DEVICE static std::size_t place(std::size_t p, int k)
     {
-        return of.stencils + p * std::size_t(nodes_of_each);
+        return (p / tile * std::size_t(nodes_of_each) + std::size_t(k)) * tile + p % tile;
     }
-    /// Calls `use(place, node)` for the places of a linked stencil. Where there is no node it is the first of
-    /// all, with a weight of 0: without a branch a device loads all of them at once.
+    /// Calls `use(weight, node)` for the places of a stencil. Where there is no node it is the first of all,
+    /// with a weight of 0: without a branch a device loads all of them at once.
     template <class Use>
     FIRN_HOST_DEVICE void for_each_node(std::size_t p, Use const& use) const
     {
-        NodeOfPoint<Number> const* const places = stencil(p);
+        NodeOfPoint<Number> const* const places = of.stencils + place(p, 0);
         FIRN_UNROLL_ON_DEVICE
-        for (int k = 0; k < nodes_of_each; ++k) use(places[k], of.nodes[places[k].node]);
-    }
-};
-
-inline constexpr double unit_of_weights = 0x1p-40;
-
-/// Finds the nodes of a point's stencil by their indices. Of all places that have a node, one claims it.
-template <class Kernel, class Number, int d, class Nodes>
-struct ReadStencils : PointLoop<Kernel, Number, d>
-{
-    using typename PointLoop<Kernel, Number, d>::Cell;
-    Nodes by_index; ///< see Grid::nodes_by_index()
-
-    FIRN_HOST_DEVICE void operator()(std::size_t p) const
-    {
-        SurfacePoint<Number, d> const& point = this->of.points[p];
-        Coordinates<d> first;
-        Vector<Number, d> offset;
-        for (int a = 0; a < d; ++a) {
-            Number const x = point.offset[a] + Number(cell_shift(Kernel::degree)), cell = floor(x);
-            first[a] = point.node[a] + static_cast<int>(cell) - stencil_reach(Kernel::degree);
-            offset[a] = x - cell - Number(0.5);
+        for (int k = 0; k < nodes_of_each; ++k) {
+            NodeOfPoint<Number> const there = places[std::size_t(k) * tile];
+            use(there.weight, there.node);
         }
-        Cell const cell(offset);
-        NodeOfPoint<Number>* place = this->stencil(p);
-        for (int row = 0; row < Cell::rows; ++row)
-            for (int k = 0; k < Cell::width; ++k, ++place) {
-                int const at[3]{Cell::index(row, 0), d == 3 ? Cell::index(row, 1) : k, k};
-                Coordinates<d> node = first;
-                for (int a = 0; a < d; ++a) node[a] += at[a];
-                place->weight = cell.row_weight(row) * cell.weight[std::size_t(d - 1)][std::size_t(k)];
-                if (point.is_deep) {
-                    place->weight = 1;
-                    for (int a = 0; a < d; ++a)
-                        if (node[a] != point.node[a]) place->weight = 0;
-                }
-                place->node = place->weight > 0 ? by_index.find(node) : NodeOfPoint<Number>::none;
-                if (place->node != NodeOfPoint<Number>::none &&
-                    read_shared(this->of.claims[place->node]) == 0)
-                    claim(this->of.claims[place->node],
-                          static_cast<std::uint32_t>(place - this->of.stencils) + 1);
-            }
     }
-    static_assert(Nodes::absent == NodeOfPoint<Number>::none);
 };
 
-/// Numbers the nodes that a point has claimed, if they have mass.
+/// Finds the nodes in a row of a point's stencil. Each counts its points, and the first of these finds its
+/// mass and its velocity.
 template <class Kernel, class Number, int d, class Nodes>
-struct NumberNodes : PointLoop<Kernel, Number, d>
+struct FindNodesOfPoints : PointLoop<Kernel, Number, d>
 {
-    Nodes by_index;
+    using Loop = PointLoop<Kernel, Number, d>;
+    using typename Loop::Cell;
+    std::size_t points;
+    Nodes by_index;       ///< see Grid::nodes_by_index()
     Number smallest_mass; ///< see UpdateGrid
     int mass, velocity;   ///< the channels of the sums, and of the values
 
-    FIRN_HOST_DEVICE void operator()(std::size_t p) const
+    /// How many rows there are, those of points that fill the last tile included.
+    static std::size_t count(std::size_t points)
     {
-        auto const& surface = this->of;
-        NodeOfPoint<Number> const* const places = this->stencil(p);
-        for (int k = 0; k < this->nodes_of_each; ++k) {
-            std::uint32_t const index = places[k].node;
-            if (index == Nodes::absent ||
-                surface.claims[index] != static_cast<std::uint32_t>(places + k - surface.stencils) + 1)
-                continue;
-            Number const sum = by_index.sum(index, mass);
-            surface.numbers[index] = NodeOfPoint<Number>::none;
-            if (!(sum > smallest_mass)) continue;
-            std::uint32_t const number = next_number(*surface.node_count);
-            surface.numbers[index] = number;
-            NodeAtSurface<Number, d>& node = surface.nodes[number];
-            node.index = index;
-            node.inverse_mass = 1 / sum;
-            node.count = 0;
-            for (int a = 0; a < d; ++a) node.free[a] = by_index.value(index, velocity + a);
-        }
+        return (points + Loop::tile - 1) / Loop::tile * Loop::tile * std::size_t(Cell::rows);
     }
-};
 
-/// Replaces the indices in a point's stencil by the numbers of its nodes, counts the points of
-/// each node, and lets the point start from its impulse in the step before. No node is claimed any
-/// more.
-template <class Kernel, class Number, int d>
-struct LinkStencils : PointLoop<Kernel, Number, d>
-{
-    using typename PointLoop<Kernel, Number, d>::Cell;
-    Number cell_size; ///< [m]
-    Number longer;    ///< the step over the one before
-
-    FIRN_HOST_DEVICE void operator()(std::size_t p) const
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const
     {
-        auto const& surface = this->of;
-        SurfacePoint<Number, d>& point = surface.points[p];
-        // the means of the places of its nodes: of those with mass, and of all [cells]
-        Vector<Number, d> reached = zeros<Vector<Number, d>>(), all = reached;
-        point.support = 0;
-        NodeOfPoint<Number>* const places = this->stencil(p);
-        for (int k = 0; k < this->nodes_of_each; ++k) {
-            Vector<Number, d> at;
-            for (int a = d - 1, rest = k; a >= 0; --a, rest /= Cell::width)
-                at[a] = Number(rest % Cell::width);
-            Number const weight = places[k].weight;
-            all += at * weight;
-            std::uint32_t node = places[k].node;
-            if (node != NodeOfPoint<Number>::none) {
-                write_shared(surface.claims[node], 0);
-                node = surface.numbers[node];
+        int const row = static_cast<int>(i / Loop::tile % std::size_t(Cell::rows));
+        std::size_t const p = i / (Loop::tile * std::size_t(Cell::rows)) * Loop::tile + i % Loop::tile;
+        if (p >= points) return;
+        SurfacePoint<Number, d> const& point = this->of.points[p];
+        Coordinates<d> node;
+        Vector<Number, d> offset;
+        for (int a = 0; a < d; ++a) {
+            Number const x = point.offset[a] + Number(cell_shift(Kernel::degree)), cell = floor(x);
+            node[a] = point.node[a] + static_cast<int>(cell) - stencil_reach(Kernel::degree);
+            if (a < d - 1) node[a] += Cell::index(row, a);
+            offset[a] = x - cell - Number(0.5);
+        }
+        Cell const cell(offset);
+        Number const of_row = cell.row_weight(row);
+        for (int k = 0; k < Cell::width; ++k, ++node[d - 1]) {
+            Number weight = of_row * cell.weight[std::size_t(d - 1)][std::size_t(k)];
+            if (point.is_deep) {
+                weight = 1;
+                for (int a = 0; a < d; ++a)
+                    if (node[a] != point.node[a]) weight = 0;
             }
-            places[k] = {0, 0, Number(0)};
-            if (node == NodeOfPoint<Number>::none) continue;
-            point.support += weight;
-            reached += at * weight;
-            places[k] = {node, next_number(surface.nodes[node].count), weight};
+            std::size_t const place = Loop::place(p, row * Cell::width + k);
+            std::uint32_t const index = weight > 0 ? by_index.find(node) : Nodes::absent;
+            this->of.stencils[place] = {NodeOfPoint<Number>::none, weight};
+            if (index == Nodes::absent) continue;
+            this->of.stencils[place].node = index + 1;
+            if ((this->of.ranks[place] = next_number(this->of.nodes[index + 1].count)) == 0) reach(index);
         }
-        if (point.support > 0 && !point.is_deep)
-            point.arm += (reached * (1 / point.support) - all) * cell_size;
-        if (auto const* const before = surface.before.find(point))
-            point.impulse = point.tried = point.allowed(Vector<Number, d>(before->impulse * longer));
+    }
+
+private:
+    FIRN_HOST_DEVICE void reach(std::uint32_t index) const
+    {
+        auto const& surface = this->of;
+        surface.reached[next_number(surface.counts->nodes)] = index + 1;
+        NodeAtSurface<Number, d>& node = surface.nodes[index + 1];
+        Number const sum = by_index.sum(index, mass);
+        node.mass = sum > smallest_mass ? sum : Number(0);
+        surface.velocities[index + 1].number = sum > smallest_mass ? 1 / sum : Number(0);
+        for (int a = 0; a < d; ++a) node.free[a] = by_index.value(index, velocity + a);
     }
 };
 
-/// Nodes make room for the points that reach them in a list of all.
+/// Nodes that have mass make room for their points in the list of those of all nodes.
 template <class Number, int d>
 struct MakeRoomForPoints
 {
@@ -167,66 +121,117 @@ struct MakeRoomForPoints
 
     FIRN_HOST_DEVICE void operator()(std::size_t i) const
     {
-        of.nodes[i].begin = next_number(*of.listed, of.nodes[i].count);
+        if (i >= of.counts->nodes) return;
+        NodeAtSurface<Number, d>& node = of.nodes[of.reached[i]];
+        if (node.mass > 0) node.begin = next_number(of.counts->listed, node.count);
     }
 };
 
-/// Points enter themselves there.
+/// Below this share of the mean mass of a point's nodes a node gets less of the impulse: an impulse by the
+/// kernel's weights would throw what little lies on it away.
+inline constexpr double light_node = 0.01;
+
+/// Points enter themselves there, with the weights that they have then, and start from their impulses in the
+/// step before.
 template <class Kernel, class Number, int d>
 struct ListPoints : PointLoop<Kernel, Number, d>
 {
+    using Loop = PointLoop<Kernel, Number, d>;
+    using typename Loop::Cell;
+    Number cell_size; ///< [m]
+    Number longer;    ///< the step over the one before
+
     FIRN_HOST_DEVICE void operator()(std::size_t p) const
     {
-        this->for_each_node(p, [&](NodeOfPoint<Number> const& place, NodeAtSurface<Number, d> const& node) {
-            if (place.weight > 0)
-                this->of.points_of_nodes[node.begin + place.rank] = {static_cast<std::uint32_t>(p),
-                                                                     place.weight};
-        });
+        auto const& surface = this->of;
+        SurfacePoint<Number, d>& point = surface.points[p];
+        Number mean = 0;
+        this->for_each_node(
+            p, [&](Number weight, std::uint32_t node) { mean += weight * surface.nodes[node].mass; });
+        Number const per_light = mean > 0 ? 1 / (mean * Number(light_node)) : Number(0);
+        // the means of the places of its nodes: of those with mass, and of all [cells]
+        Vector<Number, d> reached = zeros<Vector<Number, d>>(), all = reached;
+        Number support = 0;
+        for (int k = 0; k < Loop::nodes_of_each; ++k) {
+            Vector<Number, d> at;
+            for (int a = d - 1, rest = k; a >= 0; --a, rest /= Cell::width)
+                at[a] = Number(rest % Cell::width);
+            std::size_t const place = Loop::place(p, k);
+            NodeOfPoint<Number>& there = surface.stencils[place];
+            NodeAtSurface<Number, d> const& node = surface.nodes[there.node];
+            all += at * there.weight;
+            there.weight *= min(node.mass * per_light, Number(1));
+            support += there.weight;
+            reached += at * there.weight;
+            if (node.mass > 0)
+                surface.points_of_nodes[node.begin + surface.ranks[place]] = {static_cast<std::uint32_t>(p),
+                                                                              there.weight};
+            else
+                there.node = NodeOfPoint<Number>::none;
+        }
+        point.support = support;
+        if (support > 0 && !point.is_deep) point.arm += (reached * (1 / support) - all) * cell_size;
+        if (auto const* const before = surface.before.find(point))
+            point.impulse = point.allowed(Vector<Number, d>(before->impulse * longer));
+        surface.tried[p].vector = point.impulse;
+    }
+};
+
+/// Rounds to a multiple of a number, so that sums of these come out the same in any order.
+struct RoundToMultiples
+{
+    double large; ///< the spacing of numbers as large as this is that of the multiples
+
+    /// The multiples are those of the power of two at or below `unit`, for numbers up to 2^50 of these.
+    static RoundToMultiples of(double unit) { return {std::ldexp(1.5, 52 + std::ilogb(unit))}; }
+    FIRN_HOST_DEVICE double operator()(double x) const { return difference(x + large); }
+
+private:
+    FIRN_HOST_DEVICE double difference(double sum) const
+    {
+#if defined(__FAST_MATH__) && !defined(__CUDA_ARCH__)
+        asm("" : "+x"(sum)); // or the sum would cancel
+#endif
+        return sum - large;
     }
 };
 
 /// Nodes take the velocities that the impulses of the points around them give. A node asks its points, since
 /// many of these would wait for one another if they added to it.
-template <class Kernel, class Number, int d>
+template <class Kernel, class Number, int d, class Nodes>
 struct GatherImpulses : PointLoop<Kernel, Number, d>
 {
-    double unit; ///< of the velocities that nodes gain: 2^-46 cells a step [m/s]
-    bool weighs; ///< the first time: the weights of points are summed, too
+    RoundToMultiples round, round_weight;
+    Nodes by_index;
+    int velocity;          ///< the first channel of the grid's values
+    bool is_first = false; ///< the weights of points are summed, too
+    bool is_last = false;  ///< the grid takes the velocities, and no point reaches a node any more
 
     FIRN_HOST_DEVICE void operator()(std::size_t i) const
     {
         auto const& surface = this->of;
-        NodeAtSurface<Number, d>& node = surface.nodes[i];
-        std::int64_t gained[std::size_t(d)]{}, weights = 0; // integers come to the same sum in any order
-        for (std::uint32_t at = node.begin; at < node.begin + node.count; ++at) {
-            PointOfNode<Number> const from = surface.points_of_nodes[at];
-            auto const& impulse = surface.points[from.point].tried;
-            double const gives = double(from.weight * node.inverse_mass) / unit;
-            for (int a = 0; a < d; ++a) { // rounded, without a call to the C library
-                double const gain = gives * double(impulse[a]);
-                // a step that gave more than that, or NaN, fails: it moves particles by more than a cell
-                if (std::abs(gain) < 0x1p57)
-                    gained[a] += static_cast<std::int64_t>(gain + (gain < 0 ? -0.5 : 0.5));
+        if (i >= surface.counts->nodes) return;
+        std::uint32_t const n = surface.reached[i];
+        NodeAtSurface<Number, d>& node = surface.nodes[n];
+        Number const inverse_mass = surface.velocities[n].number;
+        if (inverse_mass > 0) {
+            double gained[std::size_t(d)]{}, weights = 0;
+            std::uint32_t const end = node.begin + node.count;
+            for (std::uint32_t at = node.begin; at < end; ++at) {
+                PointOfNode<Number> const from = surface.points_of_nodes[at];
+                auto const impulse = surface.tried[from.point].vector;
+                double const gives = double(from.weight * inverse_mass);
+                for (int a = 0; a < d; ++a) gained[a] += round(gives * double(impulse[a]));
+                if (is_first) weights += round_weight(double(from.weight));
             }
-            weights += static_cast<std::int64_t>(double(from.weight) / unit_of_weights);
+            if (is_first) node.weights = static_cast<Number>(weights);
+            Vector<Number, d> v;
+            for (int a = 0; a < d; ++a) v[a] = node.free[a] + static_cast<Number>(gained[a]);
+            surface.velocities[n].vector = v;
+            for (int a = 0; a < d; ++a)
+                if (is_last) by_index.value(n - 1, velocity + a) = v[a];
         }
-        if (weighs) node.weights = static_cast<Number>(double(weights) * unit_of_weights);
-        for (int a = 0; a < d; ++a)
-            node.velocity[a] = node.free[a] + static_cast<Number>(double(gained[a]) * unit);
-    }
-};
-
-/// Bounds how fast an impulse at a point makes it, when the points around it receive as much.
-template <class Kernel, class Number, int d>
-struct BoundMobility : PointLoop<Kernel, Number, d>
-{
-    FIRN_HOST_DEVICE void operator()(std::size_t p) const
-    {
-        Number mobility = 0;
-        this->for_each_node(p, [&](NodeOfPoint<Number> const& place, NodeAtSurface<Number, d> const& node) {
-            mobility += place.weight * node.inverse_mass * node.weights;
-        });
-        this->of.points[p].mobility = mobility;
+        if (is_last) node.count = 0;
     }
 };
 
@@ -234,34 +239,30 @@ struct BoundMobility : PointLoop<Kernel, Number, d>
 template <class Kernel, class Number, int d>
 struct SweepPoints : PointLoop<Kernel, Number, d>
 {
-    Number ahead; ///< by which share of its change the next sweep starts ahead
+    Number ahead = 0;      ///< by which share of its change the next sweep starts ahead
+    bool is_first = false; ///< it finds mobilities
 
     FIRN_HOST_DEVICE void operator()(std::size_t p) const
     {
-        SurfacePoint<Number, d>& point = this->of.points[p];
+        auto const& surface = this->of;
+        SurfacePoint<Number, d>& point = surface.points[p];
+        if (is_first) {
+            Number mobility = 0;
+            this->for_each_node(p, [&](Number weight, std::uint32_t node) {
+                mobility += weight * surface.velocities[node].number * surface.nodes[node].weights;
+            });
+            point.mobility = mobility;
+        }
         if (!(point.mobility > 0)) return; // it reaches nothing
         Vector<Number, d> relative = point.velocity * -point.support;
-        this->for_each_node(p, [&](NodeOfPoint<Number> const& place, NodeAtSurface<Number, d> const& node) {
-            for (int a = 0; a < d; ++a) relative[a] += place.weight * node.velocity[a];
+        this->for_each_node(p, [&](Number weight, std::uint32_t node) {
+            relative += surface.velocities[node].vector * weight;
         });
+        Vector<Number, d> const tried = surface.tried[p].vector;
         Vector<Number, d> const improved =
-            point.allowed(Vector<Number, d>(point.tried - relative * (1 / point.mobility)));
-        point.tried = improved + (improved - point.impulse) * ahead;
+            point.allowed(Vector<Number, d>(tried - relative * (1 / point.mobility)));
+        surface.tried[p].vector = improved + (improved - point.impulse) * ahead;
         point.impulse = improved;
-    }
-};
-
-/// Gives the grid the velocities of nodes.
-template <class Number, int d, class Nodes>
-struct ReturnVelocitiesToGrid
-{
-    NodeAtSurface<Number, d> const* nodes;
-    Nodes by_index;
-    int velocity; ///< the first channel of the values
-
-    FIRN_HOST_DEVICE void operator()(std::size_t i) const
-    {
-        for (int a = 0; a < d; ++a) by_index.value(nodes[i].index, velocity + a) = nodes[i].velocity[a];
     }
 };
 
@@ -306,31 +307,35 @@ void act_at_surfaces(Backend const& backend, SurfaceMemory<Backend, Number, d>& 
                cell_size = static_cast<Number>(lattice.cell_size);
     memory.end_step(points, dt);
     if (points == 0) return;
-    memory.make_room_for_nodes(grid.node_count(), std::size_t(points) * std::size_t(Loop::nodes_of_each));
+    memory.make_room(points, std::size_t(Loop::nodes_of_each), grid.node_count());
     Loop const loop{memory.view()};
     auto const by_index = grid.nodes_by_index();
     using Nodes = std::remove_const_t<decltype(by_index)>;
-    backend.for_each(points, ReadStencils<Kernel, Number, d, Nodes>{loop, by_index});
-    backend.for_each(points, NumberNodes<Kernel, Number, d, Nodes>{loop, by_index, smallest_mass, Sums::mass,
-                                                                   Values::velocity});
-    backend.for_each(points, LinkStencils<Kernel, Number, d>{loop, cell_size, longer});
-    std::size_t const nodes = memory.node_count();
+    using FindNodes = FindNodesOfPoints<Kernel, Number, d, Nodes>;
+    backend.for_each(FindNodes::count(points),
+                     FindNodes{loop, points, by_index, smallest_mass, Sums::mass, Values::velocity});
+    std::size_t const nodes = memory.most_reached(
+        std::min(grid.node_count(), std::size_t(points) * std::size_t(Loop::nodes_of_each)));
     backend.for_each(nodes, MakeRoomForPoints<Number, d>{loop.of});
-    backend.for_each(points, ListPoints<Kernel, Number, d>{loop});
-    GatherImpulses<Kernel, Number, d> gather{loop, 0x1p-46 * lattice.cell_size / dt, true};
+    backend.for_each(points, ListPoints<Kernel, Number, d>{loop, cell_size, longer});
+    // velocities to 2^-46 cells a step: one that gained more than 16 cells would fail
+    GatherImpulses<Kernel, Number, d, Nodes> gather{
+        loop, RoundToMultiples::of(0x1p-46 * lattice.cell_size / dt), RoundToMultiples::of(0x1p-40), by_index,
+        Values::velocity};
+    gather.is_first = true;
     backend.for_each(nodes, gather);
-    gather.weighs = false;
-    backend.for_each(points, BoundMobility<Kernel, Number, d>{loop});
+    gather.is_first = false;
+    SweepPoints<Kernel, Number, d> sweep{loop};
     double weight = 1;
-    for (int sweep = 1; sweep <= sweeps; ++sweep) {
+    for (int i = 1; i <= sweeps; ++i) {
         double const next = (1 + std::sqrt(1 + 4 * weight * weight)) / 2;
-        auto const ahead = sweep == sweeps ? Number(0) : static_cast<Number>((weight - 1) / next);
-        backend.for_each(points, SweepPoints<Kernel, Number, d>{loop, ahead});
+        sweep.is_first = i == 1;
+        gather.is_last = i == sweeps;
+        sweep.ahead = gather.is_last ? Number(0) : static_cast<Number>((weight - 1) / next);
+        backend.for_each(points, sweep);
         backend.for_each(nodes, gather);
         weight = next;
     }
-    backend.for_each(nodes,
-                     ReturnVelocitiesToGrid<Number, d, Nodes>{loop.of.nodes, by_index, Values::velocity});
     backend.for_each(points, BookImpulses<Number, d, Context>{loop.of.points, now});
 }
 

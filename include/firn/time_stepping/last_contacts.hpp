@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/effects/surface_points.hpp>
+#include <firn/effects/surface_memory.hpp>
 #include <firn/grid/lattice.hpp>
 
 #include <cstdint>

@@ -312,22 +312,9 @@ private:
                                                "surface: make it a HalfSpace in their list");
             static_assert(!Sets::are_bodies, "Bodies know no obstacles that act at their surface: choose "
                                              "Obstacles<Shape>");
-            surface().begin_step();
-            for (;;) {
-                surface().begin();
-                memory_.backend.for_each_node(
-                    orders(), grid(),
-                    FindSurfacePoints<Space, Kernel, Transfer, Actions>{
-                        now(step), memory_.lattice, scene_.smallest_node_mass, surface().view()});
-                std::uint32_t const count = surface().count();
-                bool const had_room = count <= surface().room();
-                using Cell = Stencil<Kernel, Number, d>;
-                require(count < (std::uint32_t(1) << 26), "more than 6e7 points of surfaces meet material",
-                        "Obstacles", "Take larger cells, or obstacles that act on nodes.");
-                surface().make_room(had_room ? count : count + count / 4,
-                                    std::size_t(Cell::rows) * Cell::width);
-                if (had_room) return count;
-            }
+            return firn::find_surface_points<Space, Kernel, Transfer>(memory_.backend, surface(), orders(),
+                                                                      grid(), now(step), memory_.lattice,
+                                                                      scene_.smallest_node_mass);
         }
         else
             return 0;
