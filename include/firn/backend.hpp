@@ -129,7 +129,8 @@ concept BackendGrid = MadeWithPeriods<T, B, d> && std::movable<T> &&
     grid.layer(layer);     // a handle to this layer, for the loops
     std::size_t{grid.node_count()}; // the indices of nodes
     // for loops without a phase, once nodes have been updated and until activate(): `find(node)`, its index
-    // or `absent`; `sum(index, channel)`, over all layers, and a reference to `value(index, channel)`
+    // or `absent`; `find_next(node, before)`, the same if the one before it along the last axis is known;
+    // `sum(index, channel)`, over all layers, and a reference to `value(index, channel)`
     grid.nodes_by_index();
     std::size_t{constant.memory()}; // bytes held
 };

@@ -51,6 +51,14 @@
 #define FIRN_UNROLL_ON_DEVICE
 #endif
 
+// Before a loop of a number of turns that a device is told when it runs, and that wait for memory: some of
+// them wait together.
+#if defined(__CUDA_ARCH__)
+#define FIRN_OVERLAP_ON_DEVICE _Pragma("unroll 8")
+#else
+#define FIRN_OVERLAP_ON_DEVICE
+#endif
+
 // Before a loop that is not to be unrolled on a device, where all turns at once would need too many
 // registers: few particles need it, so arrays that its turns index may lie in memory.
 #if defined(__CUDA_ARCH__)
@@ -118,6 +126,30 @@ FIRN_HOST_DEVICE inline std::uint32_t next_number(std::uint32_t& count, std::uin
     return atomicAdd(&count, so_many);
 #else
     return __atomic_fetch_add(&count, so_many, __ATOMIC_RELAXED);
+#endif
+}
+
+/// The same where many parts of a loop count in one number, of which each must pass the same: those that a
+/// device runs together ask once.
+FIRN_HOST_DEVICE inline std::uint32_t next_number_of_all(std::uint32_t& count, std::uint32_t so_many = 1)
+{
+#if defined(__CUDA_ARCH__)
+    unsigned const together = __activemask();
+    int const leader = __ffs(static_cast<int>(together)) - 1,
+              lane = static_cast<int>((threadIdx.x + blockDim.x * (threadIdx.y + blockDim.y * threadIdx.z)) %
+                                      32);
+    std::uint32_t before = 0, all = 0;
+    for (unsigned rest = together; rest != 0; rest &= rest - 1) {
+        int const of = __ffs(static_cast<int>(rest)) - 1;
+        std::uint32_t const its = __shfl_sync(together, so_many, of);
+        before += of < lane ? its : 0;
+        all += its;
+    }
+    std::uint32_t first = 0;
+    if (lane == leader) first = atomicAdd(&count, all);
+    return __shfl_sync(together, first, leader) + before;
+#else
+    return next_number(count, so_many);
 #endif
 }
 

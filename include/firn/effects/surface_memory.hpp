@@ -23,7 +23,7 @@ public:
     explicit SurfaceMemory(Backend const& backend)
         : backend_(backend), counts_(backend), candidates_(backend), points_(backend), before_(backend),
           table_(backend), tried_(backend), stencils_(backend), ranks_(backend), points_of_nodes_(backend),
-          nodes_(backend), velocities_(backend), reached_(backend)
+          reached_(backend), lists_(backend), velocities_(backend)
     {
         counts_.resize(1);
         candidates_.resize(256);
@@ -92,11 +92,11 @@ public:
         make_room_for(ranks_, in_tiles);
         make_room_for(points_of_nodes_, points * nodes_of_each);
         make_room_for(reached_, std::min(points * nodes_of_each, nodes));
-        if (nodes_.size() >= nodes + 1) return;
+        if (lists_.size() >= nodes + 1) return;
         make_room_for(velocities_, nodes + 1);
-        make_room_for(nodes_, nodes + 1);
+        make_room_for(lists_, nodes + 1);
         velocities_.fill(0, 1, {zeros<Vector<Number, d>>(), Number(0)});
-        nodes_.fill(0, nodes_.size(), {zeros<Vector<Number, d>>(), 0, 0, Number(0), Number(0)});
+        lists_.fill(0, lists_.size(), {0, 0});
     }
     /// After a step with so many points, of this length [s].
     void end_step(std::uint32_t points, double dt)
@@ -124,9 +124,9 @@ public:
                 stencils_.data(),
                 ranks_.data(),
                 points_of_nodes_.data(),
-                nodes_.data(),
-                velocities_.data(),
                 reached_.data(),
+                lists_.data(),
+                velocities_.data(),
                 before_view_};
     }
 
@@ -143,9 +143,9 @@ private:
     Array<NodeOfPoint<Number>> stencils_;
     Array<std::uint32_t> ranks_;
     Array<PointOfNode<Number>> points_of_nodes_;
-    Array<NodeAtSurface<Number, d>> nodes_;
+    Array<NodeAtSurface<Number, d>> reached_;
+    Array<PointsOfNode> lists_;
     Array<VectorAndNumber<Number, d>> velocities_;
-    Array<std::uint32_t> reached_;
 };
 
 } // namespace firn

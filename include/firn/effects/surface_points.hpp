@@ -92,14 +92,20 @@ struct PointOfNode
     Number weight;
 };
 
+/// Where the points of a node lie in the list of those of all nodes.
+struct PointsOfNode
+{
+    std::uint32_t begin, count;
+};
+
 /// A node that points reach. What they give it comes to the same sum in any order.
 template <class Number, int d>
 struct NodeAtSurface
 {
-    Vector<Number, d> free;     ///< its velocity without contact [m/s]
-    std::uint32_t begin, count; ///< of its points in the list of those of all nodes
-    Number mass;                ///< 0 if it is too small for a velocity
-    Number weights;             ///< the sum of the weights of points
+    std::uint32_t node; ///< 1 + its index
+    PointsOfNode points;
+    Number inverse_mass;    ///< 0 if its mass is too small for a velocity
+    Vector<Number, d> free; ///< its velocity without contact [m/s]
 };
 
 /// What lanes of places are to an obstacle.
@@ -168,14 +174,17 @@ struct SurfacePoints
     SurfaceCandidate<d>* candidates;
     SurfacePoint<Number, d>* points;
     std::uint32_t candidates_room, points_room;
-    VectorAndNumber<Number, d>* tried; ///< the impulses from which the next sweep starts, by point
+    /// By point: the impulse from which the next sweep starts, and the inverse of the mass below which a node
+    /// is light.
+    VectorAndNumber<Number, d>* tried;
     NodeOfPoint<Number>* stencils;
     std::uint32_t* ranks;                 ///< of each of these: the point's number among those of the node
     PointOfNode<Number>* points_of_nodes; ///< the points of each node, one behind the other
-    NodeAtSurface<Number, d>* nodes;      ///< by 1 + index
-    /// Their velocities with the impulses of the last sweep [m/s] and inverse masses; all is 0 for the first.
+    NodeAtSurface<Number, d>* reached;    ///< the nodes that points reach
+    PointsOfNode* lists;                  ///< by 1 + index
+    /// By 1 + index: velocities with the impulses of the last sweep [m/s]; and inverse masses, times the sum
+    /// of the weights of all points once these are known. All is 0 for the first.
     VectorAndNumber<Number, d>* velocities;
-    std::uint32_t* reached; ///< the nodes that points reach
     PointsBefore<Number, d> before;
 };
 

@@ -79,7 +79,7 @@ private:
         Number along[std::size_t(d)][std::size_t(width)];
         for (int a = 0; a < d; ++a) LaneTraits<Real>::store(place.offset[a], along[a]);
         for_each_lane<width>(bits(which), [&](int lane) {
-            std::uint32_t const number = next_number(found.counts->candidates);
+            std::uint32_t const number = next_number_of_all(found.counts->candidates);
             if (number >= found.candidates_room) return; // the host makes room, and looks again
             auto& candidate = found.candidates[number];
             for (int a = 0; a < d; ++a) candidate.node[a] = place.first[a] + static_cast<int>(along[a][lane]);
@@ -210,7 +210,7 @@ private:
     FIRN_HOST_DEVICE void add(Place const& place, std::uint32_t i, Obstacle const& obstacle, At const& at,
                               Vector<Number, d> const& shift, bool is_deep, std::uint32_t behind) const
     {
-        std::uint32_t const number = next_number(found.counts->points);
+        std::uint32_t const number = next_number_of_all(found.counts->points);
         if (number >= found.points_room) return; // the host makes room, and looks again
         SurfacePoint<Number, d>& point = found.points[number];
         point.node = place.first;

@@ -170,7 +170,7 @@ struct FindVolumes
         for (int b = 0; b < 2 * d; ++b)
             in_obstacles[b] = bits(beside[b] < Real(static_cast<Number>(least_room)));
         for_each_lane<width>(bits(filled), [&](int lane) {
-            std::uint32_t const number = next_number(*found.count);
+            std::uint32_t const number = next_number_of_all(*found.count);
             if (number >= found.room) return; // the host makes room, and looks again
             NodeOfVolume<Number, d>& listed = found.nodes[number];
             for (int a = 0; a < d; ++a) listed.node[a] = place.first[a] + static_cast<int>(along[a][lane]);

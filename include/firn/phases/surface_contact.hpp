@@ -10,6 +10,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <type_traits>
 
 // The impulses at points of surfaces, after nodes have been updated and before particles gather from them.
@@ -36,8 +37,8 @@ struct PointLoop
     {
         return (p / tile * std::size_t(nodes_of_each) + std::size_t(k)) * tile + p % tile;
     }
-    /// Calls `use(weight, node)` for the places of a stencil. Where there is no node it is the first of all,
-    /// with a weight of 0: without a branch a device loads all of them at once.
+    /// Calls `use(k, weight, node)` for the places of a stencil. Where there is no node it is the first of
+    /// all: without a branch a device loads all of them at once.
     template <class Use>
     FIRN_HOST_DEVICE void for_each_node(std::size_t p, Use const& use) const
     {
@@ -45,85 +46,120 @@ struct PointLoop
         FIRN_UNROLL_ON_DEVICE
         for (int k = 0; k < nodes_of_each; ++k) {
             NodeOfPoint<Number> const there = places[std::size_t(k) * tile];
-            use(there.weight, there.node);
+            use(k, there.weight, there.node);
         }
+    }
+    /// The cell in which a point lies, from the node in whose cube it was found, and its offset from there.
+    FIRN_HOST_DEVICE static Coordinates<d> cell_of(SurfacePoint<Number, d> const& point,
+                                                   Vector<Number, d>& offset)
+    {
+        Coordinates<d> of;
+        for (int a = 0; a < d; ++a) {
+            Number const x = point.offset[a] + Number(cell_shift(Kernel::degree)), cell = floor(x);
+            of[a] = static_cast<int>(cell);
+            offset[a] = x - cell - Number(0.5);
+        }
+        return of;
     }
 };
 
-/// Finds the nodes in a row of a point's stencil. Each counts its points, and the first of these finds its
-/// mass and its velocity.
-template <class Kernel, class Number, int d, class Nodes>
-struct FindNodesOfPoints : PointLoop<Kernel, Number, d>
+/// A loop over the rows of the points' stencils.
+template <class Kernel, class Number, int d>
+struct RowLoop : PointLoop<Kernel, Number, d>
 {
     using Loop = PointLoop<Kernel, Number, d>;
     using typename Loop::Cell;
     std::size_t points;
-    Nodes by_index;       ///< see Grid::nodes_by_index()
-    Number smallest_mass; ///< see UpdateGrid
-    int mass, velocity;   ///< the channels of the sums, and of the values
 
-    /// How many rows there are, those of points that fill the last tile included.
+    /// How many rows there are, those of points that would fill the last tile included.
     static std::size_t count(std::size_t points)
     {
         return (points + Loop::tile - 1) / Loop::tile * Loop::tile * std::size_t(Cell::rows);
     }
-
-    FIRN_HOST_DEVICE void operator()(std::size_t i) const
+    FIRN_HOST_DEVICE static int row(std::size_t i)
     {
-        int const row = static_cast<int>(i / Loop::tile % std::size_t(Cell::rows));
-        std::size_t const p = i / (Loop::tile * std::size_t(Cell::rows)) * Loop::tile + i % Loop::tile;
-        if (p >= points) return;
-        SurfacePoint<Number, d> const& point = this->of.points[p];
-        Coordinates<d> node;
-        Vector<Number, d> offset;
-        for (int a = 0; a < d; ++a) {
-            Number const x = point.offset[a] + Number(cell_shift(Kernel::degree)), cell = floor(x);
-            node[a] = point.node[a] + static_cast<int>(cell) - stencil_reach(Kernel::degree);
-            if (a < d - 1) node[a] += Cell::index(row, a);
-            offset[a] = x - cell - Number(0.5);
-        }
-        Cell const cell(offset);
-        Number const of_row = cell.row_weight(row);
-        for (int k = 0; k < Cell::width; ++k, ++node[d - 1]) {
-            Number weight = of_row * cell.weight[std::size_t(d - 1)][std::size_t(k)];
-            if (point.is_deep) {
-                weight = 1;
-                for (int a = 0; a < d; ++a)
-                    if (node[a] != point.node[a]) weight = 0;
-            }
-            std::size_t const place = Loop::place(p, row * Cell::width + k);
-            std::uint32_t const index = weight > 0 ? by_index.find(node) : Nodes::absent;
-            this->of.stencils[place] = {NodeOfPoint<Number>::none, weight};
-            if (index == Nodes::absent) continue;
-            this->of.stencils[place].node = index + 1;
-            if ((this->of.ranks[place] = next_number(this->of.nodes[index + 1].count)) == 0) reach(index);
-        }
+        return static_cast<int>(i / Loop::tile % std::size_t(Cell::rows));
     }
-
-private:
-    FIRN_HOST_DEVICE void reach(std::uint32_t index) const
+    FIRN_HOST_DEVICE static std::size_t point(std::size_t i)
     {
-        auto const& surface = this->of;
-        surface.reached[next_number(surface.counts->nodes)] = index + 1;
-        NodeAtSurface<Number, d>& node = surface.nodes[index + 1];
-        Number const sum = by_index.sum(index, mass);
-        node.mass = sum > smallest_mass ? sum : Number(0);
-        surface.velocities[index + 1].number = sum > smallest_mass ? 1 / sum : Number(0);
-        for (int a = 0; a < d; ++a) node.free[a] = by_index.value(index, velocity + a);
+        return i / (Loop::tile * std::size_t(Cell::rows)) * Loop::tile + i % Loop::tile;
     }
 };
 
-/// Nodes that have mass make room for their points in the list of those of all nodes.
-template <class Number, int d>
-struct MakeRoomForPoints
+/// Finds the nodes in a row of a point's stencil, which count their points.
+template <class Kernel, class Number, int d, class Nodes>
+struct FindNodesOfPoints : RowLoop<Kernel, Number, d>
+{
+    using Rows = RowLoop<Kernel, Number, d>;
+    using typename Rows::Cell;
+    Nodes by_index; ///< see Grid::nodes_by_index()
+
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const
+    {
+        auto const& surface = this->of;
+        int const row = Rows::row(i);
+        std::size_t const p = Rows::point(i), place = Rows::place(p, row * Cell::width);
+        if (p >= this->points) return;
+        SurfacePoint<Number, d> const& point = surface.points[p];
+        Vector<Number, d> offset;
+        Coordinates<d> node = Rows::cell_of(point, offset);
+        bool is_deeper = point.is_deep; // a node deep inside reaches itself alone
+        for (int a = 0; a < d; ++a) {
+            node[a] += point.node[a] - stencil_reach(Kernel::degree);
+            if (a == d - 1) continue;
+            node[a] += Cell::index(row, a);
+            is_deeper = is_deeper && node[a] == point.node[a];
+        }
+        Cell const cell(offset);
+        Number const of_row = cell.row_weight(row);
+        std::uint32_t index[std::size_t(Cell::width)], rank[std::size_t(Cell::width)]{};
+        Number weight[std::size_t(Cell::width)];
+        FIRN_UNROLL_ON_DEVICE
+        for (int k = 0; k < Cell::width; ++k) {
+            index[k] = k == 0 ? by_index.find(node) : by_index.find_next(node, index[k - 1]);
+            weight[k] = of_row * cell.weight[std::size_t(d - 1)][std::size_t(k)];
+            if (point.is_deep) weight[k] = Number(is_deeper && node[d - 1] == point.node[d - 1] ? 1 : 0);
+            ++node[d - 1];
+        }
+        FIRN_UNROLL_ON_DEVICE // these wait for one another's memory together
+            for (int k = 0; k < Cell::width; ++k)
+        {
+            if (index[k] == Nodes::absent || !(weight[k] > 0)) continue;
+            rank[k] = next_number(surface.lists[index[k] + 1].count);
+            if (rank[k] == 0) surface.reached[next_number_of_all(surface.counts->nodes)].node = index[k] + 1;
+        }
+        FIRN_UNROLL_ON_DEVICE
+        for (int k = 0; k < Cell::width; ++k) {
+            bool const is_there = index[k] != Nodes::absent && weight[k] > 0;
+            surface.stencils[place + std::size_t(k) * Rows::tile] = {
+                is_there ? index[k] + 1 : NodeOfPoint<Number>::none, is_there ? weight[k] : Number(0)};
+            surface.ranks[place + std::size_t(k) * Rows::tile] = rank[k];
+        }
+    }
+};
+
+/// The nodes that points reach take their masses and velocities from the grid, and make room for their
+/// points in the list of those of all nodes.
+template <class Number, int d, class Nodes>
+struct BeginNodes
 {
     SurfacePoints<Number, d> of;
+    Nodes by_index;
+    Number smallest_mass; ///< see UpdateGrid
+    int mass, velocity;   ///< the channels of the sums, and of the values
 
     FIRN_HOST_DEVICE void operator()(std::size_t i) const
     {
         if (i >= of.counts->nodes) return;
-        NodeAtSurface<Number, d>& node = of.nodes[of.reached[i]];
-        if (node.mass > 0) node.begin = next_number(of.counts->listed, node.count);
+        NodeAtSurface<Number, d>& node = of.reached[i];
+        std::uint32_t const index = node.node - 1;
+        Number const sum = by_index.sum(index, mass);
+        node.inverse_mass = sum > smallest_mass ? 1 / sum : Number(0);
+        for (int a = 0; a < d; ++a) node.free[a] = by_index.value(index, velocity + a);
+        PointsOfNode& points = of.lists[node.node];
+        node.points = {0, node.inverse_mass > 0 ? points.count : 0};
+        node.points.begin = points.begin = next_number_of_all(of.counts->listed, node.points.count);
+        of.velocities[node.node].number = node.inverse_mass;
     }
 };
 
@@ -131,49 +167,56 @@ struct MakeRoomForPoints
 /// kernel's weights would throw what little lies on it away.
 inline constexpr double light_node = 0.01;
 
-/// Points enter themselves there, with the weights that they have then, and start from their impulses in the
-/// step before.
+/// Points start from their impulses in the step before.
 template <class Kernel, class Number, int d>
-struct ListPoints : PointLoop<Kernel, Number, d>
+struct BeginPoints : PointLoop<Kernel, Number, d>
 {
-    using Loop = PointLoop<Kernel, Number, d>;
-    using typename Loop::Cell;
-    Number cell_size; ///< [m]
-    Number longer;    ///< the step over the one before
+    Number longer; ///< the step over the one before
 
     FIRN_HOST_DEVICE void operator()(std::size_t p) const
     {
         auto const& surface = this->of;
-        SurfacePoint<Number, d>& point = surface.points[p];
         Number mean = 0;
-        this->for_each_node(
-            p, [&](Number weight, std::uint32_t node) { mean += weight * surface.nodes[node].mass; });
-        Number const per_light = mean > 0 ? 1 / (mean * Number(light_node)) : Number(0);
-        // the means of the places of its nodes: of those with mass, and of all [cells]
-        Vector<Number, d> reached = zeros<Vector<Number, d>>(), all = reached;
-        Number support = 0;
-        for (int k = 0; k < Loop::nodes_of_each; ++k) {
-            Vector<Number, d> at;
-            for (int a = d - 1, rest = k; a >= 0; --a, rest /= Cell::width)
-                at[a] = Number(rest % Cell::width);
-            std::size_t const place = Loop::place(p, k);
-            NodeOfPoint<Number>& there = surface.stencils[place];
-            NodeAtSurface<Number, d> const& node = surface.nodes[there.node];
-            all += at * there.weight;
-            there.weight *= min(node.mass * per_light, Number(1));
-            support += there.weight;
-            reached += at * there.weight;
-            if (node.mass > 0)
-                surface.points_of_nodes[node.begin + surface.ranks[place]] = {static_cast<std::uint32_t>(p),
-                                                                              there.weight};
-            else
-                there.node = NodeOfPoint<Number>::none;
-        }
-        point.support = support;
-        if (support > 0 && !point.is_deep) point.arm += (reached * (1 / support) - all) * cell_size;
+        this->for_each_node(p, [&](int, Number weight, std::uint32_t node) {
+            Number const inverse = surface.velocities[node].number;
+            mean += weight / (inverse > 0 ? inverse : std::numeric_limits<Number>::max());
+        });
+        SurfacePoint<Number, d>& point = surface.points[p];
         if (auto const* const before = surface.before.find(point))
             point.impulse = point.allowed(Vector<Number, d>(before->impulse * longer));
-        surface.tried[p].vector = point.impulse;
+        surface.tried[p] = {point.impulse, mean > 0 ? 1 / (mean * Number(light_node)) : Number(0)};
+    }
+};
+
+/// Points enter themselves in the lists of a row of nodes, with the weights that they have for these.
+template <class Kernel, class Number, int d>
+struct ListPoints : RowLoop<Kernel, Number, d>
+{
+    using Rows = RowLoop<Kernel, Number, d>;
+    using typename Rows::Cell;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const
+    {
+        auto const& surface = this->of;
+        std::size_t const p = Rows::point(i), place = Rows::place(p, Rows::row(i) * Cell::width);
+        if (p >= this->points) return;
+        Number const per_light = surface.tried[p].number;
+        NodeOfPoint<Number> there[std::size_t(Cell::width)];
+        std::uint32_t at[std::size_t(Cell::width)];
+        FIRN_UNROLL_ON_DEVICE
+        for (int k = 0; k < Cell::width; ++k) {
+            there[k] = surface.stencils[place + std::size_t(k) * Rows::tile];
+            at[k] = surface.lists[there[k].node].begin + surface.ranks[place + std::size_t(k) * Rows::tile];
+            Number const inverse = surface.velocities[there[k].node].number;
+            there[k].weight *= inverse > 0 ? min(per_light / inverse, Number(1)) : Number(0);
+            if (!(inverse > 0)) there[k].node = NodeOfPoint<Number>::none;
+        }
+        FIRN_UNROLL_ON_DEVICE
+        for (int k = 0; k < Cell::width; ++k) {
+            surface.stencils[place + std::size_t(k) * Rows::tile] = there[k];
+            if (there[k].node != NodeOfPoint<Number>::none)
+                surface.points_of_nodes[at[k]] = {static_cast<std::uint32_t>(p), there[k].weight};
+        }
     }
 };
 
@@ -211,27 +254,25 @@ struct GatherImpulses : PointLoop<Kernel, Number, d>
     {
         auto const& surface = this->of;
         if (i >= surface.counts->nodes) return;
-        std::uint32_t const n = surface.reached[i];
-        NodeAtSurface<Number, d>& node = surface.nodes[n];
-        Number const inverse_mass = surface.velocities[n].number;
-        if (inverse_mass > 0) {
-            double gained[std::size_t(d)]{}, weights = 0;
-            std::uint32_t const end = node.begin + node.count;
-            for (std::uint32_t at = node.begin; at < end; ++at) {
-                PointOfNode<Number> const from = surface.points_of_nodes[at];
-                auto const impulse = surface.tried[from.point].vector;
-                double const gives = double(from.weight * inverse_mass);
-                for (int a = 0; a < d; ++a) gained[a] += round(gives * double(impulse[a]));
-                if (is_first) weights += round_weight(double(from.weight));
-            }
-            if (is_first) node.weights = static_cast<Number>(weights);
-            Vector<Number, d> v;
-            for (int a = 0; a < d; ++a) v[a] = node.free[a] + static_cast<Number>(gained[a]);
-            surface.velocities[n].vector = v;
-            for (int a = 0; a < d; ++a)
-                if (is_last) by_index.value(n - 1, velocity + a) = v[a];
+        NodeAtSurface<Number, d> const node = surface.reached[i];
+        double gained[std::size_t(d)]{}, weights = 0;
+        std::uint32_t const end = node.points.begin + node.points.count;
+        FIRN_OVERLAP_ON_DEVICE
+        for (std::uint32_t at = node.points.begin; at < end; ++at) {
+            PointOfNode<Number> const from = surface.points_of_nodes[at];
+            auto const impulse = surface.tried[from.point].vector;
+            double const gives = double(from.weight * node.inverse_mass);
+            for (int a = 0; a < d; ++a) gained[a] += round(gives * double(impulse[a]));
+            if (is_first) weights += round_weight(double(from.weight));
         }
-        if (is_last) node.count = 0;
+        Vector<Number, d> v;
+        for (int a = 0; a < d; ++a) v[a] = node.free[a] + static_cast<Number>(gained[a]);
+        surface.velocities[node.node].vector = v;
+        if (is_first) surface.velocities[node.node].number = node.inverse_mass * static_cast<Number>(weights);
+        if (!is_last) return;
+        surface.lists[node.node].count = 0;
+        if (node.inverse_mass > 0)
+            for (int a = 0; a < d; ++a) by_index.value(node.node - 1, velocity + a) = v[a];
     }
 };
 
@@ -239,30 +280,46 @@ struct GatherImpulses : PointLoop<Kernel, Number, d>
 template <class Kernel, class Number, int d>
 struct SweepPoints : PointLoop<Kernel, Number, d>
 {
+    using Loop = PointLoop<Kernel, Number, d>;
+    using typename Loop::Cell;
+    Number cell_size;      ///< [m]
     Number ahead = 0;      ///< by which share of its change the next sweep starts ahead
-    bool is_first = false; ///< it finds mobilities
+    bool is_first = false; ///< it finds what the point reaches
 
     FIRN_HOST_DEVICE void operator()(std::size_t p) const
     {
         auto const& surface = this->of;
         SurfacePoint<Number, d>& point = surface.points[p];
-        if (is_first) {
-            Number mobility = 0;
-            this->for_each_node(p, [&](Number weight, std::uint32_t node) {
-                mobility += weight * surface.velocities[node].number * surface.nodes[node].weights;
-            });
-            point.mobility = mobility;
-        }
+        if (is_first) begin(p, point);
         if (!(point.mobility > 0)) return; // it reaches nothing
         Vector<Number, d> relative = point.velocity * -point.support;
-        this->for_each_node(p, [&](Number weight, std::uint32_t node) {
+        this->for_each_node(p, [&](int, Number weight, std::uint32_t node) {
             relative += surface.velocities[node].vector * weight;
         });
-        Vector<Number, d> const tried = surface.tried[p].vector;
+        VectorAndNumber<Number, d>& tried = surface.tried[p];
         Vector<Number, d> const improved =
-            point.allowed(Vector<Number, d>(tried - relative * (1 / point.mobility)));
-        surface.tried[p].vector = improved + (improved - point.impulse) * ahead;
+            point.allowed(Vector<Number, d>(tried.vector - relative * (1 / point.mobility)));
+        tried.vector = improved + (improved - point.impulse) * ahead;
         point.impulse = improved;
+    }
+
+private:
+    FIRN_HOST_DEVICE void begin(std::size_t p, SurfacePoint<Number, d>& point) const
+    {
+        Vector<Number, d> reached = zeros<Vector<Number, d>>(), offset; // the mean place of its nodes
+        Number mobility = 0, support = 0;
+        this->for_each_node(p, [&](int k, Number weight, std::uint32_t node) {
+            mobility += weight * this->of.velocities[node].number;
+            support += weight;
+            for (int a = d - 1, rest = k; a >= 0; --a, rest /= Cell::width)
+                reached[a] += weight * Number(rest % Cell::width);
+        });
+        point.mobility = mobility;
+        point.support = support;
+        if (!(support > 0) || point.is_deep) return;
+        Loop::cell_of(point, offset); // the mean of all nodes is the point, but some may have no mass
+        for (int a = 0; a < d; ++a)
+            point.arm[a] += (reached[a] / support - Number(0.5) * Kernel::degree - offset[a]) * cell_size;
     }
 };
 
@@ -311,13 +368,15 @@ void act_at_surfaces(Backend const& backend, SurfaceMemory<Backend, Number, d>& 
     Loop const loop{memory.view()};
     auto const by_index = grid.nodes_by_index();
     using Nodes = std::remove_const_t<decltype(by_index)>;
-    using FindNodes = FindNodesOfPoints<Kernel, Number, d, Nodes>;
-    backend.for_each(FindNodes::count(points),
-                     FindNodes{loop, points, by_index, smallest_mass, Sums::mass, Values::velocity});
+    using Rows = RowLoop<Kernel, Number, d>;
+    Rows const rows{loop, points};
+    backend.for_each(Rows::count(points), FindNodesOfPoints<Kernel, Number, d, Nodes>{rows, by_index});
     std::size_t const nodes = memory.most_reached(
         std::min(grid.node_count(), std::size_t(points) * std::size_t(Loop::nodes_of_each)));
-    backend.for_each(nodes, MakeRoomForPoints<Number, d>{loop.of});
-    backend.for_each(points, ListPoints<Kernel, Number, d>{loop, cell_size, longer});
+    backend.for_each(
+        nodes, BeginNodes<Number, d, Nodes>{loop.of, by_index, smallest_mass, Sums::mass, Values::velocity});
+    backend.for_each(points, BeginPoints<Kernel, Number, d>{loop, longer});
+    backend.for_each(Rows::count(points), ListPoints<Kernel, Number, d>{rows});
     // velocities to 2^-46 cells a step: one that gained more than 16 cells would fail
     GatherImpulses<Kernel, Number, d, Nodes> gather{
         loop, RoundToMultiples::of(0x1p-46 * lattice.cell_size / dt), RoundToMultiples::of(0x1p-40), by_index,
@@ -325,7 +384,7 @@ void act_at_surfaces(Backend const& backend, SurfaceMemory<Backend, Number, d>& 
     gather.is_first = true;
     backend.for_each(nodes, gather);
     gather.is_first = false;
-    SweepPoints<Kernel, Number, d> sweep{loop};
+    SweepPoints<Kernel, Number, d> sweep{loop, cell_size};
     double weight = 1;
     for (int i = 1; i <= sweeps; ++i) {
         double const next = (1 + std::sqrt(1 + 4 * weight * weight)) / 2;

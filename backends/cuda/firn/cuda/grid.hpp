@@ -218,6 +218,12 @@ public:
             std::uint32_t const n = blocks.find(block_key<d>(grid.periods.wrapped(block)));
             return n == absent ? absent : n * Shape::cells + place;
         }
+        /// The same, if the index of the node before it along the last axis is known.
+        __device__ std::uint32_t find_next(Coordinates<d> const& node, std::uint32_t before) const
+        {
+            if (((node[d - 1] + Base::reach) & (Shape::extent - 1)) == 0) return find(node);
+            return before == absent ? absent : before + 1; // in the same block
+        }
         __device__ Number sum(std::uint32_t index, int channel) const
         {
             Number sum = 0;

@@ -291,6 +291,12 @@ public:
             return static_cast<std::uint32_t>(n) * block_channel +
                    static_cast<std::uint32_t>(row * Base::Shape::along + place[d - 1]);
         }
+        /// The same, if the index of the node before it along the last axis is known.
+        std::uint32_t find_next(Coordinates<d> const& node, std::uint32_t before) const
+        {
+            if ((node[d - 1] + Base::reach) % Base::Shape::along == 0) return find(node);
+            return before == absent ? absent : before + 1; // in the same block
+        }
         Number sum(std::uint32_t index, int channel) const
         {
             int row = static_cast<int>(index % block_channel) / Base::Shape::along;

@@ -114,6 +114,7 @@ public:
             auto const found = index_.find(grid_->key(node));
             return found == index_.end() ? absent : found->second;
         }
+        std::uint32_t find_next(Coordinates<d> const& node, std::uint32_t) const { return find(node); }
         Number sum(std::uint32_t index, int channel) const
         {
             double sum = 0;
