@@ -51,14 +51,6 @@
 #define FIRN_UNROLL_ON_DEVICE
 #endif
 
-// Before a loop of a number of turns that a device is told when it runs, and that wait for memory: some of
-// them wait together.
-#if defined(__CUDA_ARCH__)
-#define FIRN_OVERLAP_ON_DEVICE _Pragma("unroll 8")
-#else
-#define FIRN_OVERLAP_ON_DEVICE
-#endif
-
 // Before a loop that is not to be unrolled on a device, where all turns at once would need too many
 // registers: few particles need it, so arrays that its turns index may lie in memory.
 #if defined(__CUDA_ARCH__)

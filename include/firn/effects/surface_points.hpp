@@ -182,8 +182,8 @@ struct SurfacePoints
     PointOfNode<Number>* points_of_nodes; ///< the points of each node, one behind the other
     NodeAtSurface<Number, d>* reached;    ///< the nodes that points reach
     PointsOfNode* lists;                  ///< by 1 + index
-    /// By 1 + index: velocities with the impulses of the last sweep [m/s]; and inverse masses, times the sum
-    /// of the weights of all points once these are known. All is 0 for the first.
+    /// By 1 + index: velocities with the impulses of the last sweep [m/s]; and masses, 0 if they are too
+    /// small for a velocity, or in sweeps the sum of the points' weights over them. All is 0 for the first.
     VectorAndNumber<Number, d>* velocities;
     PointsBefore<Number, d> before;
 };

@@ -10,7 +10,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <type_traits>
 
 // The impulses at points of surfaces, after nodes have been updated and before particles gather from them.
@@ -159,7 +158,7 @@ struct BeginNodes
         PointsOfNode& points = of.lists[node.node];
         node.points = {0, node.inverse_mass > 0 ? points.count : 0};
         node.points.begin = points.begin = next_number_of_all(of.counts->listed, node.points.count);
-        of.velocities[node.node].number = node.inverse_mass;
+        of.velocities[node.node].number = sum > smallest_mass ? sum : Number(0);
     }
 };
 
@@ -178,8 +177,7 @@ struct BeginPoints : PointLoop<Kernel, Number, d>
         auto const& surface = this->of;
         Number mean = 0;
         this->for_each_node(p, [&](int, Number weight, std::uint32_t node) {
-            Number const inverse = surface.velocities[node].number;
-            mean += weight / (inverse > 0 ? inverse : std::numeric_limits<Number>::max());
+            mean += weight * surface.velocities[node].number;
         });
         SurfacePoint<Number, d>& point = surface.points[p];
         if (auto const* const before = surface.before.find(point))
@@ -207,9 +205,9 @@ struct ListPoints : RowLoop<Kernel, Number, d>
         for (int k = 0; k < Cell::width; ++k) {
             there[k] = surface.stencils[place + std::size_t(k) * Rows::tile];
             at[k] = surface.lists[there[k].node].begin + surface.ranks[place + std::size_t(k) * Rows::tile];
-            Number const inverse = surface.velocities[there[k].node].number;
-            there[k].weight *= inverse > 0 ? min(per_light / inverse, Number(1)) : Number(0);
-            if (!(inverse > 0)) there[k].node = NodeOfPoint<Number>::none;
+            Number const mass = surface.velocities[there[k].node].number;
+            there[k].weight *= min(mass * per_light, Number(1));
+            if (!(mass > 0)) there[k].node = NodeOfPoint<Number>::none;
         }
         FIRN_UNROLL_ON_DEVICE
         for (int k = 0; k < Cell::width; ++k) {
@@ -239,6 +237,14 @@ private:
     }
 };
 
+/// Of how many points a node reads the impulses at once, so that a device waits for them together: where the
+/// surface is plane, of all.
+#if defined(FIRN_FOR_DEVICE)
+inline constexpr std::uint32_t points_at_once = 9;
+#else
+inline constexpr std::uint32_t points_at_once = 1;
+#endif
+
 /// Nodes take the velocities that the impulses of the points around them give. A node asks its points, since
 /// many of these would wait for one another if they added to it.
 template <class Kernel, class Number, int d, class Nodes>
@@ -257,13 +263,16 @@ struct GatherImpulses : PointLoop<Kernel, Number, d>
         NodeAtSurface<Number, d> const node = surface.reached[i];
         double gained[std::size_t(d)]{}, weights = 0;
         std::uint32_t const end = node.points.begin + node.points.count;
-        FIRN_OVERLAP_ON_DEVICE
-        for (std::uint32_t at = node.points.begin; at < end; ++at) {
-            PointOfNode<Number> const from = surface.points_of_nodes[at];
-            auto const impulse = surface.tried[from.point].vector;
-            double const gives = double(from.weight * node.inverse_mass);
-            for (int a = 0; a < d; ++a) gained[a] += round(gives * double(impulse[a]));
-            if (is_first) weights += round_weight(double(from.weight));
+        for (std::uint32_t first = node.points.begin; first < end; first += points_at_once) {
+            FIRN_UNROLL_ON_DEVICE
+            for (std::uint32_t k = 0; k < points_at_once; ++k) {
+                PointOfNode<Number> from = surface.points_of_nodes[first + k < end ? first + k : end - 1];
+                if (first + k >= end) from.weight = 0;
+                auto const impulse = surface.tried[from.point].vector;
+                double const gives = double(from.weight * node.inverse_mass);
+                for (int a = 0; a < d; ++a) gained[a] += round(gives * double(impulse[a]));
+                if (is_first) weights += round_weight(double(from.weight));
+            }
         }
         Vector<Number, d> v;
         for (int a = 0; a < d; ++a) v[a] = node.free[a] + static_cast<Number>(gained[a]);
