@@ -164,7 +164,7 @@ struct BeginNodes
 
 /// Below this share of the mean mass of a point's nodes a node gets less of the impulse: an impulse by the
 /// kernel's weights would throw what little lies on it away.
-inline constexpr double light_node = 0.01;
+inline constexpr double light_node = 0.0001;
 
 /// Points start from their impulses in the step before.
 template <class Kernel, class Number, int d>
@@ -357,7 +357,7 @@ struct BookImpulses
 };
 
 /// How many sweeps a step has that starts from the impulses of the step before, and one that does not.
-inline constexpr int sweeps_that_go_on = 3, sweeps_from_nothing = 40;
+inline constexpr int sweeps_that_go_on = 3, sweeps_from_nothing = 20;
 
 /// Lets the obstacles of a call that act at their surface act on nodes that have been updated. `points` are
 /// those that were found before.
