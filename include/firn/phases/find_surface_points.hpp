@@ -2,7 +2,6 @@
 #pragma once
 
 #include <firn/core/cell_work.hpp>
-#include <firn/core/error.hpp>
 #include <firn/effects/chain.hpp>
 #include <firn/effects/surface_points.hpp>
 #include <firn/phases/scatter.hpp>
@@ -231,29 +230,5 @@ private:
             static_cast<Number>(min(contact.friction, double(std::numeric_limits<Number>::max())));
     }
 };
-
-/// Finds the points at which the obstacles of a call that act at their surface act in a step; returns how
-/// many there are.
-template <class Space, class Kernel, class Transfer, class Effects, class Backend, class Memory, class Orders,
-          class Grid>
-std::uint32_t find_surface_points(Backend const& backend, Memory& memory, Orders const& orders, Grid& grid,
-                                  StepContext<typename Space::Scalar, Effects> const* now,
-                                  Lattice const& lattice, typename Space::Scalar smallest_mass)
-{
-    memory.begin_step();
-    for (;;) {
-        memory.begin();
-        auto const found = memory.view();
-        backend.for_each_node(
-            orders, grid,
-            FindCandidates<Space, Kernel, Transfer, Effects>{now, lattice, smallest_mass, found});
-        backend.for_each(memory.most_candidates(),
-                         FindSurfacePoints<Space, Kernel, Transfer, Effects>{now, lattice, found});
-        SurfaceCounts const counts = memory.counted();
-        require(counts.points < (std::uint32_t(1) << 26), "more than 6e7 points of surfaces meet material",
-                "Obstacles", "Take larger cells, or obstacles that act on nodes.");
-        if (memory.had_room(counts)) return counts.points;
-    }
-}
 
 } // namespace firn

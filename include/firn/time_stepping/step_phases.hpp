@@ -4,60 +4,22 @@
 #include <firn/core/host_device.hpp>
 #include <firn/effects/groups.hpp>
 #include <firn/particles/material_sets.hpp>
-#include <firn/phases/find_surface_points.hpp>
 #include <firn/phases/g2p2g.hpp>
-#include <firn/phases/surface_contact.hpp>
+#include <firn/time_stepping/act_at_surfaces.hpp>
+#include <firn/time_stepping/find_shifts.hpp>
 #include <firn/time_stepping/finish_step.hpp>
 #include <firn/time_stepping/grid_state.hpp>
-#include <firn/time_stepping/typed_storage.hpp>
-#include <firn/time_stepping/volume_keeping.hpp>
+#include <firn/time_stepping/step_scene.hpp>
 
-#include <algorithm>
 #include <array>
-#include <cassert>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <tuple>
 #include <type_traits>
 #include <utility>
-#include <vector>
 
 namespace firn
 {
-
-/// What steps change, and the values they need for it.
-template <class Backend, class Sets, class Kernel, class Transfer>
-struct StepScene
-{
-    Sets& sets;
-    GridState<Backend, Sets, Kernel, Transfer>& grid_state;
-    TimeState& time_state;
-    double mass_unit;                                ///< of masses [kg]
-    typename Sets::Space::Scalar smallest_node_mass; ///< below it a node's momentum is rounding [mass units]
-    bool may_lose_particles;                         ///< after a failed step
-    /// of the call's effects
-    std::vector<GroupMemory<Backend, typename Sets::Space::Scalar, Sets::Space::dimension>*> const& groups;
-};
-
-/// What steps use from one call to the next: where they run, and the memory of their plain values.
-template <class Backend, class Sets, class Transfer>
-struct StepMemory
-{
-    StepMemory(Lattice where, Transfer const& scheme, Backend const& on)
-        : lattice(where), transfer(scheme), backend(on), storage(on), volumes(on)
-    {}
-
-    Lattice lattice;
-    Transfer transfer;
-    Backend backend;
-    TypedStorage<Backend> storage;
-    std::conditional_t<Sets::keep_volume, VolumeKeeping<Backend, typename Sets::Space, Sets::count>,
-                       NoVolumeKeeping>
-        volumes;
-    int turn = 0;               ///< which of the two contexts the next step reads
-    bool nodes_spoiled = false; ///< the last step failed: nodes lack the velocities of the last good one
-};
 
 /// The steps of one batch: the phases that a backend runs for each of them, and the host's part before and
 /// after. A batch is one step, or as many as a backend queues. Steps are counted from 0 on. StepDriver shows
@@ -122,44 +84,14 @@ public:
     }
 
     /// Finds how far the particles of a fluid are to be moved in the first step, so that it keeps its volume:
-    /// in the steps that correct it, and for other materials never. See keep_volume.hpp.
+    /// in the steps that correct it, and for other materials never.
     void find_shifts()
     {
         if constexpr (Sets::keep_volume) {
-            static_assert(Actions::obstacles == 0 && Actions::groups == 0 &&
-                              Actions::groups_on_particles <= Actions::groups_at_surface,
-                          "a fluid that keeps its volume needs obstacles that act at their surface: pass "
-                          "Obstacles<Shape, ActsOn::surface>");
-            static_assert(!Sets::are_bodies, "Bodies know no fluid that keeps its volume: choose Fluid");
             if (!memory_.volumes.is_due()) return;
             // obstacles are placed to find the room beside them; update_grid() begins the step with them anew
             for_each_group([&](auto& group) { group.begin(begun(0)); });
-            grid().swap(); // volumes take the room of the next step's sums
-            Sets::for_each([&](auto k) {
-                auto layer = grid().layer(k);
-                auto& table = particles<k>();
-                memory_.backend.for_each_cell(
-                    table.cells(), layer,
-                    ScatterVolumes<Space, typename MaterialTraits<k>::Model, Kernel,
-                                   typename MaterialTraits<k>::Stored>{
-                        scene_.sets.template model<k>(), table.current(), table.mass_groups(),
-                        static_cast<Number>(scene_.mass_unit / std::pow(memory_.lattice.cell_size, d))});
-            });
-            memory_.volumes.solve(grid(), sweeps(), [&](auto const& nodes) {
-                memory_.backend.for_each_node(
-                    orders(), grid(), FindVolumes<Space, Kernel, Actions>{now(0), memory_.lattice, nodes});
-            });
-            grid().swap();
-            Sets::for_each([&](auto k) {
-                if constexpr (KeepsItsVolume<typename MaterialTraits<k>::Model>) {
-                    auto layer = grid().layer(k);
-                    auto& table = particles<k>();
-                    memory_.backend.for_each_cell(
-                        table.cells(), layer,
-                        GatherShifts<Space, Kernel, typename MaterialTraits<k>::Stored>{
-                            table.current(), memory_.volumes.shifts(k, table.size())});
-                }
-            });
+            firn::find_shifts(memory_, scene_, now(0));
         }
     }
 
@@ -167,17 +99,16 @@ public:
     /// at their surface. Returns the reactions of obstacles, or a handle to them.
     auto update_grid(int step)
     {
+        constexpr bool at_surfaces = Actions::groups_at_surface > 0;
         for_each_group([&](auto& group) { group.begin(begun(step)); });
         scene_.grid_state.extend_velocities(scene_.sets, scene_.smallest_node_mass);
-        std::uint32_t const points = find_surface_points(step);
+        [[maybe_unused]] std::uint32_t points = 0;
+        if constexpr (at_surfaces) points = find_surface_points(memory_, scene_, now(step));
         auto reactions = memory_.backend.for_each_node(
             orders(), grid(),
             scene_.grid_state.grid_update(scene_.sets, now(step), scene_.smallest_node_mass, scene_.mass_unit,
                                           true));
-        if constexpr (Actions::groups_at_surface > 0)
-            act_at_surfaces<Kernel, Transfer>(memory_.backend, surface(), points, grid(), now(step),
-                                              memory_.lattice, scene_.time_state.now.interval.length(),
-                                              scene_.smallest_node_mass);
+        if constexpr (at_surfaces) act_at_surfaces(memory_, scene_, points, now(step));
         return reactions;
     }
 
@@ -291,34 +222,6 @@ private:
         if constexpr (detail::has_groups<Effects>)
             for (auto* const group : scene_.groups) use(*group);
     }
-    /// The memory of the obstacles that act at their surface.
-    SurfaceMemory<Backend, Number, d>& surface() const
-    {
-        SurfaceMemory<Backend, Number, d>* memory = nullptr;
-        for (auto* const group : scene_.groups)
-            if (memory == nullptr) memory = group->surface();
-        assert(memory != nullptr && "the list that acts at its surface has it");
-        return *memory;
-    }
-    /// Finds the points at which obstacles act in a step; returns how many there are.
-    std::uint32_t find_surface_points([[maybe_unused]] int step)
-    {
-        if constexpr (Actions::groups_at_surface > 0) {
-            static_assert(
-                Actions::groups_at_surface == 1,
-                "two arguments act at their surface: make them one list, since obstacles that touch "
-                "have one surface");
-            static_assert(Actions::walls == 0, "a ReflectingWall goes with no obstacles that act at their "
-                                               "surface: make it a HalfSpace in their list");
-            static_assert(!Sets::are_bodies, "Bodies know no obstacles that act at their surface: choose "
-                                             "Obstacles<Shape>");
-            return firn::find_surface_points<Space, Kernel, Transfer>(memory_.backend, surface(), orders(),
-                                                                      grid(), now(step), memory_.lattice,
-                                                                      scene_.smallest_node_mass);
-        }
-        else
-            return 0;
-    }
     BegunStep begun(int step) const
     {
         return {step, &log_[step].after.time_state.now.interval, step > 0 ? &log_[step].taken : nullptr};
@@ -356,16 +259,6 @@ private:
             if (step == 0 && memory_.volumes.is_due())
                 shifts = memory_.volumes.shifts(k, particles<k>().size());
         return shifts;
-    }
-    /// The most sweeps that a material asks for.
-    int sweeps() const
-    {
-        int most = 0;
-        Sets::for_each([&](auto k) {
-            if constexpr (KeepsItsVolume<typename MaterialTraits<k>::Model>)
-                most = std::max(most, scene_.sets.template model<k>().sweeps);
-        });
-        return most;
     }
     template <std::size_t... k>
     auto layers(std::index_sequence<k...>) const

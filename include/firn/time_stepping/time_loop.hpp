@@ -37,24 +37,6 @@ struct FullPace
     static void tell(double /*time*/, double /*end*/, AdvanceReport const&) {}
 };
 
-namespace detail
-{
-/// The time [s] between two corrections of the volume of fluids that keep it.
-template <class Sets, class Scene>
-double volume_interval(Scene const& scene)
-{
-    double least = std::numeric_limits<double>::infinity();
-    Sets::for_each([&](auto k) {
-        if constexpr (KeepsItsVolume<typename Sets::template MaterialTraits<k>::Model>) {
-            double const modulus = scene.sets.template response_at_rest<k>().wave_modulus;
-            least = std::min(least, double(scene.sets.template model<k>().interval) *
-                                        scene.lattice.cell_size / scene.sets.template wave_speed<k>(modulus));
-        }
-    });
-    return least;
-}
-} // namespace detail
-
 /// Advances a scene in time: chooses steps, has them taken, retries failed ones with half their length, and
 /// removes particles where that is allowed. `Scene` is a SceneState, the same in every call.
 template <class Scene>
@@ -235,7 +217,7 @@ private:
         if constexpr (Sets::keep_volume)
             at_once = memory_.volumes.steps_at_once(at_once, next_.time_state.time,
                                                     next_.time_state.now.interval.length(),
-                                                    detail::volume_interval<Sets>(scene));
+                                                    volume_interval(scene.sets, scene.lattice.cell_size));
         // outside of the change: this may run out of memory before the scene changes
         typename Driver::template Steps<Effects> steps(memory_, parts, controller, effects, at_once);
         StepLog const* log = nullptr;

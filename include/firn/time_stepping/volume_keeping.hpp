@@ -9,6 +9,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <optional>
 #include <type_traits>
 
@@ -114,6 +115,34 @@ private:
     std::array<std::optional<Shifts>, materials> shifts_;
     std::array<std::size_t, materials> size_{};
 };
+
+/// The time [s] between two corrections, for the material of these that asks for the shortest, in cells of
+/// this size [m].
+template <class Sets>
+double volume_interval(Sets const& sets, double cell_size)
+{
+    double least = std::numeric_limits<double>::infinity();
+    Sets::for_each([&](auto k) {
+        if constexpr (KeepsItsVolume<typename Sets::template MaterialTraits<k>::Model>) {
+            double const modulus = sets.template response_at_rest<k>().wave_modulus;
+            least = std::min(least, double(sets.template model<k>().interval) * cell_size /
+                                        sets.template wave_speed<k>(modulus));
+        }
+    });
+    return least;
+}
+
+/// The most sweeps that one of these materials asks for.
+template <class Sets>
+int most_sweeps(Sets const& sets)
+{
+    int most = 0;
+    Sets::for_each([&](auto k) {
+        if constexpr (KeepsItsVolume<typename Sets::template MaterialTraits<k>::Model>)
+            most = std::max(most, sets.template model<k>().sweeps);
+    });
+    return most;
+}
 
 /// Where no material keeps its volume.
 struct NoVolumeKeeping

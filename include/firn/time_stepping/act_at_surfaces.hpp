@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/error.hpp>
+#include <firn/effects/surface_memory.hpp>
+#include <firn/phases/find_surface_points.hpp>
+#include <firn/phases/step_context.hpp>
+#include <firn/phases/surface_contact.hpp>
+#include <firn/time_stepping/step_scene.hpp>
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <type_traits>
+
+// The part of a step that obstacles have which act at their surface: their points are found before nodes are
+// updated, and their impulses afterwards. See phases/surface_contact.hpp.
+namespace firn
+{
+
+/// How many sweeps a step has that starts from the impulses of the step before, and one that does not.
+inline constexpr int sweeps_that_go_on = 3, sweeps_from_nothing = 20;
+
+/// The memory of the obstacles of a call that act at their surface.
+template <class Backend, class Sets, class Kernel, class Transfer>
+auto& surface_memory(StepScene<Backend, Sets, Kernel, Transfer> const& scene)
+{
+    SurfaceMemory<Backend, typename Sets::Space::Scalar, Sets::Space::dimension>* memory = nullptr;
+    for (auto* const group : scene.groups)
+        if (memory == nullptr) memory = group->surface();
+    assert(memory != nullptr && "the list that acts at its surface has it");
+    return *memory;
+}
+
+/// Finds the points of surfaces that nodes meet in a step. Returns how many there are.
+template <class Backend, class Sets, class Kernel, class Transfer, class Actions>
+std::uint32_t find_surface_points(StepMemory<Backend, Sets, Transfer> const& memory,
+                                  StepScene<Backend, Sets, Kernel, Transfer> const& scene,
+                                  StepContext<typename Sets::Space::Scalar, Actions> const* now)
+{
+    static_assert(Actions::groups_at_surface == 1,
+                  "two arguments act at their surface: make them one list, since obstacles that touch have "
+                  "one surface");
+    static_assert(Actions::walls == 0, "a ReflectingWall goes with no obstacles that act at their surface: "
+                                       "make it a HalfSpace in their list");
+    static_assert(!Sets::are_bodies, "Bodies know no obstacles that act at their surface: choose "
+                                     "Obstacles<Shape>");
+    using Space = typename Sets::Space;
+    auto& surface = surface_memory(scene);
+    surface.begin_step();
+    for (;;) {
+        surface.begin();
+        auto const found = surface.view();
+        memory.backend.for_each_node(scene.sets.orders(), scene.grid_state.grid(),
+                                     FindCandidates<Space, Kernel, Transfer, Actions>{
+                                         now, memory.lattice, scene.smallest_node_mass, found});
+        memory.backend.for_each(
+            surface.most_candidates(),
+            FindSurfacePoints<Space, Kernel, Transfer, Actions>{now, memory.lattice, found});
+        SurfaceCounts const counts = surface.counted();
+        require(counts.points < (std::uint32_t(1) << 26), "more than 6e7 points of surfaces meet material",
+                "Obstacles", "Take larger cells, or obstacles that act on nodes.");
+        if (surface.had_room(counts)) return counts.points;
+    }
+}
+
+/// Lets these obstacles act on nodes that have been updated, at the points that were found before.
+template <class Backend, class Sets, class Kernel, class Transfer, class Actions>
+void act_at_surfaces(StepMemory<Backend, Sets, Transfer> const& memory,
+                     StepScene<Backend, Sets, Kernel, Transfer> const& scene, std::uint32_t points,
+                     StepContext<typename Sets::Space::Scalar, Actions> const* now)
+{
+    using Number = typename Sets::Space::Scalar;
+    constexpr int d = Sets::Space::dimension;
+    using Values = NodeValues<d, ValuesOf<Transfer>>;
+    using Sums = NodeSums<d, SumsOf<Transfer>>;
+    using Loop = PointLoop<Kernel, Number, d>;
+    auto const& backend = memory.backend;
+    auto& grid = scene.grid_state.grid();
+    auto& surface = surface_memory(scene);
+    double const dt = scene.time_state.now.interval.length();
+    int const sweeps = surface.goes_on() ? sweeps_that_go_on : sweeps_from_nothing;
+    auto const longer = static_cast<Number>(dt / surface.dt_before()),
+               cell_size = static_cast<Number>(memory.lattice.cell_size);
+    surface.end_step(points, dt);
+    if (points == 0) return;
+    surface.make_room(points, std::size_t(Loop::nodes_of_each), grid.node_count());
+    Loop const loop{surface.view()};
+    auto const by_index = grid.nodes_by_index();
+    using Nodes = std::remove_const_t<decltype(by_index)>;
+    using Rows = RowLoop<Kernel, Number, d>;
+    Rows const rows{loop, points};
+    backend.for_each(Rows::count(points), FindNodesOfPoints<Kernel, Number, d, Nodes>{rows, by_index});
+    std::size_t const nodes = surface.most_reached(
+        std::min(grid.node_count(), std::size_t(points) * std::size_t(Loop::nodes_of_each)));
+    backend.for_each(nodes, BeginNodes<Number, d, Nodes>{loop.of, by_index, scene.smallest_node_mass,
+                                                         Sums::mass, Values::velocity});
+    backend.for_each(points, BeginPoints<Kernel, Number, d>{loop, longer});
+    backend.for_each(Rows::count(points), ListPoints<Kernel, Number, d>{rows});
+    GatherImpulses<Kernel, Number, d, Nodes> gather{
+        loop, RoundToMultiples::of(0x1p-46 * memory.lattice.cell_size / dt), RoundToMultiples::of(0x1p-40),
+        by_index, Values::velocity};
+    gather.is_first = true;
+    backend.for_each(nodes, gather);
+    gather.is_first = false;
+    SweepPoints<Kernel, Number, d> sweep{loop, cell_size};
+    double weight = 1;
+    for (int i = 1; i <= sweeps; ++i) {
+        double const next = (1 + std::sqrt(1 + 4 * weight * weight)) / 2;
+        sweep.is_first = i == 1;
+        gather.is_last = i == sweeps;
+        sweep.ahead = gather.is_last ? Number(0) : static_cast<Number>((weight - 1) / next);
+        backend.for_each(points, sweep);
+        backend.for_each(nodes, gather);
+        weight = next;
+    }
+    backend.for_each(points, BookImpulses<Number, d, StepContext<Number, Actions>>{loop.of.points, now});
+}
+
+} // namespace firn
