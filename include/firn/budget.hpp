@@ -3,7 +3,7 @@
 
 #include <firn/core/error.hpp>
 #include <firn/core/finite.hpp>
-#include <firn/time_stepping/report.hpp>
+#include <firn/time_stepping/pace.hpp>
 
 #include <algorithm>
 #include <chrono>

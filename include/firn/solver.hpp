@@ -18,7 +18,7 @@
 #include <firn/state/save_restore.hpp>
 #include <firn/state/snapshot.hpp>
 #include <firn/time_stepping/durations.hpp>
-#include <firn/time_stepping/report.hpp>
+#include <firn/time_stepping/pace.hpp>
 #include <firn/time_stepping/scene_state.hpp>
 #include <firn/time_stepping/scene_totals.hpp>
 #include <firn/time_stepping/time_loop.hpp>

@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <type_traits>
 #include <vector>
 
 // Effects that stand for any number of obstacles (see Obstacles) need memory where the steps run: for the
@@ -99,10 +100,32 @@ public:
         for (Group const* const group : of_call_) steps = std::min(steps, group->most_steps());
         return steps;
     }
-    /// See GroupMemory; for the group in this place among those of the call.
-    void append(std::size_t place, std::vector<Reaction>& to, double factor)
+
+    /// How many obstacles the effects of the call are.
+    template <class... Effects>
+    std::size_t count_obstacles() const
     {
-        of_call_[place]->append(to, factor);
+        std::size_t count = 0;
+        for (Group const* const group : of_call_) count += group->size();
+        [[maybe_unused]] auto const add = [&]<class Action>(std::type_identity<Action>) {
+            count += !is_group<Action> && is_obstacle<Action> ? 1 : 0;
+        };
+        (add(std::type_identity<detail::ActionOf<Effects, Number, d>>{}), ...);
+        return count;
+    }
+    /// Appends what each of them received in a step, times a factor: `single` has those that are no group's,
+    /// and groups have the others, in the order of steps.
+    template <class... Effects, int obstacles>
+    void append_reactions(Reactions<obstacles> const& single, double factor, std::vector<Reaction>& to) const
+    {
+        [[maybe_unused]] std::size_t next_single = 0, next_group = 0;
+        [[maybe_unused]] auto const append = [&]<class Action>(std::type_identity<Action>) {
+            if constexpr (is_group<Action>)
+                of_call_[next_group++]->append(to, factor);
+            else if constexpr (is_obstacle<Action>)
+                to.push_back(single.of[next_single++] * factor);
+        };
+        (append(std::type_identity<detail::ActionOf<Effects, Number, d>>{}), ...);
     }
 
 private:

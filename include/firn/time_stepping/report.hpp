@@ -35,14 +35,6 @@ enum class StoppedBy
     cancel,  ///< Budget::cancelled
 };
 
-/// What a call of Solver::advance may spend; `Pace` keeps to it (see FullPace). The library's is Budget.
-template <class T>
-concept StepBudget = requires(T const budget)
-{
-    typename T::Pace;
-    budget.validate();
-};
-
 /// What a call of Solver::advance did.
 struct AdvanceReport
 {

@@ -15,27 +15,14 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <limits>
 #include <numeric>
 #include <optional>
 #include <string>
-#include <type_traits>
 #include <utility>
 #include <vector>
 
 namespace firn
 {
-
-/// The pace of a call without a budget: all steps, the last one cut to end with the duration.
-struct FullPace
-{
-    static constexpr bool cuts_last_step() { return true; }
-    static constexpr StoppedBy stopped_by() { return StoppedBy::nothing; }
-    /// How many steps may come next; 0: the call ends.
-    static std::size_t steps_allowed(AdvanceReport const&) { return std::numeric_limits<std::size_t>::max(); }
-    /// After some steps.
-    static void tell(double /*time*/, double /*end*/, AdvanceReport const&) {}
-};
 
 /// Advances a scene in time: chooses steps, has them taken, retries failed ones with half their length, and
 /// removes particles where that is allowed. `Scene` is a SceneState, the same in every call.
@@ -143,9 +130,9 @@ public:
         scene.begin_call();
         if constexpr (Sets::keep_volume) memory_.volumes.begin_call();
         AdvanceReport all;
-        all.reactions.resize(count_obstacles<Effects...>()); // also if no step fits
-        StepReport of_step;                                  // reused, so that its lists are allocated once
-        StepLog failed; // the step that is being repeated, if next_.time_state.retries > 0
+        all.reactions.resize(groups_.template count_obstacles<Effects...>()); // also if no step fits
+        StepReport of_step; // reused, so that its lists are allocated once
+        StepLog failed;     // the step that is being repeated, if next_.time_state.retries > 0
         auto const get_on = [&](std::size_t allowed) { // returns false where a whole step does not fit
             if (!next_.time_state.ready) next_.choose(scene, controller);
             if (!controller.gets_on(next_.time_state)) {
@@ -231,19 +218,6 @@ private:
         return *log;
     }
 
-    /// How many obstacles the effects of the call are.
-    template <class... Effects>
-    std::size_t count_obstacles() const
-    {
-        std::size_t count = 0;
-        for (auto const* const group : groups_.of_call()) count += group->size();
-        [[maybe_unused]] auto const add = [&]<class Action>(std::type_identity<Action>) {
-            count += !is_group<Action> && is_obstacle<Action> ? 1 : 0;
-        };
-        (add(std::type_identity<detail::ActionOf<Effects, Number, d>>{}), ...);
-        return count;
-    }
-
     /// Overwrites a report with a record; the report may have been another step's.
     template <class... Effects, class Record>
     void describe(Record const& record, double mass_unit, StepReport& report)
@@ -254,14 +228,7 @@ private:
         report.capped_of.assign(record.capped.begin(), record.capped.end());
         report.capped = std::accumulate(record.capped.begin(), record.capped.end(), std::uint64_t(0));
         report.reactions.clear();
-        [[maybe_unused]] std::size_t obstacles = 0, groups = 0;
-        [[maybe_unused]] auto const append = [&]<class Action>(std::type_identity<Action>) {
-            if constexpr (is_group<Action>)
-                groups_.append(groups++, report.reactions, mass_unit);
-            else if constexpr (is_obstacle<Action>)
-                report.reactions.push_back(record.reactions.of[obstacles++] * mass_unit);
-        };
-        (append(std::type_identity<detail::ActionOf<Effects, Number, d>>{}), ...);
+        groups_.template append_reactions<Effects...>(record.reactions, mass_unit, report.reactions);
     }
 
     /// Where the chosen step is too short to advance time: repeated halving did not prevent the failure of
