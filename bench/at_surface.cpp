@@ -3,13 +3,12 @@
 // bar between three walls, where a large part of the cells touches one of them.
 //     at_surface [rounds]
 // Prints medians of milliseconds per step, and their ratio. The same file is compiled for a device.
-#include "on_each_backend.hpp"
+#include "block.hpp"
 #include "timing.hpp"
 
 #include <firn/effects/obstacles.hpp>
 
 #include <chrono>
-#include <cmath>
 #include <cstddef>
 #include <cstdio>
 #include <cstdlib>
@@ -20,25 +19,13 @@ using namespace firn;
 namespace
 {
 
-using SolverOfBench = Solver<bench::Backend, NeoHookean<Space<3, float>>>;
-double const h = 0.05;
+using bench::h, bench::side;
 constexpr std::size_t steps_of_call = 40;
-
-SolverOfBench block(int x, int y, int z)
-{
-    std::vector<Eigen::Vector3d> points;
-    for (int i = 0; i < x; ++i)
-        for (int j = 0; j < y; ++j)
-            for (int k = 0; k < z; ++k) points.push_back(h / 2 * Eigen::Vector3d(i + 0.5, j + 0.5, k + 0.5));
-    SolverOfBench solver(lattice(h), {}, {}, {}, bench::backend());
-    solver.add(points, std::pow(h / 2, 3));
-    return solver;
-}
 
 void compare(char const* name, int x, int y, int z, std::vector<Obstacle<AnyShape<>>> const& walls,
              int rounds)
 {
-    SolverOfBench by_nodes = block(x, y, z), by_points = block(x, y, z);
+    auto by_nodes = bench::block(x, y, z), by_points = bench::block(x, y, z);
     Obstacles<> const on_nodes{walls};
     Obstacles<AnyShape<>, ActsOn::surface> const at_surface{walls};
     double const dt = 0.5 * by_nodes.stable_step(Gravity{}, on_nodes);
@@ -62,7 +49,7 @@ void compare(char const* name, int x, int y, int z, std::vector<Obstacle<AnyShap
 
 int main(int argc, char** argv)
 {
-    int const rounds = argc > 1 ? std::atoi(argv[1]) : 9, side = bench::on_a_device ? 128 : 64;
+    int const rounds = argc > 1 ? std::atoi(argv[1]) : 9;
     Obstacle<AnyShape<>> const floor{.shape = HalfSpace{}};
     auto const wall = [](double towards, double z) {
         return Obstacle<AnyShape<>>{.shape = HalfSpace{{0, 0, towards}}, .motion = {.position = {0, 0, z}}};

@@ -5,7 +5,7 @@
 //     deforming [rounds]
 // Prints medians of milliseconds per step, and their ratio to the first, then of each rebuilding. The same
 // file is compiled for a device, without the latter.
-#include "on_each_backend.hpp"
+#include "block.hpp"
 #include "timing.hpp"
 
 #include <firn/effects/obstacles.hpp>
@@ -26,23 +26,9 @@ using namespace firn;
 namespace
 {
 
-using bench::Backend;
-int const side = bench::on_a_device ? 128 : 64; // particles along two of the axes; half of it along the third
-using SolverOfBench = Solver<Backend, NeoHookean<Space<3, float>>>;
+using bench::Backend, bench::h, bench::side;
 
-double const h = 0.05, radius = 0.4, frame = 1e9; // [m], [s]: it hardly moves while steps are timed
-
-SolverOfBench block()
-{
-    std::vector<Eigen::Vector3d> points;
-    for (int i = 0; i < side; ++i)
-        for (int j = 0; j < side / 2; ++j)
-            for (int k = 0; k < side; ++k)
-                points.push_back(h / 2 * Eigen::Vector3d(i + 0.5, j + 0.5, k + 0.5));
-    SolverOfBench solver(lattice(h), {}, {}, {}, bench::backend());
-    solver.add(points, std::pow(h / 2, 3));
-    return solver;
-}
+double const radius = 0.4, frame = 1e9; // [m], [s]: it hardly moves while steps are timed
 
 /// A ball on a grid whose cells are those of the scene, around the origin.
 SignedDistanceGrid<float, 3> ball_on_grid()
@@ -129,7 +115,8 @@ int main(int argc, char** argv)
     Obstacle<std::decay_t<decltype(rigid)>> const on_grid{.shape = rigid, .motion = place};
     Obstacle<std::decay_t<decltype(soft)>> const deforming{.shape = soft, .motion = place};
     Obstacles<std::decay_t<decltype(soft)>> const list{{deforming}};
-    SolverOfBench with_ball = block(), with_grid = block(), with_deforming = block(), with_list = block();
+    auto const block = [] { return bench::block(side, side / 2, side); };
+    auto with_ball = block(), with_grid = block(), with_deforming = block(), with_list = block();
     double const dt = 0.5 * with_ball.stable_step(Gravity{}, ball);
     std::vector<double> seconds[4];
     for (int i = 0; i < rounds; ++i) {

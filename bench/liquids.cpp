@@ -5,7 +5,7 @@
 // over so many seconds (10); then of water that is shaken by half of gravity for five seconds and left alone
 // for as long. The level is the mean height over the right one less what the water's kinetic energy could
 // raise it by. Then, in space, medians of milliseconds per step by turns (9 rounds).
-#include "on_each_backend.hpp"
+#include "block.hpp"
 #include "tank.hpp"
 #include "timing.hpp"
 
@@ -64,27 +64,12 @@ void sloshed(char const* name, double seconds)
     std::printf("\n");
 }
 
-template <class Model>
-auto block(int side)
-{
-    double const h = 0.05;
-    std::vector<Eigen::Vector3d> points;
-    for (int i = 0; i < side; ++i)
-        for (int j = 0; j < side; ++j)
-            for (int k = 0; k < side; ++k)
-                points.push_back(h / 2 * Eigen::Vector3d(i + 0.5, j + 0.5, k + 0.5));
-    Solver<bench::Backend, Model> solver(lattice(h), materials::water<Space<3, float>>(), {}, {},
-                                         bench::backend());
-    solver.add(points, std::pow(h / 2, 3));
-    return solver;
-}
-
 void cost(int rounds)
 {
-    using Water = Fluid<Space<3, float>>;
-    int const side = bench::on_a_device ? 128 : 64;
-    auto plain = block<Water>(side);
-    auto kept = block<KeepsVolume<Water>>(side);
+    auto const water = materials::water<Space<3, float>>();
+    using bench::side;
+    auto plain = bench::block(side, side, side, water);
+    auto kept = bench::block<KeepsVolume<Fluid<Space<3, float>>>>(side, side, side, water);
     Obstacles<AnyShape<>, ActsOn::surface> floor;
     floor.list.push_back({.shape = HalfSpace{}});
     double const dt =

@@ -4,40 +4,17 @@
 //     many_obstacles [rounds]
 // Prints medians of milliseconds per step, and their ratio to the first. The same file is compiled for a
 // device.
-#include "on_each_backend.hpp"
+#include "block.hpp"
 #include "timing.hpp"
 
 #include <firn/effects/obstacles.hpp>
 
-#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <vector>
 
 using namespace firn;
-
-namespace
-{
-
-using bench::Backend;
-int const side = bench::on_a_device ? 128 : 64; // particles along two of the axes; half of it along the third
-using SolverOfBench = Solver<Backend, NeoHookean<Space<3, float>>>;
-
-double const h = 0.05;
-
-SolverOfBench block()
-{
-    std::vector<Eigen::Vector3d> points;
-    for (int i = 0; i < side; ++i)
-        for (int j = 0; j < side / 2; ++j)
-            for (int k = 0; k < side; ++k)
-                points.push_back(h / 2 * Eigen::Vector3d(i + 0.5, j + 0.5, k + 0.5));
-    SolverOfBench solver(lattice(h), {}, {}, {}, bench::backend());
-    solver.add(points, std::pow(h / 2, 3));
-    return solver;
-}
-
-} // namespace
+using bench::h, bench::side;
 
 int main(int argc, char** argv)
 {
@@ -56,7 +33,8 @@ int main(int argc, char** argv)
                         .angular_velocity = {0, 1, 0}}});
     Obstacles<AnyShape<>, ActsOn::particles> hard{all.list};
     for (auto& obstacle : hard.list) obstacle.on_particles = true;
-    SolverOfBench apart = block(), together = block(), crowded = block(), pushed = block();
+    auto const block = [] { return bench::block(side, side / 2, side); };
+    auto apart = block(), together = block(), crowded = block(), pushed = block();
     double const dt = 0.5 * apart.stable_step(Gravity{}, ground, ball);
     std::vector<double> seconds[4];
     for (int i = 0; i < rounds; ++i) {

@@ -42,23 +42,23 @@ public:
           model_(materials::water<Plane>(setting.fastest)),
           water_(lattice(setting.h), model_, {}, {}, backend())
     {
-        auto const [h, depth, side] = std::array{setting.h, setting.depth, setting.half_width};
+        auto const [cell, depth, half] = std::array{setting.h, setting.depth, setting.half_width};
         Eigen::Vector2d const middle(0, depth / 2);
         std::vector<Eigen::Vector2d> points;
         std::vector<double> log_J;
-        for (double x = -side + h / 4; x < side; x += h / 2)
-            for (double y = h / 4; y < depth; y += h / 2) {
+        for (double x = -half + cell / 4; x < half; x += cell / 2)
+            for (double y = cell / 4; y < depth; y += cell / 2) {
                 Eigen::Vector2d const own(x, y);
                 if ((own - middle).norm() < setting.radius) continue;
                 points.push_back(turn_ * own + origin_);
                 log_J.push_back(-std::log1p(model_.exponent * pressure_at(y) / model_.bulk_modulus) /
                                 model_.exponent);
             }
-        water_.add(points, h * h / 4);
+        water_.add(points, cell * cell / 4);
         water_.template upload<LogVolumeRatio>(log_J);
         add_wall({0, 1}, {0, 0});
-        add_wall({1, 0}, {-side, 0});
-        add_wall({-1, 0}, {side, 0});
+        add_wall({1, 0}, {-half, 0});
+        add_wall({-1, 0}, {half, 0});
         if (setting.radius > 0)
             walls_.list.push_back({.shape = Sphere{setting.radius},
                                    .motion = {.position = in_space(turn_ * middle + origin_)},

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "catch.hpp"
 #include "support/policies.hpp"
 
 #include <firn/effects/obstacles.hpp>
@@ -100,5 +101,22 @@ public:
     Solver water;
     AtSurface walls;
 };
+
+/// Whether water that has had this time [s] to come to rest is at rest, at the height and with the forces of
+/// hydrostatics.
+template <class Model>
+void check_rest(Tank<Model>& tank, double settles)
+{
+    using Still = Tank<Model>;
+    tank.advance(settles);
+    double const duration = 0.5;
+    auto const report = tank.advance(duration);
+    double const of_side = 0.5 * 1000 * g * Still::depth * Still::depth;
+    CHECK(tank.rms_speed() < 0.01 * std::sqrt(g * Still::depth));
+    CHECK(std::abs(tank.mean_height() - Still::depth / 2) < 0.01 * Still::depth / 2);
+    CHECK(std::abs(tank.force(report, 0, {0, -1}, duration) / tank.weight() - 1) < 0.01);
+    CHECK(std::abs(tank.force(report, 1, {-1, 0}, duration) / of_side - 1) < 0.01);
+    CHECK(std::abs(tank.force(report, 2, {1, 0}, duration) / of_side - 1) < 0.01);
+}
 
 } // namespace firn::test
