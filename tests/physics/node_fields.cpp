@@ -127,6 +127,38 @@ TEMPLATE_LIST_TEST_CASE("one temperature stays one, and where nothing is conduct
     CHECK(other.template download<Temperature>() == before);
 }
 
+// Of particles that do not move nothing is left of a transfer but the weights of its kernel. XPIC reads and
+// writes nodes once more for each of its passes, and ASFLIP moves particles otherwise than the grid.
+using Carriers = std::tuple<Xpic, Asflip, Tpic>;
+
+TEMPLATE_LIST_TEST_CASE("heat is conducted alike whatever transfer carries it, and conserved", "", Carriers)
+{
+    using Warm = Scene<NeoHookean<Plane>, QuadraticBSpline, Carrying<TestType, Conduction>>;
+    using Other = Scene<NeoHookean<Plane>, QuadraticBSpline, WarmMls>;
+    auto still = flying_block<Warm>(some_diffusivity);
+    auto other = flying_block<Other>(some_diffusivity);
+    std::vector<Vector<double, 2>> const at_rest(still.size(), Vector<double, 2>::Zero());
+    still.template upload<Velocity>(at_rest);
+    other.template upload<Velocity>(at_rest);
+    auto const before = other.template download<Temperature>();
+    still.steps(20, 2e-4);
+    other.steps(20, 2e-4);
+    auto const one = still.template download<Temperature>(), two = other.template download<Temperature>();
+    double apart = 0, changed = 0;
+    for (std::size_t i = 0; i < one.size(); ++i) {
+        apart = std::max(apart, std::abs(one[i] - two[i]));
+        changed = std::max(changed, std::abs(two[i] - before[i]));
+    }
+    CHECK(changed > 0.01);
+    CHECK(apart <= 1e-13);
+
+    auto flying = flying_block<Warm>(some_diffusivity);
+    double const heat = sum_of_heat(flying.masses(), flying.template download<Temperature>());
+    flying.advance(0.1);
+    auto const end = flying.template download<Temperature>();
+    CHECK(std::abs(sum_of_heat(flying.masses(), end) / heat - 1) <= 1e-13);
+}
+
 namespace arrows_at_nodes // nvcc warns of what concepts alone refer to in a namespace without a name
 {
 
