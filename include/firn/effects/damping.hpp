@@ -24,6 +24,7 @@ struct Damping
                 "Damping", "Pass 1/s, e.g. twice the lowest frequency in rad/s.");
     }
 
+    /// Of one step: the factor of every velocity.
     template <class Number>
     struct Action
     {

@@ -60,6 +60,7 @@ struct Force
         return Force<detail::Plain<ShapeType>>{detail::plain(shape), acceleration, motion.from(begin)};
     }
 
+    /// Of one step: the acceleration of what is inside.
     template <class Number, int d>
     struct Action
     {

@@ -78,6 +78,7 @@ struct Held
         return Held<detail::Plain<ShapeType>>{detail::plain(shape), motion.from(begin), velocity, axes};
     }
 
+    /// Of one step: the velocity of what is inside.
     template <class Number, int d>
     struct Action
     {

@@ -57,6 +57,7 @@ struct HeldMarked
     /// The same for a call that begins at `begin` [s].
     HeldMarked plain(double begin) const { return {motion.from(begin), velocity, axes, beyond}; }
 
+    /// Of one step: the velocity of nodes of which enough is marked.
     template <class Number, int d>
     struct Action
     {

@@ -31,6 +31,7 @@ struct LocalDamping
                 "LocalDamping", "Pass e.g. 0.8 to bring a scene to rest.");
     }
 
+    /// Of one step: weakens impulses that drive nodes on.
     template <class Number>
     struct Action
     {

@@ -36,6 +36,7 @@ struct MarkedForce
     /// A bound for the time step [m/s^2]: see stable_time_step.
     double largest_acceleration() const { return norm(acceleration); }
 
+    /// Of one step: the acceleration of what is marked in full.
     template <class Number, int d>
     struct Action
     {

@@ -45,11 +45,12 @@ enum class ActsOn
     surface,   ///< by impulses at points of their surface: see SurfacePoint
     surface_and_particles, ///< so, and on the particles themselves, those with `on_particles`
 };
-/// What an ActsOn consists of.
+/// Whether surfaces are among that.
 constexpr bool acts_at_surface(ActsOn on)
 {
     return on == ActsOn::surface || on == ActsOn::surface_and_particles;
 }
+/// Whether particles are among that.
 constexpr bool acts_on_particles_too(ActsOn on)
 {
     return on == ActsOn::particles || on == ActsOn::surface_and_particles;

@@ -56,6 +56,7 @@ struct Traction
                 "Keep z out of the force.");
     }
 
+    /// Of one step: the force on marked faces.
     template <class Number, int d>
     struct Action
     {

@@ -225,6 +225,7 @@ public:
     }
 };
 
+/// `Carrying{Mls{}, Conduction{}}` is a Carrying<Mls, Conduction>.
 template <class Base, class... Policies>
 Carrying(Base, Policies...) -> Carrying<Base, Policies...>;
 
