@@ -165,7 +165,7 @@ TEST_CASE("what is looked at on the device is what is downloaded, before steps a
     REQUIRE(cudaFreeHost(mapped) == cudaSuccess);
 }
 
-TEST_CASE("an error that a call of somebody else's left behind stays theirs")
+TEST_CASE("an error that a call of another library left behind stays there")
 {
     Jelly solver(lattice(0.05));
     cudaError_t const left = cudaSetDevice(1000);

@@ -446,7 +446,7 @@ TEST_CASE("more than may be in quarantine are an error: a scene does not evapora
                Contains("of 3 particles that may be in quarantine there are 3"));
 
     Sheet lone(lattice(0.1));
-    lone.quarantine(1); // before there is anybody
+    lone.quarantine(1); // before there are particles
     lone.add(std::vector<Eigen::Vector2d>{{0, 0}}, 0.0025);
     spoil(lone, 0, -0.5);
     CHECK(lone.step(1e-3, Gravity{}).isolated.size() == 1);
