@@ -2,7 +2,7 @@
 #pragma once
 
 #include <firn/core/error.hpp>
-#include <firn/effects/node_action.hpp>
+#include <firn/effects/node_effect.hpp>
 #include <firn/effects/obstacles.hpp>
 #include <firn/grid/world_layout.hpp>
 #include <firn/particles/volumes.hpp>

@@ -2,7 +2,7 @@
 #pragma once
 
 #include <firn/core/finite.hpp>
-#include <firn/effects/node_action.hpp>
+#include <firn/effects/node_effect.hpp>
 #include <firn/effects/obstacle.hpp>
 
 #include <array>
