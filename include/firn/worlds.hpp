@@ -3,7 +3,7 @@
 
 #include <firn/core/error.hpp>
 #include <firn/effects/node_effect.hpp>
-#include <firn/effects/obstacles.hpp>
+#include <firn/effects/obstacles_of_worlds.hpp>
 #include <firn/grid/world_layout.hpp>
 #include <firn/particles/volumes.hpp>
 #include <firn/solver.hpp>
@@ -14,7 +14,6 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <iterator>
 #include <string>
 #include <type_traits>
 #include <utility>
@@ -69,7 +68,7 @@ public:
     explicit Worlds(std::uint32_t count, Lattice lattice, Arguments&&... arguments)
         : layout_(layout_of(count)),
           solver_(divided(lattice, layout_), std::forward<Arguments>(arguments)...), begun_(count),
-          obstacles_(count), reactions_(count)
+          obstacles_(count)
     {
         solver_.scene_.calls_begin_afresh = true;
     }
@@ -126,7 +125,7 @@ public:
     std::vector<Obstacle<ShapeType>>& obstacles(std::uint32_t world)
     {
         require_exists(world, "Worlds::obstacles");
-        return obstacles_[world];
+        return obstacles_.of(world);
     }
 
     /// What the obstacles of a world received in the last call of advance(), step() or steps(), one for each
@@ -134,7 +133,7 @@ public:
     std::vector<Reaction> const& reactions(std::uint32_t world) const
     {
         require_exists(world, "Worlds::reactions");
-        return reactions_[world];
+        return obstacles_.reactions(world);
     }
 
     /// The time of a world [s]: since the worlds were made, or what it was reset to and since then.
@@ -150,9 +149,10 @@ public:
     AdvanceReport advance(double duration, Arguments const&... arguments)
     {
         require_no_walls<Arguments...>();
-        return with_obstacles([&](auto const& own, ReactionsOfWorlds& received) {
+        auto const own = obstacles_.all(layout_, begun_);
+        return obstacles_.act(solver_, own, [&](auto const& receive) {
             auto report = solver_.advance(duration, arguments..., own);
-            take_reactions(report.reactions, own.list.size(), received);
+            receive(report.reactions);
             return report;
         });
     }
@@ -162,9 +162,10 @@ public:
     std::vector<StepReport> steps(std::size_t count, double dt, Effects const&... effects)
     {
         require_no_walls<Effects...>();
-        return with_obstacles([&](auto const& own, ReactionsOfWorlds& received) {
+        auto const own = obstacles_.all(layout_, begun_);
+        return obstacles_.act(solver_, own, [&](auto const& receive) {
             auto reports = solver_.steps(count, dt, effects..., own);
-            for (auto& report : reports) take_reactions(report.reactions, own.list.size(), received);
+            for (auto& report : reports) receive(report.reactions);
             return reports;
         });
     }
@@ -181,7 +182,7 @@ public:
     double stable_step(Effects const&... effects) const
     {
         require_no_walls<Effects...>();
-        return solver_.stable_step(effects..., all_obstacles());
+        return solver_.stable_step(effects..., obstacles_.all(layout_, begun_));
     }
 
     /// See Solver::quarantine: `most` particles in all worlds.
@@ -360,72 +361,6 @@ private:
                     "Pass a number below count(), which is " + std::to_string(count()) + "."};
     }
 
-    /// The obstacles of all worlds as one effect.
-    Obstacles<ShapeType, acts_on> all_obstacles() const
-    {
-        Obstacles<ShapeType, acts_on> all;
-        for (std::uint32_t world = 0; world < count(); ++world) {
-            OwnWorld own{.begun = begun_[world]};
-            Coordinates<d> const centre = layout_.centre(world);
-            for (std::size_t a = 0; a < std::size_t(d); ++a) own.centre[a] = centre[int(a)];
-            for (std::size_t i = 0; i < obstacles_[world].size(); ++i) {
-                try {
-                    obstacles_[world][i].validate();
-                    if constexpr (d == 2) obstacles_[world][i].validate_in_plane();
-                    require(!obstacles_[world][i].on_particles || acts_on_particles_too(acts_on),
-                            "it is to act on particles, and the worlds' obstacles do not", "Obstacle",
-                            "Make them Worlds<Solver, Shape, ActsOn::particles>.");
-                }
-                catch (Error const& error) {
-                    throw Error{error.what_is_wrong(),
-                                error.where() + ", number " + std::to_string(i) + " of world " +
-                                    std::to_string(world),
-                                error.remedy()};
-                }
-                all.list.push_back(obstacles_[world][i]);
-                all.own_worlds.push_back(own);
-            }
-        }
-        return all;
-    }
-
-    using ReactionsOfWorlds = std::vector<std::vector<Reaction>>;
-
-    /// Calls `run(obstacles of all worlds, reactions)`, which returns what a call of the solver did and adds
-    /// to the reactions.
-    template <class Run>
-    auto with_obstacles(Run const& run)
-    {
-        auto const own = all_obstacles();
-        ReactionsOfWorlds received(count());
-        for (std::uint32_t world = 0; world < count(); ++world)
-            received[world].assign(obstacles_[world].size(), {});
-        double const begin = solver_.time();
-        try {
-            auto result = run(own, received);
-            reactions_.swap(received);
-            return result;
-        }
-        catch (...) {
-            if (solver_.time() > begin) { // steps until then were taken
-                auto reactions = solver_.until_error().reactions;
-                take_reactions(reactions, own.list.size(), received);
-                reactions_.swap(received);
-            }
-            throw;
-        }
-    }
-
-    /// Adds the last so many reactions to those of the worlds' own obstacles, and takes them off.
-    static void take_reactions(std::vector<Reaction>& all, std::size_t own, ReactionsOfWorlds& to)
-    {
-        if (all.size() < own) return; // no step was taken
-        auto next = std::prev(all.end(), static_cast<std::ptrdiff_t>(own));
-        for (auto& of_world : to)
-            for (auto& reaction : of_world) reaction += *next++;
-        all.resize(all.size() - own);
-    }
-
     /// In which worlds the particles are, of each material.
     std::vector<ParticlesOfWorlds> particles() const
     {
@@ -487,8 +422,7 @@ private:
     WorldLayout<d> layout_;
     Solver solver_;
     std::vector<double> begun_; ///< the solver's time when a world's was 0 [s]
-    std::vector<std::vector<Obstacle<ShapeType>>> obstacles_;
-    std::vector<std::vector<Reaction>> reactions_; ///< of the last call
+    ObstaclesOfWorlds<ShapeType, acts_on, d> obstacles_;
     std::array<RowsByWorld, Sets::count> rows_;
 };
 
