@@ -44,7 +44,9 @@ std::vector<AgreementCase> reference_cases()
          two_in_a_corner<Scene<Two, CubicBSpline, Flip, Backend>>},
         {"two bodies, 2D double, quadratic, MLS", collision<Scene<Touching, QuadraticBSpline, Mls, Backend>>},
         {"block, 2D double, neo-Hookean, quadratic, XPIC",
-         vibrating_block<Scene<NeoHookean<Plane>, QuadraticBSpline, Xpic, Backend>>}};
+         vibrating_block<Scene<NeoHookean<Plane>, QuadraticBSpline, Xpic, Backend>>},
+        {"block, 2D double, neo-Hookean, linear, APIC",
+         vibrating_block<Scene<NeoHookean<Plane>, Linear, Apic, Backend>>}};
 }
 
 } // namespace firn::test::detail

@@ -67,6 +67,14 @@
 #define FIRN_COLD
 #endif
 
+// For a function that loops over arrays and stores to what others point to: g++ 12 may find at -O1 that it
+// stores nothing, since it takes an address that it has split into parts for null, and leaves calls out.
+#if defined(__GNUC__) && !defined(__clang__) && !defined(__CUDACC__)
+#define FIRN_OPAQUE [[gnu::noipa]]
+#else
+#define FIRN_OPAQUE
+#endif
+
 namespace firn
 {
 

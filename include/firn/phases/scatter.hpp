@@ -174,7 +174,7 @@ struct Scatter
     /// Adds the contributions of the row's particles, one per cell, to the sums of their cells: to
     /// `sums[k][row][channel]`.
     template <class Row, class SumsOfCells, class Real = typename Row::Real>
-    FIRN_HOST_DEVICE static void scatter(Row const& row_of_cells, SumsOfCells& sums)
+    FIRN_OPAQUE FIRN_HOST_DEVICE static void scatter(Row const& row_of_cells, SumsOfCells& sums)
     {
         Spread<Real> spread;
         make_ready(row_of_cells, spread);
