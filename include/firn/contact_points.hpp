@@ -14,13 +14,17 @@ namespace firn
 ///     auto const last = firn::contact_points(solver);
 ///     for (auto const& point : last.points) hit(point.obstacle, point.position, point.impulse / last.dt);
 ///
-/// Of many worlds (Worlds) the points lie in the coordinates of their own, and do not say in which.
-/// The impulses of an obstacle's points add up to the Reaction::impulse of that step. Throws an Error as
-/// other calls do, for example after a call that broke off.
+/// Many worlds (Worlds) are asked in the same way: each point then says in which of them it lies, and has the
+/// coordinates of that one and the number of the obstacle there. The impulses of an obstacle's points add up
+/// to the Reaction::impulse of that step. Throws an Error as other calls do, for example after a call that
+/// broke off.
 template <class Solver>
-ContactPoints<Solver::Space::dimension> contact_points(Solver const& solver)
+ContactPoints<Solver::d> contact_points(Solver const& solver)
 {
-    return solver.last_contacts();
+    if constexpr (requires { solver.solver(); }) // Worlds
+        return solver.solver().last_contacts();
+    else
+        return solver.last_contacts();
 }
 
 } // namespace firn

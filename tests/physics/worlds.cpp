@@ -3,6 +3,7 @@
 #include "support/policies.hpp"
 #include "support/refused.hpp"
 
+#include <firn/contact_points.hpp>
 #include <firn/worlds.hpp>
 
 #include <algorithm>
@@ -428,4 +429,62 @@ TEST_CASE("a world that lost particles is cleared of them, and refuses states th
     CHECK(lone.ids() == std::vector<std::uint32_t>{0});
     lone.step(dt, Gravity{});
     CHECK(lone.download<Velocity>()[0].y() == Approx(-9.81 * dt));
+}
+
+TEST_CASE("contact points of many worlds say in which world they lie, and which of its obstacles was touched",
+          "[physics][worlds][surface]")
+{
+    using AtSurface = Obstacles<AnyShape<>, ActsOn::surface>;
+    std::uint32_t const count = 3;
+    auto const points = block<2>(0.2);
+    Obstacle<AnyShape<>> const board{.shape = Box{{0.5, 0.1, 1}}, .motion = {.position = {0.1, -0.1, 0}}},
+        away{.shape = Sphere{0.1}, .motion = {.position = {0.1, 0.8, 0}}};
+    // nothing falls in world 1
+    std::vector<AtSurface> const of_worlds{{{board, away}}, {{board}}, {{away, away, board}}};
+    auto const speed = [](std::uint32_t w) { return Vector<double, 2>(0, -1 - 0.5 * w); };
+    auto const check = [&](auto const& worlds, std::vector<AtSurface> const& around) {
+        auto const last = contact_points(worlds);
+        CHECK(std::abs(last.dt - dt) < 1e-12 * dt);
+        CHECK(contact_points(worlds.solver()).points.size() == last.points.size());
+        std::size_t expected_points = 0;
+        for (std::uint32_t w = 0; w < count; ++w) {
+            CAPTURE(w);
+            InPlane alone(lattice(h));
+            if (w != 1) alone.add(points, h * h / 4, speed(w));
+            alone.steps(20, dt, around[w]);
+            for (auto const& expected : contact_points(alone).points) {
+                CHECK(expected.world == 0);
+                auto const is_same = [&](auto const& point) {
+                    return point.world == w && point.obstacle == expected.obstacle &&
+                           (point.position - expected.position).norm() < 1e-12 &&
+                           (point.normal - expected.normal).norm() < 1e-12 &&
+                           (point.impulse - expected.impulse).norm() < 1e-9 * expected.impulse.norm();
+                };
+                CHECK(std::ranges::count_if(last.points, is_same) == 1);
+                ++expected_points;
+            }
+        }
+        CHECK(last.points.size() == expected_points);
+        CHECK(expected_points >= 2 * 4);
+    };
+    SECTION("of obstacles of their own")
+    {
+        Worlds<InPlane, AnyShape<>, ActsOn::surface> worlds(count, lattice(h));
+        for (std::uint32_t w = 0; w < count; ++w) {
+            if (w != 1) worlds.add(w, points, h * h / 4, speed(w));
+            worlds.obstacles(w) = of_worlds[w].list;
+        }
+        CHECK(contact_points(worlds).points.empty());
+        worlds.steps(20, dt);
+        check(worlds, of_worlds);
+    }
+    SECTION("of a list that is in all of them")
+    {
+        Worlds<InPlane> worlds(count, lattice(h));
+        for (std::uint32_t w = 0; w < count; ++w)
+            if (w != 1) worlds.add(w, points, h * h / 4, speed(w));
+        AtSurface const everywhere{{away, board}};
+        worlds.steps(20, dt, everywhere);
+        check(worlds, std::vector<AtSurface>(count, everywhere));
+    }
 }

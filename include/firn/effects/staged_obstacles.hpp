@@ -157,8 +157,11 @@ public:
         std::vector<Obstacle<Plain>> plain;
         std::vector<SweptBox<d>> of_nodes, of_particles; // the second is empty if none acts on particles
         to.acting = 0;
-        if (surface_) surface_->forget();
         to.have_own_worlds = !from.own_worlds.empty();
+        if (surface_) {
+            surface_->forget();
+            surface_->numbers_in_worlds = numbers_in(from.own_worlds);
+        }
         for (std::size_t i = 0; i < from.list.size(); ++i) {
             auto const& obstacle = from.list[i];
             OwnWorld const* const world = to.have_own_worlds ? &from.own_worlds[i] : nullptr;
@@ -298,6 +301,15 @@ private:
         for (std::size_t a = 0; a < std::size_t(d); ++a)
             if (int const period = lattice.periods[a]; period != 0 && box.is_bounded)
                 box.low[a] = -most_before, box.high[a] = period;
+    }
+
+    /// The number of each obstacle among those of its world, which follow one another.
+    static std::vector<std::uint32_t> numbers_in(std::vector<OwnWorld> const& worlds)
+    {
+        std::vector<std::uint32_t> numbers(worlds.size());
+        for (std::size_t i = 1; i < worlds.size(); ++i)
+            if (worlds[i].centre == worlds[i - 1].centre) numbers[i] = numbers[i - 1] + 1;
+        return numbers;
     }
 
     /// The part of a box that lies in a world, in cells of the lattice.

@@ -33,6 +33,8 @@ public:
     /// Forgets the impulses of the step before: it was not taken, or a call begins. What a call does then
     /// depends on the state before it alone.
     void forget() { known_ = 0; }
+    /// Of obstacles that are in one world each: their numbers among those of their world. Empty for others.
+    std::vector<std::uint32_t> numbers_in_worlds;
     /// Whether sweeps start from the impulses of the step before.
     bool goes_on() const { return known_ > 0; }
     /// Before a step: the points of the last one become those before it.

@@ -3,6 +3,7 @@
 
 #include <firn/effects/surface_memory.hpp>
 #include <firn/grid/lattice.hpp>
+#include <firn/grid/world_layout.hpp>
 
 #include <cstdint>
 #include <vector>
@@ -14,7 +15,8 @@ namespace firn
 template <int d>
 struct ContactPoint
 {
-    std::uint32_t obstacle;     ///< its number in the list
+    std::uint32_t world;        ///< of many worlds; else 0
+    std::uint32_t obstacle;     ///< its number in the list: in a world's own, if each has one
     Vector<double, d> position; ///< on its surface [m]
     Vector<double, d> normal;   ///< of the surface, outward
     Vector<double, d> impulse;  ///< on the obstacle [N s]
@@ -37,6 +39,8 @@ void add_contacts(SurfaceMemory<Backend, Number, d> const& memory, Lattice const
                   std::vector<ContactPoint<d>>& to)
 {
     constexpr int on_nodes = 1; // the cells of this degree have nodes as their corners: half a cell off
+    auto const worlds = WorldLayout<d>::of(lattice);
+    auto const& numbers = memory.numbers_in_worlds;
     for (auto const& point : memory.last()) {
         Vector<double, d> impulse, offset, normal;
         for (int a = 0; a < d; ++a) {
@@ -45,8 +49,9 @@ void add_contacts(SurfaceMemory<Backend, Number, d> const& memory, Lattice const
             normal[a] = double(point.normal[a]);
         }
         if (impulse.isZero(0)) continue;
-        to.push_back(
-            {point.obstacle, world_position<d>(lattice, on_nodes, point.node, offset), normal, impulse});
+        to.push_back({lattice.half_world == 0 ? 0 : worlds.world_of(point.node),
+                      numbers.empty() ? point.obstacle : numbers[point.obstacle],
+                      world_position<d>(lattice, on_nodes, point.node, offset), normal, impulse});
     }
 }
 } // namespace detail
