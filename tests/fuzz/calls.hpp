@@ -1,20 +1,24 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include "frames.hpp"
 #include "surroundings.hpp"
 
 #include <firn/budget.hpp>
 #include <firn/contact_points.hpp>
+#include <firn/effects/shapes/deforming_grid.hpp>
 #include <firn/host_copies.hpp>
 #include <firn/id_lookup.hpp>
 #include <firn/initial_stress.hpp>
 #include <firn/io/checkpoint.hpp>
 #include <firn/mark_face.hpp>
 #include <firn/sampling/fill.hpp>
+#include <firn/sampling/polygon.hpp>
 #include <firn/settle.hpp>
 
 #include <algorithm>
 #include <limits>
+#include <memory>
 #include <optional>
 #include <sstream>
 
@@ -127,6 +131,22 @@ private:
         case 23:
             remove_by_shape();
             break;
+        case 26:
+            sample_on_grid();
+            break;
+        case 27:
+            if (!frames_) frames_ = std::make_unique<FramesUnderWay>(input_.byte());
+            frames_->call(solver_, input_);
+            break;
+        case 28:
+            go_from_key_to_key();
+            break;
+        case 29:
+            if constexpr (d == 2) add_polygon();
+            break;
+        case 30:
+            if constexpr (!is_pool<Solver>) deform();
+            break;
         default:
             around_.change_more(input_);
             break;
@@ -197,26 +217,188 @@ private:
     /// Values are the same by whichever call they are read.
     void read_otherwise(Told<Solver> const& told)
     {
-        auto const count = told.ids.size(), components = std::size_t(d);
-        std::vector<Number> positions(components * count), velocities(components * count);
-        solver_.write_positions(positions.data());
-        solver_.template write<Velocity>(velocities.data());
-        auto const at = solver_.positions();
-        auto const moving = solver_.template download<Velocity>();
-        for (std::size_t i = 0; i < count; ++i)
-            for (int a = 0; a < d; ++a) {
-                Number const x = positions[components * i + std::size_t(a)], expected = Number(at[i][a]);
-                expect(std::abs(x - expected) <=
-                           2 * std::numeric_limits<Number>::epsilon() * std::abs(expected),
-                       "another position is written than is read");
-                expect(velocities[components * i + std::size_t(a)] == moving[i][a],
-                       "another velocity is written than is read");
-            }
+        of_some_material([&](auto k) {
+            using One = Material<k>;
+            auto const count = solver_.template size<One>(), components = std::size_t(d);
+            std::vector<Number> positions(components * count), velocities(components * count);
+            solver_.template write_positions<One>(positions.data());
+            solver_.template write<Velocity, One>(velocities.data());
+            auto const at = solver_.template positions<One>();
+            auto const moving = solver_.template download<Velocity, One>();
+            for (std::size_t i = 0; i < count; ++i)
+                for (int a = 0; a < d; ++a) {
+                    Number const x = positions[components * i + std::size_t(a)], expected = Number(at[i][a]);
+                    expect(std::abs(x - expected) <=
+                               2 * std::numeric_limits<Number>::epsilon() * std::abs(expected),
+                           "another position is written than is read");
+                    expect(velocities[components * i + std::size_t(a)] == moving[i][a],
+                           "another velocity is written than is read");
+                }
+        });
+        auto const count = told.ids.size();
         auto const occupied = solver_.occupancy();
         expect(occupied.particles == count, "cells have other particles than there are");
         expect(occupied.cells <= count && occupied.pieces <= occupied.cells && occupied.alone <= count,
                "there are more cells than particles");
-        expect(contact_points(solver_).points.empty(), "nothing acts at its surface, and was touched");
+        auto const touched = contact_points(solver_).points;
+        expect(is_pool<Solver> || touched.empty(), "nothing acts at its surface, and was touched");
+        for (auto const& point : touched)
+            expect(point.position.allFinite() && point.impulse.allFinite() &&
+                       std::abs(point.normal.norm() - 1) < 1e-3,
+                   "a point of contact is not finite, or has no normal");
+    }
+
+    /// What a grid has is what its points have, and is written.
+    void sample_on_grid()
+    {
+        bool const any = input_.below(4) == 0;
+        Vector<double, d> low, high;
+        Coordinates<d> points;
+        double count = 1;
+        for (int a = 0; a < d; ++a) {
+            low[a] = any ? input_.any(0.5) : input_.between(-1, 0.5);
+            high[a] = any ? input_.any(1) : low[a] + input_.between(0, 1);
+            points[a] = input_.below(6);
+            if (any) points[a] = static_cast<int>(std::clamp(input_.any(3), -1e9, 2e9));
+            count *= points[a];
+        }
+        if (count > 4096 && count < 2147483648.0) points.setConstant(3); // else it takes for long
+        Told<Solver> const told(solver_);
+        SampledGrid<d> grid;
+        if (!refused([&] { grid = sample_grid(solver_, low, high, points); })) {
+            expect(grid.samples.size() == std::size_t(points.prod()), "a grid has another number of samples");
+            std::vector<Vector<double, d>> places;
+            for (std::size_t i = 0; i < grid.samples.size(); ++i) places.push_back(grid.place(i));
+            auto const expected = solver_.sample(places);
+            double mass = 0;
+            for (std::size_t i = 0; i < places.size(); ++i) {
+                auto const& at = grid.samples[i];
+                expect(at.density == expected[i].density && at.velocity == expected[i].velocity &&
+                           at.stress == expected[i].stress,
+                       "a sample of a grid is not that of its point");
+                expect(std::isfinite(at.density) && at.density >= 0 && at.velocity.allFinite() &&
+                           at.stress.allFinite(),
+                       "a sample of a grid is not finite");
+                mass += at.density;
+            }
+            TemporaryFile const vti(".vti"), csv(".csv");
+            double const time = any ? input_.any(1) : solver_.time();
+            bool const was_refused = refused([&] { write_vti(vti.path(), grid, time); });
+            expect(was_refused == !std::isfinite(time), "a time is written that is none, or the reverse");
+            write_csv(csv.path(), grid);
+            expect(std::size_t(std::ranges::count(csv.content(), '\n')) == places.size() + 1,
+                   "a table of samples has not one row for each");
+        }
+        expect(Told<Solver>(solver_) == told, "a question changed something");
+    }
+
+    /// The ball follows a path, and no call spans a key of it.
+    void go_from_key_to_key()
+    {
+        be_marked();
+        PosePath path;
+        std::vector<double> keys;
+        bool const any = input_.below(4) == 0;
+        double time = solver_.time();
+        for (int i = input_.below(5); i >= 0; --i) {
+            time += any ? input_.any(1e-4) : input_.between(0, 1e-3);
+            Eigen::Vector3d const position(input_.between(-1, 1), input_.between(-0.2, 1), 0);
+            if (!refused([&] { path.add(time, position); })) keys.push_back(time);
+        }
+        double const frame = any ? input_.any(1e-3) : input_.between(1e-5, 2e-3), begin = solver_.time();
+        std::size_t calls = 0;
+        for (double left = frame; left > 0; ++calls) {
+            double const now = solver_.time();
+            double part = 0;
+            if (refused([&] { part = path.until_key(now, left); })) return;
+            expect(part > 0 && part <= left, "it is no part of the frame to the next key");
+            for (double const key : keys)
+                expect(!(key > now + 1e-9 * left && key < now + part - 1e-9 * left), "a part spans a key");
+            if (part > 1e-2) return; // one waits for long
+            bool const was_refused = refused([&] {
+                around_.ball.motion = path.during(now, part);
+                around_.with([&](auto const&... effects) { solver_.advance(part, effects...); });
+            });
+            if (was_refused) return;
+            left -= part;
+        }
+        expect(calls <= keys.size() + 1 || !(frame > 0), "there are more parts than keys make");
+        expect(std::abs(solver_.time() - (begin + frame)) <= 1e-12 * (begin + frame) || !(frame > 0),
+               "the parts are not the frame");
+    }
+
+    /// A polygon is refused, or it is filled, and its points lie inside and stand for its area.
+    void add_polygon()
+    {
+        bool const any = input_.below(4) == 0;
+        std::vector<Polygon::Loop> loops(1 + std::size_t(input_.below(3)));
+        for (auto& loop : loops) {
+            Eigen::Vector2d const centre(input_.between(-0.5, 0.5), input_.between(0, 0.8));
+            double const radius = input_.between(0.02, 0.3);
+            int const corners = 2 + input_.below(6);
+            for (int i = 0; i < corners; ++i) {
+                double const angle = 2 * M_PI * i / corners, share = any ? input_.between(0, 1) : 1;
+                loop.push_back(centre + share * radius * Eigen::Vector2d(std::cos(angle), std::sin(angle)));
+            }
+            if (any) loop[input_.byte() % loop.size()][input_.below(2)] = input_.any(0.5);
+            if (input_.below(8) == 0) loop.push_back(loop[input_.byte() % loop.size()]);
+        }
+        std::optional<Polygon> polygon;
+        Polygon::Loop const outline = loops.front();
+        loops.erase(loops.begin());
+        if (refused([&] { polygon.emplace(outline, loops); })) return;
+        double const size = polygon->bounding_box().sizes().maxCoeff();
+        expect(std::isfinite(size) && polygon->area() > 0 &&
+                   polygon->area() <= 1.000001 * polygon->bounding_box().volume(),
+               "a polygon is larger than its box");
+        Filling how{.spacing = any ? input_.any(0.04) : input_.between(0.03, 0.06),
+                    .pattern = static_cast<Pattern>(input_.below(3)),
+                    .seed = input_.byte()};
+        if (how.spacing > 0 && how.spacing < size / 40) how.spacing = size / 40; // else one waits for long
+        Filled<2> filled;
+        if (refused([&] { filled = fill<2>(*polygon, how); })) return;
+        expect(!filled.points.empty(), "a filled polygon has no points");
+        double const sum = filled.volume_per_point * double(filled.points.size());
+        expect(std::abs(sum - polygon->area()) <= 1e-9 * polygon->area(), "points have another area");
+        for (auto const& x : filled.points)
+            expect(polygon->contains(x), "a point of a filled polygon lies outside");
+        if constexpr (d == 2) put(filled.points, filled.volume_per_point, Vector<double, d>::Zero());
+    }
+
+    /// A solid that changes its form goes through the scene.
+    void deform()
+    {
+        bool const any = input_.below(4) == 0;
+        auto const number = [&](double low, double high) {
+            return static_cast<Number>(any && input_.below(8) == 0 ? input_.any(high)
+                                                                   : input_.between(low, high));
+        };
+        Eigen::Array<int, d, 1> const nodes = Eigen::Array<int, d, 1>::Constant(2 + input_.below(3));
+        std::size_t const count = std::size_t(nodes.prod());
+        Vector<Number, d> const origin = Vector<Number, d>::Constant(number(-0.5, 0));
+        Number const apart = number(0.05, 0.3);
+        std::vector<Number> before, after;
+        std::vector<Vector<Number, d>> ways;
+        for (std::size_t i = 0; i < count; ++i) {
+            before.push_back(number(-0.2, 0.3));
+            after.push_back(number(-0.2, 0.3));
+            ways.emplace_back(Vector<Number, d>::Zero());
+            ways.back()[0] = number(-0.1, 0.1);
+        }
+        if (input_.below(16) == 0) ways.pop_back();
+        double const begin = solver_.time() + (any ? input_.any(1e-3) : input_.between(-1e-3, 1e-3)),
+                     duration = any ? input_.any(1e-3) : input_.between(1e-5, 2e-3);
+        Vector<double, 3> const position(input_.between(-1, 1), input_.between(-0.2, 1), 0);
+        AdvanceReport report;
+        bool const was_refused = refused([&] {
+            SignedDistanceGrid<Number, d> const first(origin, apart, nodes, before),
+                last(origin, apart, nodes, after);
+            Obstacle<DeformingGrid<Number, d>> const glove{.shape = {first, last, ways, begin, duration},
+                                                           .motion = {.position = position}};
+            report = solver_.advance(1e-3, Budget{.steps = 20}, around_.gravity, glove, around_.left,
+                                     around_.right);
+        });
+        if (!was_refused) expect_finite(report.reactions);
     }
 
     /// Particles are found by their ids, and no others.
@@ -565,7 +747,8 @@ private:
             broken("momentum is not that which was given",
                    std::to_string((after.momentum() - expected).norm()) + " of " + std::to_string(scale));
         for (auto const& x : after.positions)
-            expect(std::abs(x[0]) <= wall_node * cell + 1e-3 * cell, "a particle is behind a wall");
+            expect(is_pool<Solver> || std::abs(x[0]) <= wall_node * cell + 1e-3 * cell,
+                   "a particle is behind a wall");
     }
 
     /// The longest stable step with all effects; 0 if these are refused.
@@ -642,7 +825,7 @@ private:
         bool const any = input_.below(4) == 0;
         Settling how{.rate = any ? input_.any(100) : std::pow(10.0, input_.between(0, 5)),
                      .share = any ? input_.any(1e-6) : input_.between(1e-6, 1),
-                     .longest = std::pow(10.0, input_.between(-6, -3)),
+                     .longest = std::pow(10.0, input_.between(-6, is_pool<Solver> ? -4 : -3)),
                      .least = input_.below(2) * 1e-3};
         if (any) how.between = input_.any(1e-4), how.least = input_.any(1e-3);
         if (how.between < how.longest / 20) how.between = how.longest / 20; // else one waits for long
@@ -837,13 +1020,18 @@ private:
     std::optional<Saved> saved_;
     Surroundings<Solver> around_;
     IdLookup<> lookup_;
+    std::unique_ptr<FramesUnderWay> frames_;
 };
 
 /// The first byte says which scene it is.
 inline void calls(Bytes bytes)
 {
     Input input(bytes);
-    int const scene = input.byte(), kinds = scene / 8 % 2 == 0 ? 16 : 26;
+    int const scene = input.byte(), kinds = scene / 8 % 2 == 0 ? 16 : scene / 16 % 2 == 0 ? 26 : 31;
+    if (scene % 32 == 31) {
+        Calls<Pool>(input, materials::water<PlaneFloat>(2), kinds).run();
+        return;
+    }
 #if defined(FIRN_FUZZ_FEW)
     Calls<MarkedSheet>(input, {materials::fresh_snow<PlaneFloat>()}, kinds).run();
 #else

@@ -92,6 +92,9 @@ void write_seeds(fs::path const& folder)
     put("calls", "every_call_with_marks", with_calls('\5', 0, 16));
     put("calls", "later_calls", with_calls('\10', 16, 26));
     put("calls", "later_calls_with_marks", with_calls('\15', 16, 26));
+    put("calls", "latest_calls", with_calls('\30', 26, 31));
+    put("calls", "latest_calls_with_marks", with_calls('\35', 26, 31));
+    put("calls", "every_call_of_a_pool", with_calls('\37', 0, 31));
 #if defined(FIRN_FUZZ_ALL)
     put("calls", "every_call_in_space", with_calls('\2', 0, 16));
     put("calls", "later_calls_in_space", with_calls('\12', 16, 26));

@@ -6,6 +6,7 @@
 #include <firn/assign.hpp>
 #include <firn/core/components.hpp>
 #include <firn/firn.hpp>
+#include <firn/models/fluids/keeps_volume.hpp>
 #include <firn/models/varied.hpp>
 #include <firn/openmp.hpp>
 #include <firn/transfer/loaded_surfaces.hpp>
@@ -40,7 +41,15 @@ using MarkedSheet = Solver<OpenMP, Varied<Snow<PlaneFloat>, OwnShearModulus, Own
 template <class Solver>
 inline constexpr bool has_marks = Solver::State::template contains<Mark>;
 
-/// The same in space, where velocities are stored: with FIRN_FUZZ_ALL.
+/// A liquid that keeps its volume: its obstacles act at their surface.
+using Pool = Solver<OpenMP, KeepsVolume<Fluid<PlaneFloat>>, QuadraticBSpline, Mls>;
+template <class Solver>
+inline constexpr bool is_pool = requires
+{
+    requires Solver::Model::keeps_volume;
+};
+
+/// The sheet in space, where velocities are stored: with FIRN_FUZZ_ALL.
 using SnowBall = Solver<OpenMP, Snow<SolidFloat>, CubicBSpline, Flip>;
 
 /// All that is told of a scene's particles, by rising id.

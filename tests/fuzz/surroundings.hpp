@@ -52,15 +52,34 @@ struct Surroundings
         auto const with_others = [&](auto const&... marked) {
             return use(marked..., gravity, blast, floor, ball, crates, shells, held, left, right);
         };
-        if constexpr (has_marks<Solver>)
+        if constexpr (is_pool<Solver>)
+            return use(gravity, blast, as_one_surface());
+        else if constexpr (has_marks<Solver>)
             return with_others(wind, grip, load, damping, local_damping);
         else
             return with_others();
     }
 
+    /// The solids as one list that acts at their surface.
+    using Surface = Obstacles<AnyShape<Pair>, ActsOn::surface_and_particles>;
+    Surface as_one_surface() const
+    {
+        Surface surface{crates.list};
+        auto const add = [&](auto const& obstacle) {
+            surface.list.push_back({.shape = obstacle.shape,
+                                    .contact = obstacle.contact,
+                                    .motion = obstacle.motion,
+                                    .on_particles = obstacle.on_particles});
+        };
+        add(floor);
+        add(ball);
+        return surface;
+    }
+
     /// How many reactions these have.
     std::size_t reactions() const
     {
+        if constexpr (is_pool<Solver>) return 2 + crates.list.size();
         return (has_marks<Solver> ? 1 : 0) + 5 + crates.list.size() + shells.list.size();
     }
 
