@@ -66,9 +66,8 @@ public:
     /// none or more than 2^20, and where a Solver does.
     template <class... Arguments>
     explicit Worlds(std::uint32_t count, Lattice lattice, Arguments&&... arguments)
-        : layout_(layout_of(count)),
-          solver_(divided(lattice, layout_), std::forward<Arguments>(arguments)...), begun_(count),
-          obstacles_(count)
+        : solver_(divided(lattice, layout_of(count)), std::forward<Arguments>(arguments)...),
+          layout_(layout_of(count)), begun_(count), obstacles_(count)
     {
         solver_.scene_.calls_begin_afresh = true;
     }
@@ -419,8 +418,8 @@ private:
         std::vector<std::vector<std::uint32_t>> rows;
     };
 
+    Solver solver_; ///< the first member: a move that it refuses has changed nothing
     WorldLayout<d> layout_;
-    Solver solver_;
     std::vector<double> begun_; ///< the solver's time when a world's was 0 [s]
     ObstaclesOfWorlds<ShapeType, acts_on, d> obstacles_;
     std::array<RowsByWorld, Sets::count> rows_;

@@ -9,6 +9,8 @@
 #include <cstdint>
 #include <limits>
 #include <stdexcept>
+#include <utility>
+#include <vector>
 
 using namespace firn;
 using namespace firn::test;
@@ -235,6 +237,37 @@ TEST_CASE("what a callback calls of the solver is refused, in every build, and t
     is_refused([](Block& solver) { (void)solver.totals(); });
     is_refused([](Block& solver) { (void)solver.stable_step(); }, true);
     is_refused([](Block& solver) { solver.quarantine(3); }, true);
+}
+
+TEST_CASE("a solver that is moved in its own callback, or assigned to, stays as it is, and so does the other")
+{
+    Block twin = falling_block();
+    twin.advance(0.02, gravity, ground);
+    auto const at_begin = state(falling_block()), at_end = state(twin);
+    auto const is_refused = [&](auto const& move) {
+        Block solver = falling_block(), other = falling_block();
+        int refusals = 0;
+        Budget const budget{.progress = [&](Progress const&) {
+            auto const error = refused([&] { move(solver, other); });
+            CHECK_THAT(error.what_is_wrong(), Contains("to be moved, or assigned to"));
+            ++refusals;
+        }};
+        solver.advance(0.02, budget, gravity, ground);
+        CHECK(refusals > 1);
+        CHECK((state(solver) == at_end));
+        CHECK((state(other) == at_begin));
+    };
+    is_refused([](Block& solver, Block&) { Block const gone(std::move(solver)); });
+    is_refused([](Block& solver, Block& other) { other = std::move(solver); });
+    is_refused([](Block& solver, Block& other) { solver = std::move(other); });
+    is_refused([](Block& solver, Block&) { solver = falling_block(); });
+    is_refused([](Block& solver, Block& other) { std::swap(solver, other); });
+
+    std::vector<Block> several; // which move as it grows
+    for (int i = 0; i < 3; ++i) several.push_back(falling_block());
+    for (auto& solver : several) solver.advance(0.02, gravity, ground);
+    std::swap(several[0], several[1]);
+    for (auto& solver : several) CHECK((state(solver) == at_end));
 }
 
 TEST_CASE("a call tells of steps alone, and not of attempts after which a particle is taken out")

@@ -3,6 +3,7 @@
 #include "support/policies.hpp"
 #include "support/refused.hpp"
 
+#include <firn/budget.hpp>
 #include <firn/contact_points.hpp>
 #include <firn/worlds.hpp>
 
@@ -429,6 +430,31 @@ TEST_CASE("a world that lost particles is cleared of them, and refuses states th
     CHECK(lone.ids() == std::vector<std::uint32_t>{0});
     lone.step(dt, Gravity{});
     CHECK(lone.download<Velocity>()[0].y() == Approx(-9.81 * dt));
+}
+
+TEST_CASE("worlds that are moved in their own callback, or assigned to, stay as they are",
+          "[physics][worlds][refusal]")
+{
+    auto const points = block<2>(0.1);
+    Worlds<InPlane> worlds(2, lattice(h)), other(9, lattice(h)), twin(2, lattice(h));
+    for (auto* const of : {&worlds, &twin})
+        for (std::uint32_t w = 0; w < 2; ++w) of->add(w, points, h * h / 4, {double(w), -1});
+    int refusals = 0;
+    Budget const budget{.progress = [&](Progress const&) {
+        refused([&] { worlds = std::move(other); });
+        refused([&] { other = std::move(worlds); });
+        refused([&] { Worlds<InPlane> const gone(std::move(worlds)); });
+        ++refusals;
+    }};
+    worlds.advance(0.02, budget, Gravity{}, ground);
+    twin.advance(0.02, Gravity{}, ground);
+    CHECK(refusals > 1);
+    CHECK(other.count() == 9);
+    CHECK(same(worlds.solver(), 0, twin.solver(), 0, 2 * points.size()));
+    CHECK(worlds.world_of_particles() == twin.world_of_particles());
+    other = std::move(worlds);
+    CHECK(other.count() == 2);
+    other.advance(1e-3, Gravity{}, ground);
 }
 
 TEST_CASE("contact points of many worlds say in which world they lie, and which of its obstacles was touched",

@@ -3,6 +3,7 @@
 
 #include <firn/core/error.hpp>
 
+#include <cassert>
 #include <optional>
 #include <string>
 #include <utility>
@@ -12,10 +13,12 @@ namespace firn::detail
 
 /// Counts the calls inside an object: none, one that changes it, or some that only read. A call that comes
 /// between gets an Error. With NDEBUG defined nothing is counted, but a call that comes from inside of one
-/// that changes the object, such as from its callback, gets an Error all the same. A call to an object that
-/// was moved from, or in which a call broke off in the middle, always gets an Error.
+/// that changes the object, such as from its callback, gets an Error all the same, and so does a move of the
+/// object to another one, or of another one to it. A call to an object that was moved from, or in which a
+/// call broke off in the middle, always gets an Error.
 ///
-/// `Count` is the backend's: an integer that several threads may change at the same time.
+/// Be it the first member that is moved, so that nothing has changed when a move is refused. `Count` is the
+/// backend's: an integer that several threads may change at the same time.
 template <class Count>
 class AccessGuard
 {
@@ -43,16 +46,17 @@ public:
     };
 
     AccessGuard() = default;
-    // a call inside one object is not inside the other, so the count stays
-    AccessGuard(AccessGuard&& other) noexcept
-        : state_(std::exchange(other.state_, State::moved_away)), why_(std::move(other.why_))
+    AccessGuard(AccessGuard&& other)
+        : state_(std::exchange(other.at_rest().state_, State::moved_away)), why_(std::move(other.why_))
     {}
-    AccessGuard& operator=(AccessGuard&& other) noexcept
+    AccessGuard& operator=(AccessGuard&& other)
     {
-        state_ = std::exchange(other.state_, State::moved_away);
+        at_rest();
+        state_ = std::exchange(other.at_rest().state_, State::moved_away);
         why_ = std::move(other.why_);
         return *this;
     }
+    ~AccessGuard() { assert(!is_changing_ && "a call was under way as its object was destroyed"); }
 
     /// Refuses all calls from now on, since this one leaves the object in an unknown state; `why` may be
     /// null.
@@ -121,6 +125,19 @@ private:
         broken_off,
         moved_away
     };
+
+    /// This object if no call is inside: another one would go on with what was moved away.
+    AccessGuard& at_rest()
+    {
+        bool is_inside = is_changing_;
+#ifndef NDEBUG
+        is_inside = is_inside || inside_.load() != 0;
+#endif
+        require(!is_inside, "a call of an object is under way that is to be moved, or assigned to",
+                "a move of a solver",
+                "Do it after the call, and not in a callback such as Budget::progress.");
+        return *this;
+    }
 
     [[noreturn, gnu::cold]] static void refuse(char const* where)
     {
