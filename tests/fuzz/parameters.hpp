@@ -4,9 +4,13 @@
 #include "surroundings.hpp"
 
 #include <firn/budget.hpp>
+#include <firn/effects/shapes/deforming_grid.hpp>
 #include <firn/initial_stress.hpp>
+#include <firn/io/frame_series.hpp>
+#include <firn/io/write_samples.hpp>
 #include <firn/mark_face.hpp>
 #include <firn/sampling/fill.hpp>
+#include <firn/sampling/polygon.hpp>
 #include <firn/settle.hpp>
 
 #include <algorithm>
@@ -102,6 +106,7 @@ public:
             next(model.yield_stress, model.hardening_modulus);
         if constexpr (requires { model.bulk_modulus; })
             next(model.bulk_modulus, model.exponent, model.viscosity);
+        if constexpr (requires { model.sweeps; }) next(model.interval, model.sweeps);
     }
     template <class Transfer>
     void next_of_transfer(Transfer& transfer)
@@ -142,6 +147,14 @@ struct SceneNumbers
     double begin = 0, path_duration = 1e-3;
     Motion first_key{.time = 0}, second_key{.position = {0.01, 0, 0}, .time = 1e-3};
     Eigen::Vector3d place{0, 0.05, 0};
+    Eigen::Vector2d low{-0.1, 0}, high{0.2, 0.2}; // of a grid of samples
+    int along_x = 4, along_y = 3;
+    Eigen::Vector2d corner{0.5, 0.3}, corner_of_hole{0.36, 0.28}; // of a polygon
+    double polygon_spacing = 0.03;
+    double time_of_frame = 1;
+    typename Solver::Number distance = -0.05, apart = 0.1, way = 0.01; // of a solid that changes its form
+    Eigen::Vector2d first_node{-0.1, -0.1};
+    double deforms_from = 0, deforms_for = 1e-3;
 };
 
 /// The usual effects: all of them act.
@@ -229,6 +242,12 @@ void choose(Parameters& parameters, SceneNumbers<Solver>& scene, Surroundings<So
     parameters.next(scene.second_key.position);
     parameters.next(scene.second_key.orientation);
     parameters.next(scene.place);
+    parameters.next(scene.low.x(), scene.low.y(), scene.high.x(), scene.high.y(), scene.along_x,
+                    scene.along_y);
+    parameters.next(scene.corner.x(), scene.corner.y(), scene.corner_of_hole.x(), scene.corner_of_hole.y(),
+                    scene.polygon_spacing, scene.time_of_frame);
+    parameters.next(scene.distance, scene.apart, scene.way, scene.first_node.x(), scene.first_node.y(),
+                    scene.deforms_from, scene.deforms_for);
     parameters.expect_room();
 }
 
@@ -242,6 +261,78 @@ void shorten(SceneNumbers<Solver>& scene)
     auto const no_less = [](double& number, double least) { number = number < least ? least : number; };
     no_less(scene.filling.spacing, std::abs(scene.filled) / 20);
     no_less(scene.settling.between, scene.settling.longest / 10);
+    auto const corners = {scene.corner.x(), scene.corner.y(), scene.corner_of_hole.x(),
+                          scene.corner_of_hole.y()};
+    for (double const x : corners) // a polygon that is so large
+        if (std::abs(x) < 1e300) no_less(scene.polygon_spacing, std::abs(x) / 40);
+    double const samples = double(scene.along_x) * double(scene.along_y);
+    if (samples > 4096 && samples < 2147483648.0) scene.along_x = scene.along_y = 3;
+}
+
+/// A polygon is refused, or filled with points that stand for its area.
+template <class Solver>
+void fill_polygon(SceneNumbers<Solver> const& scene)
+{
+    refused([&] {
+        Polygon const polygon({{0.3, 0.2}, {0.5, 0.2}, scene.corner, {0.3, 0.3}},
+                              {{{0.34, 0.24}, {0.4, 0.24}, scene.corner_of_hole}});
+        auto const filled = fill<2>(polygon, {.spacing = scene.polygon_spacing});
+        double const sum = filled.volume_per_point * double(filled.points.size());
+        expect(std::abs(sum - polygon.area()) <= 1e-9 * polygon.area(), "points have another area");
+        for (auto const& x : filled.points)
+            expect(polygon.contains(x), "a point of a filled polygon lies outside");
+    });
+}
+
+/// Samples on a grid and a frame are what they are asked for, and are written, or refused.
+template <class Solver>
+void write_files(Solver const& solver, SceneNumbers<Solver> const& scene)
+{
+    constexpr int d = Solver::d;
+    refused([&] {
+        Vector<double, d> low = Vector<double, d>::Zero(), high = low;
+        Coordinates<d> points = Coordinates<d>::Ones();
+        low.template head<2>() = scene.low;
+        high.template head<2>() = scene.high;
+        points.template head<2>() = Eigen::Vector2i(scene.along_x, scene.along_y);
+        auto const grid = sample_grid(solver, low, high, points);
+        for (std::size_t i = 0; i < grid.samples.size(); ++i)
+            expect(grid.place(i).allFinite() && grid.samples[i].stress.allFinite() &&
+                       grid.samples[i].velocity.allFinite() && std::isfinite(grid.samples[i].density),
+                   "a sample of a grid is not finite");
+        TemporaryFile const file(".samples");
+        bool const was_refused = refused([&] { write_vti(file.path(), grid, scene.time_of_frame); });
+        expect(was_refused != std::isfinite(scene.time_of_frame), "a time that is none, or the reverse");
+        write_csv(file.path(), grid);
+    });
+    auto frame = frame_of<Velocity, Stress>(solver);
+    frame.time = scene.time_of_frame;
+    TemporaryFile const file(".frame");
+    for (bool const is_ply : {false, true}) {
+        bool const was_refused =
+            refused([&] { is_ply ? write_ply(file.path(), frame) : write_vtp(file.path(), frame); });
+        expect(was_refused != std::isfinite(scene.time_of_frame), "a time that is none, or the reverse");
+    }
+}
+
+/// A solid of a few nodes that changes its form.
+template <class Solver>
+auto deforming_solid(SceneNumbers<Solver> const& scene)
+{
+    constexpr int d = Solver::d;
+    using Number = typename Solver::Number;
+    Eigen::Array<int, d, 1> const nodes = Eigen::Array<int, d, 1>::Constant(3);
+    std::vector<Number> before(std::size_t(nodes.prod()), Number(0.04));
+    before[before.size() / 2] = scene.distance;
+    auto after = before;
+    after[before.size() / 2] = -Number(0.05);
+    std::vector<Vector<Number, d>> ways(before.size(), Vector<Number, d>::Zero());
+    for (auto& way : ways) way[1] = scene.way;
+    Vector<Number, d> first = Vector<Number, d>::Constant(-scene.apart);
+    first.template head<2>() = scene.first_node.template cast<Number>();
+    SignedDistanceGrid<Number, d> const from(first, scene.apart, nodes, before),
+        to(first, scene.apart, nodes, after);
+    return DeformingGrid<Number, d>(from, to, ways, scene.deforms_from, scene.deforms_for);
 }
 
 template <class Solver>
@@ -310,7 +401,12 @@ void run_with(Input& input)
             for (Motion const& key : {scene.first_key, scene.second_key})
                 path.add(*key.time, key.position, key.orientation);
             around.crates.list[1].motion = path.during(scene.begin, scene.path_duration);
+            double const part = path.until_key(scene.begin, scene.path_duration);
+            expect(part >= 0 && part <= scene.path_duration && (part > 0 || !(scene.path_duration > 0)),
+                   "it is no part of a call to the next key");
         });
+        fill_polygon(scene);
+        write_files(solver, scene);
         refused([&] { solver.sample(std::vector<Vector<double, d>>{scene.place.template head<d>()}); });
         refused([&] { solver.totals(Vector<double, d>(scene.place.template head<d>())); });
         refused([&] { solver.energy(around.gravity); });
@@ -339,8 +435,16 @@ void run_with(Input& input)
             around.with(advance);
         else // bodies, which know no ReflectingWall
             advance(around.gravity, around.floor, around.crates, around.held, around.blast, around.damping);
+        if constexpr (!is_pool<Solver>)
+            refused([&] {
+                using Solid = decltype(deforming_solid(scene));
+                Obstacle<Solid> const glove{.shape = deforming_solid(scene),
+                                            .motion = {.position = {0.1, 0.1, 0}}};
+                expect_finite(solver.advance(scene.duration, scene.budget, around.gravity, glove).reactions);
+            });
+        look();
 #if !defined(FIRN_FUZZ_FEW)
-        if constexpr (Solver::materials == 1) { // as one surface, beside which there is no ReflectingWall
+        if constexpr (Solver::materials == 1 && !is_pool<Solver>) { // beside it there is no ReflectingWall
             Obstacles<AnyShape<typename Surroundings<Solver>::Pair>, ActsOn::surface_and_particles> const
                 surface{around.crates.list};
             refused([&] {
@@ -363,7 +467,11 @@ void run_with(Input& input)
 inline void parameters(Bytes bytes)
 {
     Input input(bytes);
-    switch (input.below(9)) {
+    int const scene = input.byte();
+#if !defined(FIRN_FUZZ_FEW)
+    if (scene >= 252) return run_with<Pool>(input);
+#endif
+    switch (scene % 9) {
 #if !defined(FIRN_FUZZ_FEW)
     case 0:
         return run_with<Sheet>(input);

@@ -104,6 +104,7 @@ void write_seeds(fs::path const& folder)
     put("parameters", "usual_7", {'\7', 0, 99, 0, 0, 0, 0});
 #endif
     put("parameters", "usual_8", {'\10', 0, 99, 0, 0, 0, 0});
+    put("parameters", "usual_pool", {'\374', 0, 99, 0, 0, 0, 0});
     for (char model = 0; model < 7; ++model)
         put("parameters", ("usual_" + std::to_string(model)).c_str(), {model, 0, 99, 0, 0, 0, 0});
 }

@@ -7,6 +7,7 @@
 #include <firn/io/write_samples.hpp>
 
 #include <cmath>
+#include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <limits>
@@ -511,6 +512,9 @@ TEST_CASE("a grid of samples is that of its points, in VTI and CSV files too")
     broken.samples.pop_back();
     CHECK_THROWS_AS(write_vti(folder / "a.vti", broken), Error);
     CHECK_THROWS_AS(write_csv(folder / "a.csv", broken), Error);
+    CHECK_THROWS_WITH(write_vti(folder / "b.vti", grid, std::numeric_limits<double>::infinity()),
+                      Contains("time of the samples is not finite"));
+    CHECK(!std::filesystem::exists(folder / "b.vti"));
     CHECK(content(folder / "a.csv") == csv);
 }
 

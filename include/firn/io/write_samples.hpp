@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/error.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/io/write_particles.hpp>
 #include <firn/particles/sample_fields.hpp>
 
@@ -45,11 +47,13 @@ std::string three(Vector<double, d> const& numbers, double rest)
 /// [m/s] and `stress` [Pa] in double precision, and the time [s] as the field datum `TimeValue`. Two
 /// dimensions get zeros.
 ///
-/// Throws firn::Error: the file cannot be created or not written to its end, the samples do not fit the grid.
+/// Throws firn::Error: the file cannot be created or not written to its end, the samples do not fit the grid,
+/// the time is not finite.
 template <int d>
 void write_vti(std::filesystem::path const& path, SampledGrid<d> const& grid, double time = 0)
 {
     detail::check_grid(grid, path);
+    require(is_finite(time), "the time of the samples is not finite", path.string().c_str(), "Pass seconds.");
     std::size_t const count = grid.samples.size();
     std::string extent;
     for (int a = 0; a < 3; ++a)
