@@ -2,13 +2,14 @@
 // What obstacles cost that are far from most nodes: steps by turns with a floor and a ball as two arguments,
 // with both as one, with 198 crates beside them, and with all of these acting on particles, too:
 //     many_obstacles [rounds]
-// Prints medians of milliseconds per step, and their ratio to the first. The same file is compiled for a
-// device.
+// Prints medians of milliseconds per step, and their ratio to the first, as figures that results.py reads.
+// The same file is compiled for a device.
 #include "block.hpp"
 #include "timing.hpp"
 
 #include <firn/effects/obstacles.hpp>
 
+#include <algorithm>
 #include <cstdio>
 #include <cstdlib>
 #include <vector>
@@ -43,12 +44,12 @@ int main(int argc, char** argv)
         seconds[2].push_back(bench::seconds_per_step(crowded, dt, all));
         seconds[3].push_back(bench::seconds_per_step(pushed, dt, hard));
     }
-    char const* const names[]{"two arguments", "two in one argument", "200 in one argument",
-                              "200 on particles"};
+    char const* const names[]{"two_arguments", "list_of_2", "list_of_200", "list_of_200_on_particles"};
     double const first = bench::median(seconds[0]);
-    std::printf("%zu particles\n", apart.size());
     for (int i = 0; i < 4; ++i) {
-        double const middle = bench::median(seconds[i]);
-        std::printf("%-20s %8.3f ms %6.3f\n", names[i], 1e3 * middle, middle / first);
+        auto const [least, longest] = std::minmax_element(seconds[i].begin(), seconds[i].end());
+        double const middle = bench::median(seconds[i]), spread = (*longest - *least) / 2 / middle;
+        std::printf("figure obstacles/step/%s %.5g ms %.3f\n", names[i], 1e3 * middle, spread);
+        if (i > 0) std::printf("figure obstacles/step/%s_over_two %.4f x\n", names[i], middle / first);
     }
 }

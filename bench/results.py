@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: MIT
 """Appends what a benchmark has written to the figures in bench/results: `results.py --machine ID FILE...`.
 
-A FILE is the JSON of Google Benchmark, the table of speed_against_error, peers.json or waves.csv of peers/run.sh, or
-the text that busy_cores or real_time prints. Each becomes rows of one CSV with the columns date, commit, machine, entry, value, unit
-and spread. The machine is an id of results/machines.csv. The spread is half the range of the runs over the value; it is
-empty where a value is of one run. The newest row of an entry is the one that tables.py shows.
+A FILE is the JSON of Google Benchmark, the table of speed_against_error, peers.json or waves.csv of peers/run.sh, the
+text that busy_cores or real_time prints, or lines `figure ENTRY VALUE UNIT [SPREAD]`. Each becomes rows of one CSV with
+the columns date, commit, machine, entry, value, unit and spread. The machine is an id of results/machines.csv. The
+spread is half the range of the runs over the value; it is empty where a value is of one run. The newest row of an entry
+is the one that tables.py shows.
 """
 
 import argparse
@@ -152,12 +153,12 @@ def of_real_time(text):
 
 
 def of_figures(text):
-    """Rows of a program whose lines are `figure ENTRY VALUE UNIT`: a file for the first part of their entries."""
+    """Rows of lines `figure ENTRY VALUE UNIT [SPREAD]`: a file for the first part of their entries."""
     rows = []
     for line in text.splitlines():
         words = line.split()
-        if len(words) == 4 and words[0] == "figure":
-            rows.append(row(words[1], words[2], words[3]))
+        if len(words) in (4, 5) and words[0] == "figure":
+            rows.append(row(*words[1:]))
     return rows[0]["entry"].split("/")[0] + ".csv", rows
 
 

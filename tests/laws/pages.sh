@@ -76,8 +76,12 @@ JSON
             echo "material   kernel      cells  particles  steps/frame  median [ms]  slowest [ms]"
             echo "snow       cubic          16      32768     14.9    40.53    47.94"
         } >"$work/real_time.txt"
+        {
+            echo "figure obstacles/step/list_of_2 1.2345 ms 0.021"
+            echo "figure obstacles/step/list_of_2_over_two 1.0123 x"
+        } >"$work/obstacles.txt"
         python3 bench/results.py --machine h200 --commit abcdef0 --date 2026-01-05 --results "$work" \
-            "$work"/{bench.json,bench_cuda.json,errors.csv.new,waves.csv.new,peers.json,busy.txt,real_time.txt} >/dev/null || fail "results.py stopped"
+            "$work"/{bench.json,bench_cuda.json,errors.csv.new,waves.csv.new,peers.json,busy.txt,real_time.txt,obstacles.txt} >/dev/null || fail "results.py stopped"
         expect() { # FILE LINES: all of its rows
             local rows
             rows=$(tail -n +2 "$work/$1")
@@ -106,6 +110,8 @@ JSON
         expect real_time.csv '2026-01-05,abcdef0,h200,real_time/snow/cubic/16,40.5,ms,
 2026-01-05,abcdef0,h200,real_time/snow/cubic/16/slowest,47.9,ms,
 2026-01-05,abcdef0,h200,real_time/snow/cubic/16,14.9,steps,'
+        expect obstacles.csv '2026-01-05,abcdef0,h200,obstacles/step/list_of_2,1.23,ms,0.021
+2026-01-05,abcdef0,h200,obstacles/step/list_of_2_over_two,1.01,x,'
         refuses() { # SENTENCE ARGUMENTS...
             local sentence=$1 said
             shift
