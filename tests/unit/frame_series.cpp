@@ -8,6 +8,7 @@
 #include <csignal>
 #include <deque>
 #include <future>
+#include <limits>
 #include <sys/resource.h>
 
 using firn::FrameFile;
@@ -150,6 +151,22 @@ TEST_CASE(
         auto const kind = each.path().extension();
         CHECK((kind == ".vtp" || kind == ".ply"));
     }
+}
+
+TEST_CASE("a frame that is not there, or of no time, is not listed")
+{
+    meshes::Folder const folder;
+    FrameSeries series({.folder = folder / ""});
+    auto const entry = series.next(frame_at(0)).write();
+    series.add(entry);
+    auto const index = text_of(folder / "particles.pvd");
+    double const nan = std::numeric_limits<double>::quiet_NaN();
+    for (auto const& wrong : {firn::PvdEntry{nan, entry.file}, firn::PvdEntry{1, ""},
+                              firn::PvdEntry{1, "frames/frame_0001.vtp"}, firn::PvdEntry{1, "frames"}})
+        CHECK_THAT(refused([&] { series.add(wrong); }).where(), Contains("FrameSeries::add"));
+    CHECK(text_of(folder / "particles.pvd") == index);
+    refused([&] { firn::write_pvd(folder / "particles.pvd", {{nan, entry.file}}); });
+    CHECK(text_of(folder / "particles.pvd") == index);
 }
 
 TEST_CASE("a series that cannot be, or would write over another's index, is refused")

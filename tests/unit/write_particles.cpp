@@ -123,6 +123,20 @@ TEST_CASE("ids are written as integers, to the last")
     CHECK_THROWS_AS(firn::write_ply(folder / "b.ply", frame), firn::Error);
 }
 
+TEST_CASE("what is no integer of 32 bits is refused as one, and adds no field")
+{
+    firn::ParticleFrame frame;
+    CHECK_THROWS_WITH(frame.integer("id", std::vector<int>{0, -1}),
+                      Contains("no integer from 0 to 2^32 - 1"));
+    CHECK_THROWS_AS(frame.integer("id", std::vector<std::uint64_t>{std::uint64_t(1) << 32}), firn::Error);
+    CHECK_THROWS_AS(frame.integer("id", std::vector<std::uint64_t>{~std::uint64_t(0)}), firn::Error);
+    CHECK_THROWS_AS(frame.integer("id", std::vector<double>{0.5}), firn::Error);
+    CHECK(frame.fields.empty());
+    frame.integer("id", std::vector<std::uint64_t>{0xffffffffu}).integer("flag", std::vector<bool>{true});
+    CHECK(frame.fields[0].integers[0] == 0xffffffffu);
+    CHECK(frame.fields[1].integers[0] == 1);
+}
+
 TEST_CASE("a PLY file holds one row of floats for each particle")
 {
     meshes::Folder const folder;

@@ -3,6 +3,7 @@
 
 #include <firn/core/error.hpp>
 #include <firn/core/fields.hpp>
+#include <firn/core/finite.hpp>
 #include <firn/io/paraview_state.hpp>
 #include <firn/io/write_particles.hpp>
 
@@ -168,10 +169,16 @@ public:
 
     /// Lists a frame that write() has written in the index, in the order of times. The index is whole on the
     /// disk after each, and lists no frame that is not. With the first one, a state of ParaView is written
-    /// that shows the series: see write_paraview_state. Series of PLY have neither.
+    /// that shows the series: see write_paraview_state. Series of PLY have neither. Throws an Error, and
+    /// lists none, if the file is not there, its time is not finite, or the index cannot be written.
     void add(PvdEntry entry)
     {
         if (!has_index()) return;
+        std::error_code ignored;
+        require(is_finite(entry.time) &&
+                    std::filesystem::is_regular_file(settings_.folder / entry.file, ignored),
+                "the frame to be listed is not there, or its time is not finite", "FrameSeries::add",
+                "Pass what PendingFrame::write returned.");
         auto entries = entries_;
         auto const later =
             std::ranges::upper_bound(entries, entry.time, {}, [](auto const& e) { return e.time; });

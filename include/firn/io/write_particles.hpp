@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/error.hpp>
+#include <firn/core/exactly_equal.hpp>
 #include <firn/core/finite.hpp>
 #include <firn/io/replace_file.hpp>
 
@@ -12,6 +13,7 @@
 #include <bit>
 #include <cctype>
 #include <charconv>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
@@ -64,12 +66,22 @@ struct ParticleFrame
         return *this;
     }
 
-    /// Adds a field of one integer from 0 to 2^32 - 1 per particle, such as Solver::ids().
+    /// Adds a field of one integer from 0 to 2^32 - 1 per particle, such as Solver::ids(). Throws an Error,
+    /// and adds none, if a value is another number.
     template <class Range>
     ParticleFrame& integer(std::string name, Range const& range)
     {
-        fields.push_back({std::move(name), 1, {}, {}, true});
-        for (auto const& value : range) fields.back().integers.push_back(static_cast<std::uint32_t>(value));
+        ParticleField field{std::move(name), 1, {}, {}, true};
+        for (auto const& value : range) {
+            auto const number = static_cast<double>(value); // which holds all of them
+            if (!is_between(0, number, std::numeric_limits<std::uint32_t>::max()) ||
+                !exactly_equal(number, std::floor(number)))
+                throw Error{"a value is no integer from 0 to 2^32 - 1",
+                            "ParticleFrame::integer, field '" + field.name + "'",
+                            "Pass such integers, or the values as a scalar field."};
+            field.integers.push_back(static_cast<std::uint32_t>(value));
+        }
+        fields.push_back(std::move(field));
         return *this;
     }
 
@@ -296,9 +308,14 @@ struct PvdEntry
 
 /// Writes a ParaView index (`.pvd`) of the files of a series.
 ///
-/// Throws firn::Error: the file cannot be created or not written to its end.
+/// Throws firn::Error: a time is not finite, a file has no name, the index cannot be created or not written
+/// to its end.
 inline void write_pvd(std::filesystem::path const& path, std::vector<PvdEntry> const& entries)
 {
+    for (auto const& entry : entries)
+        require(is_finite(entry.time) && !entry.file.empty(),
+                "the time of a file is not finite, or it has no name", path.string().c_str(),
+                "Pass seconds, and paths from the folder of the index on.");
     std::string text = "<?xml version=\"1.0\"?>\n<!-- firn schema 1 -->\n<VTKFile type=\"Collection\" "
                        "version=\"0.1\" byte_order=\"LittleEndian\">\n<Collection>\n";
     for (auto const& entry : entries) {
@@ -326,11 +343,14 @@ class PvdIndex
 public:
     explicit PvdIndex(std::filesystem::path path) : path_(std::move(path)) {}
 
-    /// Adds a file (relative to the index's folder) of time `time` [s] and writes the index again.
+    /// Adds a file (relative to the index's folder) of time `time` [s] and writes the index again. Throws an
+    /// Error as write_pvd(), and adds none.
     void add(double time, std::filesystem::path file)
     {
-        entries_.push_back({time, std::move(file)});
-        write_pvd(path_, entries_);
+        auto entries = entries_;
+        entries.push_back({time, std::move(file)});
+        write_pvd(path_, entries);
+        entries_ = std::move(entries);
     }
 
 private:

@@ -17,6 +17,7 @@
 #include <cstdint>
 #include <iterator>
 #include <limits>
+#include <new>
 #include <string>
 #include <type_traits>
 #include <unordered_map>
@@ -230,7 +231,7 @@ FIRN_COLD auto sample_fields(Solver const& solver, Points const& points)
 
 /// Samples a solver's material, or all of them, at the points of a regular grid from `low` to `high` [m], so
 /// many along each axis. One point along an axis lies at `low`. Throws an Error if the box or the counts make
-/// no grid, or one of more than 2^31 - 1 points.
+/// no grid, or one of more than 2^31 - 1 points, or of more than memory has room for.
 template <class Which = EveryMaterial, class Solver>
 FIRN_COLD auto sample_grid(Solver const& solver, Vector<double, Solver::d> const& low,
                            Vector<double, Solver::d> const& high, Coordinates<Solver::d> const& points)
@@ -254,6 +255,13 @@ FIRN_COLD auto sample_grid(Solver const& solver, Vector<double, Solver::d> const
         grid.spacing[a] = points[a] == 1 ? solver.lattice().cell_size : length / (points[a] - 1);
     }
     std::vector<Vector<double, d>> places;
+    try {
+        places.reserve(count);
+        grid.samples.reserve(count); // only to see that there is room
+    }
+    catch (std::bad_alloc const&) {
+        require_that(false, "there is not enough memory for so many points", "Pass fewer along each axis.");
+    }
     for (std::size_t i = 0; i < count; ++i) places.push_back(grid.place(i));
     grid.samples = sample_fields<Which>(solver, places);
     return grid;

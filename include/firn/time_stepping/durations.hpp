@@ -7,6 +7,7 @@
 
 #include <cstddef>
 #include <limits>
+#include <new>
 #include <vector>
 
 // Checks the times that a caller asks for. `time` is the solver's own [s], `Number` is its precision.
@@ -38,6 +39,20 @@ void validate_steps(double time, std::size_t count, double dt)
     require_to_last<Number>(time, dt, "Solver::step");
     require(is_finite(time + double(count) * dt), "the steps end beyond all numbers", "Solver::steps",
             "Pass fewer or shorter ones.");
+}
+
+/// An empty list with room for the reports of so many steps.
+inline std::vector<StepReport> room_for_reports(std::size_t count)
+{
+    std::vector<StepReport> reports;
+    try {
+        reports.reserve(count);
+    }
+    catch (std::bad_alloc const&) {
+        throw Error{"there is not enough memory for the reports of so many steps", "Solver::steps",
+                    "Take fewer in one call."};
+    }
+    return reports;
 }
 
 /// Refuses a duration [s] that time cannot advance by.

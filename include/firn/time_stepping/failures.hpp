@@ -193,7 +193,7 @@ template <class Sets, class Controller, class Values>
     remedy << "Check masses, moduli and velocities of the scene: wave speed " << time_state.bounds.wave_speed
            << " m/s, fastest particle " << time_state.bounds.speed
            << " m/s. Fast obstacles, viscous stress and what the transfer carries (Conduction) bound "
-              "steps, too.";
+              "steps, too. Where the step is as long as it should be, pass a shorter duration.";
     if (!since) throw Error{what.str(), where.str(), remedy.str()};
     what << ", since particle " << since->particle << material << " " << describe(since->cause);
     where << ", " << at_place(*since, d);

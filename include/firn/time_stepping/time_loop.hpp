@@ -80,13 +80,13 @@ public:
     template <class... Effects>
     std::vector<StepReport> steps(Scene& scene, std::size_t count, double dt, Effects const&... effects)
     {
+        auto reports = detail::room_for_reports(count);
         Controller controller = next_.controller_for(scene, effects...);
         controller.equal = dt;
         auto plain = plain_effects(next_.time_state.time, effects...);
         groups_.stage(plain, scene.lattice, next_.time_state.time, double(count) * dt, effects...);
         scene.begin_call();
         if constexpr (Sets::keep_volume) memory_.volumes.begin_call();
-        std::vector<StepReport> reports;
         Failures isolated;
         auto const take = [&] {
             // again: time has advanced
