@@ -18,6 +18,9 @@
 // sweeps do not overshoot and pressure, which is smooth, is found at once. Each sweep starts ahead of the
 // last one (Nesterov 1983; for contact Mazhar et al. 2015). Within a call a step starts from the impulses of
 // the step before.
+//
+// The points of a node are listed, since many would wait for one another if they added to it. Loops are
+// short, with one thing to find each, so that a device waits for the memory of many at once.
 namespace firn
 {
 
@@ -225,13 +228,12 @@ struct RoundToMultiples
 
     /// The multiples are those of the power of two at or below `unit`, for numbers up to 2^50 of these.
     static RoundToMultiples of(double unit) { return {std::ldexp(1.5, 52 + std::ilogb(unit))}; }
-    FIRN_HOST_DEVICE double operator()(double x) const { return difference(x + large); }
-
-private:
-    FIRN_HOST_DEVICE double difference(double sum) const
+    FIRN_HOST_DEVICE double operator()(double x) const
     {
-#if defined(__FAST_MATH__) && !defined(__CUDA_ARCH__)
-        asm("" : "+x"(sum)); // or the sum would cancel
+#if defined(__FAST_MATH__) // or compilers would leave both out
+        double const volatile sum = x + large;
+#else
+        double const sum = x + large;
 #endif
         return sum - large;
     }
@@ -245,8 +247,7 @@ inline constexpr std::uint32_t points_at_once = 9;
 inline constexpr std::uint32_t points_at_once = 1;
 #endif
 
-/// Nodes take the velocities that the impulses of the points around them give. A node asks its points, since
-/// many of these would wait for one another if they added to it.
+/// Nodes take the velocities that the impulses of the points around them give.
 template <class Kernel, class Number, int d, class Nodes>
 struct GatherImpulses : PointLoop<Kernel, Number, d>
 {
