@@ -23,7 +23,7 @@ bit: bit_cast bit_ceil countr_zero endian popcount
 cctype: isalnum isdigit tolower
 charconv: from_chars to_chars
 chrono: chrono
-cmath: atan2 cbrt ceil cos exp floor fma fmax isfinite isnan isnormal ldexp log log10 lrint nan nextafter pow sin sqrt tan tanh
+cmath: atan2 cbrt ceil cos exp floor fma fmax ilogb isfinite isnan isnormal ldexp log log10 lrint nan nextafter pow sin sqrt tan tanh
 cmath,cstdlib: abs
 concepts: constructible_from convertible_to copy_constructible derived_from floating_point integral invocable movable same_as
 cstddef: ptrdiff_t
