@@ -69,7 +69,7 @@ struct SurfaceCandidate
 
 /// A vector and a number beside it, which a device loads at once.
 template <class Number, int d>
-struct alignas(d == 3 ? 4 * sizeof(Number) : sizeof(Number)) VectorAndNumber
+struct alignas(d == 3 ? 4 * sizeof(Number) : alignof(Vector<Number, d>)) VectorAndNumber
 {
     Vector<Number, d> vector;
     Number number;
