@@ -166,9 +166,9 @@ concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::t
 
 // ---- the loops with a phase
 //
-// A *phase* is a function object of plain values, with `Number`, `d`, and `Result` if it finds something.
-// Results are merged by `merge(other)`, in an order that does not depend on how the work was divided. No
-// concept can ask for these loops without compiling one, so tests/agreement compiles them.
+// A *phase* is a function object of plain values, with `Number`, `d`, and `Result`: what it finds, or
+// NothingFound. Results are merged by `merge(other)`, in an order that does not depend on how the work was
+// divided. No concept can ask for these loops without compiling one, so tests/agreement compiles them.
 //
 //   for_each_cell(order, layer, phase)     all items gather, are updated, may move, and scatter;
 //                                          `Phase::work` says which of these (see CellWork). Returns the

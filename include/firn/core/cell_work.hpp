@@ -8,7 +8,7 @@
 namespace firn
 {
 
-/// The result of a phase of nodes that finds nothing.
+/// The result of a phase that finds nothing.
 struct NothingFound
 {
     std::uint32_t nothing = 0;

@@ -72,11 +72,7 @@ struct ReturnVelocities
                                                 : Scatter::scratch_channels;
     template <class Real>
     using CellNodes = typename Gather::template CellNodes<Real>;
-    /// The loop returns nothing.
-    struct Result
-    {
-        FIRN_HOST_DEVICE void merge(Result const&) {}
-    };
+    using Result = NothingFound;
 
     TableView<Number const, d, PersistentFields> particles;
     MassGroups<Number> mass_groups;

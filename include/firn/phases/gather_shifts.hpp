@@ -43,11 +43,7 @@ struct GatherShifts
     static constexpr double most = 0.2;
     template <class Real>
     using CellNodes = CellPolynomial<Kernel, Real, d, channels_at_once<Kernel, d>>;
-    /// The loop returns nothing.
-    struct Result
-    {
-        FIRN_HOST_DEVICE void merge(Result const&) {}
-    };
+    using Result = NothingFound;
 
     TableView<Number const, d, PersistentFields> particles;
     FieldsById<Number, d, Fields<VolumeShift>> shifts;

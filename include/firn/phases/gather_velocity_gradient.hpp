@@ -17,11 +17,7 @@ struct GatherVelocityGradient : Gather<Space, Kernel, TransferType>
     using Gather::d;
     using Number = typename Space::Scalar;
     static constexpr CellWork work{.gathers = true};
-    /// The loop returns nothing.
-    struct Result
-    {
-        FIRN_HOST_DEVICE void merge(Result const&) {}
-    };
+    using Result = NothingFound;
 
     Transfer transfer;
     TableView<Number const, d, PersistentFields> particles;

@@ -91,6 +91,7 @@ struct ScatterVolumes
     using Scatter = firn::Scatter<Space, Kernel, Transfer>;
     static constexpr int d = Space::dimension;
     using Number = typename Space::Scalar;
+    using Result = NothingFound;
     static constexpr CellWork work{.scatters_to = ScatterTarget::sums};
     static constexpr int channels = Scatter::channels, scratch_channels = Scatter::scratch_channels;
 

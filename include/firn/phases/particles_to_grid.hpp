@@ -21,6 +21,7 @@ struct ParticlesToGrid : Scatter<Space, Kernel, TransferType>
     using Scatter = firn::Scatter<Space, Kernel, Transfer>;
     using Scatter::d, Scatter::scratch_channels;
     using Number = typename Space::Scalar;
+    using Result = NothingFound;
     static constexpr CellWork work{.scatters_to = ScatterTarget::sums};
 
     Model model;
