@@ -11,7 +11,7 @@ cd "$1"
 names_of_others() {
     cat <<'END'
 algorithm: adjacent_find all_of any_of clamp copy copy_n count equal fill fill_n find find_if find_if_not inplace_merge
-algorithm: lexicographical_compare max max_element min minmax nth_element partition_point ranges::all_of ranges::any_of
+algorithm: lexicographical_compare lower_bound max max_element min minmax nth_element partition_point ranges::all_of ranges::any_of
 algorithm: ranges::count_if ranges::equal ranges::find ranges::lower_bound ranges::none_of ranges::sort
 algorithm: ranges::set_difference ranges::upper_bound sort stable_sort transform unique upper_bound
 array: array
@@ -49,6 +49,7 @@ numeric: accumulate exclusive_scan iota partial_sum
 optional: nullopt optional
 fstream,ostream,sstream: ostream
 random: mt19937_64
+set: set
 span: span
 sstream: istringstream ostringstream
 stdexcept: runtime_error

@@ -57,10 +57,11 @@ struct Reference
         constexpr CellWork work = Phase::work;
         constexpr bool scatters = work.scatters_to != ScatterTarget::nothing;
         auto& target = work.scatters_to == ScatterTarget::next_sums ? layer.next_sums : layer.sums_now;
-        auto result = first_result<Phase>();
+        typename Phase::Result result{};
         if constexpr (work.moves) cells.leavers.clear();
-        if constexpr (scatters)
-            if (!adds_to_sums(phase)) target.clear();
+        if constexpr (work.scatters_to == ScatterTarget::next_sums) target.clear();
+        if constexpr (work.scatters_to == ScatterTarget::sums)
+            if (!phase.adds_to_sums()) target.clear();
 
         for (std::size_t slot = 0; slot < cells.size();) {
             auto const cell = cells[slot].cell; // all of its items have the same stencil
@@ -103,53 +104,19 @@ struct Reference
     template <class Orders, class GridType, class Phase>
     auto for_each_node(Orders const&, GridType& grid, Phase const& phase) const
     {
-        auto result = first_result<Phase>();
-        auto const sums = grid.all_sums();
-        for (auto at = sums.begin(); at != sums.end(); ++at) update_node(grid, sums, at, phase, result);
-        return result;
-    }
-
-private:
-    template <class GridType, class AllSums, class Phase, class Result>
-    static void update_node(GridType& grid, AllSums const& sums, typename AllSums::const_iterator at,
-                            Phase const& phase, Result& result)
-    {
-        if constexpr (TellsLayersApart<Phase>) {
-            reference::NodeOfLayers<GridType, Phase::d> node(grid, at->first);
-            phase(node, result);
-        }
-        else {
-            reference::Node<typename Phase::Number, Phase::d, typename GridType::Sums,
-                            typename GridType::Values>
-                node(sums, at, grid.values_at(at->first));
+        typename Phase::Result result{};
+        for (auto const& at : grid.nodes()) {
+            reference::Node<GridType, Phase::d> node(grid, at);
             if constexpr (Phase::looks_around) {
                 auto const walls = phase.walls();
-                if (phase.looks_around_at(walls, node.first(), 1)) {
+                if (phase.looks_around_at(walls, at, 1)) {
                     phase.look_around(walls, node, result);
-                    return;
+                    continue;
                 }
             }
             phase(node, result);
         }
-    }
-
-    /// What the results of items are merged into.
-    template <class Phase>
-    static auto first_result()
-    {
-        if constexpr (requires { typename Phase::Result; })
-            return typename Phase::Result{};
-        else
-            return 0; // there are none
-    }
-
-    template <class Phase>
-    static bool adds_to_sums(Phase const& phase)
-    {
-        if constexpr (Phase::work.scatters_to == ScatterTarget::sums)
-            return phase.adds_to_sums();
-        else
-            return false;
+        return result;
     }
 };
 

@@ -44,8 +44,9 @@ public:
     {
         Element unwritten;
         std::fill_n(unwritten.byte, sizeof(T), static_cast<unsigned char>(0xff));
+        elements_.reserve(size);
+        elements_.resize(std::min(kept, elements_.size()), unwritten);
         elements_.resize(size, unwritten);
-        for (std::size_t i = kept; i < size; ++i) elements_[i] = unwritten;
     }
     void resize(std::size_t size) { resize(size, size); }
 

@@ -21,6 +21,16 @@
 namespace firn::reference
 {
 
+/// The order of cells and nodes.
+struct FirstAxisFirst
+{
+    template <class Coordinates>
+    bool operator()(Coordinates const& a, Coordinates const& b) const
+    {
+        return std::lexicographical_compare(a.data(), a.data() + a.size(), b.data(), b.data() + b.size());
+    }
+};
+
 /// An item that left its cell, with what it scatters in the new one: a phase scatters it as it is.
 template <class Number, int d>
 struct Leaver
@@ -60,11 +70,7 @@ public:
     static constexpr int extent(int) { return 1; }
 
     std::size_t size() const { return entries_.size(); }
-    Entry const& operator[](std::size_t slot) const
-    {
-        assert(slot < size() && "an item exists");
-        return entries_[slot];
-    }
+    Entry const& operator[](std::size_t slot) const { return entries_.at(slot); }
 
     /// Adds items that lie at first, first + 1, … in the given cells.
     void insert(std::span<Coordinates<d> const> cells, std::uint32_t first)
@@ -128,9 +134,8 @@ private:
     /// Stable, so that the items of a cell are added up in the same order in every run.
     void sort()
     {
-        std::stable_sort(entries_.begin(), entries_.end(), [](Entry const& a, Entry const& b) {
-            return std::lexicographical_compare(a.cell.begin(), a.cell.end(), b.cell.begin(), b.cell.end());
-        });
+        std::stable_sort(entries_.begin(), entries_.end(),
+                         [](Entry const& a, Entry const& b) { return FirstAxisFirst{}(a.cell, b.cell); });
     }
 
     std::vector<Entry> entries_; ///< by slot
@@ -202,18 +207,13 @@ public:
     }
 
     // As a group of cells: there is one, too.
-    Number node(int channel, int row, int k) const { return nodes_[k][row][channel]; }
+    Number node(int channel, int row, int k) const
+    {
+        return nodes_.at(std::size_t(k)).at(std::size_t(row))[channel];
+    }
 
-    void set_scratch(int channel, Number value)
-    {
-        assert(channel < channels && "a phase says how many channels it stores");
-        scratch_[std::size_t(channel)] = value;
-    }
-    Number scratch(int channel) const
-    {
-        assert(channel < channels && "a phase says how many channels it stores");
-        return scratch_[std::size_t(channel)];
-    }
+    void set_scratch(int channel, Number value) { scratch_.at(std::size_t(channel)) = value; }
+    Number scratch(int channel) const { return scratch_.at(std::size_t(channel)); }
 
 private:
     std::size_t slot_;
