@@ -31,7 +31,8 @@ template <class Space>
 using PlasticModels = std::tuple<Snow<Space>, VonMises<Space>, HardeningVonMises<Space>, Sand<Space>,
                                  CamClay<Space>, HerschelBulkley<Space>>;
 
-/// Fluids, which remember their volume alone.
+/// Fluids, which remember their volume alone. KeepsVolume<Fluid> is none of the list: it goes with obstacles
+/// at their surface alone, and code that covers all models meets others, too.
 template <class Space>
 using FluidModels = std::tuple<Fluid<Space>>;
 
