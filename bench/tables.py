@@ -205,6 +205,22 @@ def machines(figures):
                  [[machine[key] for key in ("id", "processor", "cores", "compiler")] for machine in figures.machines])
 
 
+def obstacles(figures):
+    """What a list of obstacles costs over two that are arguments of their own."""
+    machine, rows = "epyc-25-17", []
+    for name, kind, first, unit, others in (
+            ("a step of 131 072 particles on a floor, beside a ball", "step", "two_arguments", "ms",
+             ("list_of_2_over_two", "list_of_200_over_two")),
+            ("the compiler's time for the least program with two, -O3", "compile", "two_arguments", "s",
+             ("list_over_two",))):
+        of = f"obstacles/{kind}/"
+        cells = [figures.need(of + first, unit, machine) + UNITS[unit]]
+        cells += [figures.need(of + other, "x", machine) + " times" for other in others]
+        rows.append([name, *cells, *[""] * (3 - len(cells)), figures.source()])
+    return table(["one core", "two arguments", "a list of these", "a list of 200, of which a cell meets two or three",
+                  "measured on"], rows)
+
+
 def real_time(figures):
     """Of each material and kernel, the finest cells whose slowest frame took no more than it may."""
     rows = []
@@ -229,7 +245,8 @@ def real_time(figures):
 
 
 PAGES = {HERE / "README.md": (at_a_glance, steps, steps_cuda, busy_cores, errors, peers, waves, machines),
-         HERE.parent / "include" / "firn" / "REAL_TIME.md": (real_time,)}
+         HERE.parent / "include" / "firn" / "REAL_TIME.md": (real_time,),
+         HERE.parent / "include" / "firn" / "effects" / "README.md": (obstacles,)}
 
 
 def rewritten(page, text, figures):
