@@ -1,0 +1,216 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/host_device.hpp>
+#include <firn/effects/surface_points.hpp>
+#include <firn/grid/stencil.hpp>
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+
+// Which nodes the points of surfaces reach, and which points reach a node: found anew in each step, before
+// the sweeps of surface_contact.hpp. The points of a node are listed, since many would wait for one another
+// if they added to it. Loops are short, with one thing to find each, so that a device waits for the memory of
+// many at once.
+namespace firn
+{
+
+/// What the loops over points know.
+template <class Kernel, class Number, int d>
+struct PointLoop
+{
+    using Cell = Stencil<Kernel, Number, d>;
+    static constexpr int nodes_of_each = Cell::rows * Cell::width;
+    static constexpr std::size_t tile = SurfacePoints<Number, d>::tile;
+
+    SurfacePoints<Number, d> of;
+
+    /// Where node k of a point's stencil lies.
+    FIRN_HOST_DEVICE static std::size_t place(std::size_t p, int k)
+    {
+        return (p / tile * std::size_t(nodes_of_each) + std::size_t(k)) * tile + p % tile;
+    }
+    /// Calls `use(k, weight, node)` for the places of a stencil. Where there is no node it is the first of
+    /// all: without a branch a device loads all of them at once.
+    template <class Use>
+    FIRN_HOST_DEVICE void for_each_node(std::size_t p, Use const& use) const
+    {
+        NodeOfPoint<Number> const* const places = of.stencils + place(p, 0);
+        FIRN_UNROLL_ON_DEVICE
+        for (int k = 0; k < nodes_of_each; ++k) {
+            NodeOfPoint<Number> const there = places[std::size_t(k) * tile];
+            use(k, there.weight, there.node);
+        }
+    }
+    /// The cell in which a point lies, from the node in whose cube it was found, and its offset from there.
+    FIRN_HOST_DEVICE static Coordinates<d> cell_of(SurfacePoint<Number, d> const& point,
+                                                   Vector<Number, d>& offset)
+    {
+        Coordinates<d> of;
+        for (int a = 0; a < d; ++a) {
+            Number const x = point.offset[a] + Number(cell_shift(Kernel::degree)), cell = floor(x);
+            of[a] = static_cast<int>(cell);
+            offset[a] = x - cell - Number(0.5);
+        }
+        return of;
+    }
+};
+
+/// A loop over the rows of the points' stencils.
+template <class Kernel, class Number, int d>
+struct RowLoop : PointLoop<Kernel, Number, d>
+{
+    using Loop = PointLoop<Kernel, Number, d>;
+    using typename Loop::Cell;
+    std::size_t points;
+
+    /// How many rows there are, those of points that would fill the last tile included.
+    static std::size_t count(std::size_t points)
+    {
+        return (points + Loop::tile - 1) / Loop::tile * Loop::tile * std::size_t(Cell::rows);
+    }
+    FIRN_HOST_DEVICE static int row(std::size_t i)
+    {
+        return static_cast<int>(i / Loop::tile % std::size_t(Cell::rows));
+    }
+    FIRN_HOST_DEVICE static std::size_t point(std::size_t i)
+    {
+        return i / (Loop::tile * std::size_t(Cell::rows)) * Loop::tile + i % Loop::tile;
+    }
+};
+
+/// Finds the nodes in a row of a point's stencil, which count their points.
+template <class Kernel, class Number, int d, class Nodes>
+struct FindNodesOfPoints : RowLoop<Kernel, Number, d>
+{
+    using Rows = RowLoop<Kernel, Number, d>;
+    using typename Rows::Cell;
+    Nodes by_index; ///< see Grid::nodes_by_index()
+
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const
+    {
+        auto const& surface = this->of;
+        int const row = Rows::row(i);
+        std::size_t const p = Rows::point(i), place = Rows::place(p, row * Cell::width);
+        if (p >= this->points) return;
+        SurfacePoint<Number, d> const& point = surface.points[p];
+        Vector<Number, d> offset;
+        Coordinates<d> node = Rows::cell_of(point, offset);
+        bool is_deeper = point.is_deep; // a node deep inside reaches itself alone
+        for (int a = 0; a < d; ++a) {
+            node[a] += point.node[a] - stencil_reach(Kernel::degree);
+            if (a == d - 1) continue;
+            node[a] += Cell::index(row, a);
+            is_deeper = is_deeper && node[a] == point.node[a];
+        }
+        Cell const cell(offset);
+        Number const of_row = cell.row_weight(row);
+        std::uint32_t index[std::size_t(Cell::width)], rank[std::size_t(Cell::width)]{};
+        Number weight[std::size_t(Cell::width)];
+        FIRN_UNROLL_ON_DEVICE
+        for (int k = 0; k < Cell::width; ++k) {
+            index[k] = k == 0 ? by_index.find(node) : by_index.find_next(node, index[k - 1]);
+            weight[k] = of_row * cell.weight[std::size_t(d - 1)][std::size_t(k)];
+            if (point.is_deep) weight[k] = Number(is_deeper && node[d - 1] == point.node[d - 1] ? 1 : 0);
+            ++node[d - 1];
+        }
+        FIRN_UNROLL_ON_DEVICE // these wait for one another's memory together
+            for (int k = 0; k < Cell::width; ++k)
+        {
+            if (index[k] == Nodes::absent || !(weight[k] > 0)) continue;
+            rank[k] = next_number(surface.lists[index[k] + 1].count);
+            if (rank[k] == 0) surface.reached[next_number_of_all(surface.counts->nodes)].node = index[k] + 1;
+        }
+        FIRN_UNROLL_ON_DEVICE
+        for (int k = 0; k < Cell::width; ++k) {
+            bool const is_there = index[k] != Nodes::absent && weight[k] > 0;
+            surface.stencils[place + std::size_t(k) * Rows::tile] = {
+                is_there ? index[k] + 1 : NodeOfPoint<Number>::none, is_there ? weight[k] : Number(0)};
+            surface.ranks[place + std::size_t(k) * Rows::tile] = rank[k];
+        }
+    }
+};
+
+/// The nodes that points reach take their masses and velocities from the grid, and make room for their
+/// points in the list of those of all nodes.
+template <class Number, int d, class Nodes>
+struct BeginNodes
+{
+    SurfacePoints<Number, d> of;
+    Nodes by_index;
+    Number smallest_mass; ///< see UpdateGrid
+    int mass, velocity;   ///< the channels of the sums, and of the values
+
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const
+    {
+        if (i >= of.counts->nodes) return;
+        NodeAtSurface<Number, d>& node = of.reached[i];
+        std::uint32_t const index = node.node - 1;
+        Number const sum = by_index.sum(index, mass);
+        node.inverse_mass = sum > smallest_mass ? 1 / sum : Number(0);
+        for (int a = 0; a < d; ++a) node.free[a] = by_index.value(index, velocity + a);
+        PointsOfNode& points = of.lists[node.node];
+        node.points = {0, node.inverse_mass > 0 ? points.count : 0};
+        node.points.begin = points.begin = next_number_of_all(of.counts->listed, node.points.count);
+        of.velocities[node.node].number = sum > smallest_mass ? sum : Number(0);
+    }
+};
+
+/// Below this share of the mean mass of a point's nodes a node gets less of the impulse: an impulse by the
+/// kernel's weights would throw what little lies on it away.
+inline constexpr double light_node = 0.0001;
+
+/// Points start from their impulses in the step before.
+template <class Kernel, class Number, int d>
+struct BeginPoints : PointLoop<Kernel, Number, d>
+{
+    Number longer; ///< the step over the one before
+
+    FIRN_HOST_DEVICE void operator()(std::size_t p) const
+    {
+        auto const& surface = this->of;
+        Number mean = 0;
+        this->for_each_node(p, [&](int, Number weight, std::uint32_t node) {
+            mean += weight * surface.velocities[node].number;
+        });
+        SurfacePoint<Number, d>& point = surface.points[p];
+        if (auto const* const before = surface.before.find(point))
+            point.impulse = point.allowed(Vector<Number, d>(before->impulse * longer));
+        surface.tried[p] = {point.impulse, mean > 0 ? 1 / (mean * Number(light_node)) : Number(0)};
+    }
+};
+
+/// Points enter themselves in the lists of a row of nodes, with the weights that they have for these.
+template <class Kernel, class Number, int d>
+struct ListPoints : RowLoop<Kernel, Number, d>
+{
+    using Rows = RowLoop<Kernel, Number, d>;
+    using typename Rows::Cell;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const
+    {
+        auto const& surface = this->of;
+        std::size_t const p = Rows::point(i), place = Rows::place(p, Rows::row(i) * Cell::width);
+        if (p >= this->points) return;
+        Number const per_light = surface.tried[p].number;
+        NodeOfPoint<Number> there[std::size_t(Cell::width)];
+        std::uint32_t at[std::size_t(Cell::width)];
+        FIRN_UNROLL_ON_DEVICE
+        for (int k = 0; k < Cell::width; ++k) {
+            there[k] = surface.stencils[place + std::size_t(k) * Rows::tile];
+            at[k] = surface.lists[there[k].node].begin + surface.ranks[place + std::size_t(k) * Rows::tile];
+            Number const mass = surface.velocities[there[k].node].number;
+            there[k].weight *= min(mass * per_light, Number(1));
+            if (!(mass > 0)) there[k].node = NodeOfPoint<Number>::none;
+        }
+        FIRN_UNROLL_ON_DEVICE
+        for (int k = 0; k < Cell::width; ++k) {
+            surface.stencils[place + std::size_t(k) * Rows::tile] = there[k];
+            if (there[k].node != NodeOfPoint<Number>::none)
+                surface.points_of_nodes[at[k]] = {static_cast<std::uint32_t>(p), there[k].weight};
+        }
+    }
+};
+
+} // namespace firn
