@@ -114,8 +114,8 @@ END
 1 two arguments act at their surface: make them one list
 1 a ReflectingWall goes with no obstacles that act at their surface
 1 Bodies know no obstacles that act at their surface
-1 a Shell acts on particles
-1 a fluid that keeps its volume needs obstacles that act at their surface
+1 a Shell acts on particles, and not at its surface: pass Obstacles<Shell<Shape>>, an argument of its own
+1 a fluid that keeps its volume needs obstacles that act at their surface: pass Obstacles<Shape, ActsOn::surface>, and no Shell
 1 Traction loads particles that are marked, and the transfer does not carry their marks
 1 MarkedForce and HeldMarked act on particles that are marked, and the transfer does not carry their marks
 1 a mark is a scalar from 0 to 1

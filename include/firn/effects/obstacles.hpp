@@ -37,7 +37,9 @@ template <class ShapeType = AnyShape<>,
           ActsOn acts_on = is_two_sided<ShapeType> ? ActsOn::particles : ActsOn::nodes>
 struct Obstacles
 {
-    static_assert(!is_two_sided<ShapeType> || acts_on == ActsOn::particles, "a Shell acts on particles");
+    static_assert(!is_two_sided<ShapeType> || acts_on == ActsOn::particles,
+                  "a Shell acts on particles, and not at its surface: pass Obstacles<Shell<Shape>>, an "
+                  "argument of its own");
 
     std::vector<Obstacle<ShapeType>> list{};
     /// For each the world where it is; empty: they are in all worlds. Worlds sets this.
