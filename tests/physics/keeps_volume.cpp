@@ -1,11 +1,11 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
+#include "problems/floating.hpp"
 #include "support/policies.hpp"
 #include "support/refused.hpp"
 #include "support/tank.hpp"
 
 #include <firn/models/fluids/keeps_volume.hpp>
-#include <firn/models/several_materials.hpp>
 
 #include <algorithm>
 #include <cmath>
@@ -85,38 +85,16 @@ TEST_CASE("keeping its volume changes no momentum of a fluid", "[physics][volume
     CHECK((centre() - from - duration * Eigen::Vector2d(1, 2)).norm() < 0.01 * h);
 }
 
-TEST_CASE("a body of lower density floats in water that keeps its volume", "[physics][volume]")
+TEST_CASE("rigid and elastic disks float in water that keeps its volume as deep as Archimedes says",
+          "[physics][volume]")
 {
-    double const h = 0.02, radius = 5 * h, depth = 0.3, width = 0.5;
-    using Both = Materials<StillWater, NeoHookean<Plane>>;
-    NeoHookean<Plane> light;
-    light.density = 500;
-    light.elasticity = lame<double>(4e5, 0.3);
-    firn::Solver<TestedBackend, Both> solver(lattice(h, {0.006, 0.004, 0}),
-                                             Both{materials::water<Plane>(3), light});
-    Eigen::Vector2d const centre(0, depth); // half of it is below the surface: so it floats
-    std::vector<Eigen::Vector2d> water, body;
-    for (auto const& x : box_of_points<2>({-width / 2, 0}, {width / 2, depth + radius}, h)) {
-        if ((x - centre).norm() < radius)
-            body.push_back(x);
-        else if (x.y() < depth)
-            water.push_back(x);
+    for (double const density : {0.3, 0.5, 0.8}) {
+        CAPTURE(density);
+        FloatingDisk const disk(density, 17 * M_PI / 180);
+        double const settles = 0.5, period = 0.5; // of a disk that bobs
+        CHECK(std::abs(disk.of_rigid_body(settles, period)) < 0.05);
+        CHECK(std::abs(disk.of_elastic_body(settles, period)) < 0.05);
     }
-    solver.add<Material<0>>(water, h * h / 4);
-    solver.add<Material<1>>(body, h * h / 4);
-    AtSurface walls;
-    walls.list.push_back({.shape = HalfSpace{}});
-    walls.list.push_back({.shape = HalfSpace{{1, 0, 0}}, .motion = {.position = {-width / 2, 0, 0}}});
-    walls.list.push_back({.shape = HalfSpace{{-1, 0, 0}}, .motion = {.position = {width / 2, 0, 0}}});
-    solver.advance(0.5, Gravity{}, walls);
-    double mean = 0;
-    int const calls = 10;
-    for (int i = 0; i < calls; ++i) {
-        solver.advance(0.05, Gravity{}, walls);
-        auto const now = solver.positions<Material<1>>();
-        for (auto const& x : now) mean += x.y() / (double(now.size()) * calls);
-    }
-    CHECK(std::abs(mean - depth) < 0.05 * 2 * radius);
 }
 
 using Kinds = Combinations<Scene<KeepsVolume<Fluid<Space<3, float>>>, QuadraticBSpline, Mls>,

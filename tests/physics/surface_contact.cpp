@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
+#include "problems/floating.hpp"
 #include "support/policies.hpp"
 #include "support/refused.hpp"
 #include "support/tank.hpp"
@@ -68,20 +69,10 @@ TEST_CASE("a held disk has the lift of Archimedes", "[physics][surface]")
 TEST_CASE("a disk floats as deep as Archimedes says", "[physics][surface]")
 {
     double const radius = 4 * StillWater::h, whole = M_PI * radius * radius;
-    // the area of a disk below the surface of the water, by the height of its centre above it
-    auto const immersed = [&](double height) {
-        double const half_angle = std::acos(std::clamp(height / radius, -1.0, 1.0));
-        return radius * radius * (half_angle - std::sin(2 * half_angle) / 2);
-    };
     for (double const density : {0.3, 0.8}) { // of the water's
         CAPTURE(density);
-        double low = -radius, high = radius;
-        for (int i = 0; i < 50; ++i) {
-            double const middle = (low + high) / 2;
-            (immersed(middle) > density * whole ? low : high) = middle;
-        }
         Frame const upright{0, Eigen::Vector2d(0.3, 0.21) * StillWater::h};
-        double const height = StillWater::depth + low;
+        double const height = StillWater::depth + height_of_floating_disk(density, radius);
         StillWater tank(upright, radius, 2, height);
         double const mass = density * 1000 * whole, flat = mass * radius * radius / 4;
         RigidBody disk{.mass = mass, .motion = tank.walls.list[3].motion};
