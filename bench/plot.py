@@ -24,11 +24,14 @@ import matplotlib.pyplot as plt  # noqa: E402
 MIDDLE = "#7f8894"  # legible on white and on black
 COLOURS = {"linear": "#b08a2e", "quadratic": "#3d8fd1", "cubic": "#d1553d"}
 MARKS = {"pic": "v", "flip_0.95": "s", "flip_1": "D", "apic": "^", "mls": "o"}
+RULES = {"nodes": "s", "surface": "o"}  # marks by what obstacles act on, for the problems that have both
 TITLES = {
     "P1": "P1: large standing waves, error of positions over the amplitude",
     "P2": "P2: column under its weight, error of stress over that at the foot",
     "P3": "P3: colliding disks, error of a disk's centre over its radius",
     "P4": "P4: column of sand, error of the centre of mass over its way",
+    "P7": "P7: still water in a tilted tank, rms speed over sqrt(g H)",
+    "P8": "P8: floating disk, error of its depth over its diameter",
     "P6": "P6: large standing waves in a cube, error of positions over the amplitude",
     "P5": "P5: block of snow on a floor, difference of the centre's height from a fine run over the side",
 }
@@ -54,6 +57,7 @@ class Row:
         self.problem, self.backend, self.status = line["problem"], line["backend"], line["status"]
         self.kernel, self.transfer, self.precision = line["kernel"], line["transfer"], line["precision"]
         self.cells, self.ppc, self.fraction = int(line["cells"]), int(line["ppc"]), float(line["cfl_fraction"])
+        self.acts_on = line.get("acts_on") or ""
         self.error, self.threads = float(line["error"]), int(line["threads"])
         self.line = line
         self.ok = self.status == "ok"
@@ -64,11 +68,20 @@ class Row:
     @property
     def series(self):
         """All that is chosen but the cell size."""
-        return self.backend, self.kernel, self.transfer, self.precision, self.fraction, self.ppc
+        return self.backend, self.kernel, self.scheme, self.precision, self.fraction, self.ppc
+
+    @property
+    def scheme(self):
+        """The transfer, and by which rule obstacles act where a problem has both."""
+        return f"{self.transfer} {self.acts_on}".strip()
+
+    @property
+    def mark(self):
+        return RULES.get(self.acts_on) or MARKS.get(self.transfer, "*")
 
     def __str__(self):
         return (
-            f"{self.kernel} {self.transfer} {self.precision}, {self.fraction:g} of the limit, "
+            f"{self.kernel} {self.scheme} {self.precision}, {self.fraction:g} of the limit, "
             f"{self.ppc} per cell, {self.cells} cells"
         )
 
@@ -122,13 +135,13 @@ def draw_cost(problem, rows, cost, path):
     good = [row for row in rows if row.ok and row.cost(cost) > 0]
     groups = collections.defaultdict(list)
     for row in good:
-        groups[row.kernel, row.transfer, row.precision].append(row)
-    for (kernel, transfer, precision), group in sorted(groups.items()):
+        groups[row.kernel, row.scheme, row.precision].append(row)
+    for (kernel, _, precision), group in sorted(groups.items()):
         colour = COLOURS.get(kernel, MIDDLE)
         place.plot(
             [row.cost(cost) for row in group],
             [row.error for row in group],
-            MARKS.get(transfer, "*"),
+            group[0].mark,
             markersize=4,
             markeredgecolor=colour,
             markeredgewidth=0.8,
@@ -144,10 +157,11 @@ def draw_cost(problem, rows, cost, path):
     marks = [
         plt.Line2D([], [], linestyle="", marker="o", markersize=5, color=colour, label=kernel)
         for kernel, colour in COLOURS.items()
+        if any(row.kernel == kernel for row in rows)
     ]
     marks += [
-        plt.Line2D([], [], linestyle="", marker=mark, markersize=5, color=MIDDLE, label=transfer)
-        for transfer, mark in MARKS.items()
+        plt.Line2D([], [], linestyle="", marker=mark, markersize=5, color=MIDDLE, label=label)
+        for label, mark in (RULES if any(row.acts_on for row in rows) else MARKS).items()
     ]
     marks += [
         plt.Line2D([], [], linestyle="", marker="o", markersize=5, color=MIDDLE, mfc="none", label="hollow: double"),
@@ -263,17 +277,17 @@ def draw_convergence(problem, rows, path):
     fewest = min((row.ppc for row in chosen), default=4)
     for row in chosen:
         if row.precision == precision and row.ppc == fewest:
-            lines[row.kernel, row.transfer].append(row)
-    for (kernel, transfer), line in sorted(lines.items()):
+            lines[row.kernel, row.scheme].append(row)
+    for (kernel, scheme), line in sorted(lines.items()):
         line.sort(key=lambda row: row.cells)
         place.plot(
             [row.cells for row in line],
             [row.error for row in line],
-            marker=MARKS.get(transfer, "*"),
+            marker=line[0].mark,
             color=COLOURS.get(kernel, MIDDLE),
             markersize=4,
             linewidth=1,
-            label=f"{kernel} {transfer}",
+            label=f"{kernel} {scheme}",
         )
     every = [row for line in lines.values() for row in line]
     if every:
@@ -300,10 +314,10 @@ def say(problem, rows, best, cost):
     beaten = collections.Counter(row.series for row in good if row.series not in on_front)
     print(f"  never on it, at any size ({len(beaten)} of {len({row.series for row in rows})} series):")
     names = collections.defaultdict(list)
-    for backend, kernel, transfer, precision, fraction, ppc in beaten:
-        names[kernel, transfer].append(f"{precision} {fraction:g}/{ppc}")
-    for (kernel, transfer), which in sorted(names.items()):
-        print(f"    {kernel} {transfer}: {', '.join(sorted(which))}")
+    for backend, kernel, scheme, precision, fraction, ppc in beaten:
+        names[kernel, scheme].append(f"{precision} {fraction:g}/{ppc}")
+    for (kernel, scheme), which in sorted(names.items()):
+        print(f"    {kernel} {scheme}: {', '.join(sorted(which))}")
     for row in failed:
         print(f"  failed: {row}: {row.status[:100]}")
     for wanted in (0.01, 0.001):
@@ -319,7 +333,7 @@ def compare_precisions(rows):
     """The error of float over that of double, wherever both were measured with all else alike."""
     pairs = collections.defaultdict(dict)
     for row in rows:
-        key = row.problem, row.backend, row.kernel, row.transfer, row.fraction, row.ppc, row.cells
+        key = row.problem, row.backend, row.kernel, row.scheme, row.fraction, row.ppc, row.cells
         pairs[key][row.precision] = row
     ratios = []
     for pair in pairs.values():

@@ -91,6 +91,8 @@ def of_errors(lines):
         else:
             keys = "problem,backend,kernel,transfer,precision,cfl_fraction,cells,ppc".split(",")
             entry = "/".join(line[key] for key in keys)
+            if line.get("acts_on"):
+                entry += "/" + line["acts_on"]
         threads = most if waves else int(line["threads"])
         entry, about = with_threads(entry, threads), (line["date"], line["commit"].replace("unknown", ""))
         by_clock = line["backend"] == "cuda" or threads > 1

@@ -104,7 +104,7 @@ void measure_all(Options const& options)
                               plain(options.commit) + "," + today();
     out << "problem,backend,model,kernel,transfer,precision,cfl_fraction,cells,ppc,deterministic,error,"
            "seconds,particle_steps,bytes_per_particle,status,spread,cpu_seconds,runs,steps,rejected,threads,"
-           "hardware,compiler,commit,date,energy_lost\n";
+           "hardware,compiler,commit,date,energy_lost,acts_on\n";
     std::regex const wanted(options.only);
     std::size_t count = 0, failed = 0;
     for (Setting const& setting : named_grid(options.grid)) {
@@ -118,7 +118,7 @@ void measure_all(Options const& options)
             << plain(row.status) << ',' << row.spread << ',' << row.cpu_seconds << ',' << row.runs << ','
             << row.steps << ',' << row.rejected << ',' << options.patience.threads << ',' << where << ',';
         if (std::isfinite(row.energy_lost)) out << row.energy_lost;
-        out << std::endl;
+        out << ',' << setting.acts_on << std::endl;
         ++count;
         failed += row.status != "ok";
     }

@@ -8,7 +8,8 @@ namespace firn::bench
 {
 
 /// The sizes at which a problem is solved, from coarse to fine: cells per metre, of P4 per half width of the
-/// column, of P5 per side of the block, of P6 per side of the cube.
+/// column, of P5 per side of the block, of P6 per side of the cube, of P7 per depth of the water, of P8 per
+/// diameter of the disk.
 inline std::vector<int> cells_of(std::string const& problem, bool is_long)
 {
     if (problem == "P1")
@@ -17,13 +18,16 @@ inline std::vector<int> cells_of(std::string const& problem, bool is_long)
     if (problem == "P3") return is_long ? std::vector{20, 40, 80, 160} : std::vector{20, 40, 80};
     if (problem == "P4") return is_long ? std::vector{4, 8, 16, 32} : std::vector{4, 8, 16};
     if (problem == "P6") return is_long ? std::vector{8, 16, 32} : std::vector{8, 16};
+    if (problem == "P7") return is_long ? std::vector{8, 16, 32, 64} : std::vector{8, 16, 32};
+    if (problem == "P8") return is_long ? std::vector{4, 8, 16, 32} : std::vector{4, 8, 16};
     return std::vector{8, 16, 32};
 }
 
 /// `short` or `long`: all problems, kernels, transfers and precisions at all sizes with the library's step
 /// and four particles per cell; and for spline kernels two things by themselves, the length of steps and
 /// the number of particles. In the short one the latter are for APIC and MLS in float, without the finest
-/// size. P6, in space, is for spline kernels and transfers in float, with eight particles per cell.
+/// size. P6, in space, is for spline kernels and transfers in float, with eight particles per cell. P7 and P8
+/// are for spline kernels and MLS, with obstacles by both rules.
 inline std::vector<Setting> named_grid(std::string const& name)
 {
     using Words = std::vector<std::string>;
@@ -57,6 +61,12 @@ inline std::vector<Setting> named_grid(std::string const& name)
         for (auto const& transfer : transfers)
             for (int cells : cells_of("P6", is_long))
                 all.push_back({"P6", kernel, transfer, "float", 0.9, cells, 2});
+    for (auto const* const problem : {"P7", "P8"})
+        for (auto const* const kernel : {"quadratic", "cubic"})
+            for (auto const& precision : precisions)
+                for (auto const* const acts_on : {"nodes", "surface"})
+                    for (int cells : cells_of(problem, is_long))
+                        all.push_back({problem, kernel, "mls", precision, 0.9, cells, 2, acts_on});
     return all;
 }
 

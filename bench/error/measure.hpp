@@ -9,6 +9,7 @@
 #include "problems/manufactured.hpp"
 #include "problems/sand_column.hpp"
 #include "problems/snow_block.hpp"
+#include "problems/water_tank.hpp"
 
 #include <algorithm>
 #include <chrono>
@@ -102,8 +103,8 @@ void offer(Offer& offers, std::string const& transfer_name, Transfer const& tran
     using Snows = test::Scene<Snow<Plane>, Kernel, Transfer>;
     std::string const rest = std::string("/") + Kernel::name + "/" + transfer_name + "/" +
                              (std::is_same_v<Number, float> ? "float" : "double");
-    auto const by = [&](std::string const& problem, auto const& run) {
-        offers[problem + rest] = [=](Setting const& setting, Patience const& patience) {
+    auto const by = [&](std::string const& problem, auto const& run, std::string const& acts_on = "") {
+        offers[problem + rest + acts_on] = [=](Setting const& setting, Patience const& patience) {
             return run(setting, patience, transfer);
         };
     };
@@ -115,6 +116,14 @@ void offer(Offer& offers, std::string const& transfer_name, Transfer const& tran
     if constexpr (std::is_same_v<Number, float> && Kernel::degree > 1)
         by("P6",
            measure<test::ManufacturedSolution, test::Scene<NeoHookean<Space<3, Number>>, Kernel, Transfer>>);
+    if constexpr (std::is_same_v<Transfer, Mls> && Kernel::degree > 1) {
+        using Water = test::Scene<Fluid<Plane>, Kernel, Transfer>;
+        using KeptWater = test::Scene<KeepsVolume<Fluid<Plane>>, Kernel, Transfer>;
+        by("P7", measure<test::StillWater, Water>, "/nodes");
+        by("P7", measure<test::StillWater, KeptWater>, "/surface");
+        by("P8", measure<test::FloatingDisk, Water>, "/nodes");
+        by("P8", measure<test::FloatingDisk, KeptWater>, "/surface");
+    }
 }
 } // namespace detail
 

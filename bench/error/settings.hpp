@@ -20,6 +20,7 @@ struct Setting
     double cfl_fraction = 0.9; ///< share of the limit of an isolated particle: StepControl::wave
     int cells = 0;             ///< per length of the problem
     int per_cell = 2;          ///< particles per cell and axis
+    std::string acts_on = "";  ///< of obstacles, where a problem has them by both rules: nodes or surface
 };
 
 /// What it cost, and how far off it was.
@@ -49,12 +50,14 @@ struct Patience
 };
 
 using Measure = std::function<Row(Setting const&, Patience const&)>;
-/// What can be measured, by problem/kernel/transfer/precision.
+/// What can be measured, by problem/kernel/transfer/precision, and behind these Setting::acts_on if it says
+/// something.
 using Offer = std::map<std::string, Measure>;
 
 inline std::string name_of(Setting const& setting)
 {
-    return setting.problem + "/" + setting.kernel + "/" + setting.transfer + "/" + setting.precision;
+    return setting.problem + "/" + setting.kernel + "/" + setting.transfer + "/" + setting.precision +
+           (setting.acts_on.empty() ? "" : "/" + setting.acts_on);
 }
 
 /// Offers all problems with a kernel and a transfer, in both precisions; one translation unit each.

@@ -53,9 +53,10 @@ JSON
   "real_time": 1.0, "time_unit": "ms", "particle_steps_per_second": 4.5e9, "ms_per_step": 0.0265}]}
 JSON
         {
-            echo "problem,backend,model,kernel,transfer,precision,cfl_fraction,cells,ppc,deterministic,error,seconds,particle_steps,bytes_per_particle,status,spread,cpu_seconds,runs,steps,rejected,threads,hardware,compiler,commit,date,energy_lost"
-            echo "P1,openmp,neo_hookean,cubic,mls,float,0.9,16,4,yes,0.0092,0.002,1e5,100,ok,0.031,0.00086,5,30,0,1,a,b,1234567,2026-01-03,"
-            echo "P1,openmp,neo_hookean,cubic,mls,float,0.9,32,4,yes,nan,0,0,100,it failed,0,0,5,30,0,1,a,b,1234567,2026-01-03,"
+            echo "problem,backend,model,kernel,transfer,precision,cfl_fraction,cells,ppc,deterministic,error,seconds,particle_steps,bytes_per_particle,status,spread,cpu_seconds,runs,steps,rejected,threads,hardware,compiler,commit,date,energy_lost,acts_on"
+            echo "P1,openmp,neo_hookean,cubic,mls,float,0.9,16,4,yes,0.0092,0.002,1e5,100,ok,0.031,0.00086,5,30,0,1,a,b,1234567,2026-01-03,,"
+            echo "P1,openmp,neo_hookean,cubic,mls,float,0.9,32,4,yes,nan,0,0,100,it failed,0,0,5,30,0,1,a,b,1234567,2026-01-03,,"
+            echo "P8,openmp,fluid,cubic,mls,float,0.9,8,4,yes,0.02,0.002,1e5,100,ok,0.031,0.25,5,30,0,1,a,b,1234567,2026-01-03,,nodes"
         } >"$work/errors.csv.new"
         {
             echo "problem,backend,kernel,cells,error,seconds,status,spread,cpu_seconds,runs,threads,commit,date"
@@ -95,7 +96,9 @@ JSON
         expect steps_cuda.csv '2026-01-02,abcdef0,h200,step/cuda/snow/cubic/mls/float/random/1000,4.5,G/s,
 2026-01-02,abcdef0,h200,step/cuda/snow/cubic/mls/float/random/1000,26.5,us,'
         expect errors.csv '2026-01-03,1234567,h200,P1/openmp/cubic/mls/float/0.9/16/4,0.92,%,
-2026-01-03,1234567,h200,P1/openmp/cubic/mls/float/0.9/16/4,0.86,ms,0.031'
+2026-01-03,1234567,h200,P1/openmp/cubic/mls/float/0.9/16/4,0.86,ms,0.031
+2026-01-03,1234567,h200,P8/openmp/cubic/mls/float/0.9/8/4/nodes,2,%,
+2026-01-03,1234567,h200,P8/openmp/cubic/mls/float/0.9/8/4/nodes,250,ms,0.031'
         expect waves.csv '2026-01-03,abcdef0,h200,waves/cubic/taichi/16/threads:2,0.92,%,
 2026-01-03,abcdef0,h200,waves/cubic/taichi/16/threads:2,4,ms,0.1
 2026-01-03,abcdef0,h200,waves/cubic/taichi_private/16/threads:2,0.92,%,
