@@ -25,6 +25,7 @@ void check_hoppers(Model const& model, Contact const& contact)
                     model);
                 hopper.advance(0.4);
                 CHECK(hopper.lost == 0);
+                CHECK(hopper.deepest < 0.01);                                             // [cells]
                 if (opening > 0) CHECK(hopper.count_below() > hopper.solver.size() / 10); // it flows
             }
 }

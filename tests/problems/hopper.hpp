@@ -28,7 +28,8 @@ struct HopperSetting
 {
     Boards boards = Boards::boxes;
     double opening = 0; ///< [m]; 0: it is shut
-    /// By how much boxes go on below where their faces meet [cells]. 0: nothing but their edges touch.
+    /// By how much boxes go on behind where their faces meet [cells]. 0: nothing but the edges of boards that
+    /// lean against each other touch, and the walls of the tray stand on its floor.
     double overlap = 1;
     double slope = M_PI / 3;                                ///< of the boards [radians]
     double h = 0.02;                                        ///< of a cell [m]
@@ -88,6 +89,7 @@ public:
 private:
     /// Of boards, which are far thicker than what a particle moves in a call [m].
     double thickness() const { return 4 * setting_.h; }
+    double overlap() const { return setting_.overlap * setting_.h; }
     double bottom() const { return setting_.opening > 0 ? -0.5 * setting_.height : 0; }
     Vector<double, d> origin() const
     {
@@ -144,10 +146,8 @@ private:
         // in the plane of this axis and y: up along the board, and out of its inner face
         double const along = std::cos(setting_.slope), rise = std::sin(setting_.slope),
                      wide = 2 * setting_.height,
-                     overlap = setting_.boards == Boards::boxes && setting_.opening <= 0
-                                   ? setting_.overlap * setting_.h
-                                   : 0,
-                     length = 1.5 * setting_.height / rise + overlap;
+                     beyond = setting_.boards == Boards::boxes && setting_.opening <= 0 ? overlap() : 0,
+                     length = 1.5 * setting_.height / rise + beyond;
         Vector<double, d> up = Vector<double, d>::Zero(), normal = up, foot = up;
         up[axis] = side * along, up[1] = rise;
         normal[axis] = -side * rise, normal[1] = along;
@@ -157,7 +157,7 @@ private:
             for (int a = 0; a < d; ++a) inwards[a] = normal[a];
             return add(HalfSpace{inwards}, foot);
         }
-        Vector<double, d> const middle = foot + up * (length / 2 - overlap) - normal * thickness() / 2;
+        Vector<double, d> const middle = foot + up * (length / 2 - beyond) - normal * thickness() / 2;
         double const lean = (axis == 0 ? -side : side) * (M_PI / 2 - setting_.slope);
         Eigen::Vector3d const around = axis == 0 ? Eigen::Vector3d::UnitZ() : Eigen::Vector3d::UnitX();
         Eigen::Quaterniond const orientation(Eigen::AngleAxisd(lean, around));
@@ -170,14 +170,15 @@ private:
     void add_tray(double half)
     {
         tray_ = half;
-        double const wide = half + 2 * thickness(), high = setting_.height - bottom();
+        double const wide = half + 2 * thickness(), low = bottom() - overlap(),
+                     high = 3 * setting_.height - low;
         Vector<double, d> floor = Vector<double, d>::Zero();
         floor[1] = bottom() - thickness() / 2;
         add(Box{{wide, thickness() / 2, wide}}, floor);
         for (double const side : {-1.0, 1.0})
             for (int axis = 0; axis < d; axis += 2) {
                 Vector<double, d> middle = Vector<double, d>::Zero();
-                middle[axis] = side * (half + thickness() / 2), middle[1] = bottom() + high / 2;
+                middle[axis] = side * (half + thickness() / 2), middle[1] = low + high / 2;
                 Eigen::Vector3d extents(wide, high / 2, wide);
                 extents[axis] = thickness() / 2;
                 add(Box{extents}, middle);
