@@ -3,10 +3,14 @@
 //     surfaces [fine]
 // Prints figures, one to a line, which results.py reads: tanks at rest for 2 s in the plane, by their place
 // on the cells and the size of these; the lift of a disk, and of a ball in space, over that of Archimedes;
-// the particles that leave a tank. With `fine`, cells of half the size and larger disks, too: some minutes.
+// how far disks float off his depth, in their size; the particles that leave a tank, and hoppers of water
+// and of sand. With `fine`, cells of half the size, larger disks, and hoppers in space, too: some minutes.
 #include "on_each_backend.hpp"
+#include "problems/floating.hpp"
+#include "problems/hopper.hpp"
 #include "tank.hpp"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 #include <cstddef>
@@ -112,6 +116,69 @@ void lift_of_ball(double radius_in_cells)
            100 * (report.reactions[0].impulse.y() / duration / displaced - 1), "%");
 }
 
+void floating(Place const& place)
+{
+    for (double const density : {0.3, 0.5, 0.8}) {
+        test::FloatingDisk const disk(density, place.degrees * M_PI / 180, place.offset, bench::backend());
+        std::string const entry = "floating/" + std::string(place.name) + '/' +
+                                  std::to_string(int(10 * density)) + "_tenths_of_water/";
+        figure(entry + "rigid", 100 * disk.of_rigid_body(0.5, 1), "%");
+        figure(entry + "elastic", 100 * disk.of_elastic_body(0.5, 1), "%");
+    }
+}
+
+/// How many particles a hopper loses, and how deep one comes into a board.
+template <ActsOn acts_on = ActsOn::surface_and_particles, class Model>
+void hopper(std::string const& name, Model const& model, test::HopperSetting const& setting, double duration)
+{
+    test::Hopper<test::Scene<Model, QuadraticBSpline, Mls>, acts_on> of(setting, model, bench::backend());
+    of.advance(duration);
+    std::string const entry =
+        "hopper/" + name + (setting.opening > 0 ? "/open/" : "/shut/") +
+        (setting.boards == test::Boards::boxes      ? setting.overlap > 0 ? "boxes" : "boxes_that_only_touch"
+         : setting.boards == test::Boards::capsules ? "capsules"
+                                                    : "half_spaces") +
+        '/' + std::to_string(int(std::lround(setting.slope * 180 / M_PI))) + "_degrees/" +
+        (acts_on == ActsOn::surface ? "at_surface_alone/" : "");
+    figure(entry + "particles", double(of.solver.size()), "1");
+    figure(entry + "steps", double(of.steps), "1");
+    figure(entry + "lost", double(of.lost), "1");
+    figure(entry + "deepest", std::max(of.deepest, 0.0), "cells");
+}
+
+/// The same in all shapes, of water and of sand.
+template <class Space>
+void hoppers(std::string const& where, test::HopperSetting setting, double duration)
+{
+    KeepsVolume<Fluid<Space>> const water(materials::water<Space>(3));
+    auto const sand = materials::dry_sand<Space>();
+    auto const of_both = [&](test::Boards boards, double degrees, double opening) {
+        setting.boards = boards, setting.slope = degrees * M_PI / 180, setting.opening = opening;
+        setting.contact = Contact::slip();
+        hopper(where + "/water", water, setting, duration);
+        setting.contact = Contact::coulomb(0.3);
+        hopper(where + "/sand", sand, setting, duration);
+    };
+    double const open = 4 * setting.h;
+    of_both(test::Boards::boxes, 60, 0);
+    of_both(test::Boards::boxes, 60, open);
+    of_both(test::Boards::half_spaces, 75, 0);
+    if constexpr (Space::dimension == 2) { // in space capsules make no walls
+        of_both(test::Boards::boxes, 75, 0);
+        of_both(test::Boards::boxes, 75, open);
+        of_both(test::Boards::capsules, 60, 0);
+        of_both(test::Boards::capsules, 60, open);
+    }
+    setting.boards = test::Boards::boxes, setting.slope = M_PI / 3, setting.contact = Contact::slip();
+    for (double const opening : {0.0, open}) {
+        setting.opening = opening;
+        hopper<ActsOn::surface>(where + "/water", water, setting, duration);
+        auto touching = setting;
+        touching.overlap = 0;
+        hopper(where + "/water", water, touching, duration);
+    }
+}
+
 void leaks()
 {
     Tank tank({.degrees = 17, .h = 0.0031}); // some 1e5 particles
@@ -138,5 +205,8 @@ int main(int argc, char**)
             if (radius < 12 || is_fine) lift_of_disk(place, radius);
     lift_of_ball(3);
     if (is_fine) lift_of_ball(6);
+    for (auto const& place : places) floating(place);
     leaks();
+    hoppers<bench::Plane>("plane", {.h = 0.01}, 0.5); // of twice the cells of the test, for some 3 000 steps
+    if (is_fine) hoppers<Space<3, float>>("space", {.height = 0.3, .offset = {0.3, 0.21, 0.4}}, 0.6);
 }
