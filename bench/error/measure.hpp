@@ -121,8 +121,8 @@ void offer(Offer& offers, std::string const& transfer_name, Transfer const& tran
         using KeptWater = test::Scene<KeepsVolume<Fluid<Plane>>, Kernel, Transfer>;
         by("P7", measure<test::StillWater, Water>, "/nodes");
         by("P7", measure<test::StillWater, KeptWater>, "/surface");
-        by("P8", measure<test::FloatingDisk, Water>, "/nodes");
-        by("P8", measure<test::FloatingDisk, KeptWater>, "/surface");
+        by("P8", measure<test::HalfImmersedDisk, Water>, "/nodes");
+        by("P8", measure<test::HalfImmersedDisk, KeptWater>, "/surface");
     }
 }
 } // namespace detail

@@ -134,7 +134,7 @@ private:
 /// A disk of half the water's density, 0.16 m across, in an upright tank for a second: half of it is under
 /// water, so that its centre lies at the level of the water.
 template <class SceneType>
-class FloatingDisk : public WaterTank<SceneType>
+class HalfImmersedDisk : public WaterTank<SceneType>
 {
     using Tank = WaterTank<SceneType>;
 
@@ -143,8 +143,8 @@ public:
     static constexpr double duration = 1, radius = 0.08; ///< [s], [m]
 
     /// `cells` per diameter, `per_cell` particles per cell and axis.
-    FloatingDisk(int cells, int per_cell = 2, typename Tank::Transfer const& transfer = {},
-                 StepControl const& control = {}, typename SceneType::Backend const& backend = {})
+    HalfImmersedDisk(int cells, int per_cell = 2, typename Tank::Transfer const& transfer = {},
+                     StepControl const& control = {}, typename SceneType::Backend const& backend = {})
         : Tank(0, 2 * radius / cells, per_cell, radius, transfer, control, backend)
     {
         Eigen::Vector3d const centre = this->in_space(this->place({0, this->level()}));
