@@ -11,7 +11,7 @@
 #   --prefix FOLDER   where Eigen, Catch2 and Google Benchmark are, if not in the usual places
 #   --large           64 million particles too: 60 GB of memory of the machine, two minutes more
 #   --materials       every material and transfer too, a million particles each, in a table relative to neo-Hookean
-#   --errors          and what an error costs: speed_against_error.csv of the short grid, four minutes more
+#   --errors          and what an error costs: speed_against_error.csv of the short grid, five minutes more
 #   --record ID       appends the results to bench/results, as of the machine with this id in machines.csv
 set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
