@@ -115,9 +115,9 @@ struct FindNodesOfPoints : RowLoop<Kernel, Number, d>
             if (point.is_deep) weight[k] = Number(is_deeper && node[d - 1] == point.node[d - 1] ? 1 : 0);
             ++node[d - 1];
         }
-        FIRN_UNROLL_ON_DEVICE // these wait for one another's memory together
-            for (int k = 0; k < Cell::width; ++k)
-        {
+        // a loop of its own: these wait for one another's memory together
+        FIRN_UNROLL_ON_DEVICE
+        for (int k = 0; k < Cell::width; ++k) {
             if (index[k] == Nodes::absent || !(weight[k] > 0)) continue;
             rank[k] = next_number(surface.lists[index[k] + 1].count);
             if (rank[k] == 0) surface.reached[next_number_of_all(surface.counts->nodes)].node = index[k] + 1;
