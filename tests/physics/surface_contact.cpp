@@ -6,12 +6,16 @@
 #include "support/tank.hpp"
 
 #include <firn/contact_points.hpp>
+#include <firn/core/exactly_equal.hpp>
 #include <firn/effects/obstacles.hpp>
 #include <firn/effects/rigid_body.hpp>
+#include <firn/phases/surface_contact.hpp>
 
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <random>
+#include <utility>
 #include <vector>
 
 // Obstacles that act by impulses at their surface, wherever that lies between nodes.
@@ -222,6 +226,32 @@ TEST_CASE("momentum is kept where particles have hardly any weight at nodes that
         worst = std::max(worst, (Totals(drop).momentum - left).norm() / scale);
     }
     CHECK(worst < 1e-10);
+}
+
+TEST_CASE("what points give a node comes to the same bits in any order, however light it is",
+          "[physics][surface]")
+{
+    auto const unit = UnitOfSums::at(0x1p-46);
+    std::vector<double> gains;
+    for (int i = 0; i < 27; ++i)
+        gains.push_back(std::pow(10., i % 9 - 3) * (i % 2 == 0 ? 1 : -0.7) / (3 + i));
+    auto const sum = [&] {
+        SumInAnyOrder total;
+        double naive = 0;
+        for (double const gain : gains) total.add(gain, unit), naive += unit.fine(gain);
+        return std::pair{total.value(), naive};
+    };
+    auto const [first, naive] = sum();
+    bool is_naive_the_same = true;
+    std::mt19937 random(7);
+    for (int i = 0; i < 100; ++i) {
+        std::shuffle(gains.begin(), gains.end(), random);
+        auto const [again, naively] = sum();
+        CHECK(exactly_equal(again, first));
+        is_naive_the_same = is_naive_the_same && exactly_equal(naively, naive);
+    }
+    CHECK(std::abs(first - naive) < 1e-9);
+    CHECK_FALSE(is_naive_the_same); // the gains differ enough for that
 }
 
 TEST_CASE("obstacles tell where they were touched, and by what impulse", "[physics][surface]")

@@ -19,22 +19,43 @@
 namespace firn
 {
 
-/// Rounds to a multiple of a number, so that sums of these come out the same in any order.
-struct RoundToMultiples
+/// Rounds numbers to the multiples of a unit, so that their sum comes out the same in any order.
+struct UnitOfSums
 {
-    double large; ///< the spacing of numbers as large as this is that of the multiples
+    double large; ///< the spacing of doubles as large as this is the unit
 
-    /// The multiples are those of the power of two at or below `unit`, for numbers up to 2^50 of these.
-    static RoundToMultiples of(double unit) { return {std::ldexp(1.5, 52 + std::ilogb(unit))}; }
-    FIRN_HOST_DEVICE double operator()(double x) const
+    /// The power of two at or below this.
+    static UnitOfSums at(double unit) { return {std::ldexp(1.5, 52 + std::ilogb(unit))}; }
+
+    FIRN_HOST_DEVICE double fine(double x) const { return rounded(x, large); }
+    /// To 2^26 units, for numbers up to 2^76 of them.
+    FIRN_HOST_DEVICE double coarse(double x) const { return rounded(x, large * 0x1p26); }
+
+private:
+    FIRN_HOST_DEVICE static double rounded(double x, double beside)
     {
 #if defined(__FAST_MATH__) // or compilers would leave both out
-        double const volatile sum = x + large;
+        double const volatile sum = x + beside;
 #else
-        double const sum = x + large;
+        double const sum = x + beside;
 #endif
-        return sum - large;
+        return sum - beside;
     }
+};
+
+/// Such a sum. One double has too few digits where a node with hardly any mass gains 1e4 cells a step from
+/// one point and next to nothing from another one.
+struct SumInAnyOrder
+{
+    double coarse = 0, fine = 0;
+
+    FIRN_HOST_DEVICE void add(double x, UnitOfSums const& unit)
+    {
+        double const most = unit.coarse(x);
+        coarse += most;
+        fine += unit.fine(x - most);
+    }
+    FIRN_HOST_DEVICE double value() const { return coarse + fine; }
 };
 
 /// Of how many points a node reads the impulses at once, so that a device waits for them together: where the
@@ -49,7 +70,8 @@ inline constexpr std::uint32_t points_at_once = 1;
 template <class Kernel, class Number, int d, class Nodes>
 struct GatherImpulses : PointLoop<Kernel, Number, d>
 {
-    RoundToMultiples round, round_weight;
+    UnitOfSums unit;       ///< of the velocities that nodes gain [m/s]
+    UnitOfSums of_weights; ///< of the sum of weights
     Nodes by_index;
     int velocity;          ///< the first channel of the grid's values
     bool is_first = false; ///< the weights of points are summed, too
@@ -60,7 +82,8 @@ struct GatherImpulses : PointLoop<Kernel, Number, d>
         auto const& surface = this->of;
         if (i >= surface.counts->nodes) return;
         NodeAtSurface<Number, d> const node = surface.reached[i];
-        double gained[std::size_t(d)]{}, weights = 0;
+        SumInAnyOrder gained[std::size_t(d)];
+        double weights = 0;
         std::uint32_t const end = node.points.begin + node.points.count;
         for (std::uint32_t first = node.points.begin; first < end; first += points_at_once) {
             FIRN_UNROLL_ON_DEVICE
@@ -69,12 +92,12 @@ struct GatherImpulses : PointLoop<Kernel, Number, d>
                 if (first + k >= end) from.weight = 0;
                 auto const impulse = surface.tried[from.point].vector;
                 double const gives = double(from.weight * node.inverse_mass);
-                for (int a = 0; a < d; ++a) gained[a] += round(gives * double(impulse[a]));
-                if (is_first) weights += round_weight(double(from.weight));
+                for (int a = 0; a < d; ++a) gained[a].add(gives * double(impulse[a]), unit);
+                if (is_first) weights += of_weights.fine(double(from.weight));
             }
         }
         Vector<Number, d> v;
-        for (int a = 0; a < d; ++a) v[a] = node.free[a] + static_cast<Number>(gained[a]);
+        for (int a = 0; a < d; ++a) v[a] = node.free[a] + static_cast<Number>(gained[a].value());
         surface.velocities[node.node].vector = v;
         if (is_first) surface.velocities[node.node].number = node.inverse_mass * static_cast<Number>(weights);
         if (!is_last) return;

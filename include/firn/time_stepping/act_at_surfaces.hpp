@@ -99,9 +99,10 @@ void act_at_surfaces(StepMemory<Backend, Sets, Transfer> const& memory,
                                                          Sums::mass, Values::velocity});
     backend.for_each(points, BeginPoints<Kernel, Number, d>{loop, longer});
     backend.for_each(Rows::count(points), ListPoints<Kernel, Number, d>{rows});
-    GatherImpulses<Kernel, Number, d, Nodes> gather{
-        loop, RoundToMultiples::of(0x1p-46 * memory.lattice.cell_size / dt), RoundToMultiples::of(0x1p-40),
-        by_index, Values::velocity};
+    // velocities in units of 2^-46 cells a step
+    GatherImpulses<Kernel, Number, d, Nodes> gather{loop,
+                                                    UnitOfSums::at(0x1p-46 * memory.lattice.cell_size / dt),
+                                                    UnitOfSums::at(0x1p-40), by_index, Values::velocity};
     gather.is_first = true;
     backend.for_each(nodes, gather);
     gather.is_first = false;
