@@ -12,9 +12,10 @@
 #include <cstdint>
 
 // Contact at the surface of obstacles. Where a uniform pressure p meets a surface, node i receives the force
-// -p w_i(x_s) n per area: the kernel's weight at the point x_s of the surface, on both sides of it. Nodes
-// inside that lose their velocity take a part of this, and the rest drives currents. What balances it for any
-// place of the surface are impulses at its points, spread by the same weights:
+// -p w_i(x_s) n per area: the kernel's weight at the point x_s of the surface, on both sides of it (with
+// the forces of Mls another weight, see SurfaceWeights). Nodes inside that lose their velocity take a part of
+// this, and the rest drives currents. What balances it for any place of the surface are impulses at its
+// points, spread by the same weights:
 //
 //   m_i v_i += w_i(x_s) lambda_s,    sum_i w_i(x_s) (v_i - u_s) . n >= 0  and  lambda_s . n >= 0
 //

@@ -55,6 +55,23 @@ struct CubicBSpline
         Real const square = t * t;
         return {Real(1), t, square * (Real(0.75) - Real(0.5) * square) - Real(0.03125)};
     }
+
+    /// The weights whose derivatives are w_i (x_i - x) D^-1: see SurfaceWeights.
+    template <Lane Real>
+    FIRN_HOST_DEVICE static std::array<Real, 4> surface_weights(Real t)
+    {
+        auto const outer = [](Real to_end) {
+            Real const square = to_end * to_end;
+            return square * square * (Real(0.25) - Real(ScalarOf<Real>(0.1)) * to_end);
+        };
+        auto const inner = [](Real distance) {
+            Real const square = distance * distance;
+            return Real(ScalarOf<Real>(0.7)) +
+                   square * (square * (Real(0.75) - Real(ScalarOf<Real>(0.3)) * distance) - Real(1));
+        };
+        Real const left = Real(0.5) - t, right = Real(0.5) + t;
+        return {outer(left), inner(right), inner(left), outer(right)};
+    }
 };
 
 } // namespace firn

@@ -47,6 +47,16 @@ struct QuadraticBSpline
     {
         return {Real(1), t * (Real(1.5) - Real(2) * t * t)};
     }
+
+    /// The weights whose derivatives are w_i (x_i - x) D^-1: see SurfaceWeights.
+    template <Lane Real>
+    FIRN_HOST_DEVICE static std::array<Real, 3> surface_weights(Real t)
+    {
+        Real const left = Real(0.5) - t, right = Real(0.5) + t, half = Real(0.5);
+        Real const first = left * left * left * (Real(1) - half * left),
+                   last = right * right * right * (Real(1) - half * right);
+        return {first, Real(1) - (first + last), last};
+    }
 };
 
 } // namespace firn

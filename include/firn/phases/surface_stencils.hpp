@@ -4,7 +4,9 @@
 #include <firn/core/host_device.hpp>
 #include <firn/effects/surface_points.hpp>
 #include <firn/grid/stencil.hpp>
+#include <firn/transfer/transfer.hpp>
 
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -80,8 +82,58 @@ struct RowLoop : PointLoop<Kernel, Number, d>
     }
 };
 
+/// The weights by which a force at a point of a surface acts on the nodes of a row.
+///
+/// A uniform pressure in all that lies behind a plane gives node i the integral of the gradient of w_i over
+/// it as force, and so w_i at points of the plane. Mls has w_i (x_i - x) D^-1 in place of the gradient, which
+/// is the derivative of another weight along each axis. By w_i the forces of a plane of nodes and of the
+/// pressure behind it would balance in their sum alone, and drive currents. The product of the kernel's
+/// surface_weights(t) along one axis and of w_i along the others, weighted by the square of the normal's
+/// component along that axis, balances them along the normal of every plane.
+template <class Kernel, class Transfer, class Number, int d>
+struct SurfaceWeights
+{
+    using Cell = Stencil<Kernel, Number, d>;
+    static constexpr bool of_distances =
+        !Transfer::template scatter_terms<Kernel>.gradient && requires(Number t)
+    {
+        Kernel::surface_weights(t);
+    };
+
+    Cell const& cell;
+    Number row;             ///< the part of all axes but the last, which goes with w along that one
+    Number row_of_last = 0; ///< the part that goes with the last axis's surface weights
+    std::array<Number, std::size_t(Cell::width)> last{}; ///< these
+
+    FIRN_HOST_DEVICE SurfaceWeights(Cell const& stencil, Vector<Number, d> const& offset,
+                                    Vector<Number, d> const& normal, int of_row)
+        : cell(stencil), row(stencil.row_weight(of_row))
+    {
+        if constexpr (of_distances) {
+            Number const weight = row;
+            row = 0;
+            for (int a = 0; a < d - 1; ++a) {
+                Number product = normal[a] * normal[a] *
+                                 Kernel::surface_weights(offset[a])[std::size_t(Cell::index(of_row, a))];
+                if constexpr (d == 3)
+                    product *= cell.weight[std::size_t(1 - a)][std::size_t(Cell::index(of_row, 1 - a))];
+                row += product;
+            }
+            row_of_last = weight * normal[d - 1] * normal[d - 1];
+            last = Kernel::surface_weights(offset[d - 1]);
+        }
+    }
+
+    FIRN_HOST_DEVICE Number operator[](int k) const
+    {
+        Number const weight = row * cell.weight[std::size_t(d - 1)][std::size_t(k)];
+        if constexpr (of_distances) return weight + row_of_last * last[std::size_t(k)];
+        return weight;
+    }
+};
+
 /// Finds the nodes in a row of a point's stencil, which count their points.
-template <class Kernel, class Number, int d, class Nodes>
+template <class Kernel, class Transfer, class Number, int d, class Nodes>
 struct FindNodesOfPoints : RowLoop<Kernel, Number, d>
 {
     using Rows = RowLoop<Kernel, Number, d>;
@@ -105,13 +157,13 @@ struct FindNodesOfPoints : RowLoop<Kernel, Number, d>
             is_deeper = is_deeper && node[a] == point.node[a];
         }
         Cell const cell(offset);
-        Number const of_row = cell.row_weight(row);
+        SurfaceWeights<Kernel, Transfer, Number, d> const weights(cell, offset, point.normal, row);
         std::uint32_t index[std::size_t(Cell::width)], rank[std::size_t(Cell::width)]{};
         Number weight[std::size_t(Cell::width)];
         FIRN_UNROLL_ON_DEVICE
         for (int k = 0; k < Cell::width; ++k) {
             index[k] = k == 0 ? by_index.find(node) : by_index.find_next(node, index[k - 1]);
-            weight[k] = of_row * cell.weight[std::size_t(d - 1)][std::size_t(k)];
+            weight[k] = weights[k];
             if (point.is_deep) weight[k] = Number(is_deeper && node[d - 1] == point.node[d - 1] ? 1 : 0);
             ++node[d - 1];
         }

@@ -92,7 +92,8 @@ void act_at_surfaces(StepMemory<Backend, Sets, Transfer> const& memory,
     using Nodes = std::remove_const_t<decltype(by_index)>;
     using Rows = RowLoop<Kernel, Number, d>;
     Rows const rows{loop, points};
-    backend.for_each(Rows::count(points), FindNodesOfPoints<Kernel, Number, d, Nodes>{rows, by_index});
+    backend.for_each(Rows::count(points),
+                     FindNodesOfPoints<Kernel, Transfer, Number, d, Nodes>{rows, by_index});
     std::size_t const nodes = surface.most_reached(
         std::min(grid.node_count(), std::size_t(points) * std::size_t(Loop::nodes_of_each)));
     backend.for_each(nodes, BeginNodes<Number, d, Nodes>{loop.of, by_index, scene.smallest_node_mass,
