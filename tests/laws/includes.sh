@@ -13,7 +13,7 @@ names_of_others() {
 algorithm: adjacent_find all_of any_of clamp copy copy_n count equal fill fill_n find find_if find_if_not inplace_merge
 algorithm: lexicographical_compare lower_bound max max_element min minmax nth_element partition_point ranges::all_of ranges::any_of
 algorithm: ranges::count_if ranges::equal ranges::find ranges::lower_bound ranges::none_of ranges::sort
-algorithm: ranges::set_difference ranges::upper_bound sort stable_sort transform unique upper_bound
+algorithm: ranges::set_difference ranges::stable_sort ranges::upper_bound sort stable_sort transform unique upper_bound
 array: array
 array,tuple,utility: get tuple_element_t tuple_size_v
 array,vector,string,span: begin data size

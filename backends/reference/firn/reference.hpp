@@ -13,7 +13,8 @@ namespace firn
 {
 
 /// Runs a solver by plain loops, one item and one node after the other: what every backend does, written to
-/// be read. It is slow: use it beside a debugger, and to begin a new backend with.
+/// be read. It is slow: use it beside a debugger, and to begin a new backend with. What its members owe is in
+/// firn/backend.hpp.
 struct Reference
 {
     static constexpr bool reaches_host_memory = true;
@@ -32,33 +33,23 @@ struct Reference
     template <class Number, int d, int degree, int sums, int values, int layers, bool own_values = false>
     using Grid = reference::Grid<Number, d, degree, sums, values, layers, own_values>;
 
-    /// Works on every machine.
-    void validate() const {}
+    void validate() const {} // works on every machine
 
-    /// Calls `body(i)` once for every i in [0, count).
-    template <class Body>
-    void for_each(std::size_t count, Body const& body) const
+    void for_each(std::size_t count, auto const& body) const
     {
         for (std::size_t i = 0; i < count; ++i) body(i);
     }
-
-    /// Calls `visit(where it lies, coordinates of its cell)` for every item.
-    template <class Order, class Visit>
-    void for_each_place(Order const& cells, Visit const& visit) const
-    {
-        cells.for_each(visit);
-    }
+    void for_each_place(auto const& cells, auto const& visit) const { cells.for_each(visit); }
 
     /// The items of all cells gather from the nodes, are updated, move and scatter; the phase says which
     /// of these (see CellWork). Returns the result of the updates, if there are any.
     template <class Order, class Layer, class Phase>
-    auto for_each_cell(Order& cells, Layer& layer, Phase const& phase) const
+    auto for_each_cell(Order const& cells, Layer& layer, Phase const& phase) const
     {
         constexpr CellWork work = Phase::work;
         constexpr bool scatters = work.scatters_to != ScatterTarget::nothing;
         auto& target = work.scatters_to == ScatterTarget::next_sums ? layer.next_sums : layer.sums_now;
         typename Phase::Result result{};
-        if constexpr (work.moves) cells.leavers.clear();
         if constexpr (work.scatters_to == ScatterTarget::next_sums) target.clear();
         if constexpr (work.scatters_to == ScatterTarget::sums)
             if (!phase.adds_to_sums()) target.clear();
@@ -71,8 +62,7 @@ struct Reference
             if constexpr (scatters) sums = layer.sums_around(cell, target);
 
             for (; slot < cells.size() && cells[slot].cell == cell; ++slot) {
-                reference::Item<typename Order::Number, Phase::d, Phase::scratch_channels, decltype(values)>
-                    item(cells, slot, values);
+                reference::Item<Phase, decltype(values)> item(cells, slot, values);
                 if constexpr (work.gathers) {
                     phase.begin(item);
                     phase.gather(item);
@@ -80,40 +70,35 @@ struct Reference
                 }
                 else
                     phase.prepare(item);
-                if (item.has_left()) {
-                    if constexpr (work.moves) cells.leavers.push_back(item.leaver());
+                if constexpr (scatters) {
+                    bool const stays = item.first() == cell;
+                    auto around = stays ? sums : layer.sums_around(item.first(), target);
+                    phase.scatter(item, around);
                 }
-                else if constexpr (scatters)
-                    phase.scatter(item, sums);
             }
         }
         return result;
     }
 
-    /// Items that changed cells when they moved scatter to the grid, to which all others already have.
-    template <class Phase, class Order, class Layer>
-    void scatter_leavers(Order& cells, Layer& layer) const
-    {
-        for (auto const& leaver : cells.leavers) {
-            auto const sums = layer.sums_around(leaver.cell, layer.sums_now);
-            Phase::scatter(leaver, sums);
-        }
-    }
+    /// Nothing is left to do: an item that left its cell has scattered around the new one, since nodes appear
+    /// when something is added to them. In another backend the nodes there may not exist before activate(),
+    /// so the item keeps its contribution until then.
+    template <class Phase>
+    void scatter_leavers(auto const& /*cells*/, auto const& /*layer*/) const
+    {}
 
     /// Calls `phase(node, result)` for every node that any layer added to; returns the result.
-    template <class Orders, class GridType, class Phase>
-    auto for_each_node(Orders const&, GridType& grid, Phase const& phase) const
+    template <class GridType, class Phase>
+    auto for_each_node(auto const& /*orders*/, GridType& grid, Phase const& phase) const
     {
         typename Phase::Result result{};
         for (auto const& at : grid.nodes()) {
             reference::Node<GridType, Phase::d> node(grid, at);
-            if constexpr (Phase::looks_around) {
-                auto const walls = phase.walls();
-                if (phase.looks_around_at(walls, at, 1)) {
+            if constexpr (Phase::looks_around)
+                if (auto const walls = phase.walls(); phase.looks_around_at(walls, at, 1)) {
                     phase.look_around(walls, node, result);
                     continue;
                 }
-            }
             phase(node, result);
         }
         return result;

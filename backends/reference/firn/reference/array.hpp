@@ -27,6 +27,7 @@ class Array
     /// The memory of an element: T may have no default constructor.
     struct alignas(T) Element
     {
+        Element() { std::fill_n(byte, sizeof(T), static_cast<unsigned char>(0xff)); }
         unsigned char byte[sizeof(T)];
     };
 
@@ -38,19 +39,13 @@ public:
     Array& operator=(Array&&) noexcept = default;
     void swap(Array& other) noexcept { elements_.swap(other.elements_); }
 
-    /// Changes the size and keeps the elements that fit, or the first `kept` of them. If memory is short,
-    /// nothing has changed.
     void resize(std::size_t size, std::size_t kept)
     {
-        Element unwritten;
-        std::fill_n(unwritten.byte, sizeof(T), static_cast<unsigned char>(0xff));
-        elements_.reserve(size);
-        elements_.resize(std::min(kept, elements_.size()), unwritten);
-        elements_.resize(size, unwritten);
+        elements_.reserve(size); // if memory is short, nothing has changed
+        elements_.resize(std::min(kept, elements_.size()));
+        elements_.resize(size);
     }
     void resize(std::size_t size) { resize(size, size); }
-
-    /// Sets existing elements from `first` on.
     void upload(std::size_t first, std::span<T const> values)
     {
         assert(first + values.size() <= size() && "elements that are set exist");
@@ -61,7 +56,6 @@ public:
         assert(first + count <= size() && "elements that are set exist");
         std::fill_n(data() + first, count, value);
     }
-    /// Copies elements from `first` on.
     void download(std::size_t first, std::span<T> values) const
     {
         assert(first + values.size() <= size() && "elements that are copied exist");

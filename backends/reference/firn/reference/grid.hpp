@@ -14,7 +14,7 @@
 #include <set>
 #include <vector>
 
-// The nodes, and one of them as a phase sees it.
+// The nodes, and one of them as a phase sees it. What their members owe is in firn/backend.hpp.
 namespace firn::reference
 {
 
@@ -31,11 +31,6 @@ public:
     template <class Numbers>
     using NodeMap = std::map<Coordinates<d>, Numbers, FirstAxisFirst>;
 
-    static constexpr int width = degree + 1, rows = d == 3 ? width * width : width;
-    /// Where the numbers of the nodes around a cell are: `stencil[k][row][channel]`, as phases count nodes.
-    template <class OfNode>
-    using Stencil = std::array<std::array<OfNode*, std::size_t(rows)>, std::size_t(width)>;
-
     /// The grid as one order of cells sees it. A light handle, made when needed.
     struct Layer
     {
@@ -44,21 +39,23 @@ public:
         Periods<d> periods;
 
         /// The values around a cell; all of these nodes have been updated.
-        Stencil<Number const> values_around(Coordinates<d> const& cell) const
+        auto values_around(Coordinates<d> const& cell) const
         {
-            return around<Number const>(cell, [&](auto const& node) { return node_values.at(node).data(); });
+            return around(cell, [&](auto const& node) { return node_values.at(node).data(); });
         }
         /// The sums around a cell, of this step or of the next one.
-        Stencil<double> sums_around(Coordinates<d> const& cell, NodeMap<Sums>& of) const
+        auto sums_around(Coordinates<d> const& cell, NodeMap<Sums>& of) const
         {
-            return around<double>(cell, [&](auto const& node) { return of[node].data(); });
+            return around(cell, [&](auto const& node) { return of[node].data(); });
         }
 
     private:
-        template <class OfNode, class Find>
-        Stencil<OfNode> around(Coordinates<d> const& cell, Find const& find) const
+        /// What `find` finds of each node around a cell: `stencil[k][row]`, as phases count nodes.
+        template <class Find>
+        auto around(Coordinates<d> const& cell, Find const& find) const
         {
-            Stencil<OfNode> stencil;
+            constexpr int width = degree + 1, rows = d == 3 ? width * width : width;
+            std::array<std::array<decltype(find(cell)), std::size_t(rows)>, std::size_t(width)> stencil;
             for (int row = 0; row < rows; ++row)
                 for (int k = 0; k < width; ++k) {
                     Coordinates<d> node = cell - Coordinates<d>::Constant(stencil_reach(degree));
@@ -84,7 +81,7 @@ public:
         std::uint32_t find(Coordinates<d> const& node) const
         {
             Coordinates<d> const wrapped = grid_->periods_.wrapped(node);
-            auto const found = std::lower_bound(nodes_.begin(), nodes_.end(), wrapped, FirstAxisFirst{});
+            auto const found = std::ranges::lower_bound(nodes_, wrapped, FirstAxisFirst{});
             bool const is_there = found != nodes_.end() && *found == wrapped;
             return is_there ? static_cast<std::uint32_t>(found - nodes_.begin()) : absent;
         }
@@ -104,12 +101,10 @@ public:
     {
         for (auto& of_layer : values_) of_layer.clear();
     }
-    /// Makes the sums of the next step those of this one.
     void swap() { now_.swap(next_); }
 
     Layer layer(std::size_t of) { return {now_[of], next_[of], values_[own_values ? of : 0], periods_}; }
     Nodes nodes_by_index() { return Nodes(*this); }
-    /// How many indices there are.
     std::size_t node_count() const { return values_[0].size(); }
 
     /// The nodes that any layer added to.
@@ -173,7 +168,6 @@ public:
     Real sum(int channel) const { return grid_.sum(at_, channel); }
     Real value(int channel) const { return grid_.value(at_, channel); }
     void set(int channel, Real value) { grid_.value(at_, channel) = value; }
-    /// The sums of the node that lies `along` the last axis from `first`; zeros if there is none.
     template <int channels>
     void sums_at(Coordinates<d> first, Real along, bool, Real (&found)[std::size_t(channels)]) const
     {
