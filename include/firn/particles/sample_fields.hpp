@@ -6,10 +6,9 @@
 #include <firn/core/host_arrays.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/grid/lattice.hpp>
-#include <firn/grid/periods.hpp>
-#include <firn/grid/stencil.hpp>
 #include <firn/math/product.hpp>
 #include <firn/models/several_materials.hpp>
+#include <firn/particles/host_nodes.hpp>
 #include <firn/particles/observables.hpp>
 
 #include <cmath>
@@ -132,42 +131,15 @@ private:
         Vector<double, d> momentum = zeros<Vector<double, d>>();
         Matrix<double, d> stress = zeros<Matrix<double, d>>();
     };
-    struct Hash
-    {
-        std::size_t operator()(Coordinates<d> const& node) const
-        {
-            std::uint64_t hash = 0;
-            for (int a = 0; a < d; ++a) {
-                hash = (hash ^ static_cast<std::uint32_t>(node[a])) * 0x9E3779B97F4A7C15u;
-                hash ^= hash >> 32;
-            }
-            return static_cast<std::size_t>(hash);
-        }
-    };
 
-    /// Calls `use(node, weight, x_i - x)` for the nodes of a position's stencil.
     template <class Use>
     void visit(Vector<double, d> const& x, Use const& use) const
     {
-        constexpr int width = Kernel::degree + 1, count = d == 2 ? width * width : width * width * width;
-        auto const at = locate<d>(lattice_, Kernel::degree, x);
-        Stencil<Kernel, double, d> const stencil(at.offset);
-        for (int i = 0; i < count; ++i) {
-            Coordinates<d> node = at.cell;
-            Vector<double, d> away;
-            double weight = 1;
-            for (int a = 0, rest = i; a < d; ++a, rest /= width) {
-                auto const k = static_cast<std::size_t>(rest % width);
-                node[a] += rest % width - stencil_reach(Kernel::degree);
-                weight *= stencil.weight[std::size_t(a)][k];
-                away[a] = stencil.distance[std::size_t(a)][k] * lattice_.cell_size;
-            }
-            use(periods_of<d>(lattice_).wrapped(node), weight, away);
-        }
+        for_each_node_around<Kernel, d>(lattice_, x, use);
     }
 
     Lattice lattice_;
-    std::unordered_map<Coordinates<d>, Sums, Hash> nodes_;
+    std::unordered_map<Coordinates<d>, Sums, HashOfNode<d>> nodes_;
 };
 
 /// Adds all particles of the materials that a call is about.
@@ -184,11 +156,10 @@ FIRN_COLD void add_particles_to(Nodes& nodes, Solver const& solver)
             auto const v = solver.template download<Velocity, One>();
             auto const L = solver.template download<VelocityGradient, One>();
             auto const stress = solver.template download<Stress, One>();
-            auto const J = solver.template download<VolumeRatio, One>();
-            double const density(solver.template model<One>().density);
+            auto const volumes = present_volumes<One>(solver);
             for (std::size_t i = 0; i < x.size(); ++i)
-                nodes.add(x[i], m[i], m[i] / density * double(J[i]), vector_of<double, d>(v[i]),
-                          L[i].template cast<double>(), stress[i].template cast<double>());
+                nodes.add(x[i], m[i], volumes[i], vector_of<double, d>(v[i]), L[i].template cast<double>(),
+                          stress[i].template cast<double>());
         }
     };
     [&]<std::size_t... k>(std::index_sequence<k...>) { (add(std::integral_constant<std::size_t, k>{}), ...); }
