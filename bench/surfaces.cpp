@@ -62,6 +62,7 @@ void tank_at_rest(Place const& place, double h)
                       1),
                "%");
     figure(entry + "pressure_at_floor", 100 * (tank.pressure_at_floor() - 1), "%");
+    figure(entry + "raw_pressure_at_floor", 100 * (tank.raw_pressure_at_floor() - 1), "%");
 }
 
 void lift_of_disk(Place const& place, double radius_in_cells)

@@ -6,6 +6,7 @@
 #include <firn/effects/obstacles.hpp>
 #include <firn/models/fluids/keeps_volume.hpp>
 #include <firn/particles/observables.hpp>
+#include <firn/smoothed.hpp>
 
 #include <cmath>
 #include <cstddef>
@@ -98,19 +99,17 @@ public:
         return report.reactions[obstacle].impulse.template head<2>().dot(turn_ * along) / duration;
     }
     double weight() const { return model_.density * g * double(water_.size()) * setting_.h * setting_.h / 4; }
-    /// The pressure of the particles that lie within half a cell of the floor, over that of their depth.
+    /// The pressure of the particles that lie within half a cell of the floor, over that of their depth: as
+    /// they carry it.
+    double raw_pressure_at_floor() const
+    {
+        return at_floor(water_.template download<Pressure>()) / at_floor(hydrostatic_pressures());
+    }
+    /// The same of what they carry and of what they should, both smoothed through the grid.
     double pressure_at_floor() const
     {
-        auto const positions = water_.positions();
-        auto const pressures = water_.template download<Pressure>();
-        double sum = 0, expected = 0;
-        for (std::size_t i = 0; i < positions.size(); ++i) {
-            double const y = own(positions[i]).y();
-            if (y > setting_.h / 2) continue;
-            sum += double(pressures[i]);
-            expected += pressure_at(y);
-        }
-        return sum / expected;
+        return at_floor(smoothed(water_, water_.template download<Pressure>())) /
+               at_floor(smoothed(water_, hydrostatic_pressures()));
     }
     /// How many particles are outside.
     int lost() const
@@ -134,6 +133,20 @@ private:
                                .on_particles = true});
     }
     double pressure_at(double y) const { return model_.density * g * (setting_.depth - y); }
+    std::vector<double> hydrostatic_pressures() const
+    {
+        std::vector<double> pressures;
+        for (auto const& x : water_.positions()) pressures.push_back(pressure_at(own(x).y()));
+        return pressures;
+    }
+    double at_floor(std::vector<double> const& values) const
+    {
+        auto const positions = water_.positions();
+        double sum = 0;
+        for (std::size_t i = 0; i < positions.size(); ++i)
+            if (own(positions[i]).y() < setting_.h / 2) sum += values[i];
+        return sum;
+    }
     Eigen::Vector2d own(Eigen::Vector2d const& x) const { return turn_.inverse() * (x - origin_); }
     double mean_height() const
     {

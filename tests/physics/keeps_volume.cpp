@@ -33,14 +33,21 @@ std::vector<Eigen::Vector2d> strewn(Eigen::Vector2d const& low, Eigen::Vector2d 
 
 } // namespace
 
-TEST_CASE("water that keeps its volume stays at rest in a tank that is tilted against the cells",
+TEST_CASE("water that keeps its volume rests in a tank, with the pressure of its depth, wherever walls lie",
           "[physics][volume]")
 {
-    for (double const degrees : {17.0, 30.0}) {
-        CAPTURE(degrees);
-        using TiltedTank = Tank<StillWater>;
-        TiltedTank tank({degrees * M_PI / 180, Eigen::Vector2d(0.3, 0.21) * TiltedTank::h}, 0, 3);
+    using StillTank = Tank<StillWater>;
+    struct Place
+    {
+        double degrees;
+        Eigen::Vector2d offset;
+    };
+    for (auto const& [degrees, offset] :
+         {Place{0, {0, 0}}, Place{0, {0.5, 0.5}}, Place{17, {0.3, 0.21}}, Place{30, {0.3, 0.21}}}) {
+        CAPTURE(degrees, offset.x());
+        StillTank tank({degrees * M_PI / 180, offset * StillTank::h}, 0, 3);
         check_rest(tank, 1.5);
+        CHECK(std::abs(tank.pressure_at_floor() - 1) < 0.03);
     }
 }
 

@@ -5,6 +5,7 @@
 #include "support/policies.hpp"
 
 #include <firn/effects/obstacles.hpp>
+#include <firn/smoothed.hpp>
 
 #include <cmath>
 #include <cstddef>
@@ -84,6 +85,21 @@ public:
         double sum = 0;
         for (auto const& v : water.template download<Velocity>()) sum += v.squaredNorm();
         return std::sqrt(sum / double(water.size()));
+    }
+    /// The pressure of the particles that lie within half a cell of the floor, over that of their depth; both
+    /// smoothed.
+    double pressure_at_floor() const
+    {
+        std::vector<double> expected;
+        for (auto const& x : water.positions())
+            expected.push_back(model_.density * g * (depth - frame_.own(x).y()));
+        auto const pressures = smoothed(water, water.template download<Pressure>());
+        expected = smoothed(water, expected);
+        auto const positions = water.positions();
+        double sum = 0, sum_expected = 0;
+        for (std::size_t i = 0; i < positions.size(); ++i)
+            if (frame_.own(positions[i]).y() < h / 2) sum += pressures[i], sum_expected += expected[i];
+        return sum / sum_expected;
     }
     double weight() const { return model_.density * g * double(water.size()) * h * h / 4; }
 
