@@ -46,8 +46,15 @@ TEST_CASE("water that keeps its volume rests in a tank, with the pressure of its
          {Place{0, {0, 0}}, Place{0, {0.5, 0.5}}, Place{17, {0.3, 0.21}}, Place{30, {0.3, 0.21}}}) {
         CAPTURE(degrees, offset.x());
         StillTank tank({degrees * M_PI / 180, offset * StillTank::h}, 0, 3);
-        check_rest(tank, 1.5);
-        CHECK(std::abs(tank.pressure_at_floor() - 1) < 0.03);
+        tank.advance(1);
+        double pressure = 0; // of half a second: that of a single time sways by 2 % where walls lie on nodes
+        int const calls = 5;
+        for (int i = 0; i < calls; ++i) {
+            tank.advance(0.1);
+            pressure += tank.pressure_at_floor() / calls;
+        }
+        CHECK(std::abs(pressure - 1) < 0.03);
+        check_rest(tank, 0);
     }
 }
 
