@@ -236,10 +236,16 @@ TEST_CASE("what points give a node comes to the same bits in any order, however 
     for (int i = 0; i < 27; ++i)
         gains.push_back(std::pow(10., i % 9 - 3) * (i % 2 == 0 ? 1 : -0.7) / (3 + i));
     auto const sum = [&] {
-        SumInAnyOrder total;
+        SumsInAnyOrder total(unit);
         double naive = 0;
-        for (double const gain : gains) total.add(gain, unit), naive += unit.fine(gain);
-        return std::pair{total.value(), naive};
+        for (double const gain : gains) {
+            Four<double> all{};
+            for (int i = 0; i < 4; ++i) all[i] = i == 2 ? gain : -gain;
+            total.add(all, 1);
+            naive += unit.rounded(gain);
+        }
+        CHECK(exactly_equal(total[0], -total[2]));
+        return std::pair{total[2], naive};
     };
     auto const [first, naive] = sum();
     bool is_naive_the_same = true;

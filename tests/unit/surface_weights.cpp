@@ -68,8 +68,8 @@ TEMPLATE_LIST_TEST_CASE("a force at a plane balances a uniform pressure behind i
             for (double s = -3 + step / 2; s < 3; s += step) {
                 if (auto const x = at(s, 0); x.is_near) {
                     Cell const cell(x.offset);
-                    at_plane += step * SurfaceWeights<Kernel, Transfer, double, 2>(cell, x.offset, normal,
-                                                                                   x.row)[x.place];
+                    SurfaceWeights<Kernel, Transfer, double, 2> const weights(cell, x.offset, normal);
+                    at_plane += step * weights.of_row(x.row)[std::size_t(x.place)];
                 }
                 for (double below = step / 2; below < 4; below += step) {
                     auto const x = at(s, below);
@@ -101,13 +101,13 @@ TEMPLATE_LIST_TEST_CASE("weights at a surface add up to one, and their mean plac
         Cell const cell(offset);
         double sum = 0;
         Vector<double, 3> mean = zeros<Vector<double, 3>>();
+        SurfaceWeights<Kernel, typename TestType::Transfer, double, 3> const weights(cell, offset, normal);
         for (int row = 0; row < Cell::rows; ++row) {
-            SurfaceWeights<Kernel, typename TestType::Transfer, double, 3> const weights(cell, offset, normal,
-                                                                                         row);
-            for (int k = 0; k < Cell::width; ++k) {
-                sum += weights[k];
-                for (int a = 0; a < 2; ++a) mean[a] += weights[k] * cell.row_distance(row, a);
-                mean[2] += weights[k] * cell.distance[2][std::size_t(k)];
+            auto const of_row = weights.of_row(row);
+            for (std::size_t k = 0; k < of_row.size(); ++k) {
+                sum += of_row[k];
+                for (int a = 0; a < 2; ++a) mean[a] += of_row[k] * cell.row_distance(row, a);
+                mean[2] += of_row[k] * cell.distance[2][k];
             }
         }
         CHECK(std::abs(sum - 1) <= 1e-14);

@@ -75,6 +75,11 @@
 #define FIRN_OPAQUE
 #endif
 
+// Defined where a compiler has vectors of numbers of its own: four of them are a type.
+#if defined(__GNUC__) && !defined(__CUDACC__)
+#define FIRN_VECTOR_TYPES
+#endif
+
 namespace firn
 {
 

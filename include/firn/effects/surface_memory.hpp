@@ -97,7 +97,7 @@ public:
         if (lists_.size() >= nodes + 1) return;
         make_room_for(velocities_, nodes + 1);
         make_room_for(lists_, nodes + 1);
-        velocities_.fill(0, 1, {zeros<Vector<Number, d>>(), Number(0)});
+        velocities_.fill(0, 1, VectorAndNumber<Number, d>{});
         lists_.fill(0, lists_.size(), {0, 0});
     }
     /// After a step with so many points, of this length [s].

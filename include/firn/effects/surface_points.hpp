@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/components.hpp>
+#include <firn/core/four.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/core/space.hpp>
 #include <firn/effects/contact.hpp>
@@ -42,9 +43,7 @@ struct SurfacePoint
     bool separates, sticks; ///< of the obstacle's Contact
     Number friction;
 
-    Number support; ///< the sum of the weights of nodes with mass
-    /// A bound on the speed [m/s] that an impulse of 1 gives it, when the points beside it receive as much.
-    Number mobility;
+    Number support;            ///< the sum of the weights of nodes with mass
     Vector<Number, d> impulse; ///< on the material [solver's unit of mass times m/s]
 
     /// The nearest impulse that the contact allows.
@@ -68,12 +67,23 @@ struct SurfaceCandidate
     std::uint32_t obstacle;
 };
 
-/// A vector and a number beside it, which a device loads at once.
+/// A vector and a number behind it.
 template <class Number, int d>
-struct alignas(d == 3 ? 4 * sizeof(Number) : alignof(Vector<Number, d>)) VectorAndNumber
+struct VectorAndNumber
 {
-    Vector<Number, d> vector;
-    Number number;
+    Four<Number> all;
+
+    FIRN_HOST_DEVICE void set(Vector<Number, d> const& vector)
+    {
+        for (int a = 0; a < d; ++a) all[a] = vector[a];
+        if constexpr (d == 2) all[2] = Number(0);
+    }
+    FIRN_HOST_DEVICE void set_number(Number number) { all[3] = number; }
+    FIRN_HOST_DEVICE Vector<Number, d> vector() const
+    {
+        return make_vector<Number, d>([&](int a) { return all[a]; });
+    }
+    FIRN_HOST_DEVICE Number number() const { return all[3]; }
 };
 
 /// A node of a point's stencil.

@@ -27,35 +27,52 @@ struct UnitOfSums
     /// The power of two at or below this.
     static UnitOfSums at(double unit) { return {std::ldexp(1.5, 52 + std::ilogb(unit))}; }
 
-    FIRN_HOST_DEVICE double fine(double x) const { return rounded(x, large); }
-    /// To 2^26 units, for numbers up to 2^76 of them.
-    FIRN_HOST_DEVICE double coarse(double x) const { return rounded(x, large * 0x1p26); }
-
-private:
-    FIRN_HOST_DEVICE static double rounded(double x, double beside)
+    FIRN_HOST_DEVICE double rounded(double x) const
     {
-#if defined(__FAST_MATH__) // or compilers would leave both out
-        double const volatile sum = x + beside;
+        round(x, large);
+        return x;
+    }
+    /// Rounds a double, or four, by so large numbers.
+    template <class Numbers>
+    FIRN_HOST_DEVICE static void round(Numbers& x, Numbers const& large)
+    {
+#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) // or compilers add in another order
+        Numbers const volatile sum = x + large, rounded = sum - large;
+        x = rounded;
 #else
-        double const sum = x + beside;
+        Numbers const sum = x + large;
+        x = sum - large;
 #endif
-        return sum - beside;
     }
 };
 
-/// Such a sum. One double has too few digits where a node with hardly any mass gains 1e4 cells a step from
-/// one point and next to nothing from another one.
-struct SumInAnyOrder
+/// Sums of vectors. They have two parts each: one double has too few digits where a node with hardly any mass
+/// gains 1e4 cells a step from one point and next to nothing from another one.
+class SumsInAnyOrder
 {
-    double coarse = 0, fine = 0;
-
-    FIRN_HOST_DEVICE void add(double x, UnitOfSums const& unit)
+public:
+    FIRN_HOST_DEVICE explicit SumsInAnyOrder(UnitOfSums const& unit) : coarse_{}, fine_{}
     {
-        double const most = unit.coarse(x);
-        coarse += most;
-        fine += unit.fine(x - most);
+        for (int i = 0; i < 4; ++i) large_[i] = unit.large, larger_[i] = unit.large * 0x1p26;
     }
-    FIRN_HOST_DEVICE double value() const { return coarse + fine; }
+    /// Adds numbers, each times a factor: up to 2^76 units, rounded to 2^26 of them, and the rest to one.
+    template <class Numbers>
+    FIRN_HOST_DEVICE void add(Numbers const& numbers, double factor)
+    {
+        Four<double> x;
+        convert(numbers, x);
+        x = x * factor;
+        Four<double> most = x;
+        UnitOfSums::round(most, larger_);
+        coarse_ += most;
+        x = x - most;
+        UnitOfSums::round(x, large_);
+        fine_ += x;
+    }
+    FIRN_HOST_DEVICE double operator[](int i) const { return coarse_[i] + fine_[i]; }
+
+private:
+    Four<double> coarse_, fine_, large_, larger_;
 };
 
 /// Of how many points a node reads the impulses at once, so that a device waits for them together: where the
@@ -82,7 +99,7 @@ struct GatherImpulses : PointLoop<Kernel, Number, d>
         auto const& surface = this->of;
         if (i >= surface.counts->nodes) return;
         NodeAtSurface<Number, d> const node = surface.reached[i];
-        SumInAnyOrder gained[std::size_t(d)];
+        SumsInAnyOrder gained(unit);
         double weights = 0;
         std::uint32_t const end = node.points.begin + node.points.count;
         for (std::uint32_t first = node.points.begin; first < end; first += points_at_once) {
@@ -90,16 +107,16 @@ struct GatherImpulses : PointLoop<Kernel, Number, d>
             for (std::uint32_t k = 0; k < points_at_once; ++k) {
                 PointOfNode<Number> from = surface.points_of_nodes[first + k < end ? first + k : end - 1];
                 if (first + k >= end) from.weight = 0;
-                auto const impulse = surface.tried[from.point].vector;
-                double const gives = double(from.weight * node.inverse_mass);
-                for (int a = 0; a < d; ++a) gained[a].add(gives * double(impulse[a]), unit);
-                if (is_first) weights += of_weights.fine(double(from.weight));
+                auto const tried = surface.tried[from.point]; // all of it at once
+                gained.add(tried.all, double(from.weight * node.inverse_mass));
+                if (is_first) weights += of_weights.rounded(double(from.weight));
             }
         }
         Vector<Number, d> v;
-        for (int a = 0; a < d; ++a) v[a] = node.free[a] + static_cast<Number>(gained[a].value());
-        surface.velocities[node.node].vector = v;
-        if (is_first) surface.velocities[node.node].number = node.inverse_mass * static_cast<Number>(weights);
+        for (int a = 0; a < d; ++a) v[a] = node.free[a] + static_cast<Number>(gained[a]);
+        surface.velocities[node.node].set(v);
+        if (is_first)
+            surface.velocities[node.node].set_number(node.inverse_mass * static_cast<Number>(weights));
         if (!is_last) return;
         surface.lists[node.node].count = 0;
         if (node.inverse_mass > 0)
@@ -122,15 +139,19 @@ struct SweepPoints : PointLoop<Kernel, Number, d>
         auto const& surface = this->of;
         SurfacePoint<Number, d>& point = surface.points[p];
         if (is_first) begin(p, point);
-        if (!(point.mobility > 0)) return; // it reaches nothing
-        Vector<Number, d> relative = point.velocity * -point.support;
+        // the velocity, and a bound on the speed [m/s] that an impulse of 1 gives if the points around get
+        // one, too
+        VectorAndNumber<Number, d> sum{};
         this->for_each_node(p, [&](int, Number weight, std::uint32_t node) {
-            relative += surface.velocities[node].vector * weight;
+            auto const there = surface.velocities[node]; // all of it at once
+            sum.all += there.all * weight;
         });
+        if (!(sum.number() > 0)) return; // it reaches nothing
+        Vector<Number, d> const relative = sum.vector() - point.velocity * point.support;
         VectorAndNumber<Number, d>& tried = surface.tried[p];
         Vector<Number, d> const improved =
-            point.allowed(Vector<Number, d>(tried.vector - relative * (1 / point.mobility)));
-        tried.vector = improved + (improved - point.impulse) * ahead;
+            point.allowed(Vector<Number, d>(tried.vector() - relative * (1 / sum.number())));
+        tried.set(Vector<Number, d>(improved + (improved - point.impulse) * ahead));
         point.impulse = improved;
     }
 
@@ -138,14 +159,12 @@ private:
     FIRN_HOST_DEVICE void begin(std::size_t p, SurfacePoint<Number, d>& point) const
     {
         Vector<Number, d> reached = zeros<Vector<Number, d>>(), offset; // the mean place of its nodes
-        Number mobility = 0, support = 0;
-        this->for_each_node(p, [&](int k, Number weight, std::uint32_t node) {
-            mobility += weight * this->of.velocities[node].number;
+        Number support = 0;
+        this->for_each_node(p, [&](int k, Number weight, std::uint32_t) {
             support += weight;
             for (int a = d - 1, rest = k; a >= 0; --a, rest /= Cell::width)
                 reached[a] += weight * Number(rest % Cell::width);
         });
-        point.mobility = mobility;
         point.support = support;
         if (!(support > 0) || point.is_deep) return;
         Loop::cell_of(point, offset); // the mean of all nodes is the point, but some may have no mass

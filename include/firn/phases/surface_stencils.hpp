@@ -59,26 +59,27 @@ struct PointLoop
     }
 };
 
-/// A loop over the rows of the points' stencils.
-template <class Kernel, class Number, int d>
+/// A loop over the rows of the points' stencils, of which a part of it has so many.
+template <class Kernel, class Number, int d, int rows_of_part>
 struct RowLoop : PointLoop<Kernel, Number, d>
 {
     using Loop = PointLoop<Kernel, Number, d>;
     using typename Loop::Cell;
+    static constexpr std::size_t parts = std::size_t(Cell::rows / rows_of_part); ///< of each point
     std::size_t points;
 
-    /// How many rows there are, those of points that would fill the last tile included.
+    /// How many parts there are, those of points that would fill the last tile included.
     static std::size_t count(std::size_t points)
     {
-        return (points + Loop::tile - 1) / Loop::tile * Loop::tile * std::size_t(Cell::rows);
+        return (points + Loop::tile - 1) / Loop::tile * Loop::tile * parts;
     }
-    FIRN_HOST_DEVICE static int row(std::size_t i)
+    FIRN_HOST_DEVICE static int first_row(std::size_t i)
     {
-        return static_cast<int>(i / Loop::tile % std::size_t(Cell::rows));
+        return static_cast<int>(i / Loop::tile % parts) * rows_of_part;
     }
     FIRN_HOST_DEVICE static std::size_t point(std::size_t i)
     {
-        return i / (Loop::tile * std::size_t(Cell::rows)) * Loop::tile + i % Loop::tile;
+        return i / (Loop::tile * parts) * Loop::tile + i % Loop::tile;
     }
 };
 
@@ -91,7 +92,7 @@ struct RowLoop : PointLoop<Kernel, Number, d>
 /// surface_weights(t) along one axis and of w_i along the others, weighted by the square of the normal's
 /// component along that axis, balances them along the normal of every plane.
 template <class Kernel, class Transfer, class Number, int d>
-struct SurfaceWeights
+class SurfaceWeights
 {
     using Cell = Stencil<Kernel, Number, d>;
     static constexpr bool of_distances =
@@ -100,70 +101,87 @@ struct SurfaceWeights
         Kernel::surface_weights(t);
     };
 
-    Cell const& cell;
-    Number row;             ///< the part of all axes but the last, which goes with w along that one
-    Number row_of_last = 0; ///< the part that goes with the last axis's surface weights
-    std::array<Number, std::size_t(Cell::width)> last{}; ///< these
-
+public:
     FIRN_HOST_DEVICE SurfaceWeights(Cell const& stencil, Vector<Number, d> const& offset,
-                                    Vector<Number, d> const& normal, int of_row)
-        : cell(stencil), row(stencil.row_weight(of_row))
+                                    Vector<Number, d> const& normal)
+        : cell_(stencil)
     {
-        if constexpr (of_distances) {
-            Number const weight = row;
-            row = 0;
-            for (int a = 0; a < d - 1; ++a) {
-                Number product = normal[a] * normal[a] *
-                                 Kernel::surface_weights(offset[a])[std::size_t(Cell::index(of_row, a))];
-                if constexpr (d == 3)
-                    product *= cell.weight[std::size_t(1 - a)][std::size_t(Cell::index(of_row, 1 - a))];
-                row += product;
+        if constexpr (of_distances)
+            for (int a = 0; a < d; ++a) {
+                auto const weights = Kernel::surface_weights(offset[a]);
+                for (std::size_t k = 0; k < weights.size(); ++k)
+                    along_[std::size_t(a)][k] = normal[a] * normal[a] * weights[k];
             }
-            row_of_last = weight * normal[d - 1] * normal[d - 1];
-            last = Kernel::surface_weights(offset[d - 1]);
-        }
     }
 
-    FIRN_HOST_DEVICE Number operator[](int k) const
+    /// The weights of a row.
+    FIRN_HOST_DEVICE std::array<Number, std::size_t(Cell::width)> of_row(int row) const
     {
-        Number const weight = row * cell.weight[std::size_t(d - 1)][std::size_t(k)];
-        if constexpr (of_distances) return weight + row_of_last * last[std::size_t(k)];
-        return weight;
+        Number const product = cell_.row_weight(row); // of all axes but the last
+        Number others = of_distances ? Number(0) : product;
+        if constexpr (of_distances)
+            for (int a = 0; a < d - 1; ++a) {
+                Number along = along_[std::size_t(a)][std::size_t(Cell::index(row, a))];
+                if constexpr (d == 3)
+                    along *= cell_.weight[std::size_t(1 - a)][std::size_t(Cell::index(row, 1 - a))];
+                others += along;
+            }
+        std::array<Number, std::size_t(Cell::width)> weights;
+        for (std::size_t k = 0; k < weights.size(); ++k) {
+            weights[k] = others * cell_.weight[std::size_t(d - 1)][k];
+            if constexpr (of_distances) weights[k] += product * along_[std::size_t(d - 1)][k];
+        }
+        return weights;
     }
+
+private:
+    Cell const& cell_;
+    std::array<std::array<Number, std::size_t(Cell::width)>, std::size_t(d)> along_{};
 };
 
-/// Finds the nodes in a row of a point's stencil, which count their points.
-template <class Kernel, class Transfer, class Number, int d, class Nodes>
-struct FindNodesOfPoints : RowLoop<Kernel, Number, d>
+/// Finds the nodes of a point's stencil, which count their points.
+template <class Kernel, class Transfer, class Number, int d, int rows_of_part, class Nodes>
+struct FindNodesOfPoints : RowLoop<Kernel, Number, d, rows_of_part>
 {
-    using Rows = RowLoop<Kernel, Number, d>;
+    using Rows = RowLoop<Kernel, Number, d, rows_of_part>;
     using typename Rows::Cell;
     Nodes by_index; ///< see Grid::nodes_by_index()
 
     FIRN_HOST_DEVICE void operator()(std::size_t i) const
     {
-        auto const& surface = this->of;
-        int const row = Rows::row(i);
-        std::size_t const p = Rows::point(i), place = Rows::place(p, row * Cell::width);
+        std::size_t const p = Rows::point(i);
         if (p >= this->points) return;
-        SurfacePoint<Number, d> const& point = surface.points[p];
+        SurfacePoint<Number, d> const& point = this->of.points[p];
         Vector<Number, d> offset;
-        Coordinates<d> node = Rows::cell_of(point, offset);
+        Coordinates<d> const center = Rows::cell_of(point, offset);
+        Cell const cell(offset);
+        SurfaceWeights<Kernel, Transfer, Number, d> const weights(cell, offset, point.normal);
+        int const first = Rows::first_row(i);
+        for (int row = first; row < first + rows_of_part; ++row)
+            find(p, point, center, row, weights.of_row(row));
+    }
+
+private:
+    FIRN_HOST_DEVICE void find(std::size_t p, SurfacePoint<Number, d> const& point,
+                               Coordinates<d> const& center, int row,
+                               std::array<Number, std::size_t(Cell::width)> const& of_row) const
+    {
+        auto const& surface = this->of;
+        std::size_t const place = Rows::place(p, row * Cell::width);
+        Coordinates<d> node;
         bool is_deeper = point.is_deep; // a node deep inside reaches itself alone
         for (int a = 0; a < d; ++a) {
-            node[a] += point.node[a] - stencil_reach(Kernel::degree);
+            node[a] = center[a] + point.node[a] - stencil_reach(Kernel::degree);
             if (a == d - 1) continue;
             node[a] += Cell::index(row, a);
             is_deeper = is_deeper && node[a] == point.node[a];
         }
-        Cell const cell(offset);
-        SurfaceWeights<Kernel, Transfer, Number, d> const weights(cell, offset, point.normal, row);
         std::uint32_t index[std::size_t(Cell::width)], rank[std::size_t(Cell::width)]{};
         Number weight[std::size_t(Cell::width)];
         FIRN_UNROLL_ON_DEVICE
         for (int k = 0; k < Cell::width; ++k) {
             index[k] = k == 0 ? by_index.find(node) : by_index.find_next(node, index[k - 1]);
-            weight[k] = weights[k];
+            weight[k] = of_row[std::size_t(k)];
             if (point.is_deep) weight[k] = Number(is_deeper && node[d - 1] == point.node[d - 1] ? 1 : 0);
             ++node[d - 1];
         }
@@ -205,7 +223,7 @@ struct BeginNodes
         PointsOfNode& points = of.lists[node.node];
         node.points = {0, node.inverse_mass > 0 ? points.count : 0};
         node.points.begin = points.begin = next_number_of_all(of.counts->listed, node.points.count);
-        of.velocities[node.node].number = sum > smallest_mass ? sum : Number(0);
+        of.velocities[node.node].set_number(sum > smallest_mass ? sum : Number(0));
     }
 };
 
@@ -224,35 +242,44 @@ struct BeginPoints : PointLoop<Kernel, Number, d>
         auto const& surface = this->of;
         Number mean = 0;
         this->for_each_node(p, [&](int, Number weight, std::uint32_t node) {
-            mean += weight * surface.velocities[node].number;
+            mean += weight * surface.velocities[node].number();
         });
         SurfacePoint<Number, d>& point = surface.points[p];
         if (auto const* const before = surface.before.find(point))
             point.impulse = point.allowed(Vector<Number, d>(before->impulse * longer));
-        surface.tried[p] = {point.impulse, mean > 0 ? 1 / (mean * Number(light_node)) : Number(0)};
+        surface.tried[p].set(point.impulse);
+        surface.tried[p].set_number(mean > 0 ? 1 / (mean * Number(light_node)) : Number(0));
     }
 };
 
-/// Points enter themselves in the lists of a row of nodes, with the weights that they have for these.
-template <class Kernel, class Number, int d>
-struct ListPoints : RowLoop<Kernel, Number, d>
+/// Points enter themselves in the lists of their nodes, with the weights that they have for these.
+template <class Kernel, class Number, int d, int rows_of_part>
+struct ListPoints : RowLoop<Kernel, Number, d, rows_of_part>
 {
-    using Rows = RowLoop<Kernel, Number, d>;
+    using Rows = RowLoop<Kernel, Number, d, rows_of_part>;
     using typename Rows::Cell;
 
     FIRN_HOST_DEVICE void operator()(std::size_t i) const
     {
-        auto const& surface = this->of;
-        std::size_t const p = Rows::point(i), place = Rows::place(p, Rows::row(i) * Cell::width);
+        std::size_t const p = Rows::point(i);
         if (p >= this->points) return;
-        Number const per_light = surface.tried[p].number;
+        Number const per_light = this->of.tried[p].number();
+        int const first = Rows::first_row(i);
+        for (int row = first; row < first + rows_of_part; ++row)
+            list(p, Rows::place(p, row * Cell::width), per_light);
+    }
+
+private:
+    FIRN_HOST_DEVICE void list(std::size_t p, std::size_t place, Number per_light) const
+    {
+        auto const& surface = this->of;
         NodeOfPoint<Number> there[std::size_t(Cell::width)];
         std::uint32_t at[std::size_t(Cell::width)];
         FIRN_UNROLL_ON_DEVICE
         for (int k = 0; k < Cell::width; ++k) {
             there[k] = surface.stencils[place + std::size_t(k) * Rows::tile];
             at[k] = surface.lists[there[k].node].begin + surface.ranks[place + std::size_t(k) * Rows::tile];
-            Number const mass = surface.velocities[there[k].node].number;
+            Number const mass = surface.velocities[there[k].node].number();
             there[k].weight *= min(mass * per_light, Number(1));
             if (!(mass > 0)) there[k].node = NodeOfPoint<Number>::none;
         }

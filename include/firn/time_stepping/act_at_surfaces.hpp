@@ -90,16 +90,18 @@ void act_at_surfaces(StepMemory<Backend, Sets, Transfer> const& memory,
     Loop const loop{surface.view()};
     auto const by_index = grid.nodes_by_index();
     using Nodes = std::remove_const_t<decltype(by_index)>;
-    using Rows = RowLoop<Kernel, Number, d>;
+    // a device has as many parts of a loop at once as it can have
+    constexpr int rows_of_part = Backend::queues ? 1 : Loop::Cell::rows;
+    using Rows = RowLoop<Kernel, Number, d, rows_of_part>;
     Rows const rows{loop, points};
     backend.for_each(Rows::count(points),
-                     FindNodesOfPoints<Kernel, Transfer, Number, d, Nodes>{rows, by_index});
+                     FindNodesOfPoints<Kernel, Transfer, Number, d, rows_of_part, Nodes>{rows, by_index});
     std::size_t const nodes = surface.most_reached(
         std::min(grid.node_count(), std::size_t(points) * std::size_t(Loop::nodes_of_each)));
     backend.for_each(nodes, BeginNodes<Number, d, Nodes>{loop.of, by_index, scene.smallest_node_mass,
                                                          Sums::mass, Values::velocity});
     backend.for_each(points, BeginPoints<Kernel, Number, d>{loop, longer});
-    backend.for_each(Rows::count(points), ListPoints<Kernel, Number, d>{rows});
+    backend.for_each(Rows::count(points), ListPoints<Kernel, Number, d, rows_of_part>{rows});
     // velocities in units of 2^-46 cells a step
     GatherImpulses<Kernel, Number, d, Nodes> gather{loop,
                                                     UnitOfSums::at(0x1p-46 * memory.lattice.cell_size / dt),
