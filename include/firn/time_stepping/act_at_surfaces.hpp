@@ -21,7 +21,7 @@ namespace firn
 {
 
 /// How many sweeps a step has that starts from the impulses of the step before, and one that does not.
-inline constexpr int sweeps_that_go_on = 3, sweeps_from_nothing = 20;
+inline constexpr int sweeps_that_go_on = 2, sweeps_from_nothing = 20;
 
 /// The memory of the obstacles of a call that act at their surface.
 template <class Backend, class Sets, class Kernel, class Transfer>
