@@ -213,7 +213,8 @@ concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::t
 //
 // A *row*: one item of each cell of a group of neighbouring cells. A lane without an item has scratch of 0.
 //
-//   node(channel, line, k)                 a value of node k in a line of the lanes' stencils
+//   node(channel, line, k)                 a value of node k in a line of the lanes' stencils, less
+//                                          reference(channel): a value of any node nearby
 //   of_cells(lane)                         moves values of cells to the lanes of their items
 //
 // Both have `set_scratch(channel, lane)` and `scratch(channel)`: `scratch_channels` values of an item, which

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # SPDX-License-Identifier: MIT
 # What the compiler made of the loops of a step: budget.sh NVCC SOURCE EIGEN [FLAG...]. Fails if a loop with quadratic kernels
-# spills registers on sm_90, or if anything in device code became a trap: Eigen's calls that a device has not do so.
+# spills registers on sm_90, or if anything in device code became a trap: Eigen's calls that a device has not do so. The loop
+# that moves items may spill some: with more registers and fewer threads it is slower (bench/notes/2026-11-29-two-phases.md).
 set -euo pipefail
 nvcc=$1 source=$2 eigen=$3
 shift 3
@@ -26,7 +27,9 @@ awk '/Function properties for/ { name = $NF }
 # All but loops of wider stencils, and what one thread does to finish a step.
 grep -vE 'CubicBSpline|FinishStep' "$work/loops" >"$work/hot"
 grep -q rearrange "$work/hot" || { echo "the order of cells is not among what was compiled."; exit 1; }
-spilling=$(awk '$1 > 0' "$work/hot")
+spilling=$(awk '$1 > ($3 ~ /detail4moveI/ ? 640 : 0)' "$work/hot")
 [ -z "$spilling" ] || { echo "spilt bytes, registers and functions:"; echo "$spilling"; exit 1; }
 most=$(awk '$2 > most { most = $2 } END { print most }' "$work/loops")
-echo "$(awk '$2 > 0' "$work/loops" | wc -l) loops, at most $most registers; none but cubic ones' and the end of a step spills; no traps"
+spilt=$(awk '$3 ~ /detail4moveI/ && $1 > most { most = $1 } END { print most + 0 }' "$work/hot")
+echo "$(awk '$2 > 0' "$work/loops" | wc -l) loops, at most $most registers; those that move items spill at most $spilt bytes, of others" \
+    "only cubic ones' and the end of a step; no traps"

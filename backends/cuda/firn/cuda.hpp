@@ -22,7 +22,8 @@
 namespace firn
 {
 
-/// Runs a solver on a device: a warp works on 32 neighbouring cells, one lane per cell.
+/// Runs a solver on a device: a group of threads works on a block of cells, each on some of its particles,
+/// and then on one of its cells.
 ///
 /// Work is queued in the caller's stream, or in the default one. Results do not depend on how the device
 /// schedules its work: every run gives the same bits.
@@ -117,7 +118,8 @@ struct Cuda
         if (cells.size() == 0) return;
         cuda::OnDevice const here(device);
         cuda::detail::launch("for_each_place", queue(), cuda::detail::for_each_place<Order, Visit>,
-                             cells.blocks(), 1, 0, cells.signal(), visit, cells.view(), cells.committed());
+                             cells.blocks(), cuda::detail::block_threads, 0, cells.signal(), visit,
+                             cells.view(), cells.committed());
     }
 
     /// The items of all cells gather from the nodes, are updated and scatter; the phase says which of
@@ -133,10 +135,10 @@ struct Cuda
         static_assert(!work.moves, "items move in run_steps() alone");
         if (layer.blocks() == 0) return;
         cuda::OnDevice const here(device);
-        using Tiles = cuda::detail::SharedTiles<LayerType>;
+        using Items = cuda::detail::ShapeOfItems<LayerType, Phase>;
         constexpr bool scatters = work.scatters_to != ScatterTarget::nothing;
         auto const launch = [&](char const* name, auto* loop, auto const&... more) {
-            cuda::detail::launch(name, queue(), loop, layer.blocks(), 1, Tiles::bytes(work.gathers, scatters),
+            cuda::detail::launch(name, queue(), loop, layer.blocks(), Items::team_threads, Items::bytes(),
                                  cells.signal(), phase, cells.view(), layer.view(), more...);
         };
         if constexpr (!work.gathers)
@@ -171,8 +173,9 @@ struct Cuda
         auto const loop = [&](auto const& blocks) {
             using Blocks = std::remove_cvref_t<decltype(blocks)>;
             cuda::detail::launch("for_each_node", queue(),
-                                 cuda::detail::for_each_node<GridType, Phase, Blocks>, grid.node_blocks(), 1,
-                                 0, cells[0]->signal(), phase, grid.view(), blocks, results, to_forget);
+                                 cuda::detail::for_each_node<GridType, Phase, Blocks>, grid.node_blocks(),
+                                 cuda::detail::block_threads, 0, cells[0]->signal(), phase, grid.view(),
+                                 blocks, results, to_forget);
         };
         if constexpr (Phase::looks_around || TellsLayersApart<Phase>)
             loop(grid.blocks_of_nodes());

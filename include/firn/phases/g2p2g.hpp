@@ -82,6 +82,7 @@ struct G2p2g
     FieldsById<Number, d, DerivedFields> velocities; ///< written if present
     MassGroups<Number> mass_groups;
     Lattice lattice;
+    Number inverse_cell_size;   ///< [1/m]: a device would divide for each particle
     Number largest_deformation; ///< dt |L| beyond which the step is rejected
     ShiftsOf<Model, Number, d> shifts{};
 
@@ -122,7 +123,7 @@ struct G2p2g
         Record<Real, d, Join<PersistentFields, DerivedFields>> particle;
         before.load(items, particle);
 
-        Real const inverse_h(static_cast<Number>(1 / lattice.cell_size));
+        Real const inverse_h(inverse_cell_size);
         Vector<Real, d> displacement = motion<Real>(particle, gathered) * Real(now->dt);
         Matrix<Real, d> const L = transfer.template gather<Kernel, Real, d>(particle, gathered, inverse_h);
         carried_by(transfer).template gather<Real, d>(particle, carried_terms, inverse_h);
@@ -190,7 +191,7 @@ private:
         Number const h = static_cast<Number>(lattice.cell_size);
         auto const [mass, volume] = mass_groups.find(items, before.id);
         assert(all(mass >= Real(0)) && "the mass of a particle is not below 0");
-        Matrix<Real, d> const impulse = stress * (volume * Real(-now->next_forces / h));
+        Matrix<Real, d> const impulse = stress * (volume * Real(-now->next_forces * inverse_cell_size));
         Record<Real, d, typename Scatter::CarriedTerms> carried_terms;
         carried_by(transfer).template scatter<Real, d>(particle, mass, Real(h), carried_terms);
         Scatter::store(items, x, mass,
@@ -230,8 +231,7 @@ private:
         if constexpr (Effects::may_touch_particles) {
             if (!touches_particles(now->actions)) return;
             Number const to_node = Number(0.5 - cell_shift(degree));
-            Vector<Real, d> where =
-                position + displacement * Real(Number(1 / lattice.cell_size)) + items.along();
+            Vector<Real, d> where = position + displacement * Real(inverse_cell_size) + items.along();
             FIRN_UNROLL
             for (int a = 0; a < d; ++a) where[a] += Real(to_node);
             LanePosition<Real, d> const place{lattice, items.first(), where, kernel_reach(degree)};

@@ -166,7 +166,7 @@ private:
         });
     }
 
-    /// The same for carried fields. Values are relative to the middle node's, as velocities are below.
+    /// The same for carried fields. Values are relative, as velocities are below.
     template <class Real, class Row>
     FIRN_HOST_DEVICE static void gather_carried(Row& row_of_cells)
     {
@@ -179,7 +179,7 @@ private:
             FieldValue<Tag, Real, d> sums;
             for_each_component<Tag, d>(sums, [&](int c, Real& sum) {
                 int const channel = Values::template channel<Tag> + c;
-                Real const middle = row_of_cells.node(channel, Nodes::rows / 2, Nodes::width / 2);
+                Real const reference = row_of_cells.reference(channel);
                 sum = Real(0);
                 Vector<Real, d> slopes = zeros<Vector<Real, d>>();
                 FIRN_UNROLL_ON_DEVICE
@@ -187,7 +187,7 @@ private:
                     Real plain(0), slope(0);
                     FIRN_UNROLL
                     for (int k = 0; k < Nodes::width; ++k) {
-                        Real const value = row_of_cells.node(channel, row, k) - middle;
+                        Real const value = row_of_cells.node(channel, row, k);
                         plain += value * nodes.weight[Nodes::last][std::size_t(k)];
                         slope += value * nodes.derivative[Nodes::last][std::size_t(k)];
                     }
@@ -196,7 +196,7 @@ private:
                     for (int a = 0; a < Nodes::last; ++a) slopes[a] += plain * nodes.row_gradient(row, a);
                     slopes[Nodes::last] += slope * nodes.row_weight(row);
                 }
-                if constexpr (has_value) row_of_cells.set_scratch(place_of<Tag> + c, middle + sum);
+                if constexpr (has_value) row_of_cells.set_scratch(place_of<Tag> + c, reference + sum);
                 if constexpr (has_gradient) {
                     FIRN_UNROLL
                     for (int j = 0; j < d; ++j)
@@ -206,9 +206,9 @@ private:
         });
     }
 
-    /// The sums over a particle's stencil. Velocities are relative to that of the stencil's middle node. The
-    /// weights add up to one, and their distances and gradients to zero, only up to a rounding, which in
-    /// steady motion would be the same in every step.
+    /// The sums over a particle's stencil. A row's nodes are relative to a reference value, such as that of a
+    /// node nearby. The weights add up to one, and their distances and gradients to zero, only up to a
+    /// rounding, which in steady motion would be the same in every step.
     template <class Real, class Row>
     FIRN_HOST_DEVICE static Gathered<Real, d> gather(Row const& row_of_cells, Vector<Real, d> const& offset)
     {
@@ -220,14 +220,6 @@ private:
         sum.affine.setZero();
         sum.gradient.setZero();
 
-        Vector<Real, d> middle, old_middle;
-        FIRN_UNROLL
-        for (int a = 0; a < d; ++a) {
-            middle[a] = row_of_cells.node(Values::velocity + a, Nodes::rows / 2, Nodes::width / 2);
-            if constexpr (Transfer::keeps_old_velocity)
-                old_middle[a] =
-                    row_of_cells.node(Values::old_velocity + a, Nodes::rows / 2, Nodes::width / 2);
-        }
         FIRN_UNROLL_ON_DEVICE
         for (int row = 0; row < Nodes::rows; ++row) {
             Vector<Real, d> plain = Vector<Real, d>::Zero(), old = plain, reach = plain, slope = plain;
@@ -238,12 +230,12 @@ private:
                            dw = nodes.derivative[Nodes::last][std::size_t(k)];
                 FIRN_UNROLL
                 for (int a = 0; a < d; ++a) {
-                    Real const v = row_of_cells.node(Values::velocity + a, row, k) - middle[a];
+                    Real const v = row_of_cells.node(Values::velocity + a, row, k);
                     plain[a] += v * w;
                     if constexpr (terms.affine) reach[a] += v * w_distance;
                     if constexpr (terms.gradient) slope[a] += v * dw;
                     if constexpr (Transfer::keeps_old_velocity)
-                        old[a] += (row_of_cells.node(Values::old_velocity + a, row, k) - old_middle[a]) * w;
+                        old[a] += row_of_cells.node(Values::old_velocity + a, row, k) * w;
                 }
             }
             Real const w_row = nodes.row_weight(row);
@@ -257,8 +249,12 @@ private:
             if constexpr (terms.affine) sum.affine.col(Nodes::last) += reach * w_row;
             if constexpr (terms.gradient) sum.gradient.col(Nodes::last) += slope * w_row;
         }
-        sum.velocity += middle;
-        if constexpr (Transfer::keeps_old_velocity) sum.old_velocity += old_middle;
+        FIRN_UNROLL
+        for (int a = 0; a < d; ++a) {
+            sum.velocity[a] += row_of_cells.reference(Values::velocity + a);
+            if constexpr (Transfer::keeps_old_velocity)
+                sum.old_velocity[a] += row_of_cells.reference(Values::old_velocity + a);
+        }
         if constexpr (terms.affine) sum.affine *= Real(Number(Kernel::inverse_inertia));
         return sum;
     }

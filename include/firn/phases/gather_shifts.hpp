@@ -76,14 +76,13 @@ struct GatherShifts
         {
             using Nodes = Stencil<Kernel, Real, d>;
             Nodes const nodes(position_of<Real>(row_of_cells));
-            Real const middle = row_of_cells.node(0, Nodes::rows / 2, Nodes::width / 2);
             Vector<Real, d> slopes = zeros<Vector<Real, d>>();
             FIRN_UNROLL_ON_DEVICE
             for (int row = 0; row < Nodes::rows; ++row) {
                 Real plain(0), slope(0);
                 FIRN_UNROLL
                 for (int k = 0; k < Nodes::width; ++k) {
-                    Real const value = row_of_cells.node(0, row, k) - middle;
+                    Real const value = row_of_cells.node(0, row, k);
                     plain += value * nodes.weight[Nodes::last][std::size_t(k)];
                     slope += value * nodes.derivative[Nodes::last][std::size_t(k)];
                 }

@@ -33,6 +33,8 @@ struct Scatter
     static constexpr bool needs_derivatives = terms.gradient || CarriedGradients::components(d) > 0;
     static constexpr int channels = Sums::channels;
     static constexpr int width = Kernel::degree + 1, rows = d == 3 ? width * width : width; ///< of a stencil
+    static constexpr int rows_of_layer =
+        rows / width; ///< a layer is what lies at one place of the first axis
 
     // Scratch channels of a particle.
     static constexpr int position = 0, mass = d, momentum = d + 1, affine = 2 * d + 1;
@@ -63,19 +65,33 @@ struct Scatter
 
     /// A particle's contribution, in the form that the rows of its stencil use.
     template <class Real>
-    struct Spread : Record<Real, d, CarriedTerms>
+    struct Contribution : Record<Real, d, CarriedTerms>
     {
         Real mass;
         Vector<Real, d> momentum;
-        /// affine (x_i - x_p) is linear in the node's indices: its value at the first node of each layer
-        /// across the first axis, and its change from node to node along the others. It is not added to the
-        /// momentum, beside which small differences would be rounded away, in steady motion the same in every
-        /// step.
-        Vector<Real, d> affine[std::size_t(terms.affine ? width : 1)];
-        Vector<Real, d> change[std::size_t(d)]; ///< along axis a: [a], from 1 on
+        Vector<Real, d>
+            change[std::size_t(d)]; ///< of the affine term from node to node along an axis, from 1 on
         Vector<Real, d> gradient[std::size_t(terms.gradient ? d : 1)];
-        std::array<Real, std::size_t(width)> weight[std::size_t(d)];
-        std::array<Real, std::size_t(width)> derivative[std::size_t(needs_derivatives ? d : 1)];
+        std::array<Real, std::size_t(width)> weight[std::size_t(d)];     ///< along an axis, from 1 on
+        std::array<Real, std::size_t(width)> derivative[std::size_t(d)]; ///< the same
+    };
+
+    /// What belongs to one layer of the stencil.
+    template <class Real>
+    struct Layer
+    {
+        Real weight, derivative; ///< along the first axis
+        /// affine (x_i - x_p) is linear in the node's indices: its value at the first node, from where it
+        /// changes from node to node. It is not added to the momentum, beside which small differences would
+        /// be rounded away, in steady motion the same in every step.
+        Vector<Real, d> affine;
+    };
+
+    /// The contribution and all layers.
+    template <class Real>
+    struct Spread : Contribution<Real>
+    {
+        Layer<Real> layer[std::size_t(width)];
     };
 
     /// Prepares the contributions of the row's particles, one per cell.
@@ -83,43 +99,14 @@ struct Scatter
     FIRN_HOST_DEVICE static void make_ready(Row const& row_of_cells, Spread<Real>& spread)
     {
         Stencil<Kernel, Real, d> const nodes(scratch_vector<Real>(row_of_cells, position));
-        spread.mass = row_of_cells.scratch(mass);
-        spread.momentum = scratch_vector<Real>(row_of_cells, momentum);
+        make_ready(row_of_cells, nodes, spread);
         FIRN_UNROLL
-        for (int a = 0; a < d; ++a) FIRN_UNROLL
-        for (int i = 0; i < width; ++i)
-            spread.weight[a][std::size_t(i)] =
-                nodes.weight[std::size_t(a)][std::size_t(i)]; // one by one: see copy_of()
-        if constexpr (terms.affine) {
-            Matrix<Real, d> const A = scratch_matrix<Real>(row_of_cells, affine);
-            FIRN_UNROLL
-            for (int i = 0; i < width; ++i) {
-                spread.affine[i] = column<Real, d>(A, 0) * nodes.distance[0][std::size_t(i)];
-                FIRN_UNROLL
-                for (int a = 1; a < d; ++a)
-                    spread.affine[i] += column<Real, d>(A, a) * nodes.distance[std::size_t(a)][0];
-            }
-            FIRN_UNROLL
-            for (int a = 1; a < d; ++a) spread.change[a] = column<Real, d>(A, a);
+        for (int i = 0; i < width; ++i) {
+            auto& layer = spread.layer[i];
+            layer.weight = nodes.weight[0][std::size_t(i)];
+            if constexpr (needs_derivatives) layer.derivative = nodes.derivative[0][std::size_t(i)];
+            set_affine(row_of_cells, nodes, spread, nodes.distance[0][std::size_t(i)], layer);
         }
-        if constexpr (terms.gradient) {
-            Matrix<Real, d> const G = scratch_matrix<Real>(row_of_cells, gradient);
-            FIRN_UNROLL
-            for (int a = 0; a < d; ++a) {
-                spread.gradient[a] = column<Real, d>(G, a);
-                FIRN_UNROLL
-                for (int i = 0; i < width; ++i)
-                    spread.derivative[a][std::size_t(i)] = nodes.derivative[std::size_t(a)][std::size_t(i)];
-            }
-        }
-        else if constexpr (needs_derivatives) {
-            FIRN_UNROLL
-            for (int a = 0; a < d; ++a) FIRN_UNROLL
-            for (int i = 0; i < width; ++i)
-                spread.derivative[a][std::size_t(i)] = nodes.derivative[std::size_t(a)][std::size_t(i)];
-        }
-        for_each_component_of<CarriedTerms, d>(
-            spread, [&](int c, Real& value) { value = row_of_cells.scratch(carried + c); });
     }
 
     /// Adds the contributions to the nodes of one row of the stencils: to `nodes[k][channel]`.
@@ -127,27 +114,32 @@ struct Scatter
     FIRN_HOST_DEVICE static void scatter(Spread<Real> const& spread, int row, NodesOfRow&& nodes)
     {
         using Nodes = Stencil<Kernel, Real, d>;
-        int const first = Nodes::index(row, 0), second = Nodes::index(row, 1);
-        Real w_row = spread.weight[0][std::size_t(first)];
+        scatter(spread, spread.layer[Nodes::index(row, 0)], Nodes::index(row, 1), nodes);
+    }
+
+    /// The same for a layer, and a row of it. If `has_momentum`, the layer's affine term includes it.
+    template <bool has_momentum = false, class Real, class NodesOfRow>
+    FIRN_HOST_DEVICE static void scatter(Contribution<Real> const& spread, Layer<Real> const& layer,
+                                         [[maybe_unused]] int second, NodesOfRow&& nodes)
+    {
+        using Nodes = Stencil<Kernel, Real, d>;
+        Real w_row = layer.weight;
         if constexpr (d == 3) w_row = w_row * spread.weight[1][std::size_t(second)];
         Vector<Real, d> affine, force, along;
         if constexpr (terms.affine) {
-            affine = spread.affine[first];
+            affine = layer.affine;
             if constexpr (d == 3) affine += spread.change[1] * Real(ScalarOf<Real>(second));
         }
         if constexpr (terms.gradient) {
             if constexpr (d == 3)
-                force =
-                    spread.gradient[0] *
-                        (spread.derivative[0][std::size_t(first)] * spread.weight[1][std::size_t(second)]) +
-                    spread.gradient[1] *
-                        (spread.weight[0][std::size_t(first)] * spread.derivative[1][std::size_t(second)]);
+                force = spread.gradient[0] * (layer.derivative * spread.weight[1][std::size_t(second)]) +
+                        spread.gradient[1] * (layer.weight * spread.derivative[1][std::size_t(second)]);
             else
-                force = spread.gradient[0] * spread.derivative[0][std::size_t(first)];
+                force = spread.gradient[0] * layer.derivative;
             along = spread.gradient[Nodes::last] * w_row;
         }
         CarriedRow<Real> carried_row;
-        if constexpr (needs_derivatives) carried_row = prepare_carried(spread, first, second, w_row);
+        if constexpr (needs_derivatives) carried_row = prepare_carried(spread, layer, second, w_row);
         FIRN_UNROLL
         for (int k = 0; k < width; ++k) {
             Real const w_k = spread.weight[Nodes::last][std::size_t(k)], w = w_row * w_k;
@@ -155,7 +147,7 @@ struct Scatter
             sums[Sums::mass] += spread.mass * w;
             FIRN_UNROLL
             for (int a = 0; a < d; ++a) {
-                sums[Sums::momentum + a] += spread.momentum[a] * w;
+                if constexpr (!has_momentum) sums[Sums::momentum + a] += spread.momentum[a] * w;
                 if constexpr (terms.affine) sums[Sums::momentum + a] += affine[a] * w;
                 if constexpr (terms.gradient)
                     sums[Sums::impulse + a] +=
@@ -182,7 +174,101 @@ struct Scatter
         for (int row = 0; row < rows; ++row) scatter(spread, row, RowOfSums<SumsOfCells>{sums, row});
     }
 
+    /// A frame of reference that moves with a particle. In it the momentum of its neighbours is so small that
+    /// the affine term may be added to it: one product for both.
+    template <class Real>
+    struct Frame
+    {
+        Vector<Real, d> velocity;
+    };
+    template <class Row, class Real = typename Row::Real>
+    FIRN_HOST_DEVICE static Frame<Real> frame_of(Row const& row_of_cells)
+    {
+        Real const m = row_of_cells.scratch(mass);
+        return {scratch_vector<Real>(row_of_cells, momentum) * (m > Real(0) ? 1 / m : Real(0))};
+    }
+
+    /// The same for one layer of the stencil, and in a frame: to `sums[k][row of the layer][channel]`.
+    template <class Row, class SumsOfLayer, class Real = typename Row::Real>
+    FIRN_HOST_DEVICE static void scatter_layer(Row const& row_of_cells, int which, Frame<Real> const& frame,
+                                               SumsOfLayer& sums)
+    {
+        Stencil<Kernel, Real, d> const nodes(scratch_vector<Real>(row_of_cells, position));
+        Contribution<Real> contribution;
+        make_ready(row_of_cells, nodes, contribution);
+        contribution.momentum -= frame.velocity * contribution.mass;
+        Layer<Real> layer;
+        Real distance;
+        FIRN_UNROLL
+        for (int i = 0; i < width; ++i) // chosen one by one: an array with an index would lie in memory
+            if (i == 0 || which == i) {
+                layer.weight = nodes.weight[0][std::size_t(i)];
+                if constexpr (needs_derivatives) layer.derivative = nodes.derivative[0][std::size_t(i)];
+                distance = nodes.distance[0][std::size_t(i)];
+            }
+        set_affine(row_of_cells, nodes, contribution, distance, layer);
+        if constexpr (terms.affine) layer.affine += contribution.momentum;
+        FIRN_UNROLL
+        for (int row = 0; row < rows_of_layer; ++row)
+            scatter<terms.affine>(contribution, layer, row, RowOfSums<SumsOfLayer>{sums, row});
+    }
+
+    /// Adds the frame's own momentum to the sums of a layer.
+    template <class Real, class SumsOfLayer>
+    FIRN_HOST_DEVICE static void leave_frame(Frame<Real> const& frame, SumsOfLayer& sums)
+    {
+        FIRN_UNROLL
+        for (int row = 0; row < rows_of_layer; ++row) FIRN_UNROLL
+        for (int k = 0; k < width; ++k) FIRN_UNROLL
+        for (int a = 0; a < d; ++a)
+            sums[k][row][Sums::momentum + a] += frame.velocity[a] * sums[k][row][Sums::mass];
+    }
+
 private:
+    template <class Row, class Real>
+    FIRN_HOST_DEVICE static void make_ready(Row const& row_of_cells, Stencil<Kernel, Real, d> const& nodes,
+                                            Contribution<Real>& contribution)
+    {
+        contribution.mass = row_of_cells.scratch(mass);
+        contribution.momentum = scratch_vector<Real>(row_of_cells, momentum);
+        FIRN_UNROLL
+        for (int a = 1; a < d; ++a) FIRN_UNROLL
+        for (int i = 0; i < width; ++i) { // one by one: see copy_of()
+            contribution.weight[a][std::size_t(i)] = nodes.weight[std::size_t(a)][std::size_t(i)];
+            if constexpr (needs_derivatives)
+                contribution.derivative[a][std::size_t(i)] = nodes.derivative[std::size_t(a)][std::size_t(i)];
+        }
+        if constexpr (terms.affine) {
+            FIRN_UNROLL
+            for (int a = 1; a < d; ++a) FIRN_UNROLL
+            for (int i = 0; i < d; ++i) contribution.change[a][i] = row_of_cells.scratch(affine + i * d + a);
+        }
+        if constexpr (terms.gradient) {
+            Matrix<Real, d> const G = scratch_matrix<Real>(row_of_cells, gradient);
+            FIRN_UNROLL
+            for (int a = 0; a < d; ++a) contribution.gradient[a] = column<Real, d>(G, a);
+        }
+        for_each_component_of<CarriedTerms, d>(
+            contribution, [&](int c, Real& value) { value = row_of_cells.scratch(carried + c); });
+    }
+
+    /// Sets the layer's affine term, at a distance along the first axis.
+    template <class Row, class Real>
+    FIRN_HOST_DEVICE static void set_affine([[maybe_unused]] Row const& row_of_cells,
+                                            [[maybe_unused]] Stencil<Kernel, Real, d> const& nodes,
+                                            [[maybe_unused]] Contribution<Real> const& contribution,
+                                            [[maybe_unused]] Real distance,
+                                            [[maybe_unused]] Layer<Real>& layer)
+    {
+        if constexpr (terms.affine) {
+            FIRN_UNROLL
+            for (int i = 0; i < d; ++i) layer.affine[i] = row_of_cells.scratch(affine + i * d) * distance;
+            FIRN_UNROLL
+            for (int a = 1; a < d; ++a)
+                layer.affine += contribution.change[a] * nodes.distance[std::size_t(a)][0];
+        }
+    }
+
     /// Of the gradient terms of carried fields in one row: what goes with the weights of its nodes, and what
     /// goes with their derivatives along the row.
     template <class Real>
@@ -192,15 +278,16 @@ private:
     };
 
     template <class Real>
-    FIRN_HOST_DEVICE static CarriedRow<Real> prepare_carried(Spread<Real> const& spread, int first,
+    FIRN_HOST_DEVICE static CarriedRow<Real> prepare_carried(Contribution<Real> const& spread,
+                                                             Layer<Real> const& layer,
                                                              [[maybe_unused]] int second, Real w_row)
     {
         constexpr int last = d - 1;
         Real slope[std::size_t(last)]; // of the row's weight, along all axes but its own
-        slope[0] = spread.derivative[0][std::size_t(first)];
+        slope[0] = layer.derivative;
         if constexpr (d == 3) {
             slope[0] = slope[0] * spread.weight[1][std::size_t(second)];
-            slope[1] = spread.weight[0][std::size_t(first)] * spread.derivative[1][std::size_t(second)];
+            slope[1] = layer.weight * spread.derivative[1][std::size_t(second)];
         }
         CarriedRow<Real> row;
         for_each_field(CarriedGradients{}, [&](auto tag) {
@@ -218,8 +305,8 @@ private:
 
     /// Adds the terms of carried fields to a node of weight w = w_row w_k.
     template <class Real, class SumsOfNode>
-    FIRN_HOST_DEVICE static void add_carried(Spread<Real> const& spread, CarriedRow<Real> const& row, Real w,
-                                             Real w_k, Real dw_k, SumsOfNode& sums)
+    FIRN_HOST_DEVICE static void add_carried(Contribution<Real> const& spread, CarriedRow<Real> const& row,
+                                             Real w, Real w_k, Real dw_k, SumsOfNode& sums)
     {
         for_each_field(CarriedTerms{}, [&](auto term) {
             using Tag = FieldOfTerm<decltype(term)>;

@@ -247,6 +247,7 @@ private:
             wrote_derived_[k] ? table.next_derived() : typename MaterialTraits<k>::Table::DerivedView{},
             table.mass_groups(),
             memory_.lattice,
+            static_cast<Number>(1 / memory_.lattice.cell_size),
             largest_deformation_,
             shifts_of<k>(step)};
     }

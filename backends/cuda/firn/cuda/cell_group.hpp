@@ -19,18 +19,21 @@ public:
     using Offset = typename Order::Offset;
     using TileShape = typename GridType::TileShape;
 
-    /// `read` is the first node of the cell's stencil in a tile of node values, or null for a phase that
-    /// reads none.
+    /// `read` is the reference value of the tile of node values that the cell's items will read, or null for
+    /// a phase that reads none.
     __device__ CellOfThread(Coordinates<d> const& cell, typename GridType::Values const* read)
-        : cell_(cell), read_(read)
+        : cell_(cell), read_(read), reference_(read)
     {
         forget();
     }
 
-    /// Goes to the item that lies at `source` and has the slot `slot`.
-    __device__ void enter(std::uint32_t source, std::uint32_t slot)
+    /// Goes to the item of a cell that lies at `source` and has the slot `slot`.
+    __device__ void enter(Coordinates<d> const& cell, typename GridType::Values const* read,
+                          std::uint32_t source, std::uint32_t slot)
     {
         assert(source != absent && slot != absent && "an item is one that is there");
+        cell_ = cell;
+        read_ = read;
         source_ = source;
         slot_ = slot;
         way_ = 0;
@@ -104,27 +107,11 @@ public:
         return false;
     }
 
-    /// Marks the item as a leaver. Its contribution goes to a list; here channels from `zero_from` on are
-    /// then zeroed.
-    __device__ void leave(bool, int zero_from, int) { leaves_ = true, zero_from_ = zero_from; }
+    /// Marks the item as a leaver. Its contribution goes to a list, and is not scattered here.
+    __device__ void leave(bool, int, int) { leaves_ = true; }
     __device__ bool leaves() const { return leaves_; }
+    __device__ std::uint32_t slot() const { return slot_; }
     __device__ std::uint32_t way() const { return way_; } ///< the neighbour it goes to, as in Leavers
-    __device__ void write_outgoing(detail::Leavers<Number> const& leavers, std::uint32_t i,
-                                   std::uint32_t cell)
-    {
-        leavers.slot[i] = slot_;
-        leavers.cell[i] = cell;
-        leavers.way[i] = static_cast<std::uint8_t>(way_);
-#pragma unroll
-        for (int c = d; c < Phase::scratch_channels; ++c)
-            leavers.contribution[std::size_t(i) * leavers.channels + c - d] = scratch_[c];
-    }
-    __device__ void forget_contribution()
-    {
-#pragma unroll
-        for (int c = 0; c < Phase::scratch_channels; ++c)
-            if (c >= zero_from_) scratch_[c] = 0;
-    }
     /// Loads the contribution of a leaver, and its offset in the new cell.
     __device__ void read_outgoing(detail::Leavers<Number> const& leavers,
                                   std::array<Offset*, d> const& offset, std::uint32_t i)
@@ -133,11 +120,12 @@ public:
 #pragma unroll
         for (int a = 0; a < d; ++a) scratch_[a] = CellOffset<Number>::value(offset[a][slot]);
 #pragma unroll
-        for (int c = d; c < Phase::scratch_channels; ++c)
+        for (int c = d; c < Phase::Scatter::scratch_channels; ++c)
             scratch_[c] = leavers.contribution[std::size_t(i) * leavers.channels + c - d];
     }
 
-    /// Channel c of the node at place k in a row of the cell's stencil.
+    /// Channel c of the node at place k in a row of the cell's stencil, relative to the reference.
+    __device__ Number reference(int c) const { return reference_->of[c]; }
     __device__ Number node(int c, int row, int k) const
     {
         assert(TileShape::has(row, k) && "a node is in the stencil of its cell");
@@ -146,11 +134,10 @@ public:
 
 private:
     Coordinates<d> cell_;
-    typename GridType::Values const* read_;
+    typename GridType::Values const *read_, *reference_;
     std::uint32_t source_ = 0, slot_ = 0;
     mutable std::uint32_t way_ = 0;
     bool leaves_ = false;
-    int zero_from_ = 0;
     Number scratch_[Phase::scratch_channels];
 };
 

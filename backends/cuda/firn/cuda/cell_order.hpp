@@ -20,12 +20,10 @@
 namespace firn::cuda
 {
 
-/// The order of cells on a device: items by block, in a block by group of 32 cells, in a group interleaved by
-/// rank.
+/// The order of cells on a device: items by block, in a block cell by cell.
 ///
-/// First come the first items of the group's cells, then the second ones, and so on, so that lane l of a warp
-/// can work on cell l and the warp reads contiguous memory. Items are not moved: `order` says, cell by cell,
-/// where they lie. Blocks that have lost all of their items stay until there are too many of them.
+/// Items are not moved: `order` says where they lie. Blocks that have lost all of their items stay until
+/// there are too many of them.
 template <class Number, int d>
 class CellOrder
 {
@@ -311,19 +309,12 @@ public:
         begin_.download(0, begin);
         order_.download(0, order);
         set_.download_keys(keys);
-        std::size_t slot = 0;
-        for (std::size_t group = 0; group < keys.size() * Shape::groups; ++group) {
-            Coordinates<d> const block = block_of_key<d>(keys[group / Shape::groups]);
-            std::uint32_t const* const first = &begin[group * Shape::lanes];
-            std::size_t const end = first[Shape::lanes];
-            for (std::uint32_t rank = 0; slot < end; ++rank)
-                for (int lane = 0; lane < Shape::lanes; ++lane) {
-                    if (first[lane] + rank >= first[lane + 1]) continue;
-                    int const place = static_cast<int>(group % Shape::groups) * Shape::lanes + lane;
-                    visit(committed_ ? slot : std::size_t{order[first[lane] + rank]},
-                          Coordinates<d>(block * Shape::extent + Shape::cell(place)));
-                    ++slot;
-                }
+        for (std::size_t c = 0; c + 1 < begin.size(); ++c) {
+            Coordinates<d> const block = block_of_key<d>(keys[c / Shape::cells]),
+                                 cell =
+                                     block * Shape::extent + Shape::cell(static_cast<int>(c % Shape::cells));
+            for (std::uint32_t slot = begin[c]; slot < begin[c + 1]; ++slot)
+                visit(committed_ ? std::size_t{slot} : std::size_t{order[slot]}, cell);
         }
     }
 

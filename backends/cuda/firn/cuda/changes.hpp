@@ -69,17 +69,11 @@ static __global__ void __launch_bounds__(64)
     __shared__ std::uint32_t block_stays;
     if (threadIdx.x == 0) block_stays = 0;
     __syncthreads();
-    std::uint32_t const c = blockIdx.x * 64 + threadIdx.x, first = begin[c], count = begin[c + 1] - first,
-                        below = (1u << threadIdx.x % 32) - 1;
-    std::uint32_t slot = begin[c - threadIdx.x % 32], stay = count;
-    for (std::uint32_t rank = 0;; ++rank) {
-        std::uint32_t const pattern = __ballot_sync(~0u, rank < count);
-        if (pattern == 0) break;
-        std::uint32_t const here = slot + __popc(pattern & below);
-        slot += __popc(pattern);
-        if (rank >= count) continue;
-        bool const leaves = gone[order ? order[first + rank] : here] != 0;
-        left[here] = leaves;
+    std::uint32_t const c = blockIdx.x * 64 + threadIdx.x, first = begin[c], count = begin[c + 1] - first;
+    std::uint32_t stay = count;
+    for (std::uint32_t slot = first; slot < first + count; ++slot) {
+        bool const leaves = gone[order ? order[slot] : slot] != 0;
+        left[slot] = leaves;
         stay -= leaves;
     }
     changes.stay[c] = stay;

@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/cuda/ranks.hpp>
 #include <firn/cuda/signal.hpp>
 #include <firn/cuda/teams.hpp>
 
@@ -20,9 +19,8 @@ __global__ void __launch_bounds__(block_threads)
     if (signal.stops()) return;
     std::uint32_t const c = blockIdx.x * block_threads + threadIdx.x;
     auto const cell = cells.cell(c);
-    Ranks(cells.begin, c).for_each([&](std::uint32_t rank, bool here, std::uint32_t slot) {
-        if (here) visit(std::size_t{at_slots ? slot : cells.order[cells.begin[c] + rank]}, cell);
-    });
+    for (std::uint32_t slot = cells.begin[c], end = cells.begin[c + 1]; slot < end; ++slot)
+        visit(std::size_t{at_slots ? slot : cells.order[slot]}, cell);
 }
 
 template <class Body>

@@ -31,7 +31,7 @@ __device__ void sort_crowd(Leavers<Number> const& leavers, std::uint32_t* arrive
 /// Where the new order is written, and what it is written from.
 struct NewOrder
 {
-    std::uint32_t const* source; ///< where items lie, cell by cell; null: at their slots
+    std::uint32_t const* source; ///< where items lie; null: at their slots
     unsigned char const* left;   ///< per slot: whether the item left; null: none did
     std::uint32_t* begin;        ///< per cell
     std::uint32_t* arrived_begin;
@@ -40,11 +40,22 @@ struct NewOrder
     std::uint32_t* spare; ///< scratch for as many as come in
 };
 
+/// Where a block's part of the new order is written: in shared memory first, if there is room. Cells write
+/// one item after the other, and together they write memory in whole lines.
+struct OrderOfBlock
+{
+    static constexpr std::uint32_t room = 768;
+
+    std::uint32_t* to;
+    std::uint32_t first; ///< of the block in the order, if it is in shared memory
+
+    __device__ std::uint32_t& operator[](std::uint32_t at) const { return to[at - first]; }
+};
+
 /// The items that lay in the thread's cell before.
 struct StayedInCell
 {
     std::uint32_t begin, count;
-    std::uint32_t slot; ///< of the first item of the 32 cells
     bool all_stay;
 
     __device__ StayedInCell(std::uint32_t const* begins, std::uint32_t c, Changes const& changes,
@@ -52,31 +63,27 @@ struct StayedInCell
     {
         begin = begins[c];
         count = begins[c + 1] - begin;
-        slot = begins[c - threadIdx.x % 32];
         all_stay = none_left || changes.group_left[c / 32] == 0;
     }
 };
 
-/// Writes the items that stay, in the order in which they lie, from `at` on, 32 cells at a time. Eight loads
-/// are in flight at once to hide the latency of memory.
-static __device__ void keep_those_that_stay(StayedInCell const& lay, NewOrder const& to, std::uint32_t at)
+/// Writes the items that stay, in the order in which they lie, from `at` on. Eight loads are in flight at
+/// once to hide the latency of memory.
+static __device__ void keep_those_that_stay(StayedInCell const& lay, NewOrder const& to,
+                                            OrderOfBlock const& order, std::uint32_t at)
 {
     constexpr int at_once = 8;
-    std::uint32_t const below = (1u << threadIdx.x % 32) - 1;
-    std::uint32_t slot = lay.slot;
-    for (std::uint32_t rank = 0; __any_sync(~0u, rank < lay.count); rank += at_once) {
-        std::uint32_t here[at_once];
+    for (std::uint32_t rank = 0; rank < lay.count; rank += at_once) {
         bool stays[at_once];
 #pragma unroll
-        for (unsigned i = 0; i < at_once; ++i) {
-            std::uint32_t const pattern = __ballot_sync(~0u, rank + i < lay.count);
-            here[i] = slot + __popc(pattern & below);
-            slot += __popc(pattern);
-            stays[i] = rank + i < lay.count && (lay.all_stay || to.left[here[i]] == 0);
-        }
+        for (unsigned i = 0; i < at_once; ++i)
+            stays[i] = rank + i < lay.count && (lay.all_stay || to.left[lay.begin + rank + i] == 0);
 #pragma unroll
         for (unsigned i = 0; i < at_once; ++i)
-            if (stays[i]) to.order[at++] = to.source ? to.source[lay.begin + rank + i] : here[i];
+            if (stays[i]) {
+                std::uint32_t const slot = lay.begin + rank + i;
+                order[at++] = to.source ? to.source[slot] : slot;
+            }
     }
 }
 
@@ -85,7 +92,8 @@ static __device__ void keep_those_that_stay(StayedInCell const& lay, NewOrder co
 /// in shared memory while the next one is loaded. Wraps their offsets into the new cells.
 template <int d, class Number>
 __device__ void append_incoming(std::uint32_t first_incoming, ArrivedInCell came,
-                                Leavers<Number> const& leavers, NewOrder const& to, std::uint32_t at,
+                                Leavers<Number> const& leavers, NewOrder const& to, OrderOfBlock const& order,
+                                std::uint32_t at,
                                 std::array<typename CellOffset<Number>::Stored*, d> const& offset)
 {
     constexpr std::uint32_t few = 12;
@@ -124,7 +132,7 @@ __device__ void append_incoming(std::uint32_t first_incoming, ArrivedInCell came
     }
     for (std::uint32_t i = 0; i < came.count; ++i) {
         if (came.count <= few) arrived[i] = near[0][i][own];
-        to.order[at + i] = came.count <= few ? near[1][i][own] : leavers.slot[arrived[i]];
+        order[at + i] = came.count <= few ? near[1][i][own] : leavers.slot[arrived[i]];
     }
 }
 
@@ -146,8 +154,13 @@ __device__ ArrivedInCell rearrange_block(std::uint32_t block, std::uint32_t bloc
     StayedInCell const lay(begin, c, changes,
                            to.left == nullptr); // loaded before threads wait for one another
     std::uint64_t total;
-    std::uint64_t mine = find_begin(block);
+    std::uint64_t const of_block = find_begin(block);
+    std::uint64_t mine = of_block;
     mine += sum_before_in_block<64>((std::uint64_t(incoming) << 32) | (stay + incoming), total);
+    __shared__ std::uint32_t near[OrderOfBlock::room];
+    auto const begins = static_cast<std::uint32_t>(of_block), items = static_cast<std::uint32_t>(total);
+    bool const is_near = items <= OrderOfBlock::room;
+    OrderOfBlock const order{is_near ? near : to.order, is_near ? begins : 0};
     auto const first = static_cast<std::uint32_t>(mine);
     ArrivedInCell const came{static_cast<std::uint32_t>(mine >> 32), incoming};
     if (team == 0) {
@@ -157,9 +170,14 @@ __device__ ArrivedInCell rearrange_block(std::uint32_t block, std::uint32_t bloc
             to.begin[c + 1] = first + stay + incoming;
             to.arrived_begin[c + 1] = came.begin + incoming;
         }
-        keep_those_that_stay(lay, to, first);
+        keep_those_that_stay(lay, to, order, first);
     }
-    if (team == 1 || teams == 1) append_incoming<d>(first_incoming, came, leavers, to, first + stay, offset);
+    if (team == 1 || teams == 1)
+        append_incoming<d>(first_incoming, came, leavers, to, order, first + stay, offset);
+    if (is_near) {
+        __syncthreads();
+        for (std::uint32_t i = threadIdx.x; i < items; i += blockDim.x) to.order[begins + i] = near[i];
+    }
     return came;
 }
 

@@ -84,6 +84,30 @@ struct ResultsOfGroups
 
     __host__ __device__ std::uint32_t bunches() const { return (groups + bunch - 1) / bunch; }
 
+    /// Called by all threads of a group with their results; `memory` is shared memory for all of these. Each
+    /// lane of one warp merges those of every 32nd thread.
+    __device__ void take_in(Result const& of_thread, std::uint32_t* memory) const
+    {
+        Words<Result> words{};
+        memcpy(&words, static_cast<void const*>(&of_thread), sizeof words);
+#pragma unroll
+        for (int i = 0; i < Words<Result>::count; ++i)
+            memory[i * int(blockDim.x) + int(threadIdx.x)] = words.of[i];
+        __syncthreads();
+        if (threadIdx.x >= 32) return;
+        Result mine = of_thread;
+#pragma unroll 1
+        for (unsigned thread = threadIdx.x + 32; thread < blockDim.x; thread += 32) {
+#pragma unroll
+            for (int i = 0; i < Words<Result>::count; ++i)
+                words.of[i] = memory[i * int(blockDim.x) + int(thread)];
+            Result other;
+            memcpy(static_cast<void*>(&other), &words, sizeof words);
+            mine.merge(other);
+        }
+        finish(mine);
+    }
+
     /// Called by all threads of a group with their results; `parts` is shared memory for one value per warp.
     __device__ void take(Result const& of_thread, Result* parts) const
     {
@@ -92,8 +116,15 @@ struct ResultsOfGroups
         if (lane == 0) store_words(mine, parts + warp);
         __syncthreads();
         if (warp > 0) return;
-        mine = lane < warps ? load_shared(parts + lane) : Result{};
-        mine = merged_in_warp(mine);
+        finish(lane < warps ? load_shared(parts + lane) : Result{});
+    }
+
+private:
+    /// Called by one warp with what its lanes have of the group's results.
+    __device__ void finish(Result const& of_lane) const
+    {
+        std::uint32_t const lane = threadIdx.x % 32;
+        Result const mine = merged_in_warp(of_lane);
         if (lane == 0) store_words(mine, of_groups + blockIdx.x);
         if (bunch == 1) return;
         std::uint32_t const b = blockIdx.x / bunch, first = b * bunch,
@@ -107,7 +138,6 @@ struct ResultsOfGroups
         if (lane == 0) store_words(of_bunch, of_bunches + b);
     }
 
-private:
     /// Whether this warp is the last of `of` to come here; if so, resets the count.
     __device__ static bool is_last(std::uint32_t* count, std::uint32_t of)
     {

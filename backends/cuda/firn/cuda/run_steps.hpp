@@ -26,26 +26,23 @@ Partial<typename Phase::Result> start_moving(Order& cells, LayerType const& laye
 {
     using Result = typename Phase::Result;
     if (layer.blocks() == 0) return {};
-    using Tiles = SharedTiles<LayerType>;
+    using Items = ShapeOfItems<LayerType, Phase>;
     auto const signal = cells.signal();
     auto const leavers =
-        cells.expect_outgoing(Phase::scratch_channels - Phase::d); // an offset is stored with its item
-    constexpr unsigned most_teams = most_teams_that_move<Phase>;
-    unsigned const teams = Tiles::teams(layer.blocks(), most_teams);
+        cells.expect_outgoing(Items::channels - Phase::d); // an offset is stored with its item
+    unsigned const teams = Items::teams(layer.blocks());
     auto const results = layer.item_results().template expect<Result>(layer.blocks());
-    auto* const loop = move<Order, LayerType, Phase>;
-    std::size_t const shared = Tiles::bytes(true, true, teams);
-    constexpr std::size_t declared = declared_by_move<Phase>; // grows with the obstacles
+    auto* const loop =
+        teams == 1 ? move<1, Order, LayerType, Phase> : move<Items::most_teams, Order, LayerType, Phase>;
+    constexpr std::size_t declared = declared_by_move<LayerType, Phase>; // grows with the obstacles
     static_assert(declared <= given_shared,
                   "a call has more obstacles than a device's loops can tell of: pass fewer than 60, or say "
                   "several of them as one shape");
-    // The most this loop ever needs: several host threads may set it concurrently, so all set the same.
-    constexpr std::size_t most = Tiles::bytes(true, true, Tiles::teams(0, most_teams));
-    if constexpr (most + declared > given_shared) allow_shared(loop, most);
+    if (Items::bytes(teams) + declared > given_shared) allow_shared(loop, Items::bytes(teams));
     Moved<typename LayerType::Number, Phase::d, Result> const moved{leavers, cells.destinations(),
                                                                     cells.left(), results};
-    launch("move", cells.queue(), loop, layer.blocks(), teams, shared, signal, phase, cells.view(),
-           layer.view(), moved);
+    launch("move", cells.queue(), loop, layer.blocks(), teams * Items::team_threads, Items::bytes(teams),
+           signal, phase, cells.view(), layer.view(), moved);
     return layer.item_results().template partial<Result>();
 }
 
@@ -61,7 +58,7 @@ void start_scattering_leavers(Order const& cells, GridType& grid)
     unsigned const teams = Tiles::teams_that_rebin(cells.rebinned_blocks());
     auto* const loop = teams == 1 ? scatter_leavers<1, Order, GridType, Phase>
                                   : scatter_leavers<most_teams_that_rebin, Order, GridType, Phase>;
-    launch("scatter_leavers", cells.queue(), loop, std::min(grid.blocks(), 4096u), teams,
+    launch("scatter_leavers", cells.queue(), loop, std::min(grid.blocks(), 4096u), teams * block_threads,
            Tiles::bytes(false, true, teams), cells.signal(), grid.blocks(), scatter);
 }
 } // namespace detail

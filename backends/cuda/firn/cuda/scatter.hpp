@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/cuda/cell_group.hpp>
+#include <firn/cuda/items_of_block.hpp>
 #include <firn/cuda/migration.hpp>
 #include <firn/cuda/ranks.hpp>
 #include <firn/cuda/shared_memory.hpp>
@@ -14,32 +15,23 @@
 namespace firn::cuda::detail
 {
 
-/// All items scatter, cell by cell, to the tile of their block.
+/// All items scatter to the tile of their block.
 template <class Order, class GridType, class Phase>
-__global__ void __launch_bounds__(block_threads, enough_groups)
+__global__ void __launch_bounds__(ShapeOfItems<GridType, Phase>::team_threads)
     scatter(Signal signal, Phase phase, typename Order::View cells, typename GridType::View grid, bool afresh)
 {
     if (signal.stops()) return;
-    SharedTiles<GridType> const tiles(shared_memory(), false);
-    tiles.clear_sums();
-    __syncthreads();
-    std::uint32_t const c = blockIdx.x * block_threads + threadIdx.x;
-    CellOfThread<Order, GridType, Phase, Phase::d> cell(cells.cell(c), nullptr);
-    SumsInTile<GridType> sums{tiles.own_sums(int(threadIdx.x))};
-    Ranks(cells.begin, c).for_each([&](std::uint32_t rank, bool here, std::uint32_t slot) {
-        cell.forget();
-        if (here) {
-            cell.enter(cells.order[cells.begin[c] + rank], slot);
-            phase.prepare(cell);
-        }
-        Phase::scatter(cell, sums);
-    });
-    __syncthreads();
-    typename GridType::Sums* const tile = grid.tiles + std::size_t(blockIdx.x) * GridType::TileShape::nodes;
-    if (afresh)
-        tiles.write_sums(tile);
-    else
-        tiles.add_sums(tile);
+    ItemsOfBlock<Order, GridType, Phase> items(cells, blockIdx.x);
+    items.read(grid, blockIdx.x);
+    items.for_each(
+        [&](auto& item, std::uint32_t i) {
+            phase.prepare(item);
+            items.store(item, i);
+        },
+        [&](bool is_first) {
+            items.scatter(grid.tiles + std::size_t(blockIdx.x) * GridType::TileShape::nodes,
+                          afresh && is_first, [] {});
+        });
 }
 
 /// Items that came into the cells of a block scatter the contributions that were stored when they left
@@ -66,7 +58,7 @@ struct ScatterIncoming
         SumsInTile<GridType> sums{tiles.own_sums(int(place))};
         std::uint32_t const* const of_cell = arrived.arrived + came.begin;
         std::uint32_t next = team < came.count ? of_cell[team] : 0; // loaded one rank ahead
-        auto const use = [&](std::uint32_t rank, bool here, std::uint32_t) {
+        auto const use = [&](std::uint32_t rank, bool here) {
             cell.forget();
             if (here) {
                 cell.read_outgoing(leavers, arrived.offset, next);
@@ -74,7 +66,7 @@ struct ScatterIncoming
             }
             Phase::scatter(cell, sums);
         };
-        Ranks(came).for_each(use, team, teams);
+        for_each_rank(came.count, use, team, teams);
         __syncthreads();
         tiles.add_sums(grid.tiles + std::size_t(block) * GridType::TileShape::nodes, teams);
         __syncthreads();

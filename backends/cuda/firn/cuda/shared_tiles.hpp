@@ -28,27 +28,18 @@ struct SharedTiles
     static constexpr std::size_t bytes(bool reads, bool adds, unsigned teams = 1)
     {
         constexpr std::size_t values =
-            (Tile::nodes * sizeof(Values) + 15) / 16 * 16; // sums are aligned to 16 bytes
+            ((Tile::nodes + 1) * sizeof(Values) + 15) / 16 * 16; // sums are aligned to 16 bytes
         return (reads ? values : 0) + (adds ? teams * 2 * Tile::group_nodes * sizeof(Sums) : 0);
     }
 
-    /// How many teams share a block in a scene of so many blocks: together as many threads as a large device
-    /// runs at once, within the shared memory that every device has. The number is the same on every device,
-    /// since sums are added up team by team.
-    static constexpr unsigned teams(std::uint32_t blocks,
-                                    unsigned most = most_teams<typename GridType::Number>)
+    /// How many teams scatter the items that came into a block, in a scene of so many blocks: together as
+    /// many threads as a large device runs at once, within the shared memory that every device has. The
+    /// number is the same on every device, since sums are added up team by team.
+    static constexpr unsigned teams_that_rebin(std::uint32_t blocks)
     {
-        unsigned teams = most_teams<typename GridType::Number>;
-        while (teams > 1 &&
-               (teams > most || teams * blocks > 1024 || bytes(true, true, teams) > unasked_shared))
-            teams /= 2;
+        unsigned teams = most_teams_that_rebin;
+        while (teams > 1 && (teams * blocks > 1024 || bytes(false, true, teams) > unasked_shared)) teams /= 2;
         return teams;
-    }
-
-    /// The same for scattering the items that came into a block.
-    static unsigned teams_that_rebin(std::uint32_t blocks)
-    {
-        return std::min(teams(blocks), most_teams_that_rebin);
     }
 
     static_assert(bytes(true, true) <= most_shared, "a block's tiles do not fit into shared memory");
@@ -76,17 +67,7 @@ struct SharedTiles
                Tile::at(Shape::cell(place));
     }
 
-    /// Writes the sums of both groups, team by team, to the block's tile.
-    __device__ void write_sums(Sums* tile) const
-    {
-        for (int n = int(threadIdx.x); n < Tile::nodes; n += int(blockDim.x)) {
-            Sums sum{};
-            plus_teams(sum, n, blockDim.x / block_threads);
-            tile[n] = sum;
-        }
-    }
-
-    /// Adds them to the tile, for `teams` teams.
+    /// Adds the sums of both groups to the block's tile, team by team.
     __device__ void add_sums(Sums* tile, unsigned teams = 1) const
     {
         constexpr int at_once = 4; // independent loads: otherwise each would wait for the one before
@@ -105,25 +86,41 @@ struct SharedTiles
         }
     }
 
-    /// Loads the node values under a block of cells.
+    /// Loads the node values under a block of cells, relative to that of one in the middle, which lies behind
+    /// them: so its weights, which add up to one but for rounding, do not round what all nodes have in
+    /// common.
     __device__ void read_values(typename GridType::View const& grid, std::uint32_t block) const
     {
+        Coordinates<d> middle;
+        for (int a = 0; a < d; ++a) middle[a] = Tile::width / 2;
+        Values const reference = value_at(grid, block, middle);
+        if (threadIdx.x == 0) values[Tile::nodes] = reference;
         for (int n = int(threadIdx.x); n < Tile::nodes; n += int(blockDim.x)) {
             Coordinates<d> node;
             if (!Tile::node_at(n, node)) continue;
-            std::uint32_t corner = 0;
-            int at = 0;
-            for (int a = 0; a < d; ++a) {
-                corner = 2 * corner + static_cast<std::uint32_t>(node[a] >> Shape::bits);
-                at = at * Shape::extent + (node[a] & (Shape::extent - 1));
-            }
-            std::uint32_t const nodes = grid.nodes_of[block * GridType::corners + corner];
-            assert(nodes != absent && "a block of cells has its nodes");
-            values[n] = grid.node_values[std::size_t(nodes) * Shape::cells + static_cast<std::size_t>(at)];
+            Values value = value_at(grid, block, node);
+#pragma unroll
+            for (int c = 0; c < Values::stored; ++c) value.of[c] -= reference.of[c];
+            values[n] = value;
         }
     }
 
 private:
+    /// The values of a node under a block of cells.
+    __device__ static Values const& value_at(typename GridType::View const& grid, std::uint32_t block,
+                                             Coordinates<d> const& node)
+    {
+        std::uint32_t corner = 0;
+        int at = 0;
+        for (int a = 0; a < d; ++a) {
+            corner = 2 * corner + static_cast<std::uint32_t>(node[a] >> Shape::bits);
+            at = at * Shape::extent + (node[a] & (Shape::extent - 1));
+        }
+        std::uint32_t const nodes = grid.nodes_of[block * GridType::corners + corner];
+        assert(nodes != absent && "a block of cells has its nodes");
+        return grid.node_values[std::size_t(nodes) * Shape::cells + static_cast<std::size_t>(at)];
+    }
+
     /// Adds the sums of both groups of each team at one node of the tile.
     __device__ void plus_teams(Sums& sum, int n, unsigned teams) const
     {

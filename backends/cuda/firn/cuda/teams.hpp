@@ -15,26 +15,12 @@ namespace firn::cuda::detail
 {
 
 inline constexpr unsigned block_threads = 64; ///< one per cell, and one per node
-/// Where there are few blocks, at most this many teams of `block_threads` share one: each handles every n-th
-/// item of a cell. In the largest group each thread still has up to 128 registers. Numbers in double
-/// precision need two each, and are faster with half as many threads.
-template <class Number>
-inline constexpr unsigned most_teams = sizeof(Number) > sizeof(float) ? 4 : 8;
-/// The same for the loop that moves items. A phase that holds many values across a call is limited to six
-/// teams, in effect four, and 168 registers are left for each thread.
-template <class Phase>
-inline constexpr unsigned most_teams_that_move = Phase::calls_amid_much
-                                                     ? std::min(most_teams<typename Phase::Number>, 6u)
-                                                     : most_teams<typename Phase::Number>;
-/// Groups of threads that must fit on a multiprocessor in loops of one team: this leaves 168 registers per
-/// thread. Without it the compiler may stop at 48 or 96, and spill.
-inline constexpr unsigned enough_groups = 6;
 /// Shared memory that a device grants without a request; the same less the little that loops declare; and the
 /// most it grants at all, less that too (compute capability 7.5; later ones grant more) [bytes].
 inline constexpr std::size_t given_shared = 48 * 1024, unasked_shared = 40 * 1024, most_shared = 60 * 1024;
 
-/// Where there are few blocks, at most this many teams of 64 threads rebin one and scatter its incoming
-/// items.
+/// Where there are few blocks, at most this many teams of `block_threads` rebin one and scatter its incoming
+/// items: each every n-th one of a cell.
 inline constexpr unsigned most_teams_that_rebin = 4;
 
 /// Lets a loop use this much dynamic shared memory [bytes].
@@ -55,10 +41,10 @@ void allow_shared(void (*loop)(Parameters...), std::size_t bytes)
 /// Launches a loop over blocks with its shared memory.
 template <class... Parameters, class... Arguments>
 void launch(char const* name, Queue const& queue, void (*loop)(Parameters...), std::uint32_t blocks,
-            unsigned teams, std::size_t shared, Arguments const&... arguments)
+            unsigned threads, std::size_t shared, Arguments const&... arguments)
 {
     if (shared > unasked_shared) allow_shared(loop, shared);
-    launch_behind(name, queue, loop, blocks, teams * block_threads, shared, arguments...);
+    launch_behind(name, queue, loop, blocks, threads, shared, arguments...);
 }
 
 } // namespace firn::cuda::detail

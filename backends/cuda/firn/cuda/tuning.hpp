@@ -9,8 +9,8 @@
 namespace firn::cuda
 {
 
-/// The shape of a block of cells, or of nodes: 4 x 4 x 4, or 8 x 8 in two dimensions. A warp works on one of
-/// its two groups of 32 cells, lane l on the l-th; a group of 64 threads works on the block.
+/// The shape of a block of cells, or of nodes: 4 x 4 x 4, or 8 x 8 in two dimensions. A warp that
+/// scatters works on one of its two groups of 32 cells, lane l on the l-th.
 template <int d>
 struct BlockShape
 {
@@ -68,6 +68,9 @@ struct Tile
     {
         return d == 2 ? row * plane + k : row / (degree + 1) * plane + row % (degree + 1) * width + k;
     }
+
+    /// The same for a layer of the stencil across the first axis, relative to its first node.
+    FIRN_HOST_DEVICE static constexpr int in_layer(int row, int k) { return row * width + k; }
 
     /// Whether a stencil has a node at place k of a row.
     FIRN_HOST_DEVICE static constexpr bool has(int row, int k)

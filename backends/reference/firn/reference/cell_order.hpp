@@ -154,9 +154,13 @@ public:
     bool at_the_edge() const { return cell_.cwiseAbs().maxCoeff() > Order::largest_coordinate; }
 
     // As a group of cells: there is one, too.
+    Real reference(int channel) const
+    {
+        return nodes_.at(nodes_.size() / 2).at(nodes_[0].size() / 2)[channel];
+    }
     Real node(int channel, int row, int k) const
     {
-        return nodes_.at(std::size_t(k)).at(std::size_t(row))[channel];
+        return nodes_.at(std::size_t(k)).at(std::size_t(row))[channel] - reference(channel);
     }
     void set_scratch(int channel, Real value) { scratch_.at(std::size_t(channel)) = value; }
     Real scratch(int channel) const { return scratch_.at(std::size_t(channel)); }

@@ -1,0 +1,360 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/cell_work.hpp>
+#include <firn/cuda/cell_group.hpp>
+#include <firn/cuda/migration.hpp>
+#include <firn/cuda/shared_memory.hpp>
+#include <firn/cuda/shared_tiles.hpp>
+#include <firn/cuda/teams.hpp>
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+
+// How a group of threads works on the items of a block of cells, in two phases: first each thread on items of
+// its own, which lie side by side whatever their cells; then each on one cell and one layer of its stencil,
+// whose sums it has in registers. What items scatter lies in shared memory in between.
+namespace firn::cuda::detail
+{
+
+/// What a phase needs of a group of threads that works on the items of a block.
+template <class GridType, class Phase>
+struct ShapeOfItems
+{
+    static constexpr int d = Phase::d;
+    using Number = typename GridType::Number;
+    using Tile = typename GridType::TileShape;
+    using Shape = typename GridType::Shape;
+    using Sums = typename GridType::Sums;
+    static constexpr bool gathers = Phase::work.gathers, moves = Phase::work.moves,
+                          scatters = Phase::work.scatters_to != ScatterTarget::nothing;
+
+    static constexpr unsigned layers = [] {
+        if constexpr (scatters) return unsigned(Phase::Scatter::width);
+        return 2u;
+    }();
+    static constexpr unsigned team_threads = layers * block_threads;
+    /// Whether a thread needs many registers: for values that are held across a call, or numbers in double
+    /// precision, which need two each.
+    static constexpr bool holds_much = [] {
+        if constexpr (moves) return sizeof(Number) > sizeof(float) || Phase::calls_amid_much;
+        return false;
+    }();
+    /// Where there are few blocks, at most so many teams share the items of a block: a thread has one or two
+    /// items to gather then, in a block of eight per cell. A loop for them is compiled by itself, since so
+    /// many threads have fewer registers each, and a group of one team has to leave room for others.
+    static constexpr unsigned most_teams = std::max(1u, (holds_much ? 384 : 576) / team_threads);
+    /// Groups of one team that must fit on a multiprocessor in the loop that moves items: this leaves 80
+    /// registers per thread, or 168. With more of them and fewer threads the loop is slower, although the
+    /// compiler spills some.
+    static constexpr unsigned groups = std::max(1u, 65536 / (holds_much ? 168 : 80) / team_threads);
+    static constexpr std::size_t aligned(std::size_t bytes) { return (bytes + 15) / 16 * 16; }
+    /// The shared memory of all but contributions, if chunks have so many items [bytes].
+    static constexpr std::size_t before_contributions(std::size_t items)
+    {
+        return SharedTiles<GridType>::bytes(gathers, false) +
+               aligned((Shape::cells + 1) * sizeof(std::uint32_t)) + aligned(items) +
+               (moves ? aligned(items * sizeof(std::uint32_t)) : 0);
+    }
+    /// The channels of what an item scatters.
+    static constexpr int channels = [] {
+        if constexpr (scatters) return int(Phase::Scatter::scratch_channels);
+        return 0;
+    }();
+    /// How many items make a chunk: as many as lie in a block of eight per cell, unless some of its cells are
+    /// crowded; fewer where they scatter much.
+    static constexpr std::uint32_t room = [] {
+        std::uint32_t most = d == 3 ? 640 : 384;
+        auto const bytes = [](std::size_t items) { return (items + items / 32) * channels * sizeof(Number); };
+        while (most > 64 &&
+               (bytes(most) > 43 * 1024 || before_contributions(most) + bytes(most) > most_shared))
+            most -= 64;
+        return most;
+    }();
+    static constexpr int stride = int(room + room / 32);
+    static constexpr int layer_nodes = Shape::group_extent * Tile::plane; ///< under one group of cells
+
+    // Where what lies in shared memory begins [bytes].
+    static constexpr std::size_t begins = SharedTiles<GridType>::bytes(gathers, false);
+    static constexpr std::size_t places = begins + aligned((Shape::cells + 1) * sizeof(std::uint32_t));
+    static constexpr std::size_t leavers = places + aligned(room);
+    static constexpr std::size_t contributions = before_contributions(room);
+    /// Whether there is room for a tile of each warp's sums, or for one tile to which they add in turn.
+    static constexpr bool has_tiles_of_warps =
+        contributions + most_teams * layers * Shape::groups * layer_nodes * sizeof(Sums) <= most_shared;
+    static constexpr std::size_t tiles(unsigned teams)
+    {
+        if (!scatters) return 0;
+        return sizeof(Sums) *
+               (has_tiles_of_warps ? teams * layers * Shape::groups * layer_nodes : Tile::nodes);
+    }
+    /// Whether threads leave their results in shared memory: unless they are many words, as those of several
+    /// obstacles are.
+    static constexpr bool leaves_results = moves && sizeof(typename Phase::Result) <= 64;
+    /// The shared memory of a group of so many teams. What lies where contributions lay is the longest.
+    static constexpr std::size_t bytes(unsigned teams = 1)
+    {
+        return contributions +
+               std::max({std::size_t(channels * stride) * sizeof(Number), tiles(teams),
+                         leaves_results ? teams * team_threads * sizeof(typename Phase::Result) : 0});
+    }
+
+    /// How many teams share a block in a scene of so many blocks: the number is the same on every device,
+    /// since sums are added up team by team.
+    static constexpr unsigned teams(std::uint32_t blocks)
+    {
+        static_assert(bytes(most_teams) <= most_shared, "a block's items do not fit into shared memory");
+        return most_teams * blocks > 1024 ? 1 : most_teams;
+    }
+};
+
+/// The work of a group of threads on a block.
+template <class Order, class GridType, class Phase>
+class ItemsOfBlock
+{
+public:
+    using In = ShapeOfItems<GridType, Phase>;
+    static constexpr int d = Phase::d;
+    using Number = typename GridType::Number;
+    using Tile = typename GridType::TileShape;
+    using Shape = typename GridType::Shape;
+    using Sums = typename GridType::Sums;
+    using Item = CellOfThread<Order, GridType, Phase, d>;
+
+    /// Finds the items of the block.
+    __device__ ItemsOfBlock(typename Order::View const& cells, std::uint32_t block)
+        : cells_(cells), tiles_(shared_memory(), In::gathers), first_(cells.begin[block * Shape::cells]),
+          end_(cells.begin[(block + 1) * Shape::cells]),
+          begin_(cells.begin[block * Shape::cells + std::min(threadIdx.x, Shape::cells + 0u)])
+    {}
+
+    /// Reads the values of the nodes under the block.
+    __device__ void read(typename GridType::View const& grid, std::uint32_t block)
+    {
+        origin_ = cells_.cell(block * Shape::cells);
+        source_ = first_ + threadIdx.x < end_ ? cells_.order[first_ + threadIdx.x] : 0;
+        if (threadIdx.x <= Shape::cells) begins()[threadIdx.x] = begin_;
+        if constexpr (In::gathers) tiles_.read_values(grid, block);
+        __syncthreads();
+    }
+
+    __device__ std::uint32_t size() const { return end_ - first_; }
+    /// Of a cell of the block.
+    __device__ std::uint32_t size_of_cell(std::uint32_t place) const
+    {
+        return begins()[place + 1] - begins()[place];
+    }
+
+    /// Calls `use(item, number in the chunk)` for each item, chunk by chunk; and once for each chunk, and at
+    /// least once, `then(is the first)`, in all threads, after what items scatter was stored.
+    template <class Use, class Then>
+    __device__ void for_each(Use const& use, Then const& then)
+    {
+        Item item(origin_, tiles_.values + Tile::nodes);
+        std::uint32_t chunk = first_;
+        do {
+            chunk_ = chunk;
+            count_ = std::min(end_ - chunk, +In::room);
+            mark_places();
+            std::uint32_t i = threadIdx.x, source = source_;
+            if (chunk != first_ && i < count_) source = cells_.order[chunk + i];
+            __syncthreads();
+            for (; i < count_; i += blockDim.x) {
+                std::uint32_t const from = source;
+                if (i + blockDim.x < count_) source = cells_.order[chunk + i + blockDim.x];
+                Coordinates<d> const cell = Shape::cell(places()[i]);
+                item.enter(origin_ + cell, tiles_.values + Tile::at(cell), from, chunk + i);
+                use(item, i);
+            }
+            __syncthreads();
+            then(chunk == first_);
+            chunk += In::room;
+        } while (chunk < end_);
+    }
+
+    /// Stores what an item scatters.
+    __device__ void store(Item const& item, std::uint32_t i) const
+    {
+#pragma unroll
+        for (int c = 0; c < In::channels; ++c) contributions()[c * In::stride + padded(i)] = item.scratch(c);
+    }
+
+    /// Notes in a list of the chunk that an item leaves its cell: its new cell scatters it. Returns the place
+    /// of its old one.
+    __device__ std::uint32_t note_leaver(Item const& item, std::uint32_t i, std::uint32_t& count) const
+    {
+        contributions()[padded(i)] = has_left;
+        leavers()[atomicAdd(&count, 1u)] = i | item.way() << 16;
+        return places()[i];
+    }
+
+    /// Writes the `count` leavers of the chunk that lie in a list from `first` on: called by all threads.
+    __device__ void write_leavers(Leavers<Number> const& to, Destinations<d> const& where,
+                                  std::uint32_t block, std::uint32_t first, std::uint32_t count) const
+    {
+        constexpr std::uint32_t of_each = In::channels - d;
+        for (std::uint32_t n = threadIdx.x; n < count * of_each; n += blockDim.x) {
+            std::uint32_t const k = n / of_each, i = leavers()[k] & 0xffffu;
+            if (first + k < to.most)
+                to.contribution[std::size_t(first) * to.channels + n] =
+                    contributions()[int(n % of_each + d) * In::stride + padded(i)];
+        }
+        for (std::uint32_t k = threadIdx.x; k < count && first + k < to.most; k += blockDim.x) {
+            std::uint32_t const leaver = leavers()[k], i = leaver & 0xffffu, way = leaver >> 16,
+                                c = block * Shape::cells + places()[i];
+            to.slot[first + k] = chunk_ + i;
+            to.cell[first + k] = c;
+            to.way[first + k] = static_cast<std::uint8_t>(way);
+            if (where.at_once) find_new_cell<d>(to, where, first + k, c, way);
+        }
+    }
+
+    /// Adds up what the items of a chunk scatter: afresh to the tile, or onto what is there. Calls
+    /// `meanwhile()` in all threads before the contributions are lost.
+    template <class Meanwhile>
+    __device__ void scatter(Sums* to, bool afresh, Meanwhile const& meanwhile) const
+    {
+        using Scatter = typename Phase::Scatter;
+        std::uint32_t const team = threadIdx.x / In::team_threads, teams = blockDim.x / In::team_threads,
+                            layer = threadIdx.x % In::team_threads / block_threads,
+                            place = threadIdx.x % block_threads;
+        std::uint32_t const begin = std::max(begins()[place], chunk_) - chunk_,
+                            end = std::min(std::max(begins()[place + 1], chunk_) - chunk_, count_);
+        SumsOfLayer sums{};
+        std::uint32_t i = begin + team;
+        auto const frame = Scatter::frame_of(Row{contributions() + padded(i < end ? i : 0)});
+        for (; i < end; i += teams) {
+            Row const row{contributions() + padded(i)};
+            if (In::moves && row.scratch(0) == has_left) continue;
+            Scatter::scatter_layer(row, static_cast<int>(layer), frame, sums);
+        }
+        if (begin + team < end) Scatter::leave_frame(frame, sums);
+        __syncthreads();
+        meanwhile();
+        add_up(sums, layer, place, to, afresh, teams);
+    }
+
+private:
+    static constexpr Number has_left = 2; ///< in place of an offset, which is half a cell at most
+
+    __device__ std::uint32_t* begins() const
+    {
+        return reinterpret_cast<std::uint32_t*>(shared_memory() + In::begins);
+    }
+    /// The cell of each item of the chunk.
+    __device__ unsigned char* places() const { return shared_memory() + In::places; }
+    __device__ std::uint32_t* leavers() const
+    {
+        return reinterpret_cast<std::uint32_t*>(shared_memory() + In::leavers);
+    }
+    __device__ Number* contributions() const
+    {
+        return reinterpret_cast<Number*>(shared_memory() + In::contributions);
+    }
+    /// Places in an array where neighbouring cells begin in different banks.
+    __device__ static std::uint32_t padded(std::uint32_t i) { return i + i / 32; }
+
+    /// What an item scatters, as a phase sees it.
+    struct Row
+    {
+        using Real = Number;
+        Number const* first;
+        __device__ Number scratch(int channel) const { return first[channel * In::stride]; }
+    };
+
+    /// The sums of one cell and one layer of its stencil.
+    struct SumsOfLayer
+    {
+        Number of[In::layers][d == 3 ? In::layers : 1][GridType::Sums::stored];
+        __device__ auto& operator[](int k) { return of[k]; }
+    };
+
+    /// Adds the sums of all cells and layers to the tile, in a fixed order. They are added up in tiles that
+    /// lie where contributions lay.
+    __device__ void add_up(SumsOfLayer const& sums, [[maybe_unused]] std::uint32_t layer, std::uint32_t place,
+                           Sums* to, bool afresh, [[maybe_unused]] std::uint32_t teams) const
+    {
+        auto* const tiles = reinterpret_cast<Sums*>(contributions());
+        Coordinates<d> cell = Shape::cell(static_cast<int>(place));
+        int const warp = int(threadIdx.x / 32);
+        if constexpr (In::has_tiles_of_warps) {
+            Sums* const own = tiles + warp * In::layer_nodes;
+            for (int n = int(threadIdx.x % 32); n < In::layer_nodes; n += 32) own[n] = Sums{};
+            __syncwarp();
+            cell[0] %= Shape::group_extent;
+            add(sums, own + Tile::at(cell));
+        }
+        else {
+            for (int n = int(threadIdx.x); n < Tile::nodes; n += int(blockDim.x)) tiles[n] = Sums{};
+            for (int turn = 0; turn < int(blockDim.x / 32); ++turn) {
+                __syncthreads();
+                if (turn == warp) add(sums, tiles + Tile::at(cell) + int(layer) * Tile::plane);
+            }
+        }
+        __syncthreads();
+        for (int n = int(threadIdx.x); n < Tile::nodes; n += int(blockDim.x)) {
+            Sums sum{};
+            if (!afresh) sum = to[n];
+            if constexpr (In::has_tiles_of_warps) {
+                int const plane = n / Tile::plane, in_plane = n % Tile::plane;
+                for (unsigned t = 0; t < teams; ++t)
+#pragma unroll
+                    for (int l = 0; l < int(In::layers); ++l) {
+                        int const x = plane - l; // of the cells
+                        if (x < 0 || x >= Shape::extent) continue;
+                        plus(
+                            sum,
+                            tiles[((int(t) * int(In::layers) + l) * Shape::groups + x / Shape::group_extent) *
+                                      In::layer_nodes +
+                                  x % Shape::group_extent * Tile::plane + in_plane]);
+                    }
+            }
+            else
+                plus(sum, tiles[n]);
+            to[n] = sum;
+        }
+        __syncthreads();
+    }
+
+    /// Adds the sums of the thread's cell and layer to nodes from the first one on. All lanes of a warp add
+    /// to the same node of their stencils at a time, hence to different nodes.
+    __device__ static void add(SumsOfLayer const& sums, Sums* nodes)
+    {
+        using Scatter = typename Phase::Scatter;
+#pragma unroll
+        for (int row = 0; row < Scatter::rows_of_layer; ++row)
+#pragma unroll
+            for (int k = 0; k < Scatter::width; ++k) {
+                Sums sum = nodes[Tile::in_layer(row, k)];
+#pragma unroll
+                for (int c = 0; c < Scatter::channels; ++c) sum.of[c] += sums.of[k][row][c];
+                nodes[Tile::in_layer(row, k)] = sum;
+                __syncwarp();
+            }
+    }
+    __device__ static void plus(Sums& sum, Sums const& other)
+    {
+#pragma unroll
+        for (int c = 0; c < Sums::stored; ++c) sum.of[c] += other.of[c];
+    }
+
+    /// Notes the cell of each item of the chunk.
+    __device__ void mark_places() const
+    {
+        std::uint32_t const place = threadIdx.x;
+        if (place >= Shape::cells) return;
+        std::uint32_t const begin = std::max(begins()[place], chunk_) - chunk_,
+                            end = std::min(std::max(begins()[place + 1], chunk_) - chunk_, count_);
+        for (std::uint32_t i = begin; i < end; ++i) places()[i] = static_cast<unsigned char>(place);
+    }
+
+    typename Order::View const& cells_;
+    SharedTiles<GridType> tiles_;
+    Coordinates<d> origin_;
+    std::uint32_t first_, end_; ///< of the block's items
+    std::uint32_t begin_;       ///< of those of the thread's cell
+    std::uint32_t source_ = 0, chunk_ = 0, count_ = 0;
+};
+
+} // namespace firn::cuda::detail
