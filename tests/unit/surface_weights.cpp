@@ -2,7 +2,7 @@
 #include "catch.hpp"
 
 #include <firn/interpolation/all.hpp>
-#include <firn/phases/surface_stencils.hpp>
+#include <firn/phases/surface_weights.hpp>
 #include <firn/transfer/mls.hpp>
 #include <firn/transfer/pic.hpp>
 

@@ -4,7 +4,7 @@
 #include <firn/core/host_device.hpp>
 #include <firn/effects/surface_points.hpp>
 #include <firn/grid/stencil.hpp>
-#include <firn/transfer/transfer.hpp>
+#include <firn/phases/surface_weights.hpp>
 
 #include <array>
 #include <cmath>
@@ -81,62 +81,6 @@ struct RowLoop : PointLoop<Kernel, Number, d>
     {
         return i / (Loop::tile * parts) * Loop::tile + i % Loop::tile;
     }
-};
-
-/// The weights by which a force at a point of a surface acts on the nodes of a row.
-///
-/// A uniform pressure in all that lies behind a plane gives node i the integral of the gradient of w_i over
-/// it as force, and so w_i at points of the plane. Mls has w_i (x_i - x) D^-1 in place of the gradient, which
-/// is the derivative of another weight along each axis. By w_i the forces of a plane of nodes and of the
-/// pressure behind it would balance in their sum alone, and drive currents. The product of the kernel's
-/// surface_weights(t) along one axis and of w_i along the others, weighted by the square of the normal's
-/// component along that axis, balances them along the normal of every plane.
-template <class Kernel, class Transfer, class Number, int d>
-class SurfaceWeights
-{
-    using Cell = Stencil<Kernel, Number, d>;
-    static constexpr bool of_distances =
-        !Transfer::template scatter_terms<Kernel>.gradient && requires(Number t)
-    {
-        Kernel::surface_weights(t);
-    };
-
-public:
-    FIRN_HOST_DEVICE SurfaceWeights(Cell const& stencil, Vector<Number, d> const& offset,
-                                    Vector<Number, d> const& normal)
-        : cell_(stencil)
-    {
-        if constexpr (of_distances)
-            for (int a = 0; a < d; ++a) {
-                auto const weights = Kernel::surface_weights(offset[a]);
-                for (std::size_t k = 0; k < weights.size(); ++k)
-                    along_[std::size_t(a)][k] = normal[a] * normal[a] * weights[k];
-            }
-    }
-
-    /// The weights of a row.
-    FIRN_HOST_DEVICE std::array<Number, std::size_t(Cell::width)> of_row(int row) const
-    {
-        Number const product = cell_.row_weight(row); // of all axes but the last
-        Number others = of_distances ? Number(0) : product;
-        if constexpr (of_distances)
-            for (int a = 0; a < d - 1; ++a) {
-                Number along = along_[std::size_t(a)][std::size_t(Cell::index(row, a))];
-                if constexpr (d == 3)
-                    along *= cell_.weight[std::size_t(1 - a)][std::size_t(Cell::index(row, 1 - a))];
-                others += along;
-            }
-        std::array<Number, std::size_t(Cell::width)> weights;
-        for (std::size_t k = 0; k < weights.size(); ++k) {
-            weights[k] = others * cell_.weight[std::size_t(d - 1)][k];
-            if constexpr (of_distances) weights[k] += product * along_[std::size_t(d - 1)][k];
-        }
-        return weights;
-    }
-
-private:
-    Cell const& cell_;
-    std::array<std::array<Number, std::size_t(Cell::width)>, std::size_t(d)> along_{};
 };
 
 /// Finds the nodes of a point's stencil, which count their points.
