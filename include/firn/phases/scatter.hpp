@@ -63,24 +63,25 @@ struct Scatter
             carried_terms, [&](int c, Real const& value) { items.set_scratch(carried + c, value); });
     }
 
-    /// A particle's contribution, in the form that the rows of its stencil use.
+    /// A particle's contribution, in the form that the rows of its stencil use. Arrays by axis are of those
+    /// from the second on, if they do not say otherwise.
     template <class Real>
     struct Contribution : Record<Real, d, CarriedTerms>
     {
+        using OfAxis = std::array<Real, std::size_t(width)>;
         Real mass;
         Vector<Real, d> momentum;
-        Vector<Real, d>
-            change[std::size_t(d)]; ///< of the affine term from node to node along an axis, from 1 on
-        Vector<Real, d> gradient[std::size_t(terms.gradient ? d : 1)];
-        std::array<Real, std::size_t(width)> weight[std::size_t(d)];     ///< along an axis, from 1 on
-        std::array<Real, std::size_t(width)> derivative[std::size_t(d)]; ///< the same
+        std::array<Vector<Real, d>, std::size_t(terms.affine ? d - 1 : 0)> change; ///< of the affine term
+        std::array<Vector<Real, d>, std::size_t(terms.gradient ? d : 0)> gradient; ///< along all axes
+        std::array<OfAxis, std::size_t(d - 1)> weight;
+        std::array<OfAxis, std::size_t(needs_derivatives ? d : 0)> derivative; ///< along all axes
     };
 
     /// What belongs to one layer of the stencil.
     template <class Real>
     struct Layer
     {
-        Real weight, derivative; ///< along the first axis
+        Real weight; ///< along the first axis
         /// affine (x_i - x_p) is linear in the node's indices: its value at the first node, from where it
         /// changes from node to node. It is not added to the momentum, beside which small differences would
         /// be rounded away, in steady motion the same in every step.
@@ -104,7 +105,6 @@ struct Scatter
         for (int i = 0; i < width; ++i) {
             auto& layer = spread.layer[i];
             layer.weight = nodes.weight[0][std::size_t(i)];
-            if constexpr (needs_derivatives) layer.derivative = nodes.derivative[0][std::size_t(i)];
             set_affine(row_of_cells, nodes, spread, nodes.distance[0][std::size_t(i)], layer);
         }
     }
@@ -114,35 +114,41 @@ struct Scatter
     FIRN_HOST_DEVICE static void scatter(Spread<Real> const& spread, int row, NodesOfRow&& nodes)
     {
         using Nodes = Stencil<Kernel, Real, d>;
-        scatter(spread, spread.layer[Nodes::index(row, 0)], Nodes::index(row, 1), nodes);
+        int const first = Nodes::index(row, 0);
+        Real derivative(0);
+        if constexpr (needs_derivatives) derivative = spread.derivative[0][std::size_t(first)];
+        scatter(spread, spread.layer[first], derivative, Nodes::index(row, 1), nodes);
     }
 
-    /// The same for a layer, and a row of it. If `has_momentum`, the layer's affine term includes it.
+    /// The same for a layer with its derivative along the first axis, and a row of it. If `has_momentum`, the
+    /// layer's affine term includes it.
     template <bool has_momentum = false, class Real, class NodesOfRow>
     FIRN_HOST_DEVICE static void scatter(Contribution<Real> const& spread, Layer<Real> const& layer,
-                                         [[maybe_unused]] int second, NodesOfRow&& nodes)
+                                         [[maybe_unused]] Real derivative, [[maybe_unused]] int second,
+                                         NodesOfRow&& nodes)
     {
         using Nodes = Stencil<Kernel, Real, d>;
         Real w_row = layer.weight;
-        if constexpr (d == 3) w_row = w_row * spread.weight[1][std::size_t(second)];
+        if constexpr (d == 3) w_row = w_row * spread.weight[0][std::size_t(second)];
         Vector<Real, d> affine, force, along;
         if constexpr (terms.affine) {
             affine = layer.affine;
-            if constexpr (d == 3) affine += spread.change[1] * Real(ScalarOf<Real>(second));
+            if constexpr (d == 3) affine += spread.change[0] * Real(ScalarOf<Real>(second));
         }
         if constexpr (terms.gradient) {
             if constexpr (d == 3)
-                force = spread.gradient[0] * (layer.derivative * spread.weight[1][std::size_t(second)]) +
+                force = spread.gradient[0] * (derivative * spread.weight[0][std::size_t(second)]) +
                         spread.gradient[1] * (layer.weight * spread.derivative[1][std::size_t(second)]);
             else
-                force = spread.gradient[0] * layer.derivative;
+                force = spread.gradient[0] * derivative;
             along = spread.gradient[Nodes::last] * w_row;
         }
         CarriedRow<Real> carried_row;
-        if constexpr (needs_derivatives) carried_row = prepare_carried(spread, layer, second, w_row);
+        if constexpr (needs_derivatives)
+            carried_row = prepare_carried(spread, layer, derivative, second, w_row);
         FIRN_UNROLL
         for (int k = 0; k < width; ++k) {
-            Real const w_k = spread.weight[Nodes::last][std::size_t(k)], w = w_row * w_k;
+            Real const w_k = spread.weight[Nodes::last - 1][std::size_t(k)], w = w_row * w_k;
             auto&& sums = nodes[k];
             sums[Sums::mass] += spread.mass * w;
             FIRN_UNROLL
@@ -159,7 +165,7 @@ struct Scatter
             else
                 add_carried(spread, carried_row, w, w_k, w_k, sums);
             if constexpr (terms.affine)
-                if (k + 1 < width) affine += spread.change[Nodes::last];
+                if (k + 1 < width) affine += spread.change[Nodes::last - 1];
         }
     }
 
@@ -198,19 +204,19 @@ struct Scatter
         make_ready(row_of_cells, nodes, contribution);
         contribution.momentum -= frame.velocity * contribution.mass;
         Layer<Real> layer;
-        Real distance;
+        Real distance, derivative;
         FIRN_UNROLL
         for (int i = 0; i < width; ++i) // chosen one by one: an array with an index would lie in memory
             if (i == 0 || which == i) {
                 layer.weight = nodes.weight[0][std::size_t(i)];
-                if constexpr (needs_derivatives) layer.derivative = nodes.derivative[0][std::size_t(i)];
+                derivative = nodes.derivative[0][std::size_t(i)];
                 distance = nodes.distance[0][std::size_t(i)];
             }
         set_affine(row_of_cells, nodes, contribution, distance, layer);
         if constexpr (terms.affine) layer.affine += contribution.momentum;
         FIRN_UNROLL
         for (int row = 0; row < rows_of_layer; ++row)
-            scatter<terms.affine>(contribution, layer, row, RowOfSums<SumsOfLayer>{sums, row});
+            scatter<terms.affine>(contribution, layer, derivative, row, RowOfSums<SumsOfLayer>{sums, row});
     }
 
     /// Adds the frame's own momentum to the sums of a layer.
@@ -232,21 +238,25 @@ private:
         contribution.mass = row_of_cells.scratch(mass);
         contribution.momentum = scratch_vector<Real>(row_of_cells, momentum);
         FIRN_UNROLL
-        for (int a = 1; a < d; ++a) FIRN_UNROLL
+        for (int a = 0; a < d; ++a) FIRN_UNROLL
         for (int i = 0; i < width; ++i) { // one by one: see copy_of()
-            contribution.weight[a][std::size_t(i)] = nodes.weight[std::size_t(a)][std::size_t(i)];
+            if (a > 0)
+                contribution.weight[std::size_t(a - 1)][std::size_t(i)] =
+                    nodes.weight[std::size_t(a)][std::size_t(i)];
             if constexpr (needs_derivatives)
-                contribution.derivative[a][std::size_t(i)] = nodes.derivative[std::size_t(a)][std::size_t(i)];
+                contribution.derivative[std::size_t(a)][std::size_t(i)] =
+                    nodes.derivative[std::size_t(a)][std::size_t(i)];
         }
         if constexpr (terms.affine) {
             FIRN_UNROLL
             for (int a = 1; a < d; ++a) FIRN_UNROLL
-            for (int i = 0; i < d; ++i) contribution.change[a][i] = row_of_cells.scratch(affine + i * d + a);
+            for (int i = 0; i < d; ++i)
+                contribution.change[std::size_t(a - 1)][i] = row_of_cells.scratch(affine + i * d + a);
         }
         if constexpr (terms.gradient) {
             Matrix<Real, d> const G = scratch_matrix<Real>(row_of_cells, gradient);
             FIRN_UNROLL
-            for (int a = 0; a < d; ++a) contribution.gradient[a] = column<Real, d>(G, a);
+            for (int a = 0; a < d; ++a) contribution.gradient[std::size_t(a)] = column<Real, d>(G, a);
         }
         for_each_component_of<CarriedTerms, d>(
             contribution, [&](int c, Real& value) { value = row_of_cells.scratch(carried + c); });
@@ -265,7 +275,7 @@ private:
             for (int i = 0; i < d; ++i) layer.affine[i] = row_of_cells.scratch(affine + i * d) * distance;
             FIRN_UNROLL
             for (int a = 1; a < d; ++a)
-                layer.affine += contribution.change[a] * nodes.distance[std::size_t(a)][0];
+                layer.affine += contribution.change[std::size_t(a - 1)] * nodes.distance[std::size_t(a)][0];
         }
     }
 
@@ -279,14 +289,14 @@ private:
 
     template <class Real>
     FIRN_HOST_DEVICE static CarriedRow<Real> prepare_carried(Contribution<Real> const& spread,
-                                                             Layer<Real> const& layer,
+                                                             Layer<Real> const& layer, Real derivative,
                                                              [[maybe_unused]] int second, Real w_row)
     {
         constexpr int last = d - 1;
         Real slope[std::size_t(last)]; // of the row's weight, along all axes but its own
-        slope[0] = layer.derivative;
+        slope[0] = derivative;
         if constexpr (d == 3) {
-            slope[0] = slope[0] * spread.weight[1][std::size_t(second)];
+            slope[0] = slope[0] * spread.weight[0][std::size_t(second)];
             slope[1] = layer.weight * spread.derivative[1][std::size_t(second)];
         }
         CarriedRow<Real> row;
