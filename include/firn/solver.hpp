@@ -474,7 +474,7 @@ private:
     detail::AccessGuard<typename Backend::SharedCount> guard_;
     SceneState<Backend, Sets, Kernel, Transfer> scene_;
     TimeLoop<SceneState<Backend, Sets, Kernel, Transfer>> time_loop_;
-    detail::KnownWalls walls_; ///< walls with no particle behind them
+    detail::WallCheck walls_; ///< walls with no particle behind them
 };
 
 } // namespace firn

@@ -312,7 +312,7 @@ TEST_CASE("so are those of two materials with rejected steps")
     for (std::size_t batch : {3, 64}) CHECK((run(batch) == one_by_one));
 }
 
-TEST_CASE("a mishap in the middle of a batch leaves the state of the last good step")
+TEST_CASE("a failed step in the middle of a batch leaves the state of the last good step")
 {
     auto const run = [](std::size_t batch) {
         Thrown<Scene<FixedCorotated<Plane>, QuadraticBSpline, Mls>> scene(

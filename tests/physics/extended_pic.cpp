@@ -311,7 +311,7 @@ TEST_CASE("two materials that are the same move as one by extended PIC, too")
     CHECK(worst <= 1e-12);
 }
 
-TEST_CASE("extended PIC repeats steps that go wrong, and after a mishap particles have what they gave")
+TEST_CASE("extended PIC repeats steps that go wrong, and after a failed step particles have what they gave")
 {
     using Block = Jelly<Xpic>;
     Gravity const none{

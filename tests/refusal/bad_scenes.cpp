@@ -293,8 +293,8 @@ TEST_CASE("a neo-Hookean body that is turned inside out stops the run with the p
     CHECK(error.what_is_wrong().find("particle 17 was turned inside out") == 0);
 }
 
-TEST_CASE(
-    "a run that ends in a mishap leaves the last good state, the velocities that particles took included")
+TEST_CASE("a run that ends in a failed step leaves the last good state, the velocities that particles took "
+          "included")
 {
     double const speed = 60;
     Scene<FixedCorotated<Plane>, QuadraticBSpline, Mls>::Solver solver(

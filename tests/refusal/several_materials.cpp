@@ -167,7 +167,7 @@ TEST_CASE("two bodies hurled at a wall take rejected steps, repeat them shorter,
     CHECK(Totals(solver).mass == Approx(2 * mass));
 }
 
-TEST_CASE("a run of two materials that ends in a mishap leaves the last good state of both")
+TEST_CASE("a run of two materials that ends in a failed step leaves the last good state of both")
 {
     double const speed = 60;
     Pair solver(lattice(0.05), {}, {}, {.deformation = 0.09, .rejection = 0.1, .retries = 0});

@@ -38,7 +38,7 @@ namespace firn::detail
 }
 
 /// The reflecting walls that are known to have no particle of a scene behind them.
-class KnownWalls
+class WallCheck
 {
 public:
     /// To be called when particles were added or restored.

@@ -110,7 +110,8 @@ struct FindSurfacePoints
     {
         if (c >= found.counts->candidates || c >= found.candidates_room) return;
         SurfaceCandidate<d> const candidate = found.candidates[c];
-        Place const place{lattice, candidate.node, zeros<Vector<Number, d>>(), kernel_reach(Kernel::degree)};
+        LanePosition<Number, d> const place{lattice, candidate.node, zeros<Vector<Number, d>>(),
+                                            kernel_reach(Kernel::degree)};
         with_surface_action(now->actions, [&](auto const& action) {
             find(action, place, candidate.obstacle, action.obstacles[candidate.obstacle]);
         });
@@ -121,7 +122,6 @@ struct FindSurfacePoints
     static constexpr double looks_as_far = 3;
 
 private:
-    using Place = LanePosition<Number, d>;
     using At = SurfaceAt<Number, d>;
 
     FIRN_HOST_DEVICE Number in_cells(double cells) const
@@ -130,7 +130,7 @@ private:
     }
 
     template <class Action, class Obstacle>
-    FIRN_HOST_DEVICE void find(Action const& action, Place const& place, std::uint32_t i,
+    FIRN_HOST_DEVICE void find(Action const& action, LanePosition<Number, d> const& place, std::uint32_t i,
                                Obstacle const& obstacle) const
     {
         constexpr double rounding = 1.0001; // two cubes may have one point, and none may be missing
@@ -161,9 +161,9 @@ private:
     /// Where a surface ends at another obstacle, continues it into that one: a point at a distance from the
     /// corner has one as far behind it. Without these the nodes behind the corner would be free.
     template <class Obstacle, class Other>
-    FIRN_HOST_DEVICE void go_on_behind(Place const& place, std::uint32_t i, Obstacle const& obstacle, At at,
-                                       Vector<Number, d> const& shift, std::uint32_t j,
-                                       Other const& other) const
+    FIRN_HOST_DEVICE void go_on_behind(LanePosition<Number, d> const& place, std::uint32_t i,
+                                       Obstacle const& obstacle, At at, Vector<Number, d> const& shift,
+                                       std::uint32_t j, Other const& other) const
     {
         At const of_other = other.template surface_at<Number>(place, shift);
         Vector<Number, d> const way =
@@ -184,7 +184,7 @@ private:
     /// Whether a point of an obstacle's surface, with this normal, lies inside another one and is no surface
     /// therefore. Where both have the same face it is that of the first.
     template <class Obstacle, class Other>
-    FIRN_HOST_DEVICE bool is_inside(Place const& place, Vector<Number, d> const& shift,
+    FIRN_HOST_DEVICE bool is_inside(LanePosition<Number, d> const& place, Vector<Number, d> const& shift,
                                     Vector<Number, d> const& normal, Obstacle const& obstacle,
                                     Other const& other, bool is_first) const
     {
@@ -207,8 +207,9 @@ private:
     }
 
     template <class Obstacle>
-    FIRN_HOST_DEVICE void add(Place const& place, std::uint32_t i, Obstacle const& obstacle, At const& at,
-                              Vector<Number, d> const& shift, bool is_deep, std::uint32_t behind) const
+    FIRN_HOST_DEVICE void add(LanePosition<Number, d> const& place, std::uint32_t i, Obstacle const& obstacle,
+                              At const& at, Vector<Number, d> const& shift, bool is_deep,
+                              std::uint32_t behind) const
     {
         std::uint32_t const number = next_number_of_all(found.counts->points);
         if (number >= found.points_room) return; // the host makes room, and looks again
