@@ -168,7 +168,7 @@ public:
 
     /// Advances the simulation by one time step of length `dt` [s].
     ///
-    /// A `dt` above the stable one is taken, with a warning in the report. A failed step changes nothing and
+    /// A `dt` above the stable one is taken, with a warning in the report. A failed step moves nothing and
     /// throws a StepError that names particle, place, time and cause; with quarantine() it is repeated
     /// without that particle.
     ///

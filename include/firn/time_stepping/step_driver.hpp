@@ -17,8 +17,9 @@ namespace firn
 ///   g2p2g             G2P and P2G: particles gather velocities, move, deform, and scatter to the next grid
 ///   finish_step       the next dt, by the bounds that the particles found; which of them failed
 ///
-/// Particles are read from one buffer and written to another one, so a step that failed is not committed and
-/// has changed nothing. StepQueue takes the same steps on a backend that queues them.
+/// Particles are read from one buffer and written to another one, so a step that failed is not committed:
+/// what is stored of them is as before, and the sums on the grid are, too, for the step that repeats it.
+/// StepQueue takes the same steps on a backend that queues them.
 template <class Backend, class Sets, class Kernel, class Transfer>
 class StepDriver
 {

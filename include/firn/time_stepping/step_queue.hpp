@@ -12,7 +12,8 @@ namespace firn
 {
 
 /// The steps of a batch, as a backend that queues runs them: it commits and rebins a step before the step's
-/// outcome is known, and rolls back those that turn out not to have been taken.
+/// outcome is known. The loops behind a step that went wrong do nothing, and what the host booked for them is
+/// rolled back.
 template <class Backend, class Sets, class Kernel, class Transfer, class Effects>
 class QueuedSteps : public StepPhases<Backend, Sets, Kernel, Transfer, Effects>
 {
