@@ -124,8 +124,9 @@ public:
             scratch_[c] = leavers.contribution[std::size_t(i) * leavers.channels + c - d];
     }
 
-    /// Channel c of the node at place k in a row of the cell's stencil, relative to the reference.
+    /// Channel c of a node in the middle of the tile.
     __device__ Number reference(int c) const { return reference_->of[c]; }
+    /// Channel c of the node at place k in a row of the cell's stencil, less the reference.
     __device__ Number node(int c, int row, int k) const
     {
         assert(TileShape::has(row, k) && "a node is in the stencil of its cell");

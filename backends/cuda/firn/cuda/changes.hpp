@@ -15,7 +15,7 @@ struct Changes
     std::uint32_t* stay;           ///< per cell: how many items stay
     std::uint32_t* incoming;       ///< per cell: how many items come in
     std::uint32_t* first_incoming; ///< per cell: one of these, or absent
-    std::uint32_t* group_left;     ///< per group of cells: how many items leave
+    std::uint32_t* group_left;     ///< per group of cells: above 0 if items leave
     std::uint32_t* block_stay;     ///< per block: how many items stay in their cells
     std::uint32_t* block_arrived;  ///< per block: how many items come into its cells
 };

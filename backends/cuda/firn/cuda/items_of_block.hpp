@@ -41,14 +41,19 @@ struct ShapeOfItems
         if constexpr (moves) return sizeof(Number) > sizeof(float) || Phase::calls_amid_much;
         return false;
     }();
+    /// Whether the results of a warp are so long, as those of some fifty obstacles are, that those of the
+    /// largest group would not fit into the memory that a loop may declare.
+    static constexpr bool has_long_results = moves && sizeof(typename Phase::Result) > 2560;
     /// Where there are few blocks, at most so many teams share the items of a block: a thread has one or two
     /// items to gather then, in a block of eight per cell. A loop for them is compiled by itself, since so
     /// many threads have fewer registers each, and a group of one team has to leave room for others.
-    static constexpr unsigned most_teams = std::max(1u, (holds_much ? 384 : 576) / team_threads);
+    static constexpr unsigned most_teams =
+        std::max(1u, (holds_much || has_long_results ? 384 : 576) / team_threads);
     /// Groups of one team that must fit on a multiprocessor in the loop that moves items: this leaves 80
     /// registers per thread, or 168. With more of them and fewer threads the loop is slower, although the
     /// compiler spills some.
     static constexpr unsigned groups = std::max(1u, 65536 / (holds_much ? 168 : 80) / team_threads);
+
     static constexpr std::size_t aligned(std::size_t bytes) { return (bytes + 15) / 16 * 16; }
     /// The shared memory of all but contributions, if chunks have so many items [bytes].
     static constexpr std::size_t before_contributions(std::size_t items)
@@ -57,6 +62,7 @@ struct ShapeOfItems
                aligned((Shape::cells + 1) * sizeof(std::uint32_t)) + aligned(items) +
                (moves ? aligned(items * sizeof(std::uint32_t)) : 0);
     }
+
     /// The channels of what an item scatters.
     static constexpr int channels = [] {
         if constexpr (scatters) return int(Phase::Scatter::scratch_channels);
@@ -219,8 +225,7 @@ public:
         std::uint32_t const team = threadIdx.x / In::team_threads, teams = blockDim.x / In::team_threads,
                             layer = threadIdx.x % In::team_threads / block_threads,
                             place = threadIdx.x % block_threads;
-        std::uint32_t const begin = std::max(begins()[place], chunk_) - chunk_,
-                            end = std::min(std::max(begins()[place + 1], chunk_) - chunk_, count_);
+        auto const [begin, end] = in_chunk(place);
         SumsOfLayer sums{};
         std::uint32_t i = begin + team;
         auto const frame = Scatter::frame_of(Row{contributions() + padded(i < end ? i : 0)});
@@ -251,6 +256,16 @@ private:
     __device__ Number* contributions() const
     {
         return reinterpret_cast<Number*>(shared_memory() + In::contributions);
+    }
+    /// Where the items of a cell begin and end in the chunk.
+    struct Range
+    {
+        std::uint32_t begin, end;
+    };
+    __device__ Range in_chunk(std::uint32_t place) const
+    {
+        return {std::max(begins()[place], chunk_) - chunk_,
+                std::min(std::max(begins()[place + 1], chunk_) - chunk_, count_)};
     }
     /// Places in an array where neighbouring cells begin in different banks.
     __device__ static std::uint32_t padded(std::uint32_t i) { return i + i / 32; }
@@ -303,7 +318,7 @@ private:
                     for (int l = 0; l < int(In::layers); ++l) {
                         int const x = plane - l; // of the cells
                         if (x < 0 || x >= Shape::extent) continue;
-                        plus(
+                        SharedTiles<GridType>::plus(
                             sum,
                             tiles[((int(t) * int(In::layers) + l) * Shape::groups + x / Shape::group_extent) *
                                       In::layer_nodes +
@@ -311,7 +326,7 @@ private:
                     }
             }
             else
-                plus(sum, tiles[n]);
+                SharedTiles<GridType>::plus(sum, tiles[n]);
             to[n] = sum;
         }
         __syncthreads();
@@ -333,19 +348,12 @@ private:
                 __syncwarp();
             }
     }
-    __device__ static void plus(Sums& sum, Sums const& other)
-    {
-#pragma unroll
-        for (int c = 0; c < Sums::stored; ++c) sum.of[c] += other.of[c];
-    }
-
     /// Notes the cell of each item of the chunk.
     __device__ void mark_places() const
     {
         std::uint32_t const place = threadIdx.x;
         if (place >= Shape::cells) return;
-        std::uint32_t const begin = std::max(begins()[place], chunk_) - chunk_,
-                            end = std::min(std::max(begins()[place + 1], chunk_) - chunk_, count_);
+        auto const [begin, end] = in_chunk(place);
         for (std::uint32_t i = begin; i < end; ++i) places()[i] = static_cast<unsigned char>(place);
     }
 

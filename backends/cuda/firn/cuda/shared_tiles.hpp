@@ -42,8 +42,6 @@ struct SharedTiles
         return teams;
     }
 
-    static_assert(bytes(true, true) <= most_shared, "a block's tiles do not fit into shared memory");
-
     Values* values;
     Sums* sums; ///< of both groups, one after the other, team by team
 
@@ -105,6 +103,13 @@ struct SharedTiles
         }
     }
 
+    /// Adds all channels of a node.
+    __device__ static void plus(Sums& sum, Sums const& other)
+    {
+#pragma unroll
+        for (int c = 0; c < Sums::stored; ++c) sum.of[c] += other.of[c];
+    }
+
 private:
     /// The values of a node under a block of cells.
     __device__ static Values const& value_at(typename GridType::View const& grid, std::uint32_t block,
@@ -129,11 +134,6 @@ private:
             if (n < Tile::group_nodes) plus(sum, of_team[n]);
             if (n >= Tile::group_offset) plus(sum, of_team[Tile::group_nodes + n - Tile::group_offset]);
         }
-    }
-    __device__ static void plus(Sums& sum, Sums const& other)
-    {
-#pragma unroll
-        for (int c = 0; c < Sums::stored; ++c) sum.of[c] += other.of[c];
     }
 };
 
