@@ -100,12 +100,13 @@ struct Scatter
     FIRN_HOST_DEVICE static void make_ready(Row const& row_of_cells, Spread<Real>& spread)
     {
         Stencil<Kernel, Real, d> const nodes(scratch_vector<Real>(row_of_cells, position));
-        make_ready(row_of_cells, nodes, spread);
+        auto const A = affine_term<Real>(row_of_cells);
+        make_ready(row_of_cells, nodes, A, spread);
         FIRN_UNROLL
         for (int i = 0; i < width; ++i) {
             auto& layer = spread.layer[i];
             layer.weight = nodes.weight[0][std::size_t(i)];
-            set_affine(row_of_cells, nodes, spread, nodes.distance[0][std::size_t(i)], layer);
+            set_affine(A, nodes, nodes.distance[0][std::size_t(i)], layer);
         }
     }
 
@@ -201,7 +202,8 @@ struct Scatter
     {
         Stencil<Kernel, Real, d> const nodes(scratch_vector<Real>(row_of_cells, position));
         Contribution<Real> contribution;
-        make_ready(row_of_cells, nodes, contribution);
+        auto const A = affine_term<Real>(row_of_cells);
+        make_ready(row_of_cells, nodes, A, contribution);
         contribution.momentum -= frame.velocity * contribution.mass;
         Layer<Real> layer;
         Real distance, derivative;
@@ -212,7 +214,7 @@ struct Scatter
                 derivative = nodes.derivative[0][std::size_t(i)];
                 distance = nodes.distance[0][std::size_t(i)];
             }
-        set_affine(row_of_cells, nodes, contribution, distance, layer);
+        set_affine(A, nodes, distance, layer);
         if constexpr (terms.affine) layer.affine += contribution.momentum;
         FIRN_UNROLL
         for (int row = 0; row < rows_of_layer; ++row)
@@ -231,8 +233,19 @@ struct Scatter
     }
 
 private:
+    /// A particle's affine term, loaded once: what is written meanwhile might be the same memory. Unset if
+    /// there is none.
+    template <class Real, class Row>
+    FIRN_HOST_DEVICE static Matrix<Real, d> affine_term([[maybe_unused]] Row const& row_of_cells)
+    {
+        Matrix<Real, d> A;
+        if constexpr (terms.affine) A = scratch_matrix<Real>(row_of_cells, affine);
+        return A;
+    }
+
     template <class Row, class Real>
     FIRN_HOST_DEVICE static void make_ready(Row const& row_of_cells, Stencil<Kernel, Real, d> const& nodes,
+                                            [[maybe_unused]] Matrix<Real, d> const& A,
                                             Contribution<Real>& contribution)
     {
         contribution.mass = row_of_cells.scratch(mass);
@@ -249,9 +262,7 @@ private:
         }
         if constexpr (terms.affine) {
             FIRN_UNROLL
-            for (int a = 1; a < d; ++a) FIRN_UNROLL
-            for (int i = 0; i < d; ++i)
-                contribution.change[std::size_t(a - 1)][i] = row_of_cells.scratch(affine + i * d + a);
+            for (int a = 1; a < d; ++a) contribution.change[std::size_t(a - 1)] = column<Real, d>(A, a);
         }
         if constexpr (terms.gradient) {
             Matrix<Real, d> const G = scratch_matrix<Real>(row_of_cells, gradient);
@@ -263,19 +274,17 @@ private:
     }
 
     /// Sets the layer's affine term, at a distance along the first axis.
-    template <class Row, class Real>
-    FIRN_HOST_DEVICE static void set_affine([[maybe_unused]] Row const& row_of_cells,
+    template <class Real>
+    FIRN_HOST_DEVICE static void set_affine([[maybe_unused]] Matrix<Real, d> const& A,
                                             [[maybe_unused]] Stencil<Kernel, Real, d> const& nodes,
-                                            [[maybe_unused]] Contribution<Real> const& contribution,
                                             [[maybe_unused]] Real distance,
                                             [[maybe_unused]] Layer<Real>& layer)
     {
         if constexpr (terms.affine) {
-            FIRN_UNROLL
-            for (int i = 0; i < d; ++i) layer.affine[i] = row_of_cells.scratch(affine + i * d) * distance;
+            layer.affine = column<Real, d>(A, 0) * distance;
             FIRN_UNROLL
             for (int a = 1; a < d; ++a)
-                layer.affine += contribution.change[std::size_t(a - 1)] * nodes.distance[std::size_t(a)][0];
+                layer.affine += column<Real, d>(A, a) * nodes.distance[std::size_t(a)][0];
         }
     }
 
