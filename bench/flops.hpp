@@ -190,7 +190,7 @@ double flops_per_particle_step()
     MassGroup<Number> const group{0, Number(1), Number(1e-3)};
 
     StepContext<Number, Chain<>> const now{Number(1e-5), Number(1e-5), Number(1e-5), {}};
-    Move const move{{}, {}, &now, table, table, {}, {&group, 1}, lattice(0.01), Number(1)};
+    Move const move{{}, {}, &now, table, table, {}, {&group, 1}, lattice(0.01), Number(100), Number(1)};
     OneParticle<Number, d, Move::scratch_channels> particle;
     typename Move::Result result;
     using Real = Counted<Number>;
