@@ -177,8 +177,8 @@ apply_on_particles(Chain<Actions...> const& chain, LanePosition<Real, d> const& 
                    Vector<Real, d> const& moved, Mask<Real> const& here, Real mass, Real dt,
                    Vector<Real, d>& velocity, Reactions<Chain<Actions...>::obstacles>& reactions)
 {
-    ParticleContact<Real, d, Chain<Actions...>> contact{chain, place, moved,    here,
-                                                        mass,  dt,    velocity, reactions};
+    ParticleContact<Real, d, Chain<Actions...>> contact{
+        {chain, place, moved, here, mass, dt, velocity, reactions}};
     return contact.solve();
 }
 

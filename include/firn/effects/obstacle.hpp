@@ -145,17 +145,18 @@ struct Obstacle<ShapeType>::Action
     Earlier<Number, d> earlier; ///< at the beginning of the step
 
     /// Contact of lanes with velocity v at a place. `rule` is the obstacle's own or, in the last passes over
-    /// a corner, slip.
+    /// a corner, slip. A solid acts as if it were larger by `skin` [m].
     template <Lane Real>
     FIRN_HOST_DEVICE ContactResult<Real, d> touch(LanePosition<Real, d> const& place,
-                                                  Vector<Real, d> const& v, Contact const& rule) const
+                                                  Vector<Real, d> const& v, Contact const& rule,
+                                                  Number skin = 0) const
     {
         ContactResult<Real, d> touched;
         touched.arm = place.relative_to(position);
         Matrix<Real, d> const R = matrix_of<Real, d>(rotation);
         Vector<Real, d> const local = transpose_product<Real, d>(R, touched.arm);
         auto const sample = surface_of<Real, d>(shape, local);
-        Number reach(0);
+        Number reach = skin;
         if constexpr (is_two_sided<ShapeType>)
             reach = max(reach, Number(0.5 * (place.lattice.cell_size - shape.thickness)));
         touched.inside = !(sample.distance > Real(reach));
@@ -179,7 +180,7 @@ struct Obstacle<ShapeType>::Action
             for (int a = 0; a < d; ++a) after[a] = select(deep, leaving[a], after[a]);
         }
         for (int a = 0; a < d; ++a) touched.velocity[a] = select(touched.inside, surface[a] + after[a], v[a]);
-        touched.depth = select(touched.inside, -sample.distance, Real(0));
+        touched.depth = select(touched.inside, Real(skin) - sample.distance, Real(0));
         touched.surface = surface;
         touched.surface_speed2 = select(touched.inside, dot<Real, d>(surface, surface), Real(0));
         return touched;
@@ -265,8 +266,13 @@ struct Obstacle<ShapeType>::Action
         if constexpr (keeps_sides)
             return matrix_of<Real, d>(rotation) * start<Real>(place, travelled) - from;
         else {
-            Vector<Real, d> const arm = from + vector_of<Real, d>(velocity) * dt;
-            return surface_velocity<Real>(arm) * dt;
+            Vector<Real, d> const arm = from + vector_of<Real, d>(velocity) * dt,
+                                  turned = detail::rigid_velocity<Real, d>(zeros<Vector<Number, d>>(),
+                                                                           angular_velocity,
+                                                                           Vector<Real, d>(arm * dt));
+            return surface_velocity<Real>(arm) * dt +
+                   detail::rigid_velocity<Real, d>(zeros<Vector<Number, d>>(), angular_velocity, turned) *
+                       (dt * Real(Number(0.5)));
         }
     }
 

@@ -4,6 +4,8 @@
 #include <firn/core/components.hpp>
 #include <firn/core/exactly_equal.hpp>
 #include <firn/effects/actions.hpp>
+#include <firn/effects/entered_surface.hpp>
+#include <firn/effects/particles_at_obstacles.hpp>
 #include <firn/effects/spared_depths.hpp>
 #include <firn/math/product.hpp>
 
@@ -28,24 +30,25 @@ namespace firn
 /// at an angle theta, what remains falls by cos² theta each time). Friction acts in the first pass alone. A
 /// particle that is still inside after the last pass stays where it was at the beginning of the step, or goes
 /// along with one of the obstacles, whichever leaves it least deep.
+///
+/// Several solids have one surface where they touch, overlap or share a face, that of their union. The face
+/// nearest to a particle in one of them may lie within another one, or be that at its back. So a particle is
+/// pushed out by the nearest face only if it was in front of that when the step began; else by the one
+/// through which it came. A particle that is near two of them meets the one first that it comes into first,
+/// even if it is out of it again at the end of the step, as where no more than edges touch. Solids are larger
+/// by a thousandth of a cell then, so that rounding does not tell which side of a face particles are on.
 template <Lane Real, int d, class Effects>
-struct ParticleContact
+struct ParticleContact : ParticlesAtObstacles<Real, d, Effects>
 {
-    static constexpr int obstacles = Effects::obstacles;
+    using Obstacles = ParticlesAtObstacles<Real, d, Effects>;
+    using Obstacles::chain, Obstacles::place, Obstacles::moved, Obstacles::here, Obstacles::dt,
+        Obstacles::velocity, Obstacles::may_fail, Obstacles::obstacles;
     static constexpr int passes = 8; ///< leave nothing in a corner of 75 degrees, a fifth of it in one of 30
-
-    Effects const& chain;
-    LanePosition<Real, d> const& place;
-    Vector<Real, d> const& moved; ///< to the place, since the step began [m]
-    Mask<Real> const& here;
-    Real mass, dt;
-    Vector<Real, d>& velocity;
-    Reactions<obstacles>& reactions;
 
     Vector<Real, d> displacement = zeros<Vector<Real, d>>(); ///< from the place [m]
     /// Velocity of the motion in this step [m/s]: the grid's, unless the transfer has one of its own.
     Vector<Real, d> motion = moved * (Real(1) / dt);
-    bool may_fail = false; ///< whether one pass over the obstacles may not be enough
+    Mask<Real> between = Real(1) < Real(0); ///< whether two solids are as near as the way of the step is long
     SparedDepths<Real, obstacles, (Effects::groups_on_particles > 0)> spared{};
     Real last{Number(-1)}; ///< the obstacle of the last contact
 
@@ -67,82 +70,79 @@ struct ParticleContact
                 acting += action.on_particles ? 1 : 0;
         });
         may_fail = acting > 1 || has_shells;
-        bool moves = pass(true);
-        if constexpr (obstacles > 1 || Effects::groups_on_particles > 0 || Effects::shells > 0)
+        int first_turn = 0;
+        if constexpr (may_meet_several)
             if (may_fail) {
-                for (int i = 1; i < passes && moves; ++i) moves = pass(false);
+                if (!look_around()) first_turn = 1;
+                if (any(between)) meet_first();
+            }
+        bool moves = pass(true, first_turn);
+        if constexpr (may_meet_several)
+            if (may_fail) {
+                for (int i = 1; i < passes && moves; ++i) moves = pass(false, 0);
                 if (moves) settle();
             }
         return displacement;
     }
 
 private:
-    using Number = ScalarOf<Real>;
-
-    FIRN_HOST_DEVICE Number in_metres(double cells) const { return Number(cells * place.lattice.cell_size); }
-    /// An overlap [m] that counts as outside: single precision resolves no less a few cells from the
-    /// reference.
-    FIRN_HOST_DEVICE Real tolerance() const { return Real(in_metres(1e-5)); }
-
-    /// The place after a displacement [m].
-    FIRN_HOST_DEVICE LanePosition<Real, d> after(Vector<Real, d> const& way) const
-    {
-        LanePosition<Real, d> there = place;
-        there.offset += way * Real(Number(1 / place.lattice.cell_size));
-        return there;
-    }
-
-    /// When an obstacle acts in a pass. The last to act prevails: nothing may pass a shell, and a wall leaves
-    /// no more than rounding behind it.
+    using Obstacles::in_metres, Obstacles::tolerance, Obstacles::skin, Obstacles::way_past, Obstacles::after,
+        Obstacles::for_each, Obstacles::nothing, Obstacles::entered, Obstacles::may_meet_several,
+        Obstacles::turns, Obstacles::any_turn;
+    using typename Obstacles::Number;
     template <class Action>
-    static constexpr int turn_to_act = is_wall<Action>       ? 2
-                                       : keeps_sides<Action> ? 1
-                                                             : 0;
-    static constexpr int turns = 3, any_turn = -1;
+    static constexpr bool is_solid = Obstacles::template is_solid<Action>;
+    using Result = ContactResult<Real, d>;
+    using Entered = EnteredSurface<Real, d>;
 
-    /// Calls `use(action, i, receive)` for every action on particles that has this turn; `i` counts all
-    /// obstacles that are arguments, and behind them those of groups that are near, and `receive(touched)`
-    /// books what contact takes.
-    template <class Use>
-    FIRN_HOST_DEVICE void for_each(int turn, Use const& use) const
+    /// Finds lanes between solids. False if none of the lanes meets one.
+    FIRN_HOST_DEVICE bool look_around()
     {
-        int i = 0;
-        [[maybe_unused]] int of_groups[2]{0, 0}; // by turn, so that numbers are the same whatever is skipped
-        chain.for_each([&](auto const& action) {
+        Real near(0);
+        bool meets = false;
+        for_each(0, [&](auto const& action, int, auto const&) {
             using Action = std::decay_t<decltype(action)>;
-            constexpr int its_turn = turn_to_act<Action>;
-            [[maybe_unused]] bool const acts = turn == any_turn || turn == its_turn;
-            if constexpr (is_group_on_particles<Action>) {
-                if (acts)
-                    action.template for_each_near_particles<Real>(
-                        place, dt, [&](auto const& one, auto const& add) {
-                            use(one, obstacles + 2 * of_groups[its_turn]++ + its_turn,
-                                [&](ContactResult<Real, d> const& touched) {
-                                    Reaction received;
-                                    detail::book<Real, d>(received, touched, velocity, mass);
-                                    add(received);
-                                });
-                        });
+            if constexpr (is_solid<Action>) {
+                Vector<Real, d> const way = this->way_past(action, this->displacement);
+                Real const distance =
+                    max(-action.overlap(this->place, this->moved) - Real(this->skin()), Real(0));
+                near += select(distance * distance <= dot<Real, d>(way, way), Real(1), Real(0));
             }
-            else {
-                [[maybe_unused]] auto const receive = [&](ContactResult<Real, d> const& touched) {
-                    detail::book<Real, d>(reactions.of[static_cast<std::size_t>(i)], touched, velocity, mass);
-                };
-                if constexpr (is_wall<Action>) {
-                    if (acts) use(action, i, receive);
-                }
-                else if constexpr (acts_on_particles<Action>)
-                    if (acts && action.on_particles) use(action, i, receive);
-                if constexpr (is_obstacle<Action>) ++i;
+            else
+                meets = true; // what a host has of its own is asked where it acts
+        });
+        between = here & (near > Real(Number(1.5)));
+        return meets || any(here & (near > Real(0)));
+    }
+    /// Lets lanes between solids meet the one that they come into first.
+    FIRN_HOST_DEVICE void meet_first()
+    {
+        Entered first{between, Real(2), Real(0), zeros<Vector<Real, d>>()};
+        Real number{Number(-1)};
+        for_each(0, [&](auto const& action, int i, auto const&) {
+            if constexpr (is_solid<std::decay_t<decltype(action)>>) {
+                Entered const of = this->entered(action, this->displacement, between);
+                Mask<Real> const is_first = of.found & (of.when < first.when);
+                number = select(is_first, Real(Number(i)), number);
+                first.take(is_first, of);
+            }
+        });
+        for_each(0, [&](auto const& action, int i, auto const& receive) {
+            if constexpr (is_solid<std::decay_t<decltype(action)>>) {
+                first.found = between & exactly_equal(number, Real(Number(i)));
+                if (!any(first.found)) return;
+                Result touched = this->nothing(action, this->after(this->displacement));
+                touch_where_entered<Real, d>(action, first, this->velocity, action.contact, touched);
+                this->out_of(touched, i, receive, action.contact, true, Real(0));
             }
         });
     }
 
     /// One pass over all obstacles. True if one moved something, which may now be inside another.
-    FIRN_HOST_DEVICE bool pass(bool first)
+    FIRN_HOST_DEVICE bool pass(bool first, int first_turn)
     {
         Mask<Real> pushed = Real(1) < Real(0);
-        for (int turn = 0; turn < turns; ++turn)
+        for (int turn = first_turn; turn < turns; ++turn)
             for_each(turn, [&](auto const& action, int i, auto const& receive) {
                 pushed = pushed | push(action, i, receive, first);
             });
@@ -157,12 +157,8 @@ private:
         Contact rule = Contact::slip();
         if constexpr (!is_wall<Action>)
             if (first) rule = action.contact;
-        auto touched =
-            action.hold(after(displacement), Vector<Real, d>(moved + displacement), velocity, rule);
-        touched.inside = touched.inside & here;
+        Result touched = touch(action, rule);
         if (!any(touched.inside)) return touched.inside;
-
-        receive(touched);
         Number const lost_beyond = action.template lost_beyond<Number>(place.lattice);
         Real const depth = min(touched.depth, Real(lost_beyond));
         Real spare = max(depth - Real(in_metres(0.25)), Real(0));
@@ -170,6 +166,43 @@ private:
             spared.set(i, spare);
         else
             spare = spared.of(i, depth, in_metres(0.25));
+        return out_of(touched, i, receive, rule, first, spare);
+    }
+
+    /// Contact of lanes where they are now.
+    template <class Action>
+    FIRN_HOST_DEVICE Result touch(Action const& action, Contact const& rule) const
+    {
+        LanePosition<Real, d> const there = after(displacement);
+        if constexpr (!may_meet_several || !is_solid<Action>) {
+            Result touched = action.hold(there, Vector<Real, d>(moved + displacement), velocity, rule);
+            touched.inside = touched.inside & here;
+            return touched;
+        }
+        else {
+            Result touched = action.template touch<Real>(there, velocity, rule, skin());
+            touched.inside = touched.inside & here;
+            if (!may_fail) return touched;
+            Mask<Real> doubtful = between & !touched.inside;
+            if (any(touched.inside)) { // were they behind the plane of the nearest face?
+                Real const back = dot<Real, d>(way_past(action, displacement), touched.normal);
+                doubtful = doubtful | (touched.inside & (back > Real(skin()) - touched.depth));
+            }
+            if (!any(doubtful)) return touched;
+            Entered const of = entered(action, displacement, doubtful);
+            if (!any(of.found)) return touched;
+            if (!any(touched.inside)) touched = nothing(action, after(displacement));
+            touch_where_entered<Real, d>(action, of, velocity, rule, touched);
+            return touched;
+        }
+    }
+
+    /// Moves lanes out by all but `spare` of their depth [m]. Returns those that it moved.
+    template <class Receive>
+    FIRN_HOST_DEVICE Mask<Real> out_of(Result const& touched, int i, Receive const& receive,
+                                       Contact const& rule, bool first, Real spare)
+    {
+        receive(touched);
         Vector<Real, d> shift = zeros<Vector<Real, d>>();
         if (first) {
             Vector<Real, d> const left =
@@ -190,16 +223,28 @@ private:
         return dot<Real, d>(shift, shift) > tolerance() * tolerance();
     }
 
+    /// How deep [m] lanes are in an obstacle after a displacement.
+    template <class Action>
+    FIRN_HOST_DEVICE Real overlap(Action const& action, Vector<Real, d> const& way) const
+    {
+        Real deep = action.overlap(after(way), Vector<Real, d>(moved + way));
+        if constexpr (is_solid<Action>)
+            if (Mask<Real> const doubtful = between | (deep > tolerance()); any(doubtful)) {
+                Entered const of = entered(action, way, doubtful);
+                deep = select(of.found, max(deep, of.depth - Real(skin()) * Real(Number(0.5))), deep);
+            }
+        return deep;
+    }
     /// The cost of a displacement [m] from the place: the sum of the depths inside all obstacles [m], and far
     /// more where one of them would lose the particle.
     FIRN_HOST_DEVICE Real depths(Vector<Real, d> const& way) const
     {
         Real sum(0);
         for_each(any_turn, [&](auto const& action, int i, auto const&) {
-            Real const overlap = action.overlap(after(way), Vector<Real, d>(moved + way));
+            Real const deep = overlap(action, way);
             Real const lost_beyond(action.template lost_beyond<Number>(place.lattice));
-            sum += max(overlap - spared.of(i, min(overlap, lost_beyond), in_metres(0.25)), Real(0)) +
-                   select(overlap > lost_beyond, Real(in_metres(1000)), Real(0));
+            sum += max(deep - spared.of(i, min(deep, lost_beyond), in_metres(0.25)), Real(0)) +
+                   select(deep > lost_beyond, Real(in_metres(1000)), Real(0));
         });
         return sum;
     }

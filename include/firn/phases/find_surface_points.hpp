@@ -146,16 +146,38 @@ private:
             at = obstacle.template surface_at<Number>(place, shift);
         }
         if (!(largest_component<Number, d>(shift) <= in_cells(0.5 * rounding))) return;
-        bool is_inside_another = false;
-        action.for_each_within(place, in_cells(looks_as_far), [&](std::uint32_t j, auto const& other) {
-            if (j != i && !is_inside_another)
-                is_inside_another = is_inside(place, shift, at.normal, obstacle, other, i < j);
-        });
-        if (is_inside_another) return;
+        auto const is_covered = [&] {
+            bool is_inside_another = false;
+            action.for_each_within(place, in_cells(looks_as_far), [&](std::uint32_t j, auto const& other) {
+                if (j != i && !is_inside_another)
+                    is_inside_another = is_inside(place, shift, at.normal, obstacle, other, i < j);
+            });
+            return is_inside_another;
+        };
+        Vector<Number, d> inwards = zeros<Vector<Number, d>>();
+        for (int face = 0; is_covered(); ++face)
+            if (face == d || !look_beside(place, obstacle, inwards, at, shift) ||
+                !(largest_component<Number, d>(shift) <= in_cells(0.5 * rounding)))
+                return;
         add(place, i, obstacle, at, shift, false, 0);
         action.for_each_within(place, in_cells(looks_as_far), [&](std::uint32_t j, auto const& other) {
             if (j != i) go_on_behind(place, i, obstacle, at, shift, j, other);
         });
+    }
+
+    /// The face nearest to a node may lie inside another obstacle, as where two boxes stand side by side, and
+    /// another one may lie in the node's cube, too: the nearest face farther inside. False if there is none.
+    template <class Obstacle>
+    FIRN_HOST_DEVICE bool look_beside(LanePosition<Number, d> const& place, Obstacle const& obstacle,
+                                      Vector<Number, d>& inwards, At& at, Vector<Number, d>& shift) const
+    {
+        inwards -= at.normal * in_cells(0.55);
+        At const deeper = obstacle.template surface_at<Number>(place, inwards);
+        if (dot<Number, d>(deeper.normal, at.normal) > Number(0.9)) return false;
+        shift = deeper.normal * (dot<Number, d>(inwards, deeper.normal) - deeper.distance);
+        at = obstacle.template surface_at<Number>(place, shift);
+        at.normal = deeper.normal;
+        return abs(at.distance) < in_cells(0.01);
     }
 
     /// Where a surface ends at another obstacle, continues it into that one: a point at a distance from the
@@ -174,7 +196,9 @@ private:
             max(of_other.distance, Number(0)); // times the way, over steepness2: to the corner
         if (!(steepness2 > Number(0.1)) || !(distance * distance < reach * reach * steepness2)) return;
         Vector<Number, d> const along = way * (2 * distance / steepness2), behind = shift + along;
-        if (!(other.template surface_at<Number>(place, behind).distance < -least) ||
+        // just above it: the other may stand on this one
+        if (!(other.template surface_at<Number>(place, Vector<Number, d>(behind + at.normal * (2 * least)))
+                  .distance < -least) ||
             !(abs(obstacle.template surface_at<Number>(place, behind).distance) > least))
             return;
         at.arm += along;
@@ -189,10 +213,12 @@ private:
                                     Other const& other, bool is_first) const
     {
         At const there = other.template surface_at<Number>(place, shift);
-        Number const least = in_cells(0.01);
+        Number const least = in_cells(0.01), little = in_cells(0.05);
         if (!(there.distance < least)) return false;
-        if (is_first && there.distance > -least && dot<Number, d>(there.normal, normal) > Number(0.99))
-            return false;
+        At const outside =
+            other.template surface_at<Number>(place, Vector<Number, d>(shift + normal * little));
+        if (outside.distance > little - least)
+            return !is_first && dot<Number, d>(outside.normal, normal) > Number(0.99);
         // The way along the surface out of the other, as seen from above the surface, where a face that both
         // share is far: half a cell behind that the surface goes on.
         Number const reach = in_cells(place.kernel_reach);
