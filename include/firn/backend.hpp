@@ -100,18 +100,18 @@ concept MadeWithPeriods = std::constructible_from<T, B const&, PeriodsInCells>;
 /// wrapped by the periods that it is made with.
 template <class T, class B, class Number, int d>
 concept BackendCellOrder = MadeWithPeriods<T, B, d> && std::movable<T> &&
-    requires(T order, T const constant, std::span<Coordinates<d> const> cells, std::uint32_t first,
+    requires(T order, T const constant, Coordinates<d> const* cells, std::uint32_t first,
              unsigned char const* gone, std::size_t kept,
              std::array<typename CellOffset<Number>::Stored*, std::size_t(d)> offsets)
 {
-    double{T::largest_coordinate};   // of a cell, along any axis and to either side
-    std::size_t{T::bytes_per_item};  // of the order
-    int{T::extent(0)};               // the cells along this axis of which a period must be a multiple
-    order.insert(cells, first);      // adds items that lie at first, first + 1, … in these cells
-    order.erase(gone, &first, kept); // erases by `gone[place]`; `kept` items will lie at `second[place]`
-    order.begin_rebin(offsets);      // begins rebin(), which the loop that needs it first completes
-    order.rebin(offsets);            // sorts items, which lie at their slots, by offsets that it wraps
-    order.commit();                  // says that all items now lie at their slots
+    double{T::largest_coordinate};    // of a cell, along any axis and to either side
+    std::size_t{T::bytes_per_item};   // of the order
+    int{T::extent(0)};                // the cells along this axis of which a period must be a multiple
+    order.insert(cells, kept, first); // adds so many items that lie at first, first + 1, … in these cells
+    order.erase(gone, &first, kept);  // erases by `gone[place]`; `kept` items will lie at `second[place]`
+    order.begin_rebin(offsets);       // begins rebin(), which the loop that needs it first completes
+    order.rebin(offsets);             // sorts items, which lie at their slots, by offsets that it wraps
+    order.commit();                   // says that all items now lie at their slots
     constant.for_each(detail::AnyVisit<d>{}); // visits (place, cell) of every item, on the host
     std::size_t{constant.size()};             // items
     std::size_t{constant.memory()};           // bytes held

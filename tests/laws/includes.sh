@@ -31,7 +31,7 @@ cstdio: snprintf
 cstddef,cstring,cstdlib: size_t
 cstdint: int32_t int64_t uint16_t uint32_t uint64_t uint8_t uintmax_t
 cstdlib: getenv
-cstring: memcpy memset
+cstring: memcmp memcpy memset
 exception: current_exception exception exception_ptr rethrow_exception
 filesystem: filesystem
 fstream: ifstream ofstream

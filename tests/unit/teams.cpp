@@ -76,7 +76,7 @@ TEST_CASE("threads have equal numbers of items, as nearly as blocks allow")
     for (int i = 0; i < 600; ++i) // 8 in each block
         for (int k = 0; k < 8; ++k) places.push_back({i / 20 * 8, i % 20 * 8 + k});
     for (int i = 0; i < crowd; ++i) places.push_back({80, 80}); // in one of them
-    cells.insert(places, 0);
+    cells.insert(places.data(), places.size(), 0);
     auto const parts = cells.partitions();
     REQUIRE(parts.size() == std::size_t(threads) + 1);
     CHECK(parts.front() == 0);

@@ -104,7 +104,8 @@ FIRN_HOST_DEVICE constexpr double kernel_reach(int kernel_degree) { return 0.5 *
 
 /// The cell of a world position [m] and the offset in it. The cell must fit an int: see Solver::add.
 template <int d>
-CellPosition<d> locate(Lattice const& lattice, int kernel_degree, Vector<double, d> const& position)
+FIRN_HOST_DEVICE CellPosition<d> locate(Lattice const& lattice, int kernel_degree,
+                                        Vector<double, d> const& position)
 {
     CellPosition<d> located;
     for (int a = 0; a < d; ++a) {

@@ -1,26 +1,21 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
 #include <firn/core/finite.hpp>
-#include <firn/core/host_arrays.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/grid/lattice.hpp>
-#include <firn/grid/world_layout.hpp>
 #include <firn/models/response.hpp>
 #include <firn/particles/mass_groups.hpp>
+#include <firn/particles/place_points.hpp>
 #include <firn/particles/row_ids.hpp>
 #include <firn/particles/storage.hpp>
 #include <firn/particles/volumes.hpp>
 
 #include <algorithm>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <iterator>
 #include <limits>
-#include <numeric>
 #include <string>
 #include <type_traits>
 #include <utility>
@@ -32,65 +27,21 @@ namespace firn
 
 namespace detail
 {
-/// The cells of `points` [m] in the world with this centre, and their offsets there; refuses points out of
-/// range.
-template <class Table, class Points>
-std::vector<CellPosition<Table::d>> locate_all(Table const& table, Points const& points,
-                                               Coordinates<Table::d> const& centre)
-{
-    constexpr int d = Table::d;
-    static_assert(
-        PointOf<std::remove_cvref_t<decltype(*std::begin(points))>, d>,
-        "points have as many coordinates as the scene has dimensions, and those of a host no padding: "
-        "see HostValue in firn/core/host_arrays.hpp");
-    Lattice const& lattice = table.lattice();
-    double const largest = lattice.half_world == 0 ? Table::CellOrder::largest_coordinate
-                                                   : lattice.half_world - 2 * WorldLayout<d>::margin;
-    std::vector<CellPosition<d>> located;
-    located.reserve(std::size(points));
-    for (auto const& point : points) {
-        Vector<double, d> const x = point_of<d>(point);
-        bool is_near = true; // false for NaN, too
-        for (int a = 0; a < d; ++a)
-            is_near = is_near && is_finite(x[a]) &&
-                      std::abs(x[a] - lattice.origin[a]) / lattice.cell_size < largest;
-        if (!is_near)
-            throw Error{"point " + std::to_string(located.size()) +
-                            " is not finite or too far from the lattice's origin",
-                        "Solver::add",
-                        "Pass finite positions in metres, within " +
-                            std::to_string(static_cast<long>(largest)) +
-                            " cells of the origin: use a larger cell or move the lattice's origin."};
-        located.push_back(locate<d>(lattice, table.kernel_degree(), x));
-        for (int a = 0; a < d; ++a) located.back().cell[a] += centre[a];
-    }
-    return located;
-}
-
-/// Writes new particles behind the existing ones, where there is room: with a velocity, and otherwise as a
-/// new particle is.
+/// Gives the `count` particles from `first` on a velocity, and otherwise the state of a new particle.
 template <class Table, int d = Table::d, class Number = typename Table::Number>
-void place(Table& table, std::vector<CellPosition<d>> const& located, std::uint32_t first,
-           Vector<Number, d> const& velocity, Record<Number, d, typename Table::PersistentFields> stored)
+void set_state(Table& table, std::uint32_t first, std::size_t count, Vector<Number, d> const& velocity,
+               Record<Number, d, typename Table::PersistentFields> stored)
 {
-    auto& buffer = table.contents().buffer[0];
-    std::size_t const count = located.size();
-    std::vector<typename Table::Offset> offsets(count);
-    for (int a = 0; a < d; ++a) {
-        for (std::size_t i = 0; i < count; ++i) offsets[i] = CellOffset<Number>::from(located[i].offset[a]);
-        buffer.offset[std::size_t(a)].upload(first, offsets);
-    }
-    std::vector<std::uint32_t> rows(count);
-    std::iota(rows.begin(), rows.end(), first);
-    buffer.id.upload(first, rows);
     auto derived = Record<Number, d, typename Table::DerivedFields>::at_rest();
     if constexpr (Table::PersistentFields::template contains<Velocity>)
         stored[Velocity{}] = velocity;
     else
         derived[Velocity{}] = velocity;
-    auto* const columns = buffer.component.data();
-    stored.for_each([&](int c, Number const& value) { columns[c].fill(first, count, value); });
-    table.cached().fill(first, derived);
+    auto& to = table.contents();
+    stored.for_each([&](int c, Number const& value) {
+        to.buffer[0].component[std::size_t(c)].fill(first, count, value);
+    });
+    to.gathered.extend(first, first + count, derived);
 }
 } // namespace detail
 
@@ -105,35 +56,36 @@ FIRN_COLD std::size_t add_particles(Table& table, Model const& model, Points con
     constexpr int d = Table::d;
     using Number = typename Table::Number;
     double const density(model.density);
-    std::vector<CellPosition<d>> const located = detail::locate_all(table, points, centre);
-    volumes.validate(located.size(), static_cast<Number>(density));
+    detail::require_in_range(table, points);
+    std::size_t const added = std::size(points);
+    volumes.validate(added, static_cast<Number>(density));
     Vector<Number, d> const same_velocity = vector_of<Number, d>(velocity);
     require(all_finite(same_velocity), "the velocity is not finite", "Solver::add",
             "Pass metres per second, within the range of the scene's numbers.");
-    std::size_t const count = table.size() + located.size();
-    require(first_id + located.size() < std::numeric_limits<std::uint32_t>::max(),
+    std::size_t const count = table.size() + added;
+    require(first_id + added < std::numeric_limits<std::uint32_t>::max(),
             "there would have been more than 4 294 967 294 particles", "Solver::add",
             "Use fewer particles, or several solvers.");
     auto const first = static_cast<std::uint32_t>(table.size());
-    if (located.empty()) return 0;
+    if (added == 0) return 0;
     auto& to = table.contents();
-    to.mass_groups.require_comparable(volumes, located.size(), density, scale);
+    to.mass_groups.require_comparable(volumes, added, density, scale);
     table.sort(); // insert() needs up-to-date cells
 
-    to.resize_buffers(count);
-    to.gathered.resize(count);
-    detail::place(table, located, first, same_velocity,
-                  state_of_new<Record<Number, d, typename Table::PersistentFields>>(model));
-    std::vector<Coordinates<d>> cells(located.size());
-    for (std::size_t i = 0; i < located.size(); ++i) cells[i] = located[i].cell;
-    RowIds ids = to.ids.extended(table.size(), located.size(), first_id);
+    to.resize_buffers(table.backend(), count);
+    typename Table::Backend::template Array<Coordinates<d>> cells(table.backend());
+    cells.resize(added);
+    detail::place_points(table, points, first, centre, cells.data());
+    detail::set_state(table, first, added, same_velocity,
+                      state_of_new<Record<Number, d, typename Table::PersistentFields>>(model));
+    RowIds ids = to.ids.extended(table.size(), added, first_id);
     table.change([&] {
-        to.mass_groups.add(first, located.size(), volumes, density, scale);
-        to.cells.insert(cells, first);
+        to.mass_groups.add(first, added, volumes, density, scale);
+        to.cells.insert(cells.data(), added, first);
         to.ids = std::move(ids);
         to.size = count;
     });
-    return located.size();
+    return added;
 }
 
 /// The particles of a table that are marked for removal, by place.
@@ -185,7 +137,7 @@ struct FindParticles
             for_each_component_of<PersistentFields, d>(
                 fields, [&](int c, Number& value) { value = particles.component[std::size_t(c)][particle]; });
             for_each_component_of<DerivedFields, d>(fields, [&](int c, Number& value) {
-                value = velocities.component[std::size_t(c)][particles.id[particle]];
+                value = velocities.component[std::size_t(c)][velocities.place_of(particles.id[particle])];
             });
             found[particle] = is_wanted(x, fields) ? 1 : 0;
         }
@@ -272,8 +224,8 @@ void remove_particles(Table& table, RemovalMask<Backend> const& mask)
         to.buffer[1].gather(table.backend(), to.buffer[0], from_there.data(), kept);
         to.buffer[1].id.upload(0, from);
         to.buffer[0].swap(to.buffer[1]);
-        to.resize_buffers(kept);
-        to.gathered.replace(std::move(derived));
+        to.resize_buffers(table.backend(), kept);
+        to.gathered.replace(std::move(derived), kept);
         to.cells.erase(mask.there.data(), new_place_there.data(), kept);
         to.mass_groups.keep(new_row, kept);
         to.ids = std::move(ids);

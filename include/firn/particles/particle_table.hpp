@@ -70,11 +70,12 @@ public:
               cells(backend, periods)
         {}
 
-        /// Resizes for `count` particles, and keeps the existing ones; the other buffer needs no contents.
-        void resize_buffers(std::size_t count)
+        /// Resizes for `count` particles, and keeps the existing ones. The next buffer has no contents
+        /// between steps: while the current one grows its memory is free for that (see make_next()).
+        void resize_buffers(Backend const& backend, std::size_t count)
         {
+            if (!buffer[0].has_room(count)) buffer[1] = Buffer(backend);
             buffer[0].resize(count, size);
-            buffer[1].resize(count, 0);
         }
 
         std::size_t size = 0;
@@ -100,7 +101,9 @@ public:
     MassGroups<Number> mass_groups() const { return contents_.mass_groups.there(); }
     View current() { return contents_.buffer[0].view(); }
     ConstView current() const { return contents_.buffer[0].view(); }
-    View next() { return contents_.buffer[1].view(); }
+    View next() { return contents_.buffer[1].view(); } ///< after make_next()
+    /// Makes room for the next buffer, before steps begin: as much as the current one has.
+    void make_next() { contents_.buffer[1].resize_like(contents_.buffer[0]); }
     /// The buffer that the cell order refers to: after a step the one before it, until the next sort().
     ConstView ordered() const { return contents_.buffer[state_ == TableState::moved ? 1 : 0].view(); }
 
@@ -125,7 +128,6 @@ public:
     /// Sets whether they are cached after some steps, and were `before`; frees storage that is unused.
     void set_cached(bool now, bool before) { contents_.gathered.keep(now, before); }
     Derived& cached() { return contents_.gathered.values(); } ///< if has_grid_fields()
-    Derived const& cached() const { return contents_.gathered.values(); }
     Derived new_derived() const { return Derived(backend_, size()); }
 
     /// For what adds, removes, replaces or reads back particles.

@@ -109,6 +109,28 @@ struct PersistentStorage
         id.resize(count, kept);
     }
 
+    /// As many particles as another storage has, with as much room for more; without contents.
+    void resize_like(PersistentStorage const& other)
+    {
+        auto const resize = [](auto& array, auto const& model) {
+            array.resize(model.memory() / sizeof(*model.data()), 0);
+            array.resize(model.size(), 0);
+        };
+        for (std::size_t a = 0; a < offset.size(); ++a) resize(offset[a], other.offset[a]);
+        for (std::size_t c = 0; c < component.size(); ++c) resize(component[c], other.component[c]);
+        resize(id, other.id);
+    }
+
+    /// Whether it can have so many particles without any growth.
+    bool has_room(std::size_t count) const
+    {
+        auto const fits = [&](auto const& array) { return count * sizeof(*array.data()) <= array.memory(); };
+        bool has = fits(id);
+        for (auto const& array : offset) has = has && fits(array);
+        for (auto const& array : component) has = has && fits(array);
+        return has;
+    }
+
     void swap(PersistentStorage& other) noexcept
     {
         for (std::size_t a = 0; a < offset.size(); ++a) offset[a].swap(other.offset[a]);

@@ -138,7 +138,9 @@ typename Table::CellOrder cell_order_of(Table const& table,
                                         MaterialSnapshot<typename Table::Number, Table::d> const& from)
 {
     typename Table::CellOrder cells(table.backend(), periods_of<Table::d>(table.lattice()));
-    if (!from.ids.empty()) cells.insert(from.cells, 0);
+    if (from.ids.empty()) return cells;
+    auto const there = detail::array_of(table.backend(), from.cells);
+    cells.insert(there.data(), from.cells.size(), 0);
     return cells;
 }
 
@@ -161,7 +163,7 @@ void restore_particles(Table& table, MaterialSnapshot<typename Table::Number, Ta
     table.change([&] {
         auto& to = table.contents();
         auto& buffer = to.buffer[0];
-        to.resize_buffers(count);
+        to.resize_buffers(table.backend(), count);
         to.gathered.resize(count);
         for (std::size_t a = 0; a < from.offsets.size(); ++a) buffer.offset[a].upload(0, from.offsets[a]);
         buffer.id.upload(0, rows);

@@ -117,21 +117,26 @@ struct FieldsById
 
     std::array<Number*, std::size_t(components)> component{};
     bool present = false;
+    bool same = false; ///< all particles have the values of row 0, which alone are stored; to read only
 
     /// The same, to read only. A template, since compilers warn of a conversion from a type to itself.
     template <class Other>
     operator Other() const requires(!std::is_const_v<Number> && std::is_same_v<Other, ConstView>)
     {
-        ConstView view{.component = {}, .present = present};
+        ConstView view{.component = {}, .present = present, .same = same};
         std::copy(component.begin(), component.end(), view.component.begin());
         return view;
     }
+
+    /// Where the values of a row are.
+    FIRN_HOST_DEVICE std::uint32_t place_of(std::uint32_t row) const { return same ? 0 : row; }
 
     template <class Items, class Record>
     FIRN_HOST_DEVICE void load(Items const& items, std::uint32_t const* id, Record& record) const
     {
         for_each_component_of<Set, d>(record, [&](int c, auto& value) {
-            value = items.map([&](std::size_t particle) { return component[std::size_t(c)][id[particle]]; });
+            value = items.map(
+                [&](std::size_t particle) { return component[std::size_t(c)][place_of(id[particle])]; });
         });
     }
 

@@ -292,6 +292,7 @@ void reset_particles(Table& table, std::vector<std::uint32_t> const& worlds,
     std::sort(to_place.begin(), to_place.end());
     auto const from_there = detail::array_of(backend, from_place),
                to_there = detail::array_of(backend, to_place);
+    auto const cells_there = detail::array_of(backend, cells);
     backend.for_each(from_place.size(),
                      PutValues<std::uint32_t>{to_there.data(), from_there.data(), new_place.data()});
 
@@ -330,7 +331,7 @@ void reset_particles(Table& table, std::vector<std::uint32_t> const& worlds,
             });
         });
         to.cells.erase(goes.data(), new_place.data(), kept);
-        to.cells.insert(cells, static_cast<std::uint32_t>(kept));
+        to.cells.insert(cells_there.data(), cells.size(), static_cast<std::uint32_t>(kept));
     });
 }
 

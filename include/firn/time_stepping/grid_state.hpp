@@ -218,9 +218,13 @@ private:
                                                             std::optional<DerivedOf<k>>& again) const
     {
         auto const& table = sets.template particles<k>();
-        if (table.has_grid_fields()) return table.cached();
+        auto const& cached = table.contents().gathered;
+        if (table.has_grid_fields() && !cached.same()) return cached.rows();
         again.emplace(table.new_derived());
-        regather<k>(sets, again->view());
+        if (table.has_grid_fields())
+            again->fill(0, *cached.same());
+        else
+            regather<k>(sets, again->view());
         return *again;
     }
 

@@ -56,6 +56,7 @@ public:
                 entries, BeginSteps<Number, d, materials, Effects, Actions>{
                              begin, {controller, scene.sets.densities(), effects}, &storage_->plan, now(0)});
         Sets::for_each([&](auto k) {
+            particles<k>().make_next();
             had_cached_[k] = particles<k>().has_grid_fields();
             wrote_derived_[k] = MaterialTraits<k>::Derived::components(d) > 0 &&
                                 (effects.touch_particles() || scene.may_lose_particles);

@@ -391,7 +391,7 @@ struct Memory
     std::mutex mutex;
     std::map<void*, std::pair<int, std::size_t>> held;
     std::map<void*, std::size_t> mapped; ///< of the host, for devices to reach
-    std::size_t used[devices]{};
+    std::size_t used[devices]{}, peak[devices]{};
     int allocations_left = -1; ///< so many more may succeed, on devices and of the host; below 0: all
     std::map<void const*, std::size_t> allowed; ///< shared memory of loops
 
@@ -637,6 +637,7 @@ cudaError_t cudaMalloc(T** to, std::size_t bytes)
     if (bytes <= std::size_t(64) << 20) std::memset(there, 0xff, bytes); // no test reads more
     memory.held[there] = {device, bytes};
     memory.used[device] += bytes;
+    memory.peak[device] = std::max(memory.peak[device], memory.used[device]);
     *to = static_cast<T*>(there);
     return cudaSuccess;
 }

@@ -57,11 +57,16 @@ public:
     ~Array() { release(); }
 
     /// Changes the size and keeps the elements that fit.
-    void resize(std::size_t size) { resize(size, size_); }
-    /// The same, keeping only the first `kept` elements. If memory is short, nothing has changed.
+    void resize(std::size_t size)
+    {
+        if (size > capacity_) grow(size_ == 0 ? size : with_spare(size), size_);
+        size_ = size;
+    }
+    /// The same, keeping only the first `kept` elements. If memory is short, nothing has changed. Such arrays
+    /// are many and large, and seldom grow: little of them is spare.
     void resize(std::size_t size, std::size_t kept)
     {
-        if (size > capacity_) grow(size_ == 0 ? size : with_spare(size), std::min(kept, size_));
+        if (size > capacity_) grow(size_ == 0 ? size : with_spare(size, 128), std::min(kept, size_));
         size_ = size;
     }
 
@@ -69,9 +74,10 @@ public:
     void renew(std::size_t size)
     {
         if (size > capacity_) {
+            std::size_t const capacity = capacity_ == 0 ? size : with_spare(size);
             queue_.wait();
             release();
-            grow(with_spare(size), 0);
+            grow(capacity, 0);
         }
         size_ = size;
     }
@@ -115,11 +121,12 @@ public:
     std::size_t memory() const { return capacity_ * sizeof(T); }
 
 private:
-    /// Makes repeated growth cheap: 3 % more, and as much again while the array is small.
-    static std::size_t with_spare(std::size_t size)
+    /// Makes repeated growth cheap: 3 % more, or another fraction, and as much again while the array is
+    /// small.
+    static std::size_t with_spare(std::size_t size, std::size_t fraction = 32)
     {
         std::size_t const little = (std::size_t(1) << 20) / sizeof(T);
-        return size + std::max(size / 32, std::min(size, little));
+        return size + std::max(size / fraction, std::min(size, little));
     }
 
     void grow(std::size_t capacity, std::size_t kept)

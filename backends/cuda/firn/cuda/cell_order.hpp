@@ -13,7 +13,6 @@
 #include <algorithm>
 #include <bit>
 #include <limits>
-#include <span>
 #include <utility>
 #include <vector>
 
@@ -76,15 +75,10 @@ public:
     }
 
     /// Adds items that lie at first, first + 1, … in the given cells.
-    void insert(std::span<Coordinates<d> const> cells, std::uint32_t first)
+    void insert(Coordinates<d> const* cells, std::size_t number, std::uint32_t first)
     {
         OnDevice const here(queue_);
-        auto const count = static_cast<std::uint32_t>(cells.size());
-        using Place = std::array<int, d>;
-        static_assert(sizeof(Place) == sizeof(Coordinates<d>));
-        Array<Place> where(queue_);
-        where.resize(cells.size());
-        where.upload(0, {reinterpret_cast<Place const*>(cells.data()), cells.size()});
+        auto const count = static_cast<std::uint32_t>(number);
         LeaverArrays fresh(queue_);
         fresh.renew(count, 0);
         signal();
@@ -93,7 +87,7 @@ public:
         for (;;) { // again if blocks were missing
             stay_all();
             launch_after("find_cells", queue_, detail::find_cells<d, Number>, groups_of(count, 256), 256,
-                         fresh.view(0), where.data(), first, count, changes(), set_.view(), periods_);
+                         fresh.view(0), cells, first, count, changes(), set_.view(), periods_);
             std::uint32_t const births = set_.births();
             if (births == 0) break;
             add_blocks(births);

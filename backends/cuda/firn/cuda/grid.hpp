@@ -348,9 +348,12 @@ private:
                      before, blocks, set_.view(), periods_, tiles.nodes_of.data(), tiles.covered_by.data());
         std::size_t const count = std::size_t(blocks) * TileShape::nodes,
                           count_before = std::min(tiles.of[0].size(), count);
+        // the next sums are not in use, and what is freed of them may be what the current ones need to grow
+        if (count * sizeof(Sums) > tiles.of[0].memory()) tiles.of[1].clear();
         tiles.of[0].resize(count);
         tiles.of[0].fill_bytes(count_before, count - count_before, 0);
-        tiles.of[1].renew(count);
+        tiles.of[1].resize(tiles.of[0].memory() / sizeof(Sums), 0); // as much room for both: they are swapped
+        tiles.of[1].resize(count, 0);
         tiles.blocks = blocks;
     }
 

@@ -115,7 +115,7 @@ __device__ void find_new_cell(Leavers<Number> const& leavers, Destinations<d> co
 
 /// The same for new items, which come with their cells.
 template <int d, class Number>
-__global__ void find_cells(Leavers<Number> leavers, std::array<int, d> const* cells, std::uint32_t first,
+__global__ void find_cells(Leavers<Number> leavers, Coordinates<d> const* cells, std::uint32_t first,
                            std::uint32_t count, Changes changes, BlockSet::View set, Periods<d> periods)
 {
     using Shape = BlockShape<d>;

@@ -135,8 +135,9 @@ public:
     }
 
     /// Adds items that lie at first, first + 1, … in the given cells.
-    void insert(std::span<Coordinates<d> const> cells, std::uint32_t first)
+    void insert(Coordinates<d> const* where, std::size_t count, std::uint32_t first)
     {
+        std::span const cells(where, count);
         migration_.forget(blocks().size());
         std::vector<Leaver> leavers;
         leavers.reserve(cells.size());

@@ -55,10 +55,11 @@ public:
     std::size_t memory() const { return entries_.capacity() * sizeof(Entry); }
     Entry const& operator[](std::size_t slot) const { return entries_.at(slot); }
 
-    void insert(std::span<Coordinates<d> const> cells, std::uint32_t first)
+    void insert(Coordinates<d> const* where, std::size_t count, std::uint32_t first)
     {
         assert(!committed_ && "items that moved have been rebinned");
-        for (auto const& cell : cells) entries_.push_back({periods_.wrapped(cell), first++});
+        for (auto const& cell : std::span(where, count))
+            entries_.push_back({periods_.wrapped(cell), first++});
         sort();
     }
     void erase(unsigned char const* gone, std::uint32_t const* new_place, [[maybe_unused]] std::size_t kept)
