@@ -46,7 +46,7 @@ if [ $preset = cuda ]; then
     need_packages g++ cmake ninja-build libeigen3-dev libxsimd-dev catch2 libbenchmark-dev
 else
     need_packages g++ cmake ninja-build libeigen3-dev libxsimd-dev catch2 libcgal-dev libassimp-dev libcli11-dev \
-        libbenchmark-dev libboost-context-dev git
+        libbenchmark-dev libboost-context-dev libopenmpi-dev openmpi-bin git
 fi
 
 cmake --preset $preset -DFIRN_TESTS_ALL=$all

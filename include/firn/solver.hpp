@@ -441,7 +441,8 @@ private:
     {
         auto const access = guard_.write(call);
         guard_.or_break_off(
-            work, [&] { return scene_.is_half_changed() || time_loop_.has_lost_velocities(scene_); });
+            [&] { detail::call_on_ranks(scene_.backend, call, work); },
+            [&] { return scene_.is_half_changed() || time_loop_.has_lost_velocities(scene_); });
     }
 
     template <class Pace, class... Effects>

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/core/error.hpp>
 #include <firn/effects/node_effect.hpp>
 #include <firn/effects/obstacles_of_worlds.hpp>
@@ -53,6 +54,8 @@ template <class SolverType, class ShapeType = AnyShape<>,
 class Worlds
 {
     using Sets = typename SolverType::Sets;
+    static_assert(!spans_ranks<std::remove_cvref_t<decltype(std::declval<SolverType const&>().backend())>>,
+                  "many worlds cannot span ranks yet");
     static_assert(!is_deforming<ShapeType>, "a shape that changes its form does so in the solver's time, and "
                                             "obstacles of a world have the world's");
 

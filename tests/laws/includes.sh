@@ -12,7 +12,7 @@ names_of_others() {
     cat <<'END'
 algorithm: adjacent_find all_of any_of clamp copy copy_n count equal fill fill_n find find_if find_if_not inplace_merge
 algorithm: lexicographical_compare lower_bound max max_element min minmax nth_element partition_point ranges::all_of ranges::any_of
-algorithm: ranges::count_if ranges::equal ranges::find ranges::lower_bound ranges::none_of ranges::sort
+algorithm: ranges::copy ranges::count_if ranges::equal ranges::find ranges::lower_bound ranges::max ranges::min ranges::none_of ranges::sort
 algorithm: ranges::set_difference ranges::stable_sort ranges::upper_bound sort stable_sort transform unique upper_bound
 array: array
 array,tuple,utility: get tuple_element_t tuple_size_v
@@ -25,8 +25,9 @@ charconv: from_chars to_chars
 chrono: chrono
 cmath: atan2 cbrt ceil cos exp floor fma fmax ilogb isfinite isnan isnormal ldexp log log10 lrint nan nextafter pow sin sqrt tan tanh
 cmath,cstdlib: abs
+condition_variable: condition_variable
 concepts: constructible_from convertible_to copy_constructible derived_from floating_point integral invocable movable same_as
-cstddef: ptrdiff_t
+cstddef: byte ptrdiff_t
 cstdio: snprintf
 cstddef,cstring,cstdlib: size_t
 cstdint: int32_t int64_t uint16_t uint32_t uint64_t uint8_t uintmax_t
@@ -42,6 +43,7 @@ fstream,istream,sstream: istream
 fstream,istream,ostream,sstream: ios streamsize
 limits: numeric_limits
 map: map
+mutex: lock_guard mutex unique_lock
 memory: construct_at make_shared make_unique shared_ptr unique_ptr weak_ptr
 new: align_val_t bad_alloc
 numbers: numbers
@@ -56,11 +58,12 @@ stdexcept: runtime_error
 string: getline stoull string to_string
 string_view,string: string_view string_view_literals
 system_error: errc error_code
+thread: thread
 tuple: apply tie tuple tuple_cat
 type_traits: conditional_t decay_t integral_constant is_aggregate_v is_arithmetic_v is_base_of_v is_class_v is_const_v
 type_traits: is_default_constructible_v is_enum_v is_final_v is_floating_point_v is_invocable_r_v is_same_v is_signed_v is_standard_layout_v
 type_traits: is_trivially_copyable_v is_trivially_destructible_v remove_const_t remove_cv_t remove_cvref_t
-type_traits: remove_reference_t type_identity type_identity_t
+type_traits: remove_pointer_t remove_reference_t type_identity type_identity_t
 unordered_map: unordered_map
 utility: as_const declval exchange forward in_range index_sequence integer_sequence make_index_sequence
 utility: make_integer_sequence move pair swap

@@ -43,6 +43,16 @@ concept SaysParameters = requires(Policy policy, void (*use)(char const*, double
 namespace detail
 {
 
+/// A policy's name.
+template <class Policy>
+std::string name_of_policy()
+{
+    if constexpr (requires { std::string(Policy::name); })
+        return Policy::name;
+    else
+        return "unnamed";
+}
+
 /// Adds the parameters of a policy, if it names some.
 template <class Policy>
 void add_parameters(std::vector<Parameter>& to, Policy const& policy, std::string const& within = {})

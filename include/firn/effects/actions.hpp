@@ -15,6 +15,7 @@ namespace firn
 template <int obstacles>
 struct Reactions
 {
+    static constexpr bool merges_in_any_order = obstacles == 0; ///< sums depend on it
     std::array<Reaction, std::size_t(obstacles)> of{};
     double largest_surface_speed2 = 0; ///< of an obstacle's surface at a contact [m^2/s^2]
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/core/objects_by_type.hpp>
 #include <firn/effects/actions.hpp>
 
@@ -137,6 +138,9 @@ private:
                     double duration, Effect const& effect, Effects const&... effects)
     {
         if constexpr (is_group<First>) {
+            static_assert(!spans_ranks<Backend>,
+                          "lists of obstacles, and those that act at their surface, "
+                          "cannot span ranks yet: pass each as an obstacle of its own");
             auto& memory = memory_.template of<Memory<Effect, place>>(backend_);
             memory.stage(effect, lattice, begin, duration, plain.first);
             of_call_.push_back(&memory);

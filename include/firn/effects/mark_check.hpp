@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/core/exactly_equal.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/effects/hooks.hpp>
@@ -44,13 +45,13 @@ bool has_marked(Table const& table)
     constexpr std::size_t components = component_count<Tag>(d);
     if (table.size() == 0) return false;
     typename Table::Backend::template Array<unsigned char> there(table.backend());
-    there.resize(table.size());
+    there.resize(table.places());
     TellMarked<Number, components> tell{{}, there.data()};
     for (std::size_t c = 0; c < components; ++c)
         tell.column[c] = table.contents().buffer[0].component[std::size_t(first) + c].data();
-    table.backend().for_each(table.size(), tell);
+    table.backend().for_each(table.places(), tell);
     auto const here = downloaded(there);
-    return std::ranges::find(here, 1) != here.end();
+    return sum_of_ranks(table.backend(), std::ranges::find(here, 1) != here.end() ? 1 : 0) > 0;
 }
 
 /// The field that marks what an action is about.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/io/checkpoint_scene.hpp>
 #include <firn/io/replace_file.hpp>
 #include <firn/state/snapshot.hpp>
@@ -122,7 +123,8 @@ void write_whole_checkpoint(std::ostream& out, SnapshotType const& snapshot, Com
 /// The solver continues from what was written, also if writing failed: it and a solver that reads the file
 /// are the same from then on, bit by bit (see Solver::snapshot). The file is written under another name
 /// (`.part`), and renamed when the disk has it, so the last finished one is there and whole at any time. One
-/// program at a time writes to a path: another one that tries meanwhile gets an Error.
+/// program at a time writes to a path: another one that tries meanwhile gets an Error. Of several ranks the
+/// first one writes, and all of them return when it has.
 ///
 /// The arguments of the constructor and of calls are not in the file; pass them again: material and transfer,
 /// the parameters of which are in the file so that other ones are noticed; step control; effects with their
@@ -132,9 +134,11 @@ template <class Solver, detail::Companion... Companions>
 void write_checkpoint(std::filesystem::path const& path, Solver& solver, Companions const&... companions)
 {
     auto const snapshot = solver.snapshot();
-    detail::replace_file(
-        path, [&](std::ostream& out) { detail::write_whole_checkpoint(out, snapshot, companions...); },
-        detail::Survives::machine);
+    detail::on_first_rank(solver.backend(), [&] {
+        detail::replace_file(
+            path, [&](std::ostream& out) { detail::write_whole_checkpoint(out, snapshot, companions...); },
+            detail::Survives::machine);
+    });
 }
 
 /// The same in memory, for a host that keeps its own files or sends a state elsewhere: the bytes that a file

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
+#include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
 #include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
@@ -27,10 +29,36 @@ namespace firn
 
 namespace detail
 {
-/// Gives the `count` particles from `first` on a velocity, and otherwise the state of a new particle.
+/// The points that lie here, and their rows if those of all points begin with `first_row`.
+template <int d>
+struct OwnPoints
+{
+    std::vector<Vector<double, d>> points; ///< [m]
+    std::vector<std::uint32_t> rows;
+};
+template <class Table, class Points>
+OwnPoints<Table::d> own_points(Table& table, Points const& points, std::uint32_t first_row,
+                               Coordinates<Table::d> const& centre)
+{
+    constexpr int d = Table::d;
+    std::vector<Coordinates<d>> cells;
+    OwnPoints<d> all, own;
+    for (auto const& point : points) {
+        all.points.push_back(point_of<d>(point));
+        cells.push_back(locate<d>(table.lattice(), table.kernel_degree(), all.points.back()).cell + centre);
+    }
+    for (std::uint32_t const i : table.cells().own(cells)) {
+        own.points.push_back(all.points[i]);
+        own.rows.push_back(first_row + i);
+    }
+    return own;
+}
+
+/// Gives the `count` particles from `place` on a velocity, and otherwise the state of a new particle; on all
+/// ranks there are `added` of them.
 template <class Table, int d = Table::d, class Number = typename Table::Number>
-void set_state(Table& table, std::uint32_t first, std::size_t count, Vector<Number, d> const& velocity,
-               Record<Number, d, typename Table::PersistentFields> stored)
+void set_state(Table& table, std::size_t place, std::size_t count, std::size_t added,
+               Vector<Number, d> const& velocity, Record<Number, d, typename Table::PersistentFields> stored)
 {
     auto derived = Record<Number, d, typename Table::DerivedFields>::at_rest();
     if constexpr (Table::PersistentFields::template contains<Velocity>)
@@ -39,9 +67,9 @@ void set_state(Table& table, std::uint32_t first, std::size_t count, Vector<Numb
         derived[Velocity{}] = velocity;
     auto& to = table.contents();
     stored.for_each([&](int c, Number const& value) {
-        to.buffer[0].component[std::size_t(c)].fill(first, count, value);
+        to.buffer[0].component[std::size_t(c)].fill(place, count, value);
     });
-    to.gathered.extend(first, first + count, derived);
+    to.gathered.extend(table.size(), table.size() + added, derived);
 }
 } // namespace detail
 
@@ -72,29 +100,44 @@ FIRN_COLD std::size_t add_particles(Table& table, Model const& model, Points con
     to.mass_groups.require_comparable(volumes, added, density, scale);
     table.sort(); // insert() needs up-to-date cells
 
-    to.resize_buffers(table.backend(), count);
-    typename Table::Backend::template Array<Coordinates<d>> cells(table.backend());
-    cells.resize(added);
-    detail::place_points(table, points, first, centre, cells.data());
-    detail::set_state(table, first, added, same_velocity,
-                      state_of_new<Record<Number, d, typename Table::PersistentFields>>(model));
+    std::size_t const places = table.places();
+    auto const place_all = [&](auto const& here) {
+        to.resize_buffers(table.backend(), places + std::size(here));
+        typename Table::Backend::template Array<Coordinates<d>> cells(table.backend());
+        cells.resize(std::size(here));
+        detail::place_points(table, here, static_cast<std::uint32_t>(places), centre, cells.data());
+        detail::set_state(table, places, std::size(here), added, same_velocity,
+                          state_of_new<Record<Number, d, typename Table::PersistentFields>>(model));
+        return cells;
+    };
+    auto const cells = [&] {
+        if constexpr (spans_ranks<typename Table::Backend>) {
+            auto const own = detail::own_points(table, points, first, centre);
+            auto own_cells = place_all(own.points);
+            to.buffer[0].id.upload(places, own.rows);
+            return own_cells;
+        }
+        else
+            return place_all(points);
+    }();
     RowIds ids = to.ids.extended(table.size(), added, first_id);
     table.change([&] {
         to.mass_groups.add(first, added, volumes, density, scale);
-        to.cells.insert(cells.data(), added, first);
+        to.cells.insert(cells.data(), cells.size(), static_cast<std::uint32_t>(places));
         to.ids = std::move(ids);
         to.size = count;
+        to.places = places + cells.size();
     });
     return added;
 }
 
-/// The particles of a table that are marked for removal, by place.
+/// The particles of a table that are marked for removal, by place: those that lie here.
 template <class Backend>
 struct RemovalMask
 {
     typename Backend::template Array<unsigned char> there; ///< in the backend's memory
     std::vector<unsigned char> here{};                     ///< the same, on the host
-    std::size_t count = 0;                                 ///< marked particles
+    std::size_t count = 0;                                 ///< marked particles, on all ranks
 
     explicit RemovalMask(Backend const& backend) : there(backend) {}
 };
@@ -150,14 +193,15 @@ RemovalMask<Backend> find_particles(Table const& table, Predicate const& predica
 {
     RemovalMask<Backend> mask(table.backend());
     if (table.size() == 0) return mask;
-    mask.there.resize(table.size());
+    mask.there.resize(table.places());
     table.backend().for_each_place(
         table.cells(), FindParticles<typename Table::Number, Table::d, typename Table::PersistentFields,
                                      typename Table::DerivedFields, Predicate>{
                            table.current(), table.derived(), table.lattice(), table.kernel_degree(),
                            predicate, mask.there.data()});
     mask.here = detail::downloaded(mask.there);
-    mask.count = static_cast<std::size_t>(std::count(mask.here.begin(), mask.here.end(), 1));
+    mask.count = detail::sum_of_ranks(
+        table.backend(), static_cast<std::size_t>(std::count(mask.here.begin(), mask.here.end(), 1)));
     return mask;
 }
 
@@ -167,13 +211,13 @@ RemovalMask<Backend> mark_rows(Table const& table, std::vector<std::uint32_t> co
 {
     RemovalMask<Backend> mask(table.backend());
     if (rows.empty()) return mask;
-    std::size_t const size = table.size();
+    std::size_t const places = table.places();
     auto const row_at = detail::downloaded(table.contents().buffer[0].id);
-    std::vector<unsigned char> goes(size, 0);
+    std::vector<unsigned char> goes(table.size(), 0);
     for (auto const row : rows) goes[row] = 1;
-    mask.here.resize(size);
-    for (std::size_t place = 0; place < size; ++place) mask.here[place] = goes[row_at[place]];
-    mask.there.resize(size);
+    mask.here.resize(places);
+    for (std::size_t place = 0; place < places; ++place) mask.here[place] = goes[row_at[place]];
+    mask.there.resize(places);
     mask.there.upload(0, mask.here);
     mask.count = rows.size();
     return mask;
@@ -185,9 +229,9 @@ std::uint32_t first_row(Table const& table, RemovalMask<Backend> const& found)
 {
     auto const row = detail::downloaded(table.contents().buffer[0].id);
     auto first = static_cast<std::uint32_t>(table.size());
-    for (std::size_t place = 0; place < table.size(); ++place)
+    for (std::size_t place = 0; place < table.places(); ++place)
         if (found.here[place]) first = std::min(first, row[place]);
-    return first;
+    return std::ranges::min(detail::of_all_ranks(table.backend(), std::vector<std::uint32_t>{first}));
 }
 
 /// Removes the marked particles; since they were marked only sort() and cache_grid_fields() of the table may
@@ -198,16 +242,19 @@ void remove_particles(Table& table, RemovalMask<Backend> const& mask)
     if (mask.count == 0) return;
     table.sort();
     auto& to = table.contents();
-    std::size_t const size = table.size(), kept = size - mask.count;
+    std::size_t const size = table.size(), kept = size - mask.count, places = table.places();
     auto const row_at = detail::downloaded(to.buffer[0].id);
-    std::vector<std::uint32_t> from, new_place(size), rows;
-    std::vector<char> keeps_row(size, 0);
-    for (std::uint32_t place = 0; place < size; ++place) {
-        if (mask.here[place]) continue;
-        keeps_row[row_at[place]] = 1;
+    std::vector<std::uint32_t> from, new_place(places), rows, gone;
+    for (std::uint32_t place = 0; place < places; ++place) {
+        if (mask.here[place]) {
+            gone.push_back(row_at[place]);
+            continue;
+        }
         new_place[place] = static_cast<std::uint32_t>(from.size());
         from.push_back(place);
     }
+    std::vector<char> keeps_row(size, 1);
+    for (auto const row : detail::of_all_ranks(table.backend(), std::move(gone))) keeps_row[row] = 0;
     std::vector<std::uint32_t> new_row(size);
     for (std::uint32_t row = 0; row < size; ++row) {
         new_row[row] = static_cast<std::uint32_t>(rows.size()); // for a removed row, that of the next
@@ -221,12 +268,13 @@ void remove_particles(Table& table, RemovalMask<Backend> const& mask)
     auto derived = to.gathered.gathered(rows_there.data(), kept);
     for (auto& place : from) place = new_row[row_at[place]];
     table.change([&] { // from here on a buffer has fewer elements than there are particles
-        to.buffer[1].gather(table.backend(), to.buffer[0], from_there.data(), kept);
+        to.buffer[1].gather(table.backend(), to.buffer[0], from_there.data(), from.size());
         to.buffer[1].id.upload(0, from);
         to.buffer[0].swap(to.buffer[1]);
-        to.resize_buffers(table.backend(), kept);
+        to.places = from.size();
+        to.resize_buffers(table.backend(), to.places);
         to.gathered.replace(std::move(derived), kept);
-        to.cells.erase(mask.there.data(), new_place_there.data(), kept);
+        to.cells.erase(mask.there.data(), new_place_there.data(), to.places);
         to.mass_groups.keep(new_row, kept);
         to.ids = std::move(ids);
         to.size = kept;

@@ -1,11 +1,13 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/core/error.hpp>
 #include <firn/grid/lattice.hpp>
 #include <firn/grid/periods.hpp>
 #include <firn/particles/derived_cache.hpp>
 #include <firn/particles/mass_groups.hpp>
+#include <firn/particles/rebin_over_ranks.hpp>
 #include <firn/particles/row_ids.hpp>
 #include <firn/particles/storage.hpp>
 
@@ -70,15 +72,16 @@ public:
               cells(backend, periods)
         {}
 
-        /// Resizes for `count` particles, and keeps the existing ones. The next buffer has no contents
+        /// Resizes for `count` particles here, and keeps the existing ones. The next buffer has no contents
         /// between steps: while the current one grows its memory is free for that (see make_next()).
         void resize_buffers(Backend const& backend, std::size_t count)
         {
             if (!buffer[0].has_room(count)) buffer[1] = Buffer(backend);
-            buffer[0].resize(count, size);
+            buffer[0].resize(count, places);
         }
 
-        std::size_t size = 0;
+        std::size_t size = 0;   ///< rows: particles, on all ranks
+        std::size_t places = 0; ///< particles here
         RowIds ids;
         std::array<Buffer, 2> buffer; ///< the current one, and the next
         DerivedCache<Backend, Space, DerivedFields> gathered;
@@ -95,7 +98,9 @@ public:
     int kernel_degree() const { return kernel_degree_; }
     Backend const& backend() const { return backend_; }
 
+    /// How many particles there are, and so rows; and how many of them lie here. On one rank all of them do.
     std::size_t size() const { return contents_.size; }
+    std::size_t places() const { return contents_.places; }
     CellOrder const& cells() const { return contents_.cells; }
     CellOrder& cells() { return contents_.cells; }
     MassGroups<Number> mass_groups() const { return contents_.mass_groups.there(); }
@@ -155,8 +160,13 @@ public:
     void sort(Rebin const& rebin)
     {
         if (state_ != TableState::moved) return;
-        change([&] { rebin(contents_.cells, current().offset); });
-        require(contents_.cells.size() == size(), "particles were lost while they were sorted into cells",
+        change([&] {
+            if constexpr (spans_ranks<Backend>)
+                detail::rebin_over_ranks(contents_, backend_);
+            else
+                rebin(contents_.cells, current().offset);
+        });
+        require(contents_.cells.size() == places(), "particles were lost while they were sorted into cells",
                 "ParticleTable::sort", "This is a mistake in the library: please report the scene.");
     }
 

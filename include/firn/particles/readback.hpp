@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/core/components.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/grid/lattice.hpp>
@@ -99,24 +100,31 @@ auto offsets_of(Table const& table)
     return offset;
 }
 
-/// Calls `use(row, record, place)` for a copy of every particle in the columns.
-template <class Table, class Use>
-void for_each_record(Table const& table, ColumnsOf<Table> const& columns, Use const& use)
+/// The rows of the particles that lie here, by place.
+template <class Table>
+std::vector<std::uint32_t> rows_of(Table const& table)
 {
-    auto const row = downloaded(table.contents().buffer[0].id);
-    for (std::size_t i = 0; i < table.size(); ++i) {
+    return downloaded(table.contents().buffer[0].id);
+}
+
+/// Calls `use(row, record, place)` for a copy of every particle in the columns; `row` are their rows.
+template <class Table, class Use>
+void for_each_record(Table const&, std::vector<std::uint32_t> const& row, ColumnsOf<Table> const& columns,
+                     Use const& use)
+{
+    for (std::size_t i = 0; i < row.size(); ++i) {
         Record<typename Table::Number, Table::d, typename Table::PersistentFields> record;
         record.for_each([&](int c, auto& value) { value = columns[std::size_t(c)][i]; });
         use(row[i], record, i);
     }
 }
 
-/// Calls `visit(row, position)` for every particle.
+/// Calls `visit(row, position)` for every particle that lies here.
 template <class Table, class Visit>
 void for_each_position(Table const& table, Visit const& visit)
 {
     constexpr int d = Table::d;
-    auto const row = downloaded(table.contents().buffer[0].id);
+    auto const row = rows_of(table);
     auto const offset = offsets_of(table);
     table.cells().for_each([&](std::size_t particle, Coordinates<d> const& cell) {
         Vector<double, d> in_cell;
@@ -131,19 +139,22 @@ void for_each_position(Table const& table, Visit const& visit)
 template <class Table, class Visit>
 void for_each_particle(Table const& table, Visit const& visit)
 {
-    detail::for_each_record(table, detail::columns_of(table),
+    auto columns = detail::columns_of(table);
+    for (auto& column : columns) column = detail::of_all_ranks(table.backend(), std::move(column));
+    detail::for_each_record(table, detail::of_all_ranks(table.backend(), detail::rows_of(table)), columns,
                             [&](std::uint32_t row, auto& record, std::size_t) { visit(row, record); });
 }
 
-/// The stored fields of all particles after `change(row, record)` on a copy of each.
+/// The stored fields of the particles that lie here after `change(row, record)` on a copy of each.
 template <class Table, class Change>
 ColumnsOf<Table> changed_columns(Table const& table, Change const& change)
 {
     ColumnsOf<Table> columns = detail::columns_of(table);
-    detail::for_each_record(table, columns, [&](std::uint32_t row, auto& record, std::size_t i) {
-        change(row, record);
-        record.for_each([&](int c, auto const& value) { columns[std::size_t(c)][i] = value; });
-    });
+    detail::for_each_record(
+        table, detail::rows_of(table), columns, [&](std::uint32_t row, auto& record, std::size_t i) {
+            change(row, record);
+            record.for_each([&](int c, auto const& value) { columns[std::size_t(c)][i] = value; });
+        });
     return columns;
 }
 /// Stores such columns.
@@ -160,6 +171,7 @@ std::vector<Vector<double, Table::d>> positions_of(Table const& table)
 {
     std::vector<Vector<double, Table::d>> by_row(table.size());
     detail::for_each_position(table, [&](std::uint32_t row, auto const& x) { by_row[row] = x; });
+    detail::share_rows(table.backend(), detail::rows_of(table), by_row);
     return by_row;
 }
 
@@ -173,6 +185,8 @@ Vector<double, Table::d> position_of(Table const& table, std::uint32_t row)
     detail::for_each_position(table, [&](std::uint32_t other, Vector<double, d> const& x) {
         if (other == row) found = x;
     });
+    for (auto const& x : detail::of_all_ranks(table.backend(), std::vector{found}))
+        if (all_finite(x)) found = x;
     return found;
 }
 
@@ -219,33 +233,46 @@ auto download_field(Table const& table)
     constexpr int first = Table::PersistentFields::template first_component<Tag>(d);
     std::vector<FieldValue<Tag, Number, d>> by_row(table.size(), value_at_rest<Tag, Number, d>());
     auto const& buffer = table.contents().buffer[0];
-    auto const row = detail::downloaded(buffer.id);
+    auto const row = detail::rows_of(table);
     for (int c = 0; c < component_count<Tag>(d); ++c) {
         auto const column = detail::downloaded(buffer.component[std::size_t(first + c)]);
-        for (std::size_t i = 0; i < by_row.size(); ++i) component_of<Tag, d>(by_row[row[i]], c) = column[i];
+        for (std::size_t i = 0; i < row.size(); ++i) component_of<Tag, d>(by_row[row[i]], c) = column[i];
     }
+    detail::share_rows(table.backend(), row, by_row);
     return by_row;
 }
+
+namespace detail
+{
+/// A stored field of the particles that lie here, in the backend's memory.
+template <class Tag, class Table>
+auto view_here(Table const& table)
+{
+    constexpr int d = Table::d;
+    auto const& buffer = table.contents().buffer[0];
+    FieldView<typename Table::Number, component_count<Tag>(d)> field{
+        .component = {}, .row = buffer.id.data(), .count = table.places()};
+    constexpr int first = Table::PersistentFields::template first_component<Tag>(d);
+    for (int c = 0; c < component_count<Tag>(d); ++c)
+        field.component[std::size_t(c)] = buffer.component[std::size_t(first + c)].data();
+    return field;
+}
+} // namespace detail
 
 /// A stored field in the backend's memory.
 template <class Tag, class Table>
 auto field_view(Table const& table)
 {
-    constexpr int d = Table::d;
-    auto const& buffer = table.contents().buffer[0];
-    FieldView<typename Table::Number, component_count<Tag>(d)> field{
-        .component = {}, .row = buffer.id.data(), .count = table.size()};
-    constexpr int first = Table::PersistentFields::template first_component<Tag>(d);
-    for (int c = 0; c < component_count<Tag>(d); ++c)
-        field.component[std::size_t(c)] = buffer.component[std::size_t(first + c)].data();
-    return field;
+    static_assert(!spans_ranks<typename Table::Backend>,
+                  "a rank has a part of the particles alone: ask download() for the values of all");
+    return detail::view_here<Tag>(table);
 }
 
 /// The function object that writes a stored field; see Solver::write.
 template <class Tag, class Table>
 auto field_writer(Table const& table, typename Table::Number* to, std::size_t stride)
 {
-    auto const field = field_view<Tag>(table);
+    auto const field = detail::view_here<Tag>(table);
     return WriteField<typename Table::Number, component_count<Tag>(Table::d)>{field.component, field.row, to,
                                                                               stride};
 }
@@ -287,7 +314,7 @@ std::vector<Coordinates<Sets::d>> cells_of(Sets const& sets)
 {
     std::vector<Coordinates<Sets::d>> cells;
     Sets::for_each([&](auto k) { append_cells(sets.template particles<k>(), cells); });
-    return cells;
+    return detail::of_all_ranks(sets.template particles<0>().backend(), std::move(cells));
 }
 
 } // namespace firn

@@ -231,6 +231,8 @@ public:
         return values;
     }
 
+    /// How many columns there are, one for each component.
+    std::size_t columns() const { return component_.size(); }
     Array const& column(int c) const { return component_[static_cast<std::size_t>(c)]; }
     Array& column(int c) { return component_[static_cast<std::size_t>(c)]; }
 

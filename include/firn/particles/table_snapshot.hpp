@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/core/cell_offset.hpp>
 #include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
@@ -102,6 +103,43 @@ void add_fields(MaterialSnapshot<Number, d>& to, Values const& values)
 }
 } // namespace detail
 
+namespace detail
+{
+/// Calls `use(list)` for the lists of a snapshot that have one element per particle.
+template <class Number, int d, class Use>
+void for_each_list(MaterialSnapshot<Number, d>& of, Use const& use)
+{
+    use(of.ids);
+    use(of.cells);
+    for (auto& list : of.offsets) use(list);
+    for (auto& field : of.fields)
+        for (auto& list : field.components) use(list);
+}
+
+/// Makes one snapshot of those that the ranks have of their own particles, in the same order as on one rank.
+template <class Table, class Number, int d>
+void gather_snapshot(Table const& table, MaterialSnapshot<Number, d>& to)
+{
+    for_each_list(to, [&](auto& list) { list = of_all_ranks(table.backend(), std::move(list)); });
+    std::vector<std::uint64_t> keys;
+    for (auto const& cell : to.cells) keys.push_back(table.cells().block_of(cell));
+    std::vector<std::uint32_t> places(keys.size());
+    std::iota(places.begin(), places.end(), std::uint32_t(0));
+    std::ranges::stable_sort(places, {}, [&](std::uint32_t place) { return keys[place]; });
+    for_each_list(to, [&](auto& list) { list = listed(list, places); });
+}
+
+/// Those of a snapshot's values that are about particles that lie here: on one rank all of them.
+template <class Backend, class Values>
+decltype(auto) values_here(Values const& all, [[maybe_unused]] std::vector<std::uint32_t> const& own)
+{
+    if constexpr (spans_ranks<Backend>)
+        return listed(all, own);
+    else
+        return (all);
+}
+} // namespace detail
+
 /// All particles, in memory of the host; requires has_grid_fields(). The caller adds the model's name and
 /// stiffness.
 template <class Table>
@@ -128,6 +166,7 @@ auto snapshot_of(Table& table)
     detail::add_fields<DerivedFields>(
         to, [&](std::size_t c) { return detail::listed(table.cached().column(int(c)), rows); });
     to.mass_groups = table.contents().mass_groups.all();
+    if constexpr (spans_ranks<typename Table::Backend>) detail::gather_snapshot(table, to);
     return to;
 }
 
@@ -139,8 +178,14 @@ typename Table::CellOrder cell_order_of(Table const& table,
 {
     typename Table::CellOrder cells(table.backend(), periods_of<Table::d>(table.lattice()));
     if (from.ids.empty()) return cells;
-    auto const there = detail::array_of(table.backend(), from.cells);
-    cells.insert(there.data(), from.cells.size(), 0);
+    auto const insert = [&](std::vector<Coordinates<Table::d>> const& here) {
+        auto const there = detail::array_of(table.backend(), here);
+        cells.insert(there.data(), here.size(), 0);
+    };
+    if constexpr (spans_ranks<typename Table::Backend>)
+        insert(detail::listed(from.cells, cells.own(from.cells)));
+    else
+        insert(from.cells);
     return cells;
 }
 
@@ -163,14 +208,21 @@ void restore_particles(Table& table, MaterialSnapshot<typename Table::Number, Ta
     table.change([&] {
         auto& to = table.contents();
         auto& buffer = to.buffer[0];
-        to.resize_buffers(table.backend(), count);
+        std::vector<std::uint32_t> own;
+        if constexpr (spans_ranks<typename Table::Backend>) own = cells.own(from.cells);
+        auto const here = [&](auto const& values) -> decltype(auto) {
+            return detail::values_here<typename Table::Backend>(values, own);
+        };
+        to.places = 0;
+        to.resize_buffers(table.backend(), cells.size());
         to.gathered.resize(count);
-        for (std::size_t a = 0; a < from.offsets.size(); ++a) buffer.offset[a].upload(0, from.offsets[a]);
-        buffer.id.upload(0, rows);
+        for (std::size_t a = 0; a < from.offsets.size(); ++a)
+            buffer.offset[a].upload(0, here(from.offsets[a]));
+        buffer.id.upload(0, here(rows));
         for_each_tag(PersistentFields{}, [&](auto tag) {
             auto const& field = detail::field_of<decltype(tag)>(from);
             detail::for_each_column<PersistentFields, d>(tag, [&](std::size_t i, std::size_t c) {
-                buffer.component[c].upload(0, field.components[i]);
+                buffer.component[c].upload(0, here(field.components[i]));
             });
         });
         for_each_tag(DerivedFields{}, [&](auto tag) {
@@ -182,6 +234,7 @@ void restore_particles(Table& table, MaterialSnapshot<typename Table::Number, Ta
         to.ids = RowIds(detail::listed(from.ids, at_row));
         to.mass_groups.set(from.mass_groups);
         to.size = count;
+        to.places = cells.size();
         to.cells = std::move(cells);
     });
 }

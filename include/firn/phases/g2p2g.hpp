@@ -19,6 +19,7 @@ namespace firn
 template <class Number, int obstacles>
 struct G2p2gResult
 {
+    static constexpr bool merges_in_any_order = Reactions<obstacles>::merges_in_any_order;
     Number wave_modulus = 0; ///< largest rho_0 c^2 [Pa]
     Number speed2 = 0;       ///< largest squared speed [m^2/s^2]
     Number deformation = 0;  ///< largest Frobenius norm of the velocity gradient, squared [1/s^2]

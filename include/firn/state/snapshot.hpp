@@ -55,16 +55,6 @@ struct Snapshot
 
 namespace detail
 {
-/// A policy's name.
-template <class Policy>
-std::string name_of_policy()
-{
-    if constexpr (requires { std::string(Policy::name); })
-        return Policy::name;
-    else
-        return "unnamed";
-}
-
 /// Refuses a snapshot that is inconsistent in itself, so that no solver can have made it.
 template <class Number, int d>
 void require_whole(MaterialSnapshot<Number, d> const& material, MassScale const& masses,

@@ -141,7 +141,9 @@ public:
             return download_field<Tag>(table);
         else {
             std::optional<DerivedOf<k>> again;
-            return derived<k>(sets, again).template by_row<Tag>(table.size());
+            auto by_row = derived<k>(sets, again).template by_row<Tag>(table.size());
+            detail::share_rows(table.backend(), detail::rows_of(table), by_row);
+            return by_row;
         }
     }
 
@@ -150,14 +152,14 @@ public:
     void write(Sets const& sets, Number* to, std::size_t stride) const
     {
         auto const& table = sets.template particles<k>();
-        auto const write_by = [&](auto const& fields) {
-            backend_.for_each(table.size(), field_writer<Tag>(fields, to, stride));
+        auto const write_by = [&](std::size_t count, auto const& fields) {
+            backend_.for_each(count, field_writer<Tag>(fields, to, stride));
         };
         if constexpr (MaterialTraits<k>::Stored::template contains<Tag>)
-            write_by(table);
+            write_by(table.places(), table);
         else {
             std::optional<DerivedOf<k>> again;
-            write_by(derived<k>(sets, again));
+            write_by(table.size(), derived<k>(sets, again));
         }
     }
 

@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/core/exactly_equal.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/particles/observables.hpp>
+#include <firn/particles/readback.hpp>
 #include <firn/phases/gather_velocity_gradient.hpp>
 
 #include <cstddef>
@@ -59,7 +61,7 @@ FIRN_COLD void write_observed(Scene const& scene, typename Scene::Number* to, st
     GradientsByRow<Number> gradients;
     if constexpr (Tag::template uses_velocity_gradient<Model>)
         gradients = detail::velocity_gradients<k>(scene, memory);
-    scene.backend.for_each(table.size(),
+    scene.backend.for_each(table.places(),
                            ObserveField<Tag, typename Scene::Space, Model, typename Traits::Stored>{
                                scene.sets.template model<k>(), table.current(), gradients, to, stride});
 }
@@ -82,6 +84,8 @@ FIRN_COLD auto download_observed(Scene const& scene)
     for (std::size_t row = 0; row < count; ++row)
         for_each_component<Tag, d>(
             by_row[row], [&](int c, Number& value) { value = here[row * components + std::size_t(c)]; });
+    auto const& table = scene.sets.template particles<k>();
+    detail::share_rows(scene.backend, detail::rows_of(table), by_row);
     return by_row;
 }
 

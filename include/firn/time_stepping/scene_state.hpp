@@ -1,9 +1,11 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/core/components.hpp>
 #include <firn/core/error.hpp>
 #include <firn/core/finite.hpp>
+#include <firn/core/parameters.hpp>
 #include <firn/effects/mark_check.hpp>
 #include <firn/effects/shapes/images.hpp>
 #include <firn/grid/periods.hpp>
@@ -17,6 +19,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <sstream>
 #include <string>
 #include <type_traits>
 #include <utility>
@@ -46,7 +49,9 @@ public:
         : lattice(require_whole_periods<typename Sets::CellOrder, d>(lattice_for<Number>(cells))),
           transfer(scheme), backend(std::move(runner)),
           sets(std::move(list), lattice, Kernel::degree, backend), grid_state(lattice, transfer, backend)
-    {}
+    {
+        if constexpr (spans_ranks<Backend>) detail::require_same_on_ranks(backend, "Solver", description());
+    }
 
     Lattice lattice;
     Transfer transfer;
@@ -156,10 +161,14 @@ public:
         cache_grid_fields();
         known_marks.forget();
         if constexpr (Traits::Stored::template contains<Tag>) {
-            auto const changed = changed_columns(particles<k>(), [&](std::uint32_t row, auto& particle) {
-                particle[Tag{}] = by_id[row];
-                if constexpr (Sets::template may_object<k> && Traits::Model::State::template contains<Tag>)
-                    sets.template require_bearable<k>(particles<k>(), row, particle, "Solver::upload");
+            ColumnsOf<typename Traits::Table> changed;
+            detail::on_all_ranks(backend, [&] {
+                changed = changed_columns(particles<k>(), [&](std::uint32_t row, auto& particle) {
+                    particle[Tag{}] = by_id[row];
+                    if constexpr (Sets::template may_object<k> &&
+                                  Traits::Model::State::template contains<Tag>)
+                        sets.template require_bearable<k>(particles<k>(), row, particle, "Solver::upload");
+                });
             });
             change([&] { set_columns(particles<k>(), changed); });
         }
@@ -184,6 +193,8 @@ public:
     template <std::size_t k>
     void write_positions(Number* to, std::size_t stride) const
     {
+        static_assert(!spans_ranks<Backend>,
+                      "a rank has a part of the particles alone: ask positions() for those of all");
         auto const& table = particles<k>();
         require_room(to, table.size(), stride, d, "Solver::write_positions");
         if (table.size() > 0) backend.for_each_place(table.cells(), position_writer(table, to, stride));
@@ -193,6 +204,8 @@ public:
     template <class Tag, std::size_t k>
     void write(Number* to, std::size_t stride) const
     {
+        static_assert(!spans_ranks<Backend>,
+                      "a rank has a part of the particles alone: ask download() for the values of all");
         require_room(to, particles<k>().size(), stride, component_count<Tag>(d), "Solver::write");
         if (particles<k>().size() == 0) return;
         if constexpr (ObservedField<Tag>)
@@ -235,6 +248,27 @@ public:
     }
 
 private:
+    /// What all ranks must have in common.
+    std::string description() const
+    {
+        std::ostringstream text;
+        text.precision(17);
+        auto const add = [&](auto const& policy) {
+            text << detail::name_of_policy<std::remove_cvref_t<decltype(policy)>>() << ' ';
+            for (auto const& parameter : detail::parameters_of(policy))
+                text << parameter.name << ' ' << parameter.value << ' ';
+        };
+        text << d << ' ' << sizeof(Number) << ' ' << lattice.cell_size << ' ' << lattice.origin.transpose();
+        for (int const period : lattice.periods) text << ' ' << period;
+        text << ' ' << detail::name_of_policy<Kernel>() << ' ';
+        add(transfer);
+        Sets::for_each([&](auto k) {
+            add(sets.template model<k>());
+            text << double(sets.template model<k>().density) << ' ';
+        });
+        return text.str();
+    }
+
     template <std::size_t k>
     auto& particles()
     {

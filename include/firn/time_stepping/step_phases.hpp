@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/effects/groups.hpp>
 #include <firn/particles/material_sets.hpp>
@@ -82,6 +83,8 @@ public:
     void scatter_missing()
     {
         scene_.grid_state.scatter_missing(scene_.time_state.now.interval.forces, scene_.sets);
+        if constexpr (spans_ranks<Backend>)
+            detail::balance_ranks(scene_.sets, scene_.grid_state.grid(), memory_.backend);
     }
 
     /// Finds how far the particles of a fluid are to be moved in the first step, so that it keeps its volume:
@@ -89,6 +92,9 @@ public:
     void find_shifts()
     {
         if constexpr (Sets::keep_volume) {
+            static_assert(!spans_ranks<Backend>,
+                          "a fluid that keeps its volume cannot span ranks yet: pass it as "
+                          "the fluid alone");
             if (!memory_.volumes.is_due()) return;
             // obstacles are placed to find the room beside them; update_grid() begins the step with them anew
             for_each_group([&](auto& group) { group.begin(begun(0)); });

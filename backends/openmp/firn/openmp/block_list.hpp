@@ -53,11 +53,8 @@ public:
         for (std::size_t b = 0; b < blocks_.size(); ++b)
             old_block_[b] = same ? int(b) : map_.find(block_key<d>(blocks_[b].coordinates));
         if (same) return false;
-        map_.clear(blocks_.size());
-        for (std::size_t b = 0; b < blocks_.size(); ++b)
-            map_.insert(block_key<d>(blocks_[b].coordinates), int(b));
+        list();
         for (Flow& flow : flows) flow.to = map_.find(flow.key);
-        ++version_;
         return true;
     }
 
@@ -75,6 +72,16 @@ public:
         }
     }
 
+    /// Replaces the blocks by these, which are in the order of their keys and have slots.
+    void replace(std::vector<Block> blocks)
+    {
+        old_blocks_ = std::exchange(blocks_, std::move(blocks));
+        old_block_.resize(blocks_.size());
+        for (std::size_t b = 0; b < blocks_.size(); ++b)
+            old_block_[b] = map_.find(block_key<d>(blocks_[b].coordinates));
+        list();
+    }
+
     std::size_t memory() const
     {
         auto const of = [](auto const& list) { return list.capacity() * sizeof(list[0]); };
@@ -82,6 +89,15 @@ public:
     }
 
 private:
+    /// After the set of blocks has changed.
+    void list()
+    {
+        map_.clear(blocks_.size());
+        for (std::size_t b = 0; b < blocks_.size(); ++b)
+            map_.insert(block_key<d>(blocks_[b].coordinates), int(b));
+        ++version_;
+    }
+
     /// Lists all blocks that will hold items, in the order of their keys; adds incoming items to `stay_` for
     /// blocks that exist already.
     template <class Flow>

@@ -175,6 +175,80 @@ public:
         complete();
     }
 
+    /// The leavers that rebin() would move, by the blocks that they leave and come to. It follows after
+    /// divert() and admit(), if at all.
+    using Flow = typename Migration<Number, d, lanes>::Flow;
+    /// How many numbers a leaver's contribution has.
+    std::size_t contribution_size() const { return migration_.contribution_size(); }
+    /// Lists the leavers, and hands those for which `goes_elsewhere(flow)` is true to `take(flow)`:
+    /// rebin_rest() will not move them.
+    template <class GoesElsewhere, class Take>
+    void divert(GoesElsewhere const& goes_elsewhere, Take const& take)
+    {
+        migration_.list_flows(blocks(), periods_);
+        migration_.divert(goes_elsewhere, take);
+    }
+    /// rebin() of the leavers that were not diverted, and of others that come from elsewhere; `count` items
+    /// are then here.
+    void rebin_rest(std::array<Offset*, std::size_t(d)> const& offset, std::span<Flow const> from_elsewhere,
+                    std::size_t count)
+    {
+        migration_.admit(from_elsewhere);
+        find_blocks(count, offset);
+        complete();
+    }
+    /// Items that lay at places from `first` on lie elsewhere now: at `place[where it lay - first]`.
+    void relocate(std::uint32_t first, std::span<std::uint32_t const> place)
+    {
+        for_each_index(size(), [&](std::size_t slot) {
+            std::uint32_t& source = order_.source[slot];
+            if (source >= first) source = place[source - first];
+        });
+    }
+
+    /// A block with the order of its items, which may come from elsewhere.
+    struct WholeBlock
+    {
+        std::uint64_t key;
+        std::vector<std::uint32_t> counts;  ///< of the items in each cell
+        std::vector<std::uint32_t> sources; ///< where they lie, by slot
+    };
+    /// A block that is here.
+    WholeBlock whole_block(std::size_t b) const
+    {
+        auto const& [coordinates, begin, end] = blocks()[b];
+        return {block_key<d>(coordinates),
+                {counts(b, 0), counts(b, 0) + Shape::cells},
+                {order_.source.data() + begin, order_.source.data() + end}};
+    }
+    /// Replaces all blocks by these, in the order of their keys. Items have not moved.
+    void replace_blocks(std::span<WholeBlock const> whole)
+    {
+        assert(!committed_ && !is_incomplete_ && "the order refers to where items lie");
+        std::size_t items = 0;
+        for (auto const& block : whole) items += block.sources.size();
+        new_order_.resize(items, whole.size());
+        std::vector<Block> blocks;
+        std::uint32_t slot = 0;
+        for (std::size_t b = 0; b < whole.size(); ++b) {
+            std::ranges::copy(whole[b].counts, new_order_.counts.data() + b * Shape::cells);
+            std::ranges::copy(whole[b].sources, new_order_.source.data() + slot);
+            blocks.push_back({block_of_key<d>(whole[b].key), slot, slot});
+            for (int group = 0; group < Shape::groups; ++group) {
+                new_order_.group_begin[b * Shape::groups + std::size_t(group)] = slot;
+                for (int lane = 0; lane < lanes; ++lane)
+                    slot += whole[b].counts[std::size_t(group * lanes + lane)];
+            }
+            blocks.back().end = slot;
+        }
+        blocks_.replace(std::move(blocks));
+        order_.swap(new_order_);
+        ++generation_;
+        migration_.forget(whole.size());
+        migration_.free_incoming(whole.size());
+        find_partitions(this->blocks(), threads_for(items, threads_.count), partitions_);
+    }
+
     /// The host's part of rebin(): afterwards blocks(), old_block(), version() and generation() are those of
     /// the new order. The contents of blocks must not be read before complete().
     void begin_rebin(std::array<Offset*, std::size_t(d)> const& offset)
@@ -233,6 +307,15 @@ public:
     /// Says that all items now lie at their slots.
     void commit() { committed_ = true; }
 
+    /// Merges the results of all blocks, in their order.
+    template <class Result>
+    Result merged(std::span<Result const> of_blocks) const
+    {
+        Result all{};
+        for (Result const& result : of_blocks) all.merge(result);
+        return all;
+    }
+
     /// Calls `visit(where it lies, coordinates of its cell)` for every item.
     template <class Visit>
     void for_each(Visit const& visit) const
@@ -261,6 +344,14 @@ private:
         return committed_ ? static_cast<std::uint32_t>(slot) : order_.source[slot];
     }
 
+    template <class Body>
+    void for_each_index(std::size_t count, Body const& body) const
+    {
+        openmp::for_each(threads_, count, body);
+    }
+
+public:
+    /// The coordinates of a cell's block, and the cell's place in it.
     static std::pair<Coordinates<d>, std::uint16_t> block_and_place(Coordinates<d> const& cell)
     {
         Coordinates<d> block = zeros<Coordinates<d>>();
@@ -273,6 +364,7 @@ private:
         return {block, static_cast<std::uint16_t>(place)};
     }
 
+private:
     /// Finds the blocks of the new order, and what comes to each from others; complete() then writes the
     /// order.
     void find_blocks(std::size_t count, std::array<Offset*, std::size_t(d)> const& offset)

@@ -197,7 +197,7 @@ typename Phase::Result gather_and_update(Threads const& threads, Order& cells, G
             buffers.end(std::size_t(b));
         };
     });
-    return results.merged();
+    return results.merged(cells);
 }
 } // namespace detail
 

@@ -137,7 +137,9 @@ class Grid : public GridShape<d, degree, lanes>
     {
         std::uint64_t version = 0, generation = 0;
         Array<std::array<int, Base::corners>> nodes_of; ///< per cell block: the node blocks at + corner
-        std::vector<std::size_t> tile_of;               ///< per cell block
+        std::vector<std::size_t> tile_of;               ///< per cell block, and behind them per ghost
+        std::size_t own = 0; ///< tiles of blocks that are here; behind them are those of ghosts
+        std::vector<Coordinates<d>> ghosts{};
         std::array<Array<Number>, 2> of; ///< [channel][row][place] of each: of this step and of the next
         std::array<std::vector<std::uint64_t>, 2> touched; ///< per tile
 
@@ -208,12 +210,18 @@ public:
     template <class Order>
     void activate(std::array<Order*, std::size_t(layers)> const& orders)
     {
+        if (assign_tiles(orders)) connect(orders);
+    }
+
+    /// Updates the tiles to the orders of cells. Returns whether the blocks have changed, so that connect()
+    /// must follow before nodes are updated.
+    template <class Order>
+    bool assign_tiles(std::array<Order*, std::size_t(layers)> const& orders)
+    {
         bool changed = false;
-        std::size_t blocks = 0;
         for (int l = 0; l < layers; ++l) {
             Order const& cells = *orders[std::size_t(l)];
             Tiles& tiles = tiles_[std::size_t(l)];
-            blocks += cells.blocks().size();
             bool const missed_none = cells.generation() <= tiles.generation + 1;
             tiles.generation = cells.generation();
             if (cells.version() == tiles.version) continue;
@@ -221,28 +229,68 @@ public:
             activate_tiles(tiles, cells, missed_none);
             changed = true;
         }
-        if (!changed) return;
+        return changed;
+    }
+
+    /// Creates the blocks of nodes under those of cells.
+    template <class Order>
+    void connect(std::array<Order*, std::size_t(layers)> const& orders)
+    {
+        std::size_t blocks = 0;
+        for (int l = 0; l < layers; ++l)
+            blocks += orders[std::size_t(l)]->blocks().size() + tiles_[std::size_t(l)].ghosts.size();
         nodes_.clear();
         map_.clear(blocks * corners);
         for (int l = 0; l < layers; ++l)
             for (auto const& block : orders[std::size_t(l)]->blocks()) node_block(block.coordinates);
+        centres_ = nodes_.size();
         std::vector<std::uint32_t> owners(nodes_.size());
         std::iota(owners.begin(), owners.end(), 0);
         for (int l = 0; l < layers; ++l) find_nodes(tiles_[std::size_t(l)], *orders[std::size_t(l)], owners);
-        list_by_owner(owners);
         for (int l = 0; l < layers; ++l)
             for (std::size_t b = 0; b < tiles_[std::size_t(l)].nodes_of.size(); ++b)
                 for (int corner = 0; corner < corners; ++corner)
                     nodes_[std::size_t(tiles_[std::size_t(l)].nodes_of[b][std::size_t(corner)])]
                         .covered_by[std::size_t(l)][std::size_t(corner)] = int(b);
+        if (add_ghosts()) find_owners(owners);
+        list_by_owner(owners);
         values_.resize((own_values ? std::size_t(layers) : 1) * nodes_.size() * values * block_channel);
     }
 
+    /// Blocks of cells that are elsewhere, and whose tiles nodes add up here, too: see ghost_tile(). Their
+    /// sums are those that nodes add up next; connect() must follow.
+    void set_ghosts(std::size_t layer, std::vector<Coordinates<d>> at)
+    {
+        Tiles& tiles = tiles_[layer];
+        tiles.ghosts = std::move(at);
+        find_room_for_ghosts(tiles);
+    }
+    std::span<Coordinates<d> const> ghosts(std::size_t layer) const { return tiles_[layer].ghosts; }
+    /// The tile of a ghost with the sums of this step, and the rows of it that hold sums.
+    Number* ghost_tile(std::size_t layer, std::size_t ghost)
+    {
+        return &tiles_[layer].of[0][(tiles_[layer].own + ghost) * sums * tile_channel];
+    }
+    std::uint64_t& ghost_touched(std::size_t layer, std::size_t ghost)
+    {
+        return tiles_[layer].touched[0][tiles_[layer].own + ghost];
+    }
+
     std::vector<NodeBlock> const& nodes() const { return nodes_; }
+    /// Merges the results of all owners, in their order.
+    template <class Result>
+    Result merged(std::span<Result const> of_owners) const
+    {
+        Result all{};
+        for (Result const& result : of_owners) all.merge(result);
+        return all;
+    }
     /// Owners of nodes: coordinates at which a layer has a block of cells. With one layer these are its
     /// blocks in their order, so that a thread that works on some blocks, and then on the nodes they own,
     /// finds most of the sums in its own cache.
     int owners() const { return static_cast<int>(owner_begin_.size()) - 1; }
+    /// So many of them are blocks of cells that are here; behind them may be ghosts.
+    std::size_t owners_here() const { return centres_; }
     /// The blocks of nodes of an owner: the one at its coordinates, and those beside it that have no other
     /// owner.
     std::span<std::uint32_t const> nodes_at(int owner) const
@@ -404,9 +452,69 @@ private:
             count = std::max(count, next[b] + 1);
         }
         tiles.tile_of = std::move(next);
+        tiles.own = count;
+        find_room_for_ghosts(tiles);
+    }
+
+    /// Ghosts have the tiles behind those of the blocks that are here.
+    static void find_room_for_ghosts(Tiles& tiles)
+    {
+        std::size_t const count = tiles.own + tiles.ghosts.size();
         for (auto& of_tiles : tiles.touched) of_tiles.resize(count);
         for (auto& of : tiles.of) of.resize(count * sums * tile_channel);
     }
+
+    /// Lets ghosts add to the nodes. Nodes that are under ghosts alone are not updated, but their neighbours
+    /// may look at them. Returns whether there are ghosts.
+    bool add_ghosts()
+    {
+        bool any = false;
+        for (std::size_t l = 0; l < tiles_.size(); ++l) {
+            Tiles& tiles = tiles_[l];
+            std::size_t const blocks = tiles.nodes_of.size();
+            tiles.tile_of.resize(blocks + tiles.ghosts.size());
+            for (std::size_t g = 0; g < tiles.ghosts.size(); ++g) {
+                tiles.tile_of[blocks + g] = tiles.own + g;
+                any = true;
+                for (int corner = 0; corner < corners; ++corner) {
+                    Coordinates<d> const at = tiles.ghosts[g] + offset(corner);
+                    int const n = node_block(periods_.wrapped(at));
+                    nodes_[std::size_t(n)].covered_by[l][std::size_t(corner)] = int(blocks + g);
+                }
+            }
+        }
+        return any;
+    }
+
+    /// Finds the owners of nodes where there are ghosts: the block of cells at the nodes' coordinates, or the
+    /// first of those that add to them, as if all blocks were here. `owners` has one element for each block
+    /// of nodes under cells that are here.
+    void find_owners(std::vector<std::uint32_t>& owners) const
+    {
+        for (std::size_t n = 0; n < owners.size(); ++n) {
+            auto const covered = [&](auto const& of_layer) { return of_layer[0] != absent; };
+            auto const& by = nodes_[n].covered_by;
+            owners[n] = static_cast<std::uint32_t>(n);
+            if (std::ranges::any_of(by, covered)) continue;
+            for (std::size_t l = 0; l < by.size(); ++l)
+                if (int const first = first_covering(n, l); first != absent) {
+                    owners[n] = static_cast<std::uint32_t>(first);
+                    break;
+                }
+        }
+    }
+    /// The block of nodes at the first block of cells of a layer that adds to this one, or absent.
+    int first_covering(std::size_t n, std::size_t l) const
+    {
+        int first = absent;
+        for (int corner = 0; corner < corners; ++corner) {
+            if (nodes_[n].covered_by[l][std::size_t(corner)] == absent) continue;
+            int const at = find(nodes_[n].coordinates - offset(corner));
+            if (first == absent || key_of(at) < key_of(first)) first = at;
+        }
+        return first;
+    }
+    std::uint64_t key_of(int n) const { return block_key<d>(nodes_[std::size_t(n)].coordinates); }
 
     /// Finds the blocks of nodes under those of an order of cells, and the owners of new ones.
     template <class Order>
@@ -449,6 +557,7 @@ private:
 
     Periods<d> periods_; ///< of blocks
     std::vector<NodeBlock> nodes_;
+    std::size_t centres_ = 0; ///< of these so many, the first ones, are at the coordinates of blocks of cells
     std::vector<std::uint32_t> by_owner_, owner_begin_{0};
     BlockMap map_;
     std::array<Tiles, std::size_t(layers)> tiles_;

@@ -35,10 +35,11 @@ public:
     /// Consecutive leavers in a list that come to the same block.
     struct Flow
     {
-        std::uint64_t key; ///< of the block
+        std::uint64_t from; ///< the key of the block that they leave; of new items not set
+        std::uint64_t key;  ///< of the block that they come to
         Leaver const* first;
         std::uint32_t count;
-        int to; ///< the block's index
+        int to; ///< the index of the block that they come to
     };
 
     /// An item of a block that moves from the cell at `place` by `steps` cells along the axes: less than a
@@ -137,7 +138,7 @@ public:
     /// Lists an item that comes to the block with this key. Consecutive ones lie side by side in memory.
     void insert(std::uint64_t key, Leaver const* item)
     {
-        if (flows_.empty() || flows_.back().key != key) flows_.push_back({key, item, 0, BlockMap::absent});
+        if (flows_.empty() || flows_.back().key != key) flows_.push_back({0, key, item, 0, BlockMap::absent});
         ++flows_.back().count;
     }
 
@@ -154,13 +155,40 @@ public:
                 std::uint32_t const count = outflows_[b].to[std::size_t(direction)];
                 if (count == 0) continue;
                 auto const there = periods.wrapped(neighbour<d>(blocks[b].coordinates, direction));
-                flows_.push_back({block_key<d>(there), first, count, BlockMap::absent});
+                flows_.push_back({block_key<d>(blocks[b].coordinates), block_key<d>(there), first, count,
+                                  BlockMap::absent});
                 first += count;
             }
         }
     }
 
     std::span<Flow> flows() { return flows_; }
+    /// How many numbers a leaver's contribution has; 0 if there are no leavers that have not scattered.
+    std::size_t contribution_size() const
+    {
+        for (auto const& of_block : outgoing_)
+            if (!of_block.leavers.empty()) return of_block.contribution.size() / of_block.leavers.size();
+        return 0;
+    }
+    /// Hands the flows for which `goes_elsewhere(flow)` is true to `take(flow)`, and forgets them.
+    template <class GoesElsewhere, class Take>
+    void divert(GoesElsewhere const& goes_elsewhere, Take const& take)
+    {
+        std::erase_if(flows_, [&](Flow const& flow) {
+            bool const goes = goes_elsewhere(flow);
+            if (goes) take(flow);
+            return goes;
+        });
+    }
+    /// Adds flows from elsewhere. Those to one block are then in the order of the blocks that they left, as
+    /// if these were all here.
+    void admit(std::span<Flow const> from_elsewhere)
+    {
+        if (from_elsewhere.empty()) return;
+        flows_.insert(flows_.end(), from_elsewhere.begin(), from_elsewhere.end());
+        std::stable_sort(flows_.begin(), flows_.end(),
+                         [](Flow const& a, Flow const& b) { return a.from < b.from; });
+    }
     /// How many items leave an old block for others.
     std::uint32_t lost(std::size_t b) const { return outflows_[b].outgoing - outflows_[b].inside; }
     /// The items that leave their cells of an old block, in the order of slots.

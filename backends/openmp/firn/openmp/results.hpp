@@ -4,6 +4,7 @@
 #include <firn/openmp/workspace.hpp>
 
 #include <cstddef>
+#include <span>
 #include <vector>
 
 namespace firn::openmp::detail
@@ -22,11 +23,11 @@ public:
         return results;
     }
     Result& begin(std::size_t part) { return of_[part] = {}; }
-    Result merged() const
+    /// All of them; `parts` has their order, see CellOrder::merged and Grid::merged.
+    template <class Parts>
+    Result merged(Parts const& parts) const
     {
-        Result all{};
-        for (Result const& result : of_) all.merge(result);
-        return all;
+        return parts.merged(std::span<Result const>(of_));
     }
 
 private:

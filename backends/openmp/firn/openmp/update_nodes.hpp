@@ -89,7 +89,7 @@ typename Phase::Result for_each_node(Threads const& threads, Order const& cells,
                 detail::update_block<Lane>(grid, n, phase, around, result);
         };
     });
-    return results.merged();
+    return results.merged(grid);
 }
 
 } // namespace firn::openmp

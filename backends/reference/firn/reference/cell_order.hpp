@@ -93,7 +93,7 @@ public:
             visit(committed_ ? slot : std::size_t{entries_[slot].place}, entries_[slot].cell);
     }
 
-private:
+protected:
     /// Stable, so that the items of a cell are added up in the same order in every run.
     void sort() { std::ranges::stable_sort(entries_, FirstAxisFirst{}, &Entry::cell); }
 

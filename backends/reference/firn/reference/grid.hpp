@@ -146,7 +146,7 @@ public:
         return bytes;
     }
 
-private:
+protected:
     std::array<NodeMap<Sums>, std::size_t(layers)> now_, next_; ///< by layer
     std::array<NodeMap<Values>, own_values ? std::size_t(layers) : 1> values_;
     Periods<d> periods_;

@@ -1,0 +1,128 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/cell_work.hpp>
+#include <firn/distributed/alone.hpp>
+#include <firn/distributed/cell_order.hpp>
+#include <firn/distributed/communicator.hpp>
+#include <firn/distributed/grid.hpp>
+#include <firn/distributed/partition.hpp>
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <utility>
+#include <vector>
+
+namespace firn
+{
+
+/// Runs one solver on several ranks, each with a backend of its own: `Solver<Distributed<OpenMP, C>, …>`. All
+/// ranks run the same program and make the same calls, with the same arguments; each has the particles in its
+/// part of space. What a call returns is about all of them, and the same on every rank. Results are those of
+/// `Local` on one rank, bit by bit, for any number of ranks.
+template <class Local, Communicator C>
+struct Distributed
+{
+    Local local{};
+    C communicator{};
+    /// Which rank has what. Solvers that are made from one Distributed divide space alike.
+    std::shared_ptr<distributed::Partition> partition = std::make_shared<distributed::Partition>();
+
+    static constexpr bool spans_ranks = true;
+    static constexpr bool reaches_host_memory = Local::reaches_host_memory;
+    static constexpr bool queues = false;
+    static constexpr int largest_degree = Local::largest_degree;
+    static_assert(!Local::queues, "this backend queues steps, and they cannot wait for other ranks yet");
+
+    template <class Number>
+    using Lane = typename Local::template Lane<Number>;
+    template <class T>
+    using Array = typename Local::template Array<T>;
+    using SharedCount = typename Local::SharedCount;
+    template <class T>
+    using ReadbackBuffer = typename Local::template ReadbackBuffer<T>;
+    template <class Number, int d>
+    using CellOrder = distributed::CellOrder<typename Local::template CellOrder<Number, d>, C, Number, d>;
+    template <class Number, int d, int degree, int sums, int values, int layers, bool own_values = false>
+    using Grid =
+        distributed::Grid<typename Local::template Grid<Number, d, degree, sums, values, layers, own_values>,
+                          CellOrder<Number, d>, d, sums>;
+
+    void validate() const { local.validate(); }
+    operator Local const&() const { return local; } ///< its arrays are the local ones
+
+    /// See Communicator.
+    std::vector<Parcel> exchange(std::vector<Parcel> const& to) const { return communicator.exchange(to); }
+    std::vector<Parcel> all_gather(Parcel const& own) const { return communicator.all_gather(own); }
+    void abort(char const* why) const { communicator.abort(why); }
+    int rank() const { return communicator.rank(); }
+    int ranks() const { return communicator.size(); }
+
+    /// Whether ranks have come to have very different shares of the items of some orders. Space is divided
+    /// anew then, and what lies elsewhere by that must be handed over. To be asked once a step.
+    template <class Orders>
+    bool divides_anew(Orders const& orders) const
+    {
+        if (communicator.size() == 1 || !partition->is_due()) return false;
+        std::vector<distributed::Partition::Weight> weights;
+        for (auto const* const order : orders) order->weigh(weights);
+        std::uint64_t own = 0;
+        for (auto const& block : weights) own += block.weight;
+        std::uint64_t all = 0, most = 0;
+        Parcel parcel;
+        distributed::put(parcel, own);
+        for (Parcel const& of_rank : communicator.all_gather(parcel)) {
+            auto const weight = distributed::Reader(of_rank).get<std::uint64_t>();
+            all += weight;
+            most = std::max(most, weight);
+        }
+        double const share = double(all) / communicator.size();
+        if (double(most) <= (1 + distributed::Partition::most_imbalance) * share) return false;
+        parcel.clear();
+        distributed::put(parcel, weights.data(), weights.size());
+        weights.clear();
+        for (Parcel const& of_rank : communicator.all_gather(parcel))
+            for (distributed::Reader from(of_rank); !from.at_end();)
+                weights.push_back(from.template get<distributed::Partition::Weight>());
+        return partition->divide_anew(std::move(weights), communicator.size());
+    }
+
+    template <class Body>
+    void for_each(std::size_t count, Body const& body) const
+    {
+        local.for_each(count, body);
+    }
+    template <class Order, class Visit>
+    void for_each_place(Order const& cells, Visit const& visit) const
+    {
+        local.for_each_place(cells, visit);
+    }
+
+    template <class Order, class Layer, class Phase>
+    auto for_each_cell(Order& cells, Layer& layer, Phase const& phase) const
+    {
+        if constexpr (Phase::work.scatters_to == ScatterTarget::sums) layer.change_sums();
+        if constexpr (requires { cells.merge_whole(typename Phase::Result{}); })
+            return cells.merge_whole(local.for_each_cell(cells, layer, phase));
+        else
+            return local.for_each_cell(cells, layer, phase);
+    }
+    template <class Phase, class Order, class Layer>
+    void scatter_leavers(Order& cells, Layer& layer) const
+    {
+        layer.change_sums();
+        local.template scatter_leavers<Phase>(cells, layer);
+    }
+    /// Before nodes are updated, the tiles of other ranks come.
+    template <class CellOrders, class GridType, class Phase>
+    auto for_each_node(CellOrders const& orders, GridType& grid, Phase const& phase) const
+    {
+        constexpr bool looks_further = Phase::looks_around || TellsLayersApart<Phase>;
+        grid.exchange(orders, looks_further ? 2 : 1);
+        return local.for_each_node(orders, grid, phase);
+    }
+};
+
+} // namespace firn

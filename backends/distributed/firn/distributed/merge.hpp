@@ -1,0 +1,65 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/distributed/communicator.hpp>
+#include <firn/distributed/parcel.hpp>
+
+#include <algorithm>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <vector>
+
+// How the results of loops are merged over all ranks, with the same bits for any number of them.
+namespace firn::distributed
+{
+
+/// The result of a part of a loop, and where it comes in the order of all parts.
+template <class Result>
+struct Part
+{
+    std::uint64_t layer, key;
+    Result result;
+
+    bool operator<(Part const& other) const
+    {
+        return layer != other.layer ? layer < other.layer : key < other.key;
+    }
+};
+
+/// Whether it does not matter in which order results are merged.
+template <class Result>
+inline constexpr bool merges_in_any_order = false;
+template <class Result>
+    requires requires { requires Result::merges_in_any_order; }
+inline constexpr bool merges_in_any_order<Result> = true;
+
+/// Merges the results of the parts of all ranks, in the order of the parts.
+template <class Result, class C>
+Result merge_over_ranks(C const& communicator, std::vector<Part<Result>> parts)
+{
+    Result const none{};
+    if constexpr (merges_in_any_order<Result>) { // one part of each rank is enough
+        Part<Result> own{0, static_cast<std::uint64_t>(communicator.rank()), none};
+        for (auto const& part : parts) own.result.merge(part.result);
+        parts.assign(1, own);
+    }
+    else
+        std::erase_if(parts, [&](Part<Result> const& part) {
+            return std::memcmp(static_cast<void const*>(&part.result), static_cast<void const*>(&none),
+                               sizeof none) == 0;
+        });
+    Parcel own;
+    put(own, parts.data(), parts.size());
+    std::vector<Part<Result>> all;
+    for (Parcel const& parcel : communicator.all_gather(own)) {
+        Reader from(parcel);
+        while (!from.at_end()) all.push_back(from.template get<Part<Result>>());
+    }
+    std::sort(all.begin(), all.end());
+    Result merged{};
+    for (auto const& part : all) merged.merge(part.result);
+    return merged;
+}
+
+} // namespace firn::distributed

@@ -1,0 +1,184 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/all_ranks.hpp>
+#include <firn/particles/storage.hpp>
+
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <span>
+#include <type_traits>
+#include <vector>
+
+// Particles that have moved to cells of another rank travel there with all their fields. The backend's order
+// of cells says which do, and sorts them in; their values are packed and unpacked here. `Contents` are a
+// ParticleTable's.
+namespace firn::detail
+{
+
+/// Appends the listed elements of an array to bytes.
+template <class Backend, class Array>
+void pack_listed(Backend const& backend, Array const& from, std::vector<std::uint32_t> const& places,
+                 std::vector<std::byte>& to)
+{
+    using T = typename Array::Value;
+    if (places.empty()) return;
+    auto const there = array_of(backend, places);
+    typename Backend::template Array<T> picked(backend);
+    picked.resize(places.size());
+    backend.for_each(places.size(), GatherValues<T>{from.data(), there.data(), picked.data()});
+    auto const values = downloaded(picked);
+    std::size_t const before = to.size();
+    to.resize(before + values.size() * sizeof(T));
+    std::memcpy(to.data() + before, values.data(), values.size() * sizeof(T));
+}
+
+/// Takes so many values from the front of bytes.
+template <class T>
+std::vector<T> unpack(std::span<std::byte const>& from, std::size_t count)
+{
+    std::vector<T> values(count);
+    if (count > 0) std::memcpy(values.data(), from.data(), count * sizeof(T));
+    from = from.subspan(count * sizeof(T));
+    return values;
+}
+
+/// Calls `use(array)` for all arrays of a buffer.
+template <class Buffer, class Use>
+void for_each_array(Buffer& buffer, Use const& use)
+{
+    for (auto& array : buffer.offset) use(array);
+    for (auto& array : buffer.component) use(array);
+    use(buffer.id);
+}
+
+/// Whether particles take cached fields with them: not if these are the same for all.
+template <class Contents>
+bool sends_cached(Contents const& contents)
+{
+    return contents.gathered.is_cached() && !contents.gathered.same();
+}
+
+/// All particles for one other rank, or from it: how many, the order's notes about them, their fields, and
+/// those that are cached beside them.
+template <class Contents, class Backend, class Departure>
+std::vector<std::byte> pack_particles(Contents const& from, Backend const& backend,
+                                      Departure const& departure)
+{
+    std::vector<std::byte> bytes;
+    std::uint64_t const head[2]{departure.places.size(), departure.notes.size()};
+    bytes.resize(sizeof head);
+    std::memcpy(bytes.data(), head, sizeof head);
+    bytes.insert(bytes.end(), departure.notes.begin(), departure.notes.end());
+    for_each_array(from.buffer[0],
+                   [&](auto const& array) { pack_listed(backend, array, departure.places, bytes); });
+    if (sends_cached(from)) {
+        auto const all = downloaded(from.buffer[0].id);
+        std::vector<std::uint32_t> rows;
+        for (auto const place : departure.places) rows.push_back(all[place]);
+        auto const& cached = from.gathered.rows();
+        for (std::size_t c = 0; c < cached.columns(); ++c)
+            pack_listed(backend, cached.column(static_cast<int>(c)), rows, bytes);
+    }
+    return bytes;
+}
+
+/// Sets the listed rows of cached fields to the values that come next in bytes.
+template <class Cached, class Backend>
+void put_rows(Cached& cached, Backend const& backend, std::vector<std::uint32_t> const& rows,
+              std::span<std::byte const>& bytes)
+{
+    auto const rows_there = array_of(backend, rows);
+    for (std::size_t c = 0; c < cached.columns(); ++c) {
+        auto& column = cached.column(static_cast<int>(c));
+        using T = typename std::remove_cvref_t<decltype(column)>::Value;
+        auto const values = array_of(backend, unpack<T>(bytes, rows.size()));
+        backend.for_each(rows.size(), PutValues<T>{values.data(), rows_there.data(), column.data()});
+    }
+}
+
+/// Lets particles leave for other ranks and come from them. `arrive(notes, first, move)` sorts those that
+/// came into the order: they lie at `first` and behind it, and `move(from, to)` moves particles by their
+/// places.
+template <class Contents, class Backend, class Departures, class Arrive>
+void exchange_particles(Contents& to, Backend const& backend, Departures const& departures,
+                        Arrive const& arrive)
+{
+    auto& buffer = to.buffer[0];
+    std::vector<std::vector<std::byte>> parcels;
+    for (auto const& departure : departures) parcels.push_back(pack_particles(to, backend, departure));
+    parcels[static_cast<std::size_t>(backend.rank())].clear(); // nothing stays by leaving
+    auto const came = backend.exchange(parcels);
+
+    std::size_t const first = to.places;
+    std::size_t place = first;
+    for (auto const& parcel : came)
+        if (!parcel.empty()) {
+            std::span<std::byte const> bytes(parcel);
+            place += static_cast<std::size_t>(unpack<std::uint64_t>(bytes, 1)[0]);
+        }
+    for_each_array(buffer, [&](auto& array) { array.resize(place, first); });
+    std::vector<std::vector<std::byte>> notes(came.size());
+    place = first;
+    for (std::size_t rank = 0; rank < came.size(); ++rank) {
+        if (came[rank].empty()) continue;
+        std::span<std::byte const> bytes(came[rank]);
+        auto const head = unpack<std::uint64_t>(bytes, 2);
+        auto const count = static_cast<std::size_t>(head[0]);
+        notes[rank] = unpack<std::byte>(bytes, static_cast<std::size_t>(head[1]));
+        for_each_array(buffer, [&]<class Array>(Array& array) {
+            array.upload(place, unpack<typename Array::Value>(bytes, count));
+        });
+        if (sends_cached(to) && count > 0) {
+            std::vector<std::uint32_t> rows(count);
+            buffer.id.download(place, rows);
+            put_rows(to.gathered.values(), backend, rows, bytes);
+        }
+        place += count;
+    }
+    arrive(notes, static_cast<std::uint32_t>(first), [&](auto const& from, auto const& behind) {
+        auto const from_there = array_of(backend, from), to_there = array_of(backend, behind);
+        for_each_array(buffer, [&]<class Array>(Array& array) {
+            backend.for_each(from.size(), MoveValues<typename Array::Value>{array.data(), from_there.data(),
+                                                                            to_there.data()});
+        });
+    });
+    to.places = to.cells.size();
+    to.resize_buffers(backend, to.places);
+    to.buffer[1].resize_like(buffer); // a step has begun
+}
+
+/// ParticleTable::sort() where particles may leave for other ranks, and come from them.
+template <class Contents, class Backend>
+void rebin_over_ranks(Contents& to, Backend const& backend)
+{
+    auto const offset = [&] { return to.buffer[0].view().offset; }; // arrays grow
+    exchange_particles(to, backend, to.cells.depart(offset()),
+                       [&](auto const& notes, std::uint32_t first, auto const& move) {
+                           to.cells.arrive(notes, first, offset(), move);
+                       });
+}
+
+/// Hands particles over to other ranks where these have come to have very different shares. All particles
+/// are sorted, and have scattered to the grid; what they scattered goes with them.
+template <class Sets, class Grid, class Backend>
+void balance_ranks(Sets& sets, Grid& grid, Backend const& backend)
+{
+    if (!backend.divides_anew(sets.orders())) return;
+    Sets::for_each([&](auto k) {
+        auto& table = sets.template particles<k>();
+        auto& to = table.contents();
+        auto const layer = grid.layer(k);
+        table.change([&] {
+            exchange_particles(to, backend, to.cells.hand_over(layer),
+                               [&](auto const& notes, std::uint32_t first, auto const& move) {
+                                   to.cells.take_over(notes, first, layer, move);
+                               });
+        });
+    });
+    grid.activate(sets.orders());
+    Sets::for_each([&](auto k) { sets.template particles<k>().cells().take_tiles(grid.layer(k)); });
+}
+
+} // namespace firn::detail

@@ -1,0 +1,331 @@
+// SPDX-License-Identifier: MIT
+#include "catch.hpp"
+#include "distributed/numbers.hpp"
+
+#include <firn/distributed.hpp>
+#include <firn/distributed/rank_threads.hpp>
+#include <firn/firn.hpp>
+#include <firn/io/checkpoint.hpp>
+#include <firn/openmp.hpp>
+#if defined(FIRN_TESTS_ALL)
+#include <firn/distributed/on_reference.hpp>
+#include <firn/reference.hpp>
+#endif
+
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <limits>
+#include <mutex>
+#include <optional>
+#include <set>
+#include <string>
+#include <vector>
+
+using namespace firn;
+using firn::test::append;
+using firn::test::append_all;
+using firn::test::append_report;
+using firn::test::box_of_points;
+using firn::test::Numbers;
+
+// One scene on one rank and on several, which are threads here, must come to the same bits.
+namespace
+{
+
+using Ranks = Distributed<OpenMP, RankThreads>;
+using Plane = firn::Space<2, double>;
+using Solid = firn::Space<3, float>;
+
+/// Checks that a scene comes to the same numbers on one rank and on 1, 2, 3 and 5. `scene(backend)` returns
+/// them.
+template <class Scene>
+void require_same_on_any_ranks(Scene const& scene)
+{
+    Numbers const alone = scene(OpenMP{.threads = 1});
+    REQUIRE(alone.size() > 100);
+    for (int const ranks : {1, 2, 3, 5}) {
+        std::vector<std::size_t> different(std::size_t(ranks), 0);
+        run_ranks(ranks, [&](RankThreads const& communicator) {
+            Numbers const here = scene(Ranks{.local = {.threads = 1}, .communicator = communicator});
+            auto& count = different[std::size_t(communicator.rank())];
+            count = here.size() == alone.size() ? 0 : 1;
+            for (std::size_t i = 0; i < here.size() && i < alone.size(); ++i)
+                if (!(here[i] == alone[i] || (std::isnan(here[i]) && std::isnan(alone[i])))) ++count;
+        });
+        for (std::size_t rank = 0; rank < different.size(); ++rank) {
+            CAPTURE(ranks, rank);
+            CHECK(different[rank] == 0);
+        }
+    }
+}
+
+/// Two blocks that fly at each other along x, over a floor, and through the parts of all ranks.
+template <class Model, class Transfer = Mls, class Kernel = QuadraticBSpline>
+auto encounter(Model const& model, Transfer const& transfer = {}, double duration = 0.1)
+{
+    return [=](auto const& backend) {
+        constexpr int d = Model::Space::dimension;
+        using V = Vector<double, d>;
+        double const h = 0.1;
+        Solver<std::remove_cvref_t<decltype(backend)>, Model, Kernel, Transfer> solver(lattice(h), model,
+                                                                                       transfer, {}, backend);
+        V low = V::Constant(0.1), high = V::Constant(0.9), velocity = V::Zero();
+        velocity[0] = 3;
+        solver.add(box_of_points<d>(low, high, h / 2), std::pow(h / 2, d), velocity);
+        low[0] += 1.05, high[0] += 1.05;
+        velocity[0] = -3, velocity[1] = 1;
+        solver.add(box_of_points<d>(low, high, h / 2), std::pow(h / 2, d), velocity);
+        Obstacle<HalfSpace> const floor{.contact = Contact::coulomb(0.3)};
+        Obstacle<Sphere> const ball{.shape = {0.3},
+                                    .motion = {.position = {1, 0.2, 0.5}, .velocity = {0, 0.5, 0}}};
+        Numbers all;
+        for (int i = 0; i < 4; ++i) {
+            append_report(all, solver.advance(duration / 4, Gravity{}, floor, ball));
+            append(all, Numbers{solver.stable_step(Gravity{}, floor, ball)});
+        }
+        append_all(all, solver);
+        return all;
+    };
+}
+
+} // namespace
+
+TEST_CASE(
+    "elastic blocks that fly through the parts of all ranks come to the same bits on any number of them")
+{
+    require_same_on_any_ranks(encounter(NeoHookean<Solid>{}));
+}
+
+TEST_CASE("transfers of every kind, kernels and flow come to the same bits on any number of ranks")
+{
+    SECTION("sand by APIC") { require_same_on_any_ranks(encounter<Sand<Plane>, Apic>({})); }
+    SECTION("snow by FLIP, cubic")
+    {
+        require_same_on_any_ranks(encounter<Snow<Plane>, Flip, CubicBSpline>({}));
+    }
+    SECTION("elastic by XPIC")
+    {
+        require_same_on_any_ranks(encounter<FixedCorotated<Plane>, Xpic>({}, Xpic{3}));
+    }
+}
+
+TEST_CASE("obstacles that push particles react with the same bits on any number of ranks")
+{
+    require_same_on_any_ranks([](auto const& backend) {
+        Solver<std::remove_cvref_t<decltype(backend)>, NeoHookean<Plane>> solver(lattice(0.1), {}, {}, {},
+                                                                                 backend);
+        solver.add(box_of_points<2>({0, 0.3}, {1.6, 1.1}, 0.05), 0.05 * 0.05, {1, -2});
+        Obstacle<Box> const block{
+            .shape = {{0.5, 0.2, 1}}, .motion = {.position = {0.8, 0, 0}}, .on_particles = true};
+        Numbers all;
+        append_report(all, solver.advance(0.1, Gravity{}, block, ReflectingWall{0, 24, -1}));
+        append_all(all, solver);
+        return all;
+    });
+}
+
+TEST_CASE("materials and bodies that share a grid come to the same bits on any number of ranks")
+{
+    auto const scene = [](auto solver, auto const& wall) {
+        solver.template add<Material<0>>(box_of_points<2>({0, 0}, {0.8, 0.8}, 0.05), 0.05 * 0.05, {2, 0});
+        solver.template add<Material<1>>(box_of_points<2>({0.85, 0.3}, {1.6, 1.1}, 0.05), 0.05 * 0.05,
+                                         {-2, 0});
+        Numbers all;
+        append_report(all, solver.advance(0.1, Gravity{}, wall));
+        append_all(all, solver);
+        append(all, solver.template positions<Material<1>>());
+        return all;
+    };
+    SECTION("materials")
+    {
+        require_same_on_any_ranks([&](auto const& backend) {
+            using B = std::remove_cvref_t<decltype(backend)>;
+            return scene(
+                Solver<B, Materials<NeoHookean<Plane>, Sand<Plane>>>(lattice(0.1), {}, {}, {}, backend),
+                ReflectingWall{1, 0, 1});
+        });
+    }
+    SECTION("bodies")
+    {
+        require_same_on_any_ranks([&](auto const& backend) {
+            using B = std::remove_cvref_t<decltype(backend)>;
+            using Jelly = NeoHookean<Plane>;
+            return scene(Solver<B, Bodies<Jelly, Jelly>>(
+                             lattice(0.1), {Jelly{}, Jelly{}, Contact::coulomb(0.4)}, {}, {}, backend),
+                         Obstacle<HalfSpace>{});
+        });
+    }
+}
+
+TEST_CASE("particles that come, go and are set, and periods, keep the same bits on any number of ranks")
+{
+    require_same_on_any_ranks([](auto const& backend) {
+        Solver<std::remove_cvref_t<decltype(backend)>, NeoHookean<Plane>, QuadraticBSpline, Apic> solver(
+            lattice(0.1).periodic(0, 64), {}, {}, {}, backend);
+        solver.add(box_of_points<2>({5.8, 0}, {6.8, 0.8}, 0.05), 0.05 * 0.05, {4, 0});
+        solver.advance(0.02);
+        solver.add(box_of_points<2>({1, 1}, {1.4, 1.4}, 0.05), 0.05 * 0.05 / 2, {0, -1});
+        solver.advance(0.02);
+        solver.remove_if(Inside{Sphere{0.3}, Motion{.position = {6.4, 0.4, 0}}});
+        solver.advance(0.02);
+        auto velocities = solver.template download<Velocity>();
+        for (std::size_t i = 0; i < velocities.size(); ++i) velocities[i] *= 1 + 0.1 * double(i % 3);
+        solver.template upload<Velocity>(velocities);
+        auto strains = solver.template download<DisplacementGradient>();
+        for (auto& strain : strains) strain *= 0.5;
+        solver.template upload<DisplacementGradient>(strains);
+        Numbers all;
+        append_report(all, solver.advance(0.05));
+        append_all(all, solver);
+        append(all, solver.template download<AffineVelocity>());
+        return all;
+    });
+}
+
+TEST_CASE("a snapshot is the same on any number of ranks, and any number goes on from it")
+{
+    auto const begin = [](auto const& backend) {
+        Solver<std::remove_cvref_t<decltype(backend)>, Snow<Solid>> solver(lattice(0.1), {}, {}, {}, backend);
+        solver.add(box_of_points<3>({0, 0.05, 0}, {1.2, 0.6, 0.4}, 0.05), 0.05 * 0.05 * 0.05, {3, -1, 0});
+        return solver;
+    };
+    Obstacle<HalfSpace> const floor{};
+    auto first = begin(OpenMP{.threads = 1});
+    first.advance(0.03, floor);
+    auto const middle = first.snapshot();
+    auto const path = std::filesystem::temp_directory_path() / "firn_over_ranks.firn";
+    require_same_on_any_ranks([&](auto const& backend) {
+        auto solver = begin(backend);
+        solver.advance(0.03, floor);
+        auto const own = solver.snapshot();
+        Numbers all;
+        append(all, own.materials[0].ids);
+        append(all, own.materials[0].cells);
+        for (auto const& offset : own.materials[0].offsets) append(all, offset);
+        solver.advance(0.02, floor);
+        append_all(all, solver);
+        auto other = begin(backend);
+        other.restore(middle);
+        other.advance(0.02, floor);
+        append_all(all, other);
+        write_checkpoint(path, solver); // of the first rank alone
+        auto third = begin(backend);
+        read_checkpoint(path, third);
+        third.advance(0.02, floor);
+        append_all(all, third);
+        return all;
+    });
+}
+
+TEST_CASE("what a rank cannot take, no rank takes, and all get the same Error")
+{
+    std::mutex mutex;
+    std::set<std::string> said;
+    int count = 0;
+    auto const note = [&](auto const& call) {
+        try {
+            call();
+        }
+        catch (Error const& error) {
+            std::lock_guard const lock(mutex);
+            said.insert(error.what());
+            ++count;
+        }
+    };
+    SECTION("a state that the material could not have come to, of one particle")
+    {
+        run_ranks(3, [&](RankThreads const& communicator) {
+            Solver<Ranks, Snow<Plane>> solver(lattice(0.1), {}, {}, {},
+                                              {.local = {1}, .communicator = communicator});
+            solver.add(box_of_points<2>({0, 0}, {3, 1}, 0.05), 0.05 * 0.05);
+            auto strains = solver.download<DisplacementGradient>();
+            strains[7](0, 0) = -1.5;
+            note([&] { solver.upload<DisplacementGradient>(strains); });
+            solver.advance(0.01);
+        });
+    }
+    SECTION("a step that goes wrong for a particle of one rank")
+    {
+        run_ranks(3, [&](RankThreads const& communicator) {
+            Solver<Ranks, NeoHookean<Plane>> solver(lattice(0.1), {}, {}, {},
+                                                    {.local = {1}, .communicator = communicator});
+            solver.add(box_of_points<2>({0, 0}, {3, 1}, 0.05), 0.05 * 0.05);
+            auto velocities = solver.download<Velocity>();
+            velocities[7][0] = 1e4;
+            solver.upload<Velocity>(velocities);
+            note([&] { solver.step(1e-3); });
+        });
+    }
+    SECTION("other arguments on one rank")
+    {
+        run_ranks(3, [&](RankThreads const& communicator) {
+            NeoHookean<Plane> model;
+            if (communicator.rank() == 1) model.density = 2000;
+            note([&] {
+                Solver<Ranks, NeoHookean<Plane>> solver(lattice(0.1), model, {}, {},
+                                                        {.local = {1}, .communicator = communicator});
+            });
+        });
+        CHECK(count == 3);
+        return;
+    }
+    CHECK(count == 3);
+    CHECK(said.size() == 1);
+}
+
+TEST_CASE("particles in quarantine are the same on any number of ranks")
+{
+    require_same_on_any_ranks([](auto const& backend) {
+        Solver<std::remove_cvref_t<decltype(backend)>, NeoHookean<Plane>> solver(lattice(0.1), {}, {}, {},
+                                                                                 backend);
+        solver.add(box_of_points<2>({0, 0}, {2, 0.8}, 0.05), 0.05 * 0.05);
+        solver.quarantine(3);
+        auto strains = solver.template download<DisplacementGradient>();
+        strains[100](0, 0) = -1.5;
+        solver.template upload<DisplacementGradient>(strains);
+        solver.advance(0.01);
+        Numbers all;
+        append_all(all, solver);
+        for (auto const& gone : solver.isolated()) append(all, Numbers{double(gone.particle), gone.time});
+        return all;
+    });
+}
+
+TEST_CASE("an error of one rank ends the others, which wait for it")
+{
+    CHECK_THROWS_WITH(run_ranks(3,
+                                [](RankThreads const& communicator) {
+                                    if (communicator.rank() == 2) throw Error{"no", "here", "Go."};
+                                    communicator.all_gather({});
+                                }),
+                      Contains("no [here]. Go."));
+}
+
+TEST_CASE("space is divided anew where a body has flown from one rank's part into another's")
+{
+    std::vector<int> divisions(3, 0);
+    run_ranks(3, [&](RankThreads const& communicator) {
+        Solver<Ranks, NeoHookean<Plane>> solver(lattice(0.1), {}, {}, {},
+                                                {.local = {1}, .communicator = communicator});
+        solver.add(box_of_points<2>({0, 0}, {1.2, 1.2}, 0.05), 0.05 * 0.05, {20, 5});
+        solver.advance(0.5);
+        divisions[std::size_t(communicator.rank())] = solver.backend().partition->divisions();
+    });
+    CHECK(divisions[0] >= 2);
+    CHECK(divisions == std::vector<int>(3, divisions[0]));
+}
+
+TEST_CASE("more ranks than blocks, and a rank whose particles all leave")
+{
+    require_same_on_any_ranks([](auto const& backend) {
+        Solver<std::remove_cvref_t<decltype(backend)>, NeoHookean<Plane>> solver(lattice(0.1), {}, {}, {},
+                                                                                 backend);
+        solver.add(box_of_points<2>({0, 0}, {0.3, 0.3}, 0.05), 0.05 * 0.05, {20, 5});
+        solver.advance(0.5);
+        Numbers all;
+        append_all(all, solver);
+        return all;
+    });
+}
