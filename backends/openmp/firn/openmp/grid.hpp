@@ -154,6 +154,7 @@ class Grid : public GridShape<d, degree, lanes>
 public:
     using Base::absent, Base::corners, Base::offset, Base::tile_channel, Base::block_channel;
     static constexpr int layers = layer_count;
+    static constexpr int node_sums = sums; ///< per layer
 
     template <class Backend>
     explicit Grid(Backend const&, Periods<d> const& periods = {})

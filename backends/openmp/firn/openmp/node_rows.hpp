@@ -203,7 +203,7 @@ public:
         LaneTraits<Lane>::store(along, steps);
         for (; rest != 0; rest &= rest - 1) {
             int const lane = std::countr_zero(rest), at = place[d - 1] + static_cast<int>(steps[lane]);
-            Number of_node[std::size_t(channels)];
+            Number of_node[std::size_t(GridType::node_sums)]; // a phase may know some of them
             if (at >= 0 && at < Shape::along)
                 for (int c = 0; c < channels; ++c) of_node[c] = sums[c * Shape::along + at];
             else {
