@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/backend.hpp>
+#include <firn/calls_of_solver.hpp>
 #include <firn/checked_policies.hpp>
 #include <firn/concepts.hpp>
 #include <firn/core/access_guard.hpp>
@@ -33,14 +34,15 @@
 namespace firn
 {
 
-/// An explicit Material Point Method solver.
+/// A Material Point Method solver.
 ///
 /// `Backend` says where it runs, `Model` what the material is (and with its Space the dimension and
-/// precision), `Kernel` and `Transfer` how particles and grid exchange mass and momentum. All input is in SI
-/// units. One thread at a time may call a solver. With OpenMP, calls that only read (const) may overlap one
-/// another. Solvers are independent: different ones may be called from different threads at the same time.
-/// Unless NDEBUG is defined, a call that changes the solver or copies from it while another call is under way
-/// throws an Error and changes nothing. A moved-from solver may only be destroyed or assigned.
+/// precision), `Kernel` and `Transfer` how particles and grid exchange mass and momentum, and `By` whether
+/// steps are explicit or Implicit. All input is in SI units. One thread at a time may call a solver. With
+/// OpenMP, calls that only read (const) may overlap one another. Solvers are independent: different ones may
+/// be called from different threads at the same time. Unless NDEBUG is defined, a call that changes the
+/// solver or copies from it while another call is under way throws an Error and changes nothing. A moved-from
+/// solver may only be destroyed or assigned.
 ///
 /// With Materials<...> as the model a scene has several materials, which share the grid and the time step.
 /// `Which` then selects the material of a call, by the model's type or as Material<place>: add, upload, view,
@@ -48,15 +50,18 @@ namespace firn
 ///
 /// Values of many particles are passed and returned in the order of their permanent ids, see ids().
 template <class Backend, class ModelType, InterpolationKernel KernelType = QuadraticBSpline,
-          class TransferType = Mls>
-class Solver
+          class TransferType = Mls, Integrator By = SymplecticEuler>
+class Solver : public detail::CallsOfSolver<Solver<Backend, ModelType, KernelType, TransferType, By>, By>
 {
+    using Calls = detail::CallsOfSolver<Solver, By>;
+    friend Calls;
     static_assert(detail::HasSpace<ModelType>,
                   "the model lacks 'using Space = firn::Space<d, number>', its dimension and precision");
     using List = typename detail::MaterialsOf<ModelType>::Type;
     using Every = EveryMaterial;
     using Kernel = typename detail::KernelFor<Backend, KernelType>::Type;
-    using Scheme = typename detail::TransferFor<Backend, ModelType, Kernel, TransferType>::Type;
+    using Scheme =
+        SteppedBy<typename detail::TransferFor<Backend, ModelType, Kernel, TransferType>::Type, By>;
     using Sets = MaterialSets<Backend, List, Scheme>;
 
 public:
@@ -195,25 +200,7 @@ public:
         return reports;
     }
 
-    // Arguments that are not effects are refused with a readable message.
-    template <class... Others>
-    StepReport step(double, Others const&...)
-    {
-        detail::require_effects<Real, d, Others...>();
-        return {};
-    }
-    template <class... Others>
-    std::vector<StepReport> steps(std::size_t, double, Others const&...)
-    {
-        detail::require_effects<Real, d, Others...>();
-        return {};
-    }
-    template <class... Others>
-    AdvanceReport advance(double, Others const&...)
-    {
-        detail::require_effects<Real, d, Others...>();
-        return {};
-    }
+    using Calls::step, Calls::steps, Calls::advance; // which refuse arguments that are not effects
 
     /// Advances the simulation by exactly `duration` [s] in as many stable steps as needed. Many short calls
     /// take more: see Budget::cut_last_step. A step below StepControl::smallest of the duration is an error.

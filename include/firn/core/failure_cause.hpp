@@ -18,6 +18,7 @@ enum class FailureCause : std::uint8_t
     rejected,   ///< a particle moved by a cell, or deformed by more than the step's limit
     stalled,    ///< no step that is stable for a particle advances time
     overflowed, ///< an obstacle would receive more than its reaction can hold
+    unsolved,   ///< an implicit step did not converge; the particle is near its largest residual
 };
 
 /// The failure in words.
@@ -42,6 +43,8 @@ constexpr char const* describe(FailureCause cause)
         return "is too fast, or its waves are, for any time step that makes progress";
     case FailureCause::overflowed:
         return "pushes an obstacle by an impulse that is too large to be added up";
+    case FailureCause::unsolved:
+        return "is where an implicit step did not converge";
     }
     return "";
 }

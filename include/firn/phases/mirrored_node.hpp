@@ -7,6 +7,7 @@
 #include <firn/grid/lattice.hpp>
 
 #include <array>
+#include <cstddef>
 #include <cstdlib>
 
 namespace firn
@@ -40,6 +41,19 @@ FIRN_HOST_DEVICE std::array<WallPlane, Chain<Actions...>::walls> walls_of(Chain<
         obstacle += int(is_obstacle<Action>);
     });
     return walls;
+}
+
+/// Whether one of `count` nodes in a row along the last axis is on a wall, or beside one.
+template <int d, std::size_t walls>
+FIRN_HOST_DEVICE bool is_beside(std::array<WallPlane, walls> const& planes, Coordinates<d> const& first,
+                                int count)
+{
+    bool beside = false;
+    for (WallPlane const& wall : planes) {
+        int const from = first[wall.axis], to = from + (wall.axis == d - 1 ? count - 1 : 0);
+        beside = beside || (from <= wall.node + 1 && to >= wall.node - 1);
+    }
+    return beside;
 }
 
 /// Lanes of nodes along a row beside reflecting walls, or of their images on the walls' side: their sums

@@ -94,12 +94,7 @@ struct UpdateGrid : CarriedBy<Transfer>
     /// Whether one of `count` nodes in a row along the last axis reads other nodes.
     FIRN_HOST_DEVICE static bool looks_around_at(Walls const& walls, Coordinates<d> const& first, int count)
     {
-        bool beside = false;
-        for (WallPlane const& wall : walls) {
-            int const from = first[wall.axis], to = from + (wall.axis == d - 1 ? count - 1 : 0);
-            beside = beside || (from <= wall.node + 1 && to >= wall.node - 1);
-        }
-        return beside;
+        return is_beside<d>(walls, first, count);
     }
 
     /// The same as operator() for a lane of nodes that read others.
@@ -212,7 +207,6 @@ protected:
         if constexpr (Carried::any) update_carried<Real>(sum, node.nodes.filled, node.inverse_mass, set);
     }
 
-private:
     template <class Real, class Sum, class Set>
     FIRN_HOST_DEVICE void update_carried(Sum const& sum, Mask<Real> const& filled, Real inverse_mass,
                                          Set const& set) const
@@ -263,6 +257,7 @@ private:
         }
     }
 
+private:
     /// Books the impulse of some lanes of nodes along an axis, and its moment about the world's origin.
     template <class Real>
     FIRN_HOST_DEVICE static void book(Reaction& reaction, int axis, Real const& given,

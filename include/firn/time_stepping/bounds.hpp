@@ -8,6 +8,7 @@
 #include <firn/particles/readback.hpp>
 #include <firn/time_stepping/step_controller.hpp>
 #include <firn/transfer/carrying.hpp>
+#include <firn/transfer/integrators.hpp>
 
 #include <algorithm>
 #include <cstdint>
@@ -37,6 +38,10 @@ controller_of_materials(Sets const& sets, Transfer const& transfer, StepControl 
             expansion_ratio = model.elasticity.expansion_ratio(Sets::d);
         MaterialLimits& limits = controller.limits[k];
         limits.wave = isolated_limit<Kernel, Transfer>(expansion_ratio);
+        if constexpr (StepsImplicitly<Transfer>) { // no wave bounds them
+            limits.wave = std::numeric_limits<double>::infinity();
+            controller.forces_act_throughout = true;
+        }
         if constexpr (Viscous<typename Sets::template MaterialTraits<k>::Model>)
             if (sets.template particles<k>().size() > 0)
                 limits.shear =

@@ -10,6 +10,7 @@
 #include <firn/math/product.hpp>
 #include <firn/particles/readback.hpp>
 #include <firn/time_stepping/finish_step.hpp>
+#include <firn/time_stepping/solve_report.hpp>
 
 #include <algorithm>
 #include <cmath>
@@ -121,6 +122,33 @@ template <class Sets, class Values>
                 admit(row, std::abs(double(velocities[row][a])));
     });
     return log;
+}
+
+/// The log of an implicit step that was not solved, with the particle that is nearest to a place [m].
+template <class Sets>
+[[gnu::cold]] StepLog with_nearest(Sets const& sets, StepLog log, Eigen::Vector3d const& place)
+{
+    double nearest = std::numeric_limits<double>::infinity();
+    Sets::for_each([&](auto k) {
+        for_each_position(sets.template particles<k>(), [&](std::uint32_t row, auto const& x) {
+            double const away = norm(Eigen::Vector3d(in_space<Sets::d>(x) - place));
+            if (!(away < nearest)) return;
+            nearest = away;
+            log.material = static_cast<int>(k);
+            log.particle = row;
+        });
+    });
+    return log;
+}
+
+/// How far the solve of an implicit step came, in words.
+[[gnu::cold]] inline std::string in_words(SolveReport const& solve, int d)
+{
+    std::ostringstream text;
+    text << "After " << solve.newton_of_step << " linear systems the residual was " << solve.residual
+         << " m/s, where " << solve.tolerance << " m/s was asked for, and largest "
+         << at_place(solve.where, d) << " with " << solve.largest << " m/s";
+    return text.str();
 }
 
 /// The particle whose own state bounds the step to `stable` [s] or less, up to rounding; none if there is no

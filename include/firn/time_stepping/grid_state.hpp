@@ -12,6 +12,7 @@
 #include <firn/phases/step_context.hpp>
 #include <firn/phases/update_bodies.hpp>
 #include <firn/phases/update_grid.hpp>
+#include <firn/transfer/integrators.hpp>
 
 #include <cstddef>
 #include <optional>
@@ -31,8 +32,8 @@ public:
     static constexpr int d = Space::dimension;
     using Grid =
         typename Backend::template Grid<Number, d, Kernel::degree, NodeSums<d, SumsOf<Transfer>>::channels,
-                                        NodeValues<d, ValuesOf<Transfer>>::template channels<Kernel>,
-                                        static_cast<int>(Sets::count), Sets::are_bodies>;
+                                        values_of_node<Transfer, Kernel, d>, static_cast<int>(Sets::count),
+                                        Sets::are_bodies>;
     template <std::size_t k>
     using MaterialTraits = typename Sets::template MaterialTraits<k>;
     /// The scatter phase of a material.
@@ -71,7 +72,8 @@ public:
                 auto layer = grid_.layer(k);
                 if (!leavers_scattered_)
                     backend_.template scatter_leavers<P2g<k>>(sets.template particles<k>().cells(), layer);
-                if (!exactly_equal(scattered_dt_, dt)) scatter<k>(dt - scattered_dt_, true, sets);
+                if constexpr (!StepsImplicitly<Transfer>) // whose particles scatter no impulse of stress
+                    if (!exactly_equal(scattered_dt_, dt)) scatter<k>(dt - scattered_dt_, true, sets);
             }
         });
         leavers_scattered_ = true;

@@ -54,6 +54,7 @@ struct TimeStepController
     double equal = 0; ///< length of all steps [s]; 0: they are as long as is stable
     bool cuts =
         true; ///< steps are whole shares of the time that is left; false: all are as long as is stable
+    bool forces_act_throughout = false; ///< each step's for its length: implicit ones, at its end
 
     /// A step planned one step ahead is kept if its length is within these multiples of what the current
     /// bounds allow. StepControl's safety factors have room for the longer one; the shorter one still costs
@@ -92,8 +93,9 @@ struct TimeStepController
         ChosenStep const longest_now = stable(time_state.bounds);
         time_state.stable = longest_now.dt;
         auto const forces = [&](PlannedStep const& step, double before, int retries) {
-            return retries > 0 ? step.interval.length()
-                               : time_of_forces(step.interval.length(), before, longest_now.dt);
+            return retries > 0 || forces_act_throughout
+                       ? step.interval.length()
+                       : time_of_forces(step.interval.length(), before, longest_now.dt);
         };
         if (equal > 0) { // expects more steps of this length
             time_state.now = {{time_state.time, time_state.time + equal}, StepLimit::duration, equal};

@@ -42,8 +42,10 @@ public:
         step.scatter_missing();
         step.find_shifts();
         auto const reactions = step.update_grid(0);
-        auto const found = step.g2p2g(0);
-        step.finish_step(0, reactions, found);
+        if (step.is_solved(0)) {
+            auto const found = step.g2p2g(0);
+            step.finish_step(0, reactions, found);
+        }
 
         step.read_log();
         bool const failed = step.has_failed();

@@ -10,6 +10,7 @@
 #include <firn/time_stepping/find_shifts.hpp>
 #include <firn/time_stepping/finish_step.hpp>
 #include <firn/time_stepping/grid_state.hpp>
+#include <firn/time_stepping/solve_step.hpp>
 #include <firn/time_stepping/step_scene.hpp>
 
 #include <array>
@@ -108,15 +109,31 @@ public:
     {
         constexpr bool at_surfaces = Actions::groups_at_surface > 0;
         for_each_group([&](auto& group) { group.begin(begun(step)); });
-        scene_.grid_state.extend_velocities(scene_.sets, scene_.smallest_node_mass);
-        [[maybe_unused]] std::uint32_t points = 0;
-        if constexpr (at_surfaces) points = find_surface_points(memory_, scene_, now(step));
-        auto reactions = memory_.backend.for_each_node(
-            orders(), grid(),
-            scene_.grid_state.grid_update(scene_.sets, now(step), scene_.smallest_node_mass, scene_.mass_unit,
-                                          true));
-        if constexpr (at_surfaces) act_at_surfaces(memory_, scene_, points, now(step));
-        return reactions;
+        if constexpr (StepsImplicitly<Transfer>) {
+            SolveStep<Backend, Sets, Kernel, Transfer, Actions> solve(memory_, scene_, now(step));
+            is_solved_ = solve.solve();
+            return solve.conclude();
+        }
+        else {
+            scene_.grid_state.extend_velocities(scene_.sets, scene_.smallest_node_mass);
+            [[maybe_unused]] std::uint32_t points = 0;
+            if constexpr (at_surfaces) points = find_surface_points(memory_, scene_, now(step));
+            auto reactions = memory_.backend.for_each_node(
+                orders(), grid(),
+                scene_.grid_state.grid_update(scene_.sets, now(step), scene_.smallest_node_mass,
+                                              scene_.mass_unit, true));
+            if constexpr (at_surfaces) act_at_surfaces(memory_, scene_, points, now(step));
+            return reactions;
+        }
+    }
+
+    /// Whether the grid update has found velocities: those of implicit steps may not converge. If not, the
+    /// step is logged as one that failed.
+    bool is_solved(int step) const
+    {
+        if constexpr (StepsImplicitly<Transfer>)
+            if (!is_solved_) memory_.backend.for_each(1, LogUnsolved<Entry>{log_, step});
+        return is_solved_;
     }
 
     /// Particles gather velocities, move, and scatter to the grid of the next step. Returns what they found,
@@ -281,6 +298,7 @@ private:
     Storage* storage_;             ///< where steps run
     Entry* log_;                   ///< where steps run
     Entry const* heard_ = nullptr; ///< the host's copy of the log
+    bool is_solved_ = true;        ///< see is_solved()
     /// Of each material: whether the gathered fields were cached before the batch, and whether its steps
     /// write them. Steps must write them where obstacles push particles, which sets velocities that cannot be
     /// regathered, and where particles may be removed after a failed step, which has overwritten the grid.

@@ -3,6 +3,7 @@
 
 #include <firn/effects/groups.hpp>
 #include <firn/time_stepping/grid_state.hpp>
+#include <firn/time_stepping/solve_memory.hpp>
 #include <firn/time_stepping/step_controller.hpp>
 #include <firn/time_stepping/typed_storage.hpp>
 #include <firn/time_stepping/volume_keeping.hpp>
@@ -32,7 +33,7 @@ template <class Backend, class Sets, class Transfer>
 struct StepMemory
 {
     StepMemory(Lattice where, Transfer const& scheme, Backend const& on)
-        : lattice(where), transfer(scheme), backend(on), storage(on), volumes(on)
+        : lattice(where), transfer(scheme), backend(on), storage(on), volumes(on), solve(on)
     {}
 
     Lattice lattice;
@@ -42,7 +43,8 @@ struct StepMemory
     std::conditional_t<Sets::keep_volume, VolumeKeeping<Backend, typename Sets::Space, Sets::count>,
                        NoVolumeKeeping>
         volumes;
-    int turn = 0;               ///< which of the two contexts the next step reads
+    SolveMemoryFor<Backend, Sets, Transfer> solve; ///< of implicit steps
+    int turn = 0;                                  ///< which of the two contexts the next step reads
     bool nodes_spoiled = false; ///< the last step failed: nodes lack the velocities of the last good one
 };
 

@@ -9,6 +9,7 @@
 #include <firn/time_stepping/next_step.hpp>
 #include <firn/time_stepping/quarantine.hpp>
 #include <firn/time_stepping/report.hpp>
+#include <firn/time_stepping/solve_report.hpp>
 #include <firn/time_stepping/step_queue.hpp>
 
 #include <algorithm>
@@ -85,8 +86,7 @@ public:
         controller.equal = dt;
         auto plain = plain_effects(next_.time_state.time, effects...);
         groups_.stage(plain, scene.lattice, next_.time_state.time, double(count) * dt, effects...);
-        scene.begin_call();
-        if constexpr (Sets::keep_volume) memory_.volumes.begin_call();
+        begin_call(scene);
         Failures isolated;
         auto const take = [&] {
             // again: time has advanced
@@ -127,8 +127,7 @@ public:
         controller.end = next_.time_state.time + duration;
         auto plain = plain_effects(next_.time_state.time, effects...);
         groups_.stage(plain, scene.lattice, next_.time_state.time, duration, effects...);
-        scene.begin_call();
-        if constexpr (Sets::keep_volume) memory_.volumes.begin_call();
+        begin_call(scene);
         AdvanceReport all;
         all.reactions.resize(groups_.template count_obstacles<Effects...>()); // also if no step fits
         StepReport of_step; // reused, so that its lists are allocated once
@@ -179,6 +178,12 @@ public:
         return all;
     }
 
+    /// Brings the scene to rest; see Solver::settle, and settle_scene.hpp.
+    template <class... Effects>
+    RestReport settle(Scene& scene, Effects const&... effects);
+    /// How the last call of implicit steps was solved.
+    SolveReport const& solved() const { return memory_.solve.report; }
+
     /// Goes on from another time and other bounds, and from another list of removed particles.
     void go_on_from(TimeState const& time_state, Failures isolated)
     {
@@ -188,16 +193,30 @@ public:
     }
 
 private:
+    /// The least share of the load of a scene that settles in one step.
+    static constexpr double smallest_load = 0x1p-6;
+
+    typename Driver::Scene parts_of(Scene& scene)
+    {
+        return {scene.sets,        scene.grid_state,           next_.time_state,
+                scene.masses.unit, scene.smallest_node_mass(), quarantine_.most() > 0,
+                groups_.of_call()};
+    }
+
+    void begin_call(Scene& scene)
+    {
+        scene.begin_call();
+        if constexpr (Sets::keep_volume) memory_.volumes.begin_call();
+        if constexpr (StepsImplicitly<Transfer>) memory_.solve.report = {};
+    }
+
     /// Takes the chosen step and, on a backend that queues, some of the `most - 1` after it: see
     /// StepDriver::take and StepQueue::take.
     template <class Effects, class Visit>
     StepLog const& run(Scene& scene, Controller const& controller, std::size_t most, Effects const& effects,
                        Visit const& visit)
     {
-        typename Driver::Scene const parts{
-            scene.sets,        scene.grid_state,           next_.time_state,
-            scene.masses.unit, scene.smallest_node_mass(), quarantine_.most() > 0,
-            groups_.of_call()};
+        auto const parts = parts_of(scene);
         int at_once = 1;
         if constexpr (Scene::Backend::queues)
             at_once = groups_.most_steps(driver_.steps_at_once(memory_, parts, most));
@@ -215,6 +234,12 @@ private:
             overflowed_ = detail::with_fastest(scene.sets, *log, scene.values(scene.sets));
             log = &overflowed_;
         }
+        if constexpr (StepsImplicitly<Transfer>)
+            if (log->cause == FailureCause::unsolved && log->failed > 0) {
+                if (memory_.solve.refused != nullptr) refuse_step(scene);
+                overflowed_ = detail::with_nearest(scene.sets, *log, solved().where);
+                log = &overflowed_;
+            }
         return *log;
     }
 
@@ -303,6 +328,24 @@ private:
         memory_.nodes_spoiled = false;
     }
 
+    /// Where an implicit step cannot be solved at all.
+    [[noreturn, gnu::cold]] void refuse_step(Scene& scene)
+    {
+        regain_velocities(scene);
+        throw Error{
+            memory_.solve.refused, detail::at_place(solved().where, d),
+            "Pass obstacles with Contact::sticky() or Contact::bound_slip(), held regions, forces and "
+            "gravity, or choose SymplecticEuler."};
+    }
+    [[noreturn, gnu::cold]] void fail_to_rest() const
+    {
+        throw Error{"no state of rest was found for a load step of " + std::to_string(smallest_load) +
+                        " of the load: " + detail::in_words(solved(), d),
+                    "Solver::settle",
+                    "The state is that of the last load step that was found. Look at what is not held, at "
+                    "loads beyond what the material bears, or at few particles per cell: 9 in the plane."};
+    }
+
     [[noreturn, gnu::cold]] void fail_to_get_on(Scene& scene, std::optional<StepFailure> const& since)
     {
         regain_velocities(scene);
@@ -321,6 +364,8 @@ private:
             kept += "; of " + std::to_string(quarantine_.most()) +
                     " particles that may be in quarantine there are " + std::to_string(isolated().size()) +
                     ", which stay out (Solver::isolated)";
+        if constexpr (StepsImplicitly<Transfer>)
+            if (log.cause == FailureCause::unsolved) kept = detail::in_words(solved(), d) + ". " + kept;
         StepFailure failure = detail::failure_of(scene.sets, log, next_.time_state.time, dt);
         auto const spoilers = detail::without_stress(scene.sets, 0, next_.time_state.time, dt);
         if (!spoilers.empty()) { // their missing stress makes other particles fail
@@ -337,7 +382,7 @@ private:
     detail::Quarantine quarantine_;
     bool (TimeLoop::*isolate_)(Scene&, detail::FailedStep const&, Failures&) = nullptr;
     AdvanceReport until_error_; ///< see until_error()
-    StepLog overflowed_;        ///< of such a step, with a particle
+    StepLog overflowed_;        ///< of such a step, or one that was not solved, with a particle
 };
 
 } // namespace firn

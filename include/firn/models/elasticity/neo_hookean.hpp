@@ -56,6 +56,26 @@ struct NeoHookean
         return response;
     }
 
+    /// Q = dP F^T = mu dl b + (mu - lambda ln J) dl^T + lambda tr(dl) I, for dF = dl F and b = F F^T: the
+    /// derivative of P = mu F + (lambda ln J - mu) F^-T (Bonet & Wood 2008, eq. 6.28, times F^-T).
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Matrix<Real, Space::dimension>
+    product(Particle const& state, Matrix<Real, Space::dimension> const& change) const
+    {
+        constexpr int d = Space::dimension;
+        Real const mu(elasticity.mu), lambda(elasticity.lambda);
+        Matrix<Real, d> const& H = state[DisplacementGradient{}];
+        Real const growth = volume_change<Real, d>(H); // J - 1
+        Real const turned = mu - lambda * log_one_plus(select(growth > Real(-1), growth, Real(0)));
+        Matrix<Real, d> const stretched =
+            firn::product<Real, d>(change, squared_stretch_less_one<Real, d>(H));
+        Real const grown = lambda * sum_of<Real, d>([&](int i) { return change(i, i); });
+        return make_matrix<Real, d>([&](int i, int j) {
+            Real const sheared = mu * (stretched(i, j) + change(i, j)) + turned * change(j, i);
+            return i == j ? sheared + grown : sheared;
+        });
+    }
+
     /// Psi [J/m^3].
     template <Lane Real, class Particle>
     FIRN_HOST_DEVICE Real energy(Particle const& state) const

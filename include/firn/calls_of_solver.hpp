@@ -1,0 +1,76 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/concepts.hpp>
+#include <firn/effects/actions.hpp>
+#include <firn/time_stepping/report.hpp>
+#include <firn/time_stepping/settle_scene.hpp>
+#include <firn/time_stepping/solve_report.hpp>
+#include <firn/transfer/integrators.hpp>
+
+#include <cstddef>
+#include <vector>
+
+// Calls of a Solver that are the same for all, or belong to an integrator.
+namespace firn::detail
+{
+
+/// Refuses arguments of calls that are not effects with a readable message.
+template <class Solver>
+class RefusesOthers
+{
+public:
+    template <class... Others>
+    StepReport step(double, Others const&...)
+    {
+        require_effects<typename Solver::Real, Solver::d, Others...>();
+        return {};
+    }
+    template <class... Others>
+    std::vector<StepReport> steps(std::size_t, double, Others const&...)
+    {
+        require_effects<typename Solver::Real, Solver::d, Others...>();
+        return {};
+    }
+    template <class... Others>
+    AdvanceReport advance(double, Others const&...)
+    {
+        require_effects<typename Solver::Real, Solver::d, Others...>();
+        return {};
+    }
+};
+
+/// What a solver has by its integrator: nothing more with symplectic Euler.
+template <class Solver, class By>
+class CallsOfSolver : public RefusesOthers<Solver>
+{};
+
+/// What implicit steps have beside: see IMPLICIT.md.
+template <class Solver>
+class CallsOfSolver<Solver, Implicit> : public RefusesOthers<Solver>
+{
+public:
+    /// Brings the scene to rest under its loads: finds the positions in which stress balances what the
+    /// effects do, without inertia, in as many load steps as let no node move by a cell. The scene's time
+    /// does not pass, and velocities are zero afterwards. Something has to hold the scene.
+    ///
+    /// Throws a StepError that names the place of the largest residual if there is no such state to be found.
+    /// The state is then that of the last load step that was.
+    template <class... Effects>
+    RestReport settle(Effects const&... effects)
+    {
+        require_effects<typename Solver::Real, Solver::d, Effects...>();
+        auto& solver = static_cast<Solver&>(*this);
+        RestReport report;
+        solver.change("Solver::settle", [&] {
+            solver.accept("Solver::settle", effects...);
+            report = solver.time_loop_.settle(solver.scene_, effects...);
+        });
+        return report;
+    }
+
+    /// How the steps of the last call were solved.
+    SolveReport const& solved() const { return static_cast<Solver const&>(*this).time_loop_.solved(); }
+};
+
+} // namespace firn::detail

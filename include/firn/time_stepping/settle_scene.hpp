@@ -1,0 +1,157 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/cell_offset.hpp>
+#include <firn/particles/storage.hpp>
+#include <firn/phases/solve_particles.hpp>
+#include <firn/state/save_restore.hpp>
+#include <firn/time_stepping/time_loop.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+namespace firn
+{
+
+namespace detail
+{
+/// What the particles of a material gather from nodes that hold their displacements in a second, by row.
+template <std::size_t k, class Scene>
+auto displacements(Scene& scene)
+{
+    using Phase =
+        GatherSolution<typename Scene::Space, typename Scene::Kernel, typename Scene::Transfer::Explicit,
+                       typename Scene::Sets::template MaterialTraits<k>::Stored>;
+    auto& table = scene.sets.template particles<k>();
+    DerivedStorage<typename Scene::Backend, typename Scene::Space, Fields<Velocity>> moved(scene.backend,
+                                                                                           table.size());
+    auto layer = scene.grid_state.grid().layer(k);
+    Phase phase;
+    phase.particles = table.ordered();
+    phase.velocities = moved.view();
+    scene.backend.for_each_cell(table.cells(), layer, phase);
+    return moved.template by_row<Velocity>(table.size());
+}
+
+/// Moves and deforms the particles of a material in a snapshot, and takes away their velocities.
+template <std::size_t k, class Scene, class Way, class Snapshot>
+void displace(Scene& scene, SolveMemory<typename Scene::Backend, typename Scene::Sets> const& solve,
+              Way const& way, Snapshot& snapshot)
+{
+    using Traits = typename Scene::Sets::template MaterialTraits<k>;
+    using Number = typename Scene::Number;
+    constexpr int d = Scene::d;
+    std::vector<std::uint32_t> row(snapshot.ids.size()), rank = snapshot.ids;
+    std::sort(rank.begin(), rank.end());
+    for (std::size_t i = 0; i < row.size(); ++i)
+        row[i] = static_cast<std::uint32_t>(std::lower_bound(rank.begin(), rank.end(), snapshot.ids[i]) -
+                                            rank.begin());
+    for (std::size_t i = 0; i < row.size(); ++i)
+        for (int a = 0; a < d; ++a) {
+            auto& offset = snapshot.offsets[std::size_t(a)][i];
+            double const to =
+                CellOffset<Number>::exact(offset) + double(way[row[i]][a]) / scene.lattice.cell_size;
+            double const cells = std::floor(to + 0.5);
+            snapshot.cells[i][a] += static_cast<int>(cells);
+            offset = CellOffset<Number>::from(to - cells);
+        }
+    auto const set = [&](auto tag, auto const& value) {
+        using Tag = decltype(tag);
+        auto const field =
+            std::ranges::find(snapshot.fields, std::string(Tag::name), &FieldSnapshot<Number>::name);
+        if (field == snapshot.fields.end()) return;
+        for (int c = 0; c < component_count<Tag>(d); ++c)
+            for (std::size_t i = 0; i < row.size(); ++i)
+                field->components[std::size_t(c)][i] = value(row[i], c);
+    };
+    auto const nothing = [](std::uint32_t, int) { return Number(0); };
+    set(Velocity{}, nothing);
+    set(AffineVelocity{}, nothing);
+    for_each_tag(typename Traits::Model::State{}, [&](auto tag) {
+        using Tag = decltype(tag);
+        auto const tried = solve.template tried<k, Tag>(way.size());
+        set(tag, [&](std::uint32_t of, int c) { return component_of<Tag, d>(tried[of], c); });
+    });
+}
+} // namespace detail
+
+/// A load step is a solve of a second in which inertia is left out: its velocities are the displacements of
+/// that second. If it does not converge, half of it is tried. Time does not pass.
+template <class Scene>
+template <class... Effects>
+RestReport TimeLoop<Scene>::settle(Scene& scene, Effects const&... effects)
+{
+    constexpr double second = 1;
+    double const now = next_.time_state.time;
+    detail::require_to_last<Number>(now, second, "Solver::settle");
+    Controller controller = next_.controller_for(scene, effects...);
+    controller.equal = second;
+    auto plain = plain_effects(now, effects...);
+    RestReport report;
+    begin_call(scene);
+    auto const load = [&] { // one load step; false if it does not converge
+        groups_.stage(plain, scene.lattice, now, second, effects...);
+        scene.cache_grid_fields();
+        next_.time_state.ready = false;
+        next_.choose(scene, controller);
+        auto const parts = parts_of(scene);
+        typename Driver::template Steps<decltype(plain)> step(memory_, parts, controller, plain, 1);
+        bool solved = false;
+        scene.change([&] {
+            step.rebin();
+            step.activate_grid();
+            step.scatter_missing();
+            auto const reactions = step.update_grid(0);
+            solved = step.is_solved(0);
+            step.end(0, true); // the grid has no velocities of the last step
+            report.reactions.clear();
+            groups_.template append_reactions<Effects...>(reactions, scene.masses.unit, report.reactions);
+        });
+        if (!solved) return false;
+        std::array<std::vector<Vector<Number, d>>, Sets::count> ways;
+        Sets::for_each([&](auto k) { ways[k] = detail::displacements<k>(scene); });
+        auto snapshot = detail::save(scene, *this);
+        Sets::for_each(
+            [&](auto k) { detail::displace<k>(scene, memory_.solve, ways[k], snapshot.materials[k]); });
+        snapshot.previous = snapshot.last = 0;
+        snapshot.bounds = {};
+        detail::restore(snapshot, scene, *this);
+        return true;
+    };
+    auto const end = [&] { // whatever happened
+        memory_.solve.at_rest = false;
+        next_.time_state.time = now;
+        next_.time_state.ready = false;
+        report.solve = memory_.solve.report;
+    };
+    memory_.solve.at_rest = true;
+    try {
+        double left = 1, share = 1; // of the load, and of a load step in it
+        while (left > 0) {
+            memory_.solve.left_out = share < left ? 1 - share / left : 0;
+            if (load()) {
+                left = share < left ? left - share : 0;
+                ++report.load_steps;
+                continue;
+            }
+            if (memory_.solve.refused != nullptr) refuse_step(scene);
+            share /= 2;
+            if (share < smallest_load) fail_to_rest();
+        }
+        next_.find_bounds(scene);
+    }
+    catch (...) {
+        end();
+        throw;
+    }
+    end();
+    return report;
+}
+
+} // namespace firn

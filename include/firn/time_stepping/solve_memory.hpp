@@ -1,0 +1,94 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/particles/storage.hpp>
+#include <firn/phases/solve_particles.hpp>
+#include <firn/time_stepping/solve_report.hpp>
+#include <firn/transfer/integrators.hpp>
+
+#include <array>
+#include <cstddef>
+#include <optional>
+#include <tuple>
+#include <utility>
+
+namespace firn
+{
+
+/// The memory of implicit steps: what particles cache while one is solved, and how the last one went.
+template <class Backend, class Sets>
+class SolveMemory
+{
+    template <std::size_t k>
+    using Trial = DerivedStorage<Backend, typename Sets::Space,
+                                 TrialFields<typename Sets::template MaterialTraits<k>::Model>>;
+
+public:
+    explicit SolveMemory(Backend const& backend) : backend_(backend) {}
+
+    SolveReport report{};          ///< of the last step; its counts are those of the call
+    char const* refused = nullptr; ///< why the last step cannot be solved at all, if so
+    bool at_rest = false;          ///< the scene is brought to rest
+    double left_out = 0;           ///< the share of the load that is left for another load step
+
+    /// The cached fields of a material's `count` particles.
+    template <std::size_t k>
+    auto trial(std::size_t count)
+    {
+        auto& own = std::get<k>(trials_);
+        if (!own)
+            own.emplace(backend_, count);
+        else if (sizes_[k] != count)
+            own->resize(count);
+        sizes_[k] = count;
+        return own->view();
+    }
+
+    /// A field of the state that a material's particles, by row, tried last.
+    template <std::size_t k, class Tag>
+    auto tried(std::size_t count) const
+    {
+        return std::get<k>(trials_)->template by_row<Tag>(count);
+    }
+
+    /// Bytes held.
+    std::size_t memory() const
+    {
+        return std::apply(
+            [](auto const&... own) { return (std::size_t(0) + ... + (own ? own->memory() : 0)); }, trials_);
+    }
+
+private:
+    template <std::size_t... k>
+    static std::tuple<std::optional<Trial<k>>...> storage_of(std::index_sequence<k...>);
+
+    Backend backend_;
+    decltype(storage_of(typename Sets::Places{})) trials_;
+    std::array<std::size_t, Sets::count> sizes_{};
+};
+
+/// Where steps are explicit.
+struct NoSolveMemory
+{
+    explicit NoSolveMemory(auto const&) {}
+};
+
+namespace detail
+{
+template <class Backend, class Sets, class Transfer>
+struct SolveMemoryOf
+{
+    using Type = NoSolveMemory;
+};
+template <class Backend, class Sets, StepsImplicitly Transfer>
+struct SolveMemoryOf<Backend, Sets, Transfer>
+{
+    using Type = SolveMemory<Backend, Sets>;
+};
+} // namespace detail
+
+/// The memory that the steps of a transfer scheme need.
+template <class Backend, class Sets, class Transfer>
+using SolveMemoryFor = typename detail::SolveMemoryOf<Backend, Sets, Transfer>::Type;
+
+} // namespace firn

@@ -1,0 +1,290 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/components.hpp>
+#include <firn/core/finite.hpp>
+#include <firn/core/host_device.hpp>
+#include <firn/grid/lattice.hpp>
+#include <firn/phases/solve_nodes.hpp>
+#include <firn/phases/solve_particles.hpp>
+#include <firn/time_stepping/solve_memory.hpp>
+#include <firn/time_stepping/solve_report.hpp>
+#include <firn/time_stepping/step_log.hpp>
+#include <firn/time_stepping/step_scene.hpp>
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <utility>
+
+// The velocities of nodes at the end of an implicit step, by Newton's method.
+namespace firn
+{
+
+/// Logs that a step was not solved: it failed, as if a particle had.
+template <class Entry>
+struct LogUnsolved
+{
+    Entry* log;
+    int step;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t) const
+    {
+        Entry& mine = log[step + 1];
+        mine.after.time_state = log[step].after.time_state;
+        mine.after.time_state.ready = false;
+        mine.after.cause = FailureCause::unsolved;
+        mine.after.failed = 1;
+        mine.after.material = 0;
+        mine.after.particle = 0;
+        mine.taken = 0;
+    }
+};
+
+/// The solve of one step, from the sums that particles scattered to the velocities that they gather.
+///
+///   begin       v from the velocity without stress; what obstacles leave free
+///   residual    particles try v and scatter the impulse of their stress; r, |r| and the preconditioner
+///   search      H dv = -r by conjugate gradients: each product is one pass to the particles and back
+///   try         v + a dv, a = 1 and halved until the incremental energy falls; then the residual again
+///   conclude    effects act once more, with the impulse of stress, and obstacles receive their reactions
+///
+/// H = M + dt^2 K is symmetric, and K is that of the state at v (Gast et al. 2015, section 5). The change of
+/// the incremental energy along a dv is found by its slopes at both ends, a (r(v) + r(v + a dv)) dv / 2:
+/// differences of energies would be rounding errors in single precision near the solution.
+template <class Backend, class Sets, class Kernel, class Transfer, class Actions>
+class SolveStep
+{
+    using Space = typename Sets::Space;
+    using Number = typename Space::Scalar;
+    static constexpr int d = Space::dimension;
+    using Scene = StepScene<Backend, Sets, Kernel, Transfer>;
+    using Memory = StepMemory<Backend, Sets, Transfer>;
+    using Context = StepContext<Number, Actions>;
+    using Sums = SolveSums<d>;
+    template <std::size_t k>
+    using MaterialTraits = typename Sets::template MaterialTraits<k>;
+    template <std::size_t k, template <class, class, class, class, class> class Pass>
+    using PassOf = Pass<Space, typename MaterialTraits<k>::Model, Kernel, typename Transfer::Explicit,
+                        typename MaterialTraits<k>::Stored>;
+
+    static_assert(!Backend::queues,
+                  "implicit steps need a backend whose loops have finished when they return: "
+                  "choose another backend, or SymplecticEuler");
+    static_assert(
+        []<std::size_t... k>(std::index_sequence<k...>) {
+            return (
+                AnswersProduct<typename MaterialTraits<k>::Model, typename Backend::template Lane<Number>> &&
+                ...);
+        }(typename Sets::Places{}),
+        "a material answers no product with its tangent, which implicit steps ask for: choose "
+        "NeoHookean, add a member product(state, change), or choose SymplecticEuler");
+    static_assert(!Sets::are_bodies,
+                  "implicit steps know no Bodies that touch: choose Materials, or SymplecticEuler");
+    static_assert(Actions::groups == 0 && Actions::groups_at_surface == 0,
+                  "implicit steps know no Obstacles whose number is known at run time: pass each as an "
+                  "Obstacle, or choose SymplecticEuler");
+    static_assert(!Actions::changes_impulse,
+                  "LocalDamping, and any action with on_impulse, needs forces that an implicit step has not "
+                  "found yet: choose Damping, or SymplecticEuler");
+
+public:
+    SolveStep(Memory& memory, Scene const& scene, Context const* now)
+        : memory_(memory), scene_(scene), now_(now), by_(memory.transfer.integrator), own_(memory.solve),
+          report_(memory.solve.report), dt_(scene.time_state.now.interval.length()),
+          at_rest_(memory.solve.at_rest)
+    {}
+
+    /// Whether the velocities at the end of the step were found: nodes hold them as their solution, and the
+    /// impulse of stress that goes with them.
+    bool solve()
+    {
+        report_.begin_step();
+        own_.refused = nullptr;
+        Sums const start = on_nodes(
+            BesideWalls<BeginSolve<Space, Kernel, Transfer, Actions>, Actions>{{update(), at_rest_}, now_});
+        mass_ = start.first;
+        if (!(mass_ > 0)) return report_.converged = true;
+        if (start.refused > 0) return refuse(start);
+        if (at_rest_ && start.held == 0) {
+            own_.refused = "nothing holds the scene, so there is no state of rest to find";
+            return false;
+        }
+        outside_ = std::sqrt(start.second / mass_);
+        speed_ = at_rest_ ? 0 : std::sqrt(start.third / mass_);
+        Sums at = residual(true);
+        if (at.inverted > 0) { // too far for a start: only as far as obstacles prescribe
+            on_nodes(ChooseVelocities<Space, Kernel, Transfer>{{}, Number(-1)});
+            at = residual(true);
+        }
+        if (at_rest_) outside_ = std::max(outside_, std::sqrt(at.first / mass_));
+        while (!is_solved(at)) {
+            if (report_.newton_of_step >= by_.newton) return false;
+            double const slope = search();
+            if (!step_along(slope, at)) return false;
+        }
+        on_nodes(AcceptVelocities<Space, Kernel, Transfer>{});
+        return report_.converged = true;
+    }
+
+    /// The grid update that ends the step. Returns the reactions of obstacles.
+    auto conclude() const
+    {
+        return memory_.backend.for_each_node(
+            scene_.sets.orders(), grid(),
+            ConcludeSolve<Space, Kernel, Transfer, Actions>{update(), at_rest_});
+    }
+
+private:
+    /// Of a node's stiffness: about the mean square of the kernel's gradient [1/cells^2].
+    static constexpr double stiffness_of_kernel = 0.5;
+
+    auto& grid() const { return scene_.grid_state.grid(); }
+    UpdateGrid<Space, Kernel, Transfer, Actions> update() const
+    {
+        return scene_.grid_state.grid_update(scene_.sets, now_, scene_.smallest_node_mass, scene_.mass_unit,
+                                             false);
+    }
+
+    template <class Phase>
+    Sums on_nodes(Phase const& phase) const
+    {
+        return memory_.backend.for_each_node(scene_.sets.orders(), grid(), phase);
+    }
+    /// What nodes do with the sums of a pass, which are the next step's until then.
+    template <class Phase>
+    Sums on_passed(Phase const& phase) const
+    {
+        grid().swap();
+        Sums const found = on_nodes(BesideWalls<Phase, Actions>{phase, now_});
+        grid().swap();
+        return found;
+    }
+    /// A pass from nodes to particles and back.
+    template <template <class, class, class, class, class> class Pass>
+    void pass()
+    {
+        ++report_.passes;
+        Sets::for_each([&](auto k) {
+            auto& table = scene_.sets.template particles<k>();
+            auto layer = grid().layer(k);
+            using Phase = PassOf<k, Pass>;
+            Phase phase;
+            phase.model = scene_.sets.template model<k>();
+            phase.particles = table.current();
+            phase.trial = own_.template trial<k>(table.size());
+            phase.mass_groups = table.mass_groups();
+            phase.dt = static_cast<Number>(dt_);
+            phase.inverse_cell_size = static_cast<Number>(1 / memory_.lattice.cell_size);
+            memory_.backend.for_each_cell(table.cells(), layer, phase);
+        });
+    }
+
+    /// The residual of the velocities to try.
+    Sums residual(bool is_first = false)
+    {
+        pass<TryVelocities>();
+        double const in_cells = dt_ / memory_.lattice.cell_size;
+        Sums const at = on_passed(FindResidual<Space, Kernel, Transfer>{
+            {},
+            at_rest_,
+            is_first,
+            static_cast<Number>(own_.left_out),
+            static_cast<Number>(stiffness_of_kernel * in_cells * in_cells)});
+        along_z_ = at.along_z;
+        return at;
+    }
+
+    /// Solves for the change by conjugate gradients, preconditioned by the nodes' diagonal. Returns the slope
+    /// of the incremental energy along it, r dv, which is below 0.
+    double search()
+    {
+        ++report_.newton, ++report_.newton_of_step;
+        on_nodes(AcceptVelocities<Space, Kernel, Transfer>{});
+        double rz = along_z_, slope = 0;
+        double const enough = by_.forcing * by_.forcing * rz;
+        for (int i = 0; i < by_.linear; ++i) {
+            pass<ProductOfStress>();
+            ++report_.products;
+            double const curvature = on_passed(FindCurvature<Space, Kernel, Transfer>{{}, at_rest_}).first;
+            bool const falls = curvature > 0 && is_finite(curvature);
+            if (!falls && i > 0) break; // what was found until here is a descent
+            double const along = falls ? rz / curvature : 1;
+            double const next =
+                on_passed(AdvanceSearch<Space, Kernel, Transfer>{{{}, at_rest_}, static_cast<Number>(along)})
+                    .along_z;
+            slope -= along * rz;
+            if (!falls || !(next > enough)) break;
+            on_nodes(TurnSearch<Space, Kernel, Transfer>{{}, static_cast<Number>(next / rz)});
+            rz = next;
+        }
+        return slope;
+    }
+
+    /// Tries the change and, while the incremental energy does not fall enough, half of it. `at` becomes the
+    /// residual there.
+    bool step_along(double slope, Sums& at)
+    {
+        constexpr double armijo = 1e-4;
+        for (double share = 1; share > 0x1p-13; share /= 2) {
+            on_nodes(ChooseVelocities<Space, Kernel, Transfer>{{}, static_cast<Number>(share)});
+            at = residual();
+            if (at.inverted == 0 && is_finite(at.first) && at.second <= (1 - 2 * armijo) * -slope)
+                return true;
+            ++report_.halvings;
+        }
+        note(at);
+        return false;
+    }
+    /// Whether the residual is small enough; says so in the report.
+    bool is_solved(Sums const& at)
+    {
+        note(at);
+        return report_.residual <= report_.tolerance;
+    }
+    void note(Sums const& at)
+    {
+        double const speed = std::sqrt(at.third / mass_),
+                     scale = at_rest_ ? 1e-2 * outside_ : std::max(outside_, 1e-2 * std::max(speed_, speed));
+        report_.residual = std::sqrt(at.first / mass_);
+        report_.tolerance = by_.tolerance > 0 ? by_.tolerance : by_.share * scale;
+        // velocities are rounded, and so is the stress by which nodes resist their differences
+        report_.tolerance = std::max(report_.tolerance, double(std::numeric_limits<Number>::epsilon()) *
+                                                            speed * (1 + 2 * at.stiffest));
+        report_.largest = std::sqrt(at.most);
+        report_.where = place_of(at.where);
+    }
+    Eigen::Vector3d place_of(Coordinates<d> const& node) const
+    {
+        Vector<double, d> place;
+        for (int a = 0; a < d; ++a)
+            place[a] = memory_.lattice.origin[a] + memory_.lattice.cell_size * node[a];
+        return in_space<d>(place);
+    }
+
+    bool refuse(Sums const& start)
+    {
+        own_.refused =
+            at_rest_
+                ? "at rest obstacles stand still and hold or slip without letting go: one of the effects "
+                  "moves, separates, has friction, or changes velocities in another way"
+                : "an effect does more to velocities of nodes than to prescribe some of their components, "
+                  "which implicit steps do not know yet: it separates, or has friction";
+        report_.where = place_of(start.where);
+        return false;
+    }
+
+    Memory& memory_;
+    Scene const& scene_;
+    Context const* now_;
+    Implicit const by_;
+    SolveMemory<Backend, Sets>& own_;
+    SolveReport& report_;
+    double dt_;
+    bool at_rest_;
+    double mass_ = 0, outside_ = 0, speed_ = 0; ///< [mass units], [m/s], [m/s]
+    double along_z_ = 0;                        ///< of the residual that was found last
+};
+
+} // namespace firn

@@ -1,0 +1,173 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/error.hpp>
+#include <firn/core/finite.hpp>
+#include <firn/transfer/node_fields.hpp>
+#include <firn/transfer/transfer.hpp>
+
+#include <concepts>
+#include <type_traits>
+
+// How a step finds the velocities of nodes: the integrators, and a transfer scheme that steps by another one
+// than symplectic Euler. See IMPLICIT.md.
+namespace firn
+{
+
+/// Stress acts on nodes as it is when the step begins, and velocities move particles as they are at its end:
+/// the explicit step of the Material Point Method, which is stable up to the time of a wave through a cell.
+struct SymplecticEuler
+{
+    static constexpr auto name = "symplectic_euler";
+};
+
+/// Backward Euler: stress acts as it is at the end of the step, so no wave bounds the length of a step. The
+/// velocities of nodes are found by Newton's method, whose linear systems preconditioned conjugate gradients
+/// solve without a matrix (see time_stepping/newton.hpp).
+struct Implicit
+{
+    /// Newton stops where the residual, as the change of velocity that would remove it, is below this
+    /// [m/s]: the root of its mean square over the mass. In Solver::settle it is the change in a second. 0:
+    /// `share` of a scale of the scene. Neither asks for less than rounding leaves.
+    double tolerance = 0;
+    /// Of the change of velocity by outside forces in the step, or of a hundredth of the mean speed, if that
+    /// is more. In Solver::settle a hundredth of this share is asked for.
+    double share = 1e-2;
+    /// Conjugate gradients stop where their residual is below this share of the one that they began with.
+    double forcing = 0.1;
+    int newton = 20;   ///< the most linear systems in a step; one more is a failed step
+    int linear = 2000; ///< the most products in a linear system; what is found until then is tried
+
+    static constexpr auto name = "implicit";
+
+    /// Throws an Error if a number is out of its range.
+    void validate() const
+    {
+        auto const keep = [](bool good, char const* what, char const* remedy) {
+            require(good, what, "Implicit", remedy);
+        };
+        keep(is_finite(tolerance) && tolerance >= 0, "the tolerance is not a finite number, 0 or above",
+             "Pass m/s, or 0 for a share of what outside forces do.");
+        keep(is_finite(share) && share > 0 && share < 1, "the share is outside (0, 1)", "Pass e.g. 1e-2.");
+        keep(is_finite(forcing) && forcing > 0 && forcing < 1, "forcing is outside (0, 1)",
+             "Pass a share of the residual, e.g. 0.1.");
+        keep(newton > 0, "no linear system may be solved", "Pass the most of a step, e.g. 20.");
+        keep(linear > 0, "no product may be computed", "Pass the most of a linear system, e.g. 2000.");
+    }
+};
+
+/// What an integrator of a Solver has to be.
+template <class T>
+concept Integrator = std::same_as<T, SymplecticEuler> || std::same_as<T, Implicit>;
+
+/// A transfer scheme whose steps are implicit: its particles scatter mass and momentum without the impulse of
+/// their stress, which the solve finds for the end of the step.
+template <class Base>
+struct SteppedImplicitly : Base
+{
+    using Explicit = Base;
+
+    Implicit integrator;
+
+    SteppedImplicitly() = default;
+    SteppedImplicitly(Base const& base, Implicit const& by = {}) : Base(base), integrator(by) {}
+
+    void validate() const
+    {
+        if constexpr (requires(Base const& base) { base.validate(); }) Base::validate();
+        integrator.validate();
+    }
+
+    /// What the scheme itself scatters for a particle without stress.
+    template <class Kernel, Lane Real, int d, class Particle>
+    FIRN_HOST_DEVICE ParticleContribution<Real, d> scatter(Particle const& particle, Real mass,
+                                                           Matrix<Real, d> const&, Real cell_size) const
+    {
+        return Base::template scatter<Kernel, Real, d>(particle, mass, zeros<Matrix<Real, d>>(), cell_size);
+    }
+};
+
+/// Whether a transfer scheme's steps are implicit.
+template <class Transfer>
+concept StepsImplicitly = requires
+{
+    typename Transfer::Explicit;
+    requires std::derived_from<Transfer, SteppedImplicitly<typename Transfer::Explicit>>;
+};
+
+namespace detail
+{
+template <class Transfer, class By>
+struct SteppedByIntegrator
+{
+    using Type = Transfer;
+};
+template <class Transfer>
+struct SteppedByIntegrator<Transfer, Implicit>
+{
+    static_assert(!ExtendsVelocities<Transfer>,
+                  "Xpic extends velocities that an implicit step has not found yet: choose another transfer, "
+                  "or SymplecticEuler");
+    static_assert(Transfer::moves_with_grid,
+                  "an implicit step moves particles with the grid, and this transfer moves them by "
+                  "velocities of their own: choose another one, or SymplecticEuler");
+    using Type = SteppedImplicitly<Transfer>;
+};
+} // namespace detail
+
+/// A transfer scheme in the steps of an integrator; with SymplecticEuler the scheme itself.
+template <class Transfer, Integrator By>
+using SteppedBy = typename detail::SteppedByIntegrator<Transfer, By>::Type;
+
+/// What nodes hold beside a transfer's values while an implicit step is solved, from channel `first` on. The
+/// node's velocity itself is the one that particles are to gather: one to try, or a direction of search.
+template <int d, class Set, int first>
+struct SolveValues
+{
+    static constexpr int solution = first;      ///< the velocity found so far [m/s]
+    static constexpr int target = solution + d; ///< that without stress; at rest, its change in a second
+    static constexpr int impulse = target + d;  ///< of stress, at the velocity that was tried
+    static constexpr int change = impulse + d;  ///< of the solution, by the linear system [m/s]
+    static constexpr int residual = change + d; ///< what is left of the linear system's right side
+    static constexpr int offset = residual + d; ///< the residual where a load begins
+    static constexpr int free = offset + d;     ///< the projection to free motion, symmetric
+    static constexpr int behind =
+        free + d * (d + 1) / 2; ///< the impulse of stress behind walls, by axis and side
+    static constexpr int mass = behind + 2 * d;
+    static constexpr int stiffness = mass + 1; ///< the diagonal by which the system is preconditioned
+    static constexpr int channels = stiffness + 1 - first; ///< 21 in the plane, 32 in space
+
+    /// Whether the value of a channel has the opposite sign in a mirror across an axis.
+    FIRN_HOST_DEVICE static constexpr bool turns(int c, int axis)
+    {
+        if (c < first) return NodeValues<d, Set>::axis(c) == axis;
+        if (c < free) return (c - first) % d == axis;
+        for (int i = 0; i < d; ++i)
+            for (int j = 0; j < i; ++j)
+                if (c == free_at(i, j)) return i == axis || j == axis;
+        return false;
+    }
+
+    /// The channel of the impulse behind a wall that faces this side.
+    FIRN_HOST_DEVICE static constexpr int behind_at(int axis, int side)
+    {
+        return behind + 2 * axis + (side > 0 ? 1 : 0);
+    }
+    /// The channel of a component of the projection.
+    FIRN_HOST_DEVICE static constexpr int free_at(int i, int j)
+    {
+        return free + (i < j ? j * (j + 1) / 2 + i : i * (i + 1) / 2 + j);
+    }
+};
+
+/// How many values a node has with a transfer: those of the scheme, and what its integrator needs.
+template <class Transfer, class Kernel, int d>
+inline constexpr int values_of_node = [] {
+    constexpr int of_transfer = NodeValues<d, ValuesOf<Transfer>>::template channels<Kernel>;
+    if constexpr (StepsImplicitly<Transfer>)
+        return of_transfer + SolveValues<d, ValuesOf<Transfer>, of_transfer>::channels;
+    else
+        return of_transfer;
+}();
+
+} // namespace firn
