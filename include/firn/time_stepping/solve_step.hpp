@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/core/components.hpp>
 #include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
@@ -69,6 +70,7 @@ class SolveStep
     using PassOf = Pass<Space, typename MaterialTraits<k>::Model, Kernel, typename Transfer::Explicit,
                         typename MaterialTraits<k>::Stored>;
 
+    static_assert(!spans_ranks<Backend>, "implicit steps cannot span ranks yet");
     static_assert(!Backend::queues,
                   "implicit steps need a backend whose loops have finished when they return: "
                   "choose another backend, or SymplecticEuler");

@@ -9,6 +9,7 @@
 
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <span>
@@ -30,6 +31,19 @@ class Grid : public Local
     static constexpr std::size_t count_of_layers = std::size_t(Local::layers);
     using Number = std::remove_pointer_t<decltype(std::declval<Local&>().ghost_tile(0, 0))>;
 
+    /// A part of a tile: some rows, and of these the places from `begin` to `end`.
+    struct Window
+    {
+        std::uint64_t rows = ~std::uint64_t(0);
+        std::uint32_t begin = 0, end = static_cast<std::uint32_t>(row_numbers);
+    };
+    /// A part of a tile as it is sent: `rows` are those that hold sums.
+    struct Begin
+    {
+        std::uint64_t key; ///< of the block
+        Window window;
+    };
+
 public:
     template <class Backend, class Periods>
     explicit Grid(Backend const& backend, Periods const& periods) : Local(backend.local, periods)
@@ -45,31 +59,35 @@ public:
         Layer(Grid& grid, std::size_t number) : Local::Layer(grid, number), ghosts_are_old_(&grid.are_old_) {}
         void change_sums() const { *ghosts_are_old_ = true; }
 
-        /// Appends the tile of a block to a parcel: which rows hold sums, and these.
-        void put_tile(std::size_t block, Parcel& to) const
+        /// Appends a part of a block's tile to a parcel.
+        void put_tile(std::size_t block, std::uint64_t key, Window const& window, Parcel& to) const
         {
-            std::uint64_t const touched = this->touched(block);
-            put(to, touched);
-            for_each_row(this->tile(block), touched, [&](Number* row) { put(to, row, row_numbers); });
+            Begin const begin{key, {this->touched(block) & window.rows, window.begin, window.end}};
+            put(to, begin);
+            for_each_part(this->tile(block), begin.window,
+                          [&](Number* part, std::size_t count) { put(to, part, count); });
         }
-        /// The tile that comes next in a parcel, and set_tile() makes that of a block.
+        /// All of it.
+        void put_tile(std::size_t block, Parcel& to) const { put_tile(block, 0, {}, to); }
+        /// Takes what that appended from a parcel, for set_tile().
         Parcel copied_tile(Reader& from) const
         {
-            auto const touched = from.template get<std::uint64_t>();
+            auto const begin = from.template get<Begin>();
             Parcel tile;
-            put(tile, touched);
-            for_each_row(nullptr, touched, [&](Number*) {
-                std::array<Number, std::size_t(row_numbers)> row;
-                from.get(row.data(), row.size());
-                put(tile, row.data(), row.size());
-            });
+            put(tile, begin);
+            std::size_t const before = tile.size(), bytes = bytes_of(begin.window);
+            tile.resize(before + bytes);
+            from.get(tile.data() + before, bytes);
             return tile;
         }
+        /// Makes it the tile of a block.
         void set_tile(std::size_t block, Parcel const& tile) const
         {
             Reader from(tile);
-            auto const touched = this->touched(block) = from.template get<std::uint64_t>();
-            for_each_row(this->tile(block), touched, [&](Number* row) { from.get(row, row_numbers); });
+            auto const begin = from.template get<Begin>();
+            this->touched(block) = begin.window.rows;
+            for_each_part(this->tile(block), begin.window,
+                          [&](Number* part, std::size_t count) { from.get(part, count); });
         }
 
     private:
@@ -124,6 +142,13 @@ public:
     }
 
 private:
+    /// A block with the part of its tile that another rank needs.
+    struct Border
+    {
+        std::size_t block;
+        Window window;
+    };
+
     /// Lists the blocks whose tiles other ranks need: those with a neighbour that another rank has.
     void find_borders(Orders const& orders)
     {
@@ -138,10 +163,38 @@ private:
                     Coordinates<d> at = blocks[b].coordinates;
                     for (int a = 0, rest = step; a < d; ++a, rest /= width) at[a] += rest % width - looks_;
                     int const owner = orders[l]->owner(at);
+                    if (owner == rank) continue;
                     auto& list = border_[l][static_cast<std::size_t>(owner)];
-                    if (owner != rank && (list.empty() || list.back() != b)) list.push_back(b);
+                    Coordinates<d> const way = at - blocks[b].coordinates;
+                    Window const window = looks_ > 1 ? Window{} : shared_with(way);
+                    if (list.empty() || list.back().block != b)
+                        list.push_back({b, window});
+                    else {
+                        auto& all = list.back().window;
+                        all = {all.rows | window.rows, std::min(all.begin, window.begin),
+                               std::max(all.end, window.end)};
+                    }
                 }
         }
+    }
+
+    /// The part of a tile in the blocks of nodes that are under a neighbour of the tile's block, too.
+    static Window shared_with(Coordinates<d> const& way)
+    {
+        auto const is_shared = [](int steps, int at, int extent) {
+            return steps == 0 || (steps < 0 ? at < extent : at >= extent);
+        };
+        Window window{Local::ends};
+        for (int row = 0; row < Local::rows; ++row) {
+            bool shared = true;
+            for (int a = d - 2, rest = row; a >= 0; --a, rest /= Local::rows_across)
+                shared = shared && is_shared(way[a], rest % Local::rows_across, Local::Shape::across);
+            if (shared) window.rows |= std::uint64_t{1} << row;
+        }
+        constexpr auto along = static_cast<std::uint32_t>(Local::Shape::along);
+        if (way[d - 1] < 0) window.end = along;
+        if (way[d - 1] > 0) window.begin = along;
+        return window;
     }
 
     /// The tiles for each rank: how many there are of each layer, and of each its block, and the rows of it
@@ -154,22 +207,28 @@ private:
             for (std::size_t l = 0; l < count_of_layers; ++l) {
                 put(to[r], std::uint64_t{border_[l][r].size()});
                 auto const of_layer = layer(l);
-                for (std::size_t const b : border_[l][r]) {
-                    put(to[r], block_key<d>(orders[l]->blocks()[b].coordinates));
-                    of_layer.put_tile(b, to[r]);
-                }
+                for (auto const& [b, window] : border_[l][r])
+                    of_layer.put_tile(b, block_key<d>(orders[l]->blocks()[b].coordinates), window, to[r]);
             }
         }
         return to;
     }
 
-    /// Calls `use(first number)` for the rows of a tile that hold sums.
+    /// Calls `use(first number, how many)` for a part of a tile, row by row.
     template <class Use>
-    static void for_each_row(Number* tile, std::uint64_t touched, Use const& use)
+    static void for_each_part(Number* tile, Window const& window, Use const& use)
     {
         for (int row = 0; row < Local::rows; ++row)
-            if ((touched >> row) & 1)
-                for (int c = 0; c < sums; ++c) use(tile + c * Local::tile_channel + row * row_numbers);
+            if ((window.rows >> row) & 1)
+                for (int c = 0; c < sums; ++c)
+                    use(tile + c * Local::tile_channel + row * row_numbers + window.begin,
+                        static_cast<std::size_t>(window.end - window.begin));
+    }
+    static std::size_t bytes_of(Window const& window)
+    {
+        constexpr std::uint64_t all = (std::uint64_t{1} << Local::rows) - 1;
+        auto const rows = static_cast<std::size_t>(std::popcount(window.rows & all));
+        return rows * sums * (window.end - window.begin) * sizeof(Number);
     }
 
     void take_in(std::vector<Parcel> const& came, Orders const& orders)
@@ -183,19 +242,19 @@ private:
             // a first look at which ghosts there are: room for their tiles must be there before they are read
             std::vector<Reader> look = from;
             for (Reader& parcel : look)
-                for_each_ghost(parcel, [&](std::uint64_t key, std::uint64_t touched, Reader& rest) {
-                    at.push_back(block_of_key<d>(key));
-                    for_each_row(nullptr, touched, [&](Number*) { rest.skip(row_numbers * sizeof(Number)); });
+                for_each_ghost(parcel, [&](Begin const& begin) {
+                    at.push_back(block_of_key<d>(begin.key));
+                    parcel.skip(bytes_of(begin.window));
                 });
             auto const before = Local::ghosts(l);
             bool const same = std::equal(at.begin(), at.end(), before.begin(), before.end());
             are_others = are_others || !same;
             if (!same) Local::set_ghosts(l, std::move(at));
             for (Reader& parcel : from)
-                for_each_ghost(parcel, [&](std::uint64_t, std::uint64_t touched, Reader& rest) {
-                    Local::ghost_touched(l, ghost) = touched;
-                    for_each_row(Local::ghost_tile(l, ghost), touched,
-                                 [&](Number* row) { rest.get(row, row_numbers); });
+                for_each_ghost(parcel, [&](Begin const& begin) {
+                    Local::ghost_touched(l, ghost) = begin.window.rows;
+                    for_each_part(Local::ghost_tile(l, ghost), begin.window,
+                                  [&](Number* part, std::size_t count) { parcel.get(part, count); });
                     ++ghost;
                 });
         }
@@ -203,20 +262,18 @@ private:
         blocks_have_changed_ = false;
     }
 
-    /// Calls `use(key, touched rows, reader)` for the ghosts of a layer that come next in a parcel.
+    /// Calls `use(begin)` for the ghosts of a layer that come next in a parcel.
     template <class Use>
     static void for_each_ghost(Reader& from, Use const& use)
     {
         if (from.at_end()) return;
-        for (auto count = from.template get<std::uint64_t>(); count > 0; --count) {
-            auto const key = from.template get<std::uint64_t>(), touched = from.template get<std::uint64_t>();
-            use(key, touched, from);
-        }
+        for (auto count = from.template get<std::uint64_t>(); count > 0; --count)
+            use(from.template get<Begin>());
     }
 
     typename std::remove_cvref_t<decltype(std::declval<Order&>().communicator())> const* communicator_ =
         nullptr;
-    std::array<std::vector<std::vector<std::size_t>>, count_of_layers>
+    std::array<std::vector<std::vector<Border>>, count_of_layers>
         border_; ///< [layer][rank]: blocks that it needs
     int looks_ = 0;
     bool blocks_have_changed_ = true, are_old_ = true;

@@ -14,16 +14,36 @@
 namespace firn::distributed
 {
 
+/// The bits of a number with `gaps` zeros between one and the next.
+template <int gaps>
+constexpr std::uint64_t spread(std::uint64_t bits)
+{
+    static_assert(gaps == 1 || gaps == 2);
+    if constexpr (gaps == 1) { // each step moves the upper half of all groups by half of their distance
+        bits = (bits | bits << 16) & 0x0000ffff0000ffffu;
+        bits = (bits | bits << 8) & 0x00ff00ff00ff00ffu;
+        bits = (bits | bits << 4) & 0x0f0f0f0f0f0f0f0fu;
+        bits = (bits | bits << 2) & 0x3333333333333333u;
+        return (bits | bits << 1) & 0x5555555555555555u;
+    }
+    else {
+        bits = (bits | bits << 32) & 0x001f00000000ffffu;
+        bits = (bits | bits << 16) & 0x001f0000ff0000ffu;
+        bits = (bits | bits << 8) & 0x100f00f00f00f00fu;
+        bits = (bits | bits << 4) & 0x10c30c30c30c30c3u;
+        return (bits | bits << 2) & 0x1249249249249249u;
+    }
+}
+
 /// A block's place on a curve through all blocks, on which neighbours lie close together (Morton 1966): the
 /// digits of its coordinates by turns.
 template <int d>
 std::uint64_t place_on_curve(Coordinates<d> const& block)
 {
     constexpr int bits = block_key_bits<d>;
-    std::uint64_t const key = block_key<d>(block);
+    std::uint64_t const key = block_key<d>(block), all = (std::uint64_t{1} << bits) - 1;
     std::uint64_t place = 0;
-    for (int bit = bits; bit-- > 0;)
-        for (int a = 0; a < d; ++a) place = (place << 1) | ((key >> ((d - 1 - a) * bits + bit)) & 1);
+    for (int a = 0; a < d; ++a) place |= spread<d - 1>((key >> ((d - 1 - a) * bits)) & all) << (d - 1 - a);
     return place;
 }
 
