@@ -4,6 +4,7 @@
 
 #include <firn/distributed.hpp>
 #include <firn/distributed/rank_threads.hpp>
+#include <firn/effects/obstacles.hpp>
 #include <firn/firn.hpp>
 #include <firn/io/checkpoint.hpp>
 #include <firn/openmp.hpp>
@@ -121,6 +122,25 @@ TEST_CASE("obstacles that push particles react with the same bits on any number 
             .shape = {{0.5, 0.2, 1}}, .motion = {.position = {0.8, 0, 0}}, .on_particles = true};
         Numbers all;
         append_report(all, solver.advance(0.1, Gravity{}, block, ReflectingWall{0, 24, -1}));
+        append_all(all, solver);
+        return all;
+    });
+}
+
+TEST_CASE("lists of obstacles react with the same bits on any number of ranks")
+{
+    require_same_on_any_ranks([](auto const& backend) {
+        Solver<std::remove_cvref_t<decltype(backend)>, NeoHookean<Plane>> solver(lattice(0.1), {}, {}, {},
+                                                                                 backend);
+        solver.add(box_of_points<2>({0, 0.3}, {1.6, 1.1}, 0.05), 0.05 * 0.05, {1, -2});
+        Obstacles<Sphere, ActsOn::particles> balls;
+        for (int i = 0; i < 6; ++i)
+            balls.list.push_back({.shape = {0.2},
+                                  .contact = Contact::coulomb(0.3),
+                                  .motion = {.position = {0.4 * i, 0.1, 0}},
+                                  .on_particles = i % 2 == 0});
+        Numbers all;
+        for (int i = 0; i < 3; ++i) append_report(all, solver.advance(0.05, Gravity{}, balls));
         append_all(all, solver);
         return all;
     });
@@ -289,6 +309,29 @@ TEST_CASE("particles in quarantine are the same on any number of ranks")
         Numbers all;
         append_all(all, solver);
         for (auto const& gone : solver.isolated()) append(all, Numbers{double(gone.particle), gone.time});
+        return all;
+    });
+}
+
+TEST_CASE("a run goes on after a failed step with the same bits on any number of ranks")
+{
+    require_same_on_any_ranks([](auto const& backend) {
+        Solver<std::remove_cvref_t<decltype(backend)>, NeoHookean<Plane>> solver(lattice(0.1), {}, {}, {},
+                                                                                 backend);
+        solver.add(box_of_points<2>({0, 0}, {2, 0.8}, 0.05), 0.05 * 0.05, {1, -1});
+        Obstacle<HalfSpace> const floor{};
+        solver.advance(0.02, floor);
+        bool failed = false; // Catch2's macros are for one thread
+        try {
+            solver.step(0.5, floor);
+        }
+        catch (StepError const&) {
+            failed = true;
+        }
+        Numbers all{failed ? 1.0 : 0.0};
+        append_all(all, solver);
+        append_report(all, solver.advance(0.02, floor));
+        append_all(all, solver);
         return all;
     });
 }

@@ -12,6 +12,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -115,13 +116,22 @@ struct Distributed
         layer.change_sums();
         local.template scatter_leavers<Phase>(cells, layer);
     }
-    /// Before nodes are updated, the tiles of other ranks come.
+    /// Updates the nodes of which this rank has the results, after the tiles of other ranks have come. The
+    /// other nodes under its cells follow by for_each_other_node(); a phase without a result updates all.
     template <class CellOrders, class GridType, class Phase>
     auto for_each_node(CellOrders const& orders, GridType& grid, Phase const& phase) const
     {
         constexpr bool looks_further = Phase::looks_around || TellsLayersApart<Phase>;
         grid.exchange(orders, looks_further ? 2 : 1);
+        constexpr bool finds_nothing = std::is_same_v<typename Phase::Result, NothingFound>;
+        grid.show(finds_nothing ? distributed::Nodes::all : distributed::Nodes::own);
         return local.for_each_node(orders, grid, phase);
+    }
+    template <class CellOrders, class GridType, class Phase>
+    void for_each_other_node(CellOrders const& orders, GridType& grid, Phase const& phase) const
+    {
+        grid.show(distributed::Nodes::others);
+        local.for_each_node(orders, grid, phase);
     }
 };
 

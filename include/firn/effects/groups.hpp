@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/core/all_ranks.hpp>
 #include <firn/core/objects_by_type.hpp>
 #include <firn/effects/actions.hpp>
 
@@ -45,6 +44,11 @@ public:
     /// Before a part of the step is repeated: the obstacles are placed once more, and what they receive from
     /// now on does not count, since they have received it before.
     virtual void begin_again(BegunStep const& step) = 0;
+    /// On several ranks: another one counts what obstacles receive from now on, until count().
+    virtual void do_not_count() = 0;
+    virtual void count(int step) = 0;
+    /// Adds up what they received on all ranks in a step.
+    virtual void add_ranks(int step) = 0;
     /// After a batch, of which so many steps were taken.
     virtual void end(int taken) = 0;
     /// Appends what each obstacle received in the next of these steps, times a factor.
@@ -138,9 +142,6 @@ private:
                     double duration, Effect const& effect, Effects const&... effects)
     {
         if constexpr (is_group<First>) {
-            static_assert(!spans_ranks<Backend>,
-                          "lists of obstacles, and those that act at their surface, "
-                          "cannot span ranks yet: pass each as an obstacle of its own");
             auto& memory = memory_.template of<Memory<Effect, place>>(backend_);
             memory.stage(effect, lattice, begin, duration, plain.first);
             of_call_.push_back(&memory);

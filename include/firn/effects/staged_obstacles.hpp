@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/effects/broad_phase.hpp>
 #include <firn/effects/groups.hpp>
@@ -146,6 +147,8 @@ public:
         : backend_(backend), obstacles_(backend), placed_(backend), to_nodes_(backend, 1),
           to_particles_(backend, 0), part_(backend), sums_(backend), received_(backend)
     {
+        static_assert(!(spans_ranks<Backend> && acts_at_surface(acts_on)),
+                      "obstacles that act at their surface cannot span ranks yet: let them act on nodes");
         if constexpr (acts_at_surface(acts_on)) surface_.emplace(backend);
     }
 
@@ -212,6 +215,26 @@ public:
     void begin(BegunStep const& step) override { place(step, step.number); }
 
     void begin_again(BegunStep const& step) override { place(step, most_steps_); }
+
+    void do_not_count() override
+    {
+        sums_.fill(std::size_t(most_steps_) * of_call_.size(), of_call_.size(), 0);
+        count(most_steps_);
+    }
+    void count(int step) override { part_.fill(0, 1, static_cast<std::uint32_t>(step)); }
+
+    void add_ranks([[maybe_unused]] int step) override
+    {
+        if constexpr (spans_ranks<Backend>) {
+            std::vector<std::int64_t> sums(of_call_.size());
+            std::size_t const first = std::size_t(step) * sums.size();
+            sums_.download(first, sums);
+            auto const of_ranks = detail::of_all_ranks(backend_, sums);
+            std::fill(sums.begin(), sums.end(), 0);
+            for (std::size_t i = 0; i < of_ranks.size(); ++i) sums[i % sums.size()] += of_ranks[i];
+            sums_.upload(first, sums);
+        }
+    }
 
     void end(int taken) override
     {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/core/exactly_equal.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/effects/chain.hpp>
@@ -176,8 +177,9 @@ public:
         Sets::for_each([&](auto k) { scatter<k>(-scattered_dt_, true, sets); });
         scattered_dt_ = 0;
         extend_velocities(sets, smallest_node_mass);
-        backend_.for_each_node(sets.orders(), grid_,
-                               grid_update<Chain<>>(sets, now.data(), smallest_node_mass, 1, false));
+        auto const phase = grid_update<Chain<>>(sets, now.data(), smallest_node_mass, 1, false);
+        backend_.for_each_node(sets.orders(), grid_, phase);
+        if constexpr (spans_ranks<Backend>) backend_.for_each_other_node(sets.orders(), grid_, phase);
         cache_grid_fields(sets);
     }
 

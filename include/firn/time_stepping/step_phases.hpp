@@ -118,10 +118,14 @@ public:
             scene_.grid_state.extend_velocities(scene_.sets, scene_.smallest_node_mass);
             [[maybe_unused]] std::uint32_t points = 0;
             if constexpr (at_surfaces) points = find_surface_points(memory_, scene_, now(step));
-            auto reactions = memory_.backend.for_each_node(
-                orders(), grid(),
-                scene_.grid_state.grid_update(scene_.sets, now(step), scene_.smallest_node_mass,
-                                              scene_.mass_unit, true));
+            auto const phase = scene_.grid_state.grid_update(
+                scene_.sets, now(step), scene_.smallest_node_mass, scene_.mass_unit, true);
+            auto reactions = memory_.backend.for_each_node(orders(), grid(), phase);
+            if constexpr (spans_ranks<Backend>) {
+                for_each_group([](auto& group) { group.do_not_count(); });
+                memory_.backend.for_each_other_node(orders(), grid(), phase);
+                for_each_group([&](auto& group) { group.count(step); });
+            }
             if constexpr (at_surfaces) act_at_surfaces(memory_, scene_, points, now(step));
             return reactions;
         }
@@ -162,6 +166,7 @@ public:
     template <class OfNodes, class Found>
     void finish_step(int step, OfNodes const& of_nodes, Found const& found) const
     {
+        if constexpr (spans_ranks<Backend>) for_each_group([&](auto& group) { group.add_ranks(step); });
         std::apply([&](auto const&... of) { finish_phase(step)(of_nodes, of...); }, found);
     }
     /// The phase that does so.

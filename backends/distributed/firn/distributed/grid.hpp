@@ -20,6 +20,14 @@
 namespace firn::distributed
 {
 
+/// Which nodes a loop updates: those whose results are this rank's, the others under its cells, or both.
+enum class Nodes
+{
+    all,
+    own,
+    others
+};
+
 /// The nodes under the cells that this rank has. Where cells of other ranks add to them, the tiles of these
 /// come as ghosts, not reduced: nodes then add up the same tiles in the same order on every rank, and for any
 /// number of ranks.
@@ -121,6 +129,18 @@ public:
         are_old_ = false;
     }
 
+    /// Lets the next loop over nodes see these.
+    void show(Nodes which) { shown_ = which; }
+    int owners() const
+    {
+        auto const here = static_cast<int>(this->owners_here());
+        return shown_ == Nodes::own ? here : Local::owners() - first_owner();
+    }
+    std::span<std::uint32_t const> nodes_at(int owner) const
+    {
+        return Local::nodes_at(owner + first_owner());
+    }
+
     /// Merges the results of the nodes of all ranks, each node's once.
     template <class Result>
     Result merged(std::span<Result const> of_owners) const
@@ -128,10 +148,10 @@ public:
         if constexpr (std::is_same_v<Result, NothingFound>)
             return {};
         else {
+            if (shown_ == Nodes::others) return {}; // they are other ranks'
             std::vector<Part<Result>> parts;
-            std::size_t const count = std::min(of_owners.size(), this->owners_here());
-            parts.reserve(count);
-            for (std::size_t o = 0; o < count; ++o) {
+            parts.reserve(of_owners.size());
+            for (std::size_t o = 0; o < of_owners.size(); ++o) {
                 auto const& block = this->nodes()[o];
                 std::size_t layer = 0; // the first one that has a block here
                 while (block.covered_by[layer][0] == Local::absent) ++layer;
@@ -142,6 +162,8 @@ public:
     }
 
 private:
+    int first_owner() const { return shown_ == Nodes::others ? static_cast<int>(this->owners_here()) : 0; }
+
     /// A block with the part of its tile that another rank needs.
     struct Border
     {
@@ -276,6 +298,7 @@ private:
     std::array<std::vector<std::vector<Border>>, count_of_layers>
         border_; ///< [layer][rank]: blocks that it needs
     int looks_ = 0;
+    Nodes shown_ = Nodes::all;
     bool blocks_have_changed_ = true, are_old_ = true;
 };
 

@@ -217,9 +217,12 @@ public:
         }
     }
 
+    /// Every rank updates all nodes; what is to be counted once, all of them count.
+    void show(Nodes which) { shows_none_ = which == Nodes::others; }
     std::set<Coordinates<d>, reference::FirstAxisFirst> nodes() const
     {
         std::set<Coordinates<d>, reference::FirstAxisFirst> all;
+        if (shows_none_) return all;
         for (auto const& of_layer : all_)
             for (auto const& [node, of_node] : of_layer) all.insert(node);
         return all;
@@ -239,7 +242,7 @@ public:
 
 private:
     std::array<typename Local::template NodeMap<Sums>, std::size_t(layers)> all_; ///< of all ranks, by layer
-    bool are_old_ = true;
+    bool are_old_ = true, shows_none_ = false;
 };
 
 } // namespace firn::distributed
