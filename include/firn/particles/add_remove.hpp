@@ -84,7 +84,6 @@ FIRN_COLD std::size_t add_particles(Table& table, Model const& model, Points con
     constexpr int d = Table::d;
     using Number = typename Table::Number;
     double const density(model.density);
-    detail::require_in_range(table, points);
     std::size_t const added = std::size(points);
     volumes.validate(added, static_cast<Number>(density));
     Vector<Number, d> const same_velocity = vector_of<Number, d>(velocity);

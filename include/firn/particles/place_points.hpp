@@ -10,6 +10,7 @@
 #include <firn/core/space.hpp>
 #include <firn/grid/lattice.hpp>
 #include <firn/grid/world_layout.hpp>
+#include <firn/particles/storage.hpp>
 
 #include <algorithm>
 #include <array>
@@ -21,8 +22,7 @@
 #include <type_traits>
 #include <vector>
 
-// Where new particles lie: their points are checked on the host, and the backend finds their cells. `Table`
-// is a ParticleTable.
+// Where new particles lie: the backend checks their points and finds their cells. `Table` is a ParticleTable.
 namespace firn::detail
 {
 
@@ -55,52 +55,31 @@ struct CoordinateOf<Point>
     using Type = typename Point::Scalar;
 };
 
-/// Throws an Error unless all points [m] are finite and within the range of cells.
-template <class Table, class Points>
-void require_in_range(Table const& table, Points const& points)
-{
-    constexpr int d = Table::d;
-    static_assert(
-        PointOf<std::remove_cvref_t<decltype(*std::begin(points))>, d>,
-        "points have as many coordinates as the scene has dimensions, and those of a host no padding: "
-        "see HostValue in firn/core/host_arrays.hpp");
-    Lattice const& lattice = table.lattice();
-    double const largest = lattice.half_world == 0 ? Table::CellOrder::largest_coordinate
-                                                   : lattice.half_world - 2 * WorldLayout<d>::margin;
-    std::size_t index = 0;
-    for (auto const& point : points) {
-        Vector<double, d> const x = point_of<d>(point);
-        bool is_near = true; // false for NaN, too
-        for (int a = 0; a < d; ++a)
-            is_near = is_near && is_finite(x[a]) &&
-                      std::abs(x[a] - lattice.origin[a]) / lattice.cell_size < largest;
-        if (!is_near)
-            throw Error{
-                "point " + std::to_string(index) + " is not finite or too far from the lattice's origin",
-                "Solver::add",
-                "Pass finite positions in metres, within " + std::to_string(static_cast<long>(largest)) +
-                    " cells of the origin: use a larger cell or move the lattice's origin."};
-        ++index;
-    }
-}
-
-/// Where new particles lie: writes the cell, the offset and the row of each.
+/// Where new particles lie: writes the cell, the offset and the row of each, or that a point is out of range.
 template <class Number, int d, class Coordinate>
 struct LocatePoints
 {
     std::array<Coordinate, std::size_t(d)> const* points; ///< [m]
     Lattice lattice;
     int kernel_degree;
+    double largest;        ///< distance from the origin [cells]
     Coordinates<d> centre; ///< of the world that they are in
     std::uint32_t first;   ///< row and place of the first one
     Coordinates<d>* cells; ///< from its own on
+    unsigned char* is_far; ///< 1 or 0: whether the point is not finite or too far, from the first one on
     std::array<typename CellOffset<Number>::Stored*, std::size_t(d)> offset;
     std::uint32_t* id;
 
     FIRN_HOST_DEVICE void operator()(std::size_t i) const
     {
+        bool is_near = true; // false for NaN, too
         auto const x =
             make_vector<double, d>([&](int a) { return static_cast<double>(points[i][std::size_t(a)]); });
+        for (int a = 0; a < d; ++a)
+            is_near = is_near && is_finite(x[a]) &&
+                      std::abs(x[a] - lattice.origin[a]) / lattice.cell_size < largest;
+        is_far[i] = is_near ? 0 : 1;
+        if (!is_near) return;
         CellPosition<d> const located = locate<d>(lattice, kernel_degree, x);
         for (int a = 0; a < d; ++a) {
             cells[i][a] = located.cell[a] + centre[a];
@@ -111,7 +90,7 @@ struct LocatePoints
 };
 
 /// Writes the places of new particles behind the existing ones, where there is room, and their cells. The
-/// backend finds them, some at a time.
+/// backend finds them, some at a time. Throws an Error if a point is out of range.
 template <class Table, class Points>
 void place_points(Table& table, Points const& points, std::uint32_t first,
                   Coordinates<Table::d> const& centre, Coordinates<Table::d>* cells)
@@ -119,14 +98,24 @@ void place_points(Table& table, Points const& points, std::uint32_t first,
     constexpr int d = Table::d;
     constexpr std::size_t at_once = std::size_t(1) << 20;
     using Point = std::remove_cvref_t<decltype(*std::begin(points))>;
+    static_assert(
+        PointOf<Point, d>,
+        "points have as many coordinates as the scene has dimensions, and those of a host no padding: "
+        "see HostValue in firn/core/host_arrays.hpp");
     constexpr bool in_memory = PointsInMemory<Points, d>;
     using Coordinate =
         typename std::conditional_t<in_memory, CoordinateOf<Point>, CoordinateOf<double>>::Type;
     using Place = std::array<Coordinate, std::size_t(d)>;
+    using Backend = typename Table::Backend;
+    Lattice const& lattice = table.lattice();
+    double const largest = lattice.half_world == 0 ? Table::CellOrder::largest_coordinate
+                                                   : lattice.half_world - 2 * WorldLayout<d>::margin;
     std::size_t const count = std::size(points);
-    auto& buffer = table.contents().buffer[0];
-    typename Table::Backend::template Array<Place> there(table.backend());
+    typename Backend::template Array<Place> there(table.backend());
+    typename Backend::template Array<unsigned char> is_far(table.backend());
     there.resize(std::min(count, at_once));
+    is_far.resize(count);
+    auto& buffer = table.contents().buffer[0];
     std::vector<Place> here;
     auto next = std::begin(points);
     for (std::size_t done = 0; done < count;) {
@@ -143,17 +132,26 @@ void place_points(Table& table, Points const& points, std::uint32_t first,
             there.upload(0, here);
         }
         LocatePoints<typename Table::Number, d, Coordinate> locate{there.data(),
-                                                                   table.lattice(),
+                                                                   lattice,
                                                                    table.kernel_degree(),
+                                                                   largest,
                                                                    centre,
                                                                    first + static_cast<std::uint32_t>(done),
                                                                    cells + done,
+                                                                   is_far.data() + done,
                                                                    {},
                                                                    buffer.id.data()};
         for (std::size_t a = 0; a < locate.offset.size(); ++a) locate.offset[a] = buffer.offset[a].data();
         table.backend().for_each(some, locate);
         done += some;
     }
+    auto const far = downloaded(is_far);
+    if (std::count(far.begin(), far.end(), 1) == 0) return;
+    throw Error{"point " + std::to_string(std::find(far.begin(), far.end(), 1) - far.begin()) +
+                    " is not finite or too far from the lattice's origin",
+                "Solver::add",
+                "Pass finite positions in metres, within " + std::to_string(static_cast<long>(largest)) +
+                    " cells of the origin: use a larger cell or move the lattice's origin."};
 }
 
 } // namespace firn::detail
