@@ -8,6 +8,7 @@
 #include <firn/time_stepping/solve_report.hpp>
 #include <firn/transfer/integrators.hpp>
 
+#include <concepts>
 #include <cstddef>
 #include <vector>
 
@@ -46,8 +47,8 @@ class CallsOfSolver : public RefusesOthers<Solver>
 {};
 
 /// What implicit steps have beside: see IMPLICIT.md.
-template <class Solver>
-class CallsOfSolver<Solver, Implicit> : public RefusesOthers<Solver>
+template <class Solver, std::derived_from<Implicit> By>
+class CallsOfSolver<Solver, By> : public RefusesOthers<Solver>
 {
 public:
     /// Brings the scene to rest under its loads: finds the positions in which stress balances what the

@@ -217,7 +217,8 @@ struct BeginSolve : UpdateGrid<Space, Kernel, Transfer, Effects>
     using Own = typename Phase::Own;
     using Result = SolveSums<d>;
 
-    bool at_rest; ///< the scene is brought to rest: what moves does not count
+    bool at_rest;        ///< the scene is brought to rest: what moves does not count
+    Number part_of_step; ///< after which velocities are asked for
 
     template <class Node>
     FIRN_HOST_DEVICE void operator()(Node& node, Result& result) const
@@ -276,19 +277,19 @@ struct BeginSolve : UpdateGrid<Space, Kernel, Transfer, Effects>
         result.held += count(filled & counts & (share_held > Real(Number(0.5))));
         result.look(select(refused, Real(1), Real(0)), node.first(), node.offset()[d - 1]);
 
-        Vector<Real, d> begin = at_rest ? zeros<Vector<Real, d>>() : touched(free.velocity);
+        auto const old =
+            make_vector<Real, d>([&](int a) { return sum(Sums::momentum + a) * free.inverse_mass; });
+        Vector<Real, d> const target = old + (free.velocity - old) * Real(part_of_step);
+        Vector<Real, d> begin = at_rest ? zeros<Vector<Real, d>>() : touched(target);
         if constexpr (requires { node.on_wall(0); })
             for (int a = 0; a < d; ++a) begin[a] = select(node.on_wall(a), Real(0), begin[a]);
         Vector<Real, d> const of_begin = product<Real, d>(P, begin); // what is free in it
         Real pushed(0), speed2(0);
         for (int a = 0; a < d; ++a) {
-            Real const target = select(filled, free.velocity[a], Real(0)),
-                       start = select(filled, begin[a], Real(0)),
-                       change =
-                           target - (at_rest ? Real(0) : node.sum(Sums::momentum + a) * free.inverse_mass);
+            Real const start = select(filled, begin[a], Real(0)), change = target[a] - old[a];
             pushed += change * change;
-            speed2 += target * target;
-            node.set(Own::target + a, target);
+            speed2 += target[a] * target[a];
+            node.set(Own::target + a, select(filled, target[a], Real(0)));
             node.set(Own::solution + a, start);
             node.set(Values::velocity + a, start);
             node.set(Own::change + a, select(filled, of_begin[a], Real(0)));
@@ -513,6 +514,7 @@ struct ConcludeSolve : UpdateGrid<Space, Kernel, Transfer, Effects>
     using typename Update::Walls;
 
     bool at_rest;
+    Number steps_of_impulse; ///< how often the impulse of stress fits into the step
 
     template <class Node>
     FIRN_HOST_DEVICE void operator()(Node& node, Result& reactions) const
@@ -524,7 +526,7 @@ struct ConcludeSolve : UpdateGrid<Space, Kernel, Transfer, Effects>
             Real total = node.sum(c);
             if (at_rest && c >= Sums::momentum && c < Sums::momentum + d) total = Real(0);
             if (c >= Sums::impulse && c < Sums::impulse + d)
-                total -= node.value(Own::impulse + c - Sums::impulse);
+                total -= node.value(Own::impulse + c - Sums::impulse) * Real(steps_of_impulse);
             return total;
         };
         auto const set = [&](int c, Real const& value) {
@@ -574,12 +576,13 @@ private:
         NodesBesideWalls<Own, Node, Mirrored, d> const both(node, mirrored);
         for (int a = 0; a < d; ++a) {
             if (at_rest) mirrored.sums[Sums::momentum + a] = Real(0);
-            mirrored.sums[Sums::impulse + a] -= both.value(Own::impulse + a);
+            mirrored.sums[Sums::impulse + a] -= both.value(Own::impulse + a) * Real(steps_of_impulse);
         }
         for (std::size_t w = 0; w < mirrored.walls.size(); ++w) {
             WallPlane const& wall = mirrored.walls[w];
-            Real const behind = select(mirrored.mass_behind[w] > Real(0),
-                                       node.value(Own::behind_at(wall.axis, wall.side)), Real(0));
+            Real const behind =
+                Real(steps_of_impulse) * select(mirrored.mass_behind[w] > Real(0),
+                                                node.value(Own::behind_at(wall.axis, wall.side)), Real(0));
             if (at_rest) mirrored.mass_behind[w] = mirrored.momentum_behind[w] = Real(0);
             if constexpr (Sums::forces_are_apart)
                 mirrored.impulse_behind[w] -= behind;

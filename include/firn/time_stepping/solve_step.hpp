@@ -94,8 +94,9 @@ class SolveStep
 public:
     SolveStep(Memory& memory, Scene const& scene, Context const* now)
         : memory_(memory), scene_(scene), now_(now), by_(memory.transfer.integrator), own_(memory.solve),
-          report_(memory.solve.report), dt_(scene.time_state.now.interval.length()),
-          at_rest_(memory.solve.at_rest)
+          report_(memory.solve.report), at_rest_(memory.solve.at_rest),
+          part_(at_rest_ ? 1 : Transfer::Integrator::part_of_step),
+          dt_(scene.time_state.now.interval.length() * part_)
     {}
 
     /// Whether the velocities at the end of the step were found: nodes hold them as their solution, and the
@@ -104,8 +105,8 @@ public:
     {
         report_.begin_step();
         own_.refused = nullptr;
-        Sums const start = on_nodes(
-            BesideWalls<BeginSolve<Space, Kernel, Transfer, Actions>, Actions>{{update(), at_rest_}, now_});
+        Sums const start = on_nodes(BesideWalls<BeginSolve<Space, Kernel, Transfer, Actions>, Actions>{
+            {update(), at_rest_, static_cast<Number>(part_)}, now_});
         mass_ = start.first;
         if (!(mass_ > 0)) return report_.converged = true;
         if (start.refused > 0) return refuse(start);
@@ -133,9 +134,9 @@ public:
     /// The grid update that ends the step. Returns the reactions of obstacles.
     auto conclude() const
     {
-        return memory_.backend.for_each_node(
-            scene_.sets.orders(), grid(),
-            ConcludeSolve<Space, Kernel, Transfer, Actions>{update(), at_rest_});
+        return memory_.backend.for_each_node(scene_.sets.orders(), grid(),
+                                             ConcludeSolve<Space, Kernel, Transfer, Actions>{
+                                                 update(), at_rest_, static_cast<Number>(1 / part_)});
     }
 
 private:
@@ -283,8 +284,9 @@ private:
     Implicit const by_;
     SolveMemory<Backend, Sets>& own_;
     SolveReport& report_;
-    double dt_;
     bool at_rest_;
+    double part_;                               ///< of the step, after which stress acts
+    double dt_;                                 ///< until then [s]
     double mass_ = 0, outside_ = 0, speed_ = 0; ///< [mass units], [m/s], [m/s]
     double along_z_ = 0;                        ///< of the residual that was found last
 };

@@ -23,7 +23,7 @@ struct SymplecticEuler
 
 /// Backward Euler: stress acts as it is at the end of the step, so no wave bounds the length of a step. The
 /// velocities of nodes are found by Newton's method, whose linear systems preconditioned conjugate gradients
-/// solve without a matrix (see time_stepping/newton.hpp).
+/// solve without a matrix (see time_stepping/solve_step.hpp).
 struct Implicit
 {
     /// Newton stops where the residual, as the change of velocity that would remove it, is below this
@@ -39,6 +39,7 @@ struct Implicit
     int linear = 2000; ///< the most products in a linear system; what is found until then is tried
 
     static constexpr auto name = "implicit";
+    static constexpr double part_of_step = 1; ///< at which stress acts: its end
 
     /// Throws an Error if a number is out of its range.
     void validate() const
@@ -56,21 +57,31 @@ struct Implicit
     }
 };
 
+/// The implicit midpoint rule, of second order: stress acts as it is in the middle of the step, whose
+/// velocities move and deform particles, and those at the end are as far beyond. It is backward Euler for
+/// half the step, and keeps the energy of small vibrations (Love & Sulsky 2006).
+struct ImplicitMidpoint : Implicit
+{
+    static constexpr auto name = "implicit_midpoint";
+    static constexpr double part_of_step = 0.5;
+};
+
 /// What an integrator of a Solver has to be.
 template <class T>
-concept Integrator = std::same_as<T, SymplecticEuler> || std::same_as<T, Implicit>;
+concept Integrator = std::same_as<T, SymplecticEuler> || std::derived_from<T, Implicit>;
 
 /// A transfer scheme whose steps are implicit: its particles scatter mass and momentum without the impulse of
 /// their stress, which the solve finds for the end of the step.
-template <class Base>
+template <class Base, class By>
 struct SteppedImplicitly : Base
 {
     using Explicit = Base;
+    using Integrator = By;
 
-    Implicit integrator;
+    By integrator;
 
     SteppedImplicitly() = default;
-    SteppedImplicitly(Base const& base, Implicit const& by = {}) : Base(base), integrator(by) {}
+    SteppedImplicitly(Base const& base, By const& by = {}) : Base(base), integrator(by) {}
 
     void validate() const
     {
@@ -85,6 +96,21 @@ struct SteppedImplicitly : Base
     {
         return Base::template scatter<Kernel, Real, d>(particle, mass, zeros<Matrix<Real, d>>(), cell_size);
     }
+
+    /// What the scheme itself gathers. If nodes hold velocities of the middle of the step, those at its end
+    /// are as far beyond them as the old ones are before them.
+    template <class Kernel, Lane Real, int d, class Particle>
+    FIRN_HOST_DEVICE Matrix<Real, d> gather(Particle& particle, Gathered<Real, d> const& gathered,
+                                            Real inverse_cell_size) const
+    {
+        if constexpr (By::part_of_step < 1) {
+            Gathered<Real, d> at_end = gathered;
+            at_end.velocity = gathered.velocity * Real(2) - gathered.old_velocity;
+            return Base::template gather<Kernel, Real, d>(particle, at_end, inverse_cell_size);
+        }
+        else
+            return Base::template gather<Kernel, Real, d>(particle, gathered, inverse_cell_size);
+    }
 };
 
 /// Whether a transfer scheme's steps are implicit.
@@ -92,7 +118,8 @@ template <class Transfer>
 concept StepsImplicitly = requires
 {
     typename Transfer::Explicit;
-    requires std::derived_from<Transfer, SteppedImplicitly<typename Transfer::Explicit>>;
+    requires std::derived_from<Transfer,
+                               SteppedImplicitly<typename Transfer::Explicit, typename Transfer::Integrator>>;
 };
 
 namespace detail
@@ -102,8 +129,8 @@ struct SteppedByIntegrator
 {
     using Type = Transfer;
 };
-template <class Transfer>
-struct SteppedByIntegrator<Transfer, Implicit>
+template <class Transfer, std::derived_from<Implicit> By>
+struct SteppedByIntegrator<Transfer, By>
 {
     static_assert(!ExtendsVelocities<Transfer>,
                   "Xpic extends velocities that an implicit step has not found yet: choose another transfer, "
@@ -111,7 +138,11 @@ struct SteppedByIntegrator<Transfer, Implicit>
     static_assert(Transfer::moves_with_grid,
                   "an implicit step moves particles with the grid, and this transfer moves them by "
                   "velocities of their own: choose another one, or SymplecticEuler");
-    using Type = SteppedImplicitly<Transfer>;
+    static_assert(
+        By::part_of_step >= 1 || Transfer::keeps_old_velocity,
+        "the midpoint rule needs the velocity before the step where particles gather: choose Flip, or "
+        "Implicit");
+    using Type = SteppedImplicitly<Transfer, By>;
 };
 } // namespace detail
 
