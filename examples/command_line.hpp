@@ -88,7 +88,8 @@ inline Options command_line(int argc, char** argv, std::string const& name, std:
     app.add_option("--fps", options.frames_per_second, "frames per second of simulated time")
         ->check(positive);
     app.add_option("--out", options.out, "folder of the results");
-    app.add_option("--backend", options.backend, "where it runs")->check(CLI::IsMember({"openmp", "cuda"}));
+    app.add_option("--backend", options.backend, "where it runs; ranks: on those of mpirun")
+        ->check(CLI::IsMember({"openmp", "cuda", "ranks"}));
     app.add_option("--transfer", options.transfer, "between particles and grid")
         ->check(CLI::IsMember({"pic", "flip", "apic", "mls"}));
     app.add_option("--flip", options.flip, "share of FLIP in --transfer flip")->check(CLI::Range(0.0, 1.0));
@@ -96,7 +97,7 @@ inline Options command_line(int argc, char** argv, std::string const& name, std:
         ->check(CLI::IsMember({"quadratic", "cubic"}));
     app.add_flag("--as-in-the-report", options.as_in_the_report,
                  "the settings of Stomakhin et al. 2013: --kernel cubic --transfer flip --flip 0.95");
-    app.add_option("--threads", options.threads, "of the backend openmp; 0: all cores")
+    app.add_option("--threads", options.threads, "of the backend openmp, or of each rank; 0: all cores")
         ->check(CLI::NonNegativeNumber);
     app.add_flag("--ply,!--no-ply", options.write_ply, "write each frame as binary PLY, too");
     try {
@@ -107,6 +108,7 @@ inline Options command_line(int argc, char** argv, std::string const& name, std:
     }
     choose_policies(app, options);
     change_backend(options.backend, argv);
+    let_first_rank_speak();
     return options;
 }
 

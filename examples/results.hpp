@@ -28,6 +28,7 @@ public:
     Results(std::filesystem::path folder, bool write_ply)
         : folder_(std::move(folder)), index_(folder_ / "particles.pvd"), write_ply_(write_ply)
     {
+        if (!is_first_rank()) return;
         std::error_code failed;
         std::filesystem::remove_all(folder_ / "frames", failed);
         std::filesystem::create_directories(folder_ / "frames", failed);
@@ -47,6 +48,7 @@ public:
         frame.time = solver.time();
         frame.at(solver.positions()).vector("velocity", solver.template download<Velocity>());
         frame.scalar("J_P", solver.template download<PlasticVolumeRatio>());
+        if (!is_first_rank()) return; // every rank has all particles now, and one writes them
         char name[32];
         std::snprintf(name, sizeof name, "frames/frame_%04d", number);
         write_vtp(folder_ / (std::string(name) + ".vtp"), frame);
@@ -59,6 +61,7 @@ public:
     void obstacles(std::vector<DrawnObstacle> const& obstacles, Camera const& camera, double cell_size,
                    double spacing, double frames_per_second) const
     {
+        if (!is_first_rank()) return;
         write_drawing(folder_, {.cell_size = cell_size,
                                 .spacing = spacing,
                                 .frames_per_second = frames_per_second,

@@ -7,6 +7,7 @@
 #
 #   --scene NAME   snow_on_moving_ball (default) or torus_against_wall
 #   --out DIR      where the results go (default: out/NAME in the project)
+#   --ranks N      on N processes, which MPI connects, each with its share of the threads
 #   --help         this text and the example's own options
 #
 #   FIRN_NO_RENDER=1   in the environment: no pictures, and no Python
@@ -17,13 +18,15 @@ set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 source "$root/examples/set_up.sh"
 
-scene=snow_on_moving_ball out="" help="" arguments=()
+scene=snow_on_moving_ball out="" help="" ranks="" arguments=()
 while [ $# -gt 0 ]; do
     case $1 in
         --scene) [ $# -ge 2 ] || stop "--scene needs a name."; scene=$2; shift ;;
         --scene=*) scene=${1#*=} ;;
         --out) [ $# -ge 2 ] || stop "--out needs a folder."; out=$2; shift ;;
         --out=*) out=${1#*=} ;;
+        --ranks) [ $# -ge 2 ] || stop "--ranks needs a number."; ranks=$2; shift ;;
+        --ranks=*) ranks=${1#*=} ;;
         --help | -h) help=yes ;;
         *) arguments+=("$1") ;;
     esac
@@ -34,6 +37,7 @@ case $scene in
     snow_on_moving_ball | torus_against_wall) ;;
     *) stop "there is no scene '$scene': choose snow_on_moving_ball or torus_against_wall." ;;
 esac
+[[ $ranks =~ ^([1-9][0-9]*)?$ ]] || stop "--ranks needs a number above 0, not '$ranks'."
 on_gpu=""
 [[ " ${arguments[*]-} " != *" --backend"[\ =]"cuda "* ]] || on_gpu=yes
 [ -z "$on_gpu" ] || [ -n "$help" ] || [[ $(nvidia-smi -L 2>/dev/null) == *GPU* ]] ||
@@ -41,7 +45,9 @@ on_gpu=""
 render=yes
 [ -z "$help" ] && [ "${FIRN_NO_RENDER:-0}" != 1 ] || render=""
 
+[ -z "$ranks" ] || [ -z "$on_gpu" ] || stop "ranks are processors' as yet: leave out --ranks or --backend cuda."
 need_packages_of_examples "$render"
+[ -z "$ranks" ] || need_packages libopenmpi-dev openmpi-bin
 need_room 500 "$root"
 
 echo "building: $root/build/examples"
@@ -53,6 +59,7 @@ build_example() {
     if [ -n "$on_gpu" ] && cmake --build --preset examples --target help | grep "^${scene}_cuda:" >/dev/null; then
         targets+=("${scene}_cuda")
     fi
+    [ -z "$ranks" ] || targets+=("${scene}_ranks")
     cmake --build --preset examples --target "${targets[@]}"
 }
 (build_example) || stop "the example could not be built."
@@ -68,9 +75,16 @@ fi
 [ $scene != snow_on_moving_ball ] || [ -n "$on_gpu" ] ||
     echo "with its defaults $scene takes about two minutes of two quiet cores"
 echo "how long this run will take is said after its first frame"
-echo "running: $program --out $out ${arguments[*]-}"
+run=("$program")
+if [ -n "$ranks" ]; then
+    cores=$(nproc)
+    run=(mpirun -n "$ranks" "${program}_ranks" --threads $((cores > ranks ? cores / ranks : 1)))
+    # in a container one is root, and may have fewer cores than ranks
+    export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_rmaps_base_oversubscribe=1
+fi
+echo "running: ${run[*]} --out $out ${arguments[*]-}"
 mkdir -p "$out" || stop "the folder $out cannot be made."
-"$program" --out "$out" "${arguments[@]}" || stop "the example did not run to its end (exit code $?); bash examples/run.sh --help lists its options."
+"${run[@]}" --out "$out" "${arguments[@]}" || stop "the example did not run to its end (exit code $?); bash examples/run.sh --help lists its options."
 
 if [ -n "$render" ]; then
     need_renderer "$root"

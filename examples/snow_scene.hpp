@@ -55,7 +55,7 @@ void write_report(std::filesystem::path const& path, Options const& options, Sce
          << ",\n  \"momentum_start\": " << json(start.momentum)
          << ",\n  \"momentum_end\": " << json(end.momentum) << ",\n  \"particles_lost\": " << total.lost
          << ",\n  \"capped_particles\": " << total.capped << "\n}\n";
-    write_text(path, text.str());
+    if (is_first_rank()) write_text(path, text.str());
 }
 
 /// Runs a scene with one choice of kernel and transfer.
