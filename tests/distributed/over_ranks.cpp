@@ -360,6 +360,27 @@ TEST_CASE("space is divided anew where a body has flown from one rank's part int
     CHECK(divisions == std::vector<int>(3, divisions[0]));
 }
 
+TEST_CASE("two solvers of one backend divide space each by itself")
+{
+    require_same_on_any_ranks([](auto const& backend) {
+        auto const flying = [&](double x, double speed) {
+            Solver<std::remove_cvref_t<decltype(backend)>, NeoHookean<Plane>> solver(lattice(0.1), {}, {}, {},
+                                                                                     backend);
+            solver.add(box_of_points<2>({x, 0}, {x + 1.2, 1.2}, 0.05), 0.05 * 0.05, {speed, 5});
+            return solver;
+        };
+        auto first = flying(0, 20), second = flying(3, -15);
+        for (int i = 0; i < 10; ++i) {
+            first.advance(0.03);
+            second.advance(0.03);
+        }
+        Numbers all;
+        append_all(all, first);
+        append_all(all, second);
+        return all;
+    });
+}
+
 TEST_CASE("more ranks than blocks, and a rank whose particles all leave")
 {
     require_same_on_any_ranks([](auto const& backend) {

@@ -28,7 +28,7 @@ struct Distributed
 {
     Local local{};
     C communicator{};
-    /// Which rank has what. Solvers that are made from one Distributed divide space alike.
+    /// Which rank has what. Each solver has its own, since its items alone move when it changes.
     std::shared_ptr<distributed::Partition> partition = std::make_shared<distributed::Partition>();
 
     static constexpr bool spans_ranks = true;
@@ -52,6 +52,7 @@ struct Distributed
                           CellOrder<Number, d>, d, sums>;
 
     void validate() const { local.validate(); }
+    void begin_scene() { partition = std::make_shared<distributed::Partition>(); }
     operator Local const&() const { return local; } ///< its arrays are the local ones
 
     /// See Communicator.

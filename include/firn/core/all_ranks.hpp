@@ -28,6 +28,14 @@ inline constexpr bool spans_ranks<Backend> = true;
 
 namespace detail
 {
+/// The backend that a scene keeps. Ranks divide space for each scene by itself.
+template <class Backend>
+Backend backend_of_scene(Backend backend)
+{
+    if constexpr (spans_ranks<Backend>) backend.begin_scene();
+    return backend;
+}
+
 /// The values of all ranks, one rank's behind the other's.
 template <class Backend, class T>
 std::vector<T> of_all_ranks([[maybe_unused]] Backend const& backend, std::vector<T> values)
