@@ -313,6 +313,49 @@ TEST_CASE("particles in quarantine are the same on any number of ranks")
     });
 }
 
+TEST_CASE("the same one of particles that are equally bad is named on any number of ranks")
+{
+    auto const scene = [](auto const& backend, auto const& spoil) {
+        Solver<std::remove_cvref_t<decltype(backend)>, NeoHookean<Plane>> solver(lattice(0.1), {}, {}, {},
+                                                                                 backend);
+        solver.add(box_of_points<2>({0, 0}, {2.4, 2.4}, 0.05), 0.05 * 0.05, {3, -1});
+        solver.advance(0.005);
+        solver.quarantine(20);
+        spoil(solver, std::vector<std::size_t>{2000, 500, 20, 100, 40, 300, 1000, 3, 1182, 588, 612});
+        Numbers all;
+        try {
+            solver.step(1e-3);
+        }
+        catch (StepError const& error) {
+            append(all, Numbers{double(error.failure().particle), error.failure().position[0]});
+        }
+        for (auto const& gone : solver.isolated())
+            append(all, Numbers{double(gone.particle), gone.position[0], double(gone.count)});
+        append_all(all, solver);
+        return all;
+    };
+    SECTION("by their strain")
+    {
+        require_same_on_any_ranks([&](auto const& backend) {
+            return scene(backend, [](auto& solver, auto const& particles) {
+                auto strains = solver.template download<DisplacementGradient>();
+                for (auto const i : particles) strains[i](0, 0) = -1.5;
+                solver.template upload<DisplacementGradient>(strains);
+            });
+        });
+    }
+    SECTION("by their velocity")
+    {
+        require_same_on_any_ranks([&](auto const& backend) {
+            return scene(backend, [](auto& solver, auto const& particles) {
+                auto velocities = solver.template download<Velocity>();
+                for (auto const i : particles) velocities[i][0] = 4e4;
+                solver.template upload<Velocity>(velocities);
+            });
+        });
+    }
+}
+
 TEST_CASE("a run goes on after a failed step with the same bits on any number of ranks")
 {
     require_same_on_any_ranks([](auto const& backend) {

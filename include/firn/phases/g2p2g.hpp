@@ -29,6 +29,7 @@ struct G2p2gResult
     std::uint32_t particle = 0;              ///< its row in the table
     Reactions<obstacles> reactions{};
 
+    bool has_a_place() const { return failed > 0; } ///< the first failure is told
     FIRN_HOST_DEVICE void merge(G2p2gResult const& other)
     {
         wave_modulus = max(wave_modulus, other.wave_modulus);

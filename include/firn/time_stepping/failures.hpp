@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/components.hpp>
+#include <firn/core/exactly_equal.hpp>
 #include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/core/step_error.hpp>
@@ -19,6 +20,7 @@
 #include <optional>
 #include <sstream>
 #include <string>
+#include <utility>
 #include <vector>
 
 // Which particles failed in a step, and the errors that report it. `sets` are the MaterialSets of a scene, in
@@ -60,14 +62,17 @@ FIRN_COLD std::vector<StepFailure> without_stress(Sets const& sets, std::size_t 
 {
     std::vector<StepFailure> found;
     Sets::for_each([&](auto k) {
+        std::vector<std::pair<std::uint32_t, FailureCause>> rows; // particles come in any order
         for_each_particle(sets.template particles<k>(), [&](std::uint32_t row, auto& particle) {
             auto const response = sets.template response<k>(particle);
             bool const finite =
                 all_finite(response.kirchhoff_stress) && is_finite(double(response.wave_modulus));
-            if ((response.inverted || !finite) && found.size() <= most)
-                found.push_back(failure_of<k>(
-                    sets, row, finite ? FailureCause::inverted : FailureCause::not_finite, time, dt, 1));
+            if (response.inverted || !finite)
+                rows.emplace_back(row, finite ? FailureCause::inverted : FailureCause::not_finite);
         });
+        std::ranges::sort(rows);
+        for (auto const& [row, cause] : rows)
+            if (found.size() <= most) found.push_back(failure_of<k>(sets, row, cause, time, dt, 1));
     });
     for (auto& failure : found) failure.count = found.size();
     return found;
@@ -89,7 +94,8 @@ template <class Sets, class Values>
             auto const response = sets.template response<k>(particle);
             double const way = dt * std::max(double(norm(velocities[row])),
                                              sets.template wave_speed<k>(double(response.wave_modulus)));
-            if (!(way > furthest)) return;
+            bool const is_tie = worst && exactly_equal(way, furthest); // particles come in any order
+            if (!(way > furthest) && !(is_tie && row < *worst)) return;
             furthest = way;
             worst = row;
         });
@@ -177,7 +183,8 @@ template <class Sets, class Controller, class Values>
             auto const response = sets.template response<k>(particle);
             bounds[row].wave_speed = sets.template wave_speed<k>(double(response.wave_modulus));
             double const step = controller.stable(bounds[row].finite()).dt;
-            if (!(step < shortest)) return;
+            bool const is_tie = slowest && exactly_equal(step, shortest);
+            if (!(step < shortest) && !(is_tie && row < *slowest)) return;
             shortest = step;
             slowest = row;
             cause = response.inverted                           ? FailureCause::inverted

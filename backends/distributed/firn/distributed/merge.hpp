@@ -34,15 +34,29 @@ template <class Result>
     requires requires { requires Result::merges_in_any_order; }
 inline constexpr bool merges_in_any_order<Result> = true;
 
+/// Whether a result of such a type is an exception, which must be merged in its place.
+template <class Result>
+bool has_a_place(Result const& result)
+{
+    if constexpr (requires { result.has_a_place(); })
+        return result.has_a_place();
+    else
+        return false;
+}
+
 /// Merges the results of the parts of all ranks, in the order of the parts.
 template <class Result, class C>
 Result merge_over_ranks(C const& communicator, std::vector<Part<Result>> parts)
 {
     Result const none{};
-    if constexpr (merges_in_any_order<Result>) { // one part of each rank is enough
-        Part<Result> own{0, static_cast<std::uint64_t>(communicator.rank()), none};
-        for (auto const& part : parts) own.result.merge(part.result);
-        parts.assign(1, own);
+    if constexpr (merges_in_any_order<Result>) { // one part of each rank is enough, but for exceptions
+        Part<Result> own{0, 0, none};
+        std::erase_if(parts, [&](Part<Result> const& part) {
+            if (has_a_place(part.result)) return false;
+            own.result.merge(part.result);
+            return true;
+        });
+        parts.push_back(own);
     }
     else
         std::erase_if(parts, [&](Part<Result> const& part) {
