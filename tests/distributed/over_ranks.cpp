@@ -424,6 +424,22 @@ TEST_CASE("two solvers of one backend divide space each by itself")
     });
 }
 
+TEST_CASE("space is divided anew in the first step, where one of the materials has no particles")
+{
+    require_same_on_any_ranks([](auto const& backend) {
+        Solver<std::remove_cvref_t<decltype(backend)>, Materials<NeoHookean<Plane>, Sand<Plane>>> solver(
+            lattice(0.1), {}, {}, {}, backend);
+        solver.template add<Material<0>>(box_of_points<2>({0, 0}, {1, 1}, 0.05), 0.05 * 0.05, {20, 5});
+        solver.template add<Material<0>>(box_of_points<2>({5, 0}, {7, 2}, 0.05), 0.05 * 0.05, {20, 5});
+        solver.advance(0.05);
+        solver.template add<Material<1>>(box_of_points<2>({-1, 0}, {0, 1}, 0.05), 0.05 * 0.05);
+        Numbers all;
+        append_report(all, solver.advance(0.05));
+        append_all(all, solver);
+        return all;
+    });
+}
+
 TEST_CASE("more ranks than blocks, and a rank whose particles all leave")
 {
     require_same_on_any_ranks([](auto const& backend) {

@@ -224,7 +224,7 @@ public:
     /// Replaces all blocks by these, in the order of their keys. Items have not moved.
     void replace_blocks(std::span<WholeBlock const> whole)
     {
-        assert(!committed_ && !is_incomplete_ && "the order refers to where items lie");
+        assert((!committed_ || blocks().empty()) && !is_incomplete_ && "the order refers to where items lie");
         std::size_t items = 0;
         for (auto const& block : whole) items += block.sources.size();
         new_order_.resize(items, whole.size());
@@ -243,6 +243,7 @@ public:
         }
         blocks_.replace(std::move(blocks));
         order_.swap(new_order_);
+        committed_ = false;
         ++generation_;
         migration_.forget(whole.size());
         migration_.free_incoming(whole.size());
