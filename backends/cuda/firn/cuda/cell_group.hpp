@@ -144,7 +144,8 @@ private:
 
 /// The sums of a cell's stencil where its group of cells adds them up: `sums[k][row]` is a node that is
 /// loaded once, added to, and stored. All lanes of a warp do so at the same node of their stencils at a time,
-/// so that no two of them touch the same node of the grid.
+/// so that no two of them touch the same node of the grid. Lanes without an item leave memory alone: it has
+/// the most to do where few lanes have one.
 template <class GridType>
 struct SumsInTile
 {
@@ -154,13 +155,17 @@ struct SumsInTile
     struct Node
     {
         Sums* to;
-        Sums sums;
+        Sums sums{};
+        bool here;
 
-        __device__ explicit Node(Sums* where) : to(where), sums(*where) {}
+        __device__ Node(Sums* where, bool is_here) : to(where), here(is_here)
+        {
+            if (here) sums = *to;
+        }
         Node(Node const&) = delete;
         __device__ ~Node()
         {
-            *to = sums;
+            if (here) *to = sums;
             __syncwarp();
         }
         __device__ auto& operator[](int channel) { return sums.of[channel]; }
@@ -171,15 +176,17 @@ struct SumsInTile
     {
         Sums* first;
         int k;
+        bool here;
         __device__ Node operator[](int row) const
         {
             assert(GridType::TileShape::has(row, k) && "a node is in the stencil of its cell");
-            return Node(first + GridType::TileShape::in_stencil(row, k));
+            return Node(first + GridType::TileShape::in_stencil(row, k), here);
         }
     };
 
     Sums* first;
-    __device__ Column operator[](int k) const { return {first, k}; }
+    bool here = true; ///< whether the cell has an item
+    __device__ Column operator[](int k) const { return {first, k, here}; }
 };
 
 /// One node, as a phase sees it.

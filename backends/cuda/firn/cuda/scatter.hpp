@@ -60,6 +60,7 @@ struct ScatterIncoming
         std::uint32_t next = team < came.count ? of_cell[team] : 0; // loaded one rank ahead
         auto const use = [&](std::uint32_t rank, bool here) {
             cell.forget();
+            sums.here = here;
             if (here) {
                 cell.read_outgoing(leavers, arrived.offset, next);
                 if (rank + teams < came.count) next = of_cell[rank + teams];
