@@ -127,7 +127,8 @@ concept BackendGrid = MadeWithPeriods<T, B, d> && std::movable<T> &&
     grid.activate(orders); // creates the nodes under the cells, and keeps the sums of those that stay
     grid.swap();           // makes the next sums the current ones, and the other way round
     grid.layer(layer);     // a handle to this layer, for the loops
-    std::size_t{grid.node_count()}; // the indices of nodes
+    std::size_t{grid.node_count()};      // the indices of nodes
+    std::uint64_t{constant.numbering()}; // changes whenever activate() gives nodes other indices
     // for loops without a phase, once nodes have been updated and until activate(): `find(node)`, its index
     // or `absent`; `find_next(node, before)`, the same if the one before it along the last axis is known;
     // `sum(index, channel)`, over all layers, and a reference to `value(index, channel)`

@@ -398,6 +398,45 @@ TEST_CASE("contact at the surface has the same bits from run to run, and for any
 #endif
 }
 
+using Splashes = Combinations<Water, More<Scene<Fluid<SolidFloat>, QuadraticBSpline, Mls>>>;
+
+TEMPLATE_LIST_TEST_CASE("walls at rest, whose points are kept, act as walls that hardly move, to the bit",
+                        "[physics][surface]", Splashes)
+{
+    constexpr int d = TestType::d;
+    using Vec = Vector<double, d>;
+    double const h = 0.05;
+    auto const run = [&](double speed, std::size_t steps_of_call) {
+        typename TestType::Solver water(lattice(h), materials::water<typename TestType::Space>(3));
+        Vec low = Vec::Constant(0.02), high = Vec::Constant(0.3), velocity = Vec::Zero();
+        high[0] = 0.6, high[1] = 0.5, velocity[0] = 2, velocity[1] = -1;
+        water.add(box_of_points<d>(low, high, h), std::pow(h / 2, d), velocity);
+        AtSurface around;
+        auto const add = [&](auto const& shape, Eigen::Vector3d const& at) {
+            around.list.push_back({.shape = shape, .motion = {.position = at, .velocity = {speed, 0, 0}}});
+        };
+        add(HalfSpace{{0.28, 0.96, 0}}, {0, 0, 0});
+        add(HalfSpace{{-1, 0, 0}}, {0.9, 0, 0});
+        add(Sphere{0.15}, {0.5, 0.05, 0.1});
+        add(Box{{0.1, 0.1, 0.5}}, {0.8, 0.1, 0.1});
+        add(Box{{0.1, 0.1, 0.5}}, {0.8, 0.3, 0.1}); // on the other
+        std::vector<double> bits;
+        for (int call = 0; call < 4; ++call)
+            for (auto const& report : water.steps(steps_of_call, 2e-4, Gravity{}, around))
+                for (auto const& reaction : report.reactions)
+                    bits.insert(bits.end(), reaction.impulse.data(), reaction.impulse.data() + 3);
+        for (auto const& x : water.positions())
+            for (int a = 0; a < d; ++a) bits.push_back(x[a]);
+        auto const last = contact_points(water).points;
+        bits.push_back(double(last.size()));
+        return bits;
+    };
+    for (std::size_t const steps : {std::size_t(3), std::size_t(150)}) {
+        auto const kept = run(0, steps), found = run(1e-300, steps);
+        CHECK(kept == found);
+    }
+}
+
 TEST_CASE("obstacles at their surface that cannot act are refused", "[physics][surface]")
 {
     Block::Solver block(lattice(0.05));

@@ -164,6 +164,7 @@ public:
         if (surface_) {
             surface_->forget();
             surface_->numbers_in_worlds = numbers_in(from.own_worlds);
+            surface_->is_at_rest = are_at_rest(from.list);
         }
         for (std::size_t i = 0; i < from.list.size(); ++i) {
             auto const& obstacle = from.list[i];
@@ -324,6 +325,13 @@ private:
         for (std::size_t a = 0; a < std::size_t(d); ++a)
             if (int const period = lattice.periods[a]; period != 0 && box.is_bounded)
                 box.low[a] = -most_before, box.high[a] = period;
+    }
+
+    static bool are_at_rest(std::vector<Obstacle<ShapeType>> const& list)
+    {
+        return !is_deforming<Plain> && std::all_of(list.begin(), list.end(), [](auto const& obstacle) {
+            return !(norm(obstacle.motion.velocity) > 0) && !(norm(obstacle.motion.angular_velocity) > 0);
+        });
     }
 
     /// The number of each obstacle among those of its world, which follow one another.

@@ -35,14 +35,19 @@ struct SurfacePoint
     Vector<Number, d> velocity; ///< of the surface [m/s]
     Vector<Number, d> arm;      ///< from the obstacle's reference point [m]
     std::uint32_t obstacle;
+    std::uint32_t candidate; ///< by which it was found
     /// 0, or 1 + the obstacle into which the surface is continued: see FindSurfacePoints.
     std::uint32_t behind;
     /// Whether it is a node inside: one so deep that no point of the surface reaches it, which goes no
     /// deeper, or any node in what sticks.
     bool is_deep;
     bool separates, sticks; ///< of the obstacle's Contact
+    bool is_plain;          ///< whether none of its nodes is light: it has all of its weight for them
+    bool is_listed;         ///< whether their lists say so
     Number friction;
 
+    /// The same to the mean place of the nodes that take the impulse [m].
+    Vector<Number, d> arm_of_impulse;
     Number support;            ///< the sum of the weights of nodes with mass
     Vector<Number, d> impulse; ///< on the material [solver's unit of mass times m/s]
 
@@ -58,6 +63,17 @@ struct SurfacePoint
         return normal * along + across * (length > limit ? limit / length : Number(1));
     }
 };
+
+/// A number in which all bits depend on all of these.
+template <int d>
+FIRN_HOST_DEVICE std::uint64_t mixed(std::uint64_t number, Coordinates<d> const& node)
+{
+    for (int a = 0; a < d; ++a) {
+        number = (number ^ static_cast<std::uint32_t>(node[a])) * 0x9e3779b97f4a7c15u;
+        number ^= number >> 29;
+    }
+    return number;
+}
 
 /// A node at which a point of an obstacle's surface may have been found, or that lies deep inside.
 template <int d>
@@ -109,7 +125,8 @@ struct PointsOfNode
     std::uint32_t begin, count;
 };
 
-/// A node that points reach. What they give it comes to the same sum in any order.
+/// A node that points reach. What they give it comes to the same sum in any order, and nothing if it has no
+/// velocity.
 template <class Number, int d>
 struct NodeAtSurface
 {
@@ -157,21 +174,53 @@ struct PointsBefore
 private:
     FIRN_HOST_DEVICE static std::uint32_t hash(SurfacePoint<Number, d> const& point)
     {
-        std::uint64_t mixed = (std::uint64_t(point.behind) << 32) + point.obstacle;
-        for (int a = 0; a < d; ++a) {
-            mixed = (mixed ^ static_cast<std::uint32_t>(point.node[a])) * 0x9e3779b97f4a7c15u;
-            mixed ^= mixed >> 29;
-        }
-        return static_cast<std::uint32_t>(mixed >> 16);
+        return static_cast<std::uint32_t>(
+            mixed<d>((std::uint64_t(point.behind) << 32) + point.obstacle, point.node) >> 16);
     }
 };
 
-/// How many there are of what loops count.
+/// The candidates of the steps before while obstacles are at rest, and a hash table by which they are found.
+template <int d>
+struct KnownCandidates
+{
+    SurfaceCandidate<d> const* candidates;
+    std::uint32_t* table; ///< the numbers of candidates from 1 on; 0: nothing is there
+    std::uint32_t mask;   ///< the table's size, a power of two, less one; 0: there is none
+    std::uint32_t count;
+
+    static constexpr std::uint32_t absent = ~std::uint32_t(0);
+
+    /// The number of a candidate, or absent.
+    FIRN_HOST_DEVICE std::uint32_t find(SurfaceCandidate<d> const& candidate) const
+    {
+        if (mask == 0) return absent;
+        for (std::uint32_t at = hash(candidate) & mask; table[at] != 0; at = (at + 1) & mask) {
+            SurfaceCandidate<d> const& known = candidates[table[at] - 1];
+            bool same = known.obstacle == candidate.obstacle;
+            for (int a = 0; a < d; ++a) same = same && known.node[a] == candidate.node[a];
+            if (same) return table[at] - 1;
+        }
+        return absent;
+    }
+    /// Enters the candidate with this number beyond those that are known.
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const
+    {
+        auto const number = count + static_cast<std::uint32_t>(i);
+        std::uint32_t at = hash(candidates[number]) & mask;
+        while (!claim(table[at], number + 1)) at = (at + 1) & mask;
+    }
+
+private:
+    FIRN_HOST_DEVICE static std::uint32_t hash(SurfaceCandidate<d> const& candidate)
+    {
+        return static_cast<std::uint32_t>(mixed<d>(candidate.obstacle, candidate.node) >> 16);
+    }
+};
+
+/// How many there are beyond those that are known, and those beyond the room included.
 struct SurfaceCounts
 {
-    std::uint32_t candidates, points; ///< those that were found; those beyond the room are not there
-    std::uint32_t nodes;              ///< that points reach
-    std::uint32_t listed;             ///< points of nodes
+    std::uint32_t candidates, points;
 };
 
 /// The points of a step and the nodes that they reach, as loops see them.
@@ -182,13 +231,19 @@ struct SurfacePoints
     static constexpr std::size_t tile = 32;
 
     SurfaceCounts* counts;
+    std::uint32_t *reached_nodes, *listed; ///< how many nodes points reach, and how often
+    KnownCandidates<d> known;
     SurfaceCandidate<d>* candidates;
+    std::uint32_t* seen; ///< by candidate: the last step in which it was one
+    std::uint32_t step;  ///< this one
+    std::uint32_t known_points;
     SurfacePoint<Number, d>* points;
     std::uint32_t candidates_room, points_room;
     /// By point: the impulse from which the next sweep starts, and the inverse of the mass below which a node
     /// is light.
     VectorAndNumber<Number, d>* tried;
-    NodeOfPoint<Number>* stencils;
+    NodeOfPoint<Number>* stencils;        ///< with all nodes
+    NodeOfPoint<Number>* acting;          ///< with those that have mass, and less weight if that is light
     std::uint32_t* ranks;                 ///< of each of these: the point's number among those of the node
     PointOfNode<Number>* points_of_nodes; ///< the points of each node, one behind the other
     NodeAtSurface<Number, d>* reached;    ///< the nodes that points reach

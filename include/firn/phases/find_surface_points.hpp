@@ -79,11 +79,16 @@ private:
         Number along[std::size_t(d)][std::size_t(width)];
         for (int a = 0; a < d; ++a) LaneTraits<Real>::store(place.offset[a], along[a]);
         for_each_lane<width>(bits(which), [&](int lane) {
-            std::uint32_t const number = next_number_of_all(found.counts->candidates);
-            if (number >= found.candidates_room) return; // the host makes room, and looks again
-            auto& candidate = found.candidates[number];
+            SurfaceCandidate<d> candidate;
             for (int a = 0; a < d; ++a) candidate.node[a] = place.first[a] + static_cast<int>(along[a][lane]);
             candidate.obstacle = obstacle;
+            std::uint32_t number = found.known.find(candidate);
+            if (number == KnownCandidates<d>::absent) {
+                number = found.known.count + next_number_of_all(found.counts->candidates);
+                if (number >= found.candidates_room) return; // the host makes room, and looks again
+                found.candidates[number] = candidate;
+            }
+            found.seen[number] = found.step;
         });
     }
 };
@@ -108,12 +113,13 @@ struct FindSurfacePoints
 
     FIRN_HOST_DEVICE void operator()(std::size_t c) const
     {
-        if (c >= found.counts->candidates || c >= found.candidates_room) return;
-        SurfaceCandidate<d> const candidate = found.candidates[c];
+        std::size_t const number = found.known.count + c;
+        if (c >= found.counts->candidates || number >= found.candidates_room) return;
+        SurfaceCandidate<d> const candidate = found.candidates[number];
         LanePosition<Number, d> const place{lattice, candidate.node, zeros<Vector<Number, d>>(),
                                             kernel_reach(Kernel::degree)};
         with_surface_action(now->actions, [&](auto const& action) {
-            find(action, place, candidate.obstacle, action.obstacles[candidate.obstacle]);
+            find(action, place, static_cast<std::uint32_t>(number), action.obstacles[candidate.obstacle]);
         });
     }
 
@@ -130,14 +136,15 @@ private:
     }
 
     template <class Action, class Obstacle>
-    FIRN_HOST_DEVICE void find(Action const& action, LanePosition<Number, d> const& place, std::uint32_t i,
-                               Obstacle const& obstacle) const
+    FIRN_HOST_DEVICE void find(Action const& action, LanePosition<Number, d> const& place,
+                               std::uint32_t number, Obstacle const& obstacle) const
     {
+        std::uint32_t const i = found.candidates[number].obstacle;
         constexpr double rounding = 1.0001; // two cubes may have one point, and none may be missing
         Vector<Number, d> shift = zeros<Vector<Number, d>>();
         At at = obstacle.template surface_at<Number>(place, shift);
         if (-at.distance > in_cells(Candidates::deep_from(obstacle.contact, place)))
-            add(place, i, obstacle, at, shift, true, 0);
+            add(place, number, obstacle, at, shift, true, 0);
         if (!(abs(at.distance) * largest_component<Number, d>(at.normal) <=
               in_cells(Candidates::nearly_half_a_cell)))
             return;
@@ -159,9 +166,9 @@ private:
             if (face == d || !look_beside(place, obstacle, inwards, at, shift) ||
                 !(largest_component<Number, d>(shift) <= in_cells(0.5 * rounding)))
                 return;
-        add(place, i, obstacle, at, shift, false, 0);
+        add(place, number, obstacle, at, shift, false, 0);
         action.for_each_within(place, in_cells(looks_as_far), [&](std::uint32_t j, auto const& other) {
-            if (j != i) go_on_behind(place, i, obstacle, at, shift, j, other);
+            if (j != i) go_on_behind(place, number, obstacle, at, shift, j, other);
         });
     }
 
@@ -183,7 +190,7 @@ private:
     /// Where a surface ends at another obstacle, continues it into that one: a point at a distance from the
     /// corner has one as far behind it. Without these the nodes behind the corner would be free.
     template <class Obstacle, class Other>
-    FIRN_HOST_DEVICE void go_on_behind(LanePosition<Number, d> const& place, std::uint32_t i,
+    FIRN_HOST_DEVICE void go_on_behind(LanePosition<Number, d> const& place, std::uint32_t candidate,
                                        Obstacle const& obstacle, At at, Vector<Number, d> const& shift,
                                        std::uint32_t j, Other const& other) const
     {
@@ -202,7 +209,7 @@ private:
             !(abs(obstacle.template surface_at<Number>(place, behind).distance) > least))
             return;
         at.arm += along;
-        add(place, i, obstacle, at, behind, false, j + 1);
+        add(place, candidate, obstacle, at, behind, false, j + 1);
     }
 
     /// Whether a point of an obstacle's surface, with this normal, lies inside another one and is no surface
@@ -233,11 +240,11 @@ private:
     }
 
     template <class Obstacle>
-    FIRN_HOST_DEVICE void add(LanePosition<Number, d> const& place, std::uint32_t i, Obstacle const& obstacle,
-                              At const& at, Vector<Number, d> const& shift, bool is_deep,
-                              std::uint32_t behind) const
+    FIRN_HOST_DEVICE void add(LanePosition<Number, d> const& place, std::uint32_t candidate,
+                              Obstacle const& obstacle, At const& at, Vector<Number, d> const& shift,
+                              bool is_deep, std::uint32_t behind) const
     {
-        std::uint32_t const number = next_number_of_all(found.counts->points);
+        std::uint32_t const number = found.known_points + next_number_of_all(found.counts->points);
         if (number >= found.points_room) return; // the host makes room, and looks again
         SurfacePoint<Number, d>& point = found.points[number];
         point.node = place.first;
@@ -246,9 +253,11 @@ private:
         point.velocity = obstacle.template velocity_at<Number>(at.arm);
         point.arm = at.arm;
         point.impulse = zeros<Vector<Number, d>>();
-        point.obstacle = i;
+        point.obstacle = found.candidates[candidate].obstacle;
+        point.candidate = candidate;
         point.behind = behind;
         point.is_deep = is_deep;
+        point.is_plain = point.is_listed = false;
         Contact contact = obstacle.contact;
         if (is_deep && !contact.sticks) // nothing slides there
             contact = Contact::coulomb(std::numeric_limits<double>::max());

@@ -92,16 +92,16 @@ struct GatherImpulses : PointLoop<Kernel, Number, d>
     Nodes by_index;
     int velocity;          ///< the first channel of the grid's values
     bool is_first = false; ///< the weights of points are summed, too
-    bool is_last = false;  ///< the grid takes the velocities, and no point reaches a node any more
+    bool is_last = false;  ///< the grid takes the velocities
 
     FIRN_HOST_DEVICE void operator()(std::size_t i) const
     {
         auto const& surface = this->of;
-        if (i >= surface.counts->nodes) return;
+        if (i >= *surface.reached_nodes) return;
         NodeAtSurface<Number, d> const node = surface.reached[i];
         SumsInAnyOrder gained(unit);
         double weights = 0;
-        std::uint32_t const end = node.points.begin + node.points.count;
+        std::uint32_t const end = node.points.begin + (node.inverse_mass > 0 ? node.points.count : 0);
         for (std::uint32_t first = node.points.begin; first < end; first += points_at_once) {
             FIRN_UNROLL_ON_DEVICE
             for (std::uint32_t k = 0; k < points_at_once; ++k) {
@@ -117,9 +117,7 @@ struct GatherImpulses : PointLoop<Kernel, Number, d>
         surface.velocities[node.node].set(v);
         if (is_first)
             surface.velocities[node.node].set_number(node.inverse_mass * static_cast<Number>(weights));
-        if (!is_last) return;
-        surface.lists[node.node].count = 0;
-        if (node.inverse_mass > 0)
+        if (is_last && node.inverse_mass > 0)
             for (int a = 0; a < d; ++a) by_index.value(node.node - 1, velocity + a) = v[a];
     }
 };
@@ -141,11 +139,13 @@ struct SweepPoints : PointLoop<Kernel, Number, d>
         if (is_first) begin(p, point);
         // the velocity, and a bound on the speed [m/s] that an impulse of 1 gives if the points around get
         // one, too
-        VectorAndNumber<Number, d> sum{};
-        this->for_each_node(p, [&](int, Number weight, std::uint32_t node) {
+        VectorAndNumber<Number, d> of_column[std::size_t(Cell::width)]{}; // which do not wait for one another
+        this->for_each_node(surface.acting, p, [&](int k, Number weight, std::uint32_t node) {
             auto const there = surface.velocities[node]; // all of it at once
-            sum.all += there.all * weight;
+            of_column[k % Cell::width].all += there.all * weight;
         });
+        VectorAndNumber<Number, d> sum = of_column[0];
+        for (int k = 1; k < Cell::width; ++k) sum.all += of_column[k].all;
         if (!(sum.number() > 0)) return; // it reaches nothing
         Vector<Number, d> const relative = sum.vector() - point.velocity * point.support;
         VectorAndNumber<Number, d>& tried = surface.tried[p];
@@ -160,16 +160,18 @@ private:
     {
         Vector<Number, d> reached = zeros<Vector<Number, d>>(), offset; // the mean place of its nodes
         Number support = 0;
-        this->for_each_node(p, [&](int k, Number weight, std::uint32_t) {
+        this->for_each_node(this->of.acting, p, [&](int k, Number weight, std::uint32_t) {
             support += weight;
             for (int a = d - 1, rest = k; a >= 0; --a, rest /= Cell::width)
                 reached[a] += weight * Number(rest % Cell::width);
         });
         point.support = support;
+        point.arm_of_impulse = point.arm;
         if (!(support > 0) || point.is_deep) return;
         Loop::cell_of(point, offset); // the mean of all nodes is the point, but some may have no mass
         for (int a = 0; a < d; ++a)
-            point.arm[a] += (reached[a] / support - Number(0.5) * Kernel::degree - offset[a]) * cell_size;
+            point.arm_of_impulse[a] +=
+                (reached[a] / support - Number(0.5) * Kernel::degree - offset[a]) * cell_size;
     }
 };
 
@@ -187,7 +189,7 @@ struct BookImpulses
             Reaction received;
             Vector<Number, d> const taken = point.impulse * -point.support;
             double arm[3]{0, 0, 0};
-            for (int a = 0; a < d; ++a) received.impulse[a] = taken[a], arm[a] = point.arm[a];
+            for (int a = 0; a < d; ++a) received.impulse[a] = taken[a], arm[a] = point.arm_of_impulse[a];
             for (int a = 0; a < 3; ++a) {
                 int const b = (a + 1) % 3, c = (a + 2) % 3;
                 received.angular_impulse[a] = arm[b] * received.impulse[c] - arm[c] * received.impulse[b];

@@ -10,11 +10,12 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 
-// Which nodes the points of surfaces reach, and which points reach a node: found anew in each step, before
-// the sweeps of surface_contact.hpp. The points of a node are listed, since many would wait for one another
-// if they added to it. Loops are short, with one thing to find each, so that a device waits for the memory of
-// many at once.
+// Which nodes the points of surfaces reach, and which points reach a node: found before the sweeps of
+// surface_contact.hpp, in each step anew unless obstacles are at rest. The points of a node are listed, since
+// many would wait for one another if they added to it. Loops are short, with one thing to find each, so that
+// a device waits for the memory of many at once.
 namespace firn
 {
 
@@ -33,16 +34,20 @@ struct PointLoop
     {
         return (p / tile * std::size_t(nodes_of_each) + std::size_t(k)) * tile + p % tile;
     }
-    /// Calls `use(k, weight, node)` for the places of a stencil. Where there is no node it is the first of
-    /// all: without a branch a device loads all of them at once.
+    /// Calls `use(k, weight, node)` for the places of a stencil, by `surface.stencils` or `surface.acting`.
+    /// Where there is no node it is the first of all: without a branch a device loads all of them at once.
     template <class Use>
-    FIRN_HOST_DEVICE void for_each_node(std::size_t p, Use const& use) const
+    FIRN_HOST_DEVICE static void for_each_node(NodeOfPoint<Number> const* of_all, std::size_t p,
+                                               Use const& use)
     {
-        NodeOfPoint<Number> const* const places = of.stencils + place(p, 0);
+        NodeOfPoint<Number> const* const places = of_all + place(p, 0);
         FIRN_UNROLL_ON_DEVICE
-        for (int k = 0; k < nodes_of_each; ++k) {
-            NodeOfPoint<Number> const there = places[std::size_t(k) * tile];
-            use(k, there.weight, there.node);
+        for (int first = 0; first < nodes_of_each; first += Cell::width) {
+            FIRN_UNROLL
+            for (int k = 0; k < Cell::width; ++k) {
+                NodeOfPoint<Number> const there = places[std::size_t(first + k) * tile];
+                use(first + k, there.weight, there.node);
+            }
         }
     }
     /// The cell in which a point lies, from the node in whose cube it was found, and its offset from there.
@@ -89,12 +94,18 @@ struct FindNodesOfPoints : RowLoop<Kernel, Number, d, rows_of_part>
 {
     using Rows = RowLoop<Kernel, Number, d, rows_of_part>;
     using typename Rows::Cell;
-    Nodes by_index; ///< see Grid::nodes_by_index()
+    Nodes by_index;          ///< see Grid::nodes_by_index()
+    std::size_t first_point; ///< of those that have none yet
 
+    /// How many parts there are from the tile of the first one on.
+    static std::size_t count(std::size_t points, std::size_t first)
+    {
+        return Rows::count(points - first_of_tile(first));
+    }
     FIRN_HOST_DEVICE void operator()(std::size_t i) const
     {
-        std::size_t const p = Rows::point(i);
-        if (p >= this->points) return;
+        std::size_t const p = Rows::point(i) + first_of_tile(first_point);
+        if (p < first_point || p >= this->points) return;
         SurfacePoint<Number, d> const& point = this->of.points[p];
         Vector<Number, d> offset;
         Coordinates<d> const center = Rows::cell_of(point, offset);
@@ -106,6 +117,8 @@ struct FindNodesOfPoints : RowLoop<Kernel, Number, d, rows_of_part>
     }
 
 private:
+    FIRN_HOST_DEVICE static std::size_t first_of_tile(std::size_t p) { return p / Rows::tile * Rows::tile; }
+
     FIRN_HOST_DEVICE void find(std::size_t p, SurfacePoint<Number, d> const& point,
                                Coordinates<d> const& center, int row,
                                std::array<Number, std::size_t(Cell::width)> const& of_row) const
@@ -134,7 +147,7 @@ private:
         for (int k = 0; k < Cell::width; ++k) {
             if (index[k] == Nodes::absent || !(weight[k] > 0)) continue;
             rank[k] = next_number(surface.lists[index[k] + 1].count);
-            if (rank[k] == 0) surface.reached[next_number_of_all(surface.counts->nodes)].node = index[k] + 1;
+            if (rank[k] == 0) surface.reached[next_number_of_all(*surface.reached_nodes)].node = index[k] + 1;
         }
         FIRN_UNROLL_ON_DEVICE
         for (int k = 0; k < Cell::width; ++k) {
@@ -146,8 +159,20 @@ private:
     }
 };
 
-/// The nodes that points reach take their masses and velocities from the grid, and make room for their
-/// points in the list of those of all nodes.
+/// No point reaches a node any more.
+template <class Number, int d>
+struct ForgetNodes
+{
+    SurfacePoints<Number, d> of;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const
+    {
+        if (i < *of.reached_nodes) of.lists[of.reached[i].node].count = 0;
+    }
+};
+
+/// The nodes that points reach take their masses and velocities from the grid, and if these points are new,
+/// make room for them in the list of those of all nodes.
 template <class Number, int d, class Nodes>
 struct BeginNodes
 {
@@ -155,18 +180,21 @@ struct BeginNodes
     Nodes by_index;
     Number smallest_mass; ///< see UpdateGrid
     int mass, velocity;   ///< the channels of the sums, and of the values
+    bool are_new;
 
     FIRN_HOST_DEVICE void operator()(std::size_t i) const
     {
-        if (i >= of.counts->nodes) return;
+        if (i >= *of.reached_nodes) return;
         NodeAtSurface<Number, d>& node = of.reached[i];
         std::uint32_t const index = node.node - 1;
         Number const sum = by_index.sum(index, mass);
         node.inverse_mass = sum > smallest_mass ? 1 / sum : Number(0);
         for (int a = 0; a < d; ++a) node.free[a] = by_index.value(index, velocity + a);
-        PointsOfNode& points = of.lists[node.node];
-        node.points = {0, node.inverse_mass > 0 ? points.count : 0};
-        node.points.begin = points.begin = next_number_of_all(of.counts->listed, node.points.count);
+        if (are_new) {
+            PointsOfNode& points = of.lists[node.node];
+            points.begin = next_number_of_all(*of.listed, points.count);
+            node.points = points;
+        }
         of.velocities[node.node].set_number(sum > smallest_mass ? sum : Number(0));
     }
 };
@@ -175,24 +203,36 @@ struct BeginNodes
 /// kernel's weights would throw what little lies on it away.
 inline constexpr double light_node = 0.0001;
 
-/// Points start from their impulses in the step before.
+/// Points start from their impulses in the step before, which have been found or are their own. Those that
+/// are none in this step have neither impulse nor weight.
 template <class Kernel, class Number, int d>
 struct BeginPoints : PointLoop<Kernel, Number, d>
 {
-    Number longer; ///< the step over the one before
+    Number longer;     ///< the step over the one before
+    std::size_t first; ///< of the points that are new
+    bool are_new;      ///< the lists of nodes are
 
     FIRN_HOST_DEVICE void operator()(std::size_t p) const
     {
         auto const& surface = this->of;
-        Number mean = 0;
-        this->for_each_node(p, [&](int, Number weight, std::uint32_t node) {
-            mean += weight * surface.velocities[node].number();
+        Number mean = 0, least = std::numeric_limits<Number>::max();
+        this->for_each_node(surface.stencils, p, [&](int, Number weight, std::uint32_t node) {
+            Number const mass = surface.velocities[node].number();
+            mean += weight * mass;
+            least = min(least, weight > 0 ? mass : least);
         });
         SurfacePoint<Number, d>& point = surface.points[p];
-        if (auto const* const before = surface.before.find(point))
-            point.impulse = point.allowed(Vector<Number, d>(before->impulse * longer));
+        bool const is_one = surface.seen[point.candidate] == surface.step;
+        auto const* const before = p < first ? &point : first > 0 ? nullptr : surface.before.find(point);
+        point.impulse = before != nullptr && is_one
+                            ? point.allowed(Vector<Number, d>(before->impulse * longer))
+                            : zeros<Vector<Number, d>>();
         surface.tried[p].set(point.impulse);
-        surface.tried[p].set_number(mean > 0 ? 1 / (mean * Number(light_node)) : Number(0));
+        Number const per_light = is_one && mean > 0 ? 1 / (mean * Number(light_node)) : Number(0);
+        surface.tried[p].set_number(per_light);
+        bool const was_plain = point.is_plain;
+        point.is_plain = least * per_light >= 1;
+        point.is_listed = !are_new && was_plain && point.is_plain;
     }
 };
 
@@ -207,6 +247,7 @@ struct ListPoints : RowLoop<Kernel, Number, d, rows_of_part>
     {
         std::size_t const p = Rows::point(i);
         if (p >= this->points) return;
+        if (this->of.points[p].is_listed) return;
         Number const per_light = this->of.tried[p].number();
         int const first = Rows::first_row(i);
         for (int row = first; row < first + rows_of_part; ++row)
@@ -229,7 +270,7 @@ private:
         }
         FIRN_UNROLL_ON_DEVICE
         for (int k = 0; k < Cell::width; ++k) {
-            surface.stencils[place + std::size_t(k) * Rows::tile] = there[k];
+            surface.acting[place + std::size_t(k) * Rows::tile] = there[k];
             if (there[k].node != NodeOfPoint<Number>::none)
                 surface.points_of_nodes[at[k]] = {static_cast<std::uint32_t>(p), there[k].weight};
         }

@@ -62,7 +62,7 @@ std::uint32_t find_surface_points(StepMemory<Backend, Sets, Transfer> const& mem
         SurfaceCounts const counts = surface.counted();
         require(counts.points < (std::uint32_t(1) << 26), "more than 6e7 points of surfaces meet material",
                 "Obstacles", "Take larger cells, or obstacles that act on nodes.");
-        if (surface.had_room(counts)) return counts.points;
+        if (surface.had_room(counts)) return surface.note(counts);
     }
 }
 
@@ -86,21 +86,29 @@ void act_at_surfaces(StepMemory<Backend, Sets, Transfer> const& memory,
                cell_size = static_cast<Number>(memory.lattice.cell_size);
     surface.end_step(points, dt);
     if (points == 0) return;
-    surface.make_room(points, std::size_t(Loop::nodes_of_each), grid.node_count());
-    Loop const loop{surface.view()};
     auto const by_index = grid.nodes_by_index();
     using Nodes = std::remove_const_t<decltype(by_index)>;
     // a device has as many parts of a loop at once as it can have
     constexpr int rows_of_part = Backend::queues ? 1 : Loop::Cell::rows;
     using Rows = RowLoop<Kernel, Number, d, rows_of_part>;
+    std::size_t const first_new = surface.first_new(),
+                      most_nodes =
+                          std::min(grid.node_count(), std::size_t(points) * std::size_t(Loop::nodes_of_each)),
+                      first = surface.have_nodes(grid.numbering()) ? first_new : 0;
+    bool const are_new = points > first;
+    if (are_new) {
+        if (first == 0)
+            backend.for_each(surface.most_reached_before(), ForgetNodes<Number, d>{surface.view()});
+        surface.make_room(points, std::size_t(Loop::nodes_of_each), grid.node_count(), grid.numbering());
+    }
+    Loop const loop{surface.view()};
     Rows const rows{loop, points};
-    backend.for_each(Rows::count(points),
-                     FindNodesOfPoints<Kernel, Transfer, Number, d, rows_of_part, Nodes>{rows, by_index});
-    std::size_t const nodes = surface.most_reached(
-        std::min(grid.node_count(), std::size_t(points) * std::size_t(Loop::nodes_of_each)));
+    using FindNodes = FindNodesOfPoints<Kernel, Transfer, Number, d, rows_of_part, Nodes>;
+    if (are_new) backend.for_each(FindNodes::count(points, first), FindNodes{rows, by_index, first});
+    std::size_t const nodes = surface.most_reached(most_nodes);
     backend.for_each(nodes, BeginNodes<Number, d, Nodes>{loop.of, by_index, scene.smallest_node_mass,
-                                                         Sums::mass, Values::velocity});
-    backend.for_each(points, BeginPoints<Kernel, Number, d>{loop, longer});
+                                                         Sums::mass, Values::velocity, are_new});
+    backend.for_each(points, BeginPoints<Kernel, Number, d>{loop, longer, first_new, are_new});
     backend.for_each(Rows::count(points), ListPoints<Kernel, Number, d, rows_of_part>{rows});
     // velocities in units of 2^-46 cells a step
     GatherImpulses<Kernel, Number, d, Nodes> gather{loop,

@@ -177,6 +177,7 @@ public:
         bool grows = false;
         for (std::size_t l = 0; l < layers; ++l) grows = grows || tiles_[l].blocks != orders[l]->blocks();
         if (!grows) return;
+        ++numbering_;
         if (set_.memory() == 0) set_.reserve(2 * all_blocks(orders) + BlockSet::few);
         for (std::size_t l = 0; l < layers; ++l) find_nodes(tiles_[l], *orders[l]);
         for (std::size_t l = 0; l < layers; ++l) tie(tiles_[l], *orders[l]);
@@ -256,6 +257,8 @@ public:
     Nodes nodes_by_index() { return {view(), set_.view()}; }
     /// How many indices there are.
     std::size_t node_count() const { return std::size_t(set_.size()) * Shape::cells; }
+    /// Changes whenever the indices of nodes do.
+    std::uint64_t numbering() const { return numbering_; }
 
     /// Makes the sums of the next step those of this one.
     void swap()
@@ -360,6 +363,7 @@ private:
     Queue queue_;
     Periods<d> periods_; ///< of blocks
     BlockSet set_;
+    std::uint64_t numbering_ = 0;
     std::array<Tiles, static_cast<std::size_t>(layers)> tiles_;
     Array<Values> values_;
     Results node_results_;

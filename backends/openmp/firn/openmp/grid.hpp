@@ -240,6 +240,7 @@ public:
         std::size_t blocks = 0;
         for (int l = 0; l < layers; ++l)
             blocks += orders[std::size_t(l)]->blocks().size() + tiles_[std::size_t(l)].ghosts.size();
+        ++numbering_;
         nodes_.clear();
         map_.clear(blocks * corners);
         for (int l = 0; l < layers; ++l)
@@ -370,6 +371,8 @@ public:
     Nodes nodes_by_index() { return Nodes(*this); }
     /// How many indices there are.
     std::size_t node_count() const { return nodes_.size() * std::size_t(block_channel); }
+    /// Changes whenever the indices of nodes do.
+    std::uint64_t numbering() const { return numbering_; }
 
     /// Makes the sums of the next step those of this one.
     void swap()
@@ -561,6 +564,7 @@ private:
     std::size_t centres_ = 0; ///< of these so many, the first ones, are at the coordinates of blocks of cells
     std::vector<std::uint32_t> by_owner_, owner_begin_{0};
     BlockMap map_;
+    std::uint64_t numbering_ = 0;
     std::array<Tiles, std::size_t(layers)> tiles_;
     Array<Number> values_; ///< [layer, if each has its own][node block][channel][row][place]
 };

@@ -100,12 +100,15 @@ public:
     void activate(auto const& /*orders*/)
     {
         for (auto& of_layer : values_) of_layer.clear();
+        ++numbering_;
     }
     void swap() { now_.swap(next_); }
 
     Layer layer(std::size_t of) { return {now_[of], next_[of], values_[own_values ? of : 0], periods_}; }
     Nodes nodes_by_index() { return Nodes(*this); }
     std::size_t node_count() const { return values_[0].size(); }
+    /// Changes whenever the indices of nodes do.
+    std::uint64_t numbering() const { return numbering_; }
 
     /// The nodes that any layer added to.
     std::set<Coordinates<d>, FirstAxisFirst> nodes() const
@@ -150,6 +153,7 @@ protected:
     std::array<NodeMap<Sums>, std::size_t(layers)> now_, next_; ///< by layer
     std::array<NodeMap<Values>, own_values ? std::size_t(layers) : 1> values_;
     Periods<d> periods_;
+    std::uint64_t numbering_ = 0;
 };
 
 /// One node, as a phase sees it: its sums over all layers and the values that these share, or the sums and
