@@ -82,6 +82,9 @@ class SolveStep
         }(typename Sets::Places{}),
         "a material answers no product with its tangent, which implicit steps ask for: choose "
         "NeoHookean, add a member product(state, change), or choose SymplecticEuler");
+    static_assert(!spans_ranks<Backend>,
+                  "implicit steps do not add up over several ranks yet: choose a backend of "
+                  "one, or SymplecticEuler");
     static_assert(!Sets::are_bodies,
                   "implicit steps know no Bodies that touch: choose Materials, or SymplecticEuler");
     static_assert(Actions::groups == 0 && Actions::groups_at_surface == 0,
