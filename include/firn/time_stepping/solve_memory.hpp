@@ -3,6 +3,7 @@
 
 #include <firn/particles/storage.hpp>
 #include <firn/phases/solve_particles.hpp>
+#include <firn/time_stepping/coarse_grids.hpp>
 #include <firn/time_stepping/solve_report.hpp>
 #include <firn/transfer/integrators.hpp>
 
@@ -24,7 +25,9 @@ class SolveMemory
                                  TrialFields<typename Sets::template MaterialTraits<k>::Model>>;
 
 public:
-    explicit SolveMemory(Backend const& backend) : backend_(backend) {}
+    explicit SolveMemory(Backend const& backend) : coarse(backend), backend_(backend) {}
+
+    CoarseGrids<Backend, typename Sets::Space> coarse; ///< that precondition
 
     SolveReport report{};          ///< of the last step; its counts are those of the call
     char const* refused = nullptr; ///< why the last step cannot be solved at all, if so

@@ -2,10 +2,12 @@
 #pragma once
 
 #include <firn/core/all_ranks.hpp>
+#include <firn/core/cell_offset.hpp>
 #include <firn/core/components.hpp>
 #include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/grid/lattice.hpp>
+#include <firn/phases/begin_solve.hpp>
 #include <firn/phases/solve_nodes.hpp>
 #include <firn/phases/solve_particles.hpp>
 #include <firn/time_stepping/solve_memory.hpp>
@@ -18,6 +20,7 @@
 #include <cstddef>
 #include <limits>
 #include <utility>
+#include <vector>
 
 // The velocities of nodes at the end of an implicit step, by Newton's method.
 namespace firn
@@ -117,6 +120,7 @@ public:
             own_.refused = "nothing holds the scene, so there is no state of rest to find";
             return false;
         }
+        own_.coarse.clear();
         outside_ = std::sqrt(start.second / mass_);
         speed_ = at_rest_ ? 0 : std::sqrt(start.third / mass_);
         Sums at = residual(true);
@@ -127,6 +131,7 @@ public:
         if (at_rest_) outside_ = std::max(outside_, std::sqrt(at.first / mass_));
         while (!is_solved(at)) {
             if (report_.newton_of_step >= by_.newton) return false;
+            if (report_.newton_of_step == 0 && (at_rest_ || at.stiffest > stiff)) make_coarse_grids();
             double const slope = search();
             if (!step_along(slope, at)) return false;
         }
@@ -145,6 +150,8 @@ public:
 private:
     /// Of a node's stiffness: about the mean square of the kernel's gradient [1/cells^2].
     static constexpr double stiffness_of_kernel = 0.5;
+    /// The stiffness of a node over its mass from which on coarse grids help: a wave through 4 or 5 cells.
+    static constexpr double stiff = 10;
 
     auto& grid() const { return scene_.grid_state.grid(); }
     UpdateGrid<Space, Kernel, Transfer, Actions> update() const
@@ -192,40 +199,68 @@ private:
     {
         pass<TryVelocities>();
         double const in_cells = dt_ / memory_.lattice.cell_size;
-        Sums const at = on_passed(FindResidual<Space, Kernel, Transfer>{
+        return on_passed(FindResidual<Space, Kernel, Transfer>{
             {},
             at_rest_,
             is_first,
             static_cast<Number>(own_.left_out),
             static_cast<Number>(stiffness_of_kernel * in_cells * in_cells)});
-        along_z_ = at.along_z;
-        return at;
     }
 
-    /// Solves for the change by conjugate gradients, preconditioned by the nodes' diagonal. Returns the slope
-    /// of the incremental energy along it, r dv, which is below 0.
+    /// Solves for the change by conjugate gradients, preconditioned by the nodes' diagonal and by coarse
+    /// grids. Returns the slope of the incremental energy along it, r dv, which is below 0.
     double search()
     {
         ++report_.newton, ++report_.newton_of_step;
         on_nodes(AcceptVelocities<Space, Kernel, Transfer>{});
-        double rz = along_z_, slope = 0;
+        if (own_.coarse.are_there())
+            own_.coarse.template weigh<Kernel, Transfer>(grid().nodes_by_index(), at_rest_,
+                                                         stiffness_of_kernel);
+        double rz = condition(), slope = 0, before = 1;
         double const enough = by_.forcing * by_.forcing * rz;
-        for (int i = 0; i < by_.linear; ++i) {
+        for (int i = 0; i < by_.linear && rz > 0; ++i) {
+            on_nodes(TurnSearch<Space, Kernel, Transfer>{{}, static_cast<Number>(i > 0 ? rz / before : 0)});
             pass<ProductOfStress>();
             ++report_.products;
             double const curvature = on_passed(FindCurvature<Space, Kernel, Transfer>{{}, at_rest_}).first;
             bool const falls = curvature > 0 && is_finite(curvature);
             if (!falls && i > 0) break; // what was found until here is a descent
             double const along = falls ? rz / curvature : 1;
-            double const next =
-                on_passed(AdvanceSearch<Space, Kernel, Transfer>{{{}, at_rest_}, static_cast<Number>(along)})
-                    .along_z;
+            on_passed(AdvanceSearch<Space, Kernel, Transfer>{{{}, at_rest_}, static_cast<Number>(along)});
             slope -= along * rz;
-            if (!falls || !(next > enough)) break;
-            on_nodes(TurnSearch<Space, Kernel, Transfer>{{}, static_cast<Number>(next / rz)});
-            rz = next;
+            before = rz;
+            rz = condition();
+            if (!falls || !(rz > enough)) break;
         }
         return slope;
+    }
+    /// Completes the preconditioned residual z by what coarse grids find. Returns r z.
+    double condition()
+    {
+        if (own_.coarse.are_there())
+            own_.coarse.template correct<Kernel, Transfer>(grid().nodes_by_index(), grid().node_count());
+        return on_nodes(BesideWalls<ProjectConditioned<Space, Kernel, Transfer>, Actions>{{}, now_}).first;
+    }
+    /// Makes the coarse grids under the particles. They know no ends of a periodic lattice.
+    void make_coarse_grids()
+    {
+        bool is_periodic = false;
+        for (int const period : memory_.lattice.periods) is_periodic = is_periodic || period != 0;
+        if (!by_.coarse || is_periodic) return;
+        std::vector<Coordinates<d>> cells;
+        Sets::for_each([&](auto k) {
+            auto const& table = scene_.sets.template particles<k>();
+            auto const offsets = table.ordered().offset;
+            table.cells().for_each([&](std::size_t place, Coordinates<d> const& cell) {
+                Coordinates<d> at;
+                for (int a = 0; a < d; ++a)
+                    at[a] = own_.coarse.cell_of(cell[a],
+                                                CellOffset<Number>::exact(offsets[std::size_t(a)][place]));
+                if (cells.empty() || cells.back() != at) cells.push_back(at);
+            });
+        });
+        own_.coarse.template begin<Kernel, Transfer>(std::move(cells), now_, grid().nodes_by_index(),
+                                                     grid().node_count(), scene_.smallest_node_mass);
     }
 
     /// Tries the change and, while the incremental energy does not fall enough, half of it. `at` becomes the
@@ -291,7 +326,6 @@ private:
     double part_;                               ///< of the step, after which stress acts
     double dt_;                                 ///< until then [s]
     double mass_ = 0, outside_ = 0, speed_ = 0; ///< [mass units], [m/s], [m/s]
-    double along_z_ = 0;                        ///< of the residual that was found last
 };
 
 } // namespace firn

@@ -35,8 +35,9 @@ struct Implicit
     double share = 1e-2;
     /// Conjugate gradients stop where their residual is below this share of the one that they began with.
     double forcing = 0.1;
-    int newton = 20;   ///< the most linear systems in a step; one more is a failed step
-    int linear = 2000; ///< the most products in a linear system; what is found until then is tried
+    int newton = 20;    ///< the most linear systems in a step; one more is a failed step
+    int linear = 2000;  ///< the most products in a linear system; what is found until then is tried
+    bool coarse = true; ///< whether coarser grids precondition linear systems, too
 
     static constexpr auto name = "implicit";
     static constexpr double part_of_step = 1; ///< at which stress acts: its end
@@ -155,18 +156,19 @@ using SteppedBy = typename detail::SteppedByIntegrator<Transfer, By>::Type;
 template <int d, class Set, int first>
 struct SolveValues
 {
-    static constexpr int solution = first;      ///< the velocity found so far [m/s]
-    static constexpr int target = solution + d; ///< that without stress; at rest, its change in a second
-    static constexpr int impulse = target + d;  ///< of stress, at the velocity that was tried
-    static constexpr int change = impulse + d;  ///< of the solution, by the linear system [m/s]
-    static constexpr int residual = change + d; ///< what is left of the linear system's right side
-    static constexpr int offset = residual + d; ///< the residual where a load begins
-    static constexpr int free = offset + d;     ///< the projection to free motion, symmetric
+    static constexpr int solution = first;           ///< the velocity found so far [m/s]
+    static constexpr int target = solution + d;      ///< that without stress; at rest, its change in a second
+    static constexpr int impulse = target + d;       ///< of stress, at the velocity that was tried
+    static constexpr int change = impulse + d;       ///< of the solution, by the linear system [m/s]
+    static constexpr int residual = change + d;      ///< what is left of the linear system's right side
+    static constexpr int conditioned = residual + d; ///< the same, preconditioned
+    static constexpr int offset = conditioned + d;   ///< the residual where a load begins
+    static constexpr int free = offset + d;          ///< the projection to free motion, symmetric
     static constexpr int behind =
         free + d * (d + 1) / 2; ///< the impulse of stress behind walls, by axis and side
     static constexpr int mass = behind + 2 * d;
     static constexpr int stiffness = mass + 1; ///< the diagonal by which the system is preconditioned
-    static constexpr int channels = stiffness + 1 - first; ///< 21 in the plane, 32 in space
+    static constexpr int channels = stiffness + 1 - first; ///< 23 in the plane, 35 in space
 
     /// Whether the value of a channel has the opposite sign in a mirror across an axis.
     FIRN_HOST_DEVICE static constexpr bool turns(int c, int axis)

@@ -1,0 +1,239 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/phases/solve_phase.hpp>
+#include <firn/phases/update_grid.hpp>
+
+#include <cstddef>
+#include <cstdint>
+
+// The grid updates with which an implicit step begins and ends: see solve_phase.hpp.
+namespace firn
+{
+
+/// On nodes that have mass and momentum: what the solve starts from. Forces act as in UpdateGrid, and what
+/// obstacles do is found by asking them about motion along each axis: `c(v) = P v + (I - P) w` for a
+/// projection P to motion that is free. Nodes where it is not so are counted as refused.
+///
+/// Sums: first the mass, second m |dv|^2 of the change dv by outside forces, third m |v*|^2.
+template <class Space, class Kernel, class Transfer, class Effects>
+struct BeginSolve : UpdateGrid<Space, Kernel, Transfer, Effects>
+{
+    using Update = UpdateGrid<Space, Kernel, Transfer, Effects>;
+    using Phase = SolvePhase<Space, Kernel, Transfer>;
+    using typename Update::Number, typename Update::Sums, typename Update::Values;
+    using Update::d;
+    using Own = typename Phase::Own;
+    using Result = SolveSums<d>;
+
+    bool at_rest;        ///< the scene is brought to rest: what moves does not count
+    Number part_of_step; ///< after which velocities are asked for
+
+    template <class Node>
+    FIRN_HOST_DEVICE void operator()(Node& node, Result& result) const
+    {
+        using Real = typename Node::Real;
+        LanePosition<Real, d> const place{this->lattice, node.first(), node.offset(),
+                                          kernel_reach(Kernel::degree)};
+        auto const sum = [&](int c) {
+            return at_rest && c >= Sums::momentum && c < Sums::momentum + d ? Real(0) : node.sum(c);
+        };
+        auto const free = this->template free_node<Real>(
+            place, sum, [](int) { return Real(0); }, [](int, Real const&) {}, Real(1) < Real(0));
+        Mask<Real> const filled = free.nodes.filled;
+        Real const mass = select(filled, free.nodes.mass, Real(0));
+        auto const touched = [&](Vector<Real, d> const& v) {
+            Vector<Real, d> after = touch<Real>(place, free, sum, v);
+            if constexpr (requires { node.on_wall(0); })
+                for (int a = 0; a < d; ++a) after[a] = select(node.on_wall(a), Real(0), after[a]);
+            return after;
+        };
+        Motion<Real> const motion = ask<Real>(touched);
+        Mask<Real> const counts = filled & counted(node);
+        Real held(0);
+        for (int a = 0; a < d; ++a) held += Real(1) - motion.free(a, a);
+        Mask<Real> refused = motion.bent > Real(Number(1e-3)); // beyond rounding
+        if (at_rest)
+            for (int a = 0; a < d; ++a) refused = refused | (abs(motion.still[a]) > Real(0));
+        result.refused += count(refused & counts);
+        result.held += count(counts & (held > Real(Number(0.5))));
+        result.look(select(refused & counts, Real(1), Real(0)), node.first(), node.offset()[d - 1]);
+
+        auto const old =
+            make_vector<Real, d>([&](int a) { return sum(Sums::momentum + a) * free.inverse_mass; });
+        Vector<Real, d> const change = (free.velocity - old) * Real(part_of_step), target = old + change;
+        set_start(node, filled, target, at_rest ? motion.still : touched(target), motion.free);
+        node.set(Own::mass, mass);
+        Result::add(result.first, select(counts, mass, Real(0)));
+        Result::add(result.second, select(counts, mass * dot<Real, d>(change, change), Real(0)));
+        Result::add(result.third, select(counts, mass * dot<Real, d>(target, target), Real(0)));
+    }
+
+private:
+    /// What effects leave of motion: c(v) = P v + still.
+    template <class Real>
+    struct Motion
+    {
+        Matrix<Real, d> free; ///< P
+        Vector<Real, d> still;
+        Real bent; ///< how far c is from that of a projection P
+    };
+    template <class Real, class Touched>
+    FIRN_HOST_DEVICE static Motion<Real> ask(Touched const& touched)
+    {
+        Motion<Real> motion;
+        motion.still = touched(zeros<Vector<Real, d>>());
+        motion.bent = Real(0);
+        for (int a = 0; a < d; ++a) {
+            Vector<Real, d> along = zeros<Vector<Real, d>>();
+            along[a] = Real(1);
+            Vector<Real, d> const forth = touched(along) - motion.still;
+            along[a] = Real(-1);
+            Vector<Real, d> const back = touched(along) - motion.still;
+            for (int i = 0; i < d; ++i) {
+                motion.free(i, a) = forth[i];
+                motion.bent = max(motion.bent, abs(forth[i] + back[i]));
+            }
+        }
+        Matrix<Real, d> const& P = motion.free;
+        Matrix<Real, d> const twice = product<Real, d>(P, P);
+        for (int i = 0; i < d; ++i)
+            for (int j = 0; j < d; ++j)
+                motion.bent = max(motion.bent, max(abs(twice(i, j) - P(i, j)), abs(P(i, j) - P(j, i))));
+        return motion;
+    }
+
+    /// Sets what the solve starts from. What is free of the start is its change, which can be taken back.
+    template <class Node, class Real = typename Node::Real>
+    FIRN_HOST_DEVICE static void set_start(Node& node, Mask<Real> const& filled,
+                                           Vector<Real, d> const& target, Vector<Real, d> const& start,
+                                           Matrix<Real, d> const& free)
+    {
+        auto const set = [&](int c, Real const& value) { node.set(c, select(filled, value, Real(0))); };
+        Vector<Real, d> const change = product<Real, d>(free, start);
+        for (int a = 0; a < d; ++a) {
+            set(Own::target + a, target[a]);
+            set(Own::solution + a, start[a]);
+            set(Values::velocity + a, start[a]);
+            set(Own::change + a, change[a]);
+            set(Own::offset + a, Real(0));
+            for (int b = 0; b <= a; ++b) set(Own::free_at(a, b), free(a, b));
+        }
+    }
+
+    template <class Lanes>
+    FIRN_HOST_DEVICE static std::uint64_t count(Lanes const& lanes)
+    {
+        std::uint64_t number = 0;
+        for (std::uint64_t rest = bits(lanes); rest != 0; rest &= rest - 1) ++number;
+        return number;
+    }
+
+    /// The velocity after all effects on velocities, of which no reaction is booked.
+    template <class Real, class Free, class Sum>
+    FIRN_HOST_DEVICE Vector<Real, d> touch(LanePosition<Real, d> const& place, Free const& free,
+                                           [[maybe_unused]] Sum const& sum, Vector<Real, d> const& v) const
+    {
+        Reactions<Effects::obstacles> unbooked;
+        if constexpr (Effects::touches_marked)
+            return apply_on_nodes<Real, d>(this->now->actions, place, free.nodes, v, unbooked, [&](auto tag) {
+                return sum(Sums::template channel<NodeMark<decltype(tag)>>) * free.inverse_mass;
+            });
+        else
+            return apply_on_nodes<Real, d>(this->now->actions, place, free.nodes, v, unbooked);
+    }
+};
+
+/// On nodes that have mass and momentum again: the grid update of the step, with the impulse of stress that
+/// was found. Effects act as in UpdateGrid and obstacles receive what they hold back, and then nodes take the
+/// solution.
+template <class Space, class Kernel, class Transfer, class Effects>
+struct ConcludeSolve : UpdateGrid<Space, Kernel, Transfer, Effects>
+{
+    using Update = UpdateGrid<Space, Kernel, Transfer, Effects>;
+    using Own = typename SolvePhase<Space, Kernel, Transfer>::Own;
+    using typename Update::Number, typename Update::Sums, typename Update::Values, typename Update::Result;
+    using Update::d;
+
+    using typename Update::Walls;
+
+    bool at_rest;
+    Number steps_of_impulse; ///< how often the impulse of stress fits into the step
+
+    template <class Node>
+    FIRN_HOST_DEVICE void operator()(Node& node, Result& reactions) const
+    {
+        using Real = typename Node::Real;
+        LanePosition<Real, d> const place{this->lattice, node.first(), node.offset(),
+                                          kernel_reach(Kernel::degree)};
+        auto const sum = [&](int c) {
+            Real total = node.sum(c);
+            if (at_rest && c >= Sums::momentum && c < Sums::momentum + d) total = Real(0);
+            if (c >= Sums::impulse && c < Sums::impulse + d)
+                total -= node.value(Own::impulse + c - Sums::impulse) * Real(steps_of_impulse);
+            return total;
+        };
+        auto const set = [&](int c, Real const& value) {
+            bool const is_velocity = c >= Values::velocity && c < Values::velocity + d;
+            node.set(c, is_velocity ? node.value(Own::solution + c - Values::velocity) : value);
+        };
+        this->template update<Real>(
+            place, sum, [](int) { return Real(0); }, set, Real(0) <= Real(0), reactions);
+    }
+
+    /// The same beside reflecting walls, as UpdateGrid does it: walls receive what they hold back, of the
+    /// impulse of stress, too.
+    template <class Node>
+    FIRN_HOST_DEVICE void look_around(Walls const& walls, Node& node, Result& reactions) const
+    {
+        using Real = typename Node::Real;
+        using Mirrored = MirroredNode<Sums, Real, d, Effects::walls>;
+        Mirrored mirrored(walls, node);
+        add_stress<Real>(node, mirrored);
+        LanePosition<Real, d> place{this->lattice, mirrored.first, zeros<Vector<Real, d>>(),
+                                    kernel_reach(Kernel::degree)};
+        place.offset[d - 1] = mirrored.along;
+        NodesBesideWalls<Own, Node, Mirrored, d> both(node, mirrored);
+        Mask<Real> const received = both.counts();
+        Real values[std::size_t(Update::channels)];
+        this->template update<Real>(
+            place, [&](int c) { return mirrored.sums[c]; }, [](int) { return Real(0); },
+            [&](int c, Real const& value) { values[c] = value; }, received, reactions);
+        Real solution[std::size_t(d)];
+        for (int a = 0; a < d; ++a) { // nodes on a wall hold what it receives until it is booked
+            solution[a] = both.value(Own::solution + a);
+            values[Values::velocity + a] = select(both.on_wall(a), values[Values::velocity + a], solution[a]);
+        }
+        this->book_walls(mirrored, values, place.relative_to({0, 0, 0}), received, reactions);
+        for (int a = 0; a < d; ++a) values[Values::velocity + a] = solution[a];
+        for (int c = 0; c < Update::channels; ++c) {
+            int const a = Values::axis(c);
+            both.set(c, a >= 0 ? select(both.on_wall(a), Real(0), values[c]) : values[c]);
+        }
+    }
+
+private:
+    /// Adds the impulse of stress to the sums of nodes and their images.
+    template <class Real, class Node, class Mirrored>
+    FIRN_HOST_DEVICE void add_stress(Node& node, Mirrored& mirrored) const
+    {
+        NodesBesideWalls<Own, Node, Mirrored, d> const both(node, mirrored);
+        for (int a = 0; a < d; ++a) {
+            if (at_rest) mirrored.sums[Sums::momentum + a] = Real(0);
+            mirrored.sums[Sums::impulse + a] -= both.value(Own::impulse + a) * Real(steps_of_impulse);
+        }
+        for (std::size_t w = 0; w < mirrored.walls.size(); ++w) {
+            WallPlane const& wall = mirrored.walls[w];
+            Real const behind =
+                Real(steps_of_impulse) * select(mirrored.mass_behind[w] > Real(0),
+                                                node.value(Own::behind_at(wall.axis, wall.side)), Real(0));
+            if (at_rest) mirrored.mass_behind[w] = mirrored.momentum_behind[w] = Real(0);
+            if constexpr (Sums::forces_are_apart)
+                mirrored.impulse_behind[w] -= behind;
+            else
+                mirrored.momentum_behind[w] -= behind;
+        }
+    }
+};
+
+} // namespace firn
