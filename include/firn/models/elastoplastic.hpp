@@ -6,6 +6,7 @@
 #include <firn/core/parameters.hpp>
 #include <firn/math/principal_axes.hpp>
 #include <firn/models/lame.hpp>
+#include <firn/models/principal_product.hpp>
 #include <firn/models/response.hpp>
 
 #include <type_traits>
@@ -24,6 +25,8 @@
 // - stress(strains, mu, lambda): PrincipalStress
 //
 // - energy(strains, mu, lambda) [Pa], of which the stress is the derivative; may be left out
+//
+// - tangent(extension, mu, lambda): PrincipalTangent, for implicit steps; may be left out
 //
 // - inverted(extension): where there is no stress for such stretches
 //
@@ -143,6 +146,11 @@ concept LawTellsEnergy = requires(Law const law, Vector<Real, d> const strains, 
 {
     law.template energy<Real, d>(strains, modulus, modulus);
 };
+template <class Law, class Real, int d>
+concept LawTellsTangent = requires(Law const law, Vector<Real, d> const extension, Real modulus)
+{
+    law.template tangent<Real, d>(extension, modulus, modulus);
+};
 } // namespace detail
 
 /// An isotropic solid of an elastic law and a plastic flow; the parameters of both are members of the solid,
@@ -226,6 +234,22 @@ struct Elastoplastic : FlowType, LawType
         response.kirchhoff_stress = axes.U * principal.kirchhoff.asDiagonal() * axes.U.transpose();
         response.wave_modulus = principal.wave_modulus;
         return response;
+    }
+
+    /// Q = dP F^T, for dF = dl F, of a solid that does not yield: see product_in_axes.
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Matrix<Real, Space::dimension>
+    product(Particle const& state, Matrix<Real, Space::dimension> const& change) const
+        requires(!yields && detail::LawTellsTangent<Law, Real, Space::dimension>)
+    {
+        constexpr int d = Space::dimension;
+        Law const& law = *this;
+        Real const mu(elasticity.mu), lambda(elasticity.lambda);
+        auto const axes = principal_axes<Real, d>(state[DisplacementGradient{}]);
+        Vector<Real, d> const strains = law.template strains<Real, d>(axes.extension);
+        return product_in_axes<Real, d>(axes.U, axes.extension,
+                                        law.template stress<Real, d>(strains, mu, lambda).kirchhoff,
+                                        law.template tangent<Real, d>(axes.extension, mu, lambda), change);
     }
 
     /// The elastic energy [J/m^3], with hardened moduli where the flow hardens them.

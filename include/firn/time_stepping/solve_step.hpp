@@ -84,7 +84,7 @@ class SolveStep
                 ...);
         }(typename Sets::Places{}),
         "a material answers no product with its tangent, which implicit steps ask for: choose "
-        "NeoHookean, add a member product(state, change), or choose SymplecticEuler");
+        "an elastic solid, add a member product(state, change), or choose SymplecticEuler");
     static_assert(!spans_ranks<Backend>,
                   "implicit steps do not add up over several ranks yet: choose a backend of "
                   "one, or SymplecticEuler");

@@ -4,6 +4,7 @@
 #include <firn/math/largest_eigenvalue.hpp>
 #include <firn/math/left_stretch.hpp>
 #include <firn/models/elastoplastic.hpp>
+#include <firn/models/principal_product.hpp>
 
 namespace firn
 {
@@ -36,6 +37,28 @@ struct FixedCorotatedLaw : MeasuredByExtension
             longest = max(longest, extension[i]);
         }
         found.wave_modulus = wave_modulus(longest, J, mu, lambda);
+        return found;
+    }
+
+    /// sigma_i sigma_j Psi_ij = lambda J (2 J - 1) + (2 mu sigma_i^2 - lambda J (J - 1)) where i = j, and the
+    /// shear value 2 mu - lambda (J - 1) J / (sigma_i sigma_j).
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE static PrincipalTangent<Real, d> tangent(Vector<Real, d> const& extension, Real mu,
+                                                              Real lambda)
+    {
+        Real const one(1), volume = volume_change<Real, d>(extension), J = one + volume,
+                           pressure = lambda * volume * J;
+        auto const stretch = [&](int i) { return one + extension[i]; };
+        PrincipalTangent<Real, d> found;
+        found.stretching = make_matrix<Real, d>([&](int i, int j) {
+            Real const both = lambda * J * (J + volume);
+            return i == j ? both + Real(2) * mu * stretch(i) * stretch(i) - pressure : both;
+        });
+        found.shearing = make_matrix<Real, d>([&](int i, int j) {
+            Real const area = stretch(i) * stretch(j);
+            Mask<Real> const is_flat = !(abs(area) > Real(ScalarOf<Real>(1e-12)));
+            return Real(2) * mu - pressure / select(is_flat, one, area);
+        });
         return found;
     }
 
@@ -106,6 +129,19 @@ struct FixedCorotated
         response.inverted = no_lanes<Real>();
         response.capped = no_lanes<Real>();
         return response;
+    }
+
+    /// Q = dP F^T, for dF = dl F: see product_in_axes.
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Matrix<Real, Space::dimension>
+    product(Particle const& state, Matrix<Real, Space::dimension> const& change) const
+    {
+        constexpr int d = Space::dimension;
+        Real const mu(elasticity.mu), lambda(elasticity.lambda);
+        auto const axes = principal_axes<Real, d>(state[DisplacementGradient{}]);
+        return product_in_axes<Real, d>(
+            axes.U, axes.extension, FixedCorotatedLaw::stress<Real, d>(axes.extension, mu, lambda).kirchhoff,
+            FixedCorotatedLaw::tangent<Real, d>(axes.extension, mu, lambda), change);
     }
 
     /// Psi [J/m^3].

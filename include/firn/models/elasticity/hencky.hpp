@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/models/elastoplastic.hpp>
+#include <firn/models/principal_product.hpp>
 
 namespace firn
 {
@@ -65,6 +66,31 @@ struct HenckyLaw : RefusesInversion
         Real const rest = lambda + Real(2) * mu;
         Real const longitudinal = rest - (Real(2) * mu * low + lambda * trace);
         found.wave_modulus = max(max(longitudinal, mu * (Real(1) + Real(2) * (high - low))), rest);
+        return found;
+    }
+
+    /// sigma_i sigma_j Psi_ij = lambda + (2 mu - tau_i) where i = j, and with x = (sigma_i - sigma_j) /
+    /// sigma_j the shear value (2 mu (ln(1 + x) / x - eps_j) - lambda tr eps) / (sigma_i sigma_j).
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE static PrincipalTangent<Real, d> tangent(Vector<Real, d> const& extension, Real mu,
+                                                              Real lambda)
+    {
+        Vector<Real, d> const eps = strains<Real, d>(extension);
+        Real const one(1), trace = sum_of<Real, d>([&](int i) { return eps[i]; }), twice = mu + mu;
+        auto const stretch = [&](int i) {
+            return max(one + extension[i], Real(ScalarOf<Real>(smallest_stretch)));
+        };
+        PrincipalTangent<Real, d> found;
+        found.stretching = make_matrix<Real, d>([&](int i, int j) {
+            return i == j ? lambda + twice - (twice * eps[i] + lambda * trace) : lambda;
+        });
+        found.shearing = make_matrix<Real, d>([&](int i, int j) {
+            Real const sigma = stretch(j), x = (stretch(i) - sigma) / sigma;
+            Mask<Real> const differs = abs(x) > Real(ScalarOf<Real>(1e-6)); // 1 - x / 2 else
+            Real const share = select(differs, log_one_plus(x) / select(differs, x, one),
+                                      one - x * Real(ScalarOf<Real>(0.5)));
+            return (twice * (share - eps[j]) - lambda * trace) / (stretch(i) * sigma);
+        });
         return found;
     }
 

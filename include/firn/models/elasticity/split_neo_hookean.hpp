@@ -151,6 +151,37 @@ struct SplitNeoHookean
         return response;
     }
 
+    /// Q = dP F^T = d tau - tau dl^T, for dF = dl F, with b = F F^T, db = dl b + b dl^T and p = mu J^(-2/d):
+    /// d tau = p (dev db - 2/d tr(dl) dev b) + kappa J^2 tr(dl) I.
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Matrix<Real, Space::dimension>
+    product(Particle const& state, Matrix<Real, Space::dimension> const& change) const
+    {
+        constexpr int d = Space::dimension;
+        Real const mu(elasticity.mu), lambda(elasticity.lambda), bulk = lambda + mu * Real(Number(2.0 / d)),
+                                                                 one(1), share(Number(1.0 / d));
+        Matrix<Real, d> const& H = state[DisplacementGradient{}];
+        Real const volume = volume_change<Real, d>(H), J = one + volume,
+                   root = root_of_volume<d>(select(J > Real(0), J, one)), p = mu / (root * root),
+                   pressure = Real(Number(0.5)) * bulk * volume * (J + one);
+        Matrix<Real, d> const square = squared_stretch_less_one<Real, d>(H); // b - I
+        auto const trace = [](Matrix<Real, d> const& A) {
+            return sum_of<Real, d>([&](int i) { return A(i, i); });
+        };
+        Matrix<Real, d> const turned = firn::product<Real, d>(change, square);
+        auto const db = make_matrix<Real, d>(
+            [&](int i, int j) { return turned(i, j) + turned(j, i) + change(i, j) + change(j, i); });
+        Real const grown = trace(change), mean = trace(square) * share, mean_of_change = trace(db) * share;
+        auto const tau = make_matrix<Real, d>(
+            [&](int i, int j) { return i == j ? p * (square(i, j) - mean) + pressure : p * square(i, j); });
+        return make_matrix<Real, d>([&](int i, int j) {
+            Real of_shape = db(i, j) - Real(2) * share * grown * square(i, j);
+            if (i == j) of_shape += Real(2) * share * grown * mean - mean_of_change;
+            Real const d_tau = i == j ? p * of_shape + bulk * J * J * grown : p * of_shape;
+            return d_tau - sum_of<Real, d>([&](int k) { return tau(i, k) * change(j, k); });
+        });
+    }
+
     /// Psi [J/m^3].
     template <Lane Real, class Particle>
     FIRN_HOST_DEVICE Real energy(Particle const& state) const

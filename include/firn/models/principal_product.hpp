@@ -1,0 +1,58 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/components.hpp>
+#include <firn/core/host_device.hpp>
+#include <firn/core/lane.hpp>
+#include <firn/core/space.hpp>
+#include <firn/math/product.hpp>
+
+namespace firn
+{
+
+/// The second derivatives of an elastic law in its principal stretches sigma.
+template <class Real, int d>
+struct PrincipalTangent
+{
+    Matrix<Real, d>
+        stretching; ///< sigma_i sigma_j Psi_ij, that is d tau_i / d ln sigma_j less tau_i where i = j
+    Matrix<Real, d> shearing; ///< (Psi_i - Psi_j) / (sigma_i - sigma_j) of two axes, free of cancellation
+};
+
+/// The product Q = dP F^T with the tangent of an isotropic solid, for dF = dl F, from the axes U after the
+/// deformation, extensions sigma - 1, and the principal stresses tau:
+///
+///   Q_ii = sum_j sigma_i sigma_j Psi_ij d_jj
+///   Q_ij = sigma_j ((t + f) / 2 sigma_j d_ij + (t - f) / 2 sigma_i d_ji),   d = U^T dl U
+///   t = (Psi_i - Psi_j) / (sigma_i - sigma_j),   f = (Psi_i + Psi_j) / (sigma_i + sigma_j)
+///
+/// (Smith et al. 2019, *Analytic eigensystems for isotropic distortion energies*, whose twists and flips have
+/// f and t as their eigenvalues).
+template <Lane Real, int d>
+FIRN_HOST_DEVICE inline Matrix<Real, d>
+product_in_axes(Matrix<Real, d> const& U, Vector<Real, d> const& extension, Vector<Real, d> const& kirchhoff,
+                PrincipalTangent<Real, d> const& tangent, Matrix<Real, d> const& change)
+{
+    Real const half(ScalarOf<Real>(0.5)), one(1);
+    Matrix<Real, d> const in_axes = make_matrix<Real, d>([&](int i, int j) { // U^T dl U
+        return sum_of<Real, d>(
+            [&](int k) { return U(k, i) * sum_of<Real, d>([&](int l) { return change(k, l) * U(l, j); }); });
+    });
+    auto const over = [&](Real const& value) { // of what is not 0
+        Mask<Real> const is_zero = !(abs(value) > Real(ScalarOf<Real>(1e-12)));
+        return one / select(is_zero, Real(ScalarOf<Real>(1e-12)), value);
+    };
+    Matrix<Real, d> const Q = make_matrix<Real, d>([&](int i, int j) {
+        if (i == j) return sum_of<Real, d>([&](int k) { return tangent.stretching(i, k) * in_axes(k, k); });
+        Real const sigma_i = one + extension[i], sigma_j = one + extension[j], t = tangent.shearing(i, j),
+                   f = (kirchhoff[i] * over(sigma_i) + kirchhoff[j] * over(sigma_j)) *
+                       over(sigma_i + sigma_j);
+        return sigma_j * half * ((t + f) * sigma_j * in_axes(i, j) + (t - f) * sigma_i * in_axes(j, i));
+    });
+    return make_matrix<Real, d>([&](int i, int j) { // U Q U^T
+        return sum_of<Real, d>(
+            [&](int k) { return U(i, k) * sum_of<Real, d>([&](int l) { return Q(k, l) * U(j, l); }); });
+    });
+}
+
+} // namespace firn
