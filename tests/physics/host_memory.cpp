@@ -184,7 +184,7 @@ TEST_CASE("values for those that were added leave all others their bits, whateve
 
     // where the first of them is gone, its value would go to another particle
     std::uint32_t const gone = solver.add(std::vector<HostPoint>{{0.5, 0.5}, {0.7, 0.7}}, 1e-3);
-    CHECK(solver.remove_if([](auto const& x) { return std::abs(x[0] - 0.5) < 0.05; }) == 1);
+    CHECK(solver.remove_if(Inside<Box>{.shape = {{0.05, 9, 9}}, .pose = {.position = {0.5, 0, 0}}}) == 1);
     auto const left = solver.download<Velocity>();
     CHECK(refused([&] {
               upload_from<Velocity>(solver, gone, std::vector<std::array<float, 2>>{{1, 1}});

@@ -73,7 +73,6 @@ class SolveStep
     using PassOf = Pass<Space, typename MaterialTraits<k>::Model, Kernel, typename Transfer::Explicit,
                         typename MaterialTraits<k>::Stored>;
 
-    static_assert(!spans_ranks<Backend>, "implicit steps cannot span ranks yet");
     static_assert(!Backend::queues,
                   "implicit steps need a backend whose loops have finished when they return: "
                   "choose another backend, or SymplecticEuler");
