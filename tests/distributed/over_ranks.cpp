@@ -278,6 +278,34 @@ TEST_CASE("what a rank cannot take, no rank takes, and all get the same Error")
             note([&] { solver.step(1e-3); });
         });
     }
+    SECTION("a checkpoint that one rank does not see")
+    {
+        auto const path = std::filesystem::temp_directory_path() / "firn_seen_by_ranks.firn";
+        run_ranks(3, [&](RankThreads const& communicator) {
+            Solver<Ranks, NeoHookean<Plane>> solver(lattice(0.1), {}, {}, {},
+                                                    {.local = {1}, .communicator = communicator});
+            solver.add(box_of_points<2>({0, 0}, {1, 1}, 0.05), 0.05 * 0.05);
+            write_checkpoint(path, solver);
+            auto const seen = communicator.rank() == 1 ? path.string() + " of another host" : path.string();
+            note([&] { read_checkpoint(seen, solver); });
+            solver.advance(0.01);
+        });
+    }
+    SECTION("another snapshot on one rank")
+    {
+        run_ranks(3, [&](RankThreads const& communicator) {
+            Solver<Ranks, NeoHookean<Plane>> solver(lattice(0.1), {}, {}, {},
+                                                    {.local = {1}, .communicator = communicator});
+            solver.add(box_of_points<2>({0, 0}, {1, 1}, 0.05), 0.05 * 0.05);
+            auto const before = solver.snapshot();
+            solver.advance(0.01);
+            auto const after = solver.snapshot();
+            note([&] { solver.restore(communicator.rank() == 1 ? before : after); });
+            solver.advance(0.01);
+        });
+        CHECK(count == 3);
+        return;
+    }
     SECTION("other arguments on one rank")
     {
         run_ranks(3, [&](RankThreads const& communicator) {
@@ -387,6 +415,22 @@ TEST_CASE("an error of one rank ends the others, which wait for it")
                                     communicator.all_gather({});
                                 }),
                       Contains("no [here]. Go."));
+}
+
+TEST_CASE("a rank that has ended can call no other any more")
+{
+    std::vector<int> errors(2, 0);
+    run_ranks(2, [&](RankThreads const& communicator) {
+        auto& own = errors[std::size_t(communicator.rank())];
+        if (communicator.rank() == 1) communicator.abort("it has no room");
+        for (int i = 0; i < 2; ++i) try {
+                communicator.all_gather({});
+            }
+            catch (Error const&) {
+                ++own;
+            }
+    });
+    CHECK(errors == std::vector<int>{2, 2});
 }
 
 TEST_CASE("space is divided anew where a body has flown from one rank's part into another's")

@@ -13,6 +13,7 @@
 #include <sstream>
 #include <string>
 #include <tuple>
+#include <type_traits>
 #include <utility>
 
 // Checkpoints: a scene in a file, from which another program continues bit by bit.
@@ -192,6 +193,11 @@ void read_checkpoint(std::istream& in, Solver& solver, Companions&... companions
 template <class Solver, detail::Companion... Companions>
 void read_checkpoint(std::filesystem::path const& path, Solver& solver, Companions&... companions)
 {
+    if constexpr (spans_ranks<std::remove_cvref_t<decltype(solver.backend())>>)
+        detail::on_all_ranks(solver.backend(), [&] { // which may not see the same files
+            std::ifstream in;
+            static_cast<void>(detail::open_checkpoint(path, in));
+        });
     detail::take_checkpoint<typename Solver::Number, Solver::d>(
         path, [&](auto const& snapshot) { solver.restore(snapshot); }, companions...);
 }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/particles/readback.hpp>
 #include <firn/particles/table_snapshot.hpp>
 #include <firn/state/restore.hpp>
@@ -8,6 +9,7 @@
 #include <firn/time_stepping/step_controller.hpp>
 
 #include <cstdint>
+#include <sstream>
 #include <utility>
 #include <vector>
 
@@ -74,6 +76,12 @@ void restore(Snapshot<Number, d> const& from, Scene& scene, TimeLoop& time_loop)
 {
     using Sets = typename Scene::Sets;
     using Kernel = typename Scene::Kernel;
+    if constexpr (spans_ranks<typename Scene::Backend>) {
+        std::ostringstream text;
+        text.precision(17);
+        text << "the snapshot at t = " << from.time << " s, before particle " << from.next_id;
+        require_same_on_ranks(scene.backend, "Solver::restore", text.str());
+    }
     bool const same_bounds = require_fits<Kernel>(from, scene.sets, scene.lattice, scene.transfer);
     require_whole(from, Sets::CellOrder::largest_coordinate);
     Sets sets = scene.sets.emptied(scene.lattice, Kernel::degree, scene.backend);

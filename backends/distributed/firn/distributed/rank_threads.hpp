@@ -30,7 +30,7 @@ class RankThreads
         {
             std::unique_lock lock(mutex);
             long const round = rounds;
-            if (++waiting == count) {
+            if (aborted.empty() && ++waiting == count) { // what a rank that has ended sent is gone
                 waiting = 0;
                 ++rounds;
                 all_here.notify_all();
