@@ -417,6 +417,24 @@ TEST_CASE("an error of one rank ends the others, which wait for it")
                       Contains("no [here]. Go."));
 }
 
+TEST_CASE("a call that one rank makes alone is refused on all")
+{
+    std::vector<std::string> said(3);
+    run_ranks(3, [&](RankThreads const& communicator) {
+        Solver<Ranks, NeoHookean<Plane>> solver(lattice(0.1), {}, {}, {},
+                                                {.local = {1}, .communicator = communicator});
+        solver.add(box_of_points<2>({0, 0}, {1, 1}, 0.05), 0.05 * 0.05);
+        try {
+            if (communicator.rank() == 0) static_cast<void>(solver.positions());
+            solver.advance(0.01);
+        }
+        catch (Error const& error) {
+            said[std::size_t(communicator.rank())] = error.what();
+        }
+    });
+    for (auto const& error : said) CHECK_THAT(error, Contains("not all ranks make the same call"));
+}
+
 TEST_CASE("a rank that has ended can call no other any more")
 {
     std::vector<int> errors(2, 0);

@@ -3,6 +3,7 @@
 
 #include <firn/core/error.hpp>
 
+#include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
@@ -36,6 +37,14 @@ Backend backend_of_scene(Backend backend)
     return backend;
 }
 
+/// Refuses a call that ranks make with other arguments, or while another rank makes another one.
+[[noreturn]] inline void throw_other_call(std::string const& where)
+{
+    throw Error{"not all ranks make the same call with the same arguments", where,
+                "Run the same program on all ranks, and let it decide by what it has in common: not by rank, "
+                "nor by time."};
+}
+
 /// The values of all ranks, one rank's behind the other's.
 template <class Backend, class T>
 std::vector<T> of_all_ranks([[maybe_unused]] Backend const& backend, std::vector<T> values)
@@ -46,7 +55,10 @@ std::vector<T> of_all_ranks([[maybe_unused]] Backend const& backend, std::vector
         if (!own.empty()) std::memcpy(own.data(), static_cast<void const*>(values.data()), own.size());
         auto const all = backend.all_gather(own);
         std::size_t bytes = 0;
-        for (auto const& of_rank : all) bytes += of_rank.size();
+        for (auto const& of_rank : all) {
+            if (of_rank.size() % sizeof(T) != 0) throw_other_call("a call about all particles");
+            bytes += of_rank.size();
+        }
         values.resize(bytes / sizeof(T));
         bytes = 0;
         for (auto const& of_rank : all) {
@@ -77,6 +89,9 @@ void share_rows([[maybe_unused]] Backend const& backend, [[maybe_unused]] std::v
         values.reserve(rows.size());
         for (auto const row : rows) values.push_back(by_row[row]);
         rows = of_all_ranks(backend, std::move(rows));
+        bool const are_all = rows.size() == by_row.size() &&
+                             std::ranges::all_of(rows, [&](auto row) { return row < by_row.size(); });
+        if (!are_all) throw_other_call("a call about all particles");
         values = of_all_ranks(backend, std::move(values));
         for (std::size_t i = 0; i < rows.size(); ++i) by_row[rows[i]] = values[i];
     }
@@ -136,7 +151,7 @@ void on_first_rank([[maybe_unused]] Backend const& backend, Work const& work)
         work();
 }
 
-/// Refuses a call that ranks make with other arguments, or while another rank makes another one.
+/// Refuses a call that other ranks do not make, or with other arguments.
 template <class Backend>
 void require_same_on_ranks([[maybe_unused]] Backend const& backend, [[maybe_unused]] char const* call,
                            [[maybe_unused]] std::string const& what)
@@ -146,11 +161,7 @@ void require_same_on_ranks([[maybe_unused]] Backend const& backend, [[maybe_unus
         std::uint64_t hash = 0xcbf29ce484222325u; // Fowler, Noll and Vo
         for (char const c : own) hash = (hash ^ static_cast<unsigned char>(c)) * 0x100000001b3u;
         for (auto const other : of_all_ranks(backend, std::vector<std::uint64_t>{hash}))
-            if (other != hash)
-                throw Error{
-                    "not all ranks make the same call with the same arguments", own,
-                    "Run the same program on all ranks, and let it decide by what it has in common: not by "
-                    "rank, nor by time."};
+            if (other != hash) throw_other_call(own);
     }
 }
 
