@@ -13,6 +13,7 @@
 #endif
 
 #include <cstdio>
+#include <exception>
 #include <filesystem>
 #include <string>
 #include <unistd.h>
@@ -62,6 +63,17 @@ inline void let_first_rank_speak()
     if (is_first_rank()) return;
     static_cast<void>(std::freopen("/dev/null", "w", stdout));
     static_cast<void>(std::freopen("/dev/null", "w", stderr));
+}
+
+/// Says why a program stops, and returns its exit code. A rank that stops ends the others, which would wait.
+inline int stopped_by(std::exception const& error)
+{
+    std::fprintf(stderr, "error: %s\n", error.what());
+#if defined(FIRN_EXAMPLE_ON_RANKS)
+    if (!is_first_rank()) sleep(1); // the first one, which speaks, has the same error as a rule
+    communicator().abort(error.what());
+#endif
+    return 1;
 }
 
 /// Continues in the program that was compiled for the wanted backend, "openmp", "cuda" or "ranks" (OpenMP on

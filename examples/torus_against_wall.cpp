@@ -43,6 +43,5 @@ try {
     return run(options, scene);
 }
 catch (std::exception const& error) {
-    std::cerr << "error: " << error.what() << "\n";
-    return 1;
+    return stopped_by(error);
 }
