@@ -306,6 +306,19 @@ TEST_CASE("what a rank cannot take, no rank takes, and all get the same Error")
         CHECK(count == 3);
         return;
     }
+    SECTION("another step control on one rank")
+    {
+        run_ranks(3, [&](RankThreads const& communicator) {
+            StepControl control;
+            if (communicator.rank() == 1) control.growth = 1.2;
+            note([&] {
+                Solver<Ranks, NeoHookean<Plane>> solver(lattice(0.1), {}, {}, control,
+                                                        {.local = {1}, .communicator = communicator});
+            });
+        });
+        CHECK(count == 3);
+        return;
+    }
     SECTION("other arguments on one rank")
     {
         run_ranks(3, [&](RankThreads const& communicator) {

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/effects/actions.hpp>
 #include <firn/effects/groups.hpp>
 #include <firn/time_stepping/durations.hpp>
@@ -18,6 +19,7 @@
 #include <cstdint>
 #include <numeric>
 #include <optional>
+#include <sstream>
 #include <string>
 #include <utility>
 #include <vector>
@@ -42,7 +44,17 @@ class TimeLoop
 public:
     TimeLoop(StepControl const& control, Scene const& scene)
         : next_(control), memory_(scene.lattice, scene.transfer, scene.backend), groups_(scene.backend)
-    {}
+    {
+        if constexpr (spans_ranks<typename Scene::Backend>) {
+            std::ostringstream text;
+            text.precision(17);
+            for (double const own : {control.wave, control.advection, control.deformation, control.obstacle,
+                                     control.growth, control.rejection, control.smallest})
+                text << own << ' ';
+            text << control.retries;
+            detail::require_same_on_ranks(scene.backend, "StepControl", text.str());
+        }
+    }
 
     /// The time, and what the next step depends on.
     NextStep<Scene>& next_step() { return next_; }
