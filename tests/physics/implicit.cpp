@@ -269,7 +269,7 @@ TEST_CASE("an implicit cantilever hangs down by two thirds of its length", "[.fu
 
 TEST_CASE("an implicit bar loses its energy as backward Euler does, and by the midpoint rule keeps it")
 {
-    for (double const cells_of_wave : {0.3, 1.0, 3.0}) {
+    for (double const cells_of_wave : {1.0, 3.0}) {
         CAPTURE(cells_of_wave);
         SwingingBar<Implicit> bar(cells_of_wave);
         double const begin = bar.energy();
@@ -280,7 +280,7 @@ TEST_CASE("an implicit bar loses its energy as backward Euler does, and by the m
     // What particles take over is a change dv of nodes, of which they lose what lumping the mass makes of it:
     // dv (M_lumped - M) dv / 2, (k h)^2 / 4 of its energy (Love & Sulsky 2006). dv = turn v / (1 + turn^2 /
     // 4).
-    for (double const cells_of_wave : {1.0, 3.0, 10.0}) {
+    for (double const cells_of_wave : {3.0, 10.0}) {
         CAPTURE(cells_of_wave);
         SwingingBar<ImplicitMidpoint> bar(cells_of_wave);
         double const begin = bar.energy(), lumped = std::pow(M_PI / 2 * bar.h, 2) / 4;
