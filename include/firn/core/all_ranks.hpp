@@ -10,6 +10,7 @@
 #include <cstring>
 #include <exception>
 #include <new>
+#include <sstream>
 #include <string>
 #include <type_traits>
 #include <utility>
@@ -72,11 +73,25 @@ std::vector<T> of_all_ranks([[maybe_unused]] Backend const& backend, std::vector
 
 /// The sum of a number over all ranks.
 template <class Backend>
-std::size_t sum_of_ranks(Backend const& backend, std::size_t number)
+std::size_t sum_of_ranks([[maybe_unused]] Backend const& backend, std::size_t number)
 {
-    std::size_t sum = 0;
-    for (auto const of_rank : of_all_ranks(backend, std::vector<std::uint64_t>{number})) sum += of_rank;
-    return sum;
+    if constexpr (spans_ranks<Backend>) {
+        std::size_t sum = 0;
+        for (auto const of_rank : of_all_ranks(backend, std::vector<std::uint64_t>{number})) sum += of_rank;
+        return sum;
+    }
+    else
+        return number;
+}
+
+/// What the first rank has found, for all of them: by a clock, for example.
+template <class Backend, class T>
+T of_first_rank([[maybe_unused]] Backend const& backend, T const& own)
+{
+    if constexpr (spans_ranks<Backend>)
+        return of_all_ranks(backend, std::vector<T>{own}).front();
+    else
+        return own;
 }
 
 /// Completes a list by row, of which each rank has the values in the rows that it lists.
@@ -163,6 +178,16 @@ void require_same_on_ranks([[maybe_unused]] Backend const& backend, [[maybe_unus
         for (auto const other : of_all_ranks(backend, std::vector<std::uint64_t>{hash}))
             if (other != hash) throw_other_call(own);
     }
+}
+
+/// Numbers as a text that tells them apart.
+template <class... Numbers>
+std::string text_of(Numbers const&... numbers)
+{
+    std::ostringstream text;
+    text.precision(17);
+    ((text << numbers << ' '), ...);
+    return text.str();
 }
 
 /// Does the work of a call that changes a scene. Where a rank runs out of memory, the others must not wait.

@@ -15,6 +15,7 @@
 #include <firn/particles/volumes.hpp>
 
 #include <algorithm>
+#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -43,10 +44,16 @@ OwnPoints<Table::d> own_points(Table& table, Points const& points, std::uint32_t
     constexpr int d = Table::d;
     std::vector<Coordinates<d>> cells;
     OwnPoints<d> all, own;
+    RangeOfPoints<d> const range(table);
     for (auto const& point : points) {
         all.points.push_back(point_of<d>(point));
+        if (!range.contains(all.points.back())) range.refuse(all.points.size() - 1);
         cells.push_back(locate<d>(table.lattice(), table.kernel_degree(), all.points.back()).cell + centre);
     }
+    std::uint64_t hash = 0;
+    for (auto const& x : all.points)
+        for (int a = 0; a < d; ++a) hash = (hash ^ std::bit_cast<std::uint64_t>(x[a])) * 0x9e3779b97f4a7c15u;
+    require_same_on_ranks(table.backend(), "Solver::add", text_of(all.points.size(), "points", hash));
     for (std::uint32_t const i : table.cells().own(cells)) {
         own.points.push_back(all.points[i]);
         own.rows.push_back(first_row + i);
@@ -111,6 +118,9 @@ FIRN_COLD std::size_t add_particles(Table& table, Model const& model, Points con
     };
     auto const cells = [&] {
         if constexpr (spans_ranks<typename Table::Backend>) {
+            detail::require_same_on_ranks(
+                table.backend(), "Solver::add",
+                detail::text_of(volumes.are_listed(), volumes.volume(0), same_velocity.transpose()));
             auto const own = detail::own_points(table, points, first, centre);
             auto own_cells = place_all(own.points);
             to.buffer[0].id.upload(places, own.rows);
@@ -230,7 +240,9 @@ std::uint32_t first_row(Table const& table, RemovalMask<Backend> const& found)
     auto first = static_cast<std::uint32_t>(table.size());
     for (std::size_t place = 0; place < table.places(); ++place)
         if (found.here[place]) first = std::min(first, row[place]);
-    return std::ranges::min(detail::of_all_ranks(table.backend(), std::vector<std::uint32_t>{first}));
+    if constexpr (spans_ranks<Backend>)
+        first = std::ranges::min(detail::of_all_ranks(table.backend(), std::vector<std::uint32_t>{first}));
+    return first;
 }
 
 /// Removes the marked particles; since they were marked only sort() and cache_grid_fields() of the table may

@@ -55,14 +55,46 @@ struct CoordinateOf<Point>
     using Type = typename Point::Scalar;
 };
 
+/// The points that have cells.
+template <int d>
+struct RangeOfPoints
+{
+    Lattice lattice;
+    double largest; ///< distance from the origin [cells]
+
+    template <class Table>
+    explicit RangeOfPoints(Table const& table)
+        : lattice(table.lattice()),
+          largest(lattice.half_world == 0 ? Table::CellOrder::largest_coordinate
+                                          : lattice.half_world - 2 * WorldLayout<d>::margin)
+    {}
+
+    /// Whether a point is finite and near enough [m].
+    FIRN_HOST_DEVICE bool contains(Vector<double, d> const& x) const
+    {
+        bool is_near = true; // false for NaN, too
+        for (int a = 0; a < d; ++a)
+            is_near = is_near && is_finite(x[a]) &&
+                      std::abs(x[a] - lattice.origin[a]) / lattice.cell_size < largest;
+        return is_near;
+    }
+
+    [[noreturn, gnu::cold]] void refuse(std::size_t point) const
+    {
+        throw Error{"point " + std::to_string(point) + " is not finite or too far from the lattice's origin",
+                    "Solver::add",
+                    "Pass finite positions in metres, within " + std::to_string(static_cast<long>(largest)) +
+                        " cells of the origin: use a larger cell or move the lattice's origin."};
+    }
+};
+
 /// Where new particles lie: writes the cell, the offset and the row of each, or that a point is out of range.
 template <class Number, int d, class Coordinate>
 struct LocatePoints
 {
     std::array<Coordinate, std::size_t(d)> const* points; ///< [m]
-    Lattice lattice;
+    RangeOfPoints<d> range;
     int kernel_degree;
-    double largest;        ///< distance from the origin [cells]
     Coordinates<d> centre; ///< of the world that they are in
     std::uint32_t first;   ///< row and place of the first one
     Coordinates<d>* cells; ///< from its own on
@@ -72,15 +104,11 @@ struct LocatePoints
 
     FIRN_HOST_DEVICE void operator()(std::size_t i) const
     {
-        bool is_near = true; // false for NaN, too
         auto const x =
             make_vector<double, d>([&](int a) { return static_cast<double>(points[i][std::size_t(a)]); });
-        for (int a = 0; a < d; ++a)
-            is_near = is_near && is_finite(x[a]) &&
-                      std::abs(x[a] - lattice.origin[a]) / lattice.cell_size < largest;
-        is_far[i] = is_near ? 0 : 1;
-        if (!is_near) return;
-        CellPosition<d> const located = locate<d>(lattice, kernel_degree, x);
+        is_far[i] = range.contains(x) ? 0 : 1;
+        if (is_far[i] != 0) return;
+        CellPosition<d> const located = locate<d>(range.lattice, kernel_degree, x);
         for (int a = 0; a < d; ++a) {
             cells[i][a] = located.cell[a] + centre[a];
             offset[std::size_t(a)][first + i] = CellOffset<Number>::from(located.offset[a]);
@@ -107,9 +135,7 @@ void place_points(Table& table, Points const& points, std::uint32_t first,
         typename std::conditional_t<in_memory, CoordinateOf<Point>, CoordinateOf<double>>::Type;
     using Place = std::array<Coordinate, std::size_t(d)>;
     using Backend = typename Table::Backend;
-    Lattice const& lattice = table.lattice();
-    double const largest = lattice.half_world == 0 ? Table::CellOrder::largest_coordinate
-                                                   : lattice.half_world - 2 * WorldLayout<d>::margin;
+    RangeOfPoints<d> const range(table);
     std::size_t const count = std::size(points);
     typename Backend::template Array<Place> there(table.backend());
     typename Backend::template Array<unsigned char> is_far(table.backend());
@@ -132,9 +158,8 @@ void place_points(Table& table, Points const& points, std::uint32_t first,
             there.upload(0, here);
         }
         LocatePoints<typename Table::Number, d, Coordinate> locate{there.data(),
-                                                                   lattice,
+                                                                   range,
                                                                    table.kernel_degree(),
-                                                                   largest,
                                                                    centre,
                                                                    first + static_cast<std::uint32_t>(done),
                                                                    cells + done,
@@ -146,12 +171,8 @@ void place_points(Table& table, Points const& points, std::uint32_t first,
         done += some;
     }
     auto const far = downloaded(is_far);
-    if (std::count(far.begin(), far.end(), 1) == 0) return;
-    throw Error{"point " + std::to_string(std::find(far.begin(), far.end(), 1) - far.begin()) +
-                    " is not finite or too far from the lattice's origin",
-                "Solver::add",
-                "Pass finite positions in metres, within " + std::to_string(static_cast<long>(largest)) +
-                    " cells of the origin: use a larger cell or move the lattice's origin."};
+    auto const first_far = std::find(far.begin(), far.end(), 1);
+    if (first_far != far.end()) range.refuse(static_cast<std::size_t>(first_far - far.begin()));
 }
 
 } // namespace firn::detail

@@ -86,8 +86,11 @@ ColumnsOf<Table> columns_of(Table const& table)
 {
     ColumnsOf<Table> columns;
     auto const& components = table.contents().buffer[0].component;
-    std::transform(components.begin(), components.end(), columns.begin(),
-                   [](auto const& array) { return downloaded(array); });
+    std::transform(components.begin(), components.end(), columns.begin(), [&](auto const& array) {
+        auto column = downloaded(array);
+        column.resize(table.places());
+        return column;
+    });
     return columns;
 }
 
@@ -104,7 +107,9 @@ auto offsets_of(Table const& table)
 template <class Table>
 std::vector<std::uint32_t> rows_of(Table const& table)
 {
-    return downloaded(table.contents().buffer[0].id);
+    auto rows = downloaded(table.contents().buffer[0].id);
+    rows.resize(table.places()); // there may be room for more, where adding some was refused
+    return rows;
 }
 
 /// Calls `use(row, record, place)` for a copy of every particle in the columns; `row` are their rows.
@@ -185,8 +190,9 @@ Vector<double, Table::d> position_of(Table const& table, std::uint32_t row)
     detail::for_each_position(table, [&](std::uint32_t other, Vector<double, d> const& x) {
         if (other == row) found = x;
     });
-    for (auto const& x : detail::of_all_ranks(table.backend(), std::vector{found}))
-        if (all_finite(x)) found = x;
+    if constexpr (spans_ranks<typename Table::Backend>)
+        for (auto const& x : detail::of_all_ranks(table.backend(), std::vector{found}))
+            if (all_finite(x)) found = x;
     return found;
 }
 
