@@ -2,6 +2,7 @@
 #include "catch.hpp"
 #include "distributed/numbers.hpp"
 
+#include <firn/budget.hpp>
 #include <firn/distributed.hpp>
 #include <firn/distributed/rank_threads.hpp>
 #include <firn/effects/obstacles.hpp>
@@ -319,6 +320,23 @@ TEST_CASE("what a rank cannot take, no rank takes, and all get the same Error")
         CHECK(count == 3);
         return;
     }
+    SECTION("other points on one rank, or a step of another length")
+    {
+        bool const other_points = GENERATE(true, false);
+        run_ranks(3, [&](RankThreads const& communicator) {
+            Solver<Ranks, NeoHookean<Plane>> solver(lattice(0.1), {}, {}, {},
+                                                    {.local = {1}, .communicator = communicator});
+            bool const is_other = communicator.rank() == 1;
+            auto points = box_of_points<2>({0, 0}, {3, 1}, 0.05);
+            if (is_other && other_points) points[3][0] += 1e-9;
+            note([&] {
+                solver.add(points, 0.05 * 0.05);
+                solver.step(is_other ? 1e-4 : 1.1e-4);
+            });
+        });
+        CHECK(count == 3);
+        return;
+    }
     SECTION("other arguments on one rank")
     {
         run_ranks(3, [&](RankThreads const& communicator) {
@@ -418,6 +436,21 @@ TEST_CASE("a run goes on after a failed step with the same bits on any number of
         append_all(all, solver);
         return all;
     });
+}
+
+TEST_CASE("a budget in seconds is kept by the clock of the first rank, and all ranks take the same steps")
+{
+    std::vector<double> times(3);
+    run_ranks(3, [&](RankThreads const& communicator) {
+        Solver<Ranks, NeoHookean<Plane>> solver(lattice(0.1), {}, {}, {},
+                                                {.local = {1}, .communicator = communicator});
+        solver.add(box_of_points<2>({0, 0}, {3, 1}, 0.05), 0.05 * 0.05);
+        for (int i = 0; i < 20; ++i) solver.advance(1, Budget{.seconds = 1e-3}, Gravity{});
+        times[std::size_t(communicator.rank())] = solver.time();
+    });
+    CHECK(times[0] > 0);
+    CHECK(times[0] < 20);
+    CHECK(times == std::vector<double>(3, times[0]));
 }
 
 TEST_CASE("an error of one rank ends the others, which wait for it")

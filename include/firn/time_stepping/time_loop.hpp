@@ -8,6 +8,7 @@
 #include <firn/time_stepping/failures.hpp>
 #include <firn/time_stepping/last_contacts.hpp>
 #include <firn/time_stepping/next_step.hpp>
+#include <firn/time_stepping/pace.hpp>
 #include <firn/time_stepping/quarantine.hpp>
 #include <firn/time_stepping/report.hpp>
 #include <firn/time_stepping/solve_report.hpp>
@@ -21,6 +22,7 @@
 #include <optional>
 #include <sstream>
 #include <string>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -96,6 +98,7 @@ public:
         auto reports = detail::room_for_reports(count);
         Controller controller = next_.controller_for(scene, effects...);
         controller.equal = dt;
+        require_same_on_ranks(scene, "Solver::step", controller, double(count));
         auto plain = plain_effects(next_.time_state.time, effects...);
         groups_.stage(plain, scene.lattice, next_.time_state.time, double(count) * dt, effects...);
         begin_call(scene);
@@ -137,9 +140,11 @@ public:
         controller.cuts = pace.cuts_last_step();
         controller.duration = duration;
         controller.end = next_.time_state.time + duration;
+        require_same_on_ranks(scene, "Solver::advance", controller, 0);
         auto plain = plain_effects(next_.time_state.time, effects...);
         groups_.stage(plain, scene.lattice, next_.time_state.time, duration, effects...);
         begin_call(scene);
+        constexpr bool is_full = std::is_same_v<std::remove_cvref_t<Pace>, FullPace>; // asks no clock
         AdvanceReport all;
         all.reactions.resize(groups_.template count_obstacles<Effects...>()); // also if no step fits
         StepReport of_step; // reused, so that its lists are allocated once
@@ -173,7 +178,8 @@ public:
             while (controller.goes_on(next_.time_state)) {
                 // not between a failed step and its repetition: the nodes lack the velocities of the last
                 // good one until then
-                std::size_t const allowed = next_.time_state.retries > 0 ? 1 : pace.steps_allowed(all);
+                std::size_t allowed = next_.time_state.retries > 0 ? 1 : pace.steps_allowed(all);
+                if constexpr (!is_full) allowed = detail::of_first_rank(scene.backend, allowed);
                 std::uint64_t const taken = all.substeps;
                 if (allowed == 0 || !get_on(allowed)) break;
                 bool const goes_well = all.substeps > taken && next_.time_state.retries == 0;
@@ -187,6 +193,7 @@ public:
         }
         next_.time_state.ready = false;
         finish();
+        if constexpr (!is_full) all.stopped_by = detail::of_first_rank(scene.backend, all.stopped_by);
         return all;
     }
 
@@ -297,6 +304,16 @@ private:
         double const dt = next_.time_state.now.interval.length();
         if (!isolates(scene, controller, failed_step(failed, dt, last), all.isolated) && last)
             fail(scene, failed, dt);
+    }
+
+    /// Refuses a call that ranks make with other lengths of steps, or with effects of other bounds.
+    static void require_same_on_ranks(Scene const& scene, char const* call, Controller const& of,
+                                      double count)
+    {
+        if constexpr (spans_ranks<typename Scene::Backend>)
+            detail::require_same_on_ranks(
+                scene.backend, call,
+                detail::text_of(of.equal, count, of.duration, of.acceleration, of.obstacle_speed, of.field));
     }
 
     detail::FailedStep failed_step(StepLog const& log, double dt, bool last) const
