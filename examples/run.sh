@@ -80,7 +80,8 @@ if [ -n "$ranks" ]; then
     cores=$(nproc)
     run=(mpirun -n "$ranks" "${program}_ranks" --threads $((cores > ranks ? cores / ranks : 1)))
     # in a container one is root, and may have fewer cores than ranks
-    export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_rmaps_base_oversubscribe=1
+    export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_rmaps_base_oversubscribe=1 \
+        OMPI_MCA_btl_vader_single_copy_mechanism=none
 fi
 echo "running: ${run[*]} --out $out ${arguments[*]-}"
 mkdir -p "$out" || stop "the folder $out cannot be made."
