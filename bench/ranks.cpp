@@ -2,7 +2,7 @@
 //
 // A block of elastic particles that lies on a floor, on several ranks: how long a step takes, and what
 // travels.
-//     mpirun -n RANKS ranks PARTICLES [threads]
+//     mpirun --bind-to none -n RANKS ranks PARTICLES [threads]
 // prints, for so many particles in all, one line for `results.py`. With one rank it is the backend without
 // ranks, too.
 #include <firn/firn.hpp>
