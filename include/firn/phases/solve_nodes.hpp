@@ -76,8 +76,7 @@ struct AcceptVelocities : SolvePhase<Space, Kernel, Transfer>
     {
         using Real = typename Node::Real;
         Vector<Real, d> const r = Phase::vector(node, Own::residual);
-        Phase::set(node, Own::conditioned,
-                   Vector<Real, d>(r * Phase::inverse_of(node.value(Own::stiffness))));
+        Phase::template precondition<Real>(node, r);
         Phase::set(node, Own::solution, Phase::vector(node, Values::velocity));
         Phase::set(node, Values::velocity, zeros<Vector<Real, d>>());
         Phase::set(node, Own::change, zeros<Vector<Real, d>>());
@@ -132,8 +131,7 @@ struct AdvanceSearch : FindCurvature<Space, Kernel, Transfer>
         Phase::set(node, Own::change, Vector<Real, d>(Phase::vector(node, Own::change) + p * Real(along)));
         Vector<Real, d> const r = Phase::vector(node, Own::residual) - this->times(node, p) * Real(along);
         Phase::set(node, Own::residual, r);
-        Phase::set(node, Own::conditioned,
-                   Vector<Real, d>(r * Phase::inverse_of(node.value(Own::stiffness))));
+        Phase::template precondition<Real>(node, r);
     }
 };
 

@@ -113,6 +113,12 @@ struct SolvePhase
         Mask<Real> const positive = value > Real(0);
         return select(positive, Real(1) / select(positive, value, Real(1)), Real(0));
     }
+    /// Preconditions a residual by the node's own stiffness, before coarse grids add to it.
+    template <Lane Real, class Node>
+    FIRN_HOST_DEVICE static void precondition(Node& node, Vector<Real, d> const& r)
+    {
+        set(node, Own::conditioned, Vector<Real, d>(r * inverse_of(node.value(Own::stiffness))));
+    }
 };
 
 /// Lanes of nodes beside reflecting walls, or of their images, as a phase of the solve sees them: with the
