@@ -57,7 +57,7 @@ inline Backend backend_with(int threads) { return {threads}; }
 inline bool is_first_rank() { return true; }
 #endif
 
-/// Of several ranks the first one alone says something.
+/// Of several ranks only the first one prints.
 inline void let_first_rank_speak()
 {
     if (is_first_rank()) return;
@@ -70,7 +70,7 @@ inline int stopped_by(std::exception const& error)
 {
     std::fprintf(stderr, "error: %s\n", error.what());
 #if defined(FIRN_EXAMPLE_ON_RANKS)
-    if (!is_first_rank()) sleep(1); // the first one, which speaks, has the same error as a rule
+    if (!is_first_rank()) sleep(1); // the first rank, which prints, usually has the same error
     communicator().abort(error.what());
 #endif
     return 1;

@@ -79,7 +79,8 @@ run=("$program")
 if [ -n "$ranks" ]; then
     cores=$(nproc)
     # Open MPI would bind each of a few processes to one core, whatever its threads
-    run=(mpirun --bind-to none -n "$ranks" "${program}_ranks" --threads $((cores > ranks ? cores / ranks : 1)))
+    run=(mpirun --bind-to none -n "$ranks" "${program}_ranks")
+    [[ " ${arguments[*]-} " == *" --threads"[\ =]* ]] || run+=(--threads $((cores > ranks ? cores / ranks : 1)))
     # in a container one is root, and may have fewer cores than ranks
     export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_rmaps_base_oversubscribe=1 \
         OMPI_MCA_btl_vader_single_copy_mechanism=none
