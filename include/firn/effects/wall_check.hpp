@@ -5,8 +5,8 @@
 #include <firn/core/step_error.hpp>
 #include <firn/effects/reflecting_wall.hpp>
 #include <firn/grid/lattice.hpp>
-#include <firn/particles/add_remove.hpp>
 #include <firn/particles/readback.hpp>
+#include <firn/particles/remove_particles.hpp>
 
 #include <algorithm>
 #include <array>

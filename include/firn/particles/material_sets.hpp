@@ -6,8 +6,9 @@
 #include <firn/core/step_error.hpp>
 #include <firn/models/bodies.hpp>
 #include <firn/models/response.hpp>
-#include <firn/particles/add_remove.hpp>
 #include <firn/particles/particle_table.hpp>
+#include <firn/particles/readback.hpp>
+#include <firn/particles/remove_particles.hpp>
 
 #include <algorithm>
 #include <array>
@@ -189,11 +190,22 @@ public:
                 for (std::size_t row = 0; row < values.size(); ++row)
                     all.emplace_back(particles<k>().id(row), values[row]);
             });
-            std::sort(all.begin(), all.end(), [](auto const& a, auto const& b) { return a.first < b.first; });
-            std::vector<Value> values;
-            for (auto const& [id, value] : all) values.push_back(value);
-            return values;
+            return sorted_by_id(std::move(all));
         }
+    }
+    /// The same for the particles that lie here: on a backend that spans ranks, those of this rank.
+    template <std::size_t place, class Value, class Ask>
+    std::vector<Value> by_id_here(Ask const& ask) const
+    {
+        std::vector<std::pair<std::uint32_t, Value>> here;
+        for_each([&](auto k) {
+            if constexpr (is_about<place, k>) {
+                std::vector<Value> const values = ask(k);
+                for (std::uint32_t const row : detail::rows_of(particles<k>()))
+                    here.emplace_back(particles<k>().id(row), values[row]);
+            }
+        });
+        return sorted_by_id(std::move(here));
     }
 
     /// The marks of which particles one material has, or each of all: see Solver::id_marks.
@@ -317,6 +329,17 @@ public:
     }
 
 private:
+    template <class Value>
+    static std::vector<Value> sorted_by_id(std::vector<std::pair<std::uint32_t, Value>> of_ids)
+    {
+        std::sort(of_ids.begin(), of_ids.end(),
+                  [](auto const& a, auto const& b) { return a.first < b.first; });
+        std::vector<Value> values;
+        values.reserve(of_ids.size());
+        for (auto const& [id, value] : of_ids) values.push_back(value);
+        return values;
+    }
+
     template <std::size_t k>
     using StateOf = Record<Number, d, typename MaterialTraits<k>::Model::State>;
 

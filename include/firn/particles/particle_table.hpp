@@ -36,9 +36,9 @@ enum class TableState
 /// of cells in which they are visited.
 ///
 /// A step reads the current buffer through the cell order and writes the next one in that order; swap()
-/// commits the step. Beside it only what add_remove.hpp, readback.hpp (set_columns) and table_snapshot.hpp do
-/// with contents() changes the stored values. Gathered fields have storage here only while they are cached
-/// (see cache_grid_fields).
+/// commits the step. Beside it only what add_particles.hpp, remove_particles.hpp, readback.hpp (set_columns)
+/// and table_snapshot.hpp do with contents() changes the stored values. Gathered fields have storage here
+/// only while they are cached (see cache_grid_fields).
 ///
 /// Particles are numbered by *rows*, from 0 on, in the order of their permanent ids: values are returned row
 /// by row. Rows are ids until a particle is removed, or one of another material is added between.

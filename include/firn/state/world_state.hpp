@@ -4,8 +4,8 @@
 #include <firn/core/exactly_equal.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/grid/world_layout.hpp>
-#include <firn/particles/add_remove.hpp>
 #include <firn/particles/mass_groups.hpp>
+#include <firn/particles/remove_particles.hpp>
 #include <firn/particles/table_snapshot.hpp>
 #include <firn/time_stepping/stable_time_step.hpp>
 
