@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: MIT
 """Turns a simulation's frames into pictures and a video; needs no X server.
 
-reads   DIR/particles.pvd, DIR/frames/*.vtp   particles [m], y up
+reads   DIR/particles.pvd, DIR/frames/*.vtp   particles [m], y up; of several ranks *.pvtp and their pieces
         DIR/obstacles.json                    spacing of the particles, frames per second, obstacles and their poses,
                                               what colours the particles, what they are compared with
 writes  DIR/pictures/frame_0000.png ..., DIR/video.mp4 (H.264), or with --sheet FILE one picture
@@ -79,7 +79,7 @@ def read_particles(path, field=None):
     """The positions [m] of one frame, an n x 3 array; with the name of a field its values as well."""
     if not path.is_file():
         stop(f"the frame {path} is missing.")
-    reader, errors = vtk.vtkXMLPolyDataReader(), []
+    reader, errors = vtk.vtkXMLPPolyDataReader() if path.suffix == ".pvtp" else vtk.vtkXMLPolyDataReader(), []
     for source in (reader, reader.GetReaderErrorObserver() or reader):
         source.AddObserver("ErrorEvent", lambda *_: errors.append(True))
     reader.SetFileName(str(path))

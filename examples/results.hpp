@@ -6,6 +6,7 @@
 
 #include <firn/firn.hpp>
 #include <firn/io/write_particles.hpp>
+#include <firn/io/write_pieces.hpp>
 
 #include <chrono>
 #include <cstdio>
@@ -39,21 +40,23 @@ public:
 
     std::filesystem::path const& folder() const { return folder_; }
 
-    /// Writes the particles of a frame.
+    /// Writes the particles of a frame: of several ranks each its piece.
     template <class Solver>
     void frame(int number, Solver const& solver)
     {
         auto const started = std::chrono::steady_clock::now();
-        ParticleFrame frame;
-        frame.time = solver.time();
-        frame.at(solver.positions()).vector("velocity", solver.template download<Velocity>());
-        frame.scalar("J_P", solver.template download<PlasticVolumeRatio>());
-        if (!is_first_rank()) return; // every rank has all particles now, and one writes them
-        char name[32];
-        std::snprintf(name, sizeof name, "frames/frame_%04d", number);
-        write_vtp(folder_ / (std::string(name) + ".vtp"), frame);
-        if (write_ply_) write_ply(folder_ / (std::string(name) + ".ply"), frame);
-        index_.add(frame.time, std::string(name) + ".vtp");
+        char text[32];
+        std::snprintf(text, sizeof text, "frames/frame_%04d", number);
+        std::string const name = text, file = name + (spans_ranks<Backend> ? ".pvtp" : ".vtp");
+        ParticleFrame frame{.time = solver.time()};
+        frame.at(solver.positions_here()).vector("velocity", solver.template download_here<Velocity>());
+        frame.scalar("J_P", solver.template download_here<PlasticVolumeRatio>());
+        if constexpr (spans_ranks<Backend>)
+            write_pieces(folder_ / file, frame, solver.backend());
+        else
+            write_vtp(folder_ / file, frame);
+        if (write_ply_) ply(name, solver);
+        if (is_first_rank()) index_.add(frame.time, file);
         seconds_ += std::chrono::duration<double>(std::chrono::steady_clock::now() - started).count();
     }
 
@@ -72,6 +75,16 @@ public:
     double seconds() const { return seconds_; } ///< spent on writing frames
 
 private:
+    /// Writes all particles to one file, since PLY knows no pieces.
+    template <class Solver>
+    void ply(std::string const& name, Solver const& solver) const
+    {
+        ParticleFrame frame{.time = solver.time()};
+        frame.at(solver.positions()).vector("velocity", solver.template download<Velocity>());
+        frame.scalar("J_P", solver.template download<PlasticVolumeRatio>());
+        if (is_first_rank()) write_ply(folder_ / (name + ".ply"), frame);
+    }
+
     std::filesystem::path folder_;
     PvdIndex index_;
     bool write_ply_;

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/calls_of_rank.hpp>
 #include <firn/concepts.hpp>
 #include <firn/effects/actions.hpp>
 #include <firn/time_stepping/report.hpp>
@@ -18,7 +19,7 @@ namespace firn::detail
 
 /// Refuses arguments of calls that are not effects with a readable message.
 template <class Solver>
-class RefusesOthers
+class RefusesOthers : public CallsOfRank<Solver>
 {
 public:
     template <class... Others>

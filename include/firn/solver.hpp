@@ -55,6 +55,7 @@ class Solver : public detail::CallsOfSolver<Solver<Backend, ModelType, KernelTyp
 {
     using Calls = detail::CallsOfSolver<Solver, By>;
     friend Calls;
+    friend detail::CallsOfRank<Solver>;
     static_assert(detail::HasSpace<ModelType>,
                   "the model lacks 'using Space = firn::Space<d, number>', its dimension and precision");
     using List = typename detail::MaterialsOf<ModelType>::Type;

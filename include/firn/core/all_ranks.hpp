@@ -94,12 +94,20 @@ T of_first_rank([[maybe_unused]] Backend const& backend, T const& own)
         return own;
 }
 
+/// Which particles' values a list by row is to have. Rows of other ranks are there in either case.
+enum class Rows
+{
+    all,
+    here ///< those on this rank
+};
+
 /// Completes a list by row, of which each rank has the values in the rows that it lists.
 template <class Backend, class T>
 void share_rows([[maybe_unused]] Backend const& backend, [[maybe_unused]] std::vector<std::uint32_t> rows,
-                [[maybe_unused]] std::vector<T>& by_row)
+                [[maybe_unused]] std::vector<T>& by_row, [[maybe_unused]] Rows wanted)
 {
     if constexpr (spans_ranks<Backend>) {
+        if (wanted == Rows::here) return;
         std::vector<T> values;
         values.reserve(rows.size());
         for (auto const row : rows) values.push_back(by_row[row]);

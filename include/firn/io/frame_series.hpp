@@ -24,6 +24,27 @@
 namespace firn
 {
 
+namespace detail
+{
+/// Adds a field under its own name.
+template <class Tag, class Values>
+void add_field(ParticleFrame& frame, Values const& values)
+{
+    if constexpr (Tag::shape == FieldShape::scalar)
+        frame.scalar(Tag::name, values);
+    else if constexpr (Tag::shape == FieldShape::vector)
+        frame.vector(Tag::name, values);
+    else if constexpr (Tag::shape == FieldShape::matrix)
+        frame.matrix(Tag::name, values);
+    else {
+        std::vector<std::uint32_t> integers;
+        integers.reserve(values.size());
+        for (auto const& value : values) integers.push_back(integer_of(value));
+        frame.integer(Tag::name, integers);
+    }
+}
+} // namespace detail
+
 /// The particles as they are now, copied: positions, ids, and some fields under their own names, such as
 /// `frame_of<Velocity, Stress>(solver)`.
 template <class... Tags, class Solver>
@@ -31,22 +52,17 @@ ParticleFrame frame_of(Solver const& solver)
 {
     ParticleFrame frame{.time = solver.time()};
     frame.at(solver.positions()).integer("id", solver.ids());
-    [[maybe_unused]] auto const add = [&]<class Tag>(Tag) {
-        auto const values = solver.template download<Tag>();
-        if constexpr (Tag::shape == FieldShape::scalar)
-            frame.scalar(Tag::name, values);
-        else if constexpr (Tag::shape == FieldShape::vector)
-            frame.vector(Tag::name, values);
-        else if constexpr (Tag::shape == FieldShape::matrix)
-            frame.matrix(Tag::name, values);
-        else {
-            std::vector<std::uint32_t> integers;
-            integers.reserve(values.size());
-            for (auto const& value : values) integers.push_back(integer_of(value));
-            frame.integer(Tag::name, integers);
-        }
-    };
-    (add(Tags{}), ...);
+    (detail::add_field<Tags>(frame, solver.template download<Tags>()), ...);
+    return frame;
+}
+
+/// The same of the particles that lie on this rank: what write_pieces() takes.
+template <class... Tags, class Solver>
+ParticleFrame frame_here(Solver const& solver)
+{
+    ParticleFrame frame{.time = solver.time()};
+    frame.at(solver.positions_here()).integer("id", solver.ids_here());
+    (detail::add_field<Tags>(frame, solver.template download_here<Tags>()), ...);
     return frame;
 }
 

@@ -137,6 +137,22 @@ inline std::string exact_text(double value)
     return {text.data(), end};
 }
 
+/// A text as the value of an attribute of XML.
+inline std::string escaped(std::string const& text)
+{
+    std::string written;
+    for (char const c : text)
+        if (c == '&')
+            written += "&amp;";
+        else if (c == '<')
+            written += "&lt;";
+        else if (c == '"')
+            written += "&quot;";
+        else
+            written += c;
+    return written;
+}
+
 template <class T>
 void put(std::ostream& out, std::vector<T> const& values)
 {
@@ -319,18 +335,8 @@ inline void write_pvd(std::filesystem::path const& path, std::vector<PvdEntry> c
     std::string text = "<?xml version=\"1.0\"?>\n<!-- firn schema 1 -->\n<VTKFile type=\"Collection\" "
                        "version=\"0.1\" byte_order=\"LittleEndian\">\n<Collection>\n";
     for (auto const& entry : entries) {
-        text += "<DataSet timestep=\"" + detail::exact_text(entry.time) + "\" group=\"\" part=\"0\" file=\"";
-        for (char const c : entry.file.generic_string()) {
-            if (c == '&')
-                text += "&amp;";
-            else if (c == '<')
-                text += "&lt;";
-            else if (c == '"')
-                text += "&quot;";
-            else
-                text += c;
-        }
-        text += "\"/>\n";
+        text += "<DataSet timestep=\"" + detail::exact_text(entry.time) + "\" group=\"\" part=\"0\" file=\"" +
+                detail::escaped(entry.file.generic_string()) + "\"/>\n";
     }
     text += "</Collection>\n</VTKFile>\n";
     detail::replace_file(

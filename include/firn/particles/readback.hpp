@@ -172,11 +172,12 @@ void set_columns(Table& table, ColumnsOf<Table> const& columns)
 
 /// World positions [m].
 template <class Table>
-std::vector<Vector<double, Table::d>> positions_of(Table const& table)
+std::vector<Vector<double, Table::d>> positions_of(Table const& table,
+                                                   detail::Rows wanted = detail::Rows::all)
 {
     std::vector<Vector<double, Table::d>> by_row(table.size());
     detail::for_each_position(table, [&](std::uint32_t row, auto const& x) { by_row[row] = x; });
-    detail::share_rows(table.backend(), detail::rows_of(table), by_row);
+    detail::share_rows(table.backend(), detail::rows_of(table), by_row, wanted);
     return by_row;
 }
 
@@ -232,7 +233,7 @@ std::vector<double> volumes_of(Table const& table, double mass_unit)
 
 /// A stored field in memory of the host.
 template <class Tag, class Table>
-auto download_field(Table const& table)
+auto download_field(Table const& table, detail::Rows wanted)
 {
     using Number = typename Table::Number;
     constexpr int d = Table::d;
@@ -244,7 +245,7 @@ auto download_field(Table const& table)
         auto const column = detail::downloaded(buffer.component[std::size_t(first + c)]);
         for (std::size_t i = 0; i < row.size(); ++i) component_of<Tag, d>(by_row[row[i]], c) = column[i];
     }
-    detail::share_rows(table.backend(), row, by_row);
+    detail::share_rows(table.backend(), row, by_row, wanted);
     return by_row;
 }
 

@@ -137,15 +137,16 @@ public:
     /// A field of a material's particles, by row: stored, cached or regathered. Out of line, because it is
     /// much code for seldom called functions.
     template <class Tag, std::size_t k>
-    [[gnu::noinline]] std::vector<FieldValue<Tag, Number, d>> download(Sets const& sets) const
+    [[gnu::noinline]] std::vector<FieldValue<Tag, Number, d>> download(Sets const& sets,
+                                                                       detail::Rows wanted) const
     {
         auto const& table = sets.template particles<k>();
         if constexpr (MaterialTraits<k>::Stored::template contains<Tag>)
-            return download_field<Tag>(table);
+            return download_field<Tag>(table, wanted);
         else {
             std::optional<DerivedOf<k>> again;
             auto by_row = derived<k>(sets, again).template by_row<Tag>(table.size());
-            detail::share_rows(table.backend(), detail::rows_of(table), by_row);
+            detail::share_rows(table.backend(), detail::rows_of(table), by_row, wanted);
             return by_row;
         }
     }

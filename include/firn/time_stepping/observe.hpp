@@ -68,7 +68,7 @@ FIRN_COLD void write_observed(Scene const& scene, typename Scene::Number* to, st
 
 /// An observed field of a material's particles, by row.
 template <class Tag, std::size_t k, class Scene>
-FIRN_COLD auto download_observed(Scene const& scene)
+FIRN_COLD auto download_observed(Scene const& scene, detail::Rows wanted)
 {
     using Number = typename Scene::Number;
     constexpr int d = Scene::d;
@@ -85,7 +85,7 @@ FIRN_COLD auto download_observed(Scene const& scene)
         for_each_component<Tag, d>(
             by_row[row], [&](int c, Number& value) { value = here[row * components + std::size_t(c)]; });
     auto const& table = scene.sets.template particles<k>();
-    detail::share_rows(scene.backend, detail::rows_of(table), by_row);
+    detail::share_rows(scene.backend, detail::rows_of(table), by_row, wanted);
     return by_row;
 }
 

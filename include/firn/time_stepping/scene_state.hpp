@@ -9,7 +9,7 @@
 #include <firn/effects/mark_check.hpp>
 #include <firn/effects/shapes/images.hpp>
 #include <firn/grid/periods.hpp>
-#include <firn/particles/add_remove.hpp>
+#include <firn/particles/add_particles.hpp>
 #include <firn/particles/material_sets.hpp>
 #include <firn/particles/readback.hpp>
 #include <firn/particles/volumes.hpp>
@@ -74,9 +74,9 @@ public:
 
     /// The positions [m] and masses [kg] of a material's particles, by row.
     template <std::size_t k>
-    auto positions() const
+    auto positions(detail::Rows wanted = detail::Rows::all) const
     {
-        return positions_of(particles<k>());
+        return positions_of(particles<k>(), wanted);
     }
     template <std::size_t k>
     auto masses_of_particles() const
@@ -185,7 +185,7 @@ public:
     auto values(Sets const& of) const
     {
         return [this, &of]<class Tag, std::size_t k>(Tag, std::integral_constant<std::size_t, k>) {
-            return grid_state.template download<Tag, k>(of);
+            return grid_state.template download<Tag, k>(of, detail::Rows::all);
         };
     }
 
@@ -216,12 +216,12 @@ public:
 
     /// A field of a material's particles, by row: see GridState::download, and observe.hpp.
     template <class Tag, std::size_t k>
-    std::vector<FieldValue<Tag, Number, d>> download() const
+    std::vector<FieldValue<Tag, Number, d>> download(detail::Rows wanted = detail::Rows::all) const
     {
         if constexpr (ObservedField<Tag>)
-            return download_observed<Tag, k>(*this);
+            return download_observed<Tag, k>(*this, wanted);
         else
-            return grid_state.template download<Tag, k>(sets);
+            return grid_state.template download<Tag, k>(sets, wanted);
     }
 
     /// The node mass [mass units] below which a node's momentum is rounding error alone.
