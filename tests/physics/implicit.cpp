@@ -359,6 +359,24 @@ TEST_CASE("a stiff body falls freely in an implicit step a thousand times too lo
     CHECK(body.totals().momentum.x() == Approx(mass));
 }
 
+// Outside forces alone would shear it by 10 m over a cell in the step. In a step as long it hangs as at rest.
+TEST_CASE("an implicit step in which gravity would shear a stiff beam without bounds starts from where it is")
+{
+    constexpr double h = 0.05;
+    Obstacle<HalfSpace> const clamp{.shape = {{1, 0, 0}}, .contact = Contact::sticky()};
+    auto const points = box_of_points<2>({-2 * h, 0}, {10 * h, 4 * h}, h, 3);
+    auto const hangs = [&](auto const& load) {
+        ImplicitSolver<Apic> beam(lattice(h), {.density = 7850, .elasticity = lame<double>(2e11, 0.3)},
+                                  {Apic{}, {.share = 1e-3}});
+        beam.add(points, h * h / 9);
+        load(beam);
+        return beam.positions().back().y() - points.back().y();
+    };
+    double const at_rest = hangs([&](auto& beam) { beam.settle(Gravity{}, clamp); });
+    CHECK(at_rest < 0);
+    CHECK(hangs([&](auto& beam) { beam.step(1, Gravity{}, clamp); }) == Approx(at_rest).epsilon(0.01));
+}
+
 TEST_CASE("implicit steps have the same bits in every run, and on any number of threads")
 {
     auto const run = [](auto const& backend) {

@@ -123,10 +123,8 @@ public:
         outside_ = std::sqrt(start.second / mass_);
         speed_ = at_rest_ ? 0 : std::sqrt(start.third / mass_);
         Sums at = residual(true);
-        if (at.inverted > 0) { // too far for a start: only as far as obstacles prescribe
-            on_nodes(ChooseVelocities<Space, Kernel, Transfer>{{}, Number(-1)});
-            at = residual(true);
-        }
+        if (at.inverted > 0 || (!at_rest_ && std::sqrt(at.first / mass_) > outside_ + speed_))
+            start_nearer(at);
         if (at_rest_) outside_ = std::max(outside_, std::sqrt(at.first / mass_));
         while (!is_solved(at)) {
             if (report_.newton_of_step >= by_.newton) return false;
@@ -204,6 +202,19 @@ private:
             is_first,
             static_cast<Number>(own_.left_out),
             static_cast<Number>(stiffness_of_kernel * in_cells * in_cells)});
+    }
+
+    /// Where outside forces alone would take nodes too far for a start: starts from what obstacles prescribe,
+    /// if the residual is less there. A load on a stiff body would shear it without bounds, for example.
+    void start_nearer(Sums& at)
+    {
+        auto const start_from = [&](Number share) {
+            on_nodes(ChooseVelocities<Space, Kernel, Transfer>{{}, share});
+            at = residual(true);
+        };
+        double const before = at.inverted > 0 ? std::numeric_limits<double>::infinity() : at.first;
+        start_from(-1);
+        if (!(at.first <= before)) start_from(0);
     }
 
     /// Solves for the change by conjugate gradients, preconditioned by the nodes' diagonal and by coarse
