@@ -6,6 +6,7 @@
 #include <firn/particles/observables.hpp>
 #include <firn/phases/find_surface_points.hpp>
 #include <firn/phases/gather_shifts.hpp>
+#include <firn/phases/room_beside.hpp>
 #include <firn/phases/scatter.hpp>
 
 #include <cstddef>
@@ -21,31 +22,6 @@
 // -e_i, with phi = 0 where there is no fluid, and particles are moved by its gradient.
 namespace firn
 {
-
-/// The share of a B-spline's integral on one side of a plane, at this signed distance from its centre
-/// [cells]: 0.5 if the plane goes through that.
-template <int degree, Lane Real>
-FIRN_HOST_DEVICE Real share_above(Real const& distance)
-{
-    using Number = ScalarOf<Real>;
-    auto const c = [](double value) { return Real(static_cast<Number>(value)); };
-    Real const a = min(abs(distance), c(0.5 * (degree + 1)));
-    Real larger;
-    if constexpr (degree == 1)
-        larger = c(0.5) + a - a * a * c(0.5);
-    else if constexpr (degree == 2) {
-        Real const rest = c(1.5) - a;
-        larger = select(a < c(0.5), c(0.5) + c(0.75) * a - a * a * a * c(1.0 / 3),
-                        c(1) - rest * rest * rest * c(1.0 / 6));
-    }
-    else {
-        static_assert(degree == 3, "the integral of this kernel is not known");
-        Real const rest = c(2) - a, a2 = a * a;
-        larger = select(a < c(1), c(0.5) + a * c(2.0 / 3) - a2 * a * c(1.0 / 3) + a2 * a2 * c(0.125),
-                        c(1) - rest * rest * rest * rest * c(1.0 / 24));
-    }
-    return select(distance < c(0), c(1) - larger, larger);
-}
 
 /// A node with less room than this lies in an obstacle.
 inline constexpr double least_room = 0.05;
@@ -152,14 +128,15 @@ struct FindVolumes
         with_surface_action(now->actions, [&](auto const& action) {
             Real const reach(static_cast<Number>((0.5 * (Kernel::degree + 1) + 1) * lattice.cell_size));
             action.for_each_within(place, reach, [&](std::uint32_t, auto const& obstacle) {
-                auto const at = obstacle.template surface_at<Real>(place, zeros<Vector<Real, d>>());
-                Real const away = at.distance * Real(static_cast<Number>(1 / lattice.cell_size));
-                room = room * share_above<Kernel::degree>(away);
-                for (int a = 0; a < d; ++a)
-                    for (int side = 0; side < 2; ++side) {
-                        Real const there = side == 0 ? away - at.normal[a] : away + at.normal[a];
-                        beside[2 * a + side] = beside[2 * a + side] * share_above<Kernel::degree>(there);
-                    }
+                RoomBeside<Real, d> const left =
+                    room_beside<Kernel::degree, Real, d>([&](Vector<Real, d> const& cells) {
+                        Real const cell(static_cast<Number>(lattice.cell_size));
+                        return obstacle.template surface_at<Real>(place, Vector<Real, d>(cells * cell))
+                                   .distance /
+                               cell;
+                    });
+                room = room * left.own;
+                for (int b = 0; b < 2 * d; ++b) beside[b] = beside[b] * left.of_neighbours[b];
             });
         });
         Number along[std::size_t(d)][std::size_t(width)], volumes[std::size_t(width)],
