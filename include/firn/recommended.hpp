@@ -3,6 +3,7 @@
 
 #include <firn/interpolation/cubic_b_spline.hpp>
 #include <firn/models/bodies.hpp>
+#include <firn/models/fluids/keeps_volume.hpp>
 #include <firn/models/heterogeneous.hpp>
 #include <firn/models/materials.hpp>
 #include <firn/models/varied.hpp>
@@ -11,9 +12,10 @@
 
 #include <utility>
 
-// Which kernel, transfer and number of particles to use for a material, by error against cost as measured in
-// the plane (bench/notes/2026-11-23-which-settings-are-on-the-front.md). In space quadratic kernels, the
-// default everywhere, cost the least for large waves, and cubic ones are not far behind.
+// Which kernel, transfer and number of particles to use for a material, and which remedies, by error against
+// cost as measured in the plane (bench/notes/2026-11-23-which-settings-are-on-the-front.md). In space
+// quadratic kernels, the default everywhere, cost the least for large waves, and cubic ones are not far
+// behind.
 //
 //     auto solver = firn::recommended_solver<firn::OpenMP>(firn::lattice(0.02),
 //     firn::materials::dry_sand<Space>());
@@ -67,12 +69,16 @@ struct Recommended<CamClay<Space>> : Recommended<void>
     using Kernel = QuadraticBSpline;
 };
 
-/// Fluids: the pressure of a column at rest.
+/// Fluids: the pressure of a column at rest, and tanks and floating disks
+/// (bench/notes/2026-11-29-water-at-walls.md).
 template <class Space>
 struct Recommended<Fluid<Space>> : Recommended<void>
 {
     static constexpr bool is_measured = true;
 };
+template <class Space>
+struct Recommended<KeepsVolume<Fluid<Space>>> : Recommended<Fluid<Space>>
+{};
 
 /// Like the solid whose moduli it varies.
 template <class Model>
@@ -100,18 +106,37 @@ template <class First, class... Others>
 struct Recommended<Bodies<First, Others...>> : Recommended<Materials<First, Others...>>
 {};
 
+namespace detail
+{
+template <class Model>
+struct RecommendedModel
+{
+    using Type = Model;
+};
+template <class Space>
+struct RecommendedModel<Fluid<Space>>
+{
+    using Type = KeepsVolume<Fluid<Space>>;
+};
+} // namespace detail
+
+/// What a scene of one material is to be solved as: a fluid by itself keeps its volume, so its obstacles have
+/// to act at their surface. Materials and Bodies are what they name.
+template <class Model>
+using RecommendedModel = typename detail::RecommendedModel<Model>::Type;
+
 /// The solver of a material with the recommended kernel and transfer.
 template <class Backend, class Model>
-using RecommendedSolver =
-    Solver<Backend, Model, typename Recommended<Model>::Kernel, typename Recommended<Model>::Transfer>;
+using RecommendedSolver = Solver<Backend, RecommendedModel<Model>, typename Recommended<Model>::Kernel,
+                                 typename Recommended<Model>::Transfer>;
 
 /// Makes such a solver, with the recommended transfer parameters and step control.
 template <class Backend, class Model>
 RecommendedSolver<Backend, Model> recommended_solver(Lattice lattice, Model model, Backend backend = {})
 {
     using Choice = Recommended<Model>;
-    return RecommendedSolver<Backend, Model>(lattice, std::move(model), Choice::transfer, Choice::control,
-                                             std::move(backend));
+    return RecommendedSolver<Backend, Model>(lattice, RecommendedModel<Model>(std::move(model)),
+                                             Choice::transfer, Choice::control, std::move(backend));
 }
 
 } // namespace firn

@@ -84,3 +84,17 @@ TEST_CASE("what is recommended for a material holds with factors of its moduli, 
     CHECK(std::is_same_v<Recommended<Materials<Snow<Room>, Sand<Room>>>::Transfer, Mls>);
     CHECK(std::is_same_v<Recommended<Bodies<Snow<Room>, Sand<Room>>>::Kernel, QuadraticBSpline>);
 }
+
+TEST_CASE("water by itself keeps its volume, and nothing else stores or asks more for it")
+{
+    using Room = Space<3, float>;
+    CHECK(std::is_same_v<RecommendedModel<Fluid<Room>>, KeepsVolume<Fluid<Room>>>);
+    CHECK(std::is_same_v<RecommendedModel<Snow<Room>>, Snow<Room>>);
+    CHECK(std::is_same_v<RecommendedModel<Materials<Fluid<Room>, Sand<Room>>>,
+                         Materials<Fluid<Room>, Sand<Room>>>);
+    CHECK(std::is_same_v<Recommended<KeepsVolume<Fluid<Room>>>::Kernel, Recommended<Fluid<Room>>::Kernel>);
+    KeepsVolume<Fluid<Room>> const water = RecommendedModel<Fluid<Room>>(materials::water<Room>(2));
+    CHECK(water.bulk_modulus == materials::water<Room>(2).bulk_modulus);
+    CHECK(!KeepsItsVolume<Fluid<Room>>);
+    CHECK(!KeepsItsVolume<Snow<Room>>);
+}
