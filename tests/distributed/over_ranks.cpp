@@ -323,18 +323,23 @@ TEST_CASE("what a rank cannot take, no rank takes, and all get the same Error")
         CHECK(count == 3);
         return;
     }
-    SECTION("other points on one rank, or a step of another length")
+    SECTION("other points, volumes or values on one rank, or a step of another length")
     {
-        bool const other_points = GENERATE(true, false);
+        int const other = GENERATE(0, 1, 2, 3);
         run_ranks(3, [&](RankThreads const& communicator) {
             Solver<Ranks, NeoHookean<Plane>> solver(lattice(0.1), {}, {}, {},
                                                     {.local = {1}, .communicator = communicator});
             bool const is_other = communicator.rank() == 1;
             auto points = box_of_points<2>({0, 0}, {3, 1}, 0.05);
-            if (is_other && other_points) points[3][0] += 1e-9;
+            std::vector<double> volumes(points.size(), 0.05 * 0.05);
+            std::vector<Eigen::Vector2d> velocities(points.size(), Eigen::Vector2d(1, 0));
+            if (is_other && other == 0) points[3][0] += 1e-9;
+            if (is_other && other == 1) volumes[5] *= 1.01;
+            if (is_other && other == 2) velocities[7].y() = -0.0;
             note([&] {
-                solver.add(points, 0.05 * 0.05);
-                solver.step(is_other ? 1e-4 : 1.1e-4);
+                solver.add(points, volumes);
+                solver.upload<Velocity>(velocities);
+                solver.step(is_other && other == 3 ? 1e-4 : 1.1e-4);
             });
         });
         CHECK(count == 3);

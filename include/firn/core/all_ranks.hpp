@@ -198,6 +198,25 @@ std::string text_of(Numbers const&... numbers)
     return text.str();
 }
 
+/// Refuses values of which other ranks pass others.
+template <class Backend, class T>
+void require_same_values([[maybe_unused]] Backend const& backend, [[maybe_unused]] char const* call,
+                         [[maybe_unused]] char const* name, [[maybe_unused]] std::vector<T> const& values)
+{
+    if constexpr (spans_ranks<Backend>) {
+        static_assert(std::is_trivially_destructible_v<T>, "what is compared is a plain value");
+        std::uint64_t hash = 0;
+        for (T const& value : values)
+            for (std::size_t first = 0; first < sizeof(T); first += sizeof hash) {
+                std::uint64_t bits = 0;
+                std::memcpy(&bits, reinterpret_cast<std::byte const*>(&value) + first,
+                            std::min(sizeof bits, sizeof(T) - first));
+                hash = (hash ^ bits) * 0x9e3779b97f4a7c15u;
+            }
+        require_same_on_ranks(backend, call, text_of(values.size(), name, hash));
+    }
+}
+
 /// Does the work of a call that changes a scene. Where a rank runs out of memory, the others must not wait.
 template <class Backend, class Work>
 void call_on_ranks([[maybe_unused]] Backend const& backend, [[maybe_unused]] char const* call,

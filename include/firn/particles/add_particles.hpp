@@ -15,7 +15,6 @@
 #include <firn/particles/volumes.hpp>
 
 #include <algorithm>
-#include <bit>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -50,10 +49,7 @@ OwnPoints<Table::d> own_points(Table& table, Points const& points, std::uint32_t
         if (!range.contains(all.points.back())) range.refuse(all.points.size() - 1);
         cells.push_back(locate<d>(table.lattice(), table.kernel_degree(), all.points.back()).cell + centre);
     }
-    std::uint64_t hash = 0;
-    for (auto const& x : all.points)
-        for (int a = 0; a < d; ++a) hash = (hash ^ std::bit_cast<std::uint64_t>(x[a])) * 0x9e3779b97f4a7c15u;
-    require_same_on_ranks(table.backend(), "Solver::add", text_of(all.points.size(), "points", hash));
+    require_same_values(table.backend(), "Solver::add", "points", all.points);
     for (std::uint32_t const i : table.cells().own(cells)) {
         own.points.push_back(all.points[i]);
         own.rows.push_back(first_row + i);
@@ -118,9 +114,14 @@ FIRN_COLD std::size_t add_particles(Table& table, Model const& model, Points con
     };
     auto const cells = [&] {
         if constexpr (spans_ranks<typename Table::Backend>) {
-            detail::require_same_on_ranks(
-                table.backend(), "Solver::add",
-                detail::text_of(volumes.are_listed(), volumes.volume(0), same_velocity.transpose()));
+            detail::require_same_on_ranks(table.backend(), "Solver::add",
+                                          detail::text_of(same_velocity.transpose()));
+            std::vector<double> of_each;
+            for (std::size_t i = 0; i < (volumes.are_listed() ? added : 1); ++i) {
+                of_each.push_back(volumes.volume(i));
+                of_each.push_back(volumes.density(i, density));
+            }
+            detail::require_same_values(table.backend(), "Solver::add", "volumes", of_each);
             auto const own = detail::own_points(table, points, first, centre);
             auto own_cells = place_all(own.points);
             to.buffer[0].id.upload(places, own.rows);

@@ -150,6 +150,7 @@ public:
     void upload(std::vector<FieldValue<Tag, Number, d>> const& by_id)
     {
         using Traits = typename Sets::template MaterialTraits<k>;
+        detail::require_same_values(backend, "Solver::upload", Tag::name, by_id);
         require(by_id.size() == particles<k>().size(), "there is not one value per particle",
                 "Solver::upload", "Pass size() values, by id.");
         for (std::size_t i = 0; i < by_id.size(); ++i)
