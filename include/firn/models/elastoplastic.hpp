@@ -5,6 +5,7 @@
 #include <firn/core/field_sets.hpp>
 #include <firn/core/parameters.hpp>
 #include <firn/math/principal_axes.hpp>
+#include <firn/models/elastic_law.hpp>
 #include <firn/models/lame.hpp>
 #include <firn/models/principal_product.hpp>
 #include <firn/models/response.hpp>
@@ -39,6 +40,9 @@
 // for a particle (`State`), defaults of density and elasticity, validate(), or validate(Lame) if its bounds
 // depend on the moduli, and
 //
+// - hardening_of(state): the factor of the moduli that the state has, for implicit steps; may be left out if
+// nothing hardens them
+//
 // - supports<Law>: whether it is stated in the measure of this law
 //
 // - flow(trial, Lame<Real>, state, dt): PlasticFlow; updates what is stored
@@ -46,14 +50,6 @@
 // - for_each_parameter(use), so that snapshots notice other parameters: see parameters.hpp
 namespace firn
 {
-
-/// The stress of an elastic law for principal strains.
-template <class Real, int d>
-struct PrincipalStress
-{
-    Vector<Real, d> kirchhoff; ///< [Pa]
-    Real wave_modulus;         ///< a bound on rho_0 c^2 of waves in every direction [Pa]
-};
 
 /// The result of a plastic flow for principal trial strains.
 template <class Real, int d>
@@ -63,39 +59,6 @@ struct PlasticFlow
     Mask<Real> flowed;       ///< they differ from the trial strains
     Real hardening;          ///< factor of the moduli
     Mask<Real> capped;       ///< the state reached a stated cap
-};
-
-/// Members of the laws whose measure is the extension itself.
-struct MeasuredByExtension
-{
-    template <Lane Real, int d>
-    FIRN_HOST_DEVICE static Mask<Real> capped(Vector<Real, d> const&)
-    {
-        return no_lanes<Real>();
-    }
-    template <Lane Real, int d>
-    FIRN_HOST_DEVICE static Vector<Real, d> strains(Vector<Real, d> const& extension)
-    {
-        return extension;
-    }
-    template <Lane Real, int d>
-    FIRN_HOST_DEVICE static Vector<Real, d> extensions(Vector<Real, d> const& strains)
-    {
-        return strains;
-    }
-};
-
-/// Member of the laws that have no stress for det F <= 0.
-struct RefusesInversion
-{
-    template <Lane Real, int d>
-    FIRN_HOST_DEVICE static Mask<Real> inverted(Vector<Real, d> const& extension)
-    {
-        Real least = extension[0];
-        FIRN_UNROLL
-        for (int i = 1; i < d; ++i) least = min(least, extension[i]);
-        return !(least > Real(-1));
-    }
 };
 
 /// A solid that does not yield.
@@ -145,6 +108,11 @@ template <class Law, class Real, int d>
 concept LawTellsEnergy = requires(Law const law, Vector<Real, d> const strains, Real modulus)
 {
     law.template energy<Real, d>(strains, modulus, modulus);
+};
+template <class Flow, class Particle, class Real>
+concept FlowTellsHardening = requires(Flow const flow, Particle const state)
+{
+    flow.template hardening_of<Real>(state);
 };
 template <class Law, class Real, int d>
 concept LawTellsTangent = requires(Law const law, Vector<Real, d> const extension, Real modulus)
@@ -196,55 +164,28 @@ struct Elastoplastic : FlowType, LawType
     FIRN_HOST_DEVICE Response<Real, Space::dimension>
     respond(Particle& state, Matrix<Real, Space::dimension> const& velocity_gradient, Real dt) const
     {
-        constexpr int d = Space::dimension;
-        Law const& law = *this;
-        Matrix<Real, d>& H = state[DisplacementGradient{}];
-        Matrix<Real, d> const trial = deformed<Real, d>(H, velocity_gradient, dt);
-        auto const axes = principal_axes<Real, d>(trial);
-        Vector<Real, d> strains = law.template strains<Real, d>(axes.extension);
-        Real mu(elasticity.mu), lambda(elasticity.lambda);
-        Response<Real, d> response;
-        response.inverted = law.template inverted<Real, d>(axes.extension);
-        response.capped = law.template capped<Real, d>(axes.extension);
-
-        if constexpr (yields) {
-            PlasticFlow<Real, d> const plastic =
-                this->Flow::template flow<Real, d>(strains, Lame<Real>{mu, lambda}, state, dt);
-            strains = plastic.strains;
-            mu = mu * plastic.hardening;
-            lambda = lambda * plastic.hardening;
-            response.capped = response.capped | plastic.capped;
-            // F changes by the plastic flow alone, along each axis by (sigma' - sigma) u v^T: if it were
-            // rebuilt from its axes, their rounding errors would add up over the steps.
-            H = trial;
-            Vector<Real, d> const left = law.template extensions<Real, d>(strains);
-            FIRN_UNROLL
-            for (int i = 0; i < d; ++i) {
-                Real const sigma = Real(1) + axes.extension[i];
-                Mask<Real> const flowed =
-                    plastic.flowed & !exactly_equal(sigma, Real(0)); // where sigma is 0 there is no axis
-                Real const change = (left[i] - axes.extension[i]) / select(flowed, sigma, Real(1));
-                H += axes.U.col(i) * (axes.stretched.col(i) * select(flowed, change, Real(0))).transpose();
-            }
-        }
-        else
-            H = trial;
-
-        PrincipalStress<Real, d> const principal = law.template stress<Real, d>(strains, mu, lambda);
-        response.kirchhoff_stress = axes.U * principal.kirchhoff.asDiagonal() * axes.U.transpose();
-        response.wave_modulus = principal.wave_modulus;
-        return response;
+        return answer<Real, yields>(state, velocity_gradient, dt);
     }
 
-    /// Q = dP F^T, for dF = dl F, of a solid that does not yield: see product_in_axes.
+    /// The same as long as nothing flows: the elastic predictor, with moduli as they have hardened before.
+    /// Implicit steps ask for it, and the return map follows at their end.
     template <Lane Real, class Particle>
-    FIRN_HOST_DEVICE Matrix<Real, Space::dimension>
-    product(Particle const& state, Matrix<Real, Space::dimension> const& change) const
-        requires(!yields && detail::LawTellsTangent<Law, Real, Space::dimension>)
+    FIRN_HOST_DEVICE Response<Real, Space::dimension>
+    predict(Particle& state, Matrix<Real, Space::dimension> const& velocity_gradient,
+            Real dt) const requires yields
+    {
+        return answer<Real, false>(state, velocity_gradient, dt);
+    }
+
+    /// Q = dP F^T, for dF = dl F, while nothing flows: see product_in_axes.
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Matrix<Real, Space::dimension> product(Particle const& state,
+                                                            Matrix<Real, Space::dimension> const& change)
+        const requires detail::LawTellsTangent<Law, Real, Space::dimension>
     {
         constexpr int d = Space::dimension;
         Law const& law = *this;
-        Real const mu(elasticity.mu), lambda(elasticity.lambda);
+        auto const [mu, lambda] = hardened<Real>(state);
         auto const axes = principal_axes<Real, d>(state[DisplacementGradient{}]);
         Vector<Real, d> const strains = law.template strains<Real, d>(axes.extension);
         return product_in_axes<Real, d>(axes.U, axes.extension,
@@ -271,6 +212,70 @@ struct Elastoplastic : FlowType, LawType
             lambda = lambda * plastic.hardening;
         }
         return law.template energy<Real, d>(strains, mu, lambda);
+    }
+
+private:
+    /// The moduli as they have hardened.
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Lame<Real> hardened([[maybe_unused]] Particle const& state) const
+    {
+        Real const mu(elasticity.mu), lambda(elasticity.lambda);
+        if constexpr (detail::FlowTellsHardening<Flow, Particle, Real>) {
+            Real const factor = this->template hardening_of<Real>(state);
+            return {mu * factor, lambda * factor};
+        }
+        else
+            return {mu, lambda};
+    }
+
+    template <Lane Real, bool flows, class Particle>
+    FIRN_HOST_DEVICE Response<Real, Space::dimension>
+    answer(Particle& state, Matrix<Real, Space::dimension> const& velocity_gradient,
+           [[maybe_unused]] Real dt) const
+    {
+        constexpr int d = Space::dimension;
+        Law const& law = *this;
+        Matrix<Real, d>& H = state[DisplacementGradient{}];
+        Matrix<Real, d> const trial = deformed<Real, d>(H, velocity_gradient, dt);
+        auto const axes = principal_axes<Real, d>(trial);
+        Vector<Real, d> strains = law.template strains<Real, d>(axes.extension);
+        Real mu(elasticity.mu), lambda(elasticity.lambda);
+        if constexpr (yields && !flows) {
+            Lame<Real> const moduli = hardened<Real>(state);
+            mu = moduli.mu;
+            lambda = moduli.lambda;
+        }
+        Response<Real, d> response;
+        response.inverted = law.template inverted<Real, d>(axes.extension);
+        response.capped = law.template capped<Real, d>(axes.extension);
+
+        if constexpr (flows) {
+            PlasticFlow<Real, d> const plastic =
+                this->Flow::template flow<Real, d>(strains, Lame<Real>{mu, lambda}, state, dt);
+            strains = plastic.strains;
+            mu = mu * plastic.hardening;
+            lambda = lambda * plastic.hardening;
+            response.capped = response.capped | plastic.capped;
+            // F changes by the plastic flow alone, along each axis by (sigma' - sigma) u v^T: if it were
+            // rebuilt from its axes, their rounding errors would add up over the steps.
+            H = trial;
+            Vector<Real, d> const left = law.template extensions<Real, d>(strains);
+            FIRN_UNROLL
+            for (int i = 0; i < d; ++i) {
+                Real const sigma = Real(1) + axes.extension[i];
+                Mask<Real> const flowed =
+                    plastic.flowed & !exactly_equal(sigma, Real(0)); // where sigma is 0 there is no axis
+                Real const change = (left[i] - axes.extension[i]) / select(flowed, sigma, Real(1));
+                H += axes.U.col(i) * (axes.stretched.col(i) * select(flowed, change, Real(0))).transpose();
+            }
+        }
+        else
+            H = trial;
+
+        PrincipalStress<Real, d> const principal = law.template stress<Real, d>(strains, mu, lambda);
+        response.kirchhoff_stress = axes.U * principal.kirchhoff.asDiagonal() * axes.U.transpose();
+        response.wave_modulus = principal.wave_modulus;
+        return response;
     }
 };
 

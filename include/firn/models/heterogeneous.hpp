@@ -44,11 +44,29 @@ struct Heterogeneous : ModelType
     FIRN_HOST_DEVICE Response<Real, Space::dimension>
     respond(Particle& state, Matrix<Real, Space::dimension> const& velocity_gradient, Real dt) const
     {
-        auto response = Model::template respond<Real>(state, velocity_gradient, dt);
-        Real const stiffness = state[Stiffness{}];
-        response.kirchhoff_stress = response.kirchhoff_stress * stiffness;
-        response.wave_modulus = response.wave_modulus * stiffness;
-        return response;
+        return scaled<Real>(Model::template respond<Real>(state, velocity_gradient, dt), state);
+    }
+
+    /// The same while nothing flows, and its product with the tangent: see IMPLICIT.md.
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Response<Real, Space::dimension>
+    predict(Particle& state, Matrix<Real, Space::dimension> const& velocity_gradient, Real dt) const requires
+        requires(Model const& model)
+    {
+        model.template predict<Real>(state, velocity_gradient, dt);
+    }
+    {
+        return scaled<Real>(Model::template predict<Real>(state, velocity_gradient, dt), state);
+    }
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Matrix<Real, Space::dimension>
+    product(Particle const& state, Matrix<Real, Space::dimension> const& change) const requires
+        requires(Model const& model)
+    {
+        model.template product<Real>(state, change);
+    }
+    {
+        return Model::template product<Real>(state, change) * state[Stiffness{}];
     }
 
     /// The elastic energy [J/m^3].
@@ -56,6 +74,17 @@ struct Heterogeneous : ModelType
     FIRN_HOST_DEVICE Real energy(Particle const& state) const requires TellsEnergy<Model, Real, Particle>
     {
         return Model::template energy<Real>(state) * state[Stiffness{}];
+    }
+
+private:
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE static Response<Real, Space::dimension> scaled(Response<Real, Space::dimension> response,
+                                                                    Particle const& state)
+    {
+        Real const stiffness = state[Stiffness{}];
+        response.kirchhoff_stress = response.kirchhoff_stress * stiffness;
+        response.wave_modulus = response.wave_modulus * stiffness;
+        return response;
     }
 };
 

@@ -158,15 +158,73 @@ struct Varied : ModelType
     FIRN_HOST_DEVICE Response<Real, d> respond(Particle& state, Matrix<Real, d> const& velocity_gradient,
                                                Real dt) const
     {
+        return answer<Real>(state, [&](Model const& own, Particle& of) {
+            return own.template respond<Real>(of, velocity_gradient, dt);
+        });
+    }
+
+    /// The same while nothing flows, and the product with the tangent: see IMPLICIT.md.
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Response<Real, d> predict(Particle& state, Matrix<Real, d> const& velocity_gradient,
+                                               Real dt) const requires requires(Model const& model)
+    {
+        model.template predict<Real>(state, velocity_gradient, dt);
+    }
+    {
+        return answer<Real>(state, [&](Model const& own, Particle& of) {
+            return own.template predict<Real>(of, velocity_gradient, dt);
+        });
+    }
+    template <Lane Real, class Particle, class... OfStep>
+    FIRN_HOST_DEVICE Matrix<Real, d> product(Particle const& state, Matrix<Real, d> const& change,
+                                             OfStep const&... dt) const requires requires(Model const& model)
+    {
+        model.template product<Real>(state, change, dt...);
+    }
+    {
+        if constexpr (lane_width<Real> == 1)
+            return with(state).template product<Real>(state, change, dt...);
+        else {
+            Matrix<Real, d> all = zeros<Matrix<Real, d>>();
+            for_each_model<Real>(state, [&](Model const& own, Mask<Real> const& which) {
+                Matrix<Real, d> const Q = own.template product<Real>(state, change, dt...);
+                all = make_matrix<Real, d>([&](int i, int j) { return select(which, Q(i, j), all(i, j)); });
+            });
+            return all;
+        }
+    }
+
+    /// The elastic energy [J/m^3].
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Real energy(Particle const& state) const requires TellsEnergy<Model, Real, Particle>
+    {
         if constexpr (lane_width<Real> == 1) // a state at rest may be computed in double, too
-            return with(state).template respond<Real>(state, velocity_gradient, dt);
+            return with(state).template energy<Real>(state);
+        else {
+            Real all(0);
+            for_each_model<Real>(state, [&](Model const& own, Mask<Real> const& which) {
+                all = select(which, own.template energy<Real>(state), all);
+            });
+            return all;
+        }
+    }
+
+private:
+    FIRN_HOST_DEVICE Model const& model() const { return *this; }
+
+    /// The response of each lane's model, `ask(model, state)`.
+    template <Lane Real, class Particle, class Ask>
+    FIRN_HOST_DEVICE Response<Real, d> answer(Particle& state, Ask const& ask) const
+    {
+        if constexpr (lane_width<Real> == 1) // a state at rest may be computed in double, too
+            return ask(with(state), state);
         else {
             Particle const before = state;
             Response<Real, d> all;
             bool is_first = true;
             for_each_model<Real>(before, [&](Model const& own, Mask<Real> const& which) {
                 Particle after = before;
-                auto const response = own.template respond<Real>(after, velocity_gradient, dt);
+                auto const response = ask(own, after);
                 if (is_first) { // whatever it is in the other lanes, they get their own
                     state = after;
                     all = response;
@@ -190,24 +248,6 @@ struct Varied : ModelType
             return all;
         }
     }
-
-    /// The elastic energy [J/m^3].
-    template <Lane Real, class Particle>
-    FIRN_HOST_DEVICE Real energy(Particle const& state) const requires TellsEnergy<Model, Real, Particle>
-    {
-        if constexpr (lane_width<Real> == 1) // a state at rest may be computed in double, too
-            return with(state).template energy<Real>(state);
-        else {
-            Real all(0);
-            for_each_model<Real>(state, [&](Model const& own, Mask<Real> const& which) {
-                all = select(which, own.template energy<Real>(state), all);
-            });
-            return all;
-        }
-    }
-
-private:
-    FIRN_HOST_DEVICE Model const& model() const { return *this; }
 
     /// The model with a particle's own values.
     template <class Particle>

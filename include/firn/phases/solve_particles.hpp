@@ -3,13 +3,14 @@
 
 #include <firn/core/cell_work.hpp>
 #include <firn/math/inverse.hpp>
+#include <firn/models/answers_product.hpp>
 #include <firn/models/response.hpp>
 #include <firn/particles/mass_groups.hpp>
 #include <firn/particles/table_view.hpp>
 #include <firn/phases/gather.hpp>
 #include <firn/phases/scatter.hpp>
 
-#include <concepts>
+#include <type_traits>
 
 // The passes of an implicit step from nodes to particles and back. Both gather a gradient of what nodes hold
 // as their velocity, and scatter an impulse of stress. With L the velocity gradient of a particle,
@@ -30,22 +31,11 @@ struct InverseStep
     static constexpr auto shape = FieldShape::matrix;
 };
 
-/// A material that answers the product of its tangent: `product(state, dl)` returns Q = dP F^T [Pa], the
-/// derivative of the first Piola–Kirchhoff stress P of a state F by dF = dl F, times F^T.
-template <class Model, class Real>
-concept AnswersProduct = requires(Model const model,
-                                  Record<Real, Model::Space::dimension, typename Model::State> const state,
-                                  Matrix<Real, Model::Space::dimension> const change)
-{
-    {
-        model.template product<Real>(state, change)
-        } -> std::same_as<Matrix<Real, Model::Space::dimension>>;
-};
-
 /// What a particle of a model caches while a step is solved: its state at the velocities that were tried, and
 /// by how much they deform it.
 template <class Model>
-using TrialFields = Join<Fields<InverseStep>, typename Model::State>;
+using TrialFields = std::conditional_t<ActsOnRates<Model>, typename Model::State,
+                                       Join<Fields<InverseStep>, typename Model::State>>;
 
 /// The transfer of these passes: the gradient of a scheme and its transpose, by which stress acts.
 template <class Scheme>
@@ -106,6 +96,7 @@ struct StressPass
     MassGroups<Number> mass_groups;
     Number dt;                ///< [s]
     Number inverse_cell_size; ///< [1/m]
+    bool at_rest;             ///< the scene is brought to rest
 
     template <class Items>
     FIRN_HOST_DEVICE void begin(Items& items) const
@@ -165,7 +156,34 @@ struct TryVelocities : StressPass<Space, Model, Kernel, Scheme, PersistentFields
         Matrix<Real, d> const L = this->template gradient<Real>(items);
         Record<Real, d, Join<PersistentFields, TrialFields<Model>>> particle;
         this->particles.load(items, particle);
-        auto const response = this->model.template respond<Real>(particle, L, Real(this->dt));
+        auto const response = respond<Real>(particle, L);
+        if constexpr (ActsOnRates<Model>) {
+            this->trial.store(items, this->particles.id, particle);
+            Real const volume = this->mass_groups.find(items, this->particles.id).volume;
+            this->template store<Real>(items, response.kirchhoff_stress, volume,
+                                       volume * response.wave_modulus);
+        }
+        else
+            store_stress<Real>(items, particle, L, response);
+    }
+
+private:
+    /// The response of a step. At rest flow belongs to the state that is looked for, while steps map stress
+    /// back at their end.
+    template <class Real, class Particle>
+    FIRN_HOST_DEVICE Response<Real, d> respond(Particle& particle, Matrix<Real, d> const& L) const
+    {
+        Real const duration(this->dt);
+        if constexpr (PredictsResponse<Model, Particle, Real>)
+            if (ActsOnRates<Model> || !this->at_rest)
+                return this->model.template predict<Real>(particle, L, duration);
+        return this->model.template respond<Real>(particle, L, duration);
+    }
+
+    template <class Real, class Items, class Particle>
+    FIRN_HOST_DEVICE void store_stress(Items& items, Particle& particle, Matrix<Real, d> const& L,
+                                       Response<Real, d> const& response) const
+    {
         Matrix<Real, d> A = L * Real(this->dt);
         for (int i = 0; i < d; ++i) A(i, i) += Real(1);
         Matrix<Real, d> const C = cofactors(A);
@@ -200,15 +218,21 @@ struct ProductOfStress : StressPass<Space, Model, Kernel, Scheme, PersistentFiel
         Matrix<Real, d> const dL = this->template gradient<Real>(items) * Real(this->dt);
         Record<Real, d, TrialFields<Model>> particle;
         this->trial.load(items, this->particles.id, particle);
-        Matrix<Real, d> const& inverse_step = particle[InverseStep{}];
-        Matrix<Real, d> const Q =
-            this->model.template product<Real>(particle, product<Real, d>(dL, inverse_step));
         auto const own = this->mass_groups.find(items, this->particles.id);
-        this->template store<Real>(items, make_matrix<Real, d>([&](int i, int j) { // Q A^-T
-                                       return sum_of<Real, d>(
-                                           [&](int k) { return Q(i, k) * inverse_step(j, k); });
-                                   }),
-                                   own.volume, own.mass);
+        if constexpr (ActsOnRates<Model>)
+            this->template store<Real>(items,
+                                       this->model.template product<Real>(particle, dL, Real(this->dt)),
+                                       own.volume, own.mass);
+        else {
+            Matrix<Real, d> const& inverse_step = particle[InverseStep{}];
+            Matrix<Real, d> const Q =
+                this->model.template product<Real>(particle, product<Real, d>(dL, inverse_step));
+            this->template store<Real>(items, make_matrix<Real, d>([&](int i, int j) { // Q A^-T
+                                           return sum_of<Real, d>(
+                                               [&](int k) { return Q(i, k) * inverse_step(j, k); });
+                                       }),
+                                       own.volume, own.mass);
+        }
     }
 };
 

@@ -87,6 +87,12 @@ template <class Scene>
 template <class... Effects>
 RestReport TimeLoop<Scene>::settle(Scene& scene, Effects const&... effects)
 {
+    static_assert(
+        []<std::size_t... k>(std::index_sequence<k...>) {
+            return (!ActsOnRates<typename Sets::template MaterialTraits<k>::Model> && ...);
+        }(typename Sets::Places{}),
+        "a fluid bears no shear, so no solve finds its state of rest: take firn::settle(solver, ...) of "
+        "firn/settle.hpp, or begin with hydrostatic() of firn/initial_stress.hpp");
     constexpr double second = 1;
     double const now = next_.time_state.time;
     detail::require_to_last<Number>(now, second, "Solver::settle");

@@ -82,8 +82,8 @@ class SolveStep
                 AnswersProduct<typename MaterialTraits<k>::Model, typename Backend::template Lane<Number>> &&
                 ...);
         }(typename Sets::Places{}),
-        "a material answers no product with its tangent, which implicit steps ask for: choose "
-        "an elastic solid, add a member product(state, change), or choose SymplecticEuler");
+        "a material answers no product with its tangent, which implicit steps ask for: add a member "
+        "product(state, change), see IMPLICIT.md, or choose SymplecticEuler");
     static_assert(!spans_ranks<Backend>,
                   "implicit steps do not add up over several ranks yet: choose a backend of "
                   "one, or SymplecticEuler");
@@ -187,6 +187,7 @@ private:
             phase.mass_groups = table.mass_groups();
             phase.dt = static_cast<Number>(dt_);
             phase.inverse_cell_size = static_cast<Number>(1 / memory_.lattice.cell_size);
+            phase.at_rest = at_rest_;
             memory_.backend.for_each_cell(table.cells(), layer, phase);
         });
     }

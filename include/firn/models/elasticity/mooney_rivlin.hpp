@@ -76,6 +76,42 @@ struct MooneyRivlinLaw : MeasuredByExtension, RefusesInversion
         return found;
     }
 
+    /// With X_i = x_i + 1, Y_i = y_i + 1 and the stress as above: d tau_i / d ln sigma_j = A (2 X_i delta_ij
+    /// - 2/3 (X_i + X_j - mean X)) + B (4/3 (Y_i - mean Y) + 2/3 (3 mean Y - Y_j) - 2 Y_i (1 - delta_ij)) +
+    /// kappa J^2. With c as what is the same in all tau_i = A X_i - B Y_i + c, the shear value is A + B J^2
+    /// (sigma_i^2 + sigma_i sigma_j + sigma_j^2) / (sigma_i sigma_j)^3 - c / (sigma_i sigma_j).
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE PrincipalTangent<Real, d> tangent(Vector<Real, d> const& extension, Real mu,
+                                                       Real lambda) const
+    {
+        Real const one(1), two(2), third(Number(1.0 / 3)), two_thirds(Number(2.0 / 3));
+        Real const volume = volume_change<Real, d>(extension), J = one + volume,
+                   root = root_of_volume<3>(select(J > Real(0), J, one)), square = root * root,
+                   A = mu * (one - Real(second)) / square, B = mu * Real(second) / (square * square),
+                   bulk = lambda + two_thirds * mu, pressure = Real(Number(0.5)) * bulk * volume * (J + one);
+        Vector<Real, 3> X, Y;
+        for (int i = 0; i < 3; ++i) {
+            Real const sigma = i < d ? one + extension[i < d ? i : 0] : one;
+            X[i] = sigma * sigma;
+        }
+        for (int i = 0; i < 3; ++i) Y[i] = X[(i + 1) % 3] * X[(i + 2) % 3];
+        Real const mean_X = (X[0] + X[1] + X[2]) * third, mean_Y = (Y[0] + Y[1] + Y[2]) * third,
+                   same = pressure - A * mean_X + B * mean_Y;
+        PrincipalTangent<Real, d> found;
+        found.stretching = make_matrix<Real, d>([&](int i, int j) {
+            Real const both = A * two_thirds * (mean_X - X[i] - X[j]) +
+                              B * two_thirds * (two * (Y[i] - mean_Y) + Real(3) * mean_Y - Y[j]) +
+                              bulk * J * J;
+            return i == j ? both + two * A * X[i] - (A * X[i] - B * Y[i] + same) : both - two * B * Y[i];
+        });
+        found.shearing = make_matrix<Real, d>([&](int i, int j) {
+            Real const one_of = one + extension[i], other = one + extension[j], area = one_of * other,
+                       inverse = one / select(area > Real(0), area, one), inverse_J = J * inverse;
+            return A - same * inverse + B * inverse_J * inverse_J * inverse * (X[i] + X[j] + area);
+        });
+        return found;
+    }
+
     /// Psi [Pa]: I_1 / 3 and I_2 / 3 from their logarithms, which are of the second order in the strains.
     template <Lane Real, int d>
     FIRN_HOST_DEVICE Real energy(Vector<Real, d> const& extension, Real mu, Real lambda) const

@@ -62,6 +62,32 @@ struct SplitNeoHookeanLaw : MeasuredByExtension, RefusesInversion
         return found;
     }
 
+    /// With p = mu J^(-2/d), the mean m of x_i = sigma_i^2 - 1, and c = kappa/2 (J^2 - 1) - p (m + 1) as the
+    /// part of tau_i that is the same for all i: d tau_i / d ln sigma_j = 2 p ((m - x_i - x_j - 1) / d +
+    /// sigma_i^2 delta_ij) + kappa J^2, and the shear value p - c / (sigma_i sigma_j).
+    template <Lane Real, int d>
+    FIRN_HOST_DEVICE static PrincipalTangent<Real, d> tangent(Vector<Real, d> const& extension, Real mu,
+                                                              Real lambda)
+    {
+        Real const one(1), two(2), share(ScalarOf<Real>(1.0 / d));
+        Vector<Real, d> const x = squares_less_one<Real, d>(extension);
+        Real const volume = volume_change<Real, d>(extension), J = one + volume,
+                   root = root_of_volume<d>(select(J > Real(0), J, one)), p = mu / (root * root),
+                   bulk = lambda + mu * two * share,
+                   mean = share * sum_of<Real, d>([&](int i) { return x[i]; }),
+                   pressure = Real(ScalarOf<Real>(0.5)) * bulk * volume * (J + one);
+        PrincipalTangent<Real, d> found;
+        found.stretching = make_matrix<Real, d>([&](int i, int j) {
+            Real const both = two * p * share * (mean - x[i] - x[j] - one) + bulk * J * J;
+            return i == j ? both + two * p * (x[i] + one) - (p * (x[i] - mean) + pressure) : both;
+        });
+        found.shearing = make_matrix<Real, d>([&](int i, int j) {
+            Real const area = (one + extension[i]) * (one + extension[j]);
+            return p - (pressure - p * (mean + one)) / select(area > Real(0), area, one);
+        });
+        return found;
+    }
+
     /// Psi [Pa].
     template <Lane Real, int d>
     FIRN_HOST_DEVICE static Real energy(Vector<Real, d> const& extension, Real mu, Real lambda)

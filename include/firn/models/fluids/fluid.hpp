@@ -91,35 +91,55 @@ struct Fluid
     FIRN_HOST_DEVICE Response<Real, Space::dimension>
     respond(Particle& state, Matrix<Real, Space::dimension> const& velocity_gradient, Real dt) const
     {
-        constexpr int d = Space::dimension;
-        Real const rate = velocity_gradient.trace();
         Real& log_J = state[LogVolumeRatio{}];
-        log_J += dt * rate;
+        log_J += dt * velocity_gradient.trace();
         Real const most(static_cast<Number>(largest_log_volume_ratio()));
         Mask<Real> const capped = log_J > most;
         log_J = min(log_J, most);
-        Real const J = exp(log_J), gamma(exponent), K(bulk_modulus);
-        Real const compressed = exp_minus_one(-gamma * log_J); // J^-gamma - 1
-        Real const pressure = K / gamma * compressed;
-
-        Response<Real, d> response;
-        Real const shear = Real(viscosity) * J;
-        Real const isotropic = -pressure * J - shear * rate * Real(Number(2.0 / d));
-        FIRN_UNROLL
-        for (int i = 0; i < d; ++i) {
-            response.kirchhoff_stress(i, i) = isotropic + Real(2) * shear * velocity_gradient(i, i);
-            FIRN_UNROLL
-            for (int j = 0; j < i; ++j) {
-                Real const stress = shear * (velocity_gradient(i, j) + velocity_gradient(j, i));
-                response.kirchhoff_stress(i, j) = stress;
-                response.kirchhoff_stress(j, i) = stress;
-            }
-        }
-        // rho_0 c^2 = J^2 Psi_JJ = K J^(1 - gamma)
-        response.wave_modulus = max(K * J * (compressed + Real(1)), K);
-        response.inverted = no_lanes<Real>();
+        auto response = answer<Real>(log_J, Real(viscosity) * exp(log_J), velocity_gradient);
         response.capped = parts ? no_lanes<Real>() : capped; // the same for all particles
         return response;
+    }
+
+    /// Stress acts on the velocity gradient itself, since J grows by its trace: an implicit step looks for
+    /// the least of V0 (Psi(J_n e^(dt tr L)) + dt eta J_n |dev sym L|^2) in place of an energy of F.
+    static constexpr bool acts_on_rates = true;
+    /// The response at the end of an implicit step. The viscous stress is that of the volume before it, and
+    /// adds to the stiffness; the stored ratio is beyond the cap where the fluid has parted.
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Response<Real, Space::dimension>
+    predict(Particle& state, Matrix<Real, Space::dimension> const& velocity_gradient, Real dt) const
+    {
+        Real& log_J = state[LogVolumeRatio{}];
+        Real const most(static_cast<Number>(largest_log_volume_ratio())),
+            shear = Real(viscosity) * exp(min(log_J, most));
+        log_J += dt * velocity_gradient.trace();
+        auto response = answer<Real>(min(log_J, most), shear, velocity_gradient);
+        response.wave_modulus += Real(2) * shear / dt;
+        response.capped = no_lanes<Real>();
+        return response;
+    }
+    /// Of the state that was predicted, for dl = dt dL: Q = (d tau / d ln J) tr(dl) I + 2 eta J / dt dev sym
+    /// dl. The viscous part takes the new J, as the old one is not stored: the two differ by as much as the
+    /// fluid is compressed.
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Matrix<Real, Space::dimension>
+    product(Particle const& state, Matrix<Real, Space::dimension> const& change, Real dt) const
+    {
+        constexpr int d = Space::dimension;
+        Real const most(static_cast<Number>(largest_log_volume_ratio())),
+            log_J = min(state[LogVolumeRatio{}], most), J = exp(log_J), gamma(exponent), K(bulk_modulus),
+            compressed = exp_minus_one(-gamma * log_J), // J^-gamma - 1
+            grown = sum_of<Real, d>([&](int i) { return change(i, i); });
+        // d(-p J) / d ln J = K / gamma J ((gamma - 1) J^-gamma + 1)
+        Real const bulk = select(state[LogVolumeRatio{}] > most, Real(0),
+                                 K * J * (Real(1) + (gamma - Real(1)) / gamma * compressed));
+        Real const shear = Real(viscosity) * J / dt,
+                   isotropic = (bulk - shear * Real(Number(2.0 / d))) * grown;
+        return make_matrix<Real, d>([&](int i, int j) {
+            Real const sheared = shear * (change(i, j) + change(j, i));
+            return i == j ? sheared + isotropic : sheared;
+        });
     }
 
     /// The energy of Tait's pressure [J/m^3]: K/gamma (J - 1 + (J^(1 - gamma) - 1) / (gamma - 1)), or for
@@ -136,6 +156,35 @@ struct Fluid
     }
 
 private:
+    /// The stress of a volume ratio, and eta J times the rates of shear.
+    template <Lane Real>
+    FIRN_HOST_DEVICE Response<Real, Space::dimension>
+    answer(Real const& log_J, Real const& shear,
+           Matrix<Real, Space::dimension> const& velocity_gradient) const
+    {
+        constexpr int d = Space::dimension;
+        Real const rate = velocity_gradient.trace(), J = exp(log_J), gamma(exponent), K(bulk_modulus);
+        Real const compressed = exp_minus_one(-gamma * log_J); // J^-gamma - 1
+        Real const pressure = K / gamma * compressed;
+
+        Response<Real, d> response;
+        Real const isotropic = -pressure * J - shear * rate * Real(Number(2.0 / d));
+        FIRN_UNROLL
+        for (int i = 0; i < d; ++i) {
+            response.kirchhoff_stress(i, i) = isotropic + Real(2) * shear * velocity_gradient(i, i);
+            FIRN_UNROLL
+            for (int j = 0; j < i; ++j) {
+                Real const stress = shear * (velocity_gradient(i, j) + velocity_gradient(j, i));
+                response.kirchhoff_stress(i, j) = stress;
+                response.kirchhoff_stress(j, i) = stress;
+            }
+        }
+        // rho_0 c^2 = J^2 Psi_JJ = K J^(1 - gamma)
+        response.wave_modulus = max(K * J * (compressed + Real(1)), K);
+        response.inverted = no_lanes<Real>();
+        return response;
+    }
+
     FIRN_HOST_DEVICE double largest_log_volume_ratio() const
     {
         return parts ? 0 : 0.6931471805599453; // ln 2

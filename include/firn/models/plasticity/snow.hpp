@@ -107,10 +107,24 @@ struct SnowFlow
         Real const far(Number(100));
         J_P = min(max(J_P * (trial_volume / elastic_volume), Real(smallest_plastic_ratio) / far),
                   Real(largest_plastic_ratio) * far);
-        Real const within = min(max(J_P, Real(smallest_plastic_ratio)), Real(largest_plastic_ratio));
-        plastic.hardening = exp(Real(hardening) * (Real(1) - within));
-        plastic.capped = !exactly_equal(within, J_P);
+        plastic.hardening = hardening_of<Real>(state);
+        plastic.capped = !exactly_equal(within<Real>(J_P), J_P);
         return plastic;
+    }
+
+    /// e^(xi (1 - J_P)), by which the moduli have hardened.
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Real hardening_of(Particle const& state) const
+    {
+        return exp(Real(hardening) * (Real(1) - within<Real>(state[PlasticVolumeRatio{}])));
+    }
+
+private:
+    /// J_P between its caps.
+    template <Lane Real>
+    FIRN_HOST_DEVICE Real within(Real const& J_P) const
+    {
+        return min(max(J_P, Real(smallest_plastic_ratio)), Real(largest_plastic_ratio));
     }
 };
 
