@@ -588,6 +588,7 @@ inline char const* cudaGetErrorString(cudaError_t status)
     }
 }
 inline cudaError_t cudaGetLastError() { return std::exchange(on_processor::last_error, cudaSuccess); }
+inline cudaError_t cudaPeekAtLastError() { return on_processor::last_error; }
 
 inline cudaError_t cudaGetDeviceCount(int* count)
 {

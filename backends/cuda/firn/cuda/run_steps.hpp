@@ -38,8 +38,7 @@ Partial<typename Phase::Result> start_moving(Order& cells, LayerType const& laye
     static_assert(declared <= given_shared,
                   "a call has more obstacles than a device's loops can tell of: pass fewer than 60, or say "
                   "several of them as one shape");
-    // always the same for a loop, since several host threads may set it concurrently
-    if (Items::bytes(teams) + declared > given_shared) allow_shared(loop, Items::bytes(teams));
+    if (Items::bytes(teams) + declared > given_shared) allow_shared(cells.queue(), loop, Items::bytes(teams));
     Moved<typename LayerType::Number, Phase::d, Result> const moved{leavers, cells.destinations(),
                                                                     cells.left(), results};
     launch("move", cells.queue(), loop, layer.blocks(), teams * Items::team_threads, Items::bytes(teams),

@@ -7,7 +7,10 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
+#include <map>
+#include <mutex>
 #include <string>
+#include <utility>
 
 // How many threads share the work on a block of cells, the shared memory that they may use, and how loops
 // over blocks are launched with it.
@@ -23,12 +26,19 @@ inline constexpr std::size_t given_shared = 48 * 1024, unasked_shared = 40 * 102
 /// items: each every n-th one of a cell.
 inline constexpr unsigned most_teams_that_rebin = 4;
 
-/// Lets a loop use this much dynamic shared memory [bytes].
+/// Lets a loop use this much dynamic shared memory [bytes]. cudaFuncSetAttribute of CUDA 13 forgets the last
+/// error. While another library's is there, the runtime is only asked for a loop that is new to the device.
 template <class... Parameters>
-void allow_shared(void (*loop)(Parameters...), std::size_t bytes)
+void allow_shared(Queue const& queue, void (*loop)(Parameters...), std::size_t bytes)
 {
+    static std::mutex one_at_a_time;
+    static std::map<std::pair<int, void (*)(Parameters...)>, std::size_t> allowed;
+    std::lock_guard const lock(one_at_a_time);
+    std::size_t& most = allowed[{queue.device, loop}];
+    if (bytes <= most && cudaPeekAtLastError() != cudaSuccess) return;
+    std::size_t const wanted = std::max(bytes, most); // another thread may be about to launch it
     cudaError_t const status =
-        cudaFuncSetAttribute(loop, cudaFuncAttributeMaxDynamicSharedMemorySize, static_cast<int>(bytes));
+        cudaFuncSetAttribute(loop, cudaFuncAttributeMaxDynamicSharedMemorySize, static_cast<int>(wanted));
     if (status == cudaErrorInvalidValue) {
         static_cast<void>(cudaGetLastError());
         throw Error{"the device's shared memory is short: " + std::to_string(bytes) +
@@ -36,6 +46,7 @@ void allow_shared(void (*loop)(Parameters...), std::size_t bytes)
                     "CUDA", "Pass fewer obstacles to a call, or use a device with more shared memory."};
     }
     check(status, "cudaFuncSetAttribute");
+    most = wanted;
 }
 
 /// Launches a loop over blocks with its shared memory.
@@ -43,7 +54,7 @@ template <class... Parameters, class... Arguments>
 void launch(char const* name, Queue const& queue, void (*loop)(Parameters...), std::uint32_t blocks,
             unsigned threads, std::size_t shared, Arguments const&... arguments)
 {
-    if (shared > unasked_shared) allow_shared(loop, shared);
+    if (shared > unasked_shared) allow_shared(queue, loop, shared);
     launch_behind(name, queue, loop, blocks, threads, shared, arguments...);
 }
 
