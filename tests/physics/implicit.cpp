@@ -367,8 +367,6 @@ TEST_CASE("what implicit steps do not know is refused, and a step that is not so
     };
     auto block = rubber();
     auto const before = block.positions();
-    auto const error = refused([&] { block.step(1e-3, gravity, Obstacle<HalfSpace>{}); });
-    CHECK(error.what_is_wrong().find("separates, or has friction") != std::string::npos);
     CHECK_FALSE(refused([&] { block.settle(gravity); }).what_is_wrong().empty()); // nothing holds it
     CHECK(refused([&] {
               block.settle(gravity, Obstacle<HalfSpace>{.contact = Contact::sticky(),

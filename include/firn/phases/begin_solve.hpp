@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/phases/solve_contact.hpp>
 #include <firn/phases/solve_phase.hpp>
 #include <firn/phases/update_grid.hpp>
 
@@ -13,7 +14,8 @@ namespace firn
 
 /// On nodes that have mass and momentum: what the solve starts from. Forces act as in UpdateGrid, and what
 /// obstacles do is found by asking them about motion along each axis: `c(v) = P v + (I - P) w` for a
-/// projection P to motion that is free. Nodes where it is not so are counted as refused.
+/// projection P to motion that is free. Where it is not so, nodes touch an obstacle that separates or has
+/// friction: UpdateContact finds what is free of them. Effects that act otherwise are counted as refused.
 ///
 /// Sums: first the mass, second m |dv|^2 of the change dv by outside forces, third m |v*|^2.
 template <class Space, class Kernel, class Transfer, class Effects>
@@ -42,72 +44,52 @@ struct BeginSolve : UpdateGrid<Space, Kernel, Transfer, Effects>
             place, sum, [](int) { return Real(0); }, [](int, Real const&) {}, Real(1) < Real(0));
         Mask<Real> const filled = free.nodes.filled;
         Real const mass = select(filled, free.nodes.mass, Real(0));
-        auto const touched = [&](Vector<Real, d> const& v) {
-            Vector<Real, d> after = touch<Real>(place, free, sum, v);
-            if constexpr (requires { node.on_wall(0); })
-                for (int a = 0; a < d; ++a) after[a] = select(node.on_wall(a), Real(0), after[a]);
-            return after;
-        };
-        Motion<Real> const motion = ask<Real>(touched);
-        Mask<Real> const counts = filled & counted(node);
-        Real held(0);
-        for (int a = 0; a < d; ++a) held += Real(1) - motion.free(a, a);
-        Mask<Real> refused = motion.bent > Real(Number(1e-3)); // beyond rounding
+        auto const touched = touch_at<Real>(node, place, free, sum);
+        FreeMotion<Real, d> const motion = free_motion<Real, d>(touched);
+        Mask<Real> const counts = filled & counted(node), bent = is_bent(motion);
+        Mask<Real> refused = at_rest ? bent : bent & (motion.moves > Real(Number(1e-3)));
         if (at_rest)
             for (int a = 0; a < d; ++a) refused = refused | (abs(motion.still[a]) > Real(0));
         result.refused += count(refused & counts);
-        result.held += count(counts & (held > Real(Number(0.5))));
+        result.touching += count(bent & counts);
         result.look(select(refused & counts, Real(1), Real(0)), node.first(), node.offset()[d - 1]);
 
         auto const old =
             make_vector<Real, d>([&](int a) { return sum(Sums::momentum + a) * free.inverse_mass; });
         Vector<Real, d> const change = (free.velocity - old) * Real(part_of_step), target = old + change;
-        set_start(node, filled, target, at_rest ? motion.still : touched(target), motion.free);
+        Matrix<Real, d> free_part = motion.free;
+        Vector<Real, d> friction = zeros<Vector<Real, d>>();
+        if (!at_rest && any(bent)) {
+            ContactNow<Real, d> const contact = contact_now<Real, d>(touched, target, mass);
+            for (int i = 0; i < d; ++i) {
+                friction[i] = select(bent, contact.friction[i], Real(0));
+                for (int j = 0; j < d; ++j)
+                    free_part(i, j) = select(bent, contact.free(i, j), free_part(i, j));
+            }
+        }
+        Real held(0);
+        for (int a = 0; a < d; ++a) held += Real(1) - free_part(a, a);
+        result.held += count(counts & (held > Real(Number(0.5))));
+        set_start(node, filled, target, at_rest ? motion.still : touched(target), free_part, friction);
         node.set(Own::mass, mass);
         Result::add(result.first, select(counts, mass, Real(0)));
         Result::add(result.second, select(counts, mass * dot<Real, d>(change, change), Real(0)));
         Result::add(result.third, select(counts, mass * dot<Real, d>(target, target), Real(0)));
     }
 
-private:
-    /// What effects leave of motion: c(v) = P v + still.
+protected:
+    /// Where effects act by more than a projection, beyond rounding.
     template <class Real>
-    struct Motion
+    FIRN_HOST_DEVICE static Mask<Real> is_bent(FreeMotion<Real, d> const& motion)
     {
-        Matrix<Real, d> free; ///< P
-        Vector<Real, d> still;
-        Real bent; ///< how far c is from that of a projection P
-    };
-    template <class Real, class Touched>
-    FIRN_HOST_DEVICE static Motion<Real> ask(Touched const& touched)
-    {
-        Motion<Real> motion;
-        motion.still = touched(zeros<Vector<Real, d>>());
-        motion.bent = Real(0);
-        for (int a = 0; a < d; ++a) {
-            Vector<Real, d> along = zeros<Vector<Real, d>>();
-            along[a] = Real(1);
-            Vector<Real, d> const forth = touched(along) - motion.still;
-            along[a] = Real(-1);
-            Vector<Real, d> const back = touched(along) - motion.still;
-            for (int i = 0; i < d; ++i) {
-                motion.free(i, a) = forth[i];
-                motion.bent = max(motion.bent, abs(forth[i] + back[i]));
-            }
-        }
-        Matrix<Real, d> const& P = motion.free;
-        Matrix<Real, d> const twice = product<Real, d>(P, P);
-        for (int i = 0; i < d; ++i)
-            for (int j = 0; j < d; ++j)
-                motion.bent = max(motion.bent, max(abs(twice(i, j) - P(i, j)), abs(P(i, j) - P(j, i))));
-        return motion;
+        return motion.bent > Real(Number(1e-3));
     }
 
     /// Sets what the solve starts from. What is free of the start is its change, which can be taken back.
     template <class Node, class Real = typename Node::Real>
     FIRN_HOST_DEVICE static void set_start(Node& node, Mask<Real> const& filled,
                                            Vector<Real, d> const& target, Vector<Real, d> const& start,
-                                           Matrix<Real, d> const& free)
+                                           Matrix<Real, d> const& free, Vector<Real, d> const& friction)
     {
         auto const set = [&](int c, Real const& value) { node.set(c, select(filled, value, Real(0))); };
         Vector<Real, d> const change = product<Real, d>(free, start);
@@ -116,7 +98,7 @@ private:
             set(Own::solution + a, start[a]);
             set(Values::velocity + a, start[a]);
             set(Own::change + a, change[a]);
-            set(Own::offset + a, Real(0));
+            set(Own::offset + a, friction[a]);
             for (int b = 0; b <= a; ++b) set(Own::free_at(a, b), free(a, b));
         }
     }
@@ -127,6 +109,19 @@ private:
         std::uint64_t number = 0;
         for (std::uint64_t rest = bits(lanes); rest != 0; rest &= rest - 1) ++number;
         return number;
+    }
+
+    /// What obstacles make of a velocity of nodes.
+    template <class Real, class Node, class Free, class Sum>
+    FIRN_HOST_DEVICE auto touch_at([[maybe_unused]] Node const& node, LanePosition<Real, d> const& place,
+                                   Free const& free, Sum const& sum) const
+    {
+        return [&](Vector<Real, d> const& v) {
+            Vector<Real, d> after = touch<Real>(place, free, sum, v);
+            if constexpr (requires { node.on_wall(0); })
+                for (int a = 0; a < d; ++a) after[a] = select(node.on_wall(a), Real(0), after[a]);
+            return after;
+        };
     }
 
     /// The velocity after all effects on velocities, of which no reaction is booked.
@@ -141,6 +136,50 @@ private:
             });
         else
             return apply_on_nodes<Real, d>(this->now->actions, place, free.nodes, v, unbooked);
+    }
+};
+
+/// On nodes of which a velocity was tried: what contact leaves free of them now. Forces drive a node to
+/// y = v - r / w with the residual r before anything is held and the node's stiffness w: whatever w is, v =
+/// c(y) where the step is solved. Nodes get the velocity that is prescribed, and friction as an impulse.
+///
+/// Sums: first how many nodes change by more than rounding.
+template <class Space, class Kernel, class Transfer, class Effects>
+struct UpdateContact : BeginSolve<Space, Kernel, Transfer, Effects>
+{
+    using Begin = BeginSolve<Space, Kernel, Transfer, Effects>;
+    using Phase = typename Begin::Phase;
+    using Begin::d;
+    using typename Begin::Number, typename Begin::Values, typename Begin::Own, typename Begin::Result;
+
+    template <class Node>
+    FIRN_HOST_DEVICE void operator()(Node& node, Result& result) const
+    {
+        using Real = typename Node::Real;
+        LanePosition<Real, d> const place{this->lattice, node.first(), node.offset(),
+                                          kernel_reach(Kernel::degree)};
+        auto const sum = [&](int c) { return node.sum(c); };
+        auto const free = this->template free_node<Real>(
+            place, sum, [](int) { return Real(0); }, [](int, Real const&) {}, Real(1) < Real(0));
+        auto const touched = this->template touch_at<Real>(node, place, free, sum);
+        FreeMotion<Real, d> const motion = free_motion<Real, d>(touched);
+        Mask<Real> const bent = free.nodes.filled & Begin::is_bent(motion);
+        if (!any(bent)) return;
+        Vector<Real, d> const v = Phase::vector(node, Values::velocity);
+        Real const weight = node.value(Own::stiffness), inverse = Phase::inverse_of(weight);
+        Vector<Real, d> const r = (v - Phase::vector(node, Own::target)) * node.value(Own::mass) +
+                                  Phase::vector(node, Own::impulse);
+        ContactNow<Real, d> const contact =
+            contact_now<Real, d>(touched, Vector<Real, d>(v - r * inverse), weight);
+        Vector<Real, d> const way = contact.velocity - v, along = product<Real, d>(contact.free, way);
+        for (int a = 0; a < d; ++a) {
+            node.set(Values::velocity + a, select(bent, contact.velocity[a] - along[a], v[a]));
+            node.set(Own::offset + a, select(bent, contact.friction[a], node.value(Own::offset + a)));
+            for (int b = 0; b <= a; ++b)
+                node.set(Own::free_at(a, b),
+                         select(bent, contact.free(a, b), node.value(Own::free_at(a, b))));
+        }
+        result.touching += Begin::count(bent & counted(node));
     }
 };
 

@@ -46,6 +46,8 @@ struct FindResidual : SolvePhase<Space, Kernel, Transfer>
             if (is_first) Phase::set(node, Own::offset, r);
             r -= Phase::vector(node, Own::offset) * Real(left_out);
         }
+        else
+            r -= Phase::vector(node, Own::offset); // friction, along motion that is free
         Phase::set(node, Own::residual, Vector<Real, d>(-r));
         Real const resists = stiffness * Real(stiffening);
         result.stiffest = max(result.stiffest, double(largest(resists * inverse_mass)));

@@ -14,11 +14,12 @@
 
 // What nodes do while an implicit step is solved: the residual of their velocities v,
 //
-//   r_i = P_i (m_i (v_i - v*_i) + dt sum V0 P F_n^T grad w_i)
+//   r_i = P_i (m_i (v_i - v*_i) + dt sum V0 P F_n^T grad w_i - f_i)
 //
 // and conjugate gradients for the systems H dv = -r. v* is the velocity without stress, and P the projection
-// to motion that no obstacle prescribes. At rest, in Solver::settle, m (v - v*) is the impulse of outside
-// forces alone, with the opposite sign. Sums are in double precision, and in one order.
+// to motion that no obstacle prescribes, and f friction as it was found last. At rest, in Solver::settle, m
+// (v - v*) is the impulse of outside forces alone, with the opposite sign. Sums are in double precision, and
+// in one order.
 namespace firn
 {
 
@@ -32,14 +33,15 @@ struct SolveSums
     double stiffest = 0;                            ///< the largest stiffness of a node over its mass
     std::uint64_t inverted = 0;                     ///< nodes of which a particle is turned inside out
     std::uint64_t held = 0;                         ///< nodes of which obstacles prescribe a part
-    std::uint64_t refused = 0;                      ///< nodes on which effects act by more than a projection
+    std::uint64_t refused = 0;  ///< nodes on which effects act neither by a projection nor as contact
+    std::uint64_t touching = 0; ///< nodes of which obstacles may let go, or rub
 
     FIRN_HOST_DEVICE void merge(SolveSums const& other)
     {
         first += other.first, second += other.second, third += other.third;
         if (other.most > most) most = other.most, where = other.where;
         stiffest = max(stiffest, other.stiffest);
-        inverted += other.inverted, held += other.held, refused += other.refused;
+        inverted += other.inverted, held += other.held, refused += other.refused, touching += other.touching;
     }
 
     /// Adds the numbers of a lane to a sum, one after the other.

@@ -125,12 +125,14 @@ public:
         Sums at = residual(true);
         if (at.inverted > 0 || (!at_rest_ && std::sqrt(at.first / mass_) > outside_ + speed_))
             start_nearer(at);
+        if (start.touching > 0) at = update_contact();
         if (at_rest_) outside_ = std::max(outside_, std::sqrt(at.first / mass_));
         while (!is_solved(at)) {
             if (report_.newton_of_step >= by_.newton) return false;
             if (report_.newton_of_step == 0 && (at_rest_ || at.stiffest > stiff)) make_coarse_grids();
             double const slope = search();
             if (!step_along(slope, at)) return false;
+            if (start.touching > 0) at = update_contact();
         }
         on_nodes(AcceptVelocities<Space, Kernel, Transfer>{});
         return report_.converged = true;
@@ -205,6 +207,14 @@ private:
             static_cast<Number>(stiffness_of_kernel * in_cells * in_cells)});
     }
 
+    /// Finds anew which nodes obstacles hold, and how they rub, at the velocities that were tried. Returns
+    /// the residual of what they leave.
+    Sums update_contact()
+    {
+        on_nodes(BesideWalls<UpdateContact<Space, Kernel, Transfer, Actions>, Actions>{
+            {{update(), at_rest_, static_cast<Number>(part_)}}, now_});
+        return residual();
+    }
     /// Where outside forces alone would take nodes too far for a start: starts from what obstacles prescribe,
     /// if the residual is less there. A load on a stiff body would shear it without bounds, for example.
     void start_nearer(Sums& at)
@@ -321,8 +331,9 @@ private:
             at_rest_
                 ? "at rest obstacles stand still and hold or slip without letting go: one of the effects "
                   "moves, separates, has friction, or changes velocities in another way"
-                : "an effect does more to velocities of nodes than to prescribe some of their components, "
-                  "which implicit steps do not know yet: it separates, or has friction";
+                : "an effect does more to velocities of nodes than to prescribe some of their components or "
+                  "to "
+                  "touch as an obstacle does, which implicit steps do not know";
         report_.where = place_of(start.where);
         return false;
     }
