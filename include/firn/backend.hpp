@@ -117,9 +117,11 @@ concept BackendCellOrder = MadeWithPeriods<T, B, d> && std::movable<T> &&
     std::size_t{constant.memory()};           // bytes held
 };
 
-/// `B::Grid<Number, d, degree, sums, values, layers, own_values>`: the nodes under the cells of as many
-/// orders as it has layers, each node with `sums` sums per layer, twice, and `values` values, or so many per
-/// layer if `own_values` is true; it is false if it is not said. Nodes are wrapped by its periods.
+/// `B::Grid<Number, d, degree, sums, values, layers, own_values, ungathered>`: the nodes under the cells of
+/// as many orders as it has layers, each node with `sums` sums per layer, twice, and `values` values, or so
+/// many per layer if `own_values` is true. Values from `values` on, `ungathered` in number, are for nodes
+/// alone: items do not gather them. The last two are false and 0 if they are not said. Nodes are wrapped by
+/// its periods.
 template <class T, class B, class Order, int d>
 concept BackendGrid = MadeWithPeriods<T, B, d> && std::movable<T> &&
     requires(T grid, T const constant, std::array<Order*, 1> orders, std::size_t layer)
@@ -141,7 +143,7 @@ template <class B, class Order, int d>
 concept BackendLoops = requires(B const backend, Order const cells, std::size_t count)
 {
     backend.for_each(count, detail::AnyBody{}); // `body(i)` for every i in [0, count), in any order
-    // `visit(place, cell)` for every item
+    // `visit(place, cell)` for every item, for those of a cell one after the other
     backend.for_each_place(cells, detail::AnyVisit<d>{});
 };
 
@@ -178,6 +180,8 @@ concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::t
 //                                          to the current sums
 //   for_each_node(orders, grid, phase)     updates all nodes that any layer added to. Returns the merged
 //                                          results, or a handle from which run_steps() merges them
+//   call_with(handle, body)                if it is a handle: calls `body(merged results)` once, where loops
+//                                          run, before the next loop over nodes
 //
 // A loop over cells calls `phase.prepare(items)` if the phase does not gather. Else it calls `begin(items)`,
 // gathers, and calls `update(items, result)`, or `update(items, result, rare)` with a second result for what
@@ -190,7 +194,8 @@ concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::t
 //
 // A loop over nodes calls `phase(node, result)`. If the phase `looks_around`, it asks once for
 // `phase.walls()`, and calls `phase.look_around(walls, node, result)` in place of that for the lanes of nodes
-// for which `phase.looks_around_at(walls, first, lanes)` is true.
+// for which `phase.looks_around_at(walls, first, lanes)` is true. What a phase that
+// `keeps_values` does not set stays as it is; with other phases it may become 0.
 //
 // ---- what a phase sees
 //

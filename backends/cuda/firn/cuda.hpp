@@ -46,8 +46,9 @@ struct Cuda
     template <class Number, int d>
     using CellOrder = cuda::CellOrder<Number, d>;
     static constexpr int largest_degree = 3; ///< of a stencil, which spans one node more per axis
-    template <class Number, int d, int degree, int sums, int values, int layers, bool own_values = false>
-    using Grid = cuda::Grid<Number, d, degree, sums, values, layers, own_values>;
+    template <class Number, int d, int degree, int sums, int values, int layers, bool own_values = false,
+              int ungathered = 0>
+    using Grid = cuda::Grid<Number, d, degree, sums, values, layers, own_values, ungathered>;
 
     cuda::Queue queue() const { return {device, stream}; }
 
@@ -182,6 +183,16 @@ struct Cuda
         else
             loop(cuda::detail::NoBlocks{});
         return grid.node_results().template partial<Result>();
+    }
+
+    /// Calls `body(result)` once, on the device, with the merged results of a loop over nodes. No other such
+    /// loop of that grid may be queued in between.
+    template <class Result, class Body>
+    void call_with(cuda::Partial<Result> const& found, Body const& body) const
+    {
+        cuda::OnDevice const here(device);
+        cuda::launch_after("merge_and_call", queue(), cuda::detail::merge_and_call<Result, Body>, 1,
+                           cuda::detail::merging_warps * 32, found, body);
     }
 
     /// Queues at most `expected` steps of a program, and waits for them; see QueuedSteps for its members. A

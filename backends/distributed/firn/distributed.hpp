@@ -46,10 +46,11 @@ struct Distributed
     using ReadbackBuffer = typename Local::template ReadbackBuffer<T>;
     template <class Number, int d>
     using CellOrder = distributed::CellOrder<typename Local::template CellOrder<Number, d>, C, Number, d>;
-    template <class Number, int d, int degree, int sums, int values, int layers, bool own_values = false>
-    using Grid =
-        distributed::Grid<typename Local::template Grid<Number, d, degree, sums, values, layers, own_values>,
-                          CellOrder<Number, d>, d, sums>;
+    template <class Number, int d, int degree, int sums, int values, int layers, bool own_values = false,
+              int ungathered = 0>
+    using Grid = distributed::Grid<
+        typename Local::template Grid<Number, d, degree, sums, values, layers, own_values, ungathered>,
+        CellOrder<Number, d>, d, sums>;
 
     void validate() const { local.validate(); }
     void begin_scene() { partition = std::make_shared<distributed::Partition>(); }

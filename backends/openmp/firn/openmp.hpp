@@ -48,8 +48,10 @@ struct BasicOpenMP
     template <class Number, int d>
     using CellOrder = openmp::CellOrder<Number, d, lane_width<Lane<Number>>>;
     static constexpr int largest_degree = 3; ///< of a stencil, which spans one node more per axis
-    template <class Number, int d, int degree, int sums, int values, int layers, bool own_values = false>
-    using Grid = openmp::Grid<Number, d, degree, sums, values, lane_width<Lane<Number>>, layers, own_values>;
+    template <class Number, int d, int degree, int sums, int values, int layers, bool own_values = false,
+              int ungathered = 0>
+    using Grid = openmp::Grid<Number, d, degree, sums, values + ungathered, lane_width<Lane<Number>>, layers,
+                              own_values>;
 
     void validate() const
     {

@@ -30,8 +30,9 @@ struct Reference
     using ReadbackBuffer = reference::ReadbackBuffer<T>;
     template <class Number, int d>
     using CellOrder = reference::CellOrder<Number, d>;
-    template <class Number, int d, int degree, int sums, int values, int layers, bool own_values = false>
-    using Grid = reference::Grid<Number, d, degree, sums, values, layers, own_values>;
+    template <class Number, int d, int degree, int sums, int values, int layers, bool own_values = false,
+              int ungathered = 0>
+    using Grid = reference::Grid<Number, d, degree, sums, values + ungathered, layers, own_values>;
 
     void validate() const {} // works on every machine
 

@@ -40,4 +40,11 @@ concept TellsLayersApart = requires
     requires Phase::tells_layers_apart;
 };
 
+/// Whether a phase of nodes leaves the values that it does not set as they are. Else they are undefined.
+template <class Phase>
+concept KeepsValues = requires
+{
+    requires Phase::keeps_values;
+};
+
 } // namespace firn

@@ -195,6 +195,7 @@ struct ConcludeSolve : UpdateGrid<Space, Kernel, Transfer, Effects>
     using Update::d;
 
     using typename Update::Walls;
+    static constexpr bool keeps_values = true;
 
     bool at_rest;
     Number steps_of_impulse; ///< how often the impulse of stress fits into the step

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/cell_offset.hpp>
 #include <firn/core/components.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/phases/mirrored_node.hpp>
@@ -85,6 +86,48 @@ struct NodeInCoarse
     std::uint32_t flipped = 0; ///< a bit for each axis
 };
 
+/// The cells around a node that hold a particle: between nodes, by a bit for each corner of the node.
+template <int d>
+struct HeldCells
+{
+    Coordinates<d> node = zeros<Coordinates<d>>();
+    std::uint32_t corners = 0;
+
+    /// Calls `use(cell)` for each, by the lowest of its own nodes.
+    template <class Use>
+    void for_each(Use const& use) const
+    {
+        for (int corner = 0; corner < 1 << d; ++corner) {
+            if ((corners >> corner & 1) == 0) continue;
+            Coordinates<d> cell = node;
+            for (int a = 0; a < d; ++a) cell[a] -= (corner >> a) & 1;
+            use(cell);
+        }
+    }
+};
+
+/// Notes for each particle of a material in which of the cells around a node it lies.
+template <class Number, int d, class Nodes>
+struct NoteHeldCells
+{
+    Nodes nodes;
+    std::array<typename CellOffset<Number>::Stored const*, std::size_t(d)> offset;
+    bool between_nodes; ///< cells lie between nodes already, which they do for kernels of an odd degree
+    HeldCells<d>* held; ///< for each index of a node
+
+    FIRN_HOST_DEVICE void operator()(std::size_t place, Coordinates<d> const& cell) const
+    {
+        std::uint32_t const index = nodes.find(cell);
+        if (index == Nodes::absent) return;
+        int corner = 0;
+        if (!between_nodes)
+            for (int a = 0; a < d; ++a)
+                corner |= (CellOffset<Number>::exact(offset[std::size_t(a)][place]) < 0 ? 1 : 0) << a;
+        held[index].node = cell;
+        held[index].corners |= 1u << corner; // the particles of a cell are visited one after the other
+    }
+};
+
 /// Links each coarse node with the nodes that have mass. Images behind walls get the weights of the nodes
 /// whose images they are.
 template <class Space, class Kernel, class Transfer, class Effects, class Nodes>
@@ -109,13 +152,13 @@ struct LinkCoarseNodes
         for (int i = 0; i < Coarse::reached_count; ++i) {
             auto& to = reached[number * std::size_t(Coarse::reached_count) + std::size_t(i)];
             to = {};
-            Coordinates<d> const way = Coarse::offset(i), node = own.at * coarsening + way;
+            Coordinates<d> const way = Coarse::offset(i), node = own.at * int{coarsening} + way;
             if (is_image(walls, node)) continue;
             std::uint32_t const index = find(node);
             if (index == Nodes::absent) continue;
             to = {index, own.template weight<Number>(way)};
-            link(walls, node, 0, index, 0, {static_cast<std::uint32_t>(number), to.weight},
-                 Coarse::corner(way));
+            link<0>(walls, node, index, 0, {static_cast<std::uint32_t>(number), to.weight},
+                    Coarse::corner(way));
         }
     }
 
@@ -134,22 +177,23 @@ private:
         return is;
     }
     /// Links a node, and its images across walls of this axis and those behind it.
-    template <class Walls>
-    FIRN_HOST_DEVICE void link(Walls const& walls, Coordinates<d> const& node, int axis, std::uint32_t index,
+    template <int axis, class Walls>
+    FIRN_HOST_DEVICE void link(Walls const& walls, Coordinates<d> const& node, std::uint32_t index,
                                std::uint32_t flipped, NodeWeight<Number> const& by, int corner) const
     {
-        if (axis == d) {
+        if constexpr (axis == d) {
             if (index == Nodes::absent) return;
             linked[index].corners[std::size_t(corner)] = by;
             linked[index].flipped = flipped;
-            return;
         }
-        link(walls, node, axis + 1, index, flipped, by, corner);
-        for (WallPlane const& wall : walls) {
-            if (wall.axis != axis || !wall.mirrors(node[axis])) continue;
-            Coordinates<d> image = node;
-            image[axis] = wall.image(node[axis]);
-            link(walls, image, axis + 1, find(image), flipped | 1u << axis, by, corner);
+        else {
+            link<axis + 1>(walls, node, index, flipped, by, corner);
+            for (WallPlane const& wall : walls) {
+                if (wall.axis != axis || !wall.mirrors(node[axis])) continue;
+                Coordinates<d> image = node;
+                image[axis] = wall.image(node[axis]);
+                link<axis + 1>(walls, image, find(image), flipped | 1u << axis, by, corner);
+            }
         }
     }
 };
@@ -209,7 +253,7 @@ struct RestrictResidual
 
     Nodes nodes;
     NodeWeight<Number> const* reached;
-    Vector<Number, d>* residual;
+    Vector<double, d>* residual;
 
     FIRN_HOST_DEVICE void operator()(std::size_t number) const
     {
@@ -219,7 +263,7 @@ struct RestrictResidual
             if (!(w > Number(0))) continue;
             for (int a = 0; a < d; ++a) sum[a] += w * nodes.value(index, Own::residual + a);
         }
-        residual[number] = sum;
+        for (int a = 0; a < d; ++a) residual[number][a] = double(sum[a]);
     }
 };
 
@@ -233,7 +277,7 @@ struct ProlongCorrection
 
     Nodes nodes;
     NodeInCoarse<Number, d> const* linked;
-    Vector<Number, d> const* correction;
+    Vector<double, d> const* correction;
 
     FIRN_HOST_DEVICE void operator()(std::size_t index) const
     {
@@ -243,7 +287,7 @@ struct ProlongCorrection
         for (auto const& [number, w] : own.corners)
             if (w > Number(0)) {
                 any = true;
-                for (int a = 0; a < d; ++a) sum[a] += w * correction[number][a];
+                for (int a = 0; a < d; ++a) sum[a] += w * Number(correction[number][a]);
             }
         if (!any) return;
         for (int a = 0; a < d; ++a) {

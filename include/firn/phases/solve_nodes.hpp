@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/cell_work.hpp>
 #include <firn/phases/solve_phase.hpp>
+#include <firn/phases/solve_search.hpp>
 
 // The phases of nodes in which an implicit step finds its residual and searches: see solve_phase.hpp.
 namespace firn
@@ -71,10 +73,11 @@ struct AcceptVelocities : SolvePhase<Space, Kernel, Transfer>
 {
     using Phase = SolvePhase<Space, Kernel, Transfer>;
     using Phase::d;
-    using typename Phase::Own, typename Phase::Result, typename Phase::Values;
+    using typename Phase::Own, typename Phase::Values;
+    using Result = NothingFound;
 
     template <class Node>
-    FIRN_HOST_DEVICE void operator()(Node& node, Result&) const
+    FIRN_HOST_DEVICE void operator()(Node& node, NothingFound&) const
     {
         using Real = typename Node::Real;
         Vector<Real, d> const r = Phase::vector(node, Own::residual);
@@ -121,17 +124,20 @@ struct AdvanceSearch : FindCurvature<Space, Kernel, Transfer>
 {
     using Phase = SolvePhase<Space, Kernel, Transfer>;
     using Phase::d;
-    using typename Phase::Number, typename Phase::Own, typename Phase::Result, typename Phase::Values;
+    using typename Phase::Own, typename Phase::Values;
+    using Result = NothingFound;
 
-    Number along;
+    SearchState const* search;
 
     template <class Node>
-    FIRN_HOST_DEVICE void operator()(Node& node, Result&) const
+    FIRN_HOST_DEVICE void operator()(Node& node, NothingFound&) const
     {
         using Real = typename Node::Real;
+        if (search->has_ended) return;
+        Real const along(static_cast<ScalarOf<Real>>(search->along));
         Vector<Real, d> const p = Phase::vector(node, Values::velocity);
-        Phase::set(node, Own::change, Vector<Real, d>(Phase::vector(node, Own::change) + p * Real(along)));
-        Vector<Real, d> const r = Phase::vector(node, Own::residual) - this->times(node, p) * Real(along);
+        Phase::set(node, Own::change, Vector<Real, d>(Phase::vector(node, Own::change) + p * along));
+        Vector<Real, d> const r = Phase::vector(node, Own::residual) - this->times(node, p) * along;
         Phase::set(node, Own::residual, r);
         Phase::template precondition<Real>(node, r);
     }
@@ -164,17 +170,20 @@ struct TurnSearch : SolvePhase<Space, Kernel, Transfer>
 {
     using Phase = SolvePhase<Space, Kernel, Transfer>;
     using Phase::d;
-    using typename Phase::Number, typename Phase::Own, typename Phase::Result, typename Phase::Values;
+    using typename Phase::Own, typename Phase::Values;
+    using Result = NothingFound;
 
-    Number share;
+    SearchState const* search;
 
     template <class Node>
-    FIRN_HOST_DEVICE void operator()(Node& node, Result&) const
+    FIRN_HOST_DEVICE void operator()(Node& node, NothingFound&) const
     {
         using Real = typename Node::Real;
+        if (search->has_ended) return;
+        Real const share(static_cast<ScalarOf<Real>>(search->share));
         for (int a = 0; a < d; ++a)
             node.set(Values::velocity + a,
-                     node.value(Own::conditioned + a) + node.value(Values::velocity + a) * Real(share));
+                     node.value(Own::conditioned + a) + node.value(Values::velocity + a) * share);
     }
 };
 
@@ -184,12 +193,13 @@ struct ChooseVelocities : SolvePhase<Space, Kernel, Transfer>
 {
     using Phase = SolvePhase<Space, Kernel, Transfer>;
     using Phase::d;
-    using typename Phase::Number, typename Phase::Own, typename Phase::Result, typename Phase::Values;
+    using typename Phase::Number, typename Phase::Own, typename Phase::Values;
+    using Result = NothingFound;
 
     Number share;
 
     template <class Node>
-    FIRN_HOST_DEVICE void operator()(Node& node, Result&) const
+    FIRN_HOST_DEVICE void operator()(Node& node, NothingFound&) const
     {
         using Real = typename Node::Real;
         Phase::set(node, Values::velocity,

@@ -81,7 +81,7 @@ struct SolvePhase
     /// What the passes to particles and back sum: StressPass.
     using Sums = NodeSums<d, Fields<NodeMass, NodeMomentum>>;
     using Result = SolveSums<d>;
-    static constexpr bool looks_around = false;
+    static constexpr bool looks_around = false, keeps_values = true;
 
     template <class Node>
     FIRN_HOST_DEVICE static Vector<typename Node::Real, d> vector(Node const& node, int channel)

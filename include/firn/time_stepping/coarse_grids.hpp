@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/core/cell_offset.hpp>
+#include <firn/phases/coarse_ladder.hpp>
 #include <firn/phases/coarse_nodes.hpp>
 
 #include <algorithm>
@@ -9,7 +9,6 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <type_traits>
 #include <vector>
 
 // The coarse grids by which implicit steps are preconditioned.
@@ -88,42 +87,32 @@ class CoarseGrids
 
 public:
     explicit CoarseGrids(Backend const& backend)
-        : backend_(backend), coarse_(backend), reached_(backend), linked_(backend), weights_(backend),
-          residual_(backend), correction_(backend)
+        : backend_(backend), held_(backend), coarse_(backend), reached_(backend), linked_(backend)
     {}
 
-    bool are_there() const { return !levels_.empty(); }
-    void clear() { levels_.clear(); }
+    bool are_there() const { return are_there_; }
+    void clear() { are_there_ = false; }
 
-    /// Lists the nodes of all grids, for particles in these cells of the first one, and links the first one's
-    /// with the grid's own.
-    template <class Kernel, class Transfer, class Actions, class Nodes>
-    void begin(std::vector<Coordinates<d>> cells, StepContext<Number, Actions> const* now, Nodes const& nodes,
+    /// Makes the grids under the particles of all materials, and links the first one's nodes with the grid's
+    /// own.
+    template <class Kernel, class Transfer, class Sets, class Actions, class Nodes>
+    void begin(Sets const& sets, StepContext<Number, Actions> const* now, Nodes const& nodes,
                std::size_t node_count, Number smallest_mass)
     {
-        levels_.clear();
-        CoarseGrid<d>::make_unique(cells);
-        for (bool goes_on = !cells.empty(); goes_on;) {
-            goes_on = cells.size() > 1;
-            levels_.emplace_back();
-            levels_.back().grid.begin(cells);
-            for (auto& cell : cells)
-                for (int a = 0; a < d; ++a) cell[a] = floor_of(cell[a]);
-            CoarseGrid<d>::make_unique(cells);
-            goes_on = goes_on && levels_.size() < 8;
+        auto cells = cells_with_particles<Kernel>(sets, nodes, node_count);
+        are_there_ = !cells.empty();
+        if (!are_there_) return;
+        if (cells != cells_) { // mostly they are those of the step before
+            cells_ = cells;
+            make_levels(std::move(cells));
         }
-        if (!are_there()) return;
-        for (std::size_t l = 1; l < levels_.size(); ++l) link(l);
-        auto const& first = levels_.front().grid.nodes();
-        coarse_.resize(first.size(), 0);
-        coarse_.upload(0, first_copy_ = first);
-        reached_.resize(first.size() * std::size_t(Node::reached_count), 0);
+        std::size_t const count = levels_.front().size();
+        coarse_.resize(count, 0);
+        coarse_.upload(0, first_copy_ = levels_.front().grid.nodes());
+        reached_.resize(count * std::size_t(Node::reached_count), 0);
         linked_.resize(node_count, 0);
         linked_.fill(0, node_count, {});
-        weights_.resize(first.size(), 0);
-        residual_.resize(first.size(), 0);
-        correction_.resize(first.size(), 0);
-        backend_.for_each(first.size(),
+        backend_.for_each(count,
                           LinkCoarseNodes<Space, Kernel, Transfer, Actions, Nodes>{
                               now, nodes, smallest_mass, coarse_.data(), reached_.data(), linked_.data()});
     }
@@ -133,38 +122,20 @@ public:
     void weigh(Nodes const& nodes, bool at_rest, double stiffness_of_kernel)
     {
         auto& first = levels_.front();
-        backend_.for_each(first.grid.nodes().size(), WeighCoarseNodes<Space, Kernel, Transfer, Nodes>{
-                                                         nodes, reached_.data(), weights_.data(), at_rest});
-        first.weights.resize(first.grid.nodes().size());
-        weights_.download(0, first.weights);
-        for (std::size_t l = 1; l < levels_.size(); ++l) {
-            auto const& finer = levels_[l - 1].weights;
-            auto& own = levels_[l];
-            own.weights.assign(own.grid.nodes().size(), {});
-            own.for_each_link([&](std::size_t to, std::size_t from, double w) {
-                auto& sum = own.weights[to];
-                sum.mass += w * finer[from].mass;
-                sum.resists += w * finer[from].resists;
-                for (std::size_t a = 0; a < std::size_t(d); ++a) {
-                    sum.held[a] += w * finer[from].held[a];
-                    sum.held_squares[a] += w * w * finer[from].held[a];
-                }
-            });
-        }
+        backend_.for_each(first.size(), WeighCoarseNodes<Space, Kernel, Transfer, Nodes>{
+                                            nodes, reached_.data(), first.weights.data(), at_rest});
+        for (std::size_t l = 1; l < levels_.size(); ++l)
+            backend_.for_each(levels_[l].size(),
+                              WeighLevel<d>{levels_[l].finer.links(), levels_[l - 1].weights.data(),
+                                            levels_[l].weights.data()});
         double in_cells = 1; // of the grid's own, to a level's size
         for (auto& level : levels_) {
             in_cells *= coarsening;
-            level.inverse.resize(level.weights.size());
-            for (std::size_t i = 0; i < level.weights.size(); ++i) {
-                auto const& of = level.weights[i];
-                double const resists =
-                    of.resists * stiffness_of_interpolation / stiffness_of_kernel / (in_cells * in_cells);
-                for (int a = 0; a < d; ++a) {
-                    double const diagonal =
-                        (at_rest ? 0 : of.mass) + resists + of.held_squares[std::size_t(a)];
-                    level.inverse[i][a] = diagonal > 0 ? 1 / diagonal : 0;
-                }
-            }
+            backend_.for_each(
+                level.size(),
+                InvertDiagonal<d>{level.weights.data(), level.inverse_diagonal.data(),
+                                  stiffness_of_interpolation / stiffness_of_kernel / (in_cells * in_cells),
+                                  at_rest});
         }
     }
 
@@ -173,44 +144,29 @@ public:
     void correct(Nodes const& nodes, std::size_t node_count)
     {
         auto& first = levels_.front();
-        std::size_t const count = first.grid.nodes().size();
-        backend_.for_each(count, RestrictResidual<Space, Kernel, Transfer, Nodes>{nodes, reached_.data(),
-                                                                                  residual_.data()});
-        numbers_.resize(count);
-        residual_.download(0, numbers_);
-        first.values.resize(count);
-        for (std::size_t i = 0; i < count; ++i) first.values[i] = numbers_[i].template cast<double>();
-        for (std::size_t l = 1; l < levels_.size(); ++l) {
+        backend_.for_each(first.size(), RestrictResidual<Space, Kernel, Transfer, Nodes>{
+                                            nodes, reached_.data(), first.values.data()});
+        for (std::size_t l = 1; l < levels_.size(); ++l)
+            backend_.for_each(levels_[l].size(),
+                              RestrictLevel<d>{levels_[l].finer.links(), levels_[l - 1].values.data(),
+                                               levels_[l].values.data()});
+        for (std::size_t l = levels_.size(); l-- > 0;) {
             auto& own = levels_[l];
-            own.values.assign(own.grid.nodes().size(), zeros<Vector<double, d>>());
-            own.for_each_link([&](std::size_t to, std::size_t from, double w) {
-                own.values[to] += levels_[l - 1].values[from] * w;
-            });
+            bool const is_last = l + 1 == levels_.size();
+            backend_.for_each(own.size(), ProlongLevel<d>{is_last, own.coarser.links(),
+                                                          is_last ? nullptr : levels_[l + 1].values.data(),
+                                                          own.inverse_diagonal.data(), own.values.data()});
         }
-        for (auto& level : levels_)
-            for (std::size_t i = 0; i < level.values.size(); ++i)
-                for (int a = 0; a < d; ++a) level.values[i][a] *= level.inverse[i][a];
-        for (std::size_t l = levels_.size() - 1; l > 0; --l)
-            levels_[l].for_each_link([&](std::size_t to, std::size_t from, double w) {
-                levels_[l - 1].values[from] += levels_[l].values[to] * w;
-            });
-        for (std::size_t i = 0; i < count; ++i) numbers_[i] = first.values[i].template cast<Number>();
-        correction_.upload(0, numbers_);
         backend_.for_each(node_count, ProlongCorrection<Space, Kernel, Transfer, Nodes>{nodes, linked_.data(),
-                                                                                        correction_.data()});
+                                                                                        first.values.data()});
     }
 
     /// Bytes held for loops.
     std::size_t memory() const
     {
-        return coarse_.memory() + reached_.memory() + linked_.memory() + weights_.memory() +
-               residual_.memory() + correction_.memory();
-    }
-
-    /// The cell of the first coarse grid in which something lies at an offset from the middle of a cell.
-    static int cell_of(int cell, double offset)
-    {
-        return static_cast<int>(std::floor((double(cell) + offset) / coarsening));
+        std::size_t bytes = held_.memory() + coarse_.memory() + reached_.memory() + linked_.memory();
+        for (auto const& level : levels_) bytes += level.memory();
+        return bytes;
     }
 
 private:
@@ -218,52 +174,127 @@ private:
     /// cube whose sides resist along one axis, and shear along the others.
     static constexpr double stiffness_of_interpolation = 1;
 
-    static int floor_of(int cell) { return static_cast<int>(std::floor(double(cell) / coarsening)); }
-
-    struct Link
+    /// Links of a grid's nodes with those of another grid of the ladder.
+    struct Links
     {
-        std::uint32_t to, from; ///< a node, and one of the finer grid
-        double weight;
+        Array<std::uint32_t> begin;
+        Array<NodeWeight<double>> of;
+
+        explicit Links(Backend const& backend) : begin(backend), of(backend) {}
+
+        void set(std::vector<std::vector<NodeWeight<double>>> const& by_node)
+        {
+            std::vector<std::uint32_t> begins{0};
+            std::vector<NodeWeight<double>> all;
+            for (auto const& links : by_node) {
+                all.insert(all.end(), links.begin(), links.end());
+                begins.push_back(static_cast<std::uint32_t>(all.size()));
+            }
+            begin.resize(begins.size(), 0);
+            begin.upload(0, begins);
+            of.resize(all.size(), 0);
+            of.upload(0, all);
+        }
+        LadderLinks links() { return {begin.data(), of.data()}; }
+        std::size_t memory() const { return begin.memory() + of.memory(); }
     };
+    /// One of the grids.
     struct Level
     {
         CoarseGrid<d> grid;
-        std::vector<Link> links; ///< with the finer grid of the ladder
-        std::vector<CoarseWeights<d>> weights;
-        std::vector<Vector<double, d>> inverse, values;
+        Links finer, coarser;
+        Array<CoarseWeights<d>> weights;
+        Array<Vector<double, d>> inverse_diagonal, values;
 
-        template <class Use>
-        void for_each_link(Use const& use) const
+        explicit Level(Backend const& backend)
+            : finer(backend), coarser(backend), weights(backend), inverse_diagonal(backend), values(backend)
+        {}
+        void begin(std::vector<Coordinates<d>> const& cells)
         {
-            for (Link const& link : links) use(std::size_t(link.to), std::size_t(link.from), link.weight);
+            grid.begin(cells);
+            weights.resize(size(), 0);
+            inverse_diagonal.resize(size(), 0);
+            values.resize(size(), 0);
+        }
+        std::size_t size() const { return grid.nodes().size(); }
+        std::size_t memory() const
+        {
+            return finer.memory() + coarser.memory() + weights.memory() + inverse_diagonal.memory() +
+                   values.memory();
         }
     };
 
-    void link(std::size_t l)
+    static Coordinates<d> coarse_cell(Coordinates<d> cell)
     {
-        auto& own = levels_[l];
-        auto const& finer = levels_[l - 1].grid;
-        for (std::size_t number = 0; number < own.grid.nodes().size(); ++number) {
+        for (int a = 0; a < d; ++a)
+            cell[a] = cell[a] >= 0 ? cell[a] / coarsening : -1 - (-1 - cell[a]) / coarsening;
+        return cell;
+    }
+
+    /// The cells of the first coarse grid that hold a particle, in one order.
+    template <class Kernel, class Sets, class Nodes>
+    std::vector<Coordinates<d>> cells_with_particles(Sets const& sets, Nodes const& nodes,
+                                                     std::size_t node_count)
+    {
+        held_.resize(node_count, 0);
+        held_.fill(0, node_count, {});
+        Sets::for_each([&](auto k) {
+            auto const& table = sets.template particles<k>();
+            backend_.for_each_place(table.cells(),
+                                    NoteHeldCells<Number, d, Nodes>{nodes, table.ordered().offset,
+                                                                    Kernel::degree % 2 != 0, held_.data()});
+        });
+        std::vector<HeldCells<d>> held(node_count);
+        held_.download(0, held);
+        std::vector<Coordinates<d>> cells;
+        for (auto const& of : held)
+            of.for_each([&](Coordinates<d> const& cell) {
+                auto const at = coarse_cell(cell);
+                if (cells.empty() || cells.back() != at) cells.push_back(at);
+            });
+        CoarseGrid<d>::make_unique(cells);
+        return cells;
+    }
+
+    void make_levels(std::vector<Coordinates<d>> cells)
+    {
+        levels_.clear();
+        for (bool goes_on = true; goes_on;) {
+            goes_on = cells.size() > 1 && levels_.size() < 7;
+            levels_.emplace_back(backend_);
+            levels_.back().begin(cells);
+            for (auto& cell : cells) cell = coarse_cell(cell);
+            CoarseGrid<d>::make_unique(cells);
+        }
+        for (std::size_t l = 1; l < levels_.size(); ++l) link(levels_[l], levels_[l - 1]);
+    }
+    static void link(Level& own, Level& finer)
+    {
+        std::vector<std::vector<NodeWeight<double>>> down(own.size()), up(finer.size());
+        for (std::size_t number = 0; number < own.size(); ++number) {
             Node const& node = own.grid.nodes()[number];
             for (int i = 0; i < Node::reached_count; ++i) {
                 Coordinates<d> const way = Node::offset(i);
-                std::uint32_t const from = finer.find(node.at * coarsening + way);
+                std::uint32_t const from = finer.grid.find(node.at * coarsening + way);
                 if (from == Node::absent) continue;
-                own.links.push_back(
-                    {static_cast<std::uint32_t>(number), from, node.template weight<double>(way)});
+                double const weight = node.template weight<double>(way);
+                down[number].push_back({from, weight});
+                up[from].push_back({static_cast<std::uint32_t>(number), weight});
             }
         }
+        own.finer.set(down);
+        finer.coarser.set(up);
     }
 
     Backend backend_;
+    bool are_there_ = false;
+    std::vector<Coordinates<d>> cells_; ///< those under which the levels were made
     std::vector<Level> levels_;
     std::vector<Node> first_copy_;
-    std::vector<Vector<Number, d>> numbers_;
+    Array<HeldCells<d>> held_;
     Array<Node> coarse_;
     Array<NodeWeight<Number>> reached_;
     Array<NodeInCoarse<Number, d>> linked_;
-    Array<CoarseWeights<d>> weights_;
-    Array<Vector<Number, d>> residual_, correction_;
 };
 
 } // namespace firn

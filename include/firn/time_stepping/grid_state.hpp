@@ -33,8 +33,9 @@ public:
     static constexpr int d = Space::dimension;
     using Grid =
         typename Backend::template Grid<Number, d, Kernel::degree, NodeSums<d, SumsOf<Transfer>>::channels,
-                                        values_of_node<Transfer, Kernel, d>, static_cast<int>(Sets::count),
-                                        Sets::are_bodies>;
+                                        NodeValues<d, ValuesOf<Transfer>>::template channels<Kernel>,
+                                        static_cast<int>(Sets::count), Sets::are_bodies,
+                                        values_of_solve<Transfer, Kernel, d>>;
     template <std::size_t k>
     using MaterialTraits = typename Sets::template MaterialTraits<k>;
     /// The scatter phase of a material.

@@ -4,6 +4,7 @@
 #include <firn/core/cell_offset.hpp>
 #include <firn/particles/storage.hpp>
 #include <firn/phases/solve_particles.hpp>
+#include <firn/phases/solve_search.hpp>
 #include <firn/state/save_restore.hpp>
 #include <firn/time_stepping/time_loop.hpp>
 
@@ -113,11 +114,15 @@ RestReport TimeLoop<Scene>::settle(Scene& scene, Effects const&... effects)
             step.rebin();
             step.activate_grid();
             step.scatter_missing();
-            auto const reactions = step.update_grid(0);
-            solved = step.is_solved(0);
-            step.end(0, true); // the grid has no velocities of the last step
+            solved = step.solve();
             report.reactions.clear();
-            groups_.template append_reactions<Effects...>(reactions, scene.masses.unit, report.reactions);
+            if (solved) {
+                using Result = Reactions<decltype(step)::Actions::obstacles>;
+                typename Scene::Backend::template ReadbackBuffer<Result> buffer(scene.backend);
+                auto const reactions = merged_result(scene.backend, buffer, step.update_grid(0));
+                groups_.template append_reactions<Effects...>(reactions, scene.masses.unit, report.reactions);
+            }
+            step.end(0, true); // the grid has no velocities of the last step
         });
         if (!solved) return false;
         std::array<std::vector<Vector<Number, d>>, Sets::count> ways;

@@ -3,6 +3,8 @@
 
 #include <firn/particles/storage.hpp>
 #include <firn/phases/solve_particles.hpp>
+#include <firn/phases/solve_phase.hpp>
+#include <firn/phases/solve_search.hpp>
 #include <firn/time_stepping/coarse_grids.hpp>
 #include <firn/time_stepping/solve_report.hpp>
 #include <firn/transfer/integrators.hpp>
@@ -25,9 +27,15 @@ class SolveMemory
                                  TrialFields<typename Sets::template MaterialTraits<k>::Model>>;
 
 public:
-    explicit SolveMemory(Backend const& backend) : coarse(backend), backend_(backend) {}
+    static constexpr int d = Sets::Space::dimension;
 
-    CoarseGrids<Backend, typename Sets::Space> coarse; ///< that precondition
+    explicit SolveMemory(Backend const& backend)
+        : coarse(backend), search(backend), sums(backend), backend_(backend)
+    {}
+
+    CoarseGrids<Backend, typename Sets::Space> coarse;             ///< that precondition
+    typename Backend::template ReadbackBuffer<SearchState> search; ///< where loops run
+    typename Backend::template ReadbackBuffer<SolveSums<d>> sums;  ///< what the host reads of nodes
 
     SolveReport report{};          ///< of the last step; its counts are those of the call
     char const* refused = nullptr; ///< why the last step cannot be solved at all, if so

@@ -2,7 +2,6 @@
 #pragma once
 
 #include <firn/core/all_ranks.hpp>
-#include <firn/core/cell_offset.hpp>
 #include <firn/core/components.hpp>
 #include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
@@ -10,6 +9,7 @@
 #include <firn/phases/begin_solve.hpp>
 #include <firn/phases/solve_nodes.hpp>
 #include <firn/phases/solve_particles.hpp>
+#include <firn/phases/solve_search.hpp>
 #include <firn/time_stepping/solve_memory.hpp>
 #include <firn/time_stepping/solve_report.hpp>
 #include <firn/time_stepping/step_log.hpp>
@@ -20,7 +20,6 @@
 #include <cstddef>
 #include <limits>
 #include <utility>
-#include <vector>
 
 // The velocities of nodes at the end of an implicit step, by Newton's method.
 namespace firn
@@ -73,9 +72,6 @@ class SolveStep
     using PassOf = Pass<Space, typename MaterialTraits<k>::Model, Kernel, typename Transfer::Explicit,
                         typename MaterialTraits<k>::Stored>;
 
-    static_assert(!Backend::queues,
-                  "implicit steps need a backend whose loops have finished when they return: "
-                  "choose another backend, or SymplecticEuler");
     static_assert(
         []<std::size_t... k>(std::index_sequence<k...>) {
             return (
@@ -110,7 +106,7 @@ public:
     {
         report_.begin_step();
         own_.refused = nullptr;
-        Sums const start = on_nodes(BesideWalls<BeginSolve<Space, Kernel, Transfer, Actions>, Actions>{
+        Sums const start = sums_on_nodes(BesideWalls<BeginSolve<Space, Kernel, Transfer, Actions>, Actions>{
             {update(), at_rest_, static_cast<Number>(part_)}, now_});
         mass_ = start.first;
         if (!(mass_ > 0)) return report_.converged = true;
@@ -159,25 +155,37 @@ private:
                                              false);
     }
 
+    /// Calls a phase for all nodes; returns what they found, or a handle to it.
     template <class Phase>
-    Sums on_nodes(Phase const& phase) const
+    auto on_nodes(Phase const& phase) const
     {
         return memory_.backend.for_each_node(scene_.sets.orders(), grid(), phase);
     }
+    /// What they found, once the loop has finished.
+    template <class Phase>
+    Sums sums_on_nodes(Phase const& phase) const
+    {
+        return merged_result(memory_.backend, own_.sums, on_nodes(phase));
+    }
     /// What nodes do with the sums of a pass, which are the next step's until then.
     template <class Phase>
-    Sums on_passed(Phase const& phase) const
+    auto on_passed(Phase const& phase) const
     {
         grid().swap();
-        Sums const found = on_nodes(BesideWalls<Phase, Actions>{phase, now_});
+        auto const found = on_nodes(BesideWalls<Phase, Actions>{phase, now_});
         grid().swap();
         return found;
+    }
+    /// Calls a function object with the sums that nodes found, where loops run.
+    template <class Found, class Body>
+    void call(Found const& found, Body const& body) const
+    {
+        call_with(memory_.backend, found, body);
     }
     /// A pass from nodes to particles and back.
     template <template <class, class, class, class, class> class Pass>
     void pass()
     {
-        ++report_.passes;
         Sets::for_each([&](auto k) {
             auto& table = scene_.sets.template particles<k>();
             auto layer = grid().layer(k);
@@ -198,13 +206,15 @@ private:
     Sums residual(bool is_first = false)
     {
         pass<TryVelocities>();
+        ++report_.passes;
         double const in_cells = dt_ / memory_.lattice.cell_size;
-        return on_passed(FindResidual<Space, Kernel, Transfer>{
+        auto const found = on_passed(FindResidual<Space, Kernel, Transfer>{
             {},
             at_rest_,
             is_first,
             static_cast<Number>(own_.left_out),
             static_cast<Number>(stiffness_of_kernel * in_cells * in_cells)});
+        return merged_result(memory_.backend, own_.sums, found);
     }
 
     /// Finds anew which nodes obstacles hold, and how they rub, at the velocities that were tried. Returns
@@ -237,30 +247,35 @@ private:
         if (own_.coarse.are_there())
             own_.coarse.template weigh<Kernel, Transfer>(grid().nodes_by_index(), at_rest_,
                                                          stiffness_of_kernel);
-        double rz = condition(), slope = 0, before = 1;
-        double const enough = by_.forcing * by_.forcing * rz;
-        for (int i = 0; i < by_.linear && rz > 0; ++i) {
-            on_nodes(TurnSearch<Space, Kernel, Transfer>{{}, static_cast<Number>(i > 0 ? rz / before : 0)});
-            pass<ProductOfStress>();
-            ++report_.products;
-            double const curvature = on_passed(FindCurvature<Space, Kernel, Transfer>{{}, at_rest_}).first;
-            bool const falls = curvature > 0 && is_finite(curvature);
-            if (!falls && i > 0) break; // what was found until here is a descent
-            double const along = falls ? rz / curvature : 1;
-            on_passed(AdvanceSearch<Space, Kernel, Transfer>{{{}, at_rest_}, static_cast<Number>(along)});
-            slope -= along * rz;
-            before = rz;
-            rz = condition();
-            if (!falls || !(rz > enough)) break;
+        own_.search.resize(1);
+        SearchState* const search = own_.search.data();
+        call(condition(), BeginSearch<d>{search, by_.forcing});
+        SearchState now;
+        for (int queued = 0; queued < by_.linear && !now.has_ended;) {
+            int const ahead = Backend::queues ? now.expected(by_.linear - queued) : 1;
+            for (int i = 0; i < ahead; ++i) iterate(search);
+            queued += ahead;
+            now = *own_.search.read();
         }
-        return slope;
+        report_.products += now.products;
+        report_.passes += now.products;
+        return now.slope;
     }
-    /// Completes the preconditioned residual z by what coarse grids find. Returns r z.
-    double condition()
+    /// An iteration of conjugate gradients.
+    void iterate(SearchState* search)
+    {
+        on_nodes(TurnSearch<Space, Kernel, Transfer>{{}, search});
+        pass<ProductOfStress>();
+        call(on_passed(FindCurvature<Space, Kernel, Transfer>{{}, at_rest_}), ChooseLength<d>{search});
+        on_passed(AdvanceSearch<Space, Kernel, Transfer>{{{}, at_rest_}, search});
+        call(condition(), ChooseDirection<d>{search});
+    }
+    /// Completes the preconditioned residual z by what coarse grids find. Returns r z, or a handle to it.
+    auto condition()
     {
         if (own_.coarse.are_there())
             own_.coarse.template correct<Kernel, Transfer>(grid().nodes_by_index(), grid().node_count());
-        return on_nodes(BesideWalls<ProjectConditioned<Space, Kernel, Transfer>, Actions>{{}, now_}).first;
+        return on_nodes(BesideWalls<ProjectConditioned<Space, Kernel, Transfer>, Actions>{{}, now_});
     }
     /// Makes the coarse grids under the particles. They know no ends of a periodic lattice.
     void make_coarse_grids()
@@ -268,19 +283,7 @@ private:
         bool is_periodic = false;
         for (int const period : memory_.lattice.periods) is_periodic = is_periodic || period != 0;
         if (!by_.coarse || is_periodic) return;
-        std::vector<Coordinates<d>> cells;
-        Sets::for_each([&](auto k) {
-            auto const& table = scene_.sets.template particles<k>();
-            auto const offsets = table.ordered().offset;
-            table.cells().for_each([&](std::size_t place, Coordinates<d> const& cell) {
-                Coordinates<d> at;
-                for (int a = 0; a < d; ++a)
-                    at[a] = own_.coarse.cell_of(cell[a],
-                                                CellOffset<Number>::exact(offsets[std::size_t(a)][place]));
-                if (cells.empty() || cells.back() != at) cells.push_back(at);
-            });
-        });
-        own_.coarse.template begin<Kernel, Transfer>(std::move(cells), now_, grid().nodes_by_index(),
+        own_.coarse.template begin<Kernel, Transfer>(scene_.sets, now_, grid().nodes_by_index(),
                                                      grid().node_count(), scene_.smallest_node_mass);
     }
 

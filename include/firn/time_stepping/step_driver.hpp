@@ -13,6 +13,7 @@ namespace firn
 ///   activate_grid     blocks of nodes under these cells
 ///   scatter_missing   P2G: particles that were added or changed, or for another dt, scatter to the nodes
 ///   find_shifts       at intervals: how far particles of a fluid that keeps its volume are moved
+///   solve             implicit steps: the velocities that go with the stress at their end
 ///   update_grid       momentum becomes velocity; forces, gravity and obstacles act on it
 ///   g2p2g             G2P and P2G: particles gather velocities, move, deform, and scatter to the next grid
 ///   finish_step       the next dt, by the bounds that the particles found; which of them failed
@@ -41,8 +42,8 @@ public:
         step.activate_grid();
         step.scatter_missing();
         step.find_shifts();
-        auto const reactions = step.update_grid(0);
-        if (step.is_solved(0)) {
+        if (step.solve()) {
+            auto const reactions = step.update_grid(0);
             auto const found = step.g2p2g(0);
             step.finish_step(0, reactions, found);
         }

@@ -103,17 +103,27 @@ public:
         }
     }
 
+    /// Finds the velocities of an implicit step, which take up the first of a batch. If they are not found,
+    /// returns false and logs that the step failed.
+    bool solve()
+    {
+        if constexpr (StepsImplicitly<Transfer>) {
+            if (solve_step(0).solve()) return true;
+            memory_.backend.for_each(1, LogUnsolved<Entry>{log_, 0});
+            return false;
+        }
+        else
+            return true;
+    }
+
     /// Nodes turn momentum into velocity, on which the effects act, and last of them the obstacles that act
     /// at their surface. Returns the reactions of obstacles, or a handle to them.
     auto update_grid(int step)
     {
         constexpr bool at_surfaces = Actions::groups_at_surface > 0;
         for_each_group([&](auto& group) { group.begin(begun(step)); });
-        if constexpr (StepsImplicitly<Transfer>) {
-            SolveStep<Backend, Sets, Kernel, Transfer, Actions> solve(memory_, scene_, now(step));
-            is_solved_ = solve.solve();
-            return solve.conclude();
-        }
+        if constexpr (StepsImplicitly<Transfer>)
+            return solve_step(step).conclude();
         else {
             scene_.grid_state.extend_velocities(scene_.sets, scene_.smallest_node_mass);
             [[maybe_unused]] std::uint32_t points = 0;
@@ -129,15 +139,6 @@ public:
             if constexpr (at_surfaces) act_at_surfaces(memory_, scene_, points, now(step));
             return reactions;
         }
-    }
-
-    /// Whether the grid update has found velocities: those of implicit steps may not converge. If not, the
-    /// step is logged as one that failed.
-    bool is_solved(int step) const
-    {
-        if constexpr (StepsImplicitly<Transfer>)
-            if (!is_solved_) memory_.backend.for_each(1, LogUnsolved<Entry>{log_, step});
-        return is_solved_;
     }
 
     /// Particles gather velocities, move, and scatter to the grid of the next step. Returns what they found,
@@ -251,6 +252,10 @@ private:
         if constexpr (detail::has_groups<Effects>)
             for (auto* const group : scene_.groups) use(*group);
     }
+    auto solve_step(int step) const
+    {
+        return SolveStep<Backend, Sets, Kernel, Transfer, Actions>(memory_, scene_, now(step));
+    }
     BegunStep begun(int step) const
     {
         return {step, &log_[step].after.time_state.now.interval, step > 0 ? &log_[step].taken : nullptr};
@@ -303,7 +308,6 @@ private:
     Storage* storage_;             ///< where steps run
     Entry* log_;                   ///< where steps run
     Entry const* heard_ = nullptr; ///< the host's copy of the log
-    bool is_solved_ = true;        ///< see is_solved()
     /// Of each material: whether the gathered fields were cached before the batch, and whether its steps
     /// write them. Steps must write them where obstacles push particles, which sets velocities that cannot be
     /// regathered, and where particles may be removed after a failed step, which has overwritten the grid.

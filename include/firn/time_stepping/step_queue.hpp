@@ -58,9 +58,11 @@ public:
     template <class Effects>
     using Steps = QueuedSteps<Backend, Sets, Kernel, Transfer, Effects>;
 
-    /// How many steps of `most` to take at once: as many as the backend queues.
+    /// How many steps of `most` to take at once: as many as the backend queues. The host takes part in each
+    /// implicit one.
     int steps_at_once(Memory const& memory, Scene const& scene, std::size_t most) const
     {
+        if (StepsImplicitly<Transfer>) return 1;
         return static_cast<int>(std::min(most, memory.backend.steps_to_queue(scene.sets.orders(), blindly_)));
     }
 
@@ -75,7 +77,11 @@ public:
         steps.activate_grid();
         steps.scatter_missing();
         steps.find_shifts();
-        QueueOutcome const ran = steps.backend().run_steps(steps, steps.most());
+        QueueOutcome ran{.queued = 1};
+        if (steps.solve())
+            ran = steps.backend().run_steps(steps, steps.most());
+        else
+            steps.read_log();
 
         int const taken = steps.taken();
         bool const has_failed = taken < ran.queued && steps.has_failed();

@@ -193,14 +193,14 @@ struct SolveValues
     }
 };
 
-/// How many values a node has with a transfer: those of the scheme, and what its integrator needs.
+/// How many values a node has beside those that particles gather: what the integrator of a transfer needs.
 template <class Transfer, class Kernel, int d>
-inline constexpr int values_of_node = [] {
-    constexpr int of_transfer = NodeValues<d, ValuesOf<Transfer>>::template channels<Kernel>;
+inline constexpr int values_of_solve = [] {
     if constexpr (StepsImplicitly<Transfer>)
-        return of_transfer + SolveValues<d, ValuesOf<Transfer>, of_transfer>::channels;
+        return SolveValues<d, ValuesOf<Transfer>,
+                           NodeValues<d, ValuesOf<Transfer>>::template channels<Kernel>>::channels;
     else
-        return of_transfer;
+        return 0;
 }();
 
 } // namespace firn

@@ -77,7 +77,7 @@ struct GridShape
 /// into. A node adds up the tiles that cover it in a fixed order, layer by layer: no atomics, and no result
 /// that depends on how a device schedules its work. All layers share the nodes' values, or each has its own.
 template <class NumberType, int d, int degree, int sums, int values, int layer_count = 1,
-          bool own_values = false>
+          bool own_values = false, int ungathered_count = 0>
 class Grid : public GridShape<NumberType, d, degree, sums, values>
 {
     using Base = GridShape<NumberType, d, degree, sums, values>;
@@ -87,6 +87,8 @@ public:
     using typename Base::Number, typename Base::Shape, typename Base::TileShape, typename Base::Sums,
         typename Base::Values;
     static constexpr int layers = layer_count;
+    static constexpr int values_count = values;
+    static constexpr int ungathered = ungathered_count; ///< values of a node beside those that items gather
 
     /// The tiles over a block of nodes, as loops see them.
     struct Cover
@@ -95,18 +97,33 @@ public:
             covered_by; ///< per block of nodes and corner: the block of cells at - corner, or absent
         Sums const* tiles;
     };
+    /// Those values of all nodes that items do not gather, channel by channel: beside the others they would
+    /// fill the shared memory of loops that gather.
+    struct Ungathered
+    {
+        Number* ungathered;
+    };
+    struct NothingUngathered
+    {};
     /// The nodes as loops see them.
-    struct View
+    struct View : std::conditional_t<(ungathered > 0), Ungathered, NothingUngathered>
     {
         std::uint64_t const* keys; ///< of blocks of nodes
         Cover layer[layers];
         Values* node_values; ///< per block of nodes
-        std::size_t count;   ///< of the values of a layer, if each has its own
+        std::size_t count;   ///< of nodes
         Periods<d> periods;  ///< of blocks
 
         FIRN_HOST_DEVICE Values* values_of(std::size_t layer_number) const
         {
             return node_values + (own_values ? layer_number * count : 0);
+        }
+        /// A value of node i of all.
+        FIRN_HOST_DEVICE Number& value(std::size_t i, int channel) const
+        {
+            if constexpr (ungathered > 0)
+                if (channel >= values) return this->ungathered[std::size_t(channel - values) * count + i];
+            return node_values[i].of[channel];
         }
     };
 
@@ -181,18 +198,16 @@ public:
         if (set_.memory() == 0) set_.reserve(2 * all_blocks(orders) + BlockSet::few);
         for (std::size_t l = 0; l < layers; ++l) find_nodes(tiles_[l], *orders[l]);
         for (std::size_t l = 0; l < layers; ++l) tie(tiles_[l], *orders[l]);
-        values_.renew((own_values ? layers : 1) * std::size_t(set_.size()) * Shape::cells);
+        values_.renew((own_values ? layers : 1) * node_count());
+        if constexpr (ungathered > 0) ungathered_.renew(std::size_t(ungathered) * node_count());
     }
 
     Queue const& queue() const { return queue_; }
     std::uint32_t node_blocks() const { return set_.size(); }
     View view() const
     {
-        View view{set_.keys(),
-                  {},
-                  const_cast<Values*>(values_.data()),
-                  std::size_t(set_.size()) * Shape::cells,
-                  periods_};
+        View view{{}, set_.keys(), {}, const_cast<Values*>(values_.data()), node_count(), periods_};
+        if constexpr (ungathered > 0) view.ungathered = const_cast<Number*>(ungathered_.data());
         for (std::size_t l = 0; l < layers; ++l)
             view.layer[l] = {tiles_[l].covered_by.data(), tiles_[l].of[0].data()};
         return view;
@@ -251,7 +266,7 @@ public:
         }
         __device__ Number& value(std::uint32_t index, int channel) const
         {
-            return grid.node_values[index].of[channel];
+            return grid.value(index, channel);
         }
     };
     Nodes nodes_by_index() { return {view(), set_.view()}; }
@@ -268,7 +283,7 @@ public:
 
     std::size_t memory() const
     {
-        std::size_t bytes = set_.memory() + values_.memory() + node_results_.memory();
+        std::size_t bytes = set_.memory() + values_.memory() + ungathered_.memory() + node_results_.memory();
         for (Tiles const& tiles : tiles_) bytes += tiles.memory();
         return bytes;
     }
@@ -277,7 +292,8 @@ private:
     template <std::size_t... l>
     Grid(Queue const& queue, Periods<d> const& periods, std::index_sequence<l...>)
         : queue_(queue), periods_(periods.in_blocks([](int) { return int{Shape::extent}; })),
-          set_(queue), tiles_{(static_cast<void>(l), Tiles(queue))...}, values_(queue), node_results_(queue)
+          set_(queue), tiles_{(static_cast<void>(l), Tiles(queue))...}, values_(queue), ungathered_(queue),
+          node_results_(queue)
     {}
 
     template <class Order>
@@ -366,6 +382,7 @@ private:
     std::uint64_t numbering_ = 0;
     std::array<Tiles, static_cast<std::size_t>(layers)> tiles_;
     Array<Values> values_;
+    Array<Number> ungathered_;
     Results node_results_;
 };
 

@@ -181,6 +181,25 @@ struct Partial
     }
 };
 
+namespace detail
+{
+inline constexpr std::uint32_t merging_warps = 8;
+
+/// Merges what a loop found, and calls a function object with it.
+template <class Result, class Body>
+__global__ void __launch_bounds__(merging_warps * 32) merge_and_call(Partial<Result> of, Body body)
+{
+    __shared__ __align__(16) unsigned char memory[merging_warps * sizeof(Result)];
+    auto* const parts = reinterpret_cast<Result*>(memory);
+    std::uint32_t const warp = threadIdx.x / 32;
+    of.merge(warp, merging_warps, parts);
+    __syncthreads();
+    if (warp > 0) return;
+    Result const all = Partial<Result>::whole(parts, merging_warps);
+    if (threadIdx.x == 0) body(all);
+}
+} // namespace detail
+
 /// The results of a loop's groups of threads.
 class Results
 {

@@ -117,6 +117,87 @@ private:
     Coordinates<d> at_;
 };
 
+/// The values of one node where they lie, since a phase keeps those that it does not set.
+template <class GridType>
+class ValuesInPlace
+{
+public:
+    using Number = typename GridType::Number;
+
+    __device__ ValuesInPlace(typename GridType::View const& grid, std::size_t i) : grid_(grid), i_(i) {}
+
+    __device__ Number value(int channel) const { return grid_.value(i_, channel); }
+    __device__ void set(int channel, Number value) const { grid_.value(i_, channel) = value; }
+
+private:
+    typename GridType::View const& grid_;
+    std::size_t i_;
+};
+
+/// One node on a grid that has values which items do not gather.
+template <class GridType, int d>
+class NodeInPlace : public ValuesInPlace<GridType>
+{
+public:
+    using Real = typename GridType::Number;
+
+    __device__ NodeInPlace(ValuesInPlace<GridType> const& values, typename GridType::Sums const& sums,
+                           Coordinates<d> const& at)
+        : ValuesInPlace<GridType>(values), sums_(sums), at_(at)
+    {}
+
+    __device__ Real sum(int channel) const { return sums_.of[channel]; }
+    __device__ Coordinates<d> first() const { return at_; }
+    __device__ static Vector<Real, d> offset() { return Vector<Real, d>::Zero(); }
+
+private:
+    typename GridType::Sums const& sums_;
+    Coordinates<d> at_;
+};
+
+/// The same of a node that reads the sums of others.
+template <class GridType, int d>
+class LoneNodeInPlace : public LoneNode<GridType, d>
+{
+public:
+    using Real = typename GridType::Number;
+
+    __device__ LoneNodeInPlace(ValuesInPlace<GridType> const& values, LoneNode<GridType, d> const& node)
+        : LoneNode<GridType, d>(node), values_(values)
+    {}
+
+    __device__ Real value(int channel) const { return values_.value(channel); }
+    __device__ void set(int channel, Real value) const { values_.set(channel, value); }
+
+private:
+    ValuesInPlace<GridType> values_;
+};
+
+/// Calls a phase for node i of all, whose values it reads and sets where they lie.
+template <class GridType, class Phase, class Blocks, int d>
+__device__ __forceinline__ void update_in_place(Phase const& phase, typename GridType::View const& grid,
+                                                [[maybe_unused]] Blocks const& blocks, std::size_t i,
+                                                Coordinates<d> const& here, Coordinates<d> const& node,
+                                                typename Phase::Result& result)
+{
+    bool any = false;
+    auto const sums = sum_of_tiles<GridType, d>(grid, blockIdx.x, here, any);
+    ValuesInPlace<GridType> const values(grid, i);
+    if constexpr (!KeepsValues<Phase>)
+        for (int c = 0; c < GridType::values_count + GridType::ungathered; ++c) values.set(c, 0);
+    if (!any) return; // nothing was added to it
+    if constexpr (Phase::looks_around) {
+        auto const walls = phase.walls();
+        if (phase.looks_around_at(walls, node, 1)) {
+            LoneNodeInPlace<GridType, d> lane(values, {grid, blocks, node});
+            phase.look_around(walls, lane, result);
+            return;
+        }
+    }
+    NodeInPlace<GridType, d> lane(values, sums, node);
+    phase(lane, result);
+}
+
 /// One node with the sums and values of each layer, for a phase that tells them apart.
 template <class GridType, int d>
 class NodeOfLayers
@@ -201,6 +282,8 @@ __global__ void __launch_bounds__(block_threads)
         if (lane.has_any()) phase(lane, result);
         lane.write(i);
     }
+    else if constexpr (GridType::ungathered > 0)
+        update_in_place<GridType>(phase, grid, blocks, i, here, node, result);
     else {
         bool any = false, alone = false;
         typename GridType::Sums const sums = sum_of_tiles<GridType, d>(grid, blockIdx.x, here, any);

@@ -1,0 +1,122 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/finite.hpp>
+#include <firn/core/host_device.hpp>
+#include <firn/phases/solve_phase.hpp>
+
+#include <algorithm>
+#include <cmath>
+
+// The numbers of a search by conjugate gradients, which lie where loops run: phases read them, so that a
+// backend can queue iterations before the host knows how those before went.
+namespace firn
+{
+
+/// How far a search is. r is the residual, z the preconditioned one, p the direction.
+struct SearchState
+{
+    double rz = 0, before = 0, first = 0; ///< r z; that of the iteration before, and of the beginning
+    double enough = 0;                    ///< where the search ends
+    double along = 0;                     ///< how far to go along p
+    double share = 0;                     ///< of p, in the next direction
+    double slope = 0;                     ///< of the incremental energy, along all that was found: below 0
+    int products = 0;                     ///< H p in all
+    bool falls = true;                    ///< p H p was above 0
+    bool has_ended = false;               ///< phases leave nodes alone
+
+    /// How many more iterations it takes if residuals fall on as they fell so far, at least one.
+    int expected(int most) const
+    {
+        if (products == 0) return std::min(2, most);
+        double const fell = std::log(rz / first) / products;
+        if (!(fell < 0)) return 1;
+        return static_cast<int>(std::clamp(std::log(enough / rz) / fell, 1.0, double(most)));
+    }
+};
+
+/// Begins a search, with r z.
+template <int d>
+struct BeginSearch
+{
+    SearchState* state;
+    double forcing; ///< the share of the residual at which the search ends
+
+    FIRN_HOST_DEVICE void operator()(SolveSums<d> const& sum) const
+    {
+        SearchState now;
+        now.rz = now.first = sum.first;
+        now.enough = forcing * forcing * sum.first;
+        now.has_ended = !(sum.first > 0);
+        *state = now;
+    }
+};
+
+/// Chooses how far to go along a direction, with p H p. What was found before one along which the energy does
+/// not rise is a descent; the first direction is one, too.
+template <int d>
+struct ChooseLength
+{
+    SearchState* state;
+
+    FIRN_HOST_DEVICE void operator()(SolveSums<d> const& sum) const
+    {
+        if (state->has_ended) return;
+        double const curvature = sum.first;
+        state->falls = curvature > 0 && is_finite(curvature);
+        state->along = state->falls ? state->rz / curvature : 1;
+        state->has_ended = !state->falls && state->products > 0;
+        ++state->products;
+    }
+};
+
+/// Chooses the next direction, with r z of what is left.
+template <int d>
+struct ChooseDirection
+{
+    SearchState* state;
+
+    FIRN_HOST_DEVICE void operator()(SolveSums<d> const& sum) const
+    {
+        if (state->has_ended) return;
+        state->slope -= state->along * state->rz;
+        state->before = state->rz;
+        state->rz = sum.first;
+        state->share = state->rz / state->before;
+        state->has_ended = !state->falls || !(state->rz > state->enough);
+    }
+};
+
+/// Stores the merged results of a loop where the host reads them.
+template <class Result>
+struct StoreResult
+{
+    Result* to;
+
+    FIRN_HOST_DEVICE void operator()(Result const& result) const { *to = result; }
+};
+
+/// Calls `body(merged results)` where loops run, for what a loop over nodes returned.
+template <class Backend, class Found, class Body>
+void call_with(Backend const& backend, Found const& found, Body const& body)
+{
+    if constexpr (Backend::queues)
+        backend.call_with(found, body);
+    else
+        body(found);
+}
+
+/// The merged results of a loop over nodes, once it has finished; `buffer` is where loops write them.
+template <class Backend, class Buffer, class Found>
+auto merged_result(Backend const& backend, [[maybe_unused]] Buffer& buffer, Found const& found)
+{
+    if constexpr (Backend::queues) {
+        buffer.resize(1);
+        backend.call_with(found, StoreResult{buffer.data()});
+        return *buffer.read();
+    }
+    else
+        return found;
+}
+
+} // namespace firn
