@@ -195,7 +195,9 @@ concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::t
 // A loop over nodes calls `phase(node, result)`. If the phase `looks_around`, it asks once for
 // `phase.walls()`, and calls `phase.look_around(walls, node, result)` in place of that for the lanes of nodes
 // for which `phase.looks_around_at(walls, first, lanes)` is true. What a phase that
-// `keeps_values` does not set stays as it is; with other phases it may become 0.
+// `keeps_values` does not set stays as it is; with others, and on nodes to which nothing was added, it may
+// become 0. One that `asks_no_sums` may be called for any nodes that such a phase was called for, and for
+// zeros.
 //
 // ---- what a phase sees
 //
@@ -203,6 +205,7 @@ concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::t
 //
 //   here()                                 the lanes that have an item
 //   load(array), store(array, lane)        from places, and to slots
+//   load_stored(array)                     from slots, what an earlier loop stored before items moved
 //   store_at(array, index, lane)           to `array[index[place]]`
 //   copy(from, to)                         from places to slots, whatever the type
 //   map(ask), value(array, lane)           the lanes of `ask(place)`; the element of one lane's item

@@ -13,8 +13,9 @@ TEST_CASE("implicit steps go through every loop, with the same bits in every run
         double const h = 0.1, volume = h * h * h / 8;
         using Two = Materials<NeoHookean<SolidFloat>, FixedCorotated<SolidFloat>>;
         Solver<Cuda, Two, QuadraticBSpline, Apic, Implicit> solver(
-            lattice(h), {{.density = 1000, .elasticity = lame<float>(1e6, 0.3)},
-                         {.density = 1000, .elasticity = lame<float>(1e7, 0.3)}},
+            lattice(h),
+            {{.density = 1000, .elasticity = lame<float>(1e6, 0.3)},
+             {.density = 1000, .elasticity = lame<float>(1e7, 0.3)}},
             {Apic{}, Implicit{.share = 0.1}});
         solver.add<Material<0>>(box_of_points<3>({0, 0, 0}, {0.5, 0.4, 0.2}, h), volume);
         solver.add<Material<1>>(box_of_points<3>({0, 0.4, 0}, {0.2, 0.6, 0.2}, h), volume, {4, 0, 0});

@@ -40,6 +40,13 @@ concept TellsLayersApart = requires
     requires Phase::tells_layers_apart;
 };
 
+/// Whether a phase of nodes asks for no sums. It may then be called for nodes to which nothing was added.
+template <class Phase>
+concept AsksNoSums = requires
+{
+    requires Phase::asks_no_sums;
+};
+
 /// Whether a phase of nodes leaves the values that it does not set as they are. Else they are undefined.
 template <class Phase>
 concept KeepsValues = requires

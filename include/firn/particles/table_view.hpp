@@ -146,6 +146,20 @@ struct FieldsById
         for_each_component_of<Set, d>(
             record, [&](int c, auto& value) { items.store_at(component[std::size_t(c)], id, value); });
     }
+
+    /// The same by slot, which is faster, for as long as particles keep their slots.
+    template <class Items, class Record>
+    FIRN_HOST_DEVICE void load_by_slot(Items const& items, Record& record) const
+    {
+        for_each_component_of<Set, d>(
+            record, [&](int c, auto& value) { value = items.load_stored(component[std::size_t(c)]); });
+    }
+    template <class Items, class Record>
+    FIRN_HOST_DEVICE void store_by_slot(Items const& items, Record& record) const
+    {
+        for_each_component_of<Set, d>(
+            record, [&](int c, auto& value) { items.store(component[std::size_t(c)], value); });
+    }
 };
 
 } // namespace firn

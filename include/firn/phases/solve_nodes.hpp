@@ -75,6 +75,7 @@ struct AcceptVelocities : SolvePhase<Space, Kernel, Transfer>
     using Phase::d;
     using typename Phase::Own, typename Phase::Values;
     using Result = NothingFound;
+    static constexpr bool asks_no_sums = true;
 
     template <class Node>
     FIRN_HOST_DEVICE void operator()(Node& node, NothingFound&) const
@@ -152,6 +153,7 @@ struct ProjectConditioned : SolvePhase<Space, Kernel, Transfer>
     using Phase = SolvePhase<Space, Kernel, Transfer>;
     using Phase::d;
     using typename Phase::Own, typename Phase::Result;
+    static constexpr bool asks_no_sums = true;
 
     template <class Node>
     FIRN_HOST_DEVICE void operator()(Node& node, Result& result) const
@@ -172,6 +174,7 @@ struct TurnSearch : SolvePhase<Space, Kernel, Transfer>
     using Phase::d;
     using typename Phase::Own, typename Phase::Values;
     using Result = NothingFound;
+    static constexpr bool asks_no_sums = true;
 
     SearchState const* search;
 
@@ -195,6 +198,7 @@ struct ChooseVelocities : SolvePhase<Space, Kernel, Transfer>
     using Phase::d;
     using typename Phase::Number, typename Phase::Own, typename Phase::Values;
     using Result = NothingFound;
+    static constexpr bool asks_no_sums = true;
 
     Number share;
 

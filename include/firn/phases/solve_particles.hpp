@@ -92,7 +92,7 @@ struct StressPass
 
     Model model;
     TableView<Number const, d, PersistentFields> particles;
-    FieldsById<Number, d, TrialFields<Model>> trial;
+    FieldsById<Number, d, TrialFields<Model>> trial; ///< by slot
     MassGroups<Number> mass_groups;
     Number dt;                ///< [s]
     Number inverse_cell_size; ///< [1/m]
@@ -158,7 +158,7 @@ struct TryVelocities : StressPass<Space, Model, Kernel, Scheme, PersistentFields
         this->particles.load(items, particle);
         auto const response = respond<Real>(particle, L);
         if constexpr (ActsOnRates<Model>) {
-            this->trial.store(items, this->particles.id, particle);
+            this->trial.store_by_slot(items, particle);
             Real const volume = this->mass_groups.find(items, this->particles.id).volume;
             this->template store<Real>(items, response.kirchhoff_stress, volume,
                                        volume * response.wave_modulus);
@@ -191,7 +191,7 @@ private:
         Mask<Real> const inverted = response.inverted | !(determinant > Real(0));
         Matrix<Real, d> const transposed = C * (Real(1) / select(inverted, Real(1), determinant)); // A^-T
         particle[InverseStep{}] = make_matrix<Real, d>([&](int i, int j) { return transposed(j, i); });
-        this->trial.store(items, this->particles.id, particle);
+        this->trial.store_by_slot(items, particle);
         Real const volume = this->mass_groups.find(items, this->particles.id).volume;
         Matrix<Real, d> const stress = product<Real, d>(response.kirchhoff_stress, transposed);
         this->template store<Real>(items, make_matrix<Real, d>([&](int i, int j) {
@@ -217,7 +217,7 @@ struct ProductOfStress : StressPass<Space, Model, Kernel, Scheme, PersistentFiel
         using Real = typename Items::Real;
         Matrix<Real, d> const dL = this->template gradient<Real>(items) * Real(this->dt);
         Record<Real, d, TrialFields<Model>> particle;
-        this->trial.load(items, this->particles.id, particle);
+        this->trial.load_by_slot(items, particle);
         auto const own = this->mass_groups.find(items, this->particles.id);
         if constexpr (ActsOnRates<Model>)
             this->template store<Real>(items,
@@ -236,8 +236,8 @@ struct ProductOfStress : StressPass<Space, Model, Kernel, Scheme, PersistentFiel
     }
 };
 
-/// Particles gather the velocities that a step has found, by row.
-template <class Space, class Kernel, class Scheme, class PersistentFields>
+/// Particles gather the velocities that a step has found, and their state at its end, by row.
+template <class Space, class Model, class Kernel, class Scheme, class PersistentFields>
 struct GatherSolution : Gather<Space, Kernel, StressTransfer<Scheme>>
 {
     using Gather = firn::Gather<Space, Kernel, StressTransfer<Scheme>>;
@@ -246,8 +246,11 @@ struct GatherSolution : Gather<Space, Kernel, StressTransfer<Scheme>>
     static constexpr CellWork work{.gathers = true};
     using Result = NothingFound;
 
+    using Found = Join<Fields<Velocity>, typename Model::State>;
+
     TableView<Number const, d, PersistentFields> particles;
-    FieldsById<Number, d, Fields<Velocity>> velocities;
+    FieldsById<Number, d, TrialFields<Model>> trial; ///< by slot
+    FieldsById<Number, d, Found> found;
 
     template <class Items>
     FIRN_HOST_DEVICE void begin(Items& items) const
@@ -259,9 +262,10 @@ struct GatherSolution : Gather<Space, Kernel, StressTransfer<Scheme>>
     FIRN_HOST_DEVICE void update(Items& items, Result&) const
     {
         using Real = typename Items::Real;
-        Record<Real, d, Fields<Velocity>> found;
-        found[Velocity{}] = Gather::template gathered<Real>(items).velocity;
-        velocities.store(items, particles.id, found);
+        Record<Real, d, Join<TrialFields<Model>, Found>> particle;
+        trial.load_by_slot(items, particle);
+        particle[Velocity{}] = Gather::template gathered<Real>(items).velocity;
+        found.store(items, particles.id, particle);
     }
 };
 

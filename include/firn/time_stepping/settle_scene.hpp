@@ -9,10 +9,10 @@
 #include <firn/time_stepping/time_loop.hpp>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <tuple>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -22,32 +22,34 @@ namespace firn
 
 namespace detail
 {
-/// What the particles of a material gather from nodes that hold their displacements in a second, by row.
-template <std::size_t k, class Scene>
-auto displacements(Scene& scene)
+/// What the particles of a material gather from nodes that hold their displacements in a second, and the
+/// state to which these deform them, by row.
+template <std::size_t k, class Scene, class Solve>
+auto displacements(Scene& scene, Solve& solve)
 {
-    using Phase =
-        GatherSolution<typename Scene::Space, typename Scene::Kernel, typename Scene::Transfer::Explicit,
-                       typename Scene::Sets::template MaterialTraits<k>::Stored>;
+    using Traits = typename Scene::Sets::template MaterialTraits<k>;
+    using Phase = GatherSolution<typename Scene::Space, typename Traits::Model, typename Scene::Kernel,
+                                 typename Scene::Transfer::Explicit, typename Traits::Stored>;
     auto& table = scene.sets.template particles<k>();
-    DerivedStorage<typename Scene::Backend, typename Scene::Space, Fields<Velocity>> moved(scene.backend,
-                                                                                           table.size());
+    DerivedStorage<typename Scene::Backend, typename Scene::Space, typename Phase::Found> found(scene.backend,
+                                                                                                table.size());
     auto layer = scene.grid_state.grid().layer(k);
     Phase phase;
     phase.particles = table.ordered();
-    phase.velocities = moved.view();
+    phase.trial = solve.template trial<k>(table.size());
+    phase.found = found.view();
     scene.backend.for_each_cell(table.cells(), layer, phase);
-    return moved.template by_row<Velocity>(table.size());
+    return found;
 }
 
 /// Moves and deforms the particles of a material in a snapshot, and takes away their velocities.
-template <std::size_t k, class Scene, class Way, class Snapshot>
-void displace(Scene& scene, SolveMemory<typename Scene::Backend, typename Scene::Sets> const& solve,
-              Way const& way, Snapshot& snapshot)
+template <std::size_t k, class Scene, class Found, class Snapshot>
+void displace(Scene& scene, Found const& found, Snapshot& snapshot)
 {
     using Traits = typename Scene::Sets::template MaterialTraits<k>;
     using Number = typename Scene::Number;
     constexpr int d = Scene::d;
+    auto const way = found.template by_row<Velocity>(snapshot.ids.size());
     std::vector<std::uint32_t> row(snapshot.ids.size()), rank = snapshot.ids;
     std::sort(rank.begin(), rank.end());
     for (std::size_t i = 0; i < row.size(); ++i)
@@ -76,7 +78,7 @@ void displace(Scene& scene, SolveMemory<typename Scene::Backend, typename Scene:
     set(AffineVelocity{}, nothing);
     for_each_tag(typename Traits::Model::State{}, [&](auto tag) {
         using Tag = decltype(tag);
-        auto const tried = solve.template tried<k, Tag>(way.size());
+        auto const tried = found.template by_row<Tag>(way.size());
         set(tag, [&](std::uint32_t of, int c) { return component_of<Tag, d>(tried[of], c); });
     });
 }
@@ -125,11 +127,14 @@ RestReport TimeLoop<Scene>::settle(Scene& scene, Effects const&... effects)
             step.end(0, true); // the grid has no velocities of the last step
         });
         if (!solved) return false;
-        std::array<std::vector<Vector<Number, d>>, Sets::count> ways;
-        Sets::for_each([&](auto k) { ways[k] = detail::displacements<k>(scene); });
+        auto const found = [&]<std::size_t... k>(std::index_sequence<k...>)
+        {
+            return std::tuple{detail::displacements<k>(scene, memory_.solve)...};
+        }
+        (typename Sets::Places{});
         auto snapshot = detail::save(scene, *this);
         Sets::for_each(
-            [&](auto k) { detail::displace<k>(scene, memory_.solve, ways[k], snapshot.materials[k]); });
+            [&](auto k) { detail::displace<k>(scene, std::get<k>(found), snapshot.materials[k]); });
         snapshot.previous = snapshot.last = 0;
         snapshot.bounds = {};
         detail::restore(snapshot, scene, *this);

@@ -55,13 +55,6 @@ public:
         return own->view();
     }
 
-    /// A field of the state that a material's particles, by row, tried last.
-    template <std::size_t k, class Tag>
-    auto tried(std::size_t count) const
-    {
-        return std::get<k>(trials_)->template by_row<Tag>(count);
-    }
-
     /// Bytes held.
     std::size_t memory() const
     {

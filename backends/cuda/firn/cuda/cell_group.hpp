@@ -55,6 +55,7 @@ public:
 
     __device__ Number load(Number const* array) const { return array[source_]; }
     __device__ void store(Number* array, Number value) const { array[slot_] = value; }
+    __device__ Number load_stored(Number const* array) const { return array[slot_]; }
     __device__ void store_at(Number* array, std::uint32_t const* index, Number value) const
     {
         array[index[source_]] = value;

@@ -180,8 +180,9 @@ __device__ __forceinline__ void update_in_place(Phase const& phase, typename Gri
                                                 Coordinates<d> const& here, Coordinates<d> const& node,
                                                 typename Phase::Result& result)
 {
-    bool any = false;
-    auto const sums = sum_of_tiles<GridType, d>(grid, blockIdx.x, here, any);
+    bool any = AsksNoSums<Phase>;
+    typename GridType::Sums sums{};
+    if constexpr (!AsksNoSums<Phase>) sums = sum_of_tiles<GridType, d>(grid, blockIdx.x, here, any);
     ValuesInPlace<GridType> const values(grid, i);
     if constexpr (!KeepsValues<Phase>)
         for (int c = 0; c < GridType::values_count + GridType::ungathered; ++c) values.set(c, 0);

@@ -191,6 +191,15 @@ public:
             value.store_first(entered_, array + slot_);
     }
 
+    /// What an earlier loop stored. Lanes without an item are zero.
+    Lane load_stored(Number const* array) const
+    {
+        if constexpr (lanes == 1)
+            return array[slot_];
+        else
+            return entered_ == lanes ? Lane::load(array + slot_) : Lane::load_first(entered_, array + slot_);
+    }
+
     /// Stores each lane to the element of `array` whose number `index` has for its item.
     void store_at(Number* array, std::uint32_t const* index, Lane const& value) const
     {
@@ -216,7 +225,7 @@ public:
     /// The offsets along an axis, in cells.
     Lane load_offset(Offset const* array, int axis) const
     {
-        auto const stored = load_stored(array);
+        auto const stored = load_stored_offset(array);
         OffsetLane<Lane>::store(stored, pack_->offset[axis]);
         return CellOffset<Number>::value(stored);
     }
@@ -296,7 +305,7 @@ protected:
     std::size_t slot_ = 0, item_ = 0;
 
 private:
-    auto load_stored(Offset const* array) const
+    auto load_stored_offset(Offset const* array) const
     {
         if constexpr (lanes == 1)
             return array[places()[0]];

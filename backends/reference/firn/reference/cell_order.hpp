@@ -125,6 +125,7 @@ public:
     bool here() const { return true; }
     Real load(Real const* array) const { return array[place_]; }
     void store(Real* array, Real value) const { array[slot_] = value; }
+    Real load_stored(Real const* array) const { return array[slot_]; }
     void store_at(Real* array, auto const* index, Real value) const { array[index[place_]] = value; }
     void copy(auto const* from, auto* to) const { to[slot_] = from[place_]; }
     Real map(auto const& ask) const { return ask(place_); }
