@@ -4,10 +4,14 @@
 // travels.
 //     mpirun --bind-to none -n RANKS ranks PARTICLES [threads]
 // prints, for so many particles in all, one line for `results.py`. With one rank it is the backend without
-// ranks, too.
+// ranks, too. As `ranks_cuda` each rank has a device of its own, as long as there are as many.
 #include <firn/firn.hpp>
 #include <firn/mpi.hpp>
+#if defined(__CUDACC__)
+#include <firn/distributed/on_cuda.hpp>
+#else
 #include <firn/openmp.hpp>
+#endif
 
 #include <algorithm>
 #include <chrono>
@@ -15,6 +19,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <memory>
+#include <type_traits>
 #include <vector>
 
 namespace
@@ -22,6 +27,17 @@ namespace
 
 using namespace firn;
 using Rubber = NeoHookean<Space<3, float>>;
+
+#if defined(__CUDACC__)
+Cuda backend_of(int rank, int)
+{
+    int devices = 1;
+    static_cast<void>(cudaGetDeviceCount(&devices));
+    return {.device = rank % std::max(devices, 1)};
+}
+#else
+OpenMP backend_of(int, int threads) { return {.threads = threads}; }
+#endif
 
 /// What a communicator has sent, and how long its calls took.
 struct Sent
@@ -101,9 +117,10 @@ int main(int argc, char** argv)
         double const particles = argc > 1 ? std::atof(argv[1]) : 125000;
         int const threads = argc > 2 ? std::atoi(argv[2]) : 1;
         Counted<Mpi> const communicator{Mpi()};
-        OpenMP const local{.threads = threads};
+        auto const local = backend_of(communicator.rank(), threads);
+        using Local = std::remove_const_t<decltype(local)>;
         double const seconds =
-            seconds_of_step(Distributed<OpenMP, Counted<Mpi>>{local, communicator}, particles);
+            seconds_of_step(Distributed<Local, Counted<Mpi>>{local, communicator}, particles);
         Sent const sent = *communicator.sent;
         if (communicator.rank() == 0)
             std::printf(

@@ -17,6 +17,7 @@
 #include <array>
 #include <atomic>
 #include <string>
+#include <tuple>
 #include <type_traits>
 
 namespace firn
@@ -193,6 +194,26 @@ struct Cuda
         cuda::OnDevice const here(device);
         cuda::launch_after("merge_and_call", queue(), cuda::detail::merge_and_call<Result, Body>, 1,
                            cuda::detail::merging_warps * 32, found, body);
+    }
+
+    /// Queues the loop that moves the items of an order of cells, for what takes steps one by one.
+    template <class Order, class LayerType, class Phase>
+    void move_items(Order& cells, LayerType& layer, Phase const& phase) const
+    {
+        cuda::OnDevice const here(device);
+        cuda::detail::start_moving(cells, layer, phase);
+    }
+    /// Finishes a step of which all loops have run: calls `finish` on the device with their merged results.
+    template <class Finish, class OfNodes, class OfItems, class... Others>
+    void finish_step(Finish const& finish, cuda::Partial<OfNodes> const& of_nodes,
+                     std::tuple<cuda::Partial<OfItems>, Others...> const& of_items) const
+    {
+        cuda::OnDevice const here(device);
+        constexpr int orders = 1 + int(sizeof...(Others));
+        auto const all = std::apply([](auto const&... of) { return std::array{of...}; }, of_items);
+        using All = cuda::detail::MergeAndFinish<OfNodes, OfItems, orders, Finish>;
+        cuda::launch_behind("finish_step", queue(), cuda::detail::finish_alone<All>, cuda::Groups{1, false},
+                            cuda::detail::scanning_threads, All::bytes, All{of_nodes, all, finish});
     }
 
     /// Queues at most `expected` steps of a program, and waits for them; see QueuedSteps for its members. A

@@ -2,10 +2,12 @@
 #pragma once
 
 #include <firn/core/cell_work.hpp>
+#include <firn/core/error.hpp>
 #include <firn/distributed/alone.hpp>
 #include <firn/distributed/cell_order.hpp>
 #include <firn/distributed/communicator.hpp>
 #include <firn/distributed/grid.hpp>
+#include <firn/distributed/merge.hpp>
 #include <firn/distributed/partition.hpp>
 
 #include <algorithm>
@@ -33,9 +35,8 @@ struct Distributed
 
     static constexpr bool spans_ranks = true;
     static constexpr bool reaches_host_memory = Local::reaches_host_memory;
-    static constexpr bool queues = false;
+    static constexpr bool queues = false; ///< each step waits for other ranks
     static constexpr int largest_degree = Local::largest_degree;
-    static_assert(!Local::queues, "this backend queues steps, and they cannot wait for other ranks yet");
 
     template <class Number>
     using Lane = typename Local::template Lane<Number>;
@@ -53,6 +54,14 @@ struct Distributed
         CellOrder<Number, d>, d, sums>;
 
     void validate() const { local.validate(); }
+    bool reaches(void const* there) const requires(!Local::reaches_host_memory)
+    {
+        return local.reaches(there);
+    }
+    auto queue() const requires(Local::queues) { return local.queue(); }
+    /// Whether an error is this rank's alone, since its device has failed or has no room: the others must not
+    /// wait for it.
+    bool is_own(Error const& error) const { return Local::queues && error.where() == "CUDA"; }
     void begin_scene() { partition = std::make_shared<distributed::Partition>(); }
     operator Local const&() const { return local; } ///< its arrays are the local ones
 
@@ -107,7 +116,12 @@ struct Distributed
     auto for_each_cell(Order& cells, Layer& layer, Phase const& phase) const
     {
         if constexpr (Phase::work.scatters_to == ScatterTarget::sums) layer.change_sums();
-        if constexpr (requires { cells.merge_whole(typename Phase::Result{}); })
+        if constexpr (Local::queues && Phase::work.moves) {
+            local.move_items(cells, layer, phase);
+            cells.count_leavers();
+            return layer.template merged<typename Phase::Result>(cells);
+        }
+        else if constexpr (requires { cells.merge_whole(typename Phase::Result{}); })
             return cells.merge_whole(local.for_each_cell(cells, layer, phase));
         else
             return local.for_each_cell(cells, layer, phase);
@@ -127,13 +141,35 @@ struct Distributed
         grid.exchange(orders, looks_further ? 2 : 1);
         constexpr bool finds_nothing = std::is_same_v<typename Phase::Result, NothingFound>;
         grid.show(finds_nothing ? distributed::Nodes::all : distributed::Nodes::own);
-        return local.for_each_node(orders, grid, phase);
+        if constexpr (Local::queues && !finds_nothing) {
+            local.for_each_node(orders, grid, phase);
+            return grid.template merged<typename Phase::Result>();
+        }
+        else
+            return local.for_each_node(orders, grid, phase);
     }
     template <class CellOrders, class GridType, class Phase>
     void for_each_other_node(CellOrders const& orders, GridType& grid, Phase const& phase) const
     {
         grid.show(distributed::Nodes::others);
         local.for_each_node(orders, grid, phase);
+    }
+
+    /// Where loops leave their results on a device, it also finishes a step.
+    template <class Finish, class OfNodes, class OfItems>
+    void finish_step(Finish const& finish, OfNodes const& of_nodes, OfItems const& of_items) const
+        requires(Local::queues)
+    {
+        local.finish_step(finish, of_nodes, of_items);
+    }
+    /// Makes room for the items that have left their cells, where a rank had none for all of them. Returns
+    /// whether items must move once more for it.
+    template <class Orders>
+    bool make_room(Orders const& orders) const requires(Local::queues)
+    {
+        bool any = false;
+        for (auto* const order : orders) any = order->make_room() || any;
+        return distributed::sum_of_ranks(communicator, any ? 1 : 0) > 0;
     }
 };
 

@@ -217,7 +217,8 @@ void require_same_values([[maybe_unused]] Backend const& backend, [[maybe_unused
     }
 }
 
-/// Does the work of a call that changes a scene. Where a rank runs out of memory, the others must not wait.
+/// Does the work of a call that changes a scene. Where a rank runs out of memory, or its device fails, the
+/// others must not wait.
 template <class Backend, class Work>
 void call_on_ranks([[maybe_unused]] Backend const& backend, [[maybe_unused]] char const* call,
                    Work const& work)
@@ -229,6 +230,10 @@ void call_on_ranks([[maybe_unused]] Backend const& backend, [[maybe_unused]] cha
         }
         catch (std::bad_alloc const&) {
             backend.abort("it has run out of memory");
+            throw;
+        }
+        catch (Error const& error) {
+            if (backend.is_own(error)) backend.abort(error.what());
             throw;
         }
     }

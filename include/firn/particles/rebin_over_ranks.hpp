@@ -4,6 +4,7 @@
 #include <firn/core/all_ranks.hpp>
 #include <firn/particles/storage.hpp>
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
@@ -17,22 +18,42 @@
 namespace firn::detail
 {
 
-/// Appends the listed elements of an array to bytes.
-template <class Backend, class Array>
-void pack_listed(Backend const& backend, Array const& from, std::vector<std::uint32_t> const& places,
-                 std::vector<std::byte>& to)
+/// Appends the elements of some arrays at the same places to bytes.
+template <class Backend>
+class PackListed
 {
-    using T = typename Array::Value;
-    if (places.empty()) return;
-    auto const there = array_of(backend, places);
-    typename Backend::template Array<T> picked(backend);
-    picked.resize(places.size());
-    backend.for_each(places.size(), GatherValues<T>{from.data(), there.data(), picked.data()});
-    auto const values = downloaded(picked);
-    std::size_t const before = to.size();
-    to.resize(before + values.size() * sizeof(T));
-    std::memcpy(to.data() + before, values.data(), values.size() * sizeof(T));
-}
+    using Word = std::uint64_t; // what is stored of a particle has no larger numbers
+
+public:
+    PackListed(Backend const& backend, std::vector<std::uint32_t> const& places, std::vector<std::byte>& to)
+        : backend_(backend), count_(places.size()), places_(array_of(backend, places)), picked_(backend),
+          to_(to)
+    {
+        picked_.resize(std::max<std::size_t>(count_, 1));
+    }
+
+    template <class Array>
+    void operator()(Array const& from)
+    {
+        using T = typename Array::Value;
+        static_assert(sizeof(T) <= sizeof(Word));
+        if (count_ == 0) return;
+        auto* const picked = reinterpret_cast<T*>(picked_.data());
+        backend_.for_each(count_, GatherValues<T>{from.data(), places_.data(), picked});
+        words_.resize((count_ * sizeof(T) + sizeof(Word) - 1) / sizeof(Word));
+        picked_.download(0, words_);
+        auto const* const bytes = reinterpret_cast<std::byte const*>(words_.data());
+        to_.insert(to_.end(), bytes, bytes + count_ * sizeof(T));
+    }
+
+private:
+    Backend const& backend_;
+    std::size_t count_;
+    typename Backend::template Array<std::uint32_t> places_;
+    typename Backend::template Array<Word> picked_;
+    std::vector<Word> words_;
+    std::vector<std::byte>& to_;
+};
 
 /// Takes so many values from the front of bytes.
 template <class T>
@@ -46,7 +67,7 @@ std::vector<T> unpack(std::span<std::byte const>& from, std::size_t count)
 
 /// Calls `use(array)` for all arrays of a buffer.
 template <class Buffer, class Use>
-void for_each_array(Buffer& buffer, Use const& use)
+void for_each_array(Buffer& buffer, Use&& use)
 {
     for (auto& array : buffer.offset) use(array);
     for (auto& array : buffer.component) use(array);
@@ -71,15 +92,15 @@ std::vector<std::byte> pack_particles(Contents const& from, Backend const& backe
     bytes.resize(sizeof head);
     std::memcpy(bytes.data(), head, sizeof head);
     bytes.insert(bytes.end(), departure.notes.begin(), departure.notes.end());
-    for_each_array(from.buffer[0],
-                   [&](auto const& array) { pack_listed(backend, array, departure.places, bytes); });
+    if (departure.places.empty()) return bytes;
+    for_each_array(from.buffer[0], PackListed<Backend>(backend, departure.places, bytes));
     if (sends_cached(from)) {
         auto const all = downloaded(from.buffer[0].id);
         std::vector<std::uint32_t> rows;
         for (auto const place : departure.places) rows.push_back(all[place]);
         auto const& cached = from.gathered.rows();
-        for (std::size_t c = 0; c < cached.columns(); ++c)
-            pack_listed(backend, cached.column(static_cast<int>(c)), rows, bytes);
+        PackListed<Backend> pack(backend, rows, bytes);
+        for (std::size_t c = 0; c < cached.columns(); ++c) pack(cached.column(static_cast<int>(c)));
     }
     return bytes;
 }
@@ -138,6 +159,7 @@ void exchange_particles(Contents& to, Backend const& backend, Departures const& 
         place += count;
     }
     arrive(notes, static_cast<std::uint32_t>(first), [&](auto const& from, auto const& behind) {
+        if (from.empty()) return;
         auto const from_there = array_of(backend, from), to_there = array_of(backend, behind);
         for_each_array(buffer, [&]<class Array>(Array& array) {
             backend.for_each(from.size(), MoveValues<typename Array::Value>{array.data(), from_there.data(),

@@ -113,6 +113,7 @@ struct PersistentStorage
     void resize_like(PersistentStorage const& other)
     {
         auto const resize = [](auto& array, auto const& model) {
+            array.resize(0, 0); // or it would get spare room beyond the other's, and the other one beyond its
             array.resize(model.memory() / sizeof(*model.data()), 0);
             array.resize(model.size(), 0);
         };

@@ -145,14 +145,16 @@ public:
     /// material by material.
     auto g2p2g(int step) const
     {
-        return [&]<std::size_t... k>(std::index_sequence<k...>)
+        auto const run = [&]<std::size_t... k>(auto const& phases, std::index_sequence<k...>)
         {
             auto layers = this->layers();
-            auto const phases = g2p2g_phases(step);
             return std::tuple{memory_.backend.for_each_cell(particles<k>().cells(), layers[k],
                                                             std::get<k>(phases))...}; // one after the other
-        }
-        (Places{});
+        };
+        auto found = run(g2p2g_phases(step), Places{});
+        if constexpr (requires { memory_.backend.make_room(orders()); })
+            while (memory_.backend.make_room(orders())) found = run(g2p2g_phases_again(step), Places{});
+        return found;
     }
     /// The phases of which that consists.
     auto g2p2g_phases(int step) const { return g2p2g_phases(step, Places{}); }
@@ -168,7 +170,11 @@ public:
     void finish_step(int step, OfNodes const& of_nodes, Found const& found) const
     {
         if constexpr (spans_ranks<Backend>) for_each_group([&](auto& group) { group.add_ranks(step); });
-        std::apply([&](auto const&... of) { finish_phase(step)(of_nodes, of...); }, found);
+        auto const finish = finish_phase(step);
+        if constexpr (requires { memory_.backend.finish_step(finish, of_nodes, found); })
+            memory_.backend.finish_step(finish, of_nodes, found);
+        else
+            std::apply([&](auto const&... of) { finish(of_nodes, of...); }, found);
     }
     /// The phase that does so.
     auto finish_phase(int step) const

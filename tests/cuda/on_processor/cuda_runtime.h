@@ -4,6 +4,7 @@
 #include <boost/context/fiber.hpp>
 
 #include <algorithm>
+#include <atomic>
 #include <cmath>
 #include <condition_variable>
 #include <cstddef>
@@ -318,13 +319,15 @@ public:
         {
             std::lock_guard const lock(mutex_);
             queue_.push(std::move(work));
+            ++queued_;
         }
         changed_.notify_all();
     }
+    /// Waits for what has been queued until now; other threads of the host may queue more.
     void wait()
     {
         std::unique_lock lock(mutex_);
-        changed_.wait(lock, [&] { return queue_.empty(); });
+        changed_.wait(lock, [&, all = queued_] { return done_ >= all; });
     }
 
     template <class Work>
@@ -368,6 +371,7 @@ private:
             next();
             lock.lock();
             queue_.pop();
+            ++done_;
             changed_.notify_all();
         }
     }
@@ -375,6 +379,7 @@ private:
     std::mutex mutex_;
     std::condition_variable changed_;
     std::queue<std::function<void()>> queue_; ///< the first is at work
+    std::size_t queued_ = 0, done_ = 0;       ///< how much was queued until now, and how much of it is done
     Group group_;
     std::vector<unsigned char> shared_;
     std::minstd_rand chance_{seed()};
@@ -729,7 +734,7 @@ inline bool is_elsewhere(cudaStream_t stream)
 namespace on_processor
 {
 /// How often the host has waited for a stream.
-inline std::size_t waits = 0;
+inline std::atomic<std::size_t> waits = 0;
 } // namespace on_processor
 inline cudaError_t cudaStreamSynchronize(cudaStream_t)
 {

@@ -5,6 +5,8 @@
 
 #include <algorithm>
 #include <cstdint>
+#include <span>
+#include <vector>
 
 namespace firn::cuda
 {
@@ -87,6 +89,10 @@ public:
     {
         reserve(size_ + std::max<std::size_t>({2 * std::size_t(births), size_ / 8, few}));
     }
+    /// Requests these blocks.
+    void want(std::span<std::uint64_t const> keys);
+    /// The keys of so many requests, in any order.
+    std::vector<std::uint64_t> requested(std::uint32_t births);
     /// Starts to count requests.
     void expect_births();
     /// How many blocks are new; waits for the loops that request them.
@@ -148,6 +154,17 @@ static __global__ void __launch_bounds__(numbering_threads)
     keys[rank] = mine;
 }
 
+static __global__ void want_keys(BlockSet::View set, std::uint64_t const* keys, std::uint32_t count)
+{
+    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
+    if (i < count) set.want(keys[i]);
+}
+static __global__ void copy_requests(BlockSet::View set, std::uint32_t count, std::uint64_t* to)
+{
+    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
+    if (i < count) to[i] = set.key[set.born[i]];
+}
+
 static __global__ void insert_keys(BlockSet::View set, std::uint64_t const* keys, std::uint32_t size)
 {
     std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
@@ -197,6 +214,31 @@ inline void BlockSet::reserve(std::size_t blocks)
     if (size_ == 0) return;
     launch_after("insert_keys", queue_, detail::insert_keys, groups_of(size_, 128), 128, view(), keys_.data(),
                  size_);
+}
+
+inline void BlockSet::want(std::span<std::uint64_t const> keys)
+{
+    if (keys.empty()) return;
+    OnDevice const here(queue_);
+    Array<std::uint64_t> there(queue_);
+    there.resize(keys.size());
+    there.upload(0, keys);
+    launch_after("want_keys", queue_, detail::want_keys, groups_of(keys.size(), 128), 128, view(),
+                 there.data(), static_cast<std::uint32_t>(keys.size()));
+    queue_.wait(); // the copy is about to be freed
+}
+
+inline std::vector<std::uint64_t> BlockSet::requested(std::uint32_t births)
+{
+    std::vector<std::uint64_t> keys(births);
+    if (births == 0) return keys;
+    OnDevice const here(queue_);
+    Array<std::uint64_t> there(queue_);
+    there.resize(keys.size());
+    launch_after("copy_requests", queue_, detail::copy_requests, groups_of(births, 128), 128, view(), births,
+                 there.data());
+    there.download(0, keys);
+    return keys;
 }
 
 inline void BlockSet::expect_births() { born_count_.fill_bytes(0, 1, 0); }

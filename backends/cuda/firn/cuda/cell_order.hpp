@@ -49,6 +49,8 @@ public:
             Coordinates<d> const block = block_of_key<d>(keys[c / Shape::cells]);
             return block * int{Shape::extent} + Shape::cell(static_cast<int>(c % Shape::cells));
         }
+        /// Whether items of this block are here. Where several devices share the cells, each has its part.
+        __device__ static constexpr bool has(std::uint32_t) { return true; }
     };
 
     template <class Backend>
@@ -77,6 +79,12 @@ public:
     /// Adds items that lie at first, first + 1, … in the given cells.
     void insert(Coordinates<d> const* cells, std::size_t number, std::uint32_t first)
     {
+        insert(cells, number, first, [&] { return set_.births(); });
+    }
+    /// The same, where `births()` returns how many blocks have been found missing.
+    template <class Births>
+    void insert(Coordinates<d> const* cells, std::size_t number, std::uint32_t first, Births const& births_of)
+    {
         OnDevice const here(queue_);
         auto const count = static_cast<std::uint32_t>(number);
         LeaverArrays fresh(queue_);
@@ -86,14 +94,16 @@ public:
         may_have_arrived_ = true;
         for (;;) { // again if blocks were missing
             stay_all();
-            launch_after("find_cells", queue_, detail::find_cells<d, Number>, groups_of(count, 256), 256,
-                         fresh.view(0), cells, first, count, changes(), set_.view(), periods_);
-            std::uint32_t const births = set_.births();
+            if (count > 0)
+                launch_after("find_cells", queue_, detail::find_cells<d, Number>, groups_of(count, 256), 256,
+                             fresh.view(0), cells, first, count, changes(), set_.view(), periods_);
+            std::uint32_t const births = births_of();
             if (births == 0) break;
             add_blocks(births);
         }
+        if (blocks() == 0) return;
         find_block_begins();
-        rearrange(fresh.view(0), count, nullptr, {});
+        rearrange(fresh.view(0), count, nullptr, {}, size_ + count);
         arrived_.clear(); // every new item was in this list; free it
     }
 
@@ -109,7 +119,7 @@ public:
         find_block_begins();
         LeaverArrays none(queue_);
         none.renew(0, 0);
-        rearrange(none.view(0), 0, left_.data(), {});
+        rearrange(none.view(0), 0, left_.data(), {}, size_);
         if (kept > 0) {
             auto const count = static_cast<std::uint32_t>(kept);
             launch_after("renumber", queue_, detail::renumber, groups_of(count, 256), 256, order_.data(),
@@ -126,9 +136,10 @@ public:
         OnDevice const here(queue_);
         offset_ = offset;
         rebinned_blocks_ = blocks();
-        rearrange(leavers_.view(channels_), leavers_.most, left_.data(), offset);
+        rearrange(leavers_.view(channels_), static_cast<std::uint32_t>(leavers_.most), left_.data(), offset,
+                  size_);
         kept_order_ = false;
-        if (crowded_) forget_empty_blocks();
+        if (crowded_) forget_empty_blocks(list_live_blocks());
         crowded_ = false;
     }
 
@@ -312,7 +323,7 @@ public:
         }
     }
 
-private:
+protected: // for an order that several devices share
     using LeaverArrays = detail::LeaverArrays<Number>;
 
     /// Where the device stores the blocks' beginnings.
@@ -358,8 +369,8 @@ private:
                      changes());
     }
 
-    /// Renumbers the blocks that hold items, in their order, and drops the others.
-    void forget_empty_blocks()
+    /// Lists the blocks that hold items in `blocks_before_`, in their order. Returns how many there are.
+    std::uint32_t list_live_blocks()
     {
         std::uint32_t const before = blocks();
         blocks_before_.renew(std::size_t(before) + 1); // one more for their count
@@ -367,6 +378,11 @@ private:
                      begin_.data(), before, blocks_before_.data(), blocks_before_.data() + before);
         std::uint32_t count = 0;
         blocks_before_.download(before, {&count, 1});
+        return count;
+    }
+    /// Renumbers the `count` blocks that are listed so, and drops the others.
+    void forget_empty_blocks(std::uint32_t count)
+    {
         new_begin_.renew(std::size_t(count) * Shape::cells + 1);
         auto& new_arrived_begin =
             changes_.first_incoming; // no longer needed: this step's incoming items are in the order
@@ -382,13 +398,13 @@ private:
         ++generation_;
     }
 
-    /// Writes the new order once the beginnings of blocks are known: items that stay in their cells, and at
-    /// most `count` that come.
-    void rearrange(Leavers const& leavers, std::uint32_t count, unsigned char const* left,
-                   std::array<Offset*, d> const& offset)
+    /// Writes the new order of `items` items once the beginnings of blocks are known: those that stay in
+    /// their cells, and at most `count` that come.
+    template <class AnyLeavers>
+    void rearrange(AnyLeavers const& leavers, std::uint32_t count, unsigned char const* left,
+                   std::array<Offset*, d> const& offset, std::size_t items)
     {
         bool const comes_in = left == nullptr;
-        std::size_t const items = size_ + (comes_in ? count : 0);
         new_begin_.renew(blocks() * Shape::cells + 1);
         arrived_begin_.renew(new_begin_.size());
         arrived_.renew(count);
@@ -406,8 +422,8 @@ private:
                                   arrived_begin_.data(),
                                   arrived_.data(),
                                   in_place ? order_.data() : next.data(),
-                                  leavers.cell};
-        launch_behind("rearrange", queue_, detail::rearrange<d, Number>, blocks(), 64, 0, signal(),
+                                  leavers.scratch()};
+        launch_behind("rearrange", queue_, detail::rearrange<d, AnyLeavers>, blocks(), 64, 0, signal(),
                       begin_.data(), changes(), block_begin_.data(), leavers, to, offset);
         std::swap(begin_, new_begin_);
         if (!in_place) std::swap(order_, next);

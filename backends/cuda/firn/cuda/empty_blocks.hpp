@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/host_device.hpp>
 #include <firn/cuda/scan.hpp>
 
 #include <cstdint>
@@ -11,7 +12,7 @@ namespace firn::cuda::detail
 
 /// How many blocks may be empty beside `live` occupied ones. With many blocks memory matters; in a `small`
 /// scene (see CellOrder::is_small) the host should seldom be needed.
-__device__ inline std::uint32_t most_empty_blocks(std::uint32_t live, bool small)
+FIRN_HOST_DEVICE inline std::uint32_t most_empty_blocks(std::uint32_t live, bool small)
 {
     return small ? 32 + 2 * live : live <= 4096 ? 8 + live / 8 : live / 32;
 }

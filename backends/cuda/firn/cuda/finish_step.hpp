@@ -71,6 +71,13 @@ private:
     }
 };
 
+/// Finishes a step by a loop of its own.
+template <class Finish>
+__global__ void __launch_bounds__(scanning_threads) finish_alone(Finish finish)
+{
+    finish(shared_memory());
+}
+
 /// An order of cells after its items have moved.
 template <int dimension, class Number>
 struct MovedOrder

@@ -35,7 +35,7 @@ __global__ void __launch_bounds__(teams* ShapeOfItems<GridType, Phase>::team_thr
     using In = ShapeOfItems<GridType, Phase>;
     Signal::Heard const heard = signal.hear();
     ItemsOfBlock<Order, GridType, Phase> items(cells, blockIdx.x); // loaded while the signal is on its way
-    if (heard.stops()) return;
+    if (heard.stops() || !cells.has(blockIdx.x)) return;
     __shared__ std::uint32_t left_cell[block_threads], left_chunk, first_leaver;
     if (threadIdx.x < block_threads) left_cell[threadIdx.x] = 0;
     if (threadIdx.x == 0) left_chunk = 0;
@@ -94,7 +94,7 @@ template <class Order, class GridType, class Phase>
 __global__ void __launch_bounds__(ShapeOfItems<GridType, Phase>::team_threads)
     scatter_back(Signal signal, Phase phase, typename Order::View cells, typename GridType::View grid)
 {
-    if (signal.stops()) return;
+    if (signal.stops() || !cells.has(blockIdx.x)) return;
     ItemsOfBlock<Order, GridType, Phase> items(cells, blockIdx.x);
     items.read(grid, blockIdx.x);
     typename Phase::Result result{};
@@ -116,7 +116,7 @@ template <class Order, class GridType, class Phase>
 __global__ void __launch_bounds__(ShapeOfItems<GridType, Phase>::team_threads)
     gather(Signal signal, Phase phase, typename Order::View cells, typename GridType::View grid)
 {
-    if (signal.stops()) return;
+    if (signal.stops() || !cells.has(blockIdx.x)) return;
     ItemsOfBlock<Order, GridType, Phase> items(cells, blockIdx.x);
     items.read(grid, blockIdx.x);
     typename Phase::Result result{};

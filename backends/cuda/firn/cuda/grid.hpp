@@ -114,6 +114,9 @@ public:
         std::size_t count;   ///< of nodes
         Periods<d> periods;  ///< of blocks
 
+        /// Whether a loop updates this block of nodes. Where several devices share a grid, each has its part.
+        __device__ static constexpr bool shows(std::uint32_t) { return true; }
+
         FIRN_HOST_DEVICE Values* values_of(std::size_t layer_number) const
         {
             return node_values + (own_values ? layer_number * count : 0);
@@ -376,6 +379,12 @@ private:
         tiles.blocks = blocks;
     }
 
+protected: // for a grid that several devices share
+    /// Which blocks of cells of a layer cover each block of nodes, by corner.
+    Array<std::uint32_t> const& covered_by(std::size_t layer) const { return tiles_[layer].covered_by; }
+    Array<Sums>& tiles(std::size_t layer) { return tiles_[layer].of[0]; }
+
+private:
     Queue queue_;
     Periods<d> periods_; ///< of blocks
     BlockSet set_;

@@ -23,9 +23,10 @@ struct LeaverCounters
 };
 
 /// Items on their way to other cells.
-template <class Number>
+template <class NumberType>
 struct Leavers
 {
+    using Number = NumberType;
     LeaverCounters* counters;
     std::uint32_t most;   ///< capacity
     int channels;         ///< of a leaver's contribution
@@ -34,6 +35,11 @@ struct Leavers
     std::uint8_t* way;    ///< the neighbour it goes to: three digits of base 3, first axis highest
     std::uint32_t* next;  ///< the next leaver that comes into the same cell, or absent
     Number* contribution; ///< what each leaver scatters, without its offset; leaver by leaver
+
+    /// Those that come into one cell follow one another by this: one that lies at `where` came from there.
+    __device__ std::uint32_t origin(std::uint32_t, std::uint32_t where) const { return where; }
+    /// What is no longer needed once leavers have found their new cells.
+    std::uint32_t* scratch() const { return cell; }
 };
 
 /// The items that came into a cell: a range in the list of leavers by cell.
@@ -84,33 +90,53 @@ __device__ void arrive(Leavers<Number> const& leavers, Changes const& changes, s
         atomicAdd(changes.block_arrived + block, static_cast<std::uint32_t>(__popc(with_me)));
 }
 
+/// Where a leaver goes: how many blocks beyond its own, and the place in the block there.
+template <int d>
+struct WayOut
+{
+    using Shape = BlockShape<d>;
+    Coordinates<d> beyond;
+    bool leaves_block = false;
+    std::uint32_t place;
+
+    /// From a place in a block, to a neighbour of its cell (see Leavers::way).
+    FIRN_HOST_DEVICE WayOut(std::uint32_t from, std::uint32_t way)
+    {
+        Coordinates<d> cell = Shape::cell(static_cast<int>(from));
+        for (int a = d - 1; a >= 0; --a, way /= 3) {
+            int const moved = cell[a] + static_cast<int>(way % 3) - 1;
+            beyond[a] = moved >> Shape::bits;
+            cell[a] = moved & (Shape::extent - 1);
+            leaves_block = leaves_block || beyond[a] != 0;
+        }
+        place = static_cast<std::uint32_t>(Shape::place(cell));
+    }
+
+    /// Calls `use(key)` for the missing block there, and for some beyond it.
+    template <class Use>
+    FIRN_HOST_DEVICE void request(Coordinates<d> const& from, Periods<d> const& periods, int ahead,
+                                  Use const& use) const
+    {
+        for (int i = 1; i <= ahead + 1; ++i) use(block_key<d>(periods.wrapped(from + i * beyond)));
+    }
+};
+
 /// Finds the new cell of a leaver from the cell `from`, or requests its block.
 template <int d, class Number>
 __device__ void find_new_cell(Leavers<Number> const& leavers, Destinations<d> const& to, std::uint32_t leaver,
                               std::uint32_t from, std::uint32_t way)
 {
-    using Shape = BlockShape<d>;
-    std::uint32_t block = from / Shape::cells;
-    Coordinates<d> cell = Shape::cell(static_cast<int>(from % Shape::cells)), beyond;
-    bool leaves_block = false;
-    for (int a = d - 1; a >= 0; --a, way /= 3) {
-        int const moved = cell[a] + static_cast<int>(way % 3) - 1;
-        beyond[a] = moved >> Shape::bits;
-        cell[a] = moved & (Shape::extent - 1);
-        leaves_block = leaves_block || beyond[a] != 0;
-    }
-    if (leaves_block) {
-        Coordinates<d> const there = block_of_key<d>(to.keys[block]) + beyond;
-        std::uint64_t const key = block_key<d>(to.periods.wrapped(there));
-        block = to.set.find(key);
+    std::uint32_t block = from / BlockShape<d>::cells;
+    WayOut<d> const out(from % BlockShape<d>::cells, way);
+    if (out.leaves_block) {
+        Coordinates<d> const left = block_of_key<d>(to.keys[block]);
+        block = to.set.find(block_key<d>(to.periods.wrapped(left + out.beyond)));
         if (block == absent) {
-            to.set.want(key);
-            for (int i = 1; i <= to.ahead; ++i)
-                to.set.want(block_key<d>(to.periods.wrapped(there + i * beyond)));
+            out.request(left, to.periods, to.ahead, [&](std::uint64_t key) { to.set.want(key); });
             return;
         }
     }
-    arrive(leavers, to.changes, leaver, block, static_cast<std::uint32_t>(Shape::place(cell)));
+    arrive(leavers, to.changes, leaver, block, out.place);
 }
 
 /// The same for new items, which come with their cells.

@@ -72,6 +72,18 @@ struct LeaverArrays
         make_room(contribution, room * static_cast<std::size_t>(channels));
     }
 
+    /// The same, and keeps the leavers that are listed.
+    void grow(std::size_t room, int channels)
+    {
+        if (room <= most) return;
+        std::size_t const before = most;
+        most = room;
+        for (auto* const array : {&slot, &cell, &next}) array->resize(room, before);
+        way.resize(room, before);
+        contribution.resize(room * static_cast<std::size_t>(channels),
+                            before * static_cast<std::size_t>(channels));
+    }
+
     /// For exactly `room` elements: callers have added the spare.
     template <class T>
     static void make_room(Array<T>& array, std::size_t room)

@@ -12,15 +12,17 @@
 namespace firn::cuda::detail
 {
 
-/// Orders the incoming items of one crowded cell by where they lie, on one warp.
-template <class Number>
-__device__ void sort_crowd(Leavers<Number> const& leavers, std::uint32_t* arrived, std::uint32_t* spare,
+/// Orders the incoming items of one crowded cell by where they came from, on one warp.
+template <class Leavers>
+__device__ void sort_crowd(Leavers const& leavers, std::uint32_t* arrived, std::uint32_t* spare,
                            std::uint32_t count)
 {
+    auto const origin = [&](std::uint32_t item) { return leavers.origin(item, leavers.slot[item]); };
     for (std::uint32_t i = threadIdx.x % 32; i < count; i += 32) {
-        std::uint32_t const item = arrived[i], slot = leavers.slot[item];
+        std::uint32_t const item = arrived[i];
+        auto const mine = origin(item);
         std::uint32_t rank = 0;
-        for (std::uint32_t j = 0; j < count; ++j) rank += leavers.slot[arrived[j]] < slot;
+        for (std::uint32_t j = 0; j < count; ++j) rank += origin(arrived[j]) < mine;
         spare[rank] = item;
     }
     __syncwarp();
@@ -87,15 +89,19 @@ static __device__ void keep_those_that_stay(StayedInCell const& lay, NewOrder co
     }
 }
 
-/// Writes the items that come into the thread's cell, in the order in which they lie, from `at` on, and into
+/// The offsets of items whose leavers are listed so.
+template <class Leavers, int d>
+using OffsetsOf = std::array<typename CellOffset<typename Leavers::Number>::Stored*, std::size_t(d)>;
+
+/// Writes the items that come into the thread's cell, in the order of their origins, from `at` on, and into
 /// the list of leavers by cell. They come as a linked list in any order: each is inserted into a sorted list
 /// in shared memory while the next one is loaded. Wraps their offsets into the new cells.
-template <int d, class Number>
-__device__ void append_incoming(std::uint32_t first_incoming, ArrivedInCell came,
-                                Leavers<Number> const& leavers, NewOrder const& to, OrderOfBlock const& order,
-                                std::uint32_t at,
-                                std::array<typename CellOffset<Number>::Stored*, d> const& offset)
+template <int d, class Leavers>
+__device__ void append_incoming(std::uint32_t first_incoming, ArrivedInCell came, Leavers const& leavers,
+                                NewOrder const& to, OrderOfBlock const& order, std::uint32_t at,
+                                OffsetsOf<Leavers, d> const& offset)
 {
+    using Number = typename Leavers::Number;
     constexpr std::uint32_t few = 12;
     __shared__ std::uint32_t near[2][few][64]; // leavers that come into the thread's cell, and where they lie
     std::uint32_t const own = threadIdx.x % 64;
@@ -110,7 +116,9 @@ __device__ void append_incoming(std::uint32_t first_incoming, ArrivedInCell came
         if (next != absent) where_next = leavers.slot[next], after = leavers.next[next];
         if (came.count <= few) {
             std::uint32_t place = placed;
-            for (; place > 0 && near[1][place - 1][own] > where; --place)
+            auto const origin = leavers.origin(leaver, where);
+            for (; place > 0 && leavers.origin(near[0][place - 1][own], near[1][place - 1][own]) > origin;
+                 --place)
                 for (auto& of : near) of[place][own] = of[place - 1][own];
             near[0][place][own] = leaver;
             near[1][place][own] = where;
@@ -137,14 +145,13 @@ __device__ void append_incoming(std::uint32_t first_incoming, ArrivedInCell came
 }
 
 /// Writes a block's new cells and its part of the new order: items that stay keep their order within the
-/// cell, incoming ones follow in the order in which they lie. One team of 64 threads does all of it; of
+/// cell, incoming ones follow in the order of their origins. One team of 64 threads does all of it; of
 /// several teams, the second appends the incoming items while the first writes those that stay.
-template <int d, class Number, class FindBegin>
+template <int d, class Leavers, class FindBegin>
 __device__ ArrivedInCell rearrange_block(std::uint32_t block, std::uint32_t blocks,
                                          std::uint32_t const* begin, Changes const& changes,
-                                         FindBegin const& find_begin, Leavers<Number> const& leavers,
-                                         NewOrder const& to,
-                                         std::array<typename CellOffset<Number>::Stored*, d> const& offset,
+                                         FindBegin const& find_begin, Leavers const& leavers,
+                                         NewOrder const& to, OffsetsOf<Leavers, d> const& offset,
                                          std::uint32_t teams = 1)
 {
     std::uint32_t const team = teams == 1 ? 0 : threadIdx.x / 64, place = threadIdx.x % 64;
@@ -182,11 +189,10 @@ __device__ ArrivedInCell rearrange_block(std::uint32_t block, std::uint32_t bloc
 }
 
 /// The same for all blocks.
-template <int d, class Number>
+template <int d, class Leavers>
 __global__ void __launch_bounds__(64)
     rearrange(Signal signal, std::uint32_t const* begin, Changes changes, std::uint64_t const* block_begin,
-              Leavers<Number> leavers, NewOrder to,
-              std::array<typename CellOffset<Number>::Stored*, d> offset)
+              Leavers leavers, NewOrder to, OffsetsOf<Leavers, d> offset)
 {
     if (signal.stops()) return;
     rearrange_block<d>(

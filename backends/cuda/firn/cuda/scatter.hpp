@@ -20,7 +20,7 @@ template <class Order, class GridType, class Phase>
 __global__ void __launch_bounds__(ShapeOfItems<GridType, Phase>::team_threads)
     scatter(Signal signal, Phase phase, typename Order::View cells, typename GridType::View grid, bool afresh)
 {
-    if (signal.stops()) return;
+    if (signal.stops() || !cells.has(blockIdx.x)) return;
     ItemsOfBlock<Order, GridType, Phase> items(cells, blockIdx.x);
     items.read(grid, blockIdx.x);
     items.for_each(

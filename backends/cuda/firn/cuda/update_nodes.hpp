@@ -268,6 +268,7 @@ __global__ void __launch_bounds__(block_threads)
     if (signal.stops()) return;
 #pragma unroll
     for (int layer = 0; layer < GridType::layers; ++layer) to_forget[layer].forget(blockIdx.x);
+    if (!grid.shows(blockIdx.x)) return;
     using Shape = typename GridType::Shape;
     constexpr int d = Phase::d;
     Coordinates<d> here;

@@ -3,6 +3,7 @@
 
 #include <firn/core/cell_offset.hpp>
 #include <firn/core/cell_work.hpp>
+#include <firn/distributed/fill_holes.hpp>
 #include <firn/distributed/merge.hpp>
 #include <firn/distributed/parcel.hpp>
 #include <firn/distributed/partition.hpp>
@@ -102,7 +103,7 @@ public:
             for (int a = 0; a < d; ++a) CellOffset<Number>::wrap(offset[std::size_t(a)][place]);
         std::size_t const count = first - gone_.size() + came;
         Local::rebin_rest(offset, flows_, count);
-        fill_holes(first, came, static_cast<std::uint32_t>(count), move);
+        fill_holes(static_cast<Local&>(*this), gone_, first + came, static_cast<std::uint32_t>(count), move);
     }
 
     /// Adds what the blocks here weigh to a list.
@@ -158,7 +159,7 @@ public:
         std::ranges::sort(kept_, {}, &Local::WholeBlock::key);
         Local::replace_blocks(kept_);
         kept_.clear();
-        fill_holes(first, place - first, static_cast<std::uint32_t>(this->size()), move);
+        fill_holes(static_cast<Local&>(*this), gone_, place, static_cast<std::uint32_t>(this->size()), move);
     }
     /// Writes the sums that came with blocks to a layer.
     template <class Layer>
@@ -224,27 +225,6 @@ private:
             flows_.push_back({begin.from, begin.key, arrived_.data() + begin.item,
                               static_cast<std::uint32_t>(begin.count), -1});
         return arrived_.size();
-    }
-
-    /// Lets the last items fill the places of those that are gone.
-    template <class Move>
-    void fill_holes(std::uint32_t first, std::size_t came, std::uint32_t count, Move const& move)
-    {
-        if (gone_.empty()) return;
-        std::uint32_t const all = first + static_cast<std::uint32_t>(came);
-        std::vector<char> is_hole(all, 0);
-        for (std::uint32_t const place : gone_) is_hole[place] = 1;
-        std::vector<std::uint32_t> from, to, place(all - count);
-        std::uint32_t hole = 0;
-        for (std::uint32_t at = count; at < all; ++at) {
-            if (is_hole[at]) continue;
-            while (!is_hole[hole]) ++hole;
-            place[at - count] = hole;
-            from.push_back(at);
-            to.push_back(hole++);
-        }
-        Local::relocate(count, place);
-        move(std::as_const(from), std::as_const(to));
     }
 
     C communicator_;

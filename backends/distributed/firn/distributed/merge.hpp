@@ -8,11 +8,32 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <utility>
 #include <vector>
 
 // How the results of loops are merged over all ranks, with the same bits for any number of them.
 namespace firn::distributed
 {
+
+/// The values of all ranks, one rank's behind the other's.
+template <class T, class C>
+std::vector<T> of_all_ranks(C const& communicator, std::vector<T> const& own)
+{
+    Parcel parcel;
+    put(parcel, own.data(), own.size());
+    std::vector<T> all;
+    for (Parcel const& of_rank : communicator.all_gather(parcel))
+        for (Reader from(of_rank); !from.at_end();) all.push_back(from.template get<T>());
+    return all;
+}
+template <class C>
+std::size_t sum_of_ranks(C const& communicator, std::size_t own)
+{
+    std::size_t sum = 0;
+    for (auto const of_rank : of_all_ranks(communicator, std::vector<std::uint64_t>{own}))
+        sum += static_cast<std::size_t>(of_rank);
+    return sum;
+}
 
 /// The result of a part of a loop, and where it comes in the order of all parts.
 template <class Result>
@@ -44,9 +65,9 @@ bool has_a_place(Result const& result)
         return false;
 }
 
-/// Merges the results of the parts of all ranks, in the order of the parts.
+/// The parts of all ranks that matter, in their order.
 template <class Result, class C>
-Result merge_over_ranks(C const& communicator, std::vector<Part<Result>> parts)
+std::vector<Part<Result>> parts_of_ranks(C const& communicator, std::vector<Part<Result>> parts)
 {
     Result const none{};
     if constexpr (merges_in_any_order<Result>) { // one part of each rank is enough, but for exceptions
@@ -63,16 +84,17 @@ Result merge_over_ranks(C const& communicator, std::vector<Part<Result>> parts)
             return std::memcmp(static_cast<void const*>(&part.result), static_cast<void const*>(&none),
                                sizeof none) == 0;
         });
-    Parcel own;
-    put(own, parts.data(), parts.size());
-    std::vector<Part<Result>> all;
-    for (Parcel const& parcel : communicator.all_gather(own)) {
-        Reader from(parcel);
-        while (!from.at_end()) all.push_back(from.template get<Part<Result>>());
-    }
+    auto all = of_all_ranks(communicator, parts);
     std::sort(all.begin(), all.end());
+    return all;
+}
+
+/// Merges the results of the parts of all ranks, in the order of the parts.
+template <class Result, class C>
+Result merge_over_ranks(C const& communicator, std::vector<Part<Result>> parts)
+{
     Result merged{};
-    for (auto const& part : all) merged.merge(part.result);
+    for (auto const& part : parts_of_ranks(communicator, std::move(parts))) merged.merge(part.result);
     return merged;
 }
 

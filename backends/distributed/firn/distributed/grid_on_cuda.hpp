@@ -1,0 +1,351 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/cuda/grid.hpp>
+#include <firn/cuda/parts_of_tiles.hpp>
+#include <firn/cuda/tuning.hpp>
+#include <firn/distributed/grid.hpp>
+#include <firn/distributed/merge.hpp>
+#include <firn/distributed/order_on_cuda.hpp>
+#include <firn/distributed/parcel.hpp>
+#include <firn/grid/block_key.hpp>
+#include <firn/grid/lattice.hpp>
+#include <firn/grid/periods.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+namespace firn::distributed
+{
+
+/// The grid of a device that shares it with other ranks. All ranks number the blocks of nodes alike, and each
+/// updates those under its own blocks of cells. The tiles of other ranks' blocks beside these come from
+/// there, not reduced, so that nodes add up what they would add up on one device.
+template <class Number, int d, int degree, int sums, int values, int layer_count, bool own_values,
+          class Order>
+class Grid<cuda::Grid<Number, d, degree, sums, values, layer_count, own_values>, Order, d, sums>
+    : public cuda::Grid<Number, d, degree, sums, values, layer_count, own_values>
+{
+    using Local = cuda::Grid<Number, d, degree, sums, values, layer_count, own_values>;
+    using Part = cuda::detail::PartOfTile<d>;
+    using PartsOfRanks = std::vector<std::vector<Part>>;
+    using Orders = std::array<Order*, std::size_t(layer_count)>;
+    static constexpr std::size_t count_of_layers = std::size_t(layer_count);
+
+public:
+    using Shape = cuda::BlockShape<d>;
+    using typename Local::Sums, typename Local::TileShape;
+
+    /// The nodes as loops see them, which leave alone those that are not shown.
+    struct View : Local::View
+    {
+        unsigned char const* kind; ///< per block of nodes: 1 if this rank has its results, 2 if another one
+                                   ///< has them, and 0 if no cell of this rank is above it
+        unsigned char shown;
+        __device__ bool shows(std::uint32_t block) const { return (kind[block] & shown) != 0; }
+    };
+
+    template <class Backend>
+    explicit Grid(Backend const& backend, Periods<d> const& periods = {})
+        : Local(backend, periods), queue_(backend.queue()), kinds_(backend), packed_(backend),
+          merged_of_nodes_(queue_)
+    {
+        bool const are_more = backend.communicator.size() > 1;
+        if (are_more) this->node_results().keep_apart();
+        for (std::size_t l = 0; l < count_of_layers; ++l) {
+            if (are_more) Local::layer(l).item_results().keep_apart();
+            merged_of_items_.emplace_back(queue_);
+            sent_.emplace_back(queue_);
+            came_.emplace_back(queue_);
+        }
+    }
+
+    View view() const
+    {
+        return {Local::view(), kinds_.data(),
+                static_cast<unsigned char>(shown_ == Nodes::all   ? 3
+                                           : shown_ == Nodes::own ? 1
+                                                                  : 2)};
+    }
+
+    /// See the primary template.
+    class Layer : public Local::Layer
+    {
+    public:
+        Layer(Grid& grid, std::size_t number) : Local::Layer(grid, number), grid_(&grid), number_(number) {}
+        void change_sums() const { grid_->are_old_ = true; }
+
+        /// The whole tiles of some blocks, one behind the other.
+        std::vector<Sums> tiles(std::vector<std::uint32_t> const& blocks) const
+        {
+            Parts parts(grid_->queue_);
+            parts.set_all(whole(blocks));
+            return grid_->packed(number_, parts);
+        }
+        void set_tiles(std::vector<std::uint32_t> const& blocks, std::vector<Sums> const& tiles) const
+        {
+            Parts parts(grid_->queue_);
+            parts.set_all(whole(blocks));
+            grid_->unpack(number_, parts, tiles);
+        }
+
+        /// What the items of all ranks have found in the last loop.
+        template <class Result>
+        cuda::Partial<Result> merged(Order const& cells) const
+        {
+            if (this->blocks() == 0) return {};
+            return grid_->template merged<Result>(cells.communicator(), this->item_results(),
+                                                  grid_->merged_of_items_[number_], cells.view().here);
+        }
+
+    private:
+        static std::vector<Part> whole(std::vector<std::uint32_t> const& blocks)
+        {
+            std::vector<Part> parts;
+            for (auto const block : blocks) parts.push_back(Grid::whole(block));
+            return parts;
+        }
+
+        Grid* grid_;
+        std::size_t number_;
+    };
+    Layer layer(std::size_t of) { return {*this, of}; }
+
+    void activate(Orders const& orders)
+    {
+        Local::activate(orders);
+        are_old_ = true;
+    }
+    void swap()
+    {
+        Local::swap();
+        are_old_ = true;
+    }
+    void show(Nodes which) { shown_ = which; }
+
+    /// See the primary template.
+    void exchange(Orders const& orders, int distance)
+    {
+        std::array<std::uint64_t, count_of_layers> ownership;
+        for (std::size_t l = 0; l < count_of_layers; ++l) ownership[l] = orders[l]->ownership();
+        bool const others = ownership != ownership_ || distance > looks_;
+        if (!are_old_ && !others) return;
+        cuda::OnDevice const here(queue_);
+        communicator_ = &orders[0]->communicator();
+        if (others) {
+            ownership_ = ownership;
+            looks_ = std::max(distance, looks_);
+            find_borders(orders);
+        }
+        std::vector<Parcel> to(static_cast<std::size_t>(communicator_->size()));
+        for (std::size_t l = 0; l < count_of_layers; ++l) {
+            auto const all = packed(l, sent_[l]);
+            for (std::size_t r = 0; r < to.size(); ++r)
+                put(to[r], all.data() + sent_[l].begin[r], sent_[l].begin[r + 1] - sent_[l].begin[r]);
+        }
+        auto const from = communicator_->exchange(to);
+        std::vector<Reader> rest(from.begin(), from.end());
+        for (std::size_t l = 0; l < count_of_layers; ++l) {
+            auto const& begin = came_[l].begin;
+            std::vector<Sums> all(begin.back());
+            for (std::size_t r = 0; r < rest.size(); ++r)
+                rest[r].get(all.data() + begin[r], begin[r + 1] - begin[r]);
+            unpack(l, came_[l], all);
+        }
+        are_old_ = false;
+    }
+
+    /// What the nodes of all ranks have found in the last loop.
+    template <class Result>
+    cuda::Partial<Result> merged()
+    {
+        if (this->node_blocks() == 0) return {};
+        return merged<Result>(*communicator_, this->node_results(), merged_of_nodes_, kinds_.data());
+    }
+
+    std::size_t memory() const { return Local::memory() + kinds_.memory() + packed_.memory(); }
+
+private:
+    /// Parts of tiles that go to other ranks, or come from them, rank by rank.
+    struct Parts
+    {
+        cuda::Array<Part> there;
+        std::vector<std::size_t> begin{0}; ///< by rank: where its nodes begin among all
+
+        explicit Parts(cuda::Queue const& queue) : there(queue) {}
+        void set(PartsOfRanks const& of_ranks)
+        {
+            std::vector<Part> all;
+            begin.assign(1, 0);
+            for (auto const& of_rank : of_ranks) {
+                begin.push_back(begin.back());
+                for (Part part : of_rank) {
+                    part.first = static_cast<std::uint32_t>(begin.back());
+                    begin.back() += part.nodes();
+                    all.push_back(part);
+                }
+            }
+            there.renew(all.size());
+            there.upload(0, all);
+        }
+        void set_all(std::vector<Part> const& all) { set({1, all}); }
+    };
+
+    std::vector<Sums> packed(std::size_t layer, Parts const& parts)
+    {
+        std::vector<Sums> all(parts.begin.back());
+        packed_.renew(all.size());
+        copy(layer, parts, true);
+        packed_.download(0, all);
+        return all;
+    }
+    void unpack(std::size_t layer, Parts const& parts, std::vector<Sums> const& all)
+    {
+        packed_.renew(all.size());
+        packed_.upload(0, all);
+        copy(layer, parts, false);
+        queue_.wait(); // the list of parts may be freed
+    }
+    void copy(std::size_t layer, Parts const& parts, bool packs)
+    {
+        if (parts.there.size() == 0) return;
+        cuda::OnDevice const here(queue_);
+        cuda::launch_after("copy_parts", queue_, cuda::detail::copy_parts<TileShape, Sums, d>,
+                           static_cast<unsigned>(parts.there.size()), 64, parts.there.data(), packs,
+                           this->tiles(layer).data(), packed_.data());
+    }
+
+    /// Merges the results of the groups of threads for which `which[group]` is 1, on all ranks.
+    template <class Result, class C>
+    static cuda::Partial<Result> merged(C const& communicator, cuda::Results& here, cuda::Results& to,
+                                        unsigned char const* which)
+    {
+        if (communicator.size() == 1) return here.template partial<Result>();
+        std::vector<distributed::Part<Result>> own;
+        if constexpr (merges_in_any_order<Result>) own.push_back({0, 0, here.template merged<Result>(which)});
+        if (own.empty() || has_a_place(own[0].result)) {
+            own.clear();
+            auto const [groups, results] = here.template listed<Result>(which);
+            for (std::size_t i = 0; i < groups.size(); ++i) own.push_back({0, groups[i], results[i]});
+        }
+        auto const parts = parts_of_ranks(communicator, std::move(own));
+        std::vector<Result> all;
+        if constexpr (merges_in_any_order<Result>)
+            for (auto const& part : parts) all.push_back(part.result);
+        else {
+            all.resize(here.groups()); // as many as one device would merge
+            for (auto const& part : parts) all[part.key] = part.result;
+        }
+        return to.template merge<Result>(all);
+    }
+
+    /// The numbers of the blocks of cells above each block of nodes, by layer and corner.
+    using Above = std::array<std::vector<std::uint32_t>, count_of_layers>;
+
+    /// Finds out which nodes are updated here, and which parts of tiles ranks swap for it.
+    void find_borders(Orders const& orders)
+    {
+        Above cover;
+        for (std::size_t l = 0; l < count_of_layers; ++l) {
+            cover[l].resize(std::size_t(this->node_blocks()) * Local::corners);
+            this->covered_by(l).download(0, cover[l]);
+        }
+        auto const ranks = static_cast<std::size_t>(communicator_->size());
+        std::array<PartsOfRanks, count_of_layers> sent, came;
+        for (auto* const of : {&sent, &came}) of->fill(PartsOfRanks(ranks));
+        std::vector<unsigned char> kinds(this->node_blocks(), 0);
+        std::vector<int> above; // the ranks whose cells are above a block of nodes
+        for (std::size_t n = 0; n < kinds.size(); ++n) {
+            above.clear();
+            for_each_above(cover, n, [&](std::size_t l, int, std::uint32_t block) {
+                int const owner = orders[l]->owners()[block];
+                if (std::ranges::find(above, owner) == above.end()) above.push_back(owner);
+            });
+            int const rank = communicator_->rank();
+            if (std::ranges::find(above, rank) == above.end()) continue;
+            kinds[n] = above[0] == rank ? 1 : 2; // results are those of the rank that has the first block
+            if (above.size() == 1 || looks_ > 1) continue;
+            for_each_above(cover, n, [&](std::size_t l, int corner, std::uint32_t block) {
+                int const owner = orders[l]->owners()[block];
+                if (owner != rank)
+                    came[l][std::size_t(owner)].push_back(part_of(block, corner));
+                else
+                    for (int const other : above)
+                        if (other != rank) sent[l][std::size_t(other)].push_back(part_of(block, corner));
+            });
+        }
+        for (std::size_t l = 0; l < count_of_layers; ++l) {
+            if (looks_ > 1) list_whole(*orders[l], sent[l], came[l]);
+            sent_[l].set(sent[l]);
+            came_[l].set(came[l]);
+        }
+        kinds_.renew(kinds.size());
+        kinds_.upload(0, kinds);
+    }
+    template <class Use>
+    static void for_each_above(Above const& cover, std::size_t n, Use const& use)
+    {
+        for (std::size_t l = 0; l < count_of_layers; ++l)
+            for (int corner = 0; corner < Local::corners; ++corner) {
+                auto const block = cover[l][n * Local::corners + std::size_t(corner)];
+                if (block != cuda::absent) use(l, corner, block);
+            }
+    }
+    /// The part of a tile in the block of nodes that lies `corner` behind the tile's block.
+    static Part part_of(std::uint32_t block, int corner)
+    {
+        Part part{block, 0, {}, {}};
+        for (int a = 0; a < d; ++a) {
+            bool const is_behind = ((corner >> (d - 1 - a)) & 1) != 0;
+            part.begin[std::size_t(a)] = is_behind ? Shape::extent : 0;
+            part.end[std::size_t(a)] = is_behind ? TileShape::width : Shape::extent;
+        }
+        return part;
+    }
+    /// Lists whole tiles, where nodes look at others: those of blocks up to `looks_` away from another
+    /// rank's.
+    void list_whole(Order const& cells, PartsOfRanks& sent, PartsOfRanks& came) const
+    {
+        int const rank = communicator_->rank(), width = 2 * looks_ + 1;
+        int steps = 1;
+        for (int a = 0; a < d; ++a) steps *= width;
+        for (std::uint32_t b = 0; b < cells.blocks(); ++b) {
+            Coordinates<d> const block = block_of_key<d>(cells.keys()[b]);
+            int const owner = cells.owners()[b];
+            for (int step = 0; step < steps; ++step) {
+                Coordinates<d> way;
+                for (int a = 0, rest = step; a < d; ++a, rest /= width) way[a] = rest % width - looks_;
+                int const other = cells.owner(block + way);
+                if (other == owner || (owner != rank && other != rank)) continue;
+                auto& list = owner == rank ? sent[std::size_t(other)] : came[std::size_t(owner)];
+                if (list.empty() || list.back().block != b) list.push_back(whole(b));
+            }
+        }
+    }
+    static Part whole(std::uint32_t block)
+    {
+        Part part{block, 0, {}, {}};
+        part.end.fill(TileShape::width);
+        return part;
+    }
+
+    cuda::Queue queue_;
+    typename std::remove_cvref_t<decltype(std::declval<Order&>().communicator())> const* communicator_ =
+        nullptr;
+    std::array<std::uint64_t, count_of_layers> ownership_{}; ///< of the orders, see CellOrder::ownership
+    int looks_ = 0;
+    Nodes shown_ = Nodes::all;
+    bool are_old_ = true;
+    std::vector<Parts> sent_, came_; ///< by layer
+    cuda::Array<unsigned char> kinds_;
+    cuda::Array<Sums> packed_;
+    cuda::Results merged_of_nodes_;
+    std::vector<cuda::Results> merged_of_items_; ///< by layer
+};
+
+} // namespace firn::distributed
