@@ -4,6 +4,7 @@
 #include <firn/core/components.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/phases/coarse_nodes.hpp>
+#include <firn/phases/coarse_sums.hpp>
 
 #include <cstddef>
 #include <cstdint>
@@ -33,12 +34,12 @@ template <int d>
 struct WeighLevel
 {
     LadderLinks finer;
-    CoarseWeights<d> const* of_finer;
-    CoarseWeights<d>* own;
+    CoarseWeights<double, d> const* of_finer;
+    CoarseWeights<double, d>* own;
 
     FIRN_HOST_DEVICE void operator()(std::size_t number) const
     {
-        CoarseWeights<d> sum;
+        CoarseWeights<double, d> sum;
         finer.for_each(number, [&](std::size_t from, double w) {
             auto const& of = of_finer[from];
             sum.mass += w * of.mass;
@@ -56,7 +57,7 @@ struct WeighLevel
 template <int d>
 struct InvertDiagonal
 {
-    CoarseWeights<d> const* weights;
+    CoarseWeights<double, d> const* weights;
     Vector<double, d>* inverse;
     double stiffening; ///< of what stress resists, for a grid of this cell size
     bool at_rest;
@@ -72,38 +73,54 @@ struct InvertDiagonal
     }
 };
 
-/// Sums up the residual of a grid's nodes, from those of the finer grid.
+/// Sums up residuals for coarser grids, of the first grid's nodes and link by link in parts of a node's sum.
 template <int d>
-struct RestrictLevel
+struct RestrictPart
 {
-    LadderLinks finer;
-    Vector<double, d> const* of_finer;
-    Vector<double, d>* own;
+    LadderLinks links; ///< of each part, with nodes of the first grid
+    Vector<double, d> const* of_first;
+    Vector<double, d>* parts;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t part) const
+    {
+        Vector<double, d> sum = zeros<Vector<double, d>>();
+        links.for_each(part, [&](std::size_t from, double w) { sum += of_first[from] * w; });
+        parts[part] = sum;
+    }
+};
+
+/// The parts become a coarser grid's correction.
+template <int d>
+struct CorrectCoarser
+{
+    std::uint32_t const* begin; ///< of each node's parts
+    Vector<double, d> const* parts;
+    Vector<double, d> const* inverse; ///< of the diagonal
+    Vector<double, d>* values;
 
     FIRN_HOST_DEVICE void operator()(std::size_t number) const
     {
         Vector<double, d> sum = zeros<Vector<double, d>>();
-        finer.for_each(number, [&](std::size_t from, double w) { sum += of_finer[from] * w; });
-        own[number] = sum;
+        for (std::uint32_t part = begin[number]; part < begin[number + 1]; ++part) sum += parts[part];
+        for (int a = 0; a < d; ++a) values[number][a] = sum[a] * inverse[number][a];
     }
 };
 
-/// The residuals of a grid's nodes become corrections, to which those of the coarser grid are added.
+/// The residuals of the first grid's nodes become corrections, to which those of all coarser grids are added.
 template <int d>
-struct ProlongLevel
+struct CorrectFirst
 {
-    bool is_last; ///< there is no coarser grid
-    LadderLinks coarser;
+    LadderLinks coarser; ///< of each node with those of coarser grids
     Vector<double, d> const* of_coarser;
     Vector<double, d> const* inverse; ///< of the diagonal
-    Vector<double, d>* own;
+    Vector<double, d>* values;
 
     FIRN_HOST_DEVICE void operator()(std::size_t number) const
     {
-        Vector<double, d> sum = own[number];
+        Vector<double, d> sum = values[number];
         for (int a = 0; a < d; ++a) sum[a] *= inverse[number][a];
-        if (!is_last) coarser.for_each(number, [&](std::size_t to, double w) { sum += of_coarser[to] * w; });
-        own[number] = sum;
+        coarser.for_each(number, [&](std::size_t to, double w) { sum += of_coarser[to] * w; });
+        values[number] = sum;
     }
 };
 

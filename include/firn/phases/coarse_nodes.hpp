@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/core/cell_offset.hpp>
 #include <firn/core/components.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/phases/mirrored_node.hpp>
@@ -32,7 +31,10 @@ struct NodeWeight
 template <int d>
 struct CoarseNode
 {
-    static constexpr int beside_count = d == 3 ? 27 : 9, reached_count = d == 3 ? 343 : 49;
+    static constexpr int beside_count = d == 3 ? 27 : 9;
+    /// The nodes that it reaches: so many along a line, and so many lines.
+    static constexpr int along = 2 * coarsening - 1, lines = d == 3 ? along * along : along,
+                         reached_count = lines * along;
     static constexpr std::uint32_t absent = ~std::uint32_t(0);
 
     Coordinates<d> at = zeros<Coordinates<d>>(); ///< on its own grid
@@ -86,48 +88,6 @@ struct NodeInCoarse
     std::uint32_t flipped = 0; ///< a bit for each axis
 };
 
-/// The cells around a node that hold a particle: between nodes, by a bit for each corner of the node.
-template <int d>
-struct HeldCells
-{
-    Coordinates<d> node = zeros<Coordinates<d>>();
-    std::uint32_t corners = 0;
-
-    /// Calls `use(cell)` for each, by the lowest of its own nodes.
-    template <class Use>
-    void for_each(Use const& use) const
-    {
-        for (int corner = 0; corner < 1 << d; ++corner) {
-            if ((corners >> corner & 1) == 0) continue;
-            Coordinates<d> cell = node;
-            for (int a = 0; a < d; ++a) cell[a] -= (corner >> a) & 1;
-            use(cell);
-        }
-    }
-};
-
-/// Notes for each particle of a material in which of the cells around a node it lies.
-template <class Number, int d, class Nodes>
-struct NoteHeldCells
-{
-    Nodes nodes;
-    std::array<typename CellOffset<Number>::Stored const*, std::size_t(d)> offset;
-    bool between_nodes; ///< cells lie between nodes already, which they do for kernels of an odd degree
-    HeldCells<d>* held; ///< for each index of a node
-
-    FIRN_HOST_DEVICE void operator()(std::size_t place, Coordinates<d> const& cell) const
-    {
-        std::uint32_t const index = nodes.find(cell);
-        if (index == Nodes::absent) return;
-        int corner = 0;
-        if (!between_nodes)
-            for (int a = 0; a < d; ++a)
-                corner |= (CellOffset<Number>::exact(offset[std::size_t(a)][place]) < 0 ? 1 : 0) << a;
-        held[index].node = cell;
-        held[index].corners |= 1u << corner; // the particles of a cell are visited one after the other
-    }
-};
-
 /// Links each coarse node with the nodes that have mass. Images behind walls get the weights of the nodes
 /// whose images they are.
 template <class Space, class Kernel, class Transfer, class Effects, class Nodes>
@@ -142,24 +102,25 @@ struct LinkCoarseNodes
     Nodes nodes;
     Number smallest_mass;
     CoarseNode<d> const* coarse;
-    NodeWeight<Number>* reached;     ///< Coarse::reached_count for each coarse node
+    std::size_t count;           ///< of coarse nodes
+    NodeWeight<Number>* reached; ///< for each coarse node one after the other, Coarse::reached_count times
     NodeInCoarse<Number, d>* linked; ///< for each index of a node
 
-    FIRN_HOST_DEVICE void operator()(std::size_t number) const
+    /// For one of the nodes that a coarse node reaches.
+    FIRN_HOST_DEVICE void operator()(std::size_t pair) const
     {
+        std::size_t const number = pair % count;
         Coarse const& own = coarse[number];
         auto const walls = walls_of(now->actions);
-        for (int i = 0; i < Coarse::reached_count; ++i) {
-            auto& to = reached[number * std::size_t(Coarse::reached_count) + std::size_t(i)];
-            to = {};
-            Coordinates<d> const way = Coarse::offset(i), node = own.at * int{coarsening} + way;
-            if (is_image(walls, node)) continue;
-            std::uint32_t const index = find(node);
-            if (index == Nodes::absent) continue;
-            to = {index, own.template weight<Number>(way)};
-            link<0>(walls, node, index, 0, {static_cast<std::uint32_t>(number), to.weight},
-                    Coarse::corner(way));
-        }
+        reached[pair] = {};
+        Coordinates<d> const way = Coarse::offset(static_cast<int>(pair / count)),
+                             node = own.at * int{coarsening} + way;
+        if (is_image(walls, node)) return;
+        std::uint32_t const index = find(node);
+        if (index == Nodes::absent) return;
+        reached[pair] = {index, own.template weight<Number>(way)};
+        link<0>(walls, node, index, 0, {static_cast<std::uint32_t>(number), reached[pair].weight},
+                Coarse::corner(way));
     }
 
 private:
@@ -195,75 +156,6 @@ private:
                 link<axis + 1>(walls, image, find(image), flipped | 1u << axis, by, corner);
             }
         }
-    }
-};
-
-/// What a coarse node knows of the system: mass, how much stress resists, and how much nodes that are held
-/// do.
-template <int d>
-struct CoarseWeights
-{
-    double mass = 0, resists = 0;
-    std::array<double, std::size_t(d)> held{};         ///< by weights
-    std::array<double, std::size_t(d)> held_squares{}; ///< by their squares
-};
-
-/// Sums that up, of each coarse node.
-template <class Space, class Kernel, class Transfer, class Nodes>
-struct WeighCoarseNodes
-{
-    static constexpr int d = Space::dimension;
-    using Number = typename Space::Scalar;
-    using Own = typename SolvePhase<Space, Kernel, Transfer>::Own;
-    using Coarse = CoarseNode<d>;
-
-    Nodes nodes;
-    NodeWeight<Number> const* reached;
-    CoarseWeights<d>* weights;
-    bool at_rest;
-
-    FIRN_HOST_DEVICE void operator()(std::size_t number) const
-    {
-        CoarseWeights<d> sum;
-        for (int i = 0; i < Coarse::reached_count; ++i) {
-            auto const [index, w] = reached[number * std::size_t(Coarse::reached_count) + std::size_t(i)];
-            if (!(w > Number(0))) continue;
-            double const mass = double(nodes.value(index, Own::mass)),
-                         diagonal = double(nodes.value(index, Own::stiffness)), weight = double(w);
-            sum.mass += weight * mass;
-            sum.resists += weight * (at_rest ? diagonal : diagonal - mass);
-            for (int a = 0; a < d; ++a) {
-                double const held = diagonal * (1 - double(nodes.value(index, Own::free_at(a, a))));
-                sum.held[std::size_t(a)] += weight * held;
-                sum.held_squares[std::size_t(a)] += weight * weight * held;
-            }
-        }
-        weights[number] = sum;
-    }
-};
-
-/// Sums up the residual of each coarse node.
-template <class Space, class Kernel, class Transfer, class Nodes>
-struct RestrictResidual
-{
-    static constexpr int d = Space::dimension;
-    using Number = typename Space::Scalar;
-    using Own = typename SolvePhase<Space, Kernel, Transfer>::Own;
-    using Coarse = CoarseNode<d>;
-
-    Nodes nodes;
-    NodeWeight<Number> const* reached;
-    Vector<double, d>* residual;
-
-    FIRN_HOST_DEVICE void operator()(std::size_t number) const
-    {
-        Vector<Number, d> sum = zeros<Vector<Number, d>>();
-        for (int i = 0; i < Coarse::reached_count; ++i) {
-            auto const [index, w] = reached[number * std::size_t(Coarse::reached_count) + std::size_t(i)];
-            if (!(w > Number(0))) continue;
-            for (int a = 0; a < d; ++a) sum[a] += w * nodes.value(index, Own::residual + a);
-        }
-        for (int a = 0; a < d; ++a) residual[number][a] = double(sum[a]);
     }
 };
 

@@ -3,70 +3,19 @@
 
 #include <firn/phases/coarse_ladder.hpp>
 #include <firn/phases/coarse_nodes.hpp>
+#include <firn/phases/coarse_sums.hpp>
+#include <firn/time_stepping/coarse_grid.hpp>
 
 #include <algorithm>
 #include <array>
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 // The coarse grids by which implicit steps are preconditioned.
 namespace firn
 {
-
-/// A coarse grid's nodes: the corners of its cells that hold a particle. With others a coarse node could have
-/// mass and hardly any stiffness.
-template <int d>
-class CoarseGrid
-{
-public:
-    using Node = CoarseNode<d>;
-
-    /// Lists the corners of these cells, in one order.
-    void begin(std::vector<Coordinates<d>> cells)
-    {
-        nodes_.clear();
-        std::vector<Coordinates<d>> corners;
-        for (auto const& cell : cells)
-            for (int corner = 0; corner < 1 << d; ++corner) {
-                Coordinates<d> at = cell;
-                for (int a = 0; a < d; ++a) at[a] += (corner >> a) & 1;
-                corners.push_back(at);
-            }
-        make_unique(corners);
-        for (auto const& at : corners) nodes_.push_back({at, {}});
-        for (auto& node : nodes_)
-            for (int i = 0; i < Node::beside_count; ++i) {
-                Coordinates<d> at = node.at;
-                for (int a = d - 1, rest = i; a >= 0; --a, rest /= 3) at[a] += rest % 3 - 1;
-                node.beside[std::size_t(i)] = find(at);
-            }
-    }
-    std::vector<Node> const& nodes() const { return nodes_; }
-
-    /// The number of a node, or absent.
-    std::uint32_t find(Coordinates<d> const& at) const
-    {
-        auto const found =
-            std::ranges::lower_bound(nodes_, at, is_before, [](Node const& node) { return node.at; });
-        bool const is_there = found != nodes_.end() && found->at == at;
-        return is_there ? static_cast<std::uint32_t>(found - nodes_.begin()) : Node::absent;
-    }
-
-    static void make_unique(std::vector<Coordinates<d>>& places)
-    {
-        std::sort(places.begin(), places.end(), is_before);
-        places.erase(std::unique(places.begin(), places.end()), places.end());
-    }
-    static bool is_before(Coordinates<d> const& a, Coordinates<d> const& b)
-    {
-        return std::lexicographical_compare(a.data(), a.data() + d, b.data(), b.data() + d);
-    }
-
-private:
-    std::vector<Node> nodes_;
-};
 
 /// An additive preconditioner on a ladder of grids, each four times as coarse as the one before, down to one
 /// of a few cells:
@@ -87,7 +36,9 @@ class CoarseGrids
 
 public:
     explicit CoarseGrids(Backend const& backend)
-        : backend_(backend), held_(backend), coarse_(backend), reached_(backend), linked_(backend)
+        : backend_(backend), held_(backend), coarse_(backend), reached_(backend), linked_(backend),
+          weight_lines_(backend), lines_(backend), weights_(backend), diagonals_(backend), values_(backend),
+          first_of_node_(backend), parts_(backend), to_first_(backend), to_coarser_(backend)
     {}
 
     bool are_there() const { return are_there_; }
@@ -106,34 +57,33 @@ public:
             cells_ = cells;
             make_levels(std::move(cells));
         }
-        std::size_t const count = levels_.front().size();
-        coarse_.resize(count, 0);
-        coarse_.upload(0, first_copy_ = levels_.front().grid.nodes());
-        reached_.resize(count * std::size_t(Node::reached_count), 0);
         linked_.resize(node_count, 0);
         linked_.fill(0, node_count, {});
-        backend_.for_each(count,
-                          LinkCoarseNodes<Space, Kernel, Transfer, Actions, Nodes>{
-                              now, nodes, smallest_mass, coarse_.data(), reached_.data(), linked_.data()});
+        backend_.for_each(
+            first_count() * std::size_t(Node::reached_count),
+            LinkCoarseNodes<Space, Kernel, Transfer, Actions, Nodes>{
+                now, nodes, smallest_mass, coarse_.data(), first_count(), reached_.data(), linked_.data()});
     }
 
     /// Finds the diagonals, for the state that was tried last.
     template <class Kernel, class Transfer, class Nodes>
     void weigh(Nodes const& nodes, bool at_rest, double stiffness_of_kernel)
     {
-        auto& first = levels_.front();
-        backend_.for_each(first.size(), WeighCoarseNodes<Space, Kernel, Transfer, Nodes>{
-                                            nodes, reached_.data(), first.weights.data(), at_rest});
+        std::size_t const first = first_count();
+        backend_.for_each(first * std::size_t(Node::lines),
+                          WeighLines<Space, Kernel, Transfer, Nodes>{
+                              {nodes, reached_.data(), first}, weight_lines_.data(), at_rest});
+        backend_.for_each(first, AddWeightsOfLines<Number, d>{first, weight_lines_.data(), weights_.data()});
         for (std::size_t l = 1; l < levels_.size(); ++l)
             backend_.for_each(levels_[l].size(),
-                              WeighLevel<d>{levels_[l].finer.links(), levels_[l - 1].weights.data(),
-                                            levels_[l].weights.data()});
+                              WeighLevel<d>{levels_[l].finer.links(), weights_.data() + levels_[l - 1].offset,
+                                            weights_.data() + levels_[l].offset});
         double in_cells = 1; // of the grid's own, to a level's size
         for (auto& level : levels_) {
             in_cells *= coarsening;
             backend_.for_each(
                 level.size(),
-                InvertDiagonal<d>{level.weights.data(), level.inverse_diagonal.data(),
+                InvertDiagonal<d>{weights_.data() + level.offset, diagonals_.data() + level.offset,
                                   stiffness_of_interpolation / stiffness_of_kernel / (in_cells * in_cells),
                                   at_rest});
         }
@@ -143,29 +93,31 @@ public:
     template <class Kernel, class Transfer, class Nodes>
     void correct(Nodes const& nodes, std::size_t node_count)
     {
-        auto& first = levels_.front();
-        backend_.for_each(first.size(), RestrictResidual<Space, Kernel, Transfer, Nodes>{
-                                            nodes, reached_.data(), first.values.data()});
-        for (std::size_t l = 1; l < levels_.size(); ++l)
-            backend_.for_each(levels_[l].size(),
-                              RestrictLevel<d>{levels_[l].finer.links(), levels_[l - 1].values.data(),
-                                               levels_[l].values.data()});
-        for (std::size_t l = levels_.size(); l-- > 0;) {
-            auto& own = levels_[l];
-            bool const is_last = l + 1 == levels_.size();
-            backend_.for_each(own.size(), ProlongLevel<d>{is_last, own.coarser.links(),
-                                                          is_last ? nullptr : levels_[l + 1].values.data(),
-                                                          own.inverse_diagonal.data(), own.values.data()});
+        std::size_t const first = first_count(), coarser = values_.size() - first;
+        backend_.for_each(
+            first * std::size_t(Node::lines),
+            RestrictLines<Space, Kernel, Transfer, Nodes>{{nodes, reached_.data(), first}, lines_.data()});
+        backend_.for_each(first, AddResidualsOfLines<Number, d>{first, lines_.data(), values_.data()});
+        if (coarser > 0) {
+            backend_.for_each(parts_.size(),
+                              RestrictPart<d>{to_first_.links(), values_.data(), parts_.data()});
+            backend_.for_each(coarser, CorrectCoarser<d>{first_of_node_.data(), parts_.data(),
+                                                         diagonals_.data() + first, values_.data() + first});
         }
+        backend_.for_each(first, CorrectFirst<d>{to_coarser_.links(), values_.data() + first,
+                                                 diagonals_.data(), values_.data()});
         backend_.for_each(node_count, ProlongCorrection<Space, Kernel, Transfer, Nodes>{nodes, linked_.data(),
-                                                                                        first.values.data()});
+                                                                                        values_.data()});
     }
 
     /// Bytes held for loops.
     std::size_t memory() const
     {
-        std::size_t bytes = held_.memory() + coarse_.memory() + reached_.memory() + linked_.memory();
-        for (auto const& level : levels_) bytes += level.memory();
+        std::size_t bytes = held_.memory() + coarse_.memory() + reached_.memory() + linked_.memory() +
+                            weight_lines_.memory() + lines_.memory() + weights_.memory() +
+                            diagonals_.memory() + values_.memory() + first_of_node_.memory() +
+                            parts_.memory() + to_first_.memory() + to_coarser_.memory();
+        for (auto const& level : levels_) bytes += level.finer.memory();
         return bytes;
     }
 
@@ -173,8 +125,12 @@ private:
     /// What stress resists a node's interpolation with, over the mean modulus times 1 / cell size^2: of a
     /// cube whose sides resist along one axis, and shear along the others.
     static constexpr double stiffness_of_interpolation = 1;
+    /// The links of a part of a sum: a compromise between how many sums there are and how long one takes.
+    static constexpr std::size_t links_of_part = 32;
 
-    /// Links of a grid's nodes with those of another grid of the ladder.
+    using LinksOfNode = std::vector<NodeWeight<double>>;
+
+    /// Links of a grid's nodes with those of other grids of the ladder.
     struct Links
     {
         Array<std::uint32_t> begin;
@@ -182,18 +138,16 @@ private:
 
         explicit Links(Backend const& backend) : begin(backend), of(backend) {}
 
-        void set(std::vector<std::vector<NodeWeight<double>>> const& by_node)
+        void set(std::vector<LinksOfNode> const& by_node)
         {
             std::vector<std::uint32_t> begins{0};
-            std::vector<NodeWeight<double>> all;
+            LinksOfNode all;
             for (auto const& links : by_node) {
                 all.insert(all.end(), links.begin(), links.end());
                 begins.push_back(static_cast<std::uint32_t>(all.size()));
             }
-            begin.resize(begins.size(), 0);
-            begin.upload(0, begins);
-            of.resize(all.size(), 0);
-            of.upload(0, all);
+            upload(begin, begins);
+            upload(of, all);
         }
         LadderLinks links() { return {begin.data(), of.data()}; }
         std::size_t memory() const { return begin.memory() + of.memory(); }
@@ -202,27 +156,20 @@ private:
     struct Level
     {
         CoarseGrid<d> grid;
-        Links finer, coarser;
-        Array<CoarseWeights<d>> weights;
-        Array<Vector<double, d>> inverse_diagonal, values;
+        std::size_t offset; ///< of its nodes, among those of all grids
+        Links finer;
 
-        explicit Level(Backend const& backend)
-            : finer(backend), coarser(backend), weights(backend), inverse_diagonal(backend), values(backend)
-        {}
-        void begin(std::vector<Coordinates<d>> const& cells)
-        {
-            grid.begin(cells);
-            weights.resize(size(), 0);
-            inverse_diagonal.resize(size(), 0);
-            values.resize(size(), 0);
-        }
         std::size_t size() const { return grid.nodes().size(); }
-        std::size_t memory() const
-        {
-            return finer.memory() + coarser.memory() + weights.memory() + inverse_diagonal.memory() +
-                   values.memory();
-        }
     };
+
+    std::size_t first_count() const { return levels_.front().size(); }
+
+    template <class T>
+    static void upload(Array<T>& to, std::vector<T> const& values)
+    {
+        to.resize(values.size(), 0);
+        to.upload(0, values);
+    }
 
     static Coordinates<d> coarse_cell(Coordinates<d> cell)
     {
@@ -247,10 +194,12 @@ private:
         std::vector<HeldCells<d>> held(node_count);
         held_.download(0, held);
         std::vector<Coordinates<d>> cells;
+        constexpr std::ptrdiff_t near = 1 << d; // nodes that lie side by side have few cells
         for (auto const& of : held)
             of.for_each([&](Coordinates<d> const& cell) {
                 auto const at = coarse_cell(cell);
-                if (cells.empty() || cells.back() != at) cells.push_back(at);
+                auto const from = cells.size() > std::size_t(near) ? cells.end() - near : cells.begin();
+                if (std::find(from, cells.end(), at) == cells.end()) cells.push_back(at);
             });
         CoarseGrid<d>::make_unique(cells);
         return cells;
@@ -259,23 +208,74 @@ private:
     void make_levels(std::vector<Coordinates<d>> cells)
     {
         levels_.clear();
+        std::size_t count = 0;
         for (bool goes_on = true; goes_on;) {
             goes_on = cells.size() > 1 && levels_.size() < 7;
-            levels_.emplace_back(backend_);
-            levels_.back().begin(cells);
+            levels_.push_back({{}, count, Links(backend_)});
+            levels_.back().grid.begin(cells);
+            count += levels_.back().size();
             for (auto& cell : cells) cell = coarse_cell(cell);
             CoarseGrid<d>::make_unique(cells);
         }
-        for (std::size_t l = 1; l < levels_.size(); ++l) link(levels_[l], levels_[l - 1]);
+        std::size_t const first = first_count();
+        weights_.resize(count, 0);
+        diagonals_.resize(count, 0);
+        values_.resize(count, 0);
+        upload(coarse_, levels_.front().grid.nodes());
+        reached_.resize(first * std::size_t(Node::reached_count), 0);
+        weight_lines_.resize(first * std::size_t(Node::lines), 0);
+        lines_.resize(first * std::size_t(Node::lines), 0);
+        link_levels();
     }
-    static void link(Level& own, Level& finer)
+
+    /// Links each grid with the finer one, and the first one with all coarser ones.
+    void link_levels()
     {
-        std::vector<std::vector<NodeWeight<double>>> down(own.size()), up(finer.size());
+        std::size_t const first = first_count();
+        std::vector<LinksOfNode> last(first), to_coarser(first), to_first(values_.size() - first);
+        for (std::size_t i = 0; i < first; ++i) last[i] = {{static_cast<std::uint32_t>(i), 1.0}};
+        for (std::size_t l = 1; l < levels_.size(); ++l) {
+            auto const up = link(levels_[l], levels_[l - 1].grid);
+            for (std::size_t i = 0; i < first; ++i) { // through the grid in between
+                LinksOfNode next;
+                for (auto const& [node, w] : last[i])
+                    for (auto const& [coarser, more] : up[node]) {
+                        auto const found = std::ranges::find(next, coarser, &NodeWeight<double>::node);
+                        if (found == next.end())
+                            next.push_back({coarser, w * more});
+                        else
+                            found->weight += w * more;
+                    }
+                for (auto const& [node, w] : next) {
+                    auto const number = static_cast<std::uint32_t>(levels_[l].offset + node - first);
+                    to_coarser[i].push_back({number, w});
+                    to_first[number].push_back({static_cast<std::uint32_t>(i), w});
+                }
+                last[i] = std::move(next);
+            }
+        }
+        std::vector<std::uint32_t> first_of_node{0};
+        std::vector<LinksOfNode> parts;
+        for (auto const& links : to_first) {
+            for (std::size_t i = 0; i < links.size(); i += links_of_part)
+                parts.emplace_back(links.begin() + std::ptrdiff_t(i),
+                                   links.begin() + std::ptrdiff_t(std::min(i + links_of_part, links.size())));
+            first_of_node.push_back(static_cast<std::uint32_t>(parts.size()));
+        }
+        upload(first_of_node_, first_of_node);
+        parts_.resize(parts.size(), 0);
+        to_first_.set(parts);
+        to_coarser_.set(to_coarser);
+    }
+    /// Links a grid with the finer one. Returns the finer nodes' links.
+    static std::vector<LinksOfNode> link(Level& own, CoarseGrid<d> const& finer)
+    {
+        std::vector<LinksOfNode> down(own.size()), up(finer.nodes().size());
         for (std::size_t number = 0; number < own.size(); ++number) {
             Node const& node = own.grid.nodes()[number];
             for (int i = 0; i < Node::reached_count; ++i) {
                 Coordinates<d> const way = Node::offset(i);
-                std::uint32_t const from = finer.grid.find(node.at * coarsening + way);
+                std::uint32_t const from = finer.find(node.at * coarsening + way);
                 if (from == Node::absent) continue;
                 double const weight = node.template weight<double>(way);
                 down[number].push_back({from, weight});
@@ -283,18 +283,24 @@ private:
             }
         }
         own.finer.set(down);
-        finer.coarser.set(up);
+        return up;
     }
 
     Backend backend_;
     bool are_there_ = false;
-    std::vector<Coordinates<d>> cells_; ///< those under which the levels were made
+    std::vector<Coordinates<d>> cells_; ///< those under which the grids were made
     std::vector<Level> levels_;
-    std::vector<Node> first_copy_;
     Array<HeldCells<d>> held_;
-    Array<Node> coarse_;
+    Array<Node> coarse_; ///< the first grid's nodes
     Array<NodeWeight<Number>> reached_;
     Array<NodeInCoarse<Number, d>> linked_;
+    Array<CoarseWeights<Number, d>> weight_lines_;
+    Array<Vector<Number, d>> lines_;
+    Array<CoarseWeights<double, d>> weights_;     ///< of all grids' nodes
+    Array<Vector<double, d>> diagonals_, values_; ///< one over these diagonals, and what is found by them
+    Array<std::uint32_t> first_of_node_;          ///< of the parts of coarser nodes' sums
+    Array<Vector<double, d>> parts_;
+    Links to_first_, to_coarser_;
 };
 
 } // namespace firn
