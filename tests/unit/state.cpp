@@ -2,6 +2,8 @@
 #include "catch.hpp"
 #include "unit/bytes_of_materials.hpp"
 
+#include <cmath>
+
 using namespace firn;
 using namespace firn::test;
 
@@ -55,4 +57,22 @@ TEST_CASE("what is uploaded is what is downloaded, beyond the yield surface too"
     solver.upload<DisplacementGradient>(H);
     CHECK(solver.download<DisplacementGradient>() == H);
     CHECK(solver.download<PlasticVolumeRatio>() == std::vector<float>(H.size(), 1.f));
+}
+
+// The step after the last one of a call is planned before the next call says when it ends.
+TEST_CASE("a step that was planned to end a rounding before a call does ends where the call ends")
+{
+    for (double const begin : {0.05, 0.055}) {
+        firn::TimeStepController<1> controller;
+        controller.cell_size = 1;
+        controller.duration = 0.005;
+        controller.end = begin + controller.duration;
+        for (double const planned : {std::nextafter(controller.end, 0), controller.end}) {
+            firn::TimeState state;
+            state.time = begin;
+            state.scattered = {{begin, planned}, firn::StepLimit::duration, controller.duration};
+            CHECK(controller.choose(state) == (planned == controller.end));
+            CHECK(state.now.interval.end == controller.end);
+        }
+    }
 }

@@ -111,7 +111,7 @@ struct TimeStepController
         double const planned = time_state.scattered.interval.length(), longest = best.interval.length();
         bool const fits =
             planned > 0 && exactly_equal(time_state.scattered.interval.begin, time_state.time) &&
-            (!cuts || time_state.scattered.interval.end <= end) && planned <= longest_plan * longest &&
+            (!cuts || reaches(time_state.scattered.interval)) && planned <= longest_plan * longest &&
             planned >= shortest_plan * longest && time_state.retries == 0;
         time_state.now = fits ? time_state.scattered : best;
         // the step after it, predicted from the bounds at the begin of this one
@@ -169,6 +169,14 @@ struct TimeStepController
     }
 
 private:
+    /// Whether a step ends in time, and not a rounding before the end: in a call that is one step long, that
+    /// was planned by the end of the call before.
+    FIRN_HOST_DEVICE bool reaches(Interval const& step) const
+    {
+        double const left = end - step.end;
+        return exactly_equal(left, 0) || left > 1e-9 * step.length();
+    }
+
     /// A step from `begin` that is as long as is stable, not much longer than the one before, and with `cuts`
     /// a whole share of the time until `until`. Each of `retries` failures halves it.
     FIRN_HOST_DEVICE PlannedStep plan(ChosenStep step, double begin, double until, double previous,
