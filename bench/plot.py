@@ -24,7 +24,7 @@ import matplotlib.pyplot as plt  # noqa: E402
 MIDDLE = "#7f8894"  # legible on white and on black
 COLOURS = {"linear": "#b08a2e", "quadratic": "#3d8fd1", "cubic": "#d1553d"}
 MARKS = {"pic": "v", "flip_0.95": "s", "flip_1": "D", "apic": "^", "mls": "o"}
-RULES = {"nodes": "s", "surface": "o"}  # marks by what obstacles act on, for the problems that have both
+RULES = {"nodes": "s", "surface": "o", "settle": "*"}  # marks by what acts, for the problems solved in two ways
 TITLES = {
     "P1": "P1: large standing waves, error of positions over the amplitude",
     "P2": "P2: column under its weight, error of stress over that at the foot",
@@ -32,6 +32,7 @@ TITLES = {
     "P4": "P4: column of sand, error of the centre of mass over its way",
     "P7": "P7: still water in a tilted tank, rms speed over sqrt(g H)",
     "P8": "P8: floating disk, error of its depth over its diameter",
+    "P9": "P9: stiff cantilever at rest, error of the sinking of its end",
     "P6": "P6: large standing waves in a cube, error of positions over the amplitude",
     "P5": "P5: block of snow on a floor, difference of the centre's height from a fine run over the side",
 }
@@ -161,7 +162,8 @@ def draw_cost(problem, rows, cost, path):
     ]
     marks += [
         plt.Line2D([], [], linestyle="", marker=mark, markersize=5, color=MIDDLE, label=label)
-        for label, mark in (RULES if any(row.acts_on for row in rows) else MARKS).items()
+        for label, mark in {**MARKS, **RULES}.items()
+        if any(label in (row.transfer, row.acts_on) for row in rows)
     ]
     marks += [
         plt.Line2D([], [], linestyle="", marker="o", markersize=5, color=MIDDLE, mfc="none", label="hollow: double"),

@@ -24,7 +24,7 @@ def read(path):
         return {
             tuple(row[key] for key in KEYS): ("ok" if row["status"] == "ok" else "failed", row["error"])
             for row in csv.DictReader(lines)
-            if row["problem"] in ("P1", "P2")
+            if row["problem"] in ("P1", "P2") and not row.get("acts_on")
         }
 
 

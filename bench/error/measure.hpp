@@ -9,6 +9,7 @@
 #include "problems/manufactured.hpp"
 #include "problems/sand_column.hpp"
 #include "problems/snow_block.hpp"
+#include "problems/stiff_beam.hpp"
 #include "problems/water_tank.hpp"
 
 #include <algorithm>
@@ -110,6 +111,15 @@ void offer(Offer& offers, std::string const& transfer_name, Transfer const& tran
     };
     by("P1", measure<test::ManufacturedSolution, Elastic>);
     by("P2", measure<test::Column, Elastic>);
+    if constexpr (Kernel::degree > 1 && (std::is_same_v<Transfer, Mls> || std::is_same_v<Transfer, Apic>)) {
+        using Backend = test::TestedBackend;
+        by("P9", measure<test::StiffBeam, Elastic>);
+        if constexpr (!Backend::queues) { // which takes nvcc minutes
+            using Settled = test::Scene<NeoHookean<Plane>, Kernel, Transfer, Backend, Implicit>;
+            by("P2", measure<test::Column, Settled>, "/settle");
+            by("P9", measure<test::StiffBeam, Settled>, "/settle");
+        }
+    }
     by("P3", measure<test::CollidingDisks, Elastic>);
     by("P4", measure<test::SandColumn, Grains>);
     by("P5", measure<test::SnowBlock, Snows>);

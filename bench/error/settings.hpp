@@ -20,7 +20,9 @@ struct Setting
     double cfl_fraction = 0.9; ///< share of the limit of an isolated particle: StepControl::wave
     int cells = 0;             ///< per length of the problem
     int per_cell = 2;          ///< particles per cell and axis
-    std::string acts_on = "";  ///< of obstacles, where a problem has them by both rules: nodes or surface
+    /// What acts, where a problem is solved in two ways: obstacles on nodes or at their surface; or settle,
+    /// an implicit solve in place of damped explicit steps.
+    std::string acts_on = "";
 };
 
 /// What it cost, and how far off it was.

@@ -31,13 +31,18 @@ public:
         solver.add(points_, 2.0 / cells / double(points_.size()));
     }
 
-    /// Twelve periods of its slowest vibration, damped, until it is at rest.
+    /// Twelve periods of its slowest vibration, damped, until it is at rest; of implicit steps one solve,
+    /// whose passes over the particles count as steps.
     AdvanceReport advance(int)
     {
-        double const period = 4 / std::sqrt(double(solver.model().elasticity.p_wave_modulus()) / density);
-        return solver.advance(12 * period, Gravity{}, Damping{1.4 * 6.283185307179586 / period},
-                              ReflectingWall{.axis = 0}, ReflectingWall{.axis = 0, .node = 2, .side = -1},
-                              ReflectingWall{.axis = 1});
+        ReflectingWall const left{.axis = 0}, right{.axis = 0, .node = 2, .side = -1}, floor{.axis = 1};
+        if constexpr (SceneType::is_implicit) {
+            AdvanceReport report;
+            report.substeps = std::uint64_t(solver.settle(Gravity{}, left, right, floor).solve.passes);
+            return report;
+        }
+        else
+            return damped(left, right, floor);
     }
 
     /// Compares stresses with those of equilibrium, and finds how far the top has sunk.
@@ -70,6 +75,13 @@ public:
     Solver solver;
 
 private:
+    AdvanceReport damped(ReflectingWall const& left, ReflectingWall const& right, ReflectingWall const& floor)
+    {
+        double const period = 4 / std::sqrt(double(solver.model().elasticity.p_wave_modulus()) / density);
+        return solver.advance(12 * period, Gravity{}, Damping{1.4 * 6.283185307179586 / period}, left, right,
+                              floor);
+    }
+
     static constexpr double density = 1000, gravity = 9.81; ///< [kg/m^3], [m/s^2]
 
     static Model material()

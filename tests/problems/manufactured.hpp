@@ -105,7 +105,7 @@ class ManufacturedSolution : StandingWaves
 public:
     using Transfer = typename SceneType::Transfer;
     using Solver = firn::Solver<typename SceneType::Backend, Driven<typename SceneType::Model>,
-                                typename SceneType::Kernel, Transfer>;
+                                typename SceneType::Kernel, Transfer, typename SceneType::Integrator>;
     static constexpr int pieces = 5, d = SceneType::d;
 
     /// `cells` per metre, `per_cell` particles per cell and axis.

@@ -50,17 +50,20 @@ struct PacksOf
 #endif
 
 /// A combination of policies, to be listed in TEMPLATE_TEST_CASE.
-template <class ModelType, class KernelType, class TransferType, class BackendType = TestedBackend>
+template <class ModelType, class KernelType, class TransferType, class BackendType = TestedBackend,
+          class IntegratorType = SymplecticEuler>
 struct Scene
 {
     using Model = ModelType;
     using Kernel = KernelType;
     using Transfer = TransferType;
     using Backend = BackendType;
-    using Solver = firn::Solver<Backend, Model, Kernel, Transfer>;
+    using Integrator = IntegratorType;
+    using Solver = firn::Solver<Backend, Model, Kernel, Transfer, Integrator>;
     using Space = typename Model::Space;
     using Number = typename Space::Scalar;
     static constexpr int d = Space::dimension;
+    static constexpr bool is_implicit = !std::is_same_v<Integrator, SymplecticEuler>;
     static constexpr bool is_float = std::is_same_v<Number, float>;
 };
 
