@@ -48,7 +48,7 @@ using AtSurface = firn::Obstacles<firn::AnyShape<>, firn::ActsOn::surface>;
 void surfaces(firn::Solver<Backend, Solid, firn::QuadraticBSpline, firn::Mls>& solver,
               firn::Solver<Backend, Two, firn::QuadraticBSpline, firn::Mls>& of_bodies)
 {
-    solver.step(1e-4, AtSurface{}, AtSurface{}, firn::ReflectingWall{});
+    solver.step(1e-4, AtSurface{}, firn::ReflectingWall{});
     of_bodies.step(1e-4, AtSurface{});
     static_cast<void>(sizeof(firn::Obstacles<firn::Shell<firn::Sphere>, firn::ActsOn::surface>));
 }

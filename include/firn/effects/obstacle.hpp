@@ -186,14 +186,30 @@ struct Obstacle<ShapeType>::Action
         return touched;
     }
 
-    /// Where lanes of places, moved by `shift` [m], are relative to the surface.
+    /// Whether it is a shell thinner than a cell. At its surface such a one acts in its middle, on either
+    /// side, and takes no room.
+    FIRN_HOST_DEVICE bool is_thin([[maybe_unused]] Lattice const& lattice) const
+    {
+        if constexpr (keeps_sides)
+            return shape.thickness < lattice.cell_size;
+        else
+            return false;
+    }
+    /// Where lanes of places, moved by `shift` [m], are relative to the surface; of a thin shell to its
+    /// middle, with a distance of either sign.
     template <Lane Real>
     FIRN_HOST_DEVICE SurfaceAt<Real, d> surface_at(LanePosition<Real, d> const& place,
                                                    Vector<Real, d> const& shift) const
     {
         Vector<Real, d> const arm = place.relative_to(position) + shift;
         Matrix<Real, d> const R = matrix_of<Real, d>(rotation);
-        auto const sample = surface_of<Real, d>(shape, transpose_product<Real, d>(R, arm));
+        Vector<Real, d> const local = transpose_product<Real, d>(R, arm);
+        SurfaceSample<Real, d> sample;
+        if constexpr (keeps_sides)
+            sample = is_thin(place.lattice) ? surface_of<Real, d>(shape.shape, local)
+                                            : surface_of<Real, d>(shape, local);
+        else
+            sample = surface_of<Real, d>(shape, local);
         return {arm, sample.distance, product<Real, d>(R, sample.normal)};
     }
     /// The velocity of the surface [m/s] there.

@@ -32,14 +32,14 @@ namespace firn
 /// Obstacles<Shell<AnyShape<>>>. Solids that act on particles, too, are
 /// Obstacles<AnyShape<>, ActsOn::particles>: the type says so, since steps without them are faster on a
 /// device. Obstacles<AnyShape<>, ActsOn::surface> act by impulses at points of their surface (SurfacePoint),
-/// as one surface where they meet; a call takes one such list.
+/// as one surface where they meet, those of several such lists, too.
 template <class ShapeType = AnyShape<>,
           ActsOn acts_on = is_two_sided<ShapeType> ? ActsOn::particles : ActsOn::nodes>
 struct Obstacles
 {
-    static_assert(!is_two_sided<ShapeType> || acts_on == ActsOn::particles,
-                  "a Shell acts on particles, and not at its surface: pass Obstacles<Shell<Shape>>, an "
-                  "argument of its own");
+    static_assert(
+        !is_two_sided<ShapeType> || acts_on_particles_too(acts_on),
+        "a Shell acts on particles: pass Obstacles<Shell<Shape>>, or ActsOn::surface_and_particles");
 
     std::vector<Obstacle<ShapeType>> list{};
     /// For each the world where it is; empty: they are in all worlds. Worlds sets this.

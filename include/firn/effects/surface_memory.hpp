@@ -40,6 +40,14 @@ public:
     bool is_at_rest = false; ///< whether no obstacle moves in this call
     /// Of obstacles that are in one world each: their numbers among those of their world. Empty for others.
     std::vector<std::uint32_t> numbers_in_worlds;
+    /// Takes over what these say of another list of the call, whose obstacles follow.
+    void join(SurfaceMemory& other)
+    {
+        is_at_rest = is_at_rest && other.is_at_rest;
+        auto& numbers = other.numbers_in_worlds;
+        numbers_in_worlds.insert(numbers_in_worlds.end(), numbers.begin(), numbers.end());
+        numbers.clear();
+    }
     /// Whether sweeps start from the impulses of the step before.
     bool goes_on() const { return known_ > 0; }
     /// Before a step. While obstacles are at rest it goes on with the points of the step before. Now and then

@@ -42,6 +42,7 @@ struct SurfacePoint
     /// deeper, or any node in what sticks.
     bool is_deep;
     bool separates, sticks; ///< of the obstacle's Contact
+    bool is_two_sided;      ///< of a thin shell: it pushes either way, and never lets go
     bool is_plain;          ///< whether none of its nodes is light: it has all of its weight for them
     bool is_listed;         ///< whether their lists say so
     Number friction;
@@ -58,7 +59,8 @@ struct SurfacePoint
         Number along = dot<Number, d>(wanted, normal);
         Vector<Number, d> const across = wanted - normal * along;
         if (separates) along = max(along, Number(0));
-        Number const limit = along > Number(0) ? friction * along : Number(0),
+        Number const pressed = is_two_sided ? abs(along) : along,
+                     limit = pressed > Number(0) ? friction * pressed : Number(0),
                      length = sqrt(dot<Number, d>(across, across));
         return normal * along + across * (length > limit ? limit / length : Number(1));
     }

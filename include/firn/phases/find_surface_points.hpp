@@ -14,12 +14,27 @@
 namespace firn
 {
 
-/// Calls `use(action)` for the action of the chain that acts at surfaces.
+/// Calls `use(action, first)` for each action of the chain that acts at surfaces. Their obstacles are
+/// numbered through, those of this one from `first` on.
 template <class... Actions, class Use>
-FIRN_HOST_DEVICE void with_surface_action(Chain<Actions...> const& chain, Use const& use)
+FIRN_HOST_DEVICE void for_each_at_surface(Chain<Actions...> const& chain, Use const& use)
 {
+    std::uint32_t first = 0;
     chain.for_each([&](auto const& action) {
-        if constexpr (is_group_at_surface<std::decay_t<decltype(action)>>) use(action);
+        if constexpr (is_group_at_surface<std::decay_t<decltype(action)>>) {
+            use(action, first);
+            first += action.sums.obstacles;
+        }
+    });
+}
+
+/// Calls `use(action, i)` for the one of them that has an obstacle, whose number is `i` there.
+template <class... Actions, class Use>
+FIRN_HOST_DEVICE void with_surface_action(Chain<Actions...> const& chain, std::uint32_t obstacle,
+                                          Use const& use)
+{
+    for_each_at_surface(chain, [&](auto const& action, std::uint32_t first) {
+        if (obstacle - first < action.sums.obstacles) use(action, obstacle - first); // wraps if it is before
     });
 }
 
@@ -49,12 +64,12 @@ struct FindCandidates
         auto const in_cells = [&](double cells) {
             return Real(static_cast<Number>(cells * lattice.cell_size));
         };
-        with_surface_action(now->actions, [&](auto const& action) {
+        for_each_at_surface(now->actions, [&](auto const& action, std::uint32_t first) {
             // a point lies at most half the diagonal of a cell from its node
             action.for_each_within(place, in_cells(1), [&](std::uint32_t i, auto const& obstacle) {
                 auto const at = obstacle.template surface_at<Real>(place, zeros<Vector<Real, d>>());
-                add<Real>(place, i,
-                          filled & ((-at.distance > in_cells(deep_from(obstacle.contact, place))) |
+                add<Real>(place, first + i,
+                          filled & ((-at.distance > in_cells(deep_from(obstacle, place))) |
                                     (abs(at.distance) * largest_component<Real, d>(at.normal) <=
                                      in_cells(nearly_half_a_cell))));
             });
@@ -62,10 +77,12 @@ struct FindCandidates
     }
 
     /// From which depth on [cells] nodes are held: whatever sticks holds all that is inside. Others let
-    /// particles lie a tenth of a cell inside before nodes that only these reach slow them down.
-    FIRN_HOST_DEVICE static double deep_from(Contact const& contact, auto const& place)
+    /// particles lie a tenth of a cell inside before nodes that only these reach slow them down. Thin shells
+    /// have no inside.
+    FIRN_HOST_DEVICE static double deep_from(auto const& obstacle, auto const& place)
     {
-        return contact.sticks ? 0 : place.kernel_reach + 0.1;
+        if (obstacle.is_thin(place.lattice)) return 1e9;
+        return obstacle.contact.sticks ? 0 : place.kernel_reach + 0.1;
     }
     static constexpr double nearly_half_a_cell = 0.52;
 
@@ -118,8 +135,8 @@ struct FindSurfacePoints
         SurfaceCandidate<d> const candidate = found.candidates[number];
         LanePosition<Number, d> const place{lattice, candidate.node, zeros<Vector<Number, d>>(),
                                             kernel_reach(Kernel::degree)};
-        with_surface_action(now->actions, [&](auto const& action) {
-            find(action, place, static_cast<std::uint32_t>(number), action.obstacles[candidate.obstacle]);
+        with_surface_action(now->actions, candidate.obstacle, [&](auto const& action, std::uint32_t i) {
+            find(place, static_cast<std::uint32_t>(number), action.obstacles[i]);
         });
     }
 
@@ -135,15 +152,27 @@ private:
         return static_cast<Number>(cells * lattice.cell_size);
     }
 
-    template <class Action, class Obstacle>
-    FIRN_HOST_DEVICE void find(Action const& action, LanePosition<Number, d> const& place,
-                               std::uint32_t number, Obstacle const& obstacle) const
+    /// Calls `use(j, other)` for each obstacle near a place but thin shells and the one with this number.
+    template <class Use>
+    FIRN_HOST_DEVICE void for_each_other(LanePosition<Number, d> const& place, std::uint32_t number,
+                                         Use const& use) const
+    {
+        for_each_at_surface(now->actions, [&](auto const& action, std::uint32_t first) {
+            action.for_each_within(place, in_cells(looks_as_far), [&](std::uint32_t j, auto const& other) {
+                if (first + j != number && !other.is_thin(place.lattice)) use(first + j, other);
+            });
+        });
+    }
+
+    template <class Obstacle>
+    FIRN_HOST_DEVICE void find(LanePosition<Number, d> const& place, std::uint32_t number,
+                               Obstacle const& obstacle) const
     {
         std::uint32_t const i = found.candidates[number].obstacle;
         constexpr double rounding = 1.0001; // two cubes may have one point, and none may be missing
         Vector<Number, d> shift = zeros<Vector<Number, d>>();
         At at = obstacle.template surface_at<Number>(place, shift);
-        if (-at.distance > in_cells(Candidates::deep_from(obstacle.contact, place)))
+        if (-at.distance > in_cells(Candidates::deep_from(obstacle, place)))
             add(place, number, obstacle, at, shift, true, 0);
         if (!(abs(at.distance) * largest_component<Number, d>(at.normal) <=
               in_cells(Candidates::nearly_half_a_cell)))
@@ -155,8 +184,8 @@ private:
         if (!(largest_component<Number, d>(shift) <= in_cells(0.5 * rounding))) return;
         auto const is_covered = [&] {
             bool is_inside_another = false;
-            action.for_each_within(place, in_cells(looks_as_far), [&](std::uint32_t j, auto const& other) {
-                if (j != i && !is_inside_another)
+            for_each_other(place, i, [&](std::uint32_t j, auto const& other) {
+                if (!is_inside_another)
                     is_inside_another = is_inside(place, shift, at.normal, obstacle, other, i < j);
             });
             return is_inside_another;
@@ -167,8 +196,8 @@ private:
                 !(largest_component<Number, d>(shift) <= in_cells(0.5 * rounding)))
                 return;
         add(place, number, obstacle, at, shift, false, 0);
-        action.for_each_within(place, in_cells(looks_as_far), [&](std::uint32_t j, auto const& other) {
-            if (j != i) go_on_behind(place, number, obstacle, at, shift, j, other);
+        for_each_other(place, i, [&](std::uint32_t j, auto const& other) {
+            go_on_behind(place, number, obstacle, at, shift, j, other);
         });
     }
 
@@ -261,7 +290,8 @@ private:
         Contact contact = obstacle.contact;
         if (is_deep && !contact.sticks) // nothing slides there
             contact = Contact::coulomb(std::numeric_limits<double>::max());
-        point.separates = contact.separates;
+        point.is_two_sided = obstacle.is_thin(lattice);
+        point.separates = contact.separates && !point.is_two_sided;
         point.sticks = contact.sticks;
         point.friction =
             static_cast<Number>(min(contact.friction, double(std::numeric_limits<Number>::max())));

@@ -125,9 +125,10 @@ struct FindVolumes
         LanePosition<Real, d> const place{lattice, node.first(), node.offset(), kernel_reach(Kernel::degree)};
         Real room(1), beside[std::size_t(2 * d)];
         for (auto& of_neighbour : beside) of_neighbour = Real(1);
-        with_surface_action(now->actions, [&](auto const& action) {
+        for_each_at_surface(now->actions, [&](auto const& action, std::uint32_t) {
             Real const reach(static_cast<Number>((0.5 * (Kernel::degree + 1) + 1) * lattice.cell_size));
             action.for_each_within(place, reach, [&](std::uint32_t, auto const& obstacle) {
+                if (obstacle.is_thin(lattice)) return; // it takes no room
                 RoomBeside<Real, d> const left =
                     room_beside<Kernel::degree, Real, d>([&](Vector<Real, d> const& cells) {
                         Real const cell(static_cast<Number>(lattice.cell_size));

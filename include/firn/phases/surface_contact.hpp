@@ -185,7 +185,7 @@ struct BookImpulses
     FIRN_HOST_DEVICE void operator()(std::size_t p) const
     {
         SurfacePoint<Number, d> const& point = points[p];
-        with_surface_action(now->actions, [&](auto const& action) {
+        with_surface_action(now->actions, point.obstacle, [&](auto const& action, std::uint32_t i) {
             Reaction received;
             Vector<Number, d> const taken = point.impulse * -point.support;
             double arm[3]{0, 0, 0};
@@ -194,7 +194,7 @@ struct BookImpulses
                 int const b = (a + 1) % 3, c = (a + 2) % 3;
                 received.angular_impulse[a] = arm[b] * received.impulse[c] - arm[c] * received.impulse[b];
             }
-            action.receive(point.obstacle, point.node, received);
+            action.receive(i, point.node, received);
         });
     }
 };

@@ -23,13 +23,19 @@ namespace firn
 /// How many sweeps a step has that starts from the impulses of the step before, and one that does not.
 inline constexpr int sweeps_that_go_on = 2, sweeps_from_nothing = 20;
 
-/// The memory of the obstacles of a call that act at their surface.
+/// The memory of the obstacles of a call that act at their surface: that of the first list, with what it is
+/// to know of all of them.
 template <class Backend, class Sets, class Kernel, class Transfer>
 auto& surface_memory(StepScene<Backend, Sets, Kernel, Transfer> const& scene)
 {
     SurfaceMemory<Backend, typename Sets::Space::Scalar, Sets::Space::dimension>* memory = nullptr;
-    for (auto* const group : scene.groups)
-        if (memory == nullptr) memory = group->surface();
+    for (auto* const group : scene.groups) {
+        auto* const own = group->surface();
+        if (memory == nullptr)
+            memory = own;
+        else if (own != nullptr)
+            memory->join(*own);
+    }
     assert(memory != nullptr && "the list that acts at its surface has it");
     return *memory;
 }
@@ -40,9 +46,6 @@ std::uint32_t find_surface_points(StepMemory<Backend, Sets, Transfer> const& mem
                                   StepScene<Backend, Sets, Kernel, Transfer> const& scene,
                                   StepContext<typename Sets::Space::Scalar, Actions> const* now)
 {
-    static_assert(Actions::groups_at_surface == 1,
-                  "two arguments act at their surface: make them one list, since obstacles that touch have "
-                  "one surface");
     static_assert(Actions::walls == 0, "a ReflectingWall goes with no obstacles that act at their surface: "
                                        "make it a HalfSpace in their list");
     static_assert(!Sets::are_bodies, "Bodies know no obstacles that act at their surface: choose "

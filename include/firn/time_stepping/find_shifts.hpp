@@ -22,7 +22,7 @@ void find_shifts(StepMemory<Backend, Sets, Transfer>& memory,
     static_assert(Actions::obstacles == 0 && Actions::groups == 0 &&
                       Actions::groups_on_particles <= Actions::groups_at_surface,
                   "a fluid that keeps its volume needs obstacles that act at their surface: pass "
-                  "Obstacles<Shape, ActsOn::surface>, and no Shell");
+                  "Obstacles<Shape, ActsOn::surface>, or choose Fluid");
     static_assert(!Sets::are_bodies, "Bodies know no fluid that keeps its volume: choose Fluid");
     using Space = typename Sets::Space;
     using Number = typename Space::Scalar;

@@ -15,8 +15,9 @@ namespace firn
 template <int d>
 struct ContactPoint
 {
-    std::uint32_t world;        ///< of many worlds; else 0
-    std::uint32_t obstacle;     ///< its number in the list: in a world's own, if each has one
+    std::uint32_t world; ///< of many worlds; else 0
+    /// Its number in the list: in a world's own, if each has one. Lists of a call are numbered through.
+    std::uint32_t obstacle;
     Vector<double, d> position; ///< on its surface [m]
     Vector<double, d> normal;   ///< of the surface, outward
     Vector<double, d> impulse;  ///< on the obstacle [N s]

@@ -38,8 +38,9 @@ struct Shell
                 "Pass metres, e.g. a tenth of a cell.");
         require(thickness <= largest_length, "the thickness of a shell is out of range", "Shell",
                 "Pass metres, e.g. a tenth of a cell.");
-        if constexpr (requires { shape.reach(); })
-            require(thickness / 2 <= shape.reach(), "a shell is thicker than its shape", "Shell",
+        if constexpr (requires { shape.reach(); }) // 0: an AnyShape is unbounded
+            require(!(shape.reach() > 0) || thickness / 2 <= shape.reach(),
+                    "a shell is thicker than its shape", "Shell",
                     "Pass metres, e.g. a tenth of a cell, or make it a solid.");
     }
 
@@ -48,10 +49,11 @@ struct Shell
         if constexpr (requires { shape.validate_in_plane(); }) shape.validate_in_plane();
     }
 
-    /// Distance of its farthest point from the reference point [m]; an unbounded shape has no reach.
+    /// Distance of its farthest point from the reference point [m]; an unbounded shape has none, or 0.
     double reach(int dimension = 3) const requires requires(ShapeType const s) { s.reach(); }
     {
-        return detail::reach_of(shape, dimension) + thickness / 2;
+        double const middle = detail::reach_of(shape, dimension);
+        return middle > 0 ? middle + thickness / 2 : 0;
     }
 
     /// Whether images at a period do not part it: see detail::fits_period.

@@ -22,7 +22,7 @@ namespace firn
 /// conserving liquids*; here explicit sweeps). Velocities and states stay, and so does momentum.
 ///
 /// Obstacles have to act at their surface (`Obstacles<Shape, ActsOn::surface>`), since the room beside one
-/// counts; programs with other ones do not compile.
+/// counts; programs with other ones do not compile. A shell thinner than a cell takes no room.
 template <class Model>
 struct KeepsVolume : Model
 {
