@@ -5,10 +5,11 @@
 # processor included), runs compute-sanitizer on a step of every kind, and times steps; in nine minutes or more with
 # 16 cores, most of which are nvcc's. The last lines are a table of the timings; if a test failed, one that says so.
 #
-#     bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--large] [--materials] [--errors] [--record ID]
+#     bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--all] [--large] [--materials] [--errors] [--record ID]
 #
 #   --out FOLDER      where logs and bench_cuda.json go (build/cuda)
 #   --prefix FOLDER   where Eigen, Catch2 and Google Benchmark are, if not in the usual places
+#   --all             the scenes of implicit steps and of several ranks too: minutes of nvcc more
 #   --large           64 million particles too: 60 GB of memory of the machine, two minutes more
 #   --materials       every material and transfer too, a million particles each, in a table relative to neo-Hookean
 #   --errors          and what an error costs: speed_against_error.csv of the short grid, five minutes more
@@ -17,17 +18,18 @@ set -euo pipefail
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 stop() { echo "stop: $*" >&2; exit 1; }
 
-out="$root/build/cuda" prefix="" materials="" errors="" record="" without=64000000
+out="$root/build/cuda" prefix="" all="" materials="" errors="" record="" without=64000000
 while [ $# -gt 0 ]; do
     case $1 in
         --out) [ $# -ge 2 ] || stop "--out needs a folder."; out=$2; shift ;;
         --prefix) [ $# -ge 2 ] || stop "--prefix needs a folder."; prefix=$2; shift ;;
+        --all) all="cuda_over_ranks cuda_implicit" ;;
         --large) without=random/64000000 ;;
         --materials) materials=benchmarks_cuda_materials ;;
         --errors) errors=speed_against_error_cuda ;;
         --record) [ $# -ge 2 ] || stop "--record needs the id of a machine."; record=$2; shift ;;
         --help | -h) sed -n '/^# On a machine/,/^#   --record/s/^# \{0,1\}//p' "${BASH_SOURCE[0]}"; exit ;;
-        *) stop "unknown argument '$1': bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--large] [--materials] [--errors] [--record ID]." ;;
+        *) stop "unknown argument '$1': bash bench/gpu.sh [--out FOLDER] [--prefix FOLDER] [--all] [--large] [--materials] [--errors] [--record ID]." ;;
     esac
     shift
 done
@@ -58,7 +60,7 @@ leave() { # no background job outlives the script
 trap leave EXIT
 not_built() { tail -n 40 "$out/build.log"; stop "the programs could not be built."; }
 # Ninja itself, which ends its compilers when it is ended. What runs beside them, above all compute-sanitizer, goes first.
-programs="cuda_device cuda_agreement cuda_devices cuda_fault cuda_hard_cases cuda_scenes cuda_physics cuda_models"
+programs="cuda_device cuda_agreement cuda_devices cuda_fault cuda_hard_cases cuda_scenes cuda_physics cuda_models $all"
 nice ninja -C build/cuda cuda_every_loop $programs host_engine benchmarks_cuda $materials $errors \
     >"$out/build.log" 2>&1 &
 build=$!
