@@ -155,16 +155,19 @@ def errors(figures):
         ("P2", "openmp", "quadratic", "mls", 4, "epyc-25-17"),
         ("P4", "cuda", "quadratic", "flip_1", 4, "h100"),
         ("P6", "cuda", "quadratic", "mls", 8, "h200"),
+        *((problem, backend, "cubic", "mls", 4, machine, rule) for problem in ("P7", "P8")
+          for backend, machine in (("openmp", "epyc-25-17"), ("cuda", "h200")) for rule in ("nodes", "surface")),
     ]
     rows = []
-    for problem, backend, kernel, transfer, ppc, machine in settings:
+    for problem, backend, kernel, transfer, ppc, machine, *rule in settings:
         cells = []
         for size in sizes:
-            entry = f"{problem}/{backend}/{kernel}/{transfer}/float/0.9/{size}/{ppc}"
+            entry = "/".join([f"{problem}/{backend}/{kernel}/{transfer}/float/0.9/{size}/{ppc}", *rule])
             error, ms = figures.get(entry, "%", machine), figures.get(entry, "ms", machine)
             cells.append(f"{error} %, {ms} ms" if error and ms else "")
         name = transfer.upper().replace("_", " ")
-        rows.append([f"{problem}, {kernel} {name}", *cells, figures.source()])
+        where = {"nodes": ", on nodes", "surface": ", at the surface"}[rule[0]] if rule else ""
+        rows.append([f"{problem}, {kernel} {name}{where}", *cells, figures.source()])
     return table(["cells", *sizes, "measured on"], rows)
 
 
