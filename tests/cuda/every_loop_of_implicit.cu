@@ -44,8 +44,6 @@ TEST_CASE("a body comes to rest in one solve, and stays as it was where there is
     ReflectingWall const left{.axis = 0}, right{.axis = 0, .node = 2, .side = -1}, floor{.axis = 1};
     auto const before = column.positions();
     CHECK_FALSE(refused([&] { column.settle(Gravity{}); }).what_is_wrong().empty());
-    CHECK_FALSE(
-        refused([&] { column.step(1e-3, Gravity{}, Obstacle<HalfSpace>{}); }).what_is_wrong().empty());
     CHECK(column.positions() == before);
     auto const report = column.settle(Gravity{}, left, right, floor);
     CHECK(report.load_steps == 1);
@@ -53,6 +51,26 @@ TEST_CASE("a body comes to rest in one solve, and stays as it was where there is
     std::size_t const top = before.size() - 1;
     double const H = column.download<DisplacementGradient>()[top](1, 1);
     CHECK(before[top].y() - column.positions()[top].y() - H * h / 4 == Approx(0.0348553).epsilon(2e-3));
+}
+
+// See tests/physics/implicit_contact.cpp.
+TEST_CASE("a block that slides on a floor is slowed down by friction in implicit steps")
+{
+    double const h = 0.04, mu = 0.3;
+    Solver<Cuda, NeoHookean<Plane>, QuadraticBSpline, Apic, Implicit> block(
+        lattice(h), {.density = 1000, .elasticity = lame<double>(1e8, 0.3)});
+    auto points = box_of_points<2>({0, 0}, {5 * h, 3 * h}, h);
+    for (auto& x : points) x.y() += h / 2;
+    block.add(points, h * h / 4, {2, 0});
+    Obstacle<HalfSpace> const plane{.contact = Contact::coulomb(mu)};
+    double const dt = 5 * h / std::sqrt(block.model().elasticity.p_wave_modulus() / 1000);
+    for (int i = 1; i <= 10; ++i) block.step(dt, Gravity{{0, -0.981 * i, 0}}, plane);
+    auto const before = block.totals().momentum;
+    Eigen::Vector3d received(0, 0, 0);
+    for (auto const& report : block.steps(5, dt, Gravity{}, plane)) received += report.reactions[0].impulse;
+    CHECK(-received.x() / received.y() == Approx(mu).epsilon(1e-3));
+    CHECK(block.totals().momentum.x() - before.x() ==
+          Approx(-mu * 9.81 * 5 * dt * block.totals().mass).epsilon(0.1));
 }
 
 TEST_CASE("a step that is not solved leaves the state, and an implicit scene goes on after it")

@@ -151,6 +151,7 @@ struct UpdateContact : BeginSolve<Space, Kernel, Transfer, Effects>
     using Phase = typename Begin::Phase;
     using Begin::d;
     using typename Begin::Number, typename Begin::Values, typename Begin::Own, typename Begin::Result;
+    static constexpr bool keeps_values = true;
 
     template <class Node>
     FIRN_HOST_DEVICE void operator()(Node& node, Result& result) const
