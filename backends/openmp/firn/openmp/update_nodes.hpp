@@ -36,9 +36,10 @@ void update_block(GridType& grid, std::size_t n, Phase const& phase, [[maybe_unu
     constexpr int d = Phase::d;
     using Shape = typename GridType::Shape;
     auto const& block = grid.nodes()[n];
-    alignas(64) typename Phase::Number sums[Phase::Sums::channels][Shape::along];
+    constexpr int channels = AsksNoSums<Phase> && !Phase::looks_around ? 1 : Phase::Sums::channels;
+    alignas(64) typename Phase::Number sums[channels][Shape::along];
     for (int row = 0; row < Shape::rows; ++row) {
-        if (!sum_row<GridType, Phase::Sums::channels>(grid, block, row, sums)) continue;
+        if (!sum_row<GridType, channels>(grid, block, row, sums)) continue;
         for (int place = 0; place < Shape::along; place += lane_width<Lane>) {
             Coordinates<d> const at = GridType::node_at(block.coordinates, row, place);
             auto* const values = grid.node_values(n) + row * Shape::along + place;
