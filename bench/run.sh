@@ -9,7 +9,7 @@
 #
 #   --short         100 000 particles and the phases of one step, 3 minutes after building
 #   --long          up to 10 million particles, about an hour
-#   --error short   eight problems by kernels, transfers and precisions, four to six minutes after building
+#   --error short   nine problems by kernels, transfers and precisions, four to six minutes after building
 #   --error long    the same, finer, with more lengths of steps and numbers of particles, half an hour
 #   --error gate    P1 and P2 of the short one, once each, and stops with 1 where an error is 2 % above error/gate.csv
 #   --record ID     appends the results to bench/results, as of the machine with this id in machines.csv

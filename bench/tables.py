@@ -171,6 +171,27 @@ def errors(figures):
     return table(["cells", *sizes, "measured on"], rows)
 
 
+def settled(figures):
+    """What it costs to come to rest by damped explicit steps and by an implicit solve."""
+    cases = [  # what, the explicit setting and its cells, the implicit one
+        ("P2 to 1 %", "P2", "cubic/mls", 8, "cubic/mls", 8),
+        ("P2 to 0.1 %", "P2", "cubic/mls", 32, "cubic/mls", 32),
+        ("P2 in the same 128 cells", "P2", "quadratic/apic", 128, "quadratic/apic", 128),
+        ("P9 to 1 %", "P9", "quadratic/apic", 16, "quadratic/mls", 12),
+        ("P9 in the same 12 cells", "P9", "quadratic/apic", 12, "quadratic/apic", 12),
+    ]
+    rows = []
+    for name, problem, by_steps, cells, by_solve, fewer in cases:
+        entries = [f"{problem}/openmp/{setting}/float/0.9/{size}/4{end}" for setting, size, end in (
+            (by_steps, cells, ""), (by_solve, fewer, "/settle"))]
+        found = [(figures.need(entry, "%", "epyc-25-17"), figures.need(entry, "ms", "epyc-25-17")) for entry in entries]
+        ratio = float(found[0][1]) / float(found[1][1])
+        rows.append([name, *(f"{setting.replace('/', ' ').replace('mls', 'MLS').replace('apic', 'APIC')}, {error} %, {ms} ms"
+                             for setting, (error, ms) in zip((by_steps, by_solve), found)),
+                     f"{ratio:.0f}", figures.source()])
+    return table(["one core, float", "damped explicit steps", "`settle`", "times less", "measured on"], rows)
+
+
 CASES = {
     "neo_hookean_early": "neo-Hookean, at the start",
     "neo_hookean": "neo-Hookean, deformed",
@@ -247,7 +268,7 @@ def real_time(figures):
                   "slowest [ms]", "measured on"], rows)
 
 
-PAGES = {HERE / "README.md": (at_a_glance, steps, steps_cuda, busy_cores, errors, peers, waves, machines),
+PAGES = {HERE / "README.md": (at_a_glance, steps, steps_cuda, busy_cores, errors, settled, peers, waves, machines),
          HERE.parent / "include" / "firn" / "REAL_TIME.md": (real_time,),
          HERE.parent / "include" / "firn" / "effects" / "README.md": (obstacles,)}
 
