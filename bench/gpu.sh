@@ -23,7 +23,7 @@ while [ $# -gt 0 ]; do
     case $1 in
         --out) [ $# -ge 2 ] || stop "--out needs a folder."; out=$2; shift ;;
         --prefix) [ $# -ge 2 ] || stop "--prefix needs a folder."; prefix=$2; shift ;;
-        --all) all="cuda_over_ranks cuda_implicit" ;;
+        --all) all="cuda_implicit cuda_over_ranks" ;;
         --large) without=random/64000000 ;;
         --materials) materials=benchmarks_cuda_materials ;;
         --errors) errors=speed_against_error_cuda ;;

@@ -5,8 +5,12 @@
 
 #include <firn/models/plasticity/cam_clay.hpp>
 #include <firn/models/plasticity/herschel_bulkley.hpp>
+#include <firn/models/semi_definite.hpp>
 #include <firn/models/varied.hpp>
 
+#include <Eigen/Eigenvalues>
+
+#include <algorithm>
 #include <cmath>
 
 using namespace firn;
@@ -21,6 +25,50 @@ Model of_moduli(Model model = {})
 {
     model.elasticity = lame<typename Model::Space::Scalar>(1e5, 0.3);
     return model;
+}
+
+/// A product as the symmetric matrix that it is, of the components of dl.
+template <class Model>
+Eigen::MatrixXd matrix_of_product(Model const& model, Matrix<double, Model::Space::dimension> const& H)
+{
+    constexpr int d = Model::Space::dimension;
+    auto state = Record<double, d, typename Model::State>::at_rest();
+    state[DisplacementGradient{}] = H;
+    Eigen::MatrixXd all(d * d, d * d);
+    for (int c = 0; c < d * d; ++c) {
+        Matrix<double, d> one = Matrix<double, d>::Zero();
+        one.data()[c] = 1;
+        Matrix<double, d> const Q = model.template product<double>(state, one);
+        for (int r = 0; r < d * d; ++r) all(r, c) = Q.data()[r];
+    }
+    return all;
+}
+
+/// Compares the product of a solid with that of its SemiDefinite, at rest and in states that soften.
+template <class Model>
+void check_semi_definite()
+{
+    constexpr int d = Model::Space::dimension;
+    using M = Matrix<double, d>;
+    auto const plain = of_moduli<Model>();
+    SemiDefinite<Model> const clipped(plain);
+    M const stretched = 0.05 * M::Identity(); // its tension resists turning
+    Eigen::MatrixXd const both = matrix_of_product(plain, stretched);
+    CHECK((matrix_of_product(clipped, stretched) - both).norm() <= 1e-12 * both.norm());
+    auto const least = [](Eigen::MatrixXd const& Q) {
+        return Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(0.5 * (Q + Q.transpose())).eigenvalues()[0] /
+               Q.norm();
+    };
+    std::mt19937 random(3);
+    double softest = 0;
+    for (int i = 0; i < 20; ++i) {
+        M const H = random_matrix<d>(random, 0.35) - 0.2 * M::Identity();
+        softest = std::min(softest, least(matrix_of_product(plain, H)));
+        auto const Q = matrix_of_product(clipped, H);
+        CHECK((Q - Q.transpose()).norm() <= 1e-12 * Q.norm());
+        CHECK(least(Q) >= -1e-12);
+    }
+    CHECK(softest < -1e-3);
 }
 
 /// A film of a thick liquid, 0.1 m high, that runs down a slope of 0.5 rad.
@@ -89,6 +137,15 @@ TEST_CASE("products of materials that flow are derivatives of the stress while n
     auto own = Record<double, 2, Sundry::State>::at_rest();
     own[OwnShearModulus{}] = 2e5;
     check_product(of_moduli<Sundry>(), own);
+}
+
+TEST_CASE("a semi-definite product is that of the solid where it stiffens, and never gives energy elsewhere")
+{
+    check_semi_definite<NeoHookean<Plane>>();
+    check_semi_definite<NeoHookean<Solid>>();
+    check_semi_definite<SplitNeoHookean<Solid>>();
+    check_semi_definite<FixedCorotated<Solid>>();
+    check_semi_definite<Sand<Solid>>();
 }
 
 // Compression alone, and motion that keeps the volume: the viscous stress is that of the volume before.

@@ -177,20 +177,27 @@ struct Elastoplastic : FlowType, LawType
         return answer<Real, false>(state, velocity_gradient, dt);
     }
 
-    /// Q = dP F^T, for dF = dl F, while nothing flows: see product_in_axes.
+    /// The state in its principal axes, with moduli as they have hardened.
     template <Lane Real, class Particle>
-    FIRN_HOST_DEVICE Matrix<Real, Space::dimension> product(Particle const& state,
-                                                            Matrix<Real, Space::dimension> const& change)
-        const requires detail::LawTellsTangent<Law, Real, Space::dimension>
+    FIRN_HOST_DEVICE StateInAxes<Real, Space::dimension>
+    in_axes(Particle const& state) const requires detail::LawTellsTangent<Law, Real, Space::dimension>
     {
         constexpr int d = Space::dimension;
         Law const& law = *this;
         auto const [mu, lambda] = hardened<Real>(state);
         auto const axes = principal_axes<Real, d>(state[DisplacementGradient{}]);
         Vector<Real, d> const strains = law.template strains<Real, d>(axes.extension);
-        return product_in_axes<Real, d>(axes.U, axes.extension,
-                                        law.template stress<Real, d>(strains, mu, lambda).kirchhoff,
-                                        law.template tangent<Real, d>(axes.extension, mu, lambda), change);
+        return {axes.U, axes.extension, law.template stress<Real, d>(strains, mu, lambda).kirchhoff,
+                law.template tangent<Real, d>(axes.extension, mu, lambda)};
+    }
+
+    /// Q = dP F^T, for dF = dl F, while nothing flows: see product_in_axes.
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE Matrix<Real, Space::dimension> product(Particle const& state,
+                                                            Matrix<Real, Space::dimension> const& change)
+        const requires detail::LawTellsTangent<Law, Real, Space::dimension>
+    {
+        return product_in_axes<Real, Space::dimension>(in_axes<Real>(state), change);
     }
 
     /// The elastic energy [J/m^3], with hardened moduli where the flow hardens them.

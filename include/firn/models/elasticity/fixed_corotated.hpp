@@ -131,17 +131,24 @@ struct FixedCorotated
         return response;
     }
 
+    /// The state in its principal axes.
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE StateInAxes<Real, Space::dimension> in_axes(Particle const& state) const
+    {
+        constexpr int d = Space::dimension;
+        Real const mu(elasticity.mu), lambda(elasticity.lambda);
+        auto const axes = principal_axes<Real, d>(state[DisplacementGradient{}]);
+        return {axes.U, axes.extension,
+                FixedCorotatedLaw::stress<Real, d>(axes.extension, mu, lambda).kirchhoff,
+                FixedCorotatedLaw::tangent<Real, d>(axes.extension, mu, lambda)};
+    }
+
     /// Q = dP F^T, for dF = dl F: see product_in_axes.
     template <Lane Real, class Particle>
     FIRN_HOST_DEVICE Matrix<Real, Space::dimension>
     product(Particle const& state, Matrix<Real, Space::dimension> const& change) const
     {
-        constexpr int d = Space::dimension;
-        Real const mu(elasticity.mu), lambda(elasticity.lambda);
-        auto const axes = principal_axes<Real, d>(state[DisplacementGradient{}]);
-        return product_in_axes<Real, d>(
-            axes.U, axes.extension, FixedCorotatedLaw::stress<Real, d>(axes.extension, mu, lambda).kirchhoff,
-            FixedCorotatedLaw::tangent<Real, d>(axes.extension, mu, lambda), change);
+        return product_in_axes<Real, Space::dimension>(in_axes<Real>(state), change);
     }
 
     /// Psi [J/m^3].

@@ -3,6 +3,7 @@
 
 #include <firn/core/field_sets.hpp>
 #include <firn/models/lame.hpp>
+#include <firn/models/principal_product.hpp>
 #include <firn/models/remainders.hpp>
 #include <firn/models/response.hpp>
 
@@ -54,6 +55,29 @@ struct NeoHookean
         response.inverted = inverted;
         response.capped = no_lanes<Real>();
         return response;
+    }
+
+    /// The state in its principal axes, for SemiDefinite: tau_i = mu (sigma_i^2 - 1) + lambda ln J, sigma_i
+    /// sigma_j Psi_ij = lambda + (mu sigma_i^2 + mu - lambda ln J) where i = j, and the shear value mu + (mu
+    /// - lambda ln J) / (sigma_i sigma_j).
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE StateInAxes<Real, Space::dimension> in_axes(Particle const& state) const
+    {
+        constexpr int d = Space::dimension;
+        Real const mu(elasticity.mu), lambda(elasticity.lambda), one(1);
+        auto const axes = principal_axes<Real, d>(state[DisplacementGradient{}]);
+        Vector<Real, d> const x = squares_less_one<Real, d>(axes.extension);
+        Real const growth = volume_change<Real, d>(axes.extension),
+                   pressure = lambda * log_one_plus(select(growth > Real(-1), growth, Real(0)));
+        StateInAxes<Real, d> in{axes.U, axes.extension, {}, {}};
+        for (int i = 0; i < d; ++i) in.kirchhoff[i] = mu * x[i] + pressure;
+        in.tangent.stretching = make_matrix<Real, d>(
+            [&](int i, int j) { return i == j ? lambda + mu * (x[i] + one) + mu - pressure : lambda; });
+        in.tangent.shearing = make_matrix<Real, d>([&](int i, int j) {
+            Real const area = (one + axes.extension[i]) * (one + axes.extension[j]);
+            return mu + (mu - pressure) / select(area > Real(0), area, one);
+        });
+        return in;
     }
 
     /// Q = dP F^T = mu dl b + (mu - lambda ln J) dl^T + lambda tr(dl) I, for dF = dl F and b = F F^T: the

@@ -177,6 +177,18 @@ struct SplitNeoHookean
         return response;
     }
 
+    /// The state in its principal axes, for SemiDefinite.
+    template <Lane Real, class Particle>
+    FIRN_HOST_DEVICE StateInAxes<Real, Space::dimension> in_axes(Particle const& state) const
+    {
+        constexpr int d = Space::dimension;
+        Real const mu(elasticity.mu), lambda(elasticity.lambda);
+        auto const axes = principal_axes<Real, d>(state[DisplacementGradient{}]);
+        return {axes.U, axes.extension,
+                SplitNeoHookeanLaw::stress<Real, d>(axes.extension, mu, lambda).kirchhoff,
+                SplitNeoHookeanLaw::tangent<Real, d>(axes.extension, mu, lambda)};
+    }
+
     /// Q = dP F^T = d tau - tau dl^T, for dF = dl F, with b = F F^T, db = dl b + b dl^T and p = mu J^(-2/d):
     /// d tau = p (dev db - 2/d tr(dl) dev b) + kappa J^2 tr(dl) I.
     template <Lane Real, class Particle>
