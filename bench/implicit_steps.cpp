@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: MIT
-// What a pass of an implicit step over the particles costs beside an explicit step: a block of rubber on a
-// floor to which it sticks, whose steps let a wave through 30 cells.
+// What a pass of an implicit step over the particles costs beside an explicit step, with all that goes with
+// it on nodes and coarse grids: a block of rubber on a floor to which it sticks, whose steps let a wave
+// through 30 cells.
 //     implicit_steps [rounds [particles [threads]]]
-// Prints, as figures that results.py reads: medians of milliseconds of an explicit step, and of one more pass
-// of an implicit one, with coarse grids and without, by the difference of steps that solve their systems to
-// different shares; their ratios; the passes and products of a step, and bytes per particle of both solvers.
-// The same file is compiled for a device.
+// Prints, as figures that results.py reads: medians of milliseconds of an explicit step, of an implicit one,
+// and of one more pass of it, by the difference of steps that solve their systems to different shares; the
+// ratio; the passes and products of a step, and bytes per particle of both solvers. The same file is compiled
+// for a device.
 #include "on_each_backend.hpp"
 #include "timing.hpp"
 
@@ -93,32 +94,28 @@ int main(int argc, char** argv)
     int const side = static_cast<int>(std::lround(std::cbrt((argc > 2 ? std::atof(argv[2]) : 1e6) / 8)));
     auto const on = backend_of(argc > 3 ? std::atoi(argv[3]) : 1);
     auto by_waves = block<Explicit>(side, on);
-    // few products in a step and many, with coarse grids and without
-    std::vector<Solved> blocks;
-    for (bool const coarse : {true, false})
-        for (double const forcing : {0.3, 1e-3})
-            blocks.push_back(block<Solved>(side, on, {Mls{}, {.forcing = forcing, .coarse = coarse}}));
+    // few products in a step, and many
+    auto few = block<Solved>(side, on, {Mls{}, {.forcing = 0.3}}),
+         many = block<Solved>(side, on, {Mls{}, {.forcing = 1e-3}});
     double const of_wave = h / std::sqrt(double(by_waves.model().elasticity.p_wave_modulus()) / 1000);
-    std::vector<double> step, pass, pass_alone, implicit_step;
-    Taken of[4];
+    std::vector<double> step, pass, implicit_step;
+    Taken of_few, of_many;
     for (int i = 0; i <= rounds; ++i) {
         Taken const one = steps(by_waves, 20, 0.3 * of_wave);
-        for (std::size_t k = 0; k < 4; ++k) of[k] = steps(blocks[k], 2, wave_cells * of_wave);
+        of_few = steps(few, 2, wave_cells * of_wave);
+        of_many = steps(many, 2, wave_cells * of_wave);
         if (i == 0) continue; // it warms up
         step.push_back(one.seconds);
-        implicit_step.push_back(of[0].seconds);
-        pass.push_back((of[1].seconds - of[0].seconds) / (of[1].passes - of[0].passes));
-        pass_alone.push_back((of[3].seconds - of[2].seconds) / (of[3].passes - of[2].passes));
+        implicit_step.push_back(of_few.seconds);
+        pass.push_back((of_many.seconds - of_few.seconds) / (of_many.passes - of_few.passes));
     }
     std::size_t const n = by_waves.size();
     tell("explicit_step", n, 1e3 * bench::median(step), "ms");
     tell("step", n, 1e3 * bench::median(implicit_step), "ms");
     tell("pass", n, 1e3 * bench::median(pass), "ms");
-    tell("pass_without_coarse", n, 1e3 * bench::median(pass_alone), "ms");
     tell("pass_of_step", n, bench::median(pass) / bench::median(step), "x");
-    tell("pass_without_coarse_of_step", n, bench::median(pass_alone) / bench::median(step), "x");
-    tell("passes", n, of[0].passes, "");
-    tell("products", n, of[0].products, "");
+    tell("passes", n, of_few.passes, "");
+    tell("products", n, of_few.products, "");
     tell("explicit_bytes", n, double(by_waves.memory()) / double(n), "B");
-    tell("bytes", n, double(blocks[0].memory()) / double(n), "B");
+    tell("bytes", n, double(few.memory()) / double(n), "B");
 }

@@ -37,7 +37,7 @@ void update_block(GridType& grid, std::size_t n, Phase const& phase, [[maybe_unu
     using Shape = typename GridType::Shape;
     auto const& block = grid.nodes()[n];
     constexpr int channels = AsksNoSums<Phase> && !Phase::looks_around ? 1 : Phase::Sums::channels;
-    alignas(64) typename Phase::Number sums[channels][Shape::along];
+    alignas(64) typename Phase::Number sums[std::size_t(channels)][std::size_t(Shape::along)];
     for (int row = 0; row < Shape::rows; ++row) {
         if (!sum_row<GridType, channels>(grid, block, row, sums)) continue;
         for (int place = 0; place < Shape::along; place += lane_width<Lane>) {
