@@ -40,7 +40,7 @@ void append_all(Numbers& to, Solver const& solver)
                        double(solver.occupancy().cells), solver.bounds().speed, solver.bounds().wave_speed});
 }
 
-void append_report(Numbers& to, AdvanceReport const& report)
+inline void append_report(Numbers& to, AdvanceReport const& report)
 {
     to.push_back(double(report.substeps));
     for (auto const& reaction : report.reactions) {
