@@ -182,13 +182,9 @@ struct Elastoplastic : FlowType, LawType
     FIRN_HOST_DEVICE StateInAxes<Real, Space::dimension>
     in_axes(Particle const& state) const requires detail::LawTellsTangent<Law, Real, Space::dimension>
     {
-        constexpr int d = Space::dimension;
-        Law const& law = *this;
-        auto const [mu, lambda] = hardened<Real>(state);
-        auto const axes = principal_axes<Real, d>(state[DisplacementGradient{}]);
-        Vector<Real, d> const strains = law.template strains<Real, d>(axes.extension);
-        return {axes.U, axes.extension, law.template stress<Real, d>(strains, mu, lambda).kirchhoff,
-                law.template tangent<Real, d>(axes.extension, mu, lambda)};
+        Lame<Real> const moduli = hardened<Real>(state);
+        return state_in_axes<Real, Space::dimension>(static_cast<Law const&>(*this),
+                                                     state[DisplacementGradient{}], moduli.mu, moduli.lambda);
     }
 
     /// Q = dP F^T, for dF = dl F, while nothing flows: see product_in_axes.

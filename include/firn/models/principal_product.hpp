@@ -30,6 +30,18 @@ struct StateInAxes
     PrincipalTangent<Real, d> tangent;
 };
 
+/// Such a state of F - I, by an elastic law with these moduli.
+template <Lane Real, int d, class Law>
+FIRN_HOST_DEVICE inline StateInAxes<Real, d> state_in_axes(Law const& law,
+                                                           Matrix<Real, d> const& displacement_gradient,
+                                                           Real const& mu, Real const& lambda)
+{
+    auto const axes = principal_axes<Real, d>(displacement_gradient);
+    Vector<Real, d> const strains = law.template strains<Real, d>(axes.extension);
+    return {axes.U, axes.extension, law.template stress<Real, d>(strains, mu, lambda).kirchhoff,
+            law.template tangent<Real, d>(axes.extension, mu, lambda)};
+}
+
 /// The part of a symmetric matrix that is positive semi-definite: without its eigenvalues below 0.
 template <Lane Real, int d>
 FIRN_HOST_DEVICE inline Matrix<Real, d> semi_definite_part(Matrix<Real, d> const& symmetric)

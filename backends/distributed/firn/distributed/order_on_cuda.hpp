@@ -291,7 +291,7 @@ private:
         from.download(0, values);
         return values;
     }
-    /// Finds out who has which block, after blocks or parts have changed.
+    /// Finds out which rank has which block, after blocks or parts have changed.
     void find_owners()
     {
         std::vector<std::uint64_t> keys(this->blocks());

@@ -135,12 +135,8 @@ struct FixedCorotated
     template <Lane Real, class Particle>
     FIRN_HOST_DEVICE StateInAxes<Real, Space::dimension> in_axes(Particle const& state) const
     {
-        constexpr int d = Space::dimension;
-        Real const mu(elasticity.mu), lambda(elasticity.lambda);
-        auto const axes = principal_axes<Real, d>(state[DisplacementGradient{}]);
-        return {axes.U, axes.extension,
-                FixedCorotatedLaw::stress<Real, d>(axes.extension, mu, lambda).kirchhoff,
-                FixedCorotatedLaw::tangent<Real, d>(axes.extension, mu, lambda)};
+        return state_in_axes<Real, Space::dimension>(FixedCorotatedLaw{}, state[DisplacementGradient{}],
+                                                     Real(elasticity.mu), Real(elasticity.lambda));
     }
 
     /// Q = dP F^T, for dF = dl F: see product_in_axes.

@@ -181,12 +181,8 @@ struct SplitNeoHookean
     template <Lane Real, class Particle>
     FIRN_HOST_DEVICE StateInAxes<Real, Space::dimension> in_axes(Particle const& state) const
     {
-        constexpr int d = Space::dimension;
-        Real const mu(elasticity.mu), lambda(elasticity.lambda);
-        auto const axes = principal_axes<Real, d>(state[DisplacementGradient{}]);
-        return {axes.U, axes.extension,
-                SplitNeoHookeanLaw::stress<Real, d>(axes.extension, mu, lambda).kirchhoff,
-                SplitNeoHookeanLaw::tangent<Real, d>(axes.extension, mu, lambda)};
+        return state_in_axes<Real, Space::dimension>(SplitNeoHookeanLaw{}, state[DisplacementGradient{}],
+                                                     Real(elasticity.mu), Real(elasticity.lambda));
     }
 
     /// Q = dP F^T = d tau - tau dl^T, for dF = dl F, with b = F F^T, db = dl b + b dl^T and p = mu J^(-2/d):
