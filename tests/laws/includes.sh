@@ -52,7 +52,7 @@ optional: nullopt optional
 fstream,ostream,sstream: ostream
 random: mt19937_64
 set: set
-span: span
+span: as_bytes as_writable_bytes span
 sstream: istringstream ostringstream
 stdexcept: runtime_error
 string: getline stoull string to_string

@@ -151,6 +151,7 @@ struct Distributed
     template <class CellOrders, class GridType, class Phase>
     void for_each_other_node(CellOrders const& orders, GridType& grid, Phase const& phase) const
     {
+        if (communicator.size() == 1) return; // there are none
         grid.show(distributed::Nodes::others);
         local.for_each_node(orders, grid, phase);
     }

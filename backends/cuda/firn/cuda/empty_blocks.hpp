@@ -17,6 +17,16 @@ FIRN_HOST_DEVICE inline std::uint32_t most_empty_blocks(std::uint32_t live, bool
     return small ? 32 + 2 * live : live <= 4096 ? 8 + live / 8 : live / 32;
 }
 
+/// Counts the blocks that hold items.
+static __global__ void count_live_blocks(std::uint32_t const* begin, std::uint32_t blocks,
+                                         std::uint32_t* live_count)
+{
+    std::uint32_t const b = blockIdx.x * blockDim.x + threadIdx.x;
+    bool const holds = b < blocks && begin[(b + 1) * 64] > begin[b * 64];
+    std::uint32_t const with_me = __ballot_sync(~0u, holds);
+    if (threadIdx.x % 32 == 0) atomicAdd(live_count, static_cast<std::uint32_t>(__popc(with_me)));
+}
+
 /// Lists the blocks that hold items, in their order.
 static __global__ void __launch_bounds__(scanning_threads)
     find_live_blocks(std::uint32_t const* begin, std::uint32_t blocks, std::uint32_t* live,

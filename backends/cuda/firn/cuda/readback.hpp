@@ -207,6 +207,13 @@ __global__ void pick_results(Result const* of, std::uint32_t const* listed, std:
     if (i < count) store_words(load_words(of + listed[i]), to + i);
 }
 
+template <class Result>
+__global__ void put_results(Result const* from, std::uint32_t const* listed, std::uint32_t count, Result* to)
+{
+    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
+    if (i < count) store_words(load_words(from + i), to + listed[i]);
+}
+
 /// Merges the results of all bunches, one warp for each.
 template <class Result>
 __global__ void __launch_bounds__(32) merge_bunches(ResultsOfGroups<Result> results)
@@ -337,14 +344,27 @@ public:
                      partial<Result>().of, listed_.data(), count, reinterpret_cast<Result*>(picked_.data()));
         return {std::move(groups), read<Result>(count)};
     }
-    /// Merges the results of all groups on all devices, as one device would that had found them.
+    /// Merges the results of so many groups on all devices, as one device would that had found them. Those
+    /// that are not listed have found nothing.
     template <class Result>
-    Partial<Result> merge(std::vector<Result> const& all)
+    Partial<Result> merge(std::size_t groups, std::vector<std::uint32_t> const& listed,
+                          std::vector<Result> const& found)
     {
-        if (all.empty()) return {};
+        if (groups == 0) return {};
         OnDevice const here(queue_);
-        auto const results = expect<Result>(static_cast<std::uint32_t>(all.size()));
-        partial_.upload(0, {reinterpret_cast<unsigned char const*>(all.data()), all.size() * sizeof(Result)});
+        auto const results = expect<Result>(static_cast<std::uint32_t>(groups));
+        launch_after("fill", queue_, detail::fill<Result>, groups_of(groups, 256), 256, results.of_groups,
+                     groups, Result{});
+        if (!listed.empty()) {
+            auto const count = static_cast<std::uint32_t>(listed.size());
+            listed_.renew(count);
+            listed_.upload(0, listed);
+            picked_.renew(count * sizeof(Result));
+            picked_.upload(0, {reinterpret_cast<unsigned char const*>(found.data()), count * sizeof(Result)});
+            launch_after("put_results", queue_, detail::put_results<Result>, groups_of(count, 128), 128,
+                         reinterpret_cast<Result const*>(picked_.data()), listed_.data(), count,
+                         results.of_groups);
+        }
         if (results.bunch > 1)
             launch_after("merge_bunches", queue_, detail::merge_bunches<Result>, results.bunches(), 32,
                          results);

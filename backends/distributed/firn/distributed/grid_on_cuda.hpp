@@ -16,6 +16,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <span>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -85,13 +86,19 @@ public:
         {
             Parts parts(grid_->queue_);
             parts.set_all(whole(blocks));
-            return grid_->packed(number_, parts);
+            grid_->pack(number_, parts);
+            std::vector<Sums> tiles(parts.begin.back());
+            grid_->packed_.download(0, std::as_writable_bytes(std::span(tiles)));
+            return tiles;
         }
         void set_tiles(std::vector<std::uint32_t> const& blocks, std::vector<Sums> const& tiles) const
         {
             Parts parts(grid_->queue_);
             parts.set_all(whole(blocks));
-            grid_->unpack(number_, parts, tiles);
+            grid_->packed_.renew(tiles.size() * sizeof(Sums));
+            grid_->packed_.upload(0, std::as_bytes(std::span(tiles)));
+            grid_->copy(number_, parts, false);
+            grid_->queue_.wait(); // the list of parts is about to be freed
         }
 
         /// What the items of all ranks have found in the last loop.
@@ -144,18 +151,20 @@ public:
         }
         std::vector<Parcel> to(static_cast<std::size_t>(communicator_->size()));
         for (std::size_t l = 0; l < count_of_layers; ++l) {
-            auto const all = packed(l, sent_[l]);
-            for (std::size_t r = 0; r < to.size(); ++r)
-                put(to[r], all.data() + sent_[l].begin[r], sent_[l].begin[r + 1] - sent_[l].begin[r]);
+            pack(l, sent_[l]);
+            for (std::size_t r = 0; r < to.size(); ++r) {
+                std::size_t const bytes = sent_[l].bytes(r), before = to[r].size();
+                to[r].resize(before + bytes);
+                packed_.download(sent_[l].begin[r] * sizeof(Sums), {to[r].data() + before, bytes});
+            }
         }
         auto const from = communicator_->exchange(to);
         std::vector<Reader> rest(from.begin(), from.end());
         for (std::size_t l = 0; l < count_of_layers; ++l) {
-            auto const& begin = came_[l].begin;
-            std::vector<Sums> all(begin.back());
+            packed_.renew(came_[l].begin.back() * sizeof(Sums));
             for (std::size_t r = 0; r < rest.size(); ++r)
-                rest[r].get(all.data() + begin[r], begin[r + 1] - begin[r]);
-            unpack(l, came_[l], all);
+                packed_.upload(came_[l].begin[r] * sizeof(Sums), rest[r].take(came_[l].bytes(r)));
+            copy(l, came_[l], false);
         }
         are_old_ = false;
     }
@@ -178,6 +187,7 @@ private:
         std::vector<std::size_t> begin{0}; ///< by rank: where its nodes begin among all
 
         explicit Parts(cuda::Queue const& queue) : there(queue) {}
+        std::size_t bytes(std::size_t rank) const { return (begin[rank + 1] - begin[rank]) * sizeof(Sums); }
         void set(PartsOfRanks const& of_ranks)
         {
             std::vector<Part> all;
@@ -196,20 +206,10 @@ private:
         void set_all(std::vector<Part> const& all) { set({1, all}); }
     };
 
-    std::vector<Sums> packed(std::size_t layer, Parts const& parts)
+    void pack(std::size_t layer, Parts const& parts)
     {
-        std::vector<Sums> all(parts.begin.back());
-        packed_.renew(all.size());
+        packed_.renew(parts.begin.back() * sizeof(Sums));
         copy(layer, parts, true);
-        packed_.download(0, all);
-        return all;
-    }
-    void unpack(std::size_t layer, Parts const& parts, std::vector<Sums> const& all)
-    {
-        packed_.renew(all.size());
-        packed_.upload(0, all);
-        copy(layer, parts, false);
-        queue_.wait(); // the list of parts may be freed
     }
     void copy(std::size_t layer, Parts const& parts, bool packs)
     {
@@ -217,7 +217,7 @@ private:
         cuda::OnDevice const here(queue_);
         cuda::launch_after("copy_parts", queue_, cuda::detail::copy_parts<TileShape, Sums, d>,
                            static_cast<unsigned>(parts.there.size()), 64, parts.there.data(), packs,
-                           this->tiles(layer).data(), packed_.data());
+                           this->tiles(layer).data(), reinterpret_cast<Sums*>(packed_.data()));
     }
 
     /// Merges the results of the groups of threads for which `which[group]` is 1, on all ranks.
@@ -230,18 +230,18 @@ private:
         if constexpr (merges_in_any_order<Result>) own.push_back({0, 0, here.template merged<Result>(which)});
         if (own.empty() || has_a_place(own[0].result)) {
             own.clear();
-            auto const [groups, results] = here.template listed<Result>(which);
-            for (std::size_t i = 0; i < groups.size(); ++i) own.push_back({0, groups[i], results[i]});
+            auto const [listed, results] = here.template listed<Result>(which);
+            for (std::size_t i = 0; i < listed.size(); ++i) own.push_back({0, listed[i], results[i]});
         }
-        auto const parts = parts_of_ranks(communicator, std::move(own));
-        std::vector<Result> all;
-        if constexpr (merges_in_any_order<Result>)
-            for (auto const& part : parts) all.push_back(part.result);
-        else {
-            all.resize(here.groups()); // as many as one device would merge
-            for (auto const& part : parts) all[part.key] = part.result;
+        std::vector<std::uint32_t> groups;
+        std::vector<Result> found;
+        for (auto const& part : parts_of_ranks(communicator, std::move(own))) {
+            // in any order there need not be as many as one device would merge
+            groups.push_back(
+                static_cast<std::uint32_t>(merges_in_any_order<Result> ? found.size() : part.key));
+            found.push_back(part.result);
         }
-        return to.template merge<Result>(all);
+        return to.merge(merges_in_any_order<Result> ? found.size() : here.groups(), groups, found);
     }
 
     /// The numbers of the blocks of cells above each block of nodes, by layer and corner.
@@ -343,7 +343,7 @@ private:
     bool are_old_ = true;
     std::vector<Parts> sent_, came_; ///< by layer
     cuda::Array<unsigned char> kinds_;
-    cuda::Array<Sums> packed_;
+    cuda::Array<std::byte> packed_; ///< parts of tiles
     cuda::Results merged_of_nodes_;
     std::vector<cuda::Results> merged_of_items_; ///< by layer
 };

@@ -49,7 +49,7 @@ public:
     template <class Backend>
     explicit CellOrder(Backend const& backend, Periods<d> const& periods = {})
         : Local(backend, periods), communicator_(backend.communicator), partition_(backend.partition),
-          here_(backend), strays_(backend), stray_count_(backend), origins_(backend)
+          here_(backend), strays_(backend), count_(backend), origins_(backend)
     {}
 
     C const& communicator() const { return communicator_; }
@@ -341,12 +341,12 @@ private:
     {
         if (leaving_ == 0) return {};
         strays_.renew(leaving_);
-        stray_count_.renew(1);
-        stray_count_.fill_bytes(0, 1, 0);
+        count_.renew(1);
+        count_.fill_bytes(0, 1, 0);
         cuda::launch_after("find_cells_here", this->queue_, cuda::detail::find_cells_here<d, Number>,
                            cuda::groups_of(leaving_, 256), 256, this->leavers(), leaving_, destinations(),
-                           here_.data(), strays_.data(), stray_count_.data());
-        auto strays = downloaded(strays_, downloaded(stray_count_, 1)[0]);
+                           here_.data(), strays_.data(), count_.data());
+        auto strays = downloaded(strays_, downloaded(count_, 1)[0]);
         std::ranges::sort(strays, {}, &Stray::slot);
         return strays;
     }
@@ -408,10 +408,15 @@ private:
     /// Drops empty blocks where there are too many, as one device would.
     void drop_empty_blocks()
     {
-        std::uint32_t const here = this->list_live_blocks(), blocks = this->blocks();
-        std::size_t const live = sum_of_ranks(communicator_, here);
+        std::uint32_t const blocks = this->blocks();
+        count_.renew(1);
+        count_.fill_bytes(0, 1, 0);
+        cuda::launch_after("count_live_blocks", this->queue_, cuda::detail::count_live_blocks,
+                           cuda::groups_of(blocks, 128), 128, this->begin_.data(), blocks, count_.data());
+        std::size_t const live = sum_of_ranks(communicator_, downloaded(count_, 1)[0]);
         auto const most = cuda::detail::most_empty_blocks(static_cast<std::uint32_t>(live), is_small());
         if (live == 0 || blocks <= live + most) return;
+        std::uint32_t const here = this->list_live_blocks();
         auto all = of_all_ranks(communicator_, downloaded(this->blocks_before_, here));
         std::ranges::sort(all);
         this->blocks_before_.upload(0, all);
@@ -430,7 +435,7 @@ private:
     std::vector<std::uint32_t> begin_here_, order_here_; ///< copies, while blocks are handed over
     cuda::Array<unsigned char> here_;
     cuda::Array<Stray> strays_;
-    cuda::Array<std::uint32_t> stray_count_;
+    cuda::Array<std::uint32_t> count_;
     cuda::Array<std::uint64_t> origins_; ///< of what came
 };
 
