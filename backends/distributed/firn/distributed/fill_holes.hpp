@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <utility>
@@ -10,22 +11,24 @@ namespace firn::distributed
 {
 
 /// Lets the last of all items fill the places of those that are `gone`: `count` of `all` are left. They are
-/// then at `place[where it lay - count]` in the order, and moved by `move(from, to)`.
+/// then at `place[where it lay - count]` in the order, and moved by `move(from, to)`. The work is that of few
+/// items.
 template <class Order, class Move>
-void fill_holes(Order& order, std::vector<std::uint32_t> const& gone, std::size_t all, std::uint32_t count,
+void fill_holes(Order& order, std::vector<std::uint32_t> gone, std::size_t all, std::uint32_t count,
                 Move const& move)
 {
     if (gone.empty()) return;
-    std::vector<char> is_hole(all, 0);
-    for (std::uint32_t const place : gone) is_hole[place] = 1;
+    std::ranges::sort(gone);
+    auto hole = gone.begin(), behind = std::ranges::lower_bound(gone, count); // those behind stay empty
     std::vector<std::uint32_t> from, to, place(all - count);
-    std::uint32_t hole = 0;
     for (std::uint32_t at = count; at < all; ++at) {
-        if (is_hole[at]) continue;
-        while (!is_hole[hole]) ++hole;
-        place[at - count] = hole;
+        if (behind != gone.end() && *behind == at) {
+            ++behind;
+            continue;
+        }
+        place[at - count] = *hole;
         from.push_back(at);
-        to.push_back(hole++);
+        to.push_back(*hole++);
     }
     order.relocate(count, place);
     move(std::as_const(from), std::as_const(to));
