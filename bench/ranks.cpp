@@ -4,11 +4,15 @@
 // travels.
 //     mpirun --bind-to none -n RANKS ranks PARTICLES [threads]
 // prints, for so many particles in all, one line for `results.py`. With one rank it is the backend without
-// ranks, too. As `ranks_cuda` each rank has a device of its own, as long as there are as many.
+// ranks, too. As `ranks_cuda` each rank has a device of its own, as long as there are as many, and `nccl` in
+// the place of the threads lets devices send to one another by NCCL.
 #include <firn/firn.hpp>
 #include <firn/mpi.hpp>
 #if defined(__CUDACC__)
 #include <firn/distributed/on_cuda.hpp>
+#if defined(FIRN_HAS_NCCL)
+#include <firn/nccl.hpp>
+#endif
 #else
 #include <firn/openmp.hpp>
 #endif
@@ -19,6 +23,8 @@
 #include <cstdio>
 #include <cstdlib>
 #include <memory>
+#include <span>
+#include <string>
 #include <type_traits>
 #include <vector>
 
@@ -52,6 +58,16 @@ struct Counted
     C of;
     std::shared_ptr<Sent> sent = std::make_shared<Sent>();
 
+    template <class Stream>
+    void exchange_on_device(Stream const& stream, std::span<DeviceMessage const> to,
+                            std::span<DeviceMessage const> from) const requires(DeviceCommunicator<C, Stream>)
+    {
+        for (auto const& message : to) {
+            sent->messages += 1;
+            sent->bytes += double(message.bytes);
+        }
+        of.exchange_on_device(stream, to, from);
+    }
     int rank() const { return of.rank(); }
     int size() const { return of.size(); }
     std::vector<Parcel> exchange(std::vector<Parcel> const& to) const
@@ -67,7 +83,11 @@ struct Counted
     {
         return timed([&] { return of.all_gather(own); });
     }
-    void abort(char const* why) const { of.abort(why); }
+    void abort(char const* why) const
+    {
+        std::fprintf(stderr, "rank %d: %s\n", rank(), why);
+        of.abort(why);
+    }
 
 private:
     template <class Call>
@@ -108,6 +128,24 @@ double seconds_of_step(Backend const& backend, double particles)
     return times[3];
 }
 
+/// Prints how long a step of a scene takes on the ranks of a communicator.
+template <class Local, class C>
+void measure(Local const& local, C const& of, double particles, int threads)
+{
+    Counted<C> const communicator{of};
+    double const seconds = seconds_of_step(Distributed<Local, Counted<C>>{local, communicator}, particles);
+    Sent const sent = *communicator.sent;
+    if (communicator.rank() == 0)
+        std::printf(
+            "%d ranks of %d threads, %.0f particles: %.3f ms a step; %.2f calls, %.2f messages, %.0f kB, "
+            "%.3f ms in them\n",
+            communicator.size(), threads, particles, 1e3 * seconds, sent.calls / 70, sent.messages / 70,
+            sent.bytes / 70e3, 1e3 * sent.seconds / 70);
+    if (communicator.size() == 1)
+        std::printf("no ranks, %d threads: %.3f ms a step\n", threads,
+                    1e3 * seconds_of_step(local, particles));
+}
+
 } // namespace
 
 int main(int argc, char** argv)
@@ -115,22 +153,15 @@ int main(int argc, char** argv)
     MPI_Init(&argc, &argv);
     {
         double const particles = argc > 1 ? std::atof(argv[1]) : 125000;
-        int const threads = argc > 2 ? std::atoi(argv[2]) : 1;
-        Counted<Mpi> const communicator{Mpi()};
+        int const threads = argc > 2 ? std::max(std::atoi(argv[2]), 1) : 1;
+        Mpi const communicator;
         auto const local = backend_of(communicator.rank(), threads);
-        using Local = std::remove_const_t<decltype(local)>;
-        double const seconds =
-            seconds_of_step(Distributed<Local, Counted<Mpi>>{local, communicator}, particles);
-        Sent const sent = *communicator.sent;
-        if (communicator.rank() == 0)
-            std::printf(
-                "%d ranks of %d threads, %.0f particles: %.3f ms a step; %.2f calls, %.2f messages, %.0f kB, "
-                "%.3f ms in them\n",
-                communicator.size(), threads, particles, 1e3 * seconds, sent.calls / 70, sent.messages / 70,
-                sent.bytes / 70e3, 1e3 * sent.seconds / 70);
-        if (communicator.size() == 1)
-            std::printf("no ranks, %d threads: %.3f ms a step\n", threads,
-                        1e3 * seconds_of_step(local, particles));
+#if defined(__CUDACC__) && defined(FIRN_HAS_NCCL)
+        if (argc > 2 && std::string(argv[2]) == "nccl")
+            measure(local, Nccl<Mpi>(communicator, local.device), particles, threads);
+        else
+#endif
+            measure(local, communicator, particles, threads);
     }
     MPI_Finalize();
 }

@@ -14,6 +14,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <tuple>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -35,7 +36,8 @@ struct Distributed
 
     static constexpr bool spans_ranks = true;
     static constexpr bool reaches_host_memory = Local::reaches_host_memory;
-    static constexpr bool queues = false; ///< each step waits for other ranks
+    static constexpr bool queues = false;                 ///< each step waits for other ranks
+    static constexpr bool shares_results = Local::queues; ///< loops leave them on devices
     static constexpr int largest_degree = Local::largest_degree;
 
     template <class Number>
@@ -118,8 +120,7 @@ struct Distributed
         if constexpr (Phase::work.scatters_to == ScatterTarget::sums) layer.change_sums();
         if constexpr (Local::queues && Phase::work.moves) {
             local.move_items(cells, layer, phase);
-            cells.count_leavers();
-            return layer.template merged<typename Phase::Result>(cells);
+            return layer.template found<typename Phase::Result>(cells);
         }
         else if constexpr (requires { cells.merge_whole(typename Phase::Result{}); })
             return cells.merge_whole(local.for_each_cell(cells, layer, phase));
@@ -143,7 +144,7 @@ struct Distributed
         grid.show(finds_nothing ? distributed::Nodes::all : distributed::Nodes::own);
         if constexpr (Local::queues && !finds_nothing) {
             local.for_each_node(orders, grid, phase);
-            return grid.template merged<typename Phase::Result>();
+            return grid.template found<typename Phase::Result>();
         }
         else
             return local.for_each_node(orders, grid, phase);
@@ -156,21 +157,21 @@ struct Distributed
         local.for_each_node(orders, grid, phase);
     }
 
-    /// Where loops leave their results on a device, it also finishes a step.
+    /// Where loops leave their results on a device: see distributed::share_results.
+    template <class Orders, class OfNodes, class OfItems>
+    bool share_results(Orders const& orders, OfNodes& of_nodes, OfItems& of_items) const
+        requires(Local::queues)
+    {
+        return orders[0]->share_results(orders, of_nodes, of_items);
+    }
+    /// Finishes a step on the device, when results are shared.
     template <class Finish, class OfNodes, class OfItems>
     void finish_step(Finish const& finish, OfNodes const& of_nodes, OfItems const& of_items) const
         requires(Local::queues)
     {
-        local.finish_step(finish, of_nodes, of_items);
-    }
-    /// Makes room for the items that have left their cells, where a rank had none for all of them. Returns
-    /// whether items must move once more for it.
-    template <class Orders>
-    bool make_room(Orders const& orders) const requires(Local::queues)
-    {
-        bool any = false;
-        for (auto* const order : orders) any = order->make_room() || any;
-        return distributed::sum_of_ranks(communicator, any ? 1 : 0) > 0;
+        std::apply(
+            [&](auto const&... of) { local.finish_step(finish, of_nodes.merged, std::tuple{of.merged...}); },
+            of_items);
     }
 };
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/exactly_equal.hpp>
 #include <firn/core/finite.hpp>
 #include <firn/effects/node_effect.hpp>
 #include <firn/effects/obstacle.hpp>
@@ -15,7 +16,6 @@ namespace firn
 template <int obstacles>
 struct Reactions
 {
-    static constexpr bool merges_in_any_order = obstacles == 0; ///< sums depend on it
     std::array<Reaction, std::size_t(obstacles)> of{};
     double largest_surface_speed2 = 0; ///< of an obstacle's surface at a contact [m^2/s^2]
 
@@ -23,6 +23,16 @@ struct Reactions
     {
         for (int i = 0; i < obstacles; ++i) of[std::size_t(i)] += other.of[std::size_t(i)];
         largest_surface_speed2 = max(largest_surface_speed2, other.largest_surface_speed2);
+    }
+
+    /// Whether it must be merged in its place among others: sums depend on their order, if they are not zero.
+    FIRN_HOST_DEVICE bool has_a_place() const
+    {
+        for (Reaction const& one : of)
+            for (int a = 0; a < 3; ++a)
+                if (!exactly_equal(one.impulse[a], 0.0) || !exactly_equal(one.angular_impulse[a], 0.0))
+                    return true;
+        return false;
     }
 
     /// Whether one of them is not finite.

@@ -127,10 +127,12 @@ void exchange_particles(Contents& to, Backend const& backend, Departures const& 
                         Arrive const& arrive)
 {
     auto& buffer = to.buffer[0];
-    std::vector<std::vector<std::byte>> parcels;
+    std::vector<std::vector<std::byte>> parcels, came;
     for (auto const& departure : departures) parcels.push_back(pack_particles(to, backend, departure));
-    parcels[static_cast<std::size_t>(backend.rank())].clear(); // nothing stays by leaving
-    auto const came = backend.exchange(parcels);
+    if (!parcels.empty()) { // otherwise no particle of any rank departs
+        parcels[static_cast<std::size_t>(backend.rank())].clear(); // nothing stays by leaving
+        came = backend.exchange(parcels);
+    }
 
     std::size_t const first = to.places;
     std::size_t place = first;

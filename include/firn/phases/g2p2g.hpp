@@ -19,7 +19,6 @@ namespace firn
 template <class Number, int obstacles>
 struct G2p2gResult
 {
-    static constexpr bool merges_in_any_order = Reactions<obstacles>::merges_in_any_order;
     Number wave_modulus = 0; ///< largest rho_0 c^2 [Pa]
     Number speed2 = 0;       ///< largest squared speed [m^2/s^2]
     Number deformation = 0;  ///< largest Frobenius norm of the velocity gradient, squared [1/s^2]
@@ -29,7 +28,8 @@ struct G2p2gResult
     std::uint32_t particle = 0;              ///< its row in the table
     Reactions<obstacles> reactions{};
 
-    bool has_a_place() const { return failed > 0; } ///< the first failure is told
+    /// Whether it must be merged in its place among others: the first failure is told.
+    FIRN_HOST_DEVICE bool has_a_place() const { return failed > 0 || reactions.has_a_place(); }
     FIRN_HOST_DEVICE void merge(G2p2gResult const& other)
     {
         wave_modulus = max(wave_modulus, other.wave_modulus);

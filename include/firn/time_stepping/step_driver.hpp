@@ -43,8 +43,9 @@ public:
         step.scatter_missing();
         step.find_shifts();
         if (step.solve()) {
-            auto const reactions = step.update_grid(0);
-            auto const found = step.g2p2g(0);
+            auto reactions = step.update_grid(0);
+            auto found = step.g2p2g(0);
+            step.share_results(0, reactions, found);
             step.finish_step(0, reactions, found);
         }
 

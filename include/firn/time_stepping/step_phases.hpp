@@ -143,18 +143,17 @@ public:
 
     /// Particles gather velocities, move, and scatter to the grid of the next step. Returns what they found,
     /// material by material.
-    auto g2p2g(int step) const
+    auto g2p2g(int step) const { return run_g2p2g(g2p2g_phases(step), Places{}); }
+    /// Ranks whose loops leave what they have found on devices share it here, and move particles once more
+    /// where one of them had no room.
+    template <class OfNodes, class Found>
+    void share_results([[maybe_unused]] int step, [[maybe_unused]] OfNodes& of_nodes,
+                       [[maybe_unused]] Found& found) const
     {
-        auto const run = [&]<std::size_t... k>(auto const& phases, std::index_sequence<k...>)
-        {
-            auto layers = this->layers();
-            return std::tuple{memory_.backend.for_each_cell(particles<k>().cells(), layers[k],
-                                                            std::get<k>(phases))...}; // one after the other
-        };
-        auto found = run(g2p2g_phases(step), Places{});
-        if constexpr (requires { memory_.backend.make_room(orders()); })
-            while (memory_.backend.make_room(orders())) found = run(g2p2g_phases_again(step), Places{});
-        return found;
+        if constexpr (spans_ranks<Backend>)
+            if constexpr (Backend::shares_results)
+                while (!memory_.backend.share_results(orders(), of_nodes, found))
+                    found = run_g2p2g(g2p2g_phases_again(step), Places{});
     }
     /// The phases of which that consists.
     auto g2p2g_phases(int step) const { return g2p2g_phases(step, Places{}); }
@@ -244,6 +243,14 @@ private:
     using MaterialTraits = typename Sets::template MaterialTraits<k>;
     using Places = typename Sets::Places;
     using Storage = StepStorage<Number, materials, Effects, Actions>;
+
+    template <class Phases, std::size_t... k>
+    auto run_g2p2g(Phases const& phases, std::index_sequence<k...>) const
+    {
+        auto layers = this->layers();
+        return std::tuple{memory_.backend.for_each_cell(particles<k>().cells(), layers[k],
+                                                        std::get<k>(phases))...}; // one after the other
+    }
 
     template <class Buffer>
     static auto* resized(Buffer& buffer, std::size_t size)

@@ -86,7 +86,8 @@ enum cudaMemcpyKind
 {
     cudaMemcpyHostToDevice = 1,
     cudaMemcpyDeviceToHost,
-    cudaMemcpyDeviceToDevice
+    cudaMemcpyDeviceToDevice,
+    cudaMemcpyDefault
 };
 
 #define CUDART_VERSION 13000

@@ -24,6 +24,18 @@ __global__ void fill(T* to, std::size_t count, T value)
 }
 } // namespace detail
 
+/// Queues the copying of plain values from or to a device. Memory of the host had best be HostMemory: the
+/// copy of any other may be waited for.
+template <class T>
+void copy_queued(Queue const& queue, T* to, T const* from, std::size_t count)
+{
+    if (count == 0) return;
+    OnDevice const here(queue);
+    check(cudaMemcpyAsync(static_cast<void*>(to), static_cast<void const*>(from), count * sizeof(T),
+                          cudaMemcpyDefault, queue.stream),
+          "cudaMemcpyAsync");
+}
+
 /// A growing array of plain values in a device's memory; new elements are not initialised.
 template <class T>
 class Array

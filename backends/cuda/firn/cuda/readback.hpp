@@ -5,8 +5,6 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <utility>
-#include <vector>
 
 namespace firn::cuda
 {
@@ -166,54 +164,6 @@ private:
         return __shfl_sync(~0u, before, 0) + 1 == of;
     }
 };
-/// Merges results in any order: those of the groups for which `which[group]` is 1.
-inline constexpr unsigned merging_threads = 512;
-template <class Result>
-__global__ void __launch_bounds__(merging_threads)
-    merge_some(Result const* of, std::uint32_t count, unsigned char const* which, Result* to)
-{
-    Result mine{};
-    for (std::uint32_t i = threadIdx.x; i < count; i += merging_threads)
-        if (which[i] == 1) mine.merge(load_words(of + i));
-    __shared__ __align__(16) unsigned char memory[merging_threads / 32 * sizeof(Result)];
-    auto* const parts = reinterpret_cast<Result*>(memory);
-    mine = merged_in_warp(mine);
-    if (threadIdx.x % 32 == 0) store_words(mine, parts + threadIdx.x / 32);
-    __syncthreads();
-    if (threadIdx.x >= 32) return;
-    mine = merged_in_warp(threadIdx.x < merging_threads / 32 ? load_shared(parts + threadIdx.x) : Result{});
-    if (threadIdx.x == 0) store_words(mine, to);
-}
-
-/// Lists the groups for which `which[group]` is 1, and which have found something; in any order.
-template <class Result>
-__global__ void list_some(Result const* of, std::uint32_t count, unsigned char const* which,
-                          std::uint32_t* listed, std::uint32_t* how_many)
-{
-    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
-    if (i >= count || which[i] != 1) return;
-    Words<Result> none{}, words;
-    Result const nothing{}, result = load_words(of + i);
-    memcpy(&none, static_cast<void const*>(&nothing), sizeof none);
-    memcpy(&words, static_cast<void const*>(&result), sizeof words);
-    bool any = false;
-    for (int w = 0; w < Words<Result>::count; ++w) any = any || words.of[w] != none.of[w];
-    if (any) listed[atomicAdd(how_many, 1u)] = i;
-}
-template <class Result>
-__global__ void pick_results(Result const* of, std::uint32_t const* listed, std::uint32_t count, Result* to)
-{
-    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
-    if (i < count) store_words(load_words(of + listed[i]), to + i);
-}
-
-template <class Result>
-__global__ void put_results(Result const* from, std::uint32_t const* listed, std::uint32_t count, Result* to)
-{
-    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
-    if (i < count) store_words(load_words(from + i), to + listed[i]);
-}
-
 /// Merges the results of all bunches, one warp for each.
 template <class Result>
 __global__ void __launch_bounds__(32) merge_bunches(ResultsOfGroups<Result> results)
@@ -275,12 +225,10 @@ class Results
     static constexpr std::uint32_t most_bunches = 1024;
 
 public:
-    explicit Results(Queue const& queue)
-        : queue_(queue), partial_(queue), picked_(queue), finished_(queue), listed_(queue)
-    {}
+    explicit Results(Queue const& queue) : queue_(queue), partial_(queue), finished_(queue) {}
 
     /// From now on loops leave the results of each group by themselves: they are to be merged with those of
-    /// other devices, see merge().
+    /// other devices, see ResultsOfDevices.
     void keep_apart() { are_apart_ = true; }
 
     /// Room for the results of this many groups of threads.
@@ -312,83 +260,27 @@ public:
         return {static_cast<Result const*>(first_partial_), partial_count_};
     }
 
-    /// Where they are kept apart: how many groups there are.
-    std::uint32_t groups() const { return partial_count_; }
-    /// What the groups for which `which[group]` is 1 have found, merged in any order.
+    /// How many there are of them.
+    std::uint32_t count() const { return partial_count_; }
+    /// Merges the results of groups that no loop has left, but the host has put there: see ResultsOfDevices.
     template <class Result>
-    Result merged(unsigned char const* which)
+    Partial<Result> merge_bunches(detail::ResultsOfGroups<Result> const& results)
     {
-        OnDevice const here(queue_);
-        picked_.renew(sizeof(Result));
-        launch_after("merge_some", queue_, detail::merge_some<Result>, 1, detail::merging_threads,
-                     partial<Result>().of, partial_count_, which, reinterpret_cast<Result*>(picked_.data()));
-        return read<Result>(1)[0];
-    }
-    /// Those of these groups that have found something: their numbers, and what each has found.
-    template <class Result>
-    std::pair<std::vector<std::uint32_t>, std::vector<Result>> listed(unsigned char const* which)
-    {
-        OnDevice const here(queue_);
-        listed_.renew(std::size_t(partial_count_) + 1); // one more for their count
-        std::uint32_t* const how_many = listed_.data() + partial_count_;
-        listed_.fill_bytes(partial_count_, 1, 0);
-        launch_after("list_some", queue_, detail::list_some<Result>, groups_of(partial_count_, 128), 128,
-                     partial<Result>().of, partial_count_, which, listed_.data(), how_many);
-        std::uint32_t count = 0;
-        listed_.download(partial_count_, {&count, 1});
-        std::vector<std::uint32_t> groups(count);
-        if (count == 0) return {};
-        listed_.download(0, groups);
-        picked_.renew(count * sizeof(Result));
-        launch_after("pick_results", queue_, detail::pick_results<Result>, groups_of(count, 128), 128,
-                     partial<Result>().of, listed_.data(), count, reinterpret_cast<Result*>(picked_.data()));
-        return {std::move(groups), read<Result>(count)};
-    }
-    /// Merges the results of so many groups on all devices, as one device would that had found them. Those
-    /// that are not listed have found nothing.
-    template <class Result>
-    Partial<Result> merge(std::size_t groups, std::vector<std::uint32_t> const& listed,
-                          std::vector<Result> const& found)
-    {
-        if (groups == 0) return {};
-        OnDevice const here(queue_);
-        auto const results = expect<Result>(static_cast<std::uint32_t>(groups));
-        launch_after("fill", queue_, detail::fill<Result>, groups_of(groups, 256), 256, results.of_groups,
-                     groups, Result{});
-        if (!listed.empty()) {
-            auto const count = static_cast<std::uint32_t>(listed.size());
-            listed_.renew(count);
-            listed_.upload(0, listed);
-            picked_.renew(count * sizeof(Result));
-            picked_.upload(0, {reinterpret_cast<unsigned char const*>(found.data()), count * sizeof(Result)});
-            launch_after("put_results", queue_, detail::put_results<Result>, groups_of(count, 128), 128,
-                         reinterpret_cast<Result const*>(picked_.data()), listed_.data(), count,
-                         results.of_groups);
-        }
-        if (results.bunch > 1)
+        if (results.bunch > 1) {
+            OnDevice const here(queue_);
             launch_after("merge_bunches", queue_, detail::merge_bunches<Result>, results.bunches(), 32,
                          results);
+        }
         return partial<Result>();
     }
 
-    std::size_t memory() const
-    {
-        return partial_.memory() + picked_.memory() + finished_.memory() + listed_.memory();
-    }
+    std::size_t memory() const { return partial_.memory() + finished_.memory(); }
 
 private:
-    template <class Result>
-    std::vector<Result> read(std::size_t count) const
-    {
-        std::vector<Result> results(count);
-        picked_.download(0, {reinterpret_cast<unsigned char*>(results.data()), count * sizeof(Result)});
-        return results;
-    }
-
     Queue queue_;
     bool are_apart_ = false;
-    Array<unsigned char> partial_, picked_;
-    Array<std::uint32_t> finished_, listed_;
+    Array<unsigned char> partial_;
+    Array<std::uint32_t> finished_;
     void const* first_partial_ = nullptr;
     std::uint32_t partial_count_ = 0;
 };

@@ -19,25 +19,50 @@ struct Stray
     std::uint32_t block;     ///< its new one, or absent if that does not exist
 };
 
-/// Finds the new cells of leavers, and lists those whose blocks are not here.
-template <int d, class Number>
-__global__ void find_cells_here(Leavers<Number> leavers, std::uint32_t count, Destinations<d> to,
-                                unsigned char const* here, Stray* strays, std::uint32_t* stray_count)
+/// What a search for the new cells of leavers has found.
+struct Searched
 {
-    std::uint32_t const leaver = blockIdx.x * blockDim.x + threadIdx.x;
-    if (leaver >= count) return;
+    std::uint32_t leavers; ///< how many there are; if there was no room for all of them, nothing else holds
+    std::uint32_t strays;
+    std::uint32_t births; ///< blocks that are missing
+    std::uint32_t live;   ///< blocks that hold items when those have come that stay on this device
+};
+
+/// Finds the new cells of leavers, and lists those whose blocks are not here. Requests blocks that are
+/// missing.
+template <int d, class Number>
+__global__ void find_cells_here(Leavers<Number> leavers, Destinations<d> to, unsigned char const* here,
+                                Stray* strays, Searched* searched)
+{
+    std::uint32_t const leaver = blockIdx.x * blockDim.x + threadIdx.x, count = leavers.counters->outgoing;
+    if (leaver >= count || count > leavers.most) return;
     std::uint32_t const from = leavers.cell[leaver], way = leavers.way[leaver];
     std::uint32_t block = from / BlockShape<d>::cells;
     WayOut<d> const out(from % BlockShape<d>::cells, way);
     if (out.leaves_block) {
-        Coordinates<d> const there = block_of_key<d>(to.keys[block]) + out.beyond;
-        block = to.set.find(block_key<d>(to.periods.wrapped(there)));
+        Coordinates<d> const left = block_of_key<d>(to.keys[block]);
+        block = to.set.find(block_key<d>(to.periods.wrapped(left + out.beyond)));
+        if (block == absent)
+            out.request(left, to.periods, to.ahead, [&](std::uint64_t key) { to.set.want(key); });
         if (block == absent || here[block] == 0) {
-            strays[atomicAdd(stray_count, 1u)] = {leaver, leavers.slot[leaver], from, way, block};
+            strays[atomicAdd(&searched->strays, 1u)] = {leaver, leavers.slot[leaver], from, way, block};
             return;
         }
     }
     arrive(leavers, to.changes, leaver, block, out.place);
+}
+
+/// Completes what such a search tells.
+static __global__ void tell_searched(LeaverCounters const* counters, std::uint32_t const* born,
+                                     Changes changes, std::uint32_t blocks, Searched* searched)
+{
+    std::uint32_t const b = blockIdx.x * blockDim.x + threadIdx.x;
+    bool const holds = b < blocks && changes.block_stay[b] + changes.block_arrived[b] > 0;
+    std::uint32_t const with_me = __ballot_sync(~0u, holds);
+    if (threadIdx.x % 32 == 0) atomicAdd(&searched->live, static_cast<std::uint32_t>(__popc(with_me)));
+    if (b > 0) return;
+    searched->leavers = counters->outgoing;
+    searched->births = *born;
 }
 
 /// Leavers, of which those from `first` on came from other devices.

@@ -3,6 +3,7 @@
 
 #include <concepts>
 #include <cstddef>
+#include <span>
 #include <vector>
 
 namespace firn
@@ -10,6 +11,14 @@ namespace firn
 
 /// What one rank sends to another one.
 using Parcel = std::vector<std::byte>;
+
+/// A part of a device's memory that goes to a rank, or that is to hold what comes from it.
+struct DeviceMessage
+{
+    int rank;
+    std::byte* data;
+    std::size_t bytes;
+};
 
 /// What connects the ranks of a distributed solver: processes, or threads of one process. All ranks call the
 /// same members in the same order, and each call returns when what it needs from the others has come.
@@ -27,6 +36,17 @@ concept Communicator = std::copy_constructible<C> &&
     // returns what each rank passed, by rank
     std::vector<Parcel>{communicator.all_gather(own)};
     communicator.abort(why); // this rank cannot go on
+};
+
+/// A communicator that also sends what lies on devices, without the host: `exchange_on_device(stream, to,
+/// from)` queues it behind what is in the stream of a device, and returns at once. Both ranks of a message
+/// know how long it is; those between two ranks are in the same order on both. Other communicators get copies
+/// in the host's memory.
+template <class C, class Stream>
+concept DeviceCommunicator = Communicator<C> &&
+    requires(C const communicator, Stream const& stream, std::span<DeviceMessage const> messages)
+{
+    communicator.exchange_on_device(stream, messages, messages);
 };
 
 } // namespace firn

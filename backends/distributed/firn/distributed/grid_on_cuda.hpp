@@ -4,10 +4,11 @@
 #include <firn/cuda/grid.hpp>
 #include <firn/cuda/parts_of_tiles.hpp>
 #include <firn/cuda/tuning.hpp>
+#include <firn/distributed/exchange_on_cuda.hpp>
 #include <firn/distributed/grid.hpp>
-#include <firn/distributed/merge.hpp>
 #include <firn/distributed/order_on_cuda.hpp>
 #include <firn/distributed/parcel.hpp>
+#include <firn/distributed/results_on_cuda.hpp>
 #include <firn/grid/block_key.hpp>
 #include <firn/grid/lattice.hpp>
 #include <firn/grid/periods.hpp>
@@ -53,14 +54,16 @@ public:
 
     template <class Backend>
     explicit Grid(Backend const& backend, Periods<d> const& periods = {})
-        : Local(backend, periods), queue_(backend.queue()), kinds_(backend), packed_(backend),
-          merged_of_nodes_(queue_)
+        : Local(backend, periods), queue_(backend.queue()), kinds_(backend), found_by_nodes_(queue_),
+          of_other_nodes_(queue_), exchange_(queue_)
     {
         bool const are_more = backend.communicator.size() > 1;
         if (are_more) this->node_results().keep_apart();
         for (std::size_t l = 0; l < count_of_layers; ++l) {
             if (are_more) Local::layer(l).item_results().keep_apart();
-            merged_of_items_.emplace_back(queue_);
+            found_by_items_.emplace_back(queue_);
+            leave_.emplace_back(queue_);
+            arrive_.emplace_back(queue_);
             sent_.emplace_back(queue_);
             came_.emplace_back(queue_);
         }
@@ -86,28 +89,27 @@ public:
         {
             Parts parts(grid_->queue_);
             parts.set_all(whole(blocks));
-            grid_->pack(number_, parts);
+            grid_->copy(number_, parts, true, grid_->leave_[number_]);
             std::vector<Sums> tiles(parts.begin.back());
-            grid_->packed_.download(0, std::as_writable_bytes(std::span(tiles)));
+            grid_->leave_[number_].download(0, tiles);
             return tiles;
         }
         void set_tiles(std::vector<std::uint32_t> const& blocks, std::vector<Sums> const& tiles) const
         {
             Parts parts(grid_->queue_);
             parts.set_all(whole(blocks));
-            grid_->packed_.renew(tiles.size() * sizeof(Sums));
-            grid_->packed_.upload(0, std::as_bytes(std::span(tiles)));
-            grid_->copy(number_, parts, false);
+            grid_->arrive_[number_].renew(tiles.size());
+            grid_->arrive_[number_].upload(0, tiles);
+            grid_->copy(number_, parts, false, grid_->arrive_[number_]);
             grid_->queue_.wait(); // the list of parts is about to be freed
         }
 
-        /// What the items of all ranks have found in the last loop.
+        /// What the items have found in the last loop.
         template <class Result>
-        cuda::Partial<Result> merged(Order const& cells) const
+        Found<Result> found(Order const& cells) const
         {
             if (this->blocks() == 0) return {};
-            return grid_->template merged<Result>(cells.communicator(), this->item_results(),
-                                                  grid_->merged_of_items_[number_], cells.view().here);
+            return {&this->item_results(), &grid_->found_by_items_[number_], cells.view().here};
         }
 
     private:
@@ -149,35 +151,38 @@ public:
             looks_ = std::max(distance, looks_);
             find_borders(orders);
         }
-        std::vector<Parcel> to(static_cast<std::size_t>(communicator_->size()));
+        std::vector<DeviceMessage> to, from;
         for (std::size_t l = 0; l < count_of_layers; ++l) {
-            pack(l, sent_[l]);
-            for (std::size_t r = 0; r < to.size(); ++r) {
-                std::size_t const bytes = sent_[l].bytes(r), before = to[r].size();
-                to[r].resize(before + bytes);
-                packed_.download(sent_[l].begin[r] * sizeof(Sums), {to[r].data() + before, bytes});
-            }
+            copy(l, sent_[l], true, leave_[l]);
+            sent_[l].add_messages(to, leave_[l]);
+            came_[l].add_messages(from, arrive_[l]);
         }
-        auto const from = communicator_->exchange(to);
-        std::vector<Reader> rest(from.begin(), from.end());
-        for (std::size_t l = 0; l < count_of_layers; ++l) {
-            packed_.renew(came_[l].begin.back() * sizeof(Sums));
-            for (std::size_t r = 0; r < rest.size(); ++r)
-                packed_.upload(came_[l].begin[r] * sizeof(Sums), rest[r].take(came_[l].bytes(r)));
-            copy(l, came_[l], false);
-        }
+        exchange_(*communicator_, to, from);
+        for (std::size_t l = 0; l < count_of_layers; ++l) copy(l, came_[l], false, arrive_[l]);
         are_old_ = false;
     }
 
-    /// What the nodes of all ranks have found in the last loop.
+    /// What the nodes have found in the last loop that did not leave out those of which this rank has
+    /// results.
     template <class Result>
-    cuda::Partial<Result> merged()
+    Found<Result> found()
     {
         if (this->node_blocks() == 0) return {};
-        return merged<Result>(*communicator_, this->node_results(), merged_of_nodes_, kinds_.data());
+        return {&Local::node_results(), &found_by_nodes_, kinds_.data()};
+    }
+    cuda::Results& node_results()
+    {
+        return shown_ == Nodes::others ? of_other_nodes_ : Local::node_results();
     }
 
-    std::size_t memory() const { return Local::memory() + kinds_.memory() + packed_.memory(); }
+    std::size_t memory() const
+    {
+        std::size_t bytes = Local::memory() + kinds_.memory() + found_by_nodes_.memory();
+        for (auto const& of : found_by_items_) bytes += of.memory();
+        for (auto const* const packed : {&leave_, &arrive_})
+            for (auto const& of_layer : *packed) bytes += of_layer.memory();
+        return bytes;
+    }
 
 private:
     /// Parts of tiles that go to other ranks, or come from them, rank by rank.
@@ -187,7 +192,15 @@ private:
         std::vector<std::size_t> begin{0}; ///< by rank: where its nodes begin among all
 
         explicit Parts(cuda::Queue const& queue) : there(queue) {}
-        std::size_t bytes(std::size_t rank) const { return (begin[rank + 1] - begin[rank]) * sizeof(Sums); }
+        /// Adds what goes to each rank, or comes from it; `packed` are all parts.
+        void add_messages(std::vector<DeviceMessage>& to, cuda::Array<Sums>& packed) const
+        {
+            packed.renew(begin.back());
+            for (std::size_t r = 0; r + 1 < begin.size(); ++r)
+                if (begin[r] < begin[r + 1])
+                    to.push_back({static_cast<int>(r), reinterpret_cast<std::byte*>(packed.data() + begin[r]),
+                                  (begin[r + 1] - begin[r]) * sizeof(Sums)});
+        }
         void set(PartsOfRanks const& of_ranks)
         {
             std::vector<Part> all;
@@ -206,42 +219,14 @@ private:
         void set_all(std::vector<Part> const& all) { set({1, all}); }
     };
 
-    void pack(std::size_t layer, Parts const& parts)
+    void copy(std::size_t layer, Parts const& parts, bool packs, cuda::Array<Sums>& packed)
     {
-        packed_.renew(parts.begin.back() * sizeof(Sums));
-        copy(layer, parts, true);
-    }
-    void copy(std::size_t layer, Parts const& parts, bool packs)
-    {
+        packed.renew(parts.begin.back());
         if (parts.there.size() == 0) return;
         cuda::OnDevice const here(queue_);
         cuda::launch_after("copy_parts", queue_, cuda::detail::copy_parts<TileShape, Sums, d>,
                            static_cast<unsigned>(parts.there.size()), 64, parts.there.data(), packs,
-                           this->tiles(layer).data(), reinterpret_cast<Sums*>(packed_.data()));
-    }
-
-    /// Merges the results of the groups of threads for which `which[group]` is 1, on all ranks.
-    template <class Result, class C>
-    static cuda::Partial<Result> merged(C const& communicator, cuda::Results& here, cuda::Results& to,
-                                        unsigned char const* which)
-    {
-        if (communicator.size() == 1) return here.template partial<Result>();
-        std::vector<distributed::Part<Result>> own;
-        if constexpr (merges_in_any_order<Result>) own.push_back({0, 0, here.template merged<Result>(which)});
-        if (own.empty() || has_a_place(own[0].result)) {
-            own.clear();
-            auto const [listed, results] = here.template listed<Result>(which);
-            for (std::size_t i = 0; i < listed.size(); ++i) own.push_back({0, listed[i], results[i]});
-        }
-        std::vector<std::uint32_t> groups;
-        std::vector<Result> found;
-        for (auto const& part : parts_of_ranks(communicator, std::move(own))) {
-            // in any order there need not be as many as one device would merge
-            groups.push_back(
-                static_cast<std::uint32_t>(merges_in_any_order<Result> ? found.size() : part.key));
-            found.push_back(part.result);
-        }
-        return to.merge(merges_in_any_order<Result> ? found.size() : here.groups(), groups, found);
+                           this->tiles(layer).data(), packed.data());
     }
 
     /// The numbers of the blocks of cells above each block of nodes, by layer and corner.
@@ -343,9 +328,11 @@ private:
     bool are_old_ = true;
     std::vector<Parts> sent_, came_; ///< by layer
     cuda::Array<unsigned char> kinds_;
-    cuda::Array<std::byte> packed_; ///< parts of tiles
-    cuda::Results merged_of_nodes_;
-    std::vector<cuda::Results> merged_of_items_; ///< by layer
+    std::vector<cuda::Array<Sums>> leave_, arrive_; ///< by layer: parts of tiles, one behind the other
+    cuda::ResultsOfDevices found_by_nodes_;
+    std::vector<cuda::ResultsOfDevices> found_by_items_; ///< by layer
+    cuda::Results of_other_nodes_;                       ///< they are other ranks'
+    DeviceExchange exchange_;
 };
 
 } // namespace firn::distributed

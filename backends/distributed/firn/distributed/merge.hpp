@@ -48,32 +48,22 @@ struct Part
     }
 };
 
-/// Whether it does not matter in which order results are merged.
+/// Whether a result must be merged in its place among others: most need not, and are merged in any order.
 template <class Result>
-inline constexpr bool merges_in_any_order = false;
-template <class Result>
-    requires requires { requires Result::merges_in_any_order; }
-inline constexpr bool merges_in_any_order<Result> = true;
-
-/// Whether a result of such a type is an exception, which must be merged in its place.
-template <class Result>
-bool has_a_place(Result const& result)
+concept HasAPlace = requires(Result const& result)
 {
-    if constexpr (requires { result.has_a_place(); })
-        return result.has_a_place();
-    else
-        return false;
-}
+    bool{result.has_a_place()};
+};
 
 /// The parts of all ranks that matter, in their order.
 template <class Result, class C>
 std::vector<Part<Result>> parts_of_ranks(C const& communicator, std::vector<Part<Result>> parts)
 {
     Result const none{};
-    if constexpr (merges_in_any_order<Result>) { // one part of each rank is enough, but for exceptions
+    if constexpr (HasAPlace<Result>) { // of the others one part of each rank is enough
         Part<Result> own{0, 0, none};
         std::erase_if(parts, [&](Part<Result> const& part) {
-            if (has_a_place(part.result)) return false;
+            if (part.result.has_a_place()) return false;
             own.result.merge(part.result);
             return true;
         });

@@ -9,6 +9,7 @@
 #include <firn/distributed/owned_blocks.hpp>
 #include <firn/distributed/parcel.hpp>
 #include <firn/distributed/partition.hpp>
+#include <firn/distributed/results_on_cuda.hpp>
 #include <firn/grid/block_key.hpp>
 #include <firn/grid/lattice.hpp>
 #include <firn/grid/periods.hpp>
@@ -49,7 +50,8 @@ public:
     template <class Backend>
     explicit CellOrder(Backend const& backend, Periods<d> const& periods = {})
         : Local(backend, periods), communicator_(backend.communicator), partition_(backend.partition),
-          here_(backend), strays_(backend), count_(backend), origins_(backend)
+          here_(backend), strays_(backend), search_(backend), told_(backend.queue()),
+          told_strays_(backend.queue()), count_(backend), list_(backend), picked_(backend), origins_(backend)
     {}
 
     C const& communicator() const { return communicator_; }
@@ -97,6 +99,7 @@ public:
     cuda::detail::Destinations<d> destinations()
     {
         auto to = Local::destinations();
+        to.ahead = is_small() ? 3 : 0;
         to.at_once = false;
         return to;
     }
@@ -105,15 +108,72 @@ public:
     {
         return {this->changes(), 0, this->leavers_.counters.data()};
     }
-    /// Called when items have moved: learns how many have left their cells.
-    void count_leavers()
+    /// Queues the search for the new cells of items that have moved, and what it tells the host. The loop
+    /// that moves items does not search, since it does not know which blocks are here.
+    void search()
     {
-        leaving_ = 0;
+        searched_ = {};
         if (this->blocks() == 0) return;
-        cuda::detail::LeaverCounters counters;
-        this->leavers_.counters.download(0, {&counters, 1});
-        leaving_ = counters.outgoing;
-        this->short_ = {1, leaving_, 0, 0};
+        cuda::OnDevice const here(this->queue_);
+        strays_.renew(this->leavers_.most);
+        search_.renew(1);
+        search_.fill_bytes(0, 1, 0);
+        cuda::launch_after("find_cells_here", this->queue_, cuda::detail::find_cells_here<d, Number>,
+                           cuda::groups_of(this->leavers_.most, 256), 256, this->leavers(), destinations(),
+                           here_.data(), strays_.data(), search_.data());
+        cuda::launch_after("tell_searched", this->queue_, cuda::detail::tell_searched,
+                           cuda::groups_of(this->blocks(), 128), 128, this->leavers_.counters.data(),
+                           this->set_.born_count(), this->changes(), this->blocks(), search_.data());
+        strays_at_once_ = std::min(strays_at_once_, this->leavers_.most);
+        cuda::copy_queued(this->queue_, told_.as<Searched>(), search_.data(), 1);
+        cuda::copy_queued(this->queue_, told_strays_.as<Stray>(strays_at_once_), strays_.data(),
+                          strays_at_once_);
+    }
+    /// Called when the host has waited: says what has been found.
+    void put_searched(Parcel& to)
+    {
+        read_searched();
+        put(to, searched_);
+        put(to, static_cast<std::uint32_t>(searched_.leavers > this->leavers_.most));
+    }
+    /// Hears what all ranks say; returns whether all had room for their leavers. If not, makes it.
+    bool hear(std::vector<Reader>& told)
+    {
+        live_ = strays_of_all_ = births_ = 0;
+        bool had_room = true;
+        for (Reader& of_rank : told) {
+            auto const searched = of_rank.template get<Searched>();
+            had_room = of_rank.template get<std::uint32_t>() == 0 && had_room;
+            live_ += searched.live;
+            strays_of_all_ += searched.strays;
+            births_ += searched.births;
+        }
+        if (had_room) return true;
+        this->short_ = {1, searched_.leavers, 0, 0};
+        this->make_room();
+        return false;
+    }
+    /// Creates the blocks that were missing on any rank; all leavers search again.
+    void create_missing()
+    {
+        if (births_ == 0) return;
+        cuda::OnDevice const here(this->queue_);
+        while (std::uint32_t const births = births_of_all_ranks()) {
+            this->add_blocks(births);
+            find_owners();
+            search();
+            this->queue_.wait();
+            read_searched();
+        }
+        live_ = 0; // not known
+        strays_of_all_ = 1;
+    }
+
+    /// See distributed::share_results.
+    template <class Orders, class OfNodes, class OfItems>
+    bool share_results(Orders const& orders, OfNodes& of_nodes, OfItems& of_items) const
+    {
+        return distributed::share_results(communicator_, this->queue(), orders, of_nodes, of_items);
     }
 
     /// See the primary template.
@@ -124,17 +184,14 @@ public:
     };
     std::vector<Departure> depart(std::array<Offset*, std::size_t(d)> const& /*offset*/)
     {
-        std::vector<Departure> by_rank(static_cast<std::size_t>(communicator_.size()));
         gone_.clear();
-        if (this->blocks() == 0) return by_rank;
+        if (strays_of_all_ == 0) return {}; // none on any rank
+        std::vector<Departure> by_rank(static_cast<std::size_t>(communicator_.size()));
         cuda::OnDevice const here(this->queue_);
-        auto const strays = find_new_cells();
-        std::vector<std::uint32_t> leavers;
-        for (auto const& stray : strays) leavers.push_back(stray.leaver);
-        auto const contributions = contributions_of(leavers);
+        auto const contributions = contributions_of_strays();
         auto const channels = static_cast<std::size_t>(this->channels_);
-        for (std::size_t i = 0; i < strays.size(); ++i) {
-            auto const& stray = strays[i];
+        for (std::size_t i = 0; i < strays_here_.size(); ++i) {
+            auto const& stray = strays_here_[i];
             auto& to = by_rank[static_cast<std::size_t>(owners()[stray.block])];
             WayOut const out(stray.cell % Shape::cells, stray.way);
             put(to.notes,
@@ -166,15 +223,13 @@ public:
     /// Items that lay at places from `first` on lie at `place[where it lay - first]` now.
     void relocate(std::uint32_t first, std::vector<std::uint32_t> const& place)
     {
-        cuda::Array<std::uint32_t> there(this->queue_);
-        there.resize(place.size());
-        there.upload(0, place);
+        list_.renew(place.size());
+        list_.upload(0, place);
         for (auto const& [where, count] : {std::pair{this->order_.data(), this->size()},
                                            std::pair{this->leavers_.slot.data(), std::size_t{listed_}}})
             if (count > 0)
                 cuda::launch_after("relocate", this->queue_, cuda::detail::relocate,
-                                   cuda::groups_of(count, 256), 256, where, count, first, there.data());
-        this->queue_.wait(); // the list is about to be freed
+                                   cuda::groups_of(count, 256), 256, where, count, first, list_.data());
     }
 
     void weigh(std::vector<Partition::Weight>& to) const
@@ -254,7 +309,9 @@ public:
         this->stay_all();
         this->size_ = order.size();
         this->committed_ = false;
-        leaving_ = listed_ = 0;
+        searched_ = {};
+        strays_here_.clear();
+        listed_ = 0;
         fill_holes(*this, gone_, next, static_cast<std::uint32_t>(this->size()), move);
     }
     /// They have been taken with the blocks.
@@ -271,6 +328,7 @@ private:
     using WayOut = cuda::detail::WayOut<d>;
     using AllLeavers = cuda::detail::LeaversOfDevices<Number>;
     using Stray = cuda::detail::Stray;
+    using Searched = cuda::detail::Searched;
 
     /// An item that comes from another rank.
     struct Arrival
@@ -318,56 +376,40 @@ private:
         return this->set_.births();
     }
 
-    /// Lets leavers into their new cells, and creates the blocks that are missing on any rank. Returns those
-    /// that go to other ranks, in the order of their slots.
-    std::vector<Stray> find_new_cells()
+    /// Reads what a search has told, when the host has waited.
+    void read_searched()
     {
-        for (;;) {
-            auto const strays = list_strays();
-            std::vector<std::uint64_t> wanted;
-            for (auto const& stray : strays)
-                if (stray.block == cuda::absent)
-                    WayOut(stray.cell % Shape::cells, stray.way)
-                        .request(block_of_key<d>(keys()[stray.cell / Shape::cells]), this->periods_,
-                                 is_small() ? 3 : 0, [&](std::uint64_t key) { wanted.push_back(key); });
-            this->set_.want(wanted);
-            std::uint32_t const births = births_of_all_ranks();
-            if (births == 0) return strays;
-            this->add_blocks(births); // all leavers search again
-            find_owners();
+        strays_here_.clear();
+        if (this->blocks() == 0) return;
+        searched_ = *told_.template get<Searched>();
+        if (searched_.leavers > this->leavers_.most) return;
+        strays_here_.resize(searched_.strays);
+        auto const come = std::min<std::size_t>(searched_.strays, strays_at_once_);
+        std::copy_n(told_strays_.template get<Stray>(), come, strays_here_.begin());
+        if (come < searched_.strays) { // next time there is room for them
+            strays_.download(come, std::span(strays_here_).subspan(come));
+            strays_at_once_ = searched_.strays + searched_.strays / 4;
         }
+        std::ranges::sort(strays_here_, {}, &Stray::slot);
     }
-    std::vector<Stray> list_strays()
+    std::vector<Number> contributions_of_strays()
     {
-        if (leaving_ == 0) return {};
-        strays_.renew(leaving_);
-        count_.renew(1);
-        count_.fill_bytes(0, 1, 0);
-        cuda::launch_after("find_cells_here", this->queue_, cuda::detail::find_cells_here<d, Number>,
-                           cuda::groups_of(leaving_, 256), 256, this->leavers(), leaving_, destinations(),
-                           here_.data(), strays_.data(), count_.data());
-        auto strays = downloaded(strays_, downloaded(count_, 1)[0]);
-        std::ranges::sort(strays, {}, &Stray::slot);
-        return strays;
-    }
-    std::vector<Number> contributions_of(std::vector<std::uint32_t> const& leavers) const
-    {
-        std::size_t const count = leavers.size() * static_cast<std::size_t>(this->channels_);
+        std::size_t const count = strays_here_.size() * static_cast<std::size_t>(this->channels_);
         if (count == 0) return {};
-        cuda::Array<std::uint32_t> listed(this->queue_);
-        listed.resize(leavers.size());
-        listed.upload(0, leavers);
-        cuda::Array<Number> picked(this->queue_);
-        picked.resize(count);
+        std::vector<std::uint32_t> leavers;
+        for (auto const& stray : strays_here_) leavers.push_back(stray.leaver);
+        list_.renew(leavers.size());
+        list_.upload(0, leavers);
+        picked_.renew(count);
         cuda::launch_after("pick_contributions", this->queue_, cuda::detail::pick_contributions<Number>,
-                           cuda::groups_of(count, 256), 256, this->leavers(), listed.data(), leavers.size(),
-                           picked.data());
-        return downloaded(picked, count);
+                           cuda::groups_of(count, 256), 256, this->leavers(), list_.data(), leavers.size(),
+                           picked_.data());
+        return downloaded(picked_, count);
     }
 
     AllLeavers all_leavers()
     {
-        return {this->leavers(), leaving_, origins_.data(), this->order_before_.data()};
+        return {this->leavers(), searched_.leavers, origins_.data(), this->order_before_.data()};
     }
     /// Lists what came, and lets it into its cells; returns how many items.
     std::size_t admit(std::span<Parcel const> notes, std::uint32_t first)
@@ -384,38 +426,42 @@ private:
                 contributions.resize(contributions.size() + channels);
                 from.get(contributions.data() + contributions.size() - channels, channels);
             }
-        listed_ = leaving_ + static_cast<std::uint32_t>(cells.size());
+        listed_ = searched_.leavers + static_cast<std::uint32_t>(cells.size());
         this->order_before_.renew(listed_);
         if (cells.empty()) return 0;
         std::vector<std::uint32_t> places(cells.size());
         std::iota(places.begin(), places.end(), first);
         auto& to = this->leavers_;
         to.grow(listed_, this->channels_);
-        to.slot.upload(leaving_, places);
-        to.contribution.upload(leaving_ * channels, contributions);
+        to.slot.upload(searched_.leavers, places);
+        to.contribution.upload(searched_.leavers * channels, contributions);
         origins_.renew(origins.size());
         origins_.upload(0, origins);
-        cuda::Array<std::uint32_t> there(this->queue_);
-        there.resize(cells.size());
-        there.upload(0, cells);
+        list_.renew(cells.size());
+        list_.upload(0, cells);
         cuda::launch_after("admit", this->queue_, cuda::detail::admit<Number>,
                            cuda::groups_of(cells.size(), 256), 256, all_leavers(),
-                           static_cast<std::uint32_t>(cells.size()), there.data(), this->changes());
-        this->queue_.wait(); // the list is about to be freed
+                           static_cast<std::uint32_t>(cells.size()), list_.data(), this->changes());
         return cells.size();
     }
 
+    /// Whether there are too many empty blocks beside so many live ones, as one device would find.
+    bool are_crowded(std::size_t live) const
+    {
+        return live > 0 && this->blocks() > live + cuda::detail::most_empty_blocks(
+                                                       static_cast<std::uint32_t>(live), is_small());
+    }
     /// Drops empty blocks where there are too many, as one device would.
     void drop_empty_blocks()
     {
         std::uint32_t const blocks = this->blocks();
+        if (strays_of_all_ == 0 && !are_crowded(live_)) return; // what stays on its device is all
         count_.renew(1);
         count_.fill_bytes(0, 1, 0);
         cuda::launch_after("count_live_blocks", this->queue_, cuda::detail::count_live_blocks,
                            cuda::groups_of(blocks, 128), 128, this->begin_.data(), blocks, count_.data());
         std::size_t const live = sum_of_ranks(communicator_, downloaded(count_, 1)[0]);
-        auto const most = cuda::detail::most_empty_blocks(static_cast<std::uint32_t>(live), is_small());
-        if (live == 0 || blocks <= live + most) return;
+        if (!are_crowded(live)) return;
         std::uint32_t const here = this->list_live_blocks();
         auto all = of_all_ranks(communicator_, downloaded(this->blocks_before_, here));
         std::ranges::sort(all);
@@ -428,14 +474,20 @@ private:
     C communicator_;
     std::shared_ptr<Partition> partition_;
     OwnedBlocks of_all_;
-    std::size_t all_ = 0;                                ///< items of all ranks
-    std::uint32_t leaving_ = 0;                          ///< items that left their cells when they moved last
-    std::uint32_t listed_ = 0;                           ///< these, and those that came from other ranks
+    std::size_t all_ = 0;                                   ///< items of all ranks
+    Searched searched_{};                                   ///< of the items that left their cells last
+    std::size_t live_ = 0, births_ = 0, strays_of_all_ = 0; ///< the same of all ranks
+    std::uint32_t listed_ = 0;                              ///< leavers, and those that came from other ranks
     std::vector<std::uint32_t> gone_;                    ///< where items lay that have left for other ranks
     std::vector<std::uint32_t> begin_here_, order_here_; ///< copies, while blocks are handed over
     cuda::Array<unsigned char> here_;
     cuda::Array<Stray> strays_;
-    cuda::Array<std::uint32_t> count_;
+    cuda::Array<Searched> search_;
+    cuda::HostMemory told_, told_strays_;
+    std::size_t strays_at_once_ = 256; ///< so many come to the host with what was found
+    std::vector<Stray> strays_here_;   ///< in the order of their slots
+    cuda::Array<std::uint32_t> count_, list_;
+    cuda::Array<Number> picked_;
     cuda::Array<std::uint64_t> origins_; ///< of what came
 };
 
