@@ -197,7 +197,7 @@ concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::t
 // for which `phase.looks_around_at(walls, first, lanes)` is true. What a phase that
 // `keeps_values` does not set stays as it is; with others, and on nodes to which nothing was added, it may
 // become 0. One that `asks_no_sums` may be called for any nodes that such a phase was called for, and for
-// zeros.
+// zeros. One that `takes_zero_sums` is called for nodes to which zeros were added, too.
 //
 // ---- what a phase sees
 //

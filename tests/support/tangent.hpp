@@ -4,6 +4,7 @@
 #include "catch.hpp"
 
 #include <firn/firn.hpp>
+#include <firn/models/cached_tangent.hpp>
 
 #include <random>
 
@@ -33,8 +34,8 @@ Matrix<double, Model::Space::dimension> first_piola(Model const& model, State st
     return tau * (Matrix<double, d>::Identity() + H).inverse().transpose();
 }
 
-/// Compares products with differences of the stress, with one another and in a turned frame. `state` has the
-/// fields beside F - I.
+/// Compares products with differences of the stress, with one another and in a turned frame, and with those
+/// of what particles keep of the state. `of` has the fields beside F - I.
 template <class Model>
 void check_product(Model const& model,
                    Record<double, Model::Space::dimension, typename Model::State> const& of =
@@ -66,6 +67,13 @@ void check_product(Model const& model,
         M const turned =
             model.template product<double>(state_of(R * F - M::Identity()), M(R * one * R.transpose()));
         CHECK((turned - R * Q * R.transpose()).norm() <= 1e-12 * Q.norm());
+        M const A = M::Identity() + random_matrix<d>(random, 0.2); // of a step that ends in this state
+        auto const before = state_of(A.inverse() * F - M::Identity());
+        auto const kept =
+            CachedTangent<Model>::template of<double>(model, before, state, M(A.inverse().transpose()), 3.0);
+        M const S = 3 * model.template product<double>(state, M(one * A.inverse())) * A.inverse().transpose(),
+                by_kept = CachedTangent<Model>::template product<double>(model, kept, one, 1.0);
+        CHECK((by_kept - S).norm() <= 1e-12 * S.norm());
     }
 }
 

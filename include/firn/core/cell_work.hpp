@@ -47,6 +47,13 @@ concept AsksNoSums = requires
     requires Phase::asks_no_sums;
 };
 
+/// Whether a phase of nodes is called where all sums are zero, too.
+template <class Phase>
+concept TakesZeroSums = requires
+{
+    requires Phase::takes_zero_sums;
+};
+
 /// Whether a phase of nodes leaves the values that it does not set as they are. Else they are undefined.
 template <class Phase>
 concept KeepsValues = requires

@@ -29,6 +29,11 @@ struct Gather
     using CarriedTerms = typename CarriedBy<Transfer>::GatheredTerms;
     static constexpr int node_channels = Values::template channels<Kernel>;
     static constexpr Terms terms = Transfer::template gather_terms<Kernel>;
+    /// Whether velocities are asked for, beside what belongs to their gradient.
+    static constexpr bool has_velocity = [] {
+        if constexpr (requires { Transfer::gathers_velocity; }) return bool(Transfer::gathers_velocity);
+        return true;
+    }();
 
     // Scratch channels of a particle: its position, and what it gathered.
     static constexpr int velocity = d, old_velocity = 2 * d;
@@ -81,7 +86,7 @@ struct Gather
         auto const found = nodes.template at<terms.affine, terms.gradient>(powers, of_cells);
         FIRN_UNROLL
         for (int c = 0; c < nodes.channels; ++c) {
-            row_of_cells.set_scratch(velocity + first + c, found.value[c]);
+            if constexpr (has_velocity) row_of_cells.set_scratch(velocity + first + c, found.value[c]);
             FIRN_UNROLL
             for (int j = 0; j < d; ++j) {
                 if constexpr (terms.affine)
@@ -99,7 +104,7 @@ struct Gather
         Gathered<Real, d> const sum = gather<Real>(row_of_cells, position_of<Real>(row_of_cells));
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) {
-            row_of_cells.set_scratch(velocity + i, sum.velocity[i]);
+            if constexpr (has_velocity) row_of_cells.set_scratch(velocity + i, sum.velocity[i]);
             if constexpr (Transfer::keeps_old_velocity)
                 row_of_cells.set_scratch(old_velocity + i, sum.old_velocity[i]);
             FIRN_UNROLL
@@ -119,7 +124,7 @@ struct Gather
         Gathered<Real, d> sum;
         FIRN_UNROLL
         for (int i = 0; i < d; ++i) {
-            sum.velocity[i] = items.scratch(velocity + i);
+            sum.velocity[i] = has_velocity ? items.scratch(velocity + i) : Real(0);
             if constexpr (Transfer::keeps_old_velocity) sum.old_velocity[i] = items.scratch(old_velocity + i);
             FIRN_UNROLL
             for (int j = 0; j < d; ++j) {

@@ -181,7 +181,7 @@ private:
             if (!behind[w]) continue;
             for (int a = 0; a < d; ++a)
                 reverse[std::size_t(a)] = reverse[std::size_t(a)] || a == walls[w].axis;
-            mass_behind[w] += found[Sums::mass];
+            if constexpr (requires { Sums::mass; }) mass_behind[w] += found[Sums::mass];
             momentum_behind[w] += found[Sums::momentum + walls[w].axis];
             if constexpr (Sums::forces_are_apart) impulse_behind[w] += found[Sums::impulse + walls[w].axis];
         }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/cell_work.hpp>
+#include <firn/phases/scatter_stress.hpp>
 #include <firn/phases/solve_phase.hpp>
 #include <firn/phases/solve_search.hpp>
 
@@ -98,6 +99,8 @@ struct FindCurvature : SolvePhase<Space, Kernel, Transfer>
     using Phase = SolvePhase<Space, Kernel, Transfer>;
     using Phase::d;
     using typename Phase::Own, typename Phase::Result, typename Phase::Values;
+    using Sums = StressSums<d>;
+    static constexpr bool takes_zero_sums = true; // where nothing is deformed a direction has mass
 
     bool at_rest;
 
@@ -113,7 +116,7 @@ struct FindCurvature : SolvePhase<Space, Kernel, Transfer>
     template <class Node, class Real = typename Node::Real>
     FIRN_HOST_DEVICE Vector<Real, d> times(Node const& node, Vector<Real, d> const& p) const
     {
-        Vector<Real, d> q = Phase::impulse(node);
+        Vector<Real, d> q = make_vector<Real, d>([&](int a) { return node.sum(Sums::impulse + a); });
         if (!at_rest) q += p * node.value(Own::mass);
         return Phase::projected(node, q);
     }

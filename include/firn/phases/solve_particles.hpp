@@ -4,38 +4,29 @@
 #include <firn/core/cell_work.hpp>
 #include <firn/math/inverse.hpp>
 #include <firn/models/answers_product.hpp>
+#include <firn/models/cached_tangent.hpp>
 #include <firn/models/response.hpp>
 #include <firn/particles/mass_groups.hpp>
 #include <firn/particles/table_view.hpp>
 #include <firn/phases/gather.hpp>
 #include <firn/phases/scatter.hpp>
-
-#include <type_traits>
+#include <firn/phases/scatter_stress.hpp>
 
 // The passes of an implicit step from nodes to particles and back. Both gather a gradient of what nodes hold
 // as their velocity, and scatter an impulse of stress. With L the velocity gradient of a particle,
 // A = I + dt L, F = A F_n and tau = P F^T:
 //
 //   the impulse of stress   dt sum V0 P F_n^T grad w_i,  P F_n^T = tau A^-T
-//   its derivative          dt sum V0 Q A^-T grad w_i,   Q = dP F^T by dl = dt dL A^-1
+//   its derivative          dt sum V0 Q A^-T grad w_i,   Q = dP F^T by dl = dt dL A^-1, of CachedTangent
 //
 // (Gast et al. 2015, Optimization integrator for large time steps; all but F_n of Q and dl is of the state at
 // the end of the step, so that a model answers a spatial product.)
 namespace firn
 {
 
-/// The inverse of A = I + dt L, by which a step deforms a particle.
-struct InverseStep
-{
-    static constexpr auto name = "inverse_step";
-    static constexpr auto shape = FieldShape::matrix;
-};
-
-/// What a particle of a model caches while a step is solved: its state at the velocities that were tried, and
-/// by how much they deform it.
+/// What a particle of a model keeps while a step is solved: of its state at the velocities that were tried.
 template <class Model>
-using TrialFields = std::conditional_t<ActsOnRates<Model>, typename Model::State,
-                                       Join<Fields<InverseStep>, typename Model::State>>;
+using TrialFields = typename CachedTangent<Model>::Kept;
 
 /// The transfer of these passes: the gradient of a scheme and its transpose, by which stress acts.
 template <class Scheme>
@@ -48,6 +39,7 @@ struct StressTransfer
     template <class Kernel>
     static constexpr Terms gather_terms = scatter_terms<Kernel>;
     static constexpr bool keeps_old_velocity = false;
+    static constexpr bool gathers_velocity = false;
 
     /// The gradient of what was gathered, per cell: MLS-MPM's is its affine matrix.
     template <class Kernel, Lane Real, int d>
@@ -58,26 +50,44 @@ struct StressTransfer
         else
             return gathered.affine;
     }
-    /// The contribution of an impulse of stress [N s per cell].
+    /// What scatters an impulse of stress [N s per cell].
+    template <class Kernel, Lane Real, int d>
+    FIRN_HOST_DEVICE static Matrix<Real, d> scattered(Matrix<Real, d> const& impulse)
+    {
+        if constexpr (by_gradient<Kernel>)
+            return impulse;
+        else
+            return impulse * Real(ScalarOf<Real>(Kernel::inverse_inertia));
+    }
     template <class Kernel, Lane Real, int d>
     FIRN_HOST_DEVICE static ParticleContribution<Real, d> contribution(Matrix<Real, d> const& impulse)
     {
         ParticleContribution<Real, d> made;
         made.momentum = zeros<Vector<Real, d>>();
-        if constexpr (by_gradient<Kernel>)
-            made.gradient = impulse;
-        else
-            made.affine = impulse * Real(ScalarOf<Real>(Kernel::inverse_inertia));
+        (by_gradient<Kernel> ? made.gradient : made.affine) = scattered<Kernel, Real, d>(impulse);
         return made;
     }
 };
 
+/// The response of a material to a step that is tried. At rest flow belongs to the state that is looked for,
+/// while steps map stress back at their end.
+template <Lane Real, class Model, class Particle, int d = Model::Space::dimension>
+FIRN_HOST_DEVICE Response<Real, d> respond_to_trial(Model const& model, Particle& particle,
+                                                    Matrix<Real, Model::Space::dimension> const& L,
+                                                    Real const& dt, bool at_rest)
+{
+    if constexpr (PredictsResponse<Model, Particle, Real>)
+        if (ActsOnRates<Model> || !at_rest) return model.template predict<Real>(particle, L, dt);
+    return model.template respond<Real>(particle, L, dt);
+}
+
 /// What both passes have in common.
-template <class Space, class Model, class Kernel, class Scheme, class PersistentFields>
+template <class Space, class Model, class Kernel, class Scheme, class PersistentFields,
+          template <class, class, class> class ScatterBy>
 struct StressPass
 {
     using Transfer = StressTransfer<Scheme>;
-    using Scatter = firn::Scatter<Space, Kernel, Transfer>;
+    using Scatter = ScatterBy<Space, Kernel, Transfer>;
     using Gather = firn::Gather<Space, Kernel, Transfer>;
     static constexpr int d = Space::dimension;
     using Number = typename Space::Scalar;
@@ -117,22 +127,11 @@ struct StressPass
     }
 
 protected:
-    /// dt times the gradient that a particle gathered.
+    /// The velocity gradient that a particle gathered, per cell.
     template <class Real, class Items>
-    FIRN_HOST_DEVICE Matrix<Real, d> gradient(Items const& items) const
+    FIRN_HOST_DEVICE static Matrix<Real, d> gradient(Items const& items)
     {
-        return Transfer::template gradient<Kernel, Real, d>(Gather::template gathered<Real>(items)) *
-               Real(inverse_cell_size);
-    }
-    /// Stores an impulse of stress V0 stress dt, and a sum that goes with it, as what the particle scatters.
-    template <class Real, class Items>
-    FIRN_HOST_DEVICE void store(Items& items, Matrix<Real, d> const& stress, Real volume, Real sum) const
-    {
-        Vector<Real, d> const x = Gather::template position_of<Real>(items);
-        Scatter::store(items, x, sum,
-                       Transfer::template contribution<Kernel, Real, d>(
-                           stress * (volume * Real(dt * inverse_cell_size))),
-                       {});
+        return Transfer::template gradient<Kernel, Real, d>(Gather::template gathered<Real>(items));
     }
 };
 
@@ -140,9 +139,9 @@ protected:
 /// impulse of its stress. As mass they scatter V0 times the wave modulus [J], a measure of the stiffness of
 /// nodes, or a negative value where the step would turn them inside out.
 template <class Space, class Model, class Kernel, class Scheme, class PersistentFields>
-struct TryVelocities : StressPass<Space, Model, Kernel, Scheme, PersistentFields>
+struct TryVelocities : StressPass<Space, Model, Kernel, Scheme, PersistentFields, Scatter>
 {
-    using Pass = StressPass<Space, Model, Kernel, Scheme, PersistentFields>;
+    using Pass = StressPass<Space, Model, Kernel, Scheme, PersistentFields, Scatter>;
     using Pass::d;
     using typename Pass::Number;
 
@@ -153,94 +152,79 @@ struct TryVelocities : StressPass<Space, Model, Kernel, Scheme, PersistentFields
     FIRN_HOST_DEVICE void update(Items& items, NothingFound&) const
     {
         using Real = typename Items::Real;
-        Matrix<Real, d> const L = this->template gradient<Real>(items);
-        Record<Real, d, Join<PersistentFields, TrialFields<Model>>> particle;
-        this->particles.load(items, particle);
-        auto const response = respond<Real>(particle, L);
-        if constexpr (ActsOnRates<Model>) {
-            this->trial.store_by_slot(items, particle);
-            Real const volume = this->mass_groups.find(items, this->particles.id).volume;
-            this->template store<Real>(items, response.kirchhoff_stress, volume,
-                                       volume * response.wave_modulus);
+        Matrix<Real, d> const L = this->template gradient<Real>(items) * Real(this->inverse_cell_size);
+        Record<Real, d, PersistentFields> const before = load<Real>(items);
+        Record<Real, d, PersistentFields> particle = before;
+        auto const response = respond_to_trial<Real>(this->model, particle, L, Real(this->dt), this->at_rest);
+        Real const volume = this->mass_groups.find(items, this->particles.id).volume;
+        Matrix<Real, d> stress = response.kirchhoff_stress, inverse_transpose;
+        Mask<Real> inverted = no_lanes<Real>();
+        if constexpr (!ActsOnRates<Model>) {
+            Matrix<Real, d> A = L * Real(this->dt);
+            for (int i = 0; i < d; ++i) A(i, i) += Real(1);
+            Matrix<Real, d> const C = cofactors(A);
+            Real const determinant = sum_of<Real, d>([&](int k) { return A(k, 0) * C(k, 0); });
+            inverted = response.inverted | !(determinant > Real(0));
+            inverse_transpose = C * (Real(1) / select(inverted, Real(1), determinant));
+            stress = product<Real, d>(response.kirchhoff_stress, inverse_transpose);
         }
-        else
-            store_stress<Real>(items, particle, L, response);
+        Real const in_cells(this->dt * this->inverse_cell_size);
+        auto kept = CachedTangent<Model>::template of<Real>(this->model, before, particle, inverse_transpose,
+                                                            Real(volume * in_cells * in_cells));
+        this->trial.store_by_slot(items, kept);
+        Matrix<Real, d> const impulse = make_matrix<Real, d>(
+            [&](int i, int j) { return select(inverted, Real(0), stress(i, j) * (volume * in_cells)); });
+        Real const stiffness = select(inverted, Real(0), volume * response.wave_modulus);
+        Pass::Scatter::store(items, Pass::Gather::template position_of<Real>(items),
+                             select(items.here() & inverted, Real(of_inverted), stiffness),
+                             Pass::Transfer::template contribution<Kernel, Real, d>(impulse), {});
     }
 
 private:
-    /// The response of a step. At rest flow belongs to the state that is looked for, while steps map stress
-    /// back at their end.
-    template <class Real, class Particle>
-    FIRN_HOST_DEVICE Response<Real, d> respond(Particle& particle, Matrix<Real, d> const& L) const
+    template <class Real, class Items>
+    FIRN_HOST_DEVICE Record<Real, d, PersistentFields> load(Items& items) const
     {
-        Real const duration(this->dt);
-        if constexpr (PredictsResponse<Model, Particle, Real>)
-            if (ActsOnRates<Model> || !this->at_rest)
-                return this->model.template predict<Real>(particle, L, duration);
-        return this->model.template respond<Real>(particle, L, duration);
-    }
-
-    template <class Real, class Items, class Particle>
-    FIRN_HOST_DEVICE void store_stress(Items& items, Particle& particle, Matrix<Real, d> const& L,
-                                       Response<Real, d> const& response) const
-    {
-        Matrix<Real, d> A = L * Real(this->dt);
-        for (int i = 0; i < d; ++i) A(i, i) += Real(1);
-        Matrix<Real, d> const C = cofactors(A);
-        Real const determinant = sum_of<Real, d>([&](int k) { return A(k, 0) * C(k, 0); });
-        Mask<Real> const inverted = response.inverted | !(determinant > Real(0));
-        Matrix<Real, d> const transposed = C * (Real(1) / select(inverted, Real(1), determinant)); // A^-T
-        particle[InverseStep{}] = make_matrix<Real, d>([&](int i, int j) { return transposed(j, i); });
-        this->trial.store_by_slot(items, particle);
-        Real const volume = this->mass_groups.find(items, this->particles.id).volume;
-        Matrix<Real, d> const stress = product<Real, d>(response.kirchhoff_stress, transposed);
-        this->template store<Real>(items, make_matrix<Real, d>([&](int i, int j) {
-                                       return select(inverted, Real(0), stress(i, j));
-                                   }),
-                                   volume,
-                                   select(items.here() & inverted, Real(of_inverted),
-                                          select(inverted, Real(0), volume * response.wave_modulus)));
+        Record<Real, d, PersistentFields> particle;
+        this->particles.load(items, particle);
+        return particle;
     }
 };
 
 /// Particles gather a change of the nodes' velocities, and scatter the change of the impulse of stress that
-/// it makes, in first order at the state that was tried last. As mass they scatter their own.
+/// it makes, in first order at the state that was tried last.
 template <class Space, class Model, class Kernel, class Scheme, class PersistentFields>
-struct ProductOfStress : StressPass<Space, Model, Kernel, Scheme, PersistentFields>
+struct ProductOfStress : StressPass<Space, Model, Kernel, Scheme, PersistentFields, ScatterStress>
 {
-    using Pass = StressPass<Space, Model, Kernel, Scheme, PersistentFields>;
+    using Pass = StressPass<Space, Model, Kernel, Scheme, PersistentFields, ScatterStress>;
     using Pass::d;
 
     template <class Items>
     FIRN_HOST_DEVICE void update(Items& items, NothingFound&) const
     {
         using Real = typename Items::Real;
-        Matrix<Real, d> const dL = this->template gradient<Real>(items) * Real(this->dt);
-        Record<Real, d, TrialFields<Model>> particle;
-        this->trial.load_by_slot(items, particle);
-        auto const own = this->mass_groups.find(items, this->particles.id);
-        if constexpr (ActsOnRates<Model>)
-            this->template store<Real>(items,
-                                       this->model.template product<Real>(particle, dL, Real(this->dt)),
-                                       own.volume, own.mass);
-        else {
-            Matrix<Real, d> const& inverse_step = particle[InverseStep{}];
-            Matrix<Real, d> const Q =
-                this->model.template product<Real>(particle, product<Real, d>(dL, inverse_step));
-            this->template store<Real>(items, make_matrix<Real, d>([&](int i, int j) { // Q A^-T
-                                           return sum_of<Real, d>(
-                                               [&](int k) { return Q(i, k) * inverse_step(j, k); });
-                                       }),
-                                       own.volume, own.mass);
-        }
+        Record<Real, d, TrialFields<Model>> kept;
+        this->trial.load_by_slot(items, kept);
+        Pass::Scatter::store(
+            items,
+            Pass::Transfer::template scattered<Kernel, Real, d>(CachedTangent<Model>::template product<Real>(
+                this->model, kept, this->template gradient<Real>(items), Real(this->dt))));
     }
 };
 
-/// Particles gather the velocities that a step has found, and their state at its end, by row.
-template <class Space, class Model, class Kernel, class Scheme, class PersistentFields>
-struct GatherSolution : Gather<Space, Kernel, StressTransfer<Scheme>>
+/// The same transfer where particles gather velocities, too.
+template <class Scheme>
+struct SolutionTransfer : StressTransfer<Scheme>
 {
-    using Gather = firn::Gather<Space, Kernel, StressTransfer<Scheme>>;
+    static constexpr bool gathers_velocity = true;
+};
+
+/// Particles gather the velocities that settle() has found, and their state at the end of such a step, by
+/// row.
+template <class Space, class Model, class Kernel, class Scheme, class PersistentFields>
+struct GatherSolution : Gather<Space, Kernel, SolutionTransfer<Scheme>>
+{
+    using Transfer = SolutionTransfer<Scheme>;
+    using Gather = firn::Gather<Space, Kernel, Transfer>;
     using Gather::d;
     using Number = typename Space::Scalar;
     static constexpr CellWork work{.gathers = true};
@@ -248,9 +232,11 @@ struct GatherSolution : Gather<Space, Kernel, StressTransfer<Scheme>>
 
     using Found = Join<Fields<Velocity>, typename Model::State>;
 
+    Model model;
     TableView<Number const, d, PersistentFields> particles;
-    FieldsById<Number, d, TrialFields<Model>> trial; ///< by slot
     FieldsById<Number, d, Found> found;
+    Number dt;                ///< [s]
+    Number inverse_cell_size; ///< [1/m]
 
     template <class Items>
     FIRN_HOST_DEVICE void begin(Items& items) const
@@ -262,9 +248,14 @@ struct GatherSolution : Gather<Space, Kernel, StressTransfer<Scheme>>
     FIRN_HOST_DEVICE void update(Items& items, Result&) const
     {
         using Real = typename Items::Real;
-        Record<Real, d, Join<TrialFields<Model>, Found>> particle;
-        trial.load_by_slot(items, particle);
-        particle[Velocity{}] = Gather::template gathered<Real>(items).velocity;
+        auto const gathered = Gather::template gathered<Real>(items);
+        Record<Real, d, Join<PersistentFields, Found>> particle;
+        particles.load(items, particle);
+        respond_to_trial<Real>(
+            model, particle,
+            Matrix<Real, d>(Transfer::template gradient<Kernel, Real, d>(gathered) * Real(inverse_cell_size)),
+            Real(dt), true);
+        particle[Velocity{}] = gathered.velocity;
         found.store(items, particles.id, particle);
     }
 };

@@ -24,8 +24,8 @@ namespace detail
 {
 /// What the particles of a material gather from nodes that hold their displacements in a second, and the
 /// state to which these deform them, by row.
-template <std::size_t k, class Scene, class Solve>
-auto displacements(Scene& scene, Solve& solve)
+template <std::size_t k, class Scene>
+auto displacements(Scene& scene, double second)
 {
     using Traits = typename Scene::Sets::template MaterialTraits<k>;
     using Phase = GatherSolution<typename Scene::Space, typename Traits::Model, typename Scene::Kernel,
@@ -36,8 +36,10 @@ auto displacements(Scene& scene, Solve& solve)
     auto layer = scene.grid_state.grid().layer(k);
     Phase phase;
     phase.particles = table.ordered();
-    phase.trial = solve.template trial<k>(table.size());
+    phase.model = scene.sets.template model<k>();
     phase.found = found.view();
+    phase.dt = static_cast<typename Scene::Number>(second);
+    phase.inverse_cell_size = static_cast<typename Scene::Number>(1 / scene.lattice.cell_size);
     scene.backend.for_each_cell(table.cells(), layer, phase);
     return found;
 }
@@ -129,7 +131,7 @@ RestReport TimeLoop<Scene>::settle(Scene& scene, Effects const&... effects)
         if (!solved) return false;
         auto const found = [&]<std::size_t... k>(std::index_sequence<k...>)
         {
-            return std::tuple{detail::displacements<k>(scene, memory_.solve)...};
+            return std::tuple{detail::displacements<k>(scene, second)...};
         }
         (typename Sets::Places{});
         auto snapshot = detail::save(scene, *this);

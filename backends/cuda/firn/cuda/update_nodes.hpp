@@ -180,7 +180,7 @@ __device__ __forceinline__ void update_in_place(Phase const& phase, typename Gri
                                                 Coordinates<d> const& here, Coordinates<d> const& node,
                                                 typename Phase::Result& result)
 {
-    bool any = AsksNoSums<Phase>;
+    bool any = AsksNoSums<Phase> || TakesZeroSums<Phase>;
     typename GridType::Sums sums{};
     if constexpr (!AsksNoSums<Phase>) sums = sum_of_tiles<GridType, d>(grid, blockIdx.x, here, any);
     ValuesInPlace<GridType> const values(grid, i);
