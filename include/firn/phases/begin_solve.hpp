@@ -72,9 +72,9 @@ struct BeginSolve : UpdateGrid<Space, Kernel, Transfer, Effects>
         result.held += count(counts & (held > Real(Number(0.5))));
         set_start(node, filled, target, at_rest ? motion.still : touched(target), free_part, friction);
         node.set(Own::mass, mass);
-        Result::add(result.first, select(counts, mass, Real(0)));
-        Result::add(result.second, select(counts, mass * dot<Real, d>(change, change), Real(0)));
-        Result::add(result.third, select(counts, mass * dot<Real, d>(target, target), Real(0)));
+        add_lanes(result.first, select(counts, mass, Real(0)));
+        add_lanes(result.second, select(counts, mass * dot<Real, d>(change, change), Real(0)));
+        add_lanes(result.third, select(counts, mass * dot<Real, d>(target, target), Real(0)));
     }
 
 protected:

@@ -3,6 +3,7 @@
 
 #include <firn/core/components.hpp>
 #include <firn/core/host_device.hpp>
+#include <firn/math/product.hpp>
 #include <firn/phases/coarse_nodes.hpp>
 #include <firn/phases/coarse_sums.hpp>
 
@@ -20,12 +21,24 @@ struct LadderLinks
     std::uint32_t const* begin;
     NodeWeight<double> const* links;
 
-    /// Calls `use(node of the other grid, weight)` in the order of the links.
-    template <class Use>
-    FIRN_HOST_DEVICE void for_each(std::size_t node, Use const& use) const
+    /// Calls `use(value of the other grid's node, weight)` in the order of the links. Some are loaded at a
+    /// time, since a device would wait for each that is used before the next is loaded.
+    template <class T, class Use>
+    FIRN_HOST_DEVICE void for_each(std::size_t node, T const* values, Use const& use) const
     {
-        for (std::uint32_t i = begin[node]; i < begin[node + 1]; ++i)
-            use(std::size_t(links[i].node), links[i].weight);
+        constexpr std::uint32_t at_once = 8;
+        std::uint32_t const end = begin[node + 1];
+        for (std::uint32_t i = begin[node]; i < end; i += at_once) {
+            NodeWeight<double> own[std::size_t(at_once)];
+            FIRN_UNROLL
+            for (std::uint32_t k = 0; k < at_once; ++k)
+                own[k] = i + k < end ? links[i + k] : NodeWeight<double>{links[i].node, 0};
+            T of[std::size_t(at_once)];
+            FIRN_UNROLL
+            for (std::uint32_t k = 0; k < at_once; ++k) of[k] = values[own[k].node];
+            FIRN_UNROLL
+            for (std::uint32_t k = 0; k < at_once; ++k) use(of[k], own[k].weight);
+        }
     }
 };
 
@@ -40,8 +53,7 @@ struct WeighLevel
     FIRN_HOST_DEVICE void operator()(std::size_t number) const
     {
         CoarseWeights<double, d> sum;
-        finer.for_each(number, [&](std::size_t from, double w) {
-            auto const& of = of_finer[from];
+        finer.for_each(number, of_finer, [&](auto const& of, double w) {
             sum.mass += w * of.mass;
             sum.resists += w * of.resists;
             for (std::size_t a = 0; a < std::size_t(d); ++a) {
@@ -84,7 +96,7 @@ struct RestrictPart
     FIRN_HOST_DEVICE void operator()(std::size_t part) const
     {
         Vector<double, d> sum = zeros<Vector<double, d>>();
-        links.for_each(part, [&](std::size_t from, double w) { sum += of_first[from] * w; });
+        links.for_each(part, of_first, [&](auto const& value, double w) { sum += value * w; });
         parts[part] = sum;
     }
 };
@@ -101,12 +113,22 @@ struct CorrectCoarser
     FIRN_HOST_DEVICE void operator()(std::size_t number) const
     {
         Vector<double, d> sum = zeros<Vector<double, d>>();
-        for (std::uint32_t part = begin[number]; part < begin[number + 1]; ++part) sum += parts[part];
+        constexpr std::uint32_t at_once = 8;
+        std::uint32_t const end = begin[number + 1];
+        for (std::uint32_t part = begin[number]; part < end; part += at_once) {
+            Vector<double, d> some[std::size_t(at_once)];
+            FIRN_UNROLL
+            for (std::uint32_t k = 0; k < at_once; ++k)
+                some[k] = part + k < end ? parts[part + k] : zeros<Vector<double, d>>();
+            FIRN_UNROLL
+            for (std::uint32_t k = 0; k < at_once; ++k) sum += some[k];
+        }
         for (int a = 0; a < d; ++a) values[number][a] = sum[a] * inverse[number][a];
     }
 };
 
-/// The residuals of the first grid's nodes become corrections, to which those of all coarser grids are added.
+/// The residuals R of the first grid's nodes become corrections c, to which those of all coarser grids are
+/// added. What they add to r z is R c.
 template <int d>
 struct CorrectFirst
 {
@@ -114,13 +136,16 @@ struct CorrectFirst
     Vector<double, d> const* of_coarser;
     Vector<double, d> const* inverse; ///< of the diagonal
     Vector<double, d>* values;
+    double* products; ///< R c
 
     FIRN_HOST_DEVICE void operator()(std::size_t number) const
     {
-        Vector<double, d> sum = values[number];
+        Vector<double, d> const residual = values[number];
+        Vector<double, d> sum = residual;
         for (int a = 0; a < d; ++a) sum[a] *= inverse[number][a];
-        coarser.for_each(number, [&](std::size_t to, double w) { sum += of_coarser[to] * w; });
+        coarser.for_each(number, of_coarser, [&](auto const& value, double w) { sum += value * w; });
         values[number] = sum;
+        products[number] = dot<double, d>(residual, sum);
     }
 };
 

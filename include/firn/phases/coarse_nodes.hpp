@@ -159,19 +159,39 @@ private:
     }
 };
 
-/// Adds what coarse nodes have found to the preconditioned residual of each node.
+/// Adds what coarse nodes have found to the preconditioned residual of each node, but for what is held; and
+/// adds up R c of CorrectFirst in parts, as which the numbers behind those of nodes count.
 template <class Space, class Kernel, class Transfer, class Nodes>
 struct ProlongCorrection
 {
     static constexpr int d = Space::dimension;
     using Number = typename Space::Scalar;
     using Own = typename SolvePhase<Space, Kernel, Transfer>::Own;
+    static constexpr std::size_t of_part = 64; ///< coarse nodes
 
     Nodes nodes;
+    std::size_t node_count;
     NodeInCoarse<Number, d> const* linked;
     Vector<double, d> const* correction;
+    double const* products;
+    std::size_t coarse_count;
+    double* parts;
 
-    FIRN_HOST_DEVICE void operator()(std::size_t index) const
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const
+    {
+        if (i < node_count)
+            prolong(static_cast<std::uint32_t>(i));
+        else {
+            std::size_t const part = i - node_count;
+            double sum = 0;
+            for (std::size_t n = part * of_part; n < coarse_count && n < (part + 1) * of_part; ++n)
+                sum += products[n];
+            parts[part] = sum;
+        }
+    }
+
+private:
+    FIRN_HOST_DEVICE void prolong(std::uint32_t index) const
     {
         NodeInCoarse<Number, d> const& own = linked[index];
         Vector<Number, d> sum = zeros<Vector<Number, d>>();
@@ -182,9 +202,12 @@ struct ProlongCorrection
                 for (int a = 0; a < d; ++a) sum[a] += w * Number(correction[number][a]);
             }
         if (!any) return;
+        for (int a = 0; a < d; ++a)
+            if ((own.flipped >> a & 1) != 0) sum[a] = -sum[a];
         for (int a = 0; a < d; ++a) {
-            auto& value = nodes.value(static_cast<std::uint32_t>(index), Own::conditioned + a);
-            value += (own.flipped >> a & 1) != 0 ? -sum[a] : sum[a];
+            Number free = 0;
+            for (int b = 0; b < d; ++b) free += nodes.value(index, Own::free_at(a, b)) * sum[b];
+            nodes.value(index, Own::conditioned + a) += free;
         }
     }
 };

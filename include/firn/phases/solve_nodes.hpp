@@ -43,7 +43,7 @@ struct FindResidual : SolvePhase<Space, Kernel, Transfer>
         Vector<Real, d> of_mass = -target;
         Vector<Real, d> const v = Phase::vector(node, Phase::Values::velocity);
         if (!at_rest) of_mass += v;
-        Result::add(result.third, select(counts, mass * dot<Real, d>(v, v), Real(0)));
+        add_lanes(result.third, select(counts, mass * dot<Real, d>(v, v), Real(0)));
         Vector<Real, d> r = Phase::projected(node, Vector<Real, d>(of_mass * mass + impulse));
         if (at_rest) {
             if (is_first) Phase::set(node, Own::offset, r);
@@ -60,45 +60,48 @@ struct FindResidual : SolvePhase<Space, Kernel, Transfer>
         node.set(Own::stiffness, diagonal);
         Mask<Real> const has_mass = counts & (mass > Real(0));
         Real const r2 = select(has_mass, dot<Real, d>(r, r) * inverse_mass, Real(0));
-        Result::add(result.first, r2);
-        Result::add(result.second,
-                    select(has_mass, dot<Real, d>(r, Phase::vector(node, Own::change)), Real(0)));
+        add_lanes(result.first, r2);
+        add_lanes(result.second,
+                  select(has_mass, dot<Real, d>(r, Phase::vector(node, Own::change)), Real(0)));
         result.look(r2 * inverse_mass, node.first(), node.offset()[d - 1]);
         if (any(stiffness < Real(0))) ++result.inverted;
     }
 };
 
-/// On any nodes: what was tried is accepted, and the search begins anew along the preconditioned residual.
+/// On any nodes: what was tried is accepted, and the search begins anew along the preconditioned residual z.
+///
+/// Adds up r z, without what coarse grids will add.
 template <class Space, class Kernel, class Transfer>
 struct AcceptVelocities : SolvePhase<Space, Kernel, Transfer>
 {
     using Phase = SolvePhase<Space, Kernel, Transfer>;
     using Phase::d;
     using typename Phase::Own, typename Phase::Values;
-    using Result = NothingFound;
+    using Result = SearchSum;
     static constexpr bool asks_no_sums = true;
 
     template <class Node>
-    FIRN_HOST_DEVICE void operator()(Node& node, NothingFound&) const
+    FIRN_HOST_DEVICE void operator()(Node& node, Result& result) const
     {
         using Real = typename Node::Real;
-        Vector<Real, d> const r = Phase::vector(node, Own::residual);
-        Phase::template precondition<Real>(node, r);
+        Phase::template precondition<Real>(node, Phase::vector(node, Own::residual), result);
         Phase::set(node, Own::solution, Phase::vector(node, Values::velocity));
         Phase::set(node, Values::velocity, zeros<Vector<Real, d>>());
         Phase::set(node, Own::change, zeros<Vector<Real, d>>());
     }
 };
 
-/// On nodes that have the sums of ProductOfStress: p H p of the direction p.
+/// On nodes that have the sums of ProductOfStress: q = H p of the direction p, in place of the impulse of
+/// stress, which the next residual finds anew.
 ///
-/// Sums: first p H p.
+/// Adds up p q.
 template <class Space, class Kernel, class Transfer>
 struct FindCurvature : SolvePhase<Space, Kernel, Transfer>
 {
     using Phase = SolvePhase<Space, Kernel, Transfer>;
     using Phase::d;
-    using typename Phase::Own, typename Phase::Result, typename Phase::Values;
+    using typename Phase::Own, typename Phase::Values;
+    using Result = SearchSum;
     using Sums = StressSums<d>;
     static constexpr bool takes_zero_sums = true; // where nothing is deformed a direction has mass
 
@@ -109,63 +112,40 @@ struct FindCurvature : SolvePhase<Space, Kernel, Transfer>
     {
         using Real = typename Node::Real;
         Vector<Real, d> const p = Phase::vector(node, Values::velocity);
-        Result::add(result.first, select(counted(node), dot<Real, d>(p, times(node, p)), Real(0)));
-    }
-
-    /// H p, of the direction p.
-    template <class Node, class Real = typename Node::Real>
-    FIRN_HOST_DEVICE Vector<Real, d> times(Node const& node, Vector<Real, d> const& p) const
-    {
         Vector<Real, d> q = make_vector<Real, d>([&](int a) { return node.sum(Sums::impulse + a); });
         if (!at_rest) q += p * node.value(Own::mass);
-        return Phase::projected(node, q);
+        q = Phase::projected(node, q);
+        Phase::set(node, Own::impulse, q);
+        add_lanes(result.sum, select(counted(node), dot<Real, d>(p, q), Real(0)));
     }
 };
 
-/// On the same nodes: goes on along the direction, by a step of conjugate gradients.
+/// On any nodes: goes on along the direction, by a step of conjugate gradients.
+///
+/// Adds up r z of the residual that is left, without what coarse grids will add.
 template <class Space, class Kernel, class Transfer>
-struct AdvanceSearch : FindCurvature<Space, Kernel, Transfer>
+struct AdvanceSearch : SolvePhase<Space, Kernel, Transfer>
 {
     using Phase = SolvePhase<Space, Kernel, Transfer>;
     using Phase::d;
     using typename Phase::Own, typename Phase::Values;
-    using Result = NothingFound;
+    using Result = SearchSum;
+    static constexpr bool asks_no_sums = true;
 
     SearchState const* search;
-
-    template <class Node>
-    FIRN_HOST_DEVICE void operator()(Node& node, NothingFound&) const
-    {
-        using Real = typename Node::Real;
-        if (search->has_ended) return;
-        Real const along(static_cast<ScalarOf<Real>>(search->along));
-        Vector<Real, d> const p = Phase::vector(node, Values::velocity);
-        Phase::set(node, Own::change, Vector<Real, d>(Phase::vector(node, Own::change) + p * along));
-        Vector<Real, d> const r = Phase::vector(node, Own::residual) - this->times(node, p) * along;
-        Phase::set(node, Own::residual, r);
-        Phase::template precondition<Real>(node, r);
-    }
-};
-
-/// On any nodes: what coarse grids have added to the preconditioned residual z leaves what is held as it is.
-///
-/// Sums: first r z.
-template <class Space, class Kernel, class Transfer>
-struct ProjectConditioned : SolvePhase<Space, Kernel, Transfer>
-{
-    using Phase = SolvePhase<Space, Kernel, Transfer>;
-    using Phase::d;
-    using typename Phase::Own, typename Phase::Result;
-    static constexpr bool asks_no_sums = true;
 
     template <class Node>
     FIRN_HOST_DEVICE void operator()(Node& node, Result& result) const
     {
         using Real = typename Node::Real;
-        Vector<Real, d> const z = Phase::projected(node, Phase::vector(node, Own::conditioned));
-        Phase::set(node, Own::conditioned, z);
-        Result::add(result.first, select(counted(node) & (node.value(Own::mass) > Real(0)),
-                                         dot<Real, d>(Phase::vector(node, Own::residual), z), Real(0)));
+        if (search->has_ended) return;
+        Real const along(static_cast<ScalarOf<Real>>(search->along));
+        Vector<Real, d> const p = Phase::vector(node, Values::velocity),
+                              q = Phase::vector(node, Own::impulse),
+                              r = Phase::vector(node, Own::residual) - q * along;
+        Phase::set(node, Own::change, Vector<Real, d>(Phase::vector(node, Own::change) + p * along));
+        Phase::set(node, Own::residual, r);
+        Phase::template precondition<Real>(node, r, result);
     }
 };
 

@@ -23,6 +23,22 @@
 namespace firn
 {
 
+/// Adds the numbers of a lane to a sum, one after the other.
+template <Lane Real>
+FIRN_HOST_DEVICE inline void add_lanes(double& sum, Real const& lane)
+{
+    ScalarOf<Real> numbers[std::size_t(lane_width<Real>)];
+    LaneTraits<Real>::store(lane, numbers);
+    for (int i = 0; i < lane_width<Real>; ++i) sum += double(numbers[i]);
+}
+
+/// What a loop over nodes adds up in an iteration of a search.
+struct SearchSum
+{
+    double sum = 0;
+    FIRN_HOST_DEVICE void merge(SearchSum const& other) { sum += other.sum; }
+};
+
 /// What a loop over nodes adds up while a step is solved.
 template <int d>
 struct SolveSums
@@ -44,14 +60,6 @@ struct SolveSums
         inverted += other.inverted, held += other.held, refused += other.refused, touching += other.touching;
     }
 
-    /// Adds the numbers of a lane to a sum, one after the other.
-    template <Lane Real>
-    FIRN_HOST_DEVICE static void add(double& sum, Real const& lane)
-    {
-        ScalarOf<Real> numbers[std::size_t(lane_width<Real>)];
-        LaneTraits<Real>::store(lane, numbers);
-        for (int i = 0; i < lane_width<Real>; ++i) sum += double(numbers[i]);
-    }
     /// Looks for the largest number, of nodes that lie one after another from `first` on.
     template <Lane Real>
     FIRN_HOST_DEVICE void look(Real const& lane, Coordinates<d> const& from, Real const& along)
@@ -115,12 +123,10 @@ struct SolvePhase
         Mask<Real> const positive = value > Real(0);
         return select(positive, Real(1) / select(positive, value, Real(1)), Real(0));
     }
-    /// Preconditions a residual by the node's own stiffness, before coarse grids add to it.
+    /// Preconditions a residual by the node's own stiffness, before coarse grids add to it; adds r z of nodes
+    /// that have mass.
     template <Lane Real, class Node>
-    FIRN_HOST_DEVICE static void precondition(Node& node, Vector<Real, d> const& r)
-    {
-        set(node, Own::conditioned, Vector<Real, d>(r * inverse_of(node.value(Own::stiffness))));
-    }
+    FIRN_HOST_DEVICE static void precondition(Node& node, Vector<Real, d> const& r, SearchSum& result);
 };
 
 /// Lanes of nodes beside reflecting walls, or of their images, as a phase of the solve sees them: with the
@@ -207,6 +213,17 @@ FIRN_HOST_DEVICE Mask<typename Node::Real> counted([[maybe_unused]] Node const& 
         return node.counts();
     else
         return Real(0) <= Real(0);
+}
+
+template <class Space, class Kernel, class TransferType>
+template <Lane Real, class Node>
+FIRN_HOST_DEVICE void
+SolvePhase<Space, Kernel, TransferType>::precondition(Node& node, Vector<Real, d> const& r, SearchSum& result)
+{
+    Vector<Real, d> const z = r * inverse_of(node.value(Own::stiffness));
+    set(node, Own::conditioned, z);
+    Mask<Real> const counts = counted(node) & (node.value(Own::mass) > Real(0));
+    add_lanes(result.sum, select(counts, dot<Real, d>(r, z), Real(0)));
 }
 
 } // namespace firn

@@ -7,6 +7,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstddef>
 
 // The numbers of a search by conjugate gradients, which lie where loops run: phases read them, so that a
 // backend can queue iterations before the host knows how those before went.
@@ -35,34 +36,48 @@ struct SearchState
     }
 };
 
+/// What coarse grids add to r z, in parts.
+struct CoarsePartsOfSum
+{
+    double const* parts = nullptr;
+    std::size_t count = 0;
+
+    FIRN_HOST_DEVICE double operator()() const
+    {
+        double sum = 0;
+        FIRN_UNROLL
+        for (std::size_t i = 0; i < count; ++i) sum += parts[i];
+        return sum;
+    }
+};
+
 /// Begins a search, with r z.
-template <int d>
 struct BeginSearch
 {
     SearchState* state;
     double forcing; ///< the share of the residual at which the search ends
+    CoarsePartsOfSum coarse;
 
-    FIRN_HOST_DEVICE void operator()(SolveSums<d> const& sum) const
+    FIRN_HOST_DEVICE void operator()(SearchSum const& found) const
     {
         SearchState now;
-        now.rz = now.first = sum.first;
-        now.enough = forcing * forcing * sum.first;
-        now.has_ended = !(sum.first > 0);
+        now.rz = now.first = found.sum + coarse();
+        now.enough = forcing * forcing * now.rz;
+        now.has_ended = !(now.rz > 0);
         *state = now;
     }
 };
 
 /// Chooses how far to go along a direction, with p H p. What was found before one along which the energy does
 /// not rise is a descent; the first direction is one, too.
-template <int d>
 struct ChooseLength
 {
     SearchState* state;
 
-    FIRN_HOST_DEVICE void operator()(SolveSums<d> const& sum) const
+    FIRN_HOST_DEVICE void operator()(SearchSum const& found) const
     {
         if (state->has_ended) return;
-        double const curvature = sum.first;
+        double const curvature = found.sum;
         state->falls = curvature > 0 && is_finite(curvature);
         state->along = state->falls ? state->rz / curvature : 1;
         state->has_ended = !state->falls && state->products > 0;
@@ -71,17 +86,17 @@ struct ChooseLength
 };
 
 /// Chooses the next direction, with r z of what is left.
-template <int d>
 struct ChooseDirection
 {
     SearchState* state;
+    CoarsePartsOfSum coarse;
 
-    FIRN_HOST_DEVICE void operator()(SolveSums<d> const& sum) const
+    FIRN_HOST_DEVICE void operator()(SearchSum const& found) const
     {
         if (state->has_ended) return;
         state->slope -= state->along * state->rz;
         state->before = state->rz;
-        state->rz = sum.first;
+        state->rz = found.sum + coarse();
         state->share = state->rz / state->before;
         state->has_ended = !state->falls || !(state->rz > state->enough);
     }

@@ -4,12 +4,14 @@
 #include <firn/phases/coarse_ladder.hpp>
 #include <firn/phases/coarse_nodes.hpp>
 #include <firn/phases/coarse_sums.hpp>
+#include <firn/phases/solve_search.hpp>
 #include <firn/time_stepping/coarse_grid.hpp>
 
 #include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <limits>
 #include <utility>
 #include <vector>
 
@@ -38,7 +40,8 @@ public:
     explicit CoarseGrids(Backend const& backend)
         : backend_(backend), held_(backend), coarse_(backend), reached_(backend), linked_(backend),
           weight_lines_(backend), lines_(backend), weights_(backend), diagonals_(backend), values_(backend),
-          first_of_node_(backend), parts_(backend), to_first_(backend), to_coarser_(backend)
+          first_of_node_(backend), parts_(backend), to_first_(backend), to_coarser_(backend),
+          products_(backend), of_sum_(backend)
     {}
 
     bool are_there() const { return are_there_; }
@@ -105,9 +108,18 @@ public:
                                                          diagonals_.data() + first, values_.data() + first});
         }
         backend_.for_each(first, CorrectFirst<d>{to_coarser_.links(), values_.data() + first,
-                                                 diagonals_.data(), values_.data()});
-        backend_.for_each(node_count, ProlongCorrection<Space, Kernel, Transfer, Nodes>{nodes, linked_.data(),
-                                                                                        values_.data()});
+                                                 diagonals_.data(), values_.data(), products_.data()});
+        using Prolong = ProlongCorrection<Space, Kernel, Transfer, Nodes>;
+        std::size_t const parts = (first + Prolong::of_part - 1) / Prolong::of_part;
+        of_sum_.resize(parts, 0);
+        backend_.for_each(node_count + parts, Prolong{nodes, node_count, linked_.data(), values_.data(),
+                                                      products_.data(), first, of_sum_.data()});
+    }
+    /// What they have added to r z: where loops run.
+    CoarsePartsOfSum added() const
+    {
+        if (!are_there_) return {};
+        return {of_sum_.data(), of_sum_.size()};
     }
 
     /// Bytes held for loops.
@@ -116,7 +128,8 @@ public:
         std::size_t bytes = held_.memory() + coarse_.memory() + reached_.memory() + linked_.memory() +
                             weight_lines_.memory() + lines_.memory() + weights_.memory() +
                             diagonals_.memory() + values_.memory() + first_of_node_.memory() +
-                            parts_.memory() + to_first_.memory() + to_coarser_.memory();
+                            parts_.memory() + to_first_.memory() + to_coarser_.memory() + products_.memory() +
+                            of_sum_.memory();
         for (auto const& level : levels_) bytes += level.finer.memory();
         return bytes;
     }
@@ -191,17 +204,56 @@ private:
                                     NoteHeldCells<Number, d, Nodes>{nodes, table.ordered().offset,
                                                                     Kernel::degree % 2 != 0, held_.data()});
         });
-        std::vector<HeldCells<d>> held(node_count);
-        held_.download(0, held);
+        held_on_host_.resize(node_count);
+        held_.download(0, held_on_host_);
+        return coarse_cells(held_on_host_);
+    }
+    /// The coarse cells of those that hold a particle. Few boxes around a scene are so large that marks of
+    /// all their cells take more than a list of some.
+    static std::vector<Coordinates<d>> coarse_cells(std::vector<HeldCells<d>> const& held)
+    {
+        constexpr int far = std::numeric_limits<int>::max();
+        Coordinates<d> low = Coordinates<d>::Constant(far), high = Coordinates<d>::Constant(-far);
+        std::size_t any = 0;
+        for (auto const& of : held) {
+            if (of.corners == 0) continue;
+            ++any;
+            low = low.cwiseMin(of.node);
+            high = high.cwiseMax(of.node);
+        }
         std::vector<Coordinates<d>> cells;
-        constexpr std::ptrdiff_t near = 1 << d; // nodes that lie side by side have few cells
-        for (auto const& of : held)
-            of.for_each([&](Coordinates<d> const& cell) {
-                auto const at = coarse_cell(cell);
-                auto const from = cells.size() > std::size_t(near) ? cells.end() - near : cells.begin();
-                if (std::find(from, cells.end(), at) == cells.end()) cells.push_back(at);
-            });
-        CoarseGrid<d>::make_unique(cells);
+        if (any == 0) return cells;
+        low = coarse_cell(low - Coordinates<d>::Constant(1)); // a corner's cell may begin a node before
+        high = coarse_cell(high);
+        double box = 1;
+        for (int a = 0; a < d; ++a) box *= double(high[a]) - double(low[a]) + 1;
+        auto const each = [&](auto const& use) {
+            for (auto const& of : held)
+                if (of.corners != 0) of.for_each([&](Coordinates<d> const& cell) { use(coarse_cell(cell)); });
+        };
+        if (box > 64 * double(any)) {
+            each([&](Coordinates<d> const& cell) { cells.push_back(cell); });
+            CoarseGrid<d>::make_unique(cells);
+            return cells;
+        }
+        std::vector<bool> marks(static_cast<std::size_t>(box));
+        Coordinates<d> const extent = high - low + Coordinates<d>::Constant(1);
+        each([&](Coordinates<d> const& cell) {
+            std::size_t place = 0;
+            for (int a = 0; a < d; ++a)
+                place = place * std::size_t(extent[a]) + std::size_t(cell[a] - low[a]);
+            marks[place] = true;
+        });
+        for (std::size_t place = 0; place < marks.size(); ++place) {
+            if (!marks[place]) continue;
+            Coordinates<d> cell;
+            std::size_t rest = place;
+            for (int a = d - 1; a >= 0; --a) {
+                cell[a] = low[a] + static_cast<int>(rest % std::size_t(extent[a]));
+                rest /= std::size_t(extent[a]);
+            }
+            cells.push_back(cell);
+        }
         return cells;
     }
 
@@ -221,6 +273,7 @@ private:
         weights_.resize(count, 0);
         diagonals_.resize(count, 0);
         values_.resize(count, 0);
+        products_.resize(first, 0);
         upload(coarse_, levels_.front().grid.nodes());
         reached_.resize(first * std::size_t(Node::reached_count), 0);
         weight_lines_.resize(first * std::size_t(Node::lines), 0);
@@ -291,6 +344,7 @@ private:
     std::vector<Coordinates<d>> cells_; ///< those under which the grids were made
     std::vector<Level> levels_;
     Array<HeldCells<d>> held_;
+    std::vector<HeldCells<d>> held_on_host_;
     Array<Node> coarse_; ///< the first grid's nodes
     Array<NodeWeight<Number>> reached_;
     Array<NodeInCoarse<Number, d>> linked_;
@@ -301,6 +355,7 @@ private:
     Array<std::uint32_t> first_of_node_;          ///< of the parts of coarser nodes' sums
     Array<Vector<double, d>> parts_;
     Links to_first_, to_coarser_;
+    Array<double> products_, of_sum_; ///< R c of the first grid's nodes, and parts of their sum
 };
 
 } // namespace firn

@@ -243,13 +243,15 @@ private:
     double search()
     {
         ++report_.newton, ++report_.newton_of_step;
-        on_nodes(AcceptVelocities<Space, Kernel, Transfer>{});
+        auto const found =
+            on_nodes(BesideWalls<AcceptVelocities<Space, Kernel, Transfer>, Actions>{{}, now_});
         if (own_.coarse.are_there())
             own_.coarse.template weigh<Kernel, Transfer>(grid().nodes_by_index(), at_rest_,
                                                          stiffness_of_kernel);
         own_.search.resize(1);
         SearchState* const search = own_.search.data();
-        call(condition(), BeginSearch<d>{search, by_.forcing});
+        condition();
+        call(found, BeginSearch{search, by_.forcing, own_.coarse.added()});
         SearchState now;
         for (int queued = 0; queued < by_.linear && !now.has_ended;) {
             int const ahead = Backend::queues ? now.expected(by_.linear - queued) : 1;
@@ -266,16 +268,17 @@ private:
     {
         on_nodes(TurnSearch<Space, Kernel, Transfer>{{}, search});
         pass<ProductOfStress>();
-        call(on_passed(FindCurvature<Space, Kernel, Transfer>{{}, at_rest_}), ChooseLength<d>{search});
-        on_passed(AdvanceSearch<Space, Kernel, Transfer>{{{}, at_rest_}, search});
-        call(condition(), ChooseDirection<d>{search});
+        call(on_passed(FindCurvature<Space, Kernel, Transfer>{{}, at_rest_}), ChooseLength{search});
+        auto const found =
+            on_nodes(BesideWalls<AdvanceSearch<Space, Kernel, Transfer>, Actions>{{{}, search}, now_});
+        condition();
+        call(found, ChooseDirection{search, own_.coarse.added()});
     }
-    /// Completes the preconditioned residual z by what coarse grids find. Returns r z, or a handle to it.
-    auto condition()
+    /// Completes the preconditioned residual z by what coarse grids find.
+    void condition()
     {
         if (own_.coarse.are_there())
             own_.coarse.template correct<Kernel, Transfer>(grid().nodes_by_index(), grid().node_count());
-        return on_nodes(BesideWalls<ProjectConditioned<Space, Kernel, Transfer>, Actions>{{}, now_});
     }
     /// Makes the coarse grids under the particles. They know no ends of a periodic lattice.
     void make_coarse_grids()

@@ -15,15 +15,15 @@ namespace firn::openmp
 
 namespace detail
 {
-/// Adds up, for one row of a node block, some channels of the tiles of a layer that cover it; sets `any` if
-/// one does.
-template <class LayerType, int channels, class Number>
-void add_row(LayerType const& layer, std::array<int, LayerType::corners> const& covered_by, int row,
-             Number (&sums)[std::size_t(channels)][std::size_t(LayerType::Shape::along)], bool& any,
-             int first_channel = 0)
+/// Calls `use(block of a tile, its row, whether it covers no more than the first nodes)` for the tiles of a
+/// layer that cover one row of a node block, and were added to there.
+template <class LayerType, class Use>
+FIRN_INLINE_WHOLE void for_each_tile(LayerType const& layer,
+                                     std::array<int, LayerType::corners> const& covered_by, int row,
+                                     Use const& use)
 {
     using Shape = typename LayerType::Shape;
-    constexpr int d = LayerType::corners == 8 ? 3 : 2, degree = LayerType::row_length - Shape::along;
+    constexpr int d = LayerType::corners == 8 ? 3 : 2;
     for (int corner = 0; corner < LayerType::corners; ++corner) {
         int const b = covered_by[std::size_t(corner)];
         if (b == LayerType::absent) continue;
@@ -39,19 +39,32 @@ void add_row(LayerType const& layer, std::array<int, LayerType::corners> const& 
         }
         std::uint64_t const touched = layer.touched(std::size_t(b));
         if (((touched >> tile_row) & 1) == 0 || (o[d - 1] == 1 && (touched & LayerType::ends) == 0)) continue;
+        use(std::size_t(b), tile_row, o[d - 1] == 1);
+    }
+}
+
+/// Adds up, for one row of a node block, some channels of the tiles of a layer that cover it; sets `any` if
+/// one does.
+template <class LayerType, int channels, class Number>
+void add_row(LayerType const& layer, std::array<int, LayerType::corners> const& covered_by, int row,
+             Number (&sums)[std::size_t(channels)][std::size_t(LayerType::Shape::along)], bool& any,
+             int first_channel = 0)
+{
+    using Shape = typename LayerType::Shape;
+    constexpr int degree = LayerType::row_length - Shape::along;
+    for_each_tile(layer, covered_by, row, [&](std::size_t b, int tile_row, bool covers_begin) {
         if (!any)
             for (auto& channel : sums) std::fill(channel, channel + Shape::along, Number(0));
         any = true;
         for (int c = 0; c < channels; ++c) {
-            Number const* const from = layer.tile(std::size_t(b)) +
-                                       (first_channel + c) * LayerType::tile_channel +
+            Number const* const from = layer.tile(b) + (first_channel + c) * LayerType::tile_channel +
                                        tile_row * LayerType::row_length;
-            if (o[d - 1] == 0)
+            if (!covers_begin)
                 for (int k = 0; k < Shape::along; ++k) sums[c][k] += from[k];
             else
                 for (int k = 0; k < degree; ++k) sums[c][k] += from[Shape::along + k];
         }
-    }
+    });
 }
 
 /// The same for all layers; false if no tile covers the row.
@@ -63,6 +76,17 @@ bool sum_row(GridType& grid, typename GridType::NodeBlock const& node, int row,
     for (int l = 0; l < GridType::layers; ++l)
         add_row<typename GridType::Layer, channels>(grid.layer(std::size_t(l)),
                                                     node.covered_by[std::size_t(l)], row, sums, any);
+    return any;
+}
+
+/// Whether a tile of any layer covers the row.
+template <class GridType>
+bool is_covered(GridType& grid, typename GridType::NodeBlock const& node, int row)
+{
+    bool any = false;
+    for (int l = 0; l < GridType::layers; ++l)
+        for_each_tile(grid.layer(std::size_t(l)), node.covered_by[std::size_t(l)], row,
+                      [&](std::size_t, int, bool) { any = true; });
     return any;
 }
 } // namespace detail

@@ -36,10 +36,16 @@ void update_block(GridType& grid, std::size_t n, Phase const& phase, [[maybe_unu
     constexpr int d = Phase::d;
     using Shape = typename GridType::Shape;
     auto const& block = grid.nodes()[n];
-    constexpr int channels = AsksNoSums<Phase> && !Phase::looks_around ? 1 : Phase::Sums::channels;
+    constexpr bool adds_up = !AsksNoSums<Phase> || Phase::looks_around;
+    constexpr int channels = adds_up ? Phase::Sums::channels : 1;
     alignas(64) typename Phase::Number sums[std::size_t(channels)][std::size_t(Shape::along)];
     for (int row = 0; row < Shape::rows; ++row) {
-        if (!sum_row<GridType, channels>(grid, block, row, sums)) continue;
+        bool covered;
+        if constexpr (adds_up)
+            covered = sum_row<GridType, channels>(grid, block, row, sums);
+        else
+            covered = is_covered(grid, block, row);
+        if (!covered) continue;
         for (int place = 0; place < Shape::along; place += lane_width<Lane>) {
             Coordinates<d> const at = GridType::node_at(block.coordinates, row, place);
             auto* const values = grid.node_values(n) + row * Shape::along + place;
