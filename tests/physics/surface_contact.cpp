@@ -9,13 +9,14 @@
 #include <firn/core/exactly_equal.hpp>
 #include <firn/effects/obstacles.hpp>
 #include <firn/effects/rigid_body.hpp>
-#include <firn/phases/surface_contact.hpp>
+#include <firn/phases/points_of_nodes.hpp>
 
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
+#include <numeric>
 #include <random>
-#include <utility>
 #include <vector>
 
 // Obstacles that act by impulses at their surface, wherever that lies between nodes.
@@ -228,36 +229,54 @@ TEST_CASE("momentum is kept where particles have hardly any weight at nodes that
     CHECK(worst < 1e-10);
 }
 
-TEST_CASE("what points give a node comes to the same bits in any order, however light it is",
+TEST_CASE("the points of a node have one order, whatever their numbers and however they were listed",
           "[physics][surface]")
 {
-    auto const unit = UnitOfSums::at(0x1p-46);
-    std::vector<double> gains;
-    for (int i = 0; i < 27; ++i)
-        gains.push_back(std::pow(10., i % 9 - 3) * (i % 2 == 0 ? 1 : -0.7) / (3 + i));
-    auto const sum = [&] {
-        SumsInAnyOrder total(unit);
-        double naive = 0;
-        for (double const gain : gains) {
-            Four<double> all{};
-            for (int i = 0; i < 4; ++i) all[i] = i == 2 ? gain : -gain;
-            total.add(all, 1);
-            naive += unit.rounded(gain);
-        }
-        CHECK(exactly_equal(total[0], -total[2]));
-        return std::pair{total[2], naive};
-    };
-    auto const [first, naive] = sum();
-    bool is_naive_the_same = true;
-    std::mt19937 random(7);
-    for (int i = 0; i < 100; ++i) {
-        std::shuffle(gains.begin(), gains.end(), random);
-        auto const [again, naively] = sum();
-        CHECK(exactly_equal(again, first));
-        is_naive_the_same = is_naive_the_same && exactly_equal(naively, naive);
+    using Loop = SortPoints<QuadraticBSpline, double, 2>;
+    // which point, and the node's place in its stencil; some have the same place
+    std::vector<SurfacePoint<double, 2>> kinds(12);
+    auto const place_of = [](std::size_t kind) { return static_cast<int>(kind % 4 * 2); };
+    for (std::size_t i = 0; i < kinds.size(); ++i) {
+        kinds[i].node = {static_cast<int>(i % 4), static_cast<int>(i / 8)};
+        kinds[i].obstacle = i / 4 % 2 == 0 ? 5 : 2;
+        kinds[i].behind = i < 6 ? 1 : 0;
+        kinds[i].is_deep = i == 3;
     }
-    CHECK(std::abs(first - naive) < 1e-9);
-    CHECK_FALSE(is_naive_the_same); // the gains differ enough for that
+    std::vector<std::size_t> numbers(kinds.size()), order; // numbers[p]: the kind of point p
+    std::iota(numbers.begin(), numbers.end(), 0);
+    std::mt19937 random(7);
+    for (int i = 0; i < 50; ++i) {
+        std::vector<SurfacePoint<double, 2>> points;
+        for (std::size_t const kind : numbers) points.push_back(kinds[kind]);
+        std::vector<PointOfNode<double>> list{PointOfNode<double>::of(8, 0, -1)}; // of another node
+        std::vector<std::size_t> listed(kinds.size());
+        std::iota(listed.begin(), listed.end(), 0);
+        std::shuffle(listed.begin(), listed.end(), random);
+        std::vector<std::uint32_t> ranks(32 * 9);
+        for (std::size_t const p : listed) {
+            int const place = place_of(numbers[p]);
+            ranks[Loop::place(p, place)] = static_cast<std::uint32_t>(list.size()) - 1;
+            list.push_back(PointOfNode<double>::of(place, p, double(numbers[p])));
+        }
+        NodeAtSurface<double, 2> node{};
+        node.points = {1, static_cast<std::uint32_t>(kinds.size())};
+        std::uint32_t nodes = 1, changes = 1;
+        SurfacePoints<double, 2> of{};
+        of.points = points.data(), of.points_of_nodes = list.data(), of.ranks = ranks.data();
+        of.reached = &node, of.reached_nodes = &nodes, of.changes = &changes;
+        Loop{{of}}(0);
+        CHECK(exactly_equal(list[0].weight, -1.));
+        std::vector<std::size_t> sorted;
+        for (std::size_t n = 1; n < list.size(); ++n) {
+            std::size_t const p = list[n].point();
+            sorted.push_back(numbers[p]);
+            CHECK(exactly_equal(list[n].weight, double(numbers[p])));
+            CHECK(ranks[Loop::place(p, place_of(numbers[p]))] == n - 1);
+        }
+        if (i == 0) order = sorted;
+        CHECK(sorted == order);
+        std::shuffle(numbers.begin(), numbers.end(), random);
+    }
 }
 
 TEST_CASE("obstacles tell where they were touched, and by what impulse", "[physics][surface]")

@@ -4,6 +4,7 @@
 #include <firn/effects/surface_points.hpp>
 
 #include <algorithm>
+#include <array>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
@@ -21,14 +22,13 @@ class SurfaceMemory
 
 public:
     explicit SurfaceMemory(Backend const& backend)
-        : backend_(backend), counts_(backend), reach_(backend), candidates_(backend), seen_(backend),
+        : backend_(backend), counts_(backend), candidates_(backend), seen_(backend),
           candidate_table_(backend), points_(backend), before_(backend), table_(backend), tried_(backend),
           stencils_(backend), acting_(backend), ranks_(backend), points_of_nodes_(backend), reached_(backend),
-          lists_(backend), velocities_(backend)
+          indices_(backend), velocities_(backend)
     {
-        counts_.resize(1);
-        reach_.resize(2);
-        reach_.fill(0, 2, 0);
+        counts_.resize(5);
+        counts_.fill(0, 5, 0);
         candidates_.resize(256);
         seen_.resize(256);
         points_.resize(256);
@@ -70,13 +70,14 @@ public:
         entered_ = 0;
         have_nodes_ = false;
     }
-    /// Before points are looked for: nothing is counted.
-    void begin() { counts_.fill(0, 1, SurfaceCounts{}); }
+    /// Before points are looked for: none is counted.
+    void begin() { counts_.fill(0, 2, 0); }
     /// The number of the first point that the step before did not have.
     std::uint32_t first_new() const { return first_new_; }
     /// After points have been found. Returns how many there are.
     std::uint32_t note(SurfaceCounts const& found)
     {
+        reached_before_ = found.reached;
         std::uint32_t const points = first_new_ + found.points;
         if (first_new_ == 0) most_known_ = points + points / 4 + 64;
         known_candidates_ += found.candidates;
@@ -102,22 +103,19 @@ public:
         std::size_t const room = candidates_.size() - known_candidates_;
         return Backend::queues ? room : std::min<std::size_t>(counted().candidates, room);
     }
-    /// How many nodes points may have reached when room was made for them last.
-    std::size_t most_reached_before() const { return most_reached(reached_.size()); }
-    /// How many nodes points may reach, of so many at most; waits for no loop.
-    std::size_t most_reached(std::size_t at_most) const
+    /// How many nodes points reached when points were counted last.
+    std::size_t reached_before() const { return reached_before_; }
+    /// How many nodes points may reach, if so many are new at most; waits for no loop.
+    std::size_t most_reached(std::size_t most_new) const
     {
-        if (Backend::queues) return at_most;
-        std::uint32_t nodes = 0;
-        reach_.download(0, {&nodes, 1});
-        return nodes;
+        return Backend::queues ? std::min(reached_before_ + most_new, reached_.size()) : counted().reached;
     }
     /// What loops have counted; waits for them.
     SurfaceCounts counted() const
     {
-        SurfaceCounts counts;
-        counts_.download(0, {&counts, 1});
-        return counts;
+        std::array<std::uint32_t, 3> counts{};
+        counts_.download(0, counts);
+        return {counts[0], counts[1], counts[2]};
     }
     /// Whether what was found had room. Else there is room now to look for it again.
     bool had_room(SurfaceCounts const& found)
@@ -133,12 +131,20 @@ public:
         if (seen_.size() < candidates_.size()) seen_.resize(candidates_.size());
         return had;
     }
-    /// Whether points that the step before had reach the same nodes as then, whose indices have this
-    /// numbering.
-    bool have_nodes(std::uint64_t numbering) const { return have_nodes_ && numbering == numbering_; }
-    /// Makes room for the stencils of so many points, with so many nodes each, among so many nodes in all.
-    /// Room is made for all if no point has any yet.
-    void make_room(std::size_t points, std::size_t nodes_of_each, std::size_t nodes, std::uint64_t numbering)
+    /// Whether the points of the step before have their stencils.
+    bool have_nodes() const { return have_nodes_; }
+    /// After points have forgotten their nodes: none reaches any.
+    void forget_nodes()
+    {
+        reached_before_ = 0;
+        counts_.fill(2, 1, 0);
+    }
+    /// Whether their nodes have the indices that they had then, by the grid's numbering.
+    bool have_indices(std::uint64_t numbering) const { return numbering == numbering_; }
+    /// Makes room for the stencils of so many points, with so many nodes each, of which so many are reached
+    /// by none as yet, in a grid of so many nodes.
+    void make_room(std::size_t points, std::size_t nodes_of_each, std::size_t most_new, std::size_t nodes,
+                   std::uint64_t numbering)
     {
         constexpr std::size_t tile = SurfacePoints<Number, d>::tile;
         auto const make_room_for = [](auto& array, std::size_t size) {
@@ -150,16 +156,18 @@ public:
         make_room_for(acting_, in_tiles);
         make_room_for(ranks_, in_tiles);
         make_room_for(points_of_nodes_, points * nodes_of_each);
-        make_room_for(reached_, std::min(points * nodes_of_each, nodes));
-        if (!have_nodes(numbering)) reach_.fill(0, 1, 0);
-        reach_.fill(1, 1, 0);
+        make_room_for(reached_, reached_before_ + most_new);
+        if (velocities_.size() <= reached_.size()) {
+            velocities_.resize(reached_.size() + 1);
+            velocities_.fill(0, 1, VectorAndNumber<Number, d>{});
+        }
+        counts_.fill(3, 2, 0);
         have_nodes_ = true;
         numbering_ = numbering;
-        if (lists_.size() >= nodes + 1) return;
-        make_room_for(velocities_, nodes + 1);
-        make_room_for(lists_, nodes + 1);
-        velocities_.fill(0, 1, VectorAndNumber<Number, d>{});
-        lists_.fill(0, lists_.size(), {0, 0});
+        if (indices_.size() >= nodes) return;
+        std::size_t const before = indices_.size();
+        make_room_for(indices_, nodes);
+        indices_.fill(before, indices_.size() - before, {0, 0});
     }
     /// After a step with so many points, of this length [s].
     void end_step(std::uint32_t points, double dt)
@@ -178,9 +186,12 @@ public:
 
     SurfacePoints<Number, d> view()
     {
-        return {counts_.data(),
-                reach_.data(),
-                reach_.data() + 1,
+        std::uint32_t* const counts = counts_.data();
+        return {counts,
+                counts + 1,
+                counts + 2,
+                counts + 3,
+                counts + 4,
                 known_candidates(),
                 candidates_.data(),
                 seen_.data(),
@@ -195,7 +206,7 @@ public:
                 ranks_.data(),
                 points_of_nodes_.data(),
                 reached_.data(),
-                lists_.data(),
+                indices_.data(),
                 velocities_.data(),
                 before_view_};
     }
@@ -208,8 +219,7 @@ private:
     }
 
     Backend backend_;
-    Array<SurfaceCounts> counts_; ///< one
-    Array<std::uint32_t> reach_;  ///< how many nodes points reach, and how often
+    Array<std::uint32_t> counts_; ///< those of SurfaceCounts, SurfacePoints::listed and changes
     Array<SurfaceCandidate<d>> candidates_;
     Array<std::uint32_t> seen_, candidate_table_;
     Array<SurfacePoint<Number, d>> points_, before_;
@@ -221,6 +231,7 @@ private:
     std::uint32_t first_new_ = 0, most_known_ = 0; ///< points
     std::uint32_t step_ = 0, found_all_ = 0;       ///< this one, and that in which all points were found
     bool have_nodes_ = false;
+    std::size_t reached_before_ = 0;
     std::uint64_t numbering_ = 0;
     double dt_ = 1; ///< its length [s]
     Array<VectorAndNumber<Number, d>> tried_;
@@ -228,7 +239,7 @@ private:
     Array<std::uint32_t> ranks_;
     Array<PointOfNode<Number>> points_of_nodes_;
     Array<NodeAtSurface<Number, d>> reached_;
-    Array<PointsOfNode> lists_;
+    Array<ReachedIndex> indices_;
     Array<VectorAndNumber<Number, d>> velocities_;
 };
 

@@ -45,12 +45,31 @@ struct SurfacePoint
     bool is_two_sided;      ///< of a thin shell: it pushes either way, and never lets go
     bool is_plain;          ///< whether none of its nodes is light: it has all of its weight for them
     bool is_listed;         ///< whether their lists say so
+    bool is_whole;          ///< whether the grid had all of them when they were found
     Number friction;
 
     /// The same to the mean place of the nodes that take the impulse [m].
     Vector<Number, d> arm_of_impulse;
+    Number per_light;          ///< the inverse of the mass below which a node is light
     Number support;            ///< the sum of the weights of nodes with mass
     Vector<Number, d> impulse; ///< on the material [solver's unit of mass times m/s]
+
+    /// Whether this is that point, in another step or another list.
+    FIRN_HOST_DEVICE bool is(SurfacePoint const& other) const
+    {
+        bool same = obstacle == other.obstacle && behind == other.behind && is_deep == other.is_deep;
+        for (int a = 0; a < d; ++a) same = same && node[a] == other.node[a];
+        return same;
+    }
+    /// Whether this point comes first, in an order that depends on what tells points apart alone.
+    FIRN_HOST_DEVICE bool comes_before(SurfacePoint const& other) const
+    {
+        for (int a = 0; a < d; ++a)
+            if (node[a] != other.node[a]) return node[a] < other.node[a];
+        if (obstacle != other.obstacle) return obstacle < other.obstacle;
+        if (behind != other.behind) return behind < other.behind;
+        return is_deep < other.is_deep;
+    }
 
     /// The nearest impulse that the contact allows.
     FIRN_HOST_DEVICE Vector<Number, d> allowed(Vector<Number, d> const& wanted) const
@@ -109,16 +128,33 @@ template <class Number>
 struct NodeOfPoint
 {
     static constexpr std::uint32_t none = 0; ///< the first of all nodes, on which there is nothing
-    std::uint32_t node;                      ///< 1 + its index, see Grid::nodes_by_index(); or none
-    Number weight;
+    /// 1 + its number among those that points reach; or none; or until it has been numbered index_of(its
+    /// index), see Grid::nodes_by_index().
+    std::uint32_t node;
+    Number weight; ///< negative while the grid has no such node
+
+    FIRN_HOST_DEVICE static std::uint32_t index_of(std::uint32_t index) { return ~index; }
+    FIRN_HOST_DEVICE bool has_index() const { return node >> 31 != 0; }
+    FIRN_HOST_DEVICE std::uint32_t index() const { return ~node; }
 };
 
 /// A point that reaches a node.
 template <class Number>
 struct PointOfNode
 {
-    std::uint32_t point;
+    static constexpr int bits = 26; ///< of a point's number
+    std::uint32_t place_and_point;  ///< the node's place in the point's stencil, and the point's number
     Number weight;
+
+    FIRN_HOST_DEVICE static PointOfNode of(int place, std::size_t point, Number weight)
+    {
+        return {(static_cast<std::uint32_t>(place) << bits) | static_cast<std::uint32_t>(point), weight};
+    }
+    FIRN_HOST_DEVICE int place() const { return static_cast<int>(place_and_point >> bits); }
+    FIRN_HOST_DEVICE std::uint32_t point() const
+    {
+        return place_and_point & ((std::uint32_t(1) << bits) - 1);
+    }
 };
 
 /// Where the points of a node lie in the list of those of all nodes.
@@ -127,15 +163,22 @@ struct PointsOfNode
     std::uint32_t begin, count;
 };
 
-/// A node that points reach. What they give it comes to the same sum in any order, and nothing if it has no
-/// velocity.
+/// What an index of the grid has: the number of its node among those that points reach, and how many points
+/// these are; 0 if none does.
+struct ReachedIndex
+{
+    std::uint32_t number, count;
+};
+
+/// A node that points reach.
 template <class Number, int d>
 struct NodeAtSurface
 {
-    std::uint32_t node; ///< 1 + its index
+    VectorAndNumber<Number, d> free; ///< its velocity without contact [m/s], and 0
+    Coordinates<d> place;
+    std::uint32_t node; ///< 1 + its index, or 0 if the grid does not have it any more
     PointsOfNode points;
-    Number inverse_mass;    ///< 0 if its mass is too small for a velocity
-    Vector<Number, d> free; ///< its velocity without contact [m/s]
+    Number inverse_mass; ///< 0 if its mass is too small for a velocity
 };
 
 /// What lanes of places are to an obstacle.
@@ -160,9 +203,7 @@ struct PointsBefore
     {
         for (std::uint32_t at = hash(now) & mask; table[at] != 0; at = (at + 1) & mask) {
             SurfacePoint<Number, d> const& point = points[table[at] - 1];
-            bool same = point.obstacle == now.obstacle && point.behind == now.behind;
-            for (int a = 0; a < d; ++a) same = same && point.node[a] == now.node[a];
-            if (same) return &point;
+            if (point.is(now)) return &point;
         }
         return nullptr;
     }
@@ -177,7 +218,8 @@ private:
     FIRN_HOST_DEVICE static std::uint32_t hash(SurfacePoint<Number, d> const& point)
     {
         return static_cast<std::uint32_t>(
-            mixed<d>((std::uint64_t(point.behind) << 32) + point.obstacle, point.node) >> 16);
+            mixed<d>((std::uint64_t(2 * point.behind + point.is_deep) << 32) + point.obstacle, point.node) >>
+            16);
     }
 };
 
@@ -219,10 +261,11 @@ private:
     }
 };
 
-/// How many there are beyond those that are known, and those beyond the room included.
+/// How many there are beyond those that are known, and those beyond the room included; and how many nodes
+/// points reach.
 struct SurfaceCounts
 {
-    std::uint32_t candidates, points;
+    std::uint32_t candidates, points, reached;
 };
 
 /// The points of a step and the nodes that they reach, as loops see them.
@@ -232,8 +275,10 @@ struct SurfacePoints
     /// Stencils lie in tiles of so many points: first the first node of each of these, then the second one.
     static constexpr std::size_t tile = 32;
 
-    SurfaceCounts* counts;
-    std::uint32_t *reached_nodes, *listed; ///< how many nodes points reach, and how often
+    std::uint32_t *new_candidates, *new_points; ///< see SurfaceCounts
+    std::uint32_t* reached_nodes;
+    std::uint32_t* listed;  ///< how many pairs of a node and a point there are
+    std::uint32_t* changes; ///< how often nodes got new points in this step
     KnownCandidates<d> known;
     SurfaceCandidate<d>* candidates;
     std::uint32_t* seen; ///< by candidate: the last step in which it was one
@@ -241,16 +286,14 @@ struct SurfacePoints
     std::uint32_t known_points;
     SurfacePoint<Number, d>* points;
     std::uint32_t candidates_room, points_room;
-    /// By point: the impulse from which the next sweep starts, and the inverse of the mass below which a node
-    /// is light.
-    VectorAndNumber<Number, d>* tried;
+    VectorAndNumber<Number, d>* tried;    ///< by point: the impulse from which the next sweep starts, and 1
     NodeOfPoint<Number>* stencils;        ///< with all nodes
     NodeOfPoint<Number>* acting;          ///< with those that have mass, and less weight if that is light
     std::uint32_t* ranks;                 ///< of each of these: the point's number among those of the node
     PointOfNode<Number>* points_of_nodes; ///< the points of each node, one behind the other
     NodeAtSurface<Number, d>* reached;    ///< the nodes that points reach
-    PointsOfNode* lists;                  ///< by 1 + index
-    /// By 1 + index: velocities with the impulses of the last sweep [m/s]; and masses, 0 if they are too
+    ReachedIndex* indices;                ///< by index
+    /// By 1 + number: velocities with the impulses of the last sweep [m/s]; and masses, 0 if they are too
     /// small for a velocity, or in sweeps the sum of the points' weights over them. All is 0 for the first.
     VectorAndNumber<Number, d>* velocities;
     PointsBefore<Number, d> before;

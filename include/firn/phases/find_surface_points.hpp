@@ -101,7 +101,7 @@ private:
             candidate.obstacle = obstacle;
             std::uint32_t number = found.known.find(candidate);
             if (number == KnownCandidates<d>::absent) {
-                number = found.known.count + next_number_of_all(found.counts->candidates);
+                number = found.known.count + next_number_of_all(*found.new_candidates);
                 if (number >= found.candidates_room) return; // the host makes room, and looks again
                 found.candidates[number] = candidate;
             }
@@ -131,7 +131,7 @@ struct FindSurfacePoints
     FIRN_HOST_DEVICE void operator()(std::size_t c) const
     {
         std::size_t const number = found.known.count + c;
-        if (c >= found.counts->candidates || number >= found.candidates_room) return;
+        if (c >= *found.new_candidates || number >= found.candidates_room) return;
         SurfaceCandidate<d> const candidate = found.candidates[number];
         LanePosition<Number, d> const place{lattice, candidate.node, zeros<Vector<Number, d>>(),
                                             kernel_reach(Kernel::degree)};
@@ -273,7 +273,7 @@ private:
                               Obstacle const& obstacle, At const& at, Vector<Number, d> const& shift,
                               bool is_deep, std::uint32_t behind) const
     {
-        std::uint32_t const number = found.known_points + next_number_of_all(found.counts->points);
+        std::uint32_t const number = found.known_points + next_number_of_all(*found.new_points);
         if (number >= found.points_room) return; // the host makes room, and looks again
         SurfacePoint<Number, d>& point = found.points[number];
         point.node = place.first;
@@ -287,6 +287,7 @@ private:
         point.behind = behind;
         point.is_deep = is_deep;
         point.is_plain = point.is_listed = false;
+        point.is_whole = true;
         Contact contact = obstacle.contact;
         if (is_deep && !contact.sticks) // nothing slides there
             contact = Contact::coulomb(std::numeric_limits<double>::max());

@@ -6,7 +6,6 @@
 #include <firn/phases/find_surface_points.hpp>
 #include <firn/phases/surface_stencils.hpp>
 
-#include <cmath>
 #include <cstddef>
 #include <cstdint>
 
@@ -18,62 +17,6 @@
 // the step before.
 namespace firn
 {
-
-/// Rounds numbers to the multiples of a unit, so that their sum comes out the same in any order.
-struct UnitOfSums
-{
-    double large; ///< the spacing of doubles as large as this is the unit
-
-    /// The power of two at or below this.
-    static UnitOfSums at(double unit) { return {std::ldexp(1.5, 52 + std::ilogb(unit))}; }
-
-    FIRN_HOST_DEVICE double rounded(double x) const
-    {
-        round(x, large);
-        return x;
-    }
-    /// Rounds a double, or four, by so large numbers.
-    template <class Numbers>
-    FIRN_HOST_DEVICE static void round(Numbers& x, Numbers const& large)
-    {
-#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) // or compilers add in another order
-        Numbers const volatile sum = x + large, rounded = sum - large;
-        x = rounded;
-#else
-        Numbers const sum = x + large;
-        x = sum - large;
-#endif
-    }
-};
-
-/// Sums of vectors. They have two parts each: one double has too few digits where a node with hardly any mass
-/// gains 1e4 cells a step from one point and next to nothing from another one.
-class SumsInAnyOrder
-{
-public:
-    FIRN_HOST_DEVICE explicit SumsInAnyOrder(UnitOfSums const& unit) : coarse_{}, fine_{}
-    {
-        for (int i = 0; i < 4; ++i) large_[i] = unit.large, larger_[i] = unit.large * 0x1p26;
-    }
-    /// Adds numbers, each times a factor: up to 2^76 units, rounded to 2^26 of them, and the rest to one.
-    template <class Numbers>
-    FIRN_HOST_DEVICE void add(Numbers const& numbers, double factor)
-    {
-        Four<double> x;
-        convert(numbers, x);
-        x = x * factor;
-        Four<double> most = x;
-        UnitOfSums::round(most, larger_);
-        coarse_ += most;
-        x = x - most;
-        UnitOfSums::round(x, large_);
-        fine_ += x;
-    }
-    FIRN_HOST_DEVICE double operator[](int i) const { return coarse_[i] + fine_[i]; }
-
-private:
-    Four<double> coarse_, fine_, large_, larger_;
-};
 
 /// Of how many points a node reads the impulses at once, so that a device waits for them together: where the
 /// surface is plane, of all.
@@ -87,38 +30,30 @@ inline constexpr std::uint32_t points_at_once = 1;
 template <class Kernel, class Number, int d, class Nodes>
 struct GatherImpulses : PointLoop<Kernel, Number, d>
 {
-    UnitOfSums unit;       ///< of the velocities that nodes gain [m/s]
-    UnitOfSums of_weights; ///< of the sum of weights
     Nodes by_index;
-    int velocity;          ///< the first channel of the grid's values
-    bool is_first = false; ///< the weights of points are summed, too
-    bool is_last = false;  ///< the grid takes the velocities
+    int velocity;         ///< the first channel of the grid's values
+    bool is_last = false; ///< the grid takes the velocities
 
     FIRN_HOST_DEVICE void operator()(std::size_t i) const
     {
         auto const& surface = this->of;
         if (i >= *surface.reached_nodes) return;
         NodeAtSurface<Number, d> const node = surface.reached[i];
-        SumsInAnyOrder gained(unit);
-        double weights = 0;
+        VectorAndNumber<Number, d> gained{}; // and the sum of weights
         std::uint32_t const end = node.points.begin + (node.inverse_mass > 0 ? node.points.count : 0);
         for (std::uint32_t first = node.points.begin; first < end; first += points_at_once) {
             FIRN_UNROLL_ON_DEVICE
             for (std::uint32_t k = 0; k < points_at_once; ++k) {
                 PointOfNode<Number> from = surface.points_of_nodes[first + k < end ? first + k : end - 1];
                 if (first + k >= end) from.weight = 0;
-                auto const tried = surface.tried[from.point]; // all of it at once
-                gained.add(tried.all, double(from.weight * node.inverse_mass));
-                if (is_first) weights += of_weights.rounded(double(from.weight));
+                auto const tried = surface.tried[from.point()]; // all of it at once
+                gained.all += tried.all * from.weight;
             }
         }
-        Vector<Number, d> v;
-        for (int a = 0; a < d; ++a) v[a] = node.free[a] + static_cast<Number>(gained[a]);
-        surface.velocities[node.node].set(v);
-        if (is_first)
-            surface.velocities[node.node].set_number(node.inverse_mass * static_cast<Number>(weights));
+        VectorAndNumber<Number, d>& v = surface.velocities[i + 1];
+        v.all = node.free.all + gained.all * node.inverse_mass;
         if (is_last && node.inverse_mass > 0)
-            for (int a = 0; a < d; ++a) by_index.value(node.node - 1, velocity + a) = v[a];
+            for (int a = 0; a < d; ++a) by_index.value(node.node - 1, velocity + a) = v.all[a];
     }
 };
 
@@ -130,13 +65,13 @@ struct SweepPoints : PointLoop<Kernel, Number, d>
     using typename Loop::Cell;
     Number cell_size;      ///< [m]
     Number ahead = 0;      ///< by which share of its change the next sweep starts ahead
-    bool is_first = false; ///< it finds what the point reaches
+    bool is_first = false; ///< it finds what the point reaches, if that may have changed
 
     FIRN_HOST_DEVICE void operator()(std::size_t p) const
     {
         auto const& surface = this->of;
         SurfacePoint<Number, d>& point = surface.points[p];
-        if (is_first) begin(p, point);
+        if (is_first && !point.is_listed) begin(p, point);
         // the velocity, and a bound on the speed [m/s] that an impulse of 1 gives if the points around get
         // one, too
         VectorAndNumber<Number, d> of_column[std::size_t(Cell::width)]{}; // which do not wait for one another

@@ -14,8 +14,10 @@
 
 // Which nodes the points of surfaces reach, and which points reach a node: found before the sweeps of
 // surface_contact.hpp, in each step anew unless obstacles are at rest. The points of a node are listed, since
-// many would wait for one another if they added to it. Loops are short, with one thing to find each, so that
-// a device waits for the memory of many at once.
+// many would wait for one another if they added to it, and in an order of their own, so that sums have the
+// same bits however loops ran. Nodes that points reach are numbered through, so that sweeps find all of them
+// close together, and keep their numbers where the grid gives them other indices. Loops are short, with one
+// thing to find each, so that a device waits for the memory of many at once.
 namespace firn
 {
 
@@ -88,14 +90,16 @@ struct RowLoop : PointLoop<Kernel, Number, d>
     }
 };
 
-/// Finds the nodes of a point's stencil, which count their points.
+/// Finds the nodes of a new point's stencil, which count their points; and where the grid has others than
+/// before, those that a point had not found.
 template <class Kernel, class Transfer, class Number, int d, int rows_of_part, class Nodes>
 struct FindNodesOfPoints : RowLoop<Kernel, Number, d, rows_of_part>
 {
     using Rows = RowLoop<Kernel, Number, d, rows_of_part>;
     using typename Rows::Cell;
     Nodes by_index;          ///< see Grid::nodes_by_index()
-    std::size_t first_point; ///< of those that have none yet
+    std::size_t first_point; ///< from which on they are found
+    std::size_t first_new;   ///< of the points that have none yet
 
     /// How many parts there are from the tile of the first one on.
     static std::size_t count(std::size_t points, std::size_t first)
@@ -106,7 +110,8 @@ struct FindNodesOfPoints : RowLoop<Kernel, Number, d, rows_of_part>
     {
         std::size_t const p = Rows::point(i) + first_of_tile(first_point);
         if (p < first_point || p >= this->points) return;
-        SurfacePoint<Number, d> const& point = this->of.points[p];
+        SurfacePoint<Number, d>& point = this->of.points[p];
+        if (p < first_new && point.is_whole) return;
         Vector<Number, d> offset;
         Coordinates<d> const center = Rows::cell_of(point, offset);
         Cell const cell(offset);
@@ -119,9 +124,8 @@ struct FindNodesOfPoints : RowLoop<Kernel, Number, d, rows_of_part>
 private:
     FIRN_HOST_DEVICE static std::size_t first_of_tile(std::size_t p) { return p / Rows::tile * Rows::tile; }
 
-    FIRN_HOST_DEVICE void find(std::size_t p, SurfacePoint<Number, d> const& point,
-                               Coordinates<d> const& center, int row,
-                               std::array<Number, std::size_t(Cell::width)> const& of_row) const
+    FIRN_HOST_DEVICE void find(std::size_t p, SurfacePoint<Number, d>& point, Coordinates<d> const& center,
+                               int row, std::array<Number, std::size_t(Cell::width)> const& of_row) const
     {
         auto const& surface = this->of;
         std::size_t const place = Rows::place(p, row * Cell::width);
@@ -135,39 +139,74 @@ private:
         }
         std::uint32_t index[std::size_t(Cell::width)], rank[std::size_t(Cell::width)]{};
         Number weight[std::size_t(Cell::width)];
+        bool finds[std::size_t(Cell::width)];
         FIRN_UNROLL_ON_DEVICE
         for (int k = 0; k < Cell::width; ++k) {
             index[k] = k == 0 ? by_index.find(node) : by_index.find_next(node, index[k - 1]);
             weight[k] = of_row[std::size_t(k)];
             if (point.is_deep) weight[k] = Number(is_deeper && node[d - 1] == point.node[d - 1] ? 1 : 0);
+            finds[k] = p >= first_new || surface.stencils[place + std::size_t(k) * Rows::tile].weight < 0;
             ++node[d - 1];
         }
         // a loop of its own: these wait for one another's memory together
+        std::uint32_t found = 0;
         FIRN_UNROLL_ON_DEVICE
         for (int k = 0; k < Cell::width; ++k) {
-            if (index[k] == Nodes::absent || !(weight[k] > 0)) continue;
-            rank[k] = next_number(surface.lists[index[k] + 1].count);
-            if (rank[k] == 0) surface.reached[next_number_of_all(*surface.reached_nodes)].node = index[k] + 1;
+            if (!finds[k] || index[k] == Nodes::absent || !(weight[k] > 0)) continue;
+            ++found;
+            rank[k] = next_number(surface.indices[index[k]].count);
+            if (rank[k] != 0) continue;
+            std::uint32_t const number = next_number_of_all(*surface.reached_nodes);
+            surface.indices[index[k]].number = number;
+            NodeAtSurface<Number, d>& reached = surface.reached[number];
+            reached.node = index[k] + 1;
+            reached.place = node;
+            reached.place[d - 1] += k - Cell::width;
         }
+        if (found > 0) next_number_of_all(*surface.changes);
+        bool misses = false;
         FIRN_UNROLL_ON_DEVICE
         for (int k = 0; k < Cell::width; ++k) {
-            bool const is_there = index[k] != Nodes::absent && weight[k] > 0;
+            if (!finds[k]) continue;
+            bool const counts = weight[k] > 0, is_there = index[k] != Nodes::absent && counts;
+            misses = misses || (counts && !is_there);
             surface.stencils[place + std::size_t(k) * Rows::tile] = {
-                is_there ? index[k] + 1 : NodeOfPoint<Number>::none, is_there ? weight[k] : Number(0)};
+                is_there ? NodeOfPoint<Number>::index_of(index[k]) : NodeOfPoint<Number>::none,
+                is_there ? weight[k]
+                : counts ? -weight[k]
+                         : Number(0)};
             surface.ranks[place + std::size_t(k) * Rows::tile] = rank[k];
         }
+        if (misses) point.is_whole = false;
     }
 };
 
-/// No point reaches a node any more.
+/// Indices that the nodes had which points reach have nothing any more.
 template <class Number, int d>
-struct ForgetNodes
+struct ForgetIndices
 {
     SurfacePoints<Number, d> of;
 
     FIRN_HOST_DEVICE void operator()(std::size_t i) const
     {
-        if (i < *of.reached_nodes) of.lists[of.reached[i].node].count = 0;
+        if (i < *of.reached_nodes && of.reached[i].node != 0) of.indices[of.reached[i].node - 1].count = 0;
+    }
+};
+
+/// Finds the indices that they have now.
+template <class Number, int d, class Nodes>
+struct FindIndices
+{
+    SurfacePoints<Number, d> of;
+    Nodes by_index;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t i) const
+    {
+        if (i >= *of.reached_nodes) return;
+        NodeAtSurface<Number, d>& node = of.reached[i];
+        std::uint32_t const index = by_index.find(node.place);
+        node.node = index == Nodes::absent ? 0 : index + 1;
+        if (node.node != 0) of.indices[index] = {static_cast<std::uint32_t>(i), node.points.count};
     }
 };
 
@@ -180,22 +219,27 @@ struct BeginNodes
     Nodes by_index;
     Number smallest_mass; ///< see UpdateGrid
     int mass, velocity;   ///< the channels of the sums, and of the values
-    bool are_new;
+    bool may_change;
 
     FIRN_HOST_DEVICE void operator()(std::size_t i) const
     {
         if (i >= *of.reached_nodes) return;
         NodeAtSurface<Number, d>& node = of.reached[i];
-        std::uint32_t const index = node.node - 1;
-        Number const sum = by_index.sum(index, mass);
-        node.inverse_mass = sum > smallest_mass ? 1 / sum : Number(0);
-        for (int a = 0; a < d; ++a) node.free[a] = by_index.value(index, velocity + a);
-        if (are_new) {
-            PointsOfNode& points = of.lists[node.node];
-            points.begin = next_number_of_all(*of.listed, points.count);
-            node.points = points;
+        bool const is_there = node.node != 0;
+        std::uint32_t const index = is_there ? node.node - 1 : 0;
+        if (may_change && *of.changes > 0) {
+            if (is_there) node.points.count = of.indices[index].count;
+            node.points.begin = next_number_of_all(*of.listed, node.points.count);
         }
-        of.velocities[node.node].set_number(sum > smallest_mass ? sum : Number(0));
+        Number const sum = is_there ? by_index.sum(index, mass) : Number(0);
+        bool const has_mass = sum > smallest_mass;
+        node.inverse_mass = has_mass ? 1 / sum : Number(0);
+        Vector<Number, d> free = zeros<Vector<Number, d>>();
+        if (has_mass)
+            for (int a = 0; a < d; ++a) free[a] = by_index.value(index, velocity + a);
+        node.free.set(free);
+        node.free.set_number(Number(0));
+        of.velocities[i + 1].set_number(has_mass ? sum : Number(0));
     }
 };
 
@@ -208,13 +252,16 @@ inline constexpr double light_node = 0.0001;
 template <class Kernel, class Number, int d>
 struct BeginPoints : PointLoop<Kernel, Number, d>
 {
-    Number longer;     ///< the step over the one before
-    std::size_t first; ///< of the points that are new
-    bool are_new;      ///< the lists of nodes are
+    Number longer;             ///< the step over the one before
+    std::size_t first;         ///< of the points that are new
+    std::size_t first_without; ///< of those that had no nodes
+    bool may_change;           ///< the lists of nodes may
 
     FIRN_HOST_DEVICE void operator()(std::size_t p) const
     {
         auto const& surface = this->of;
+        bool const have_changed = may_change && *surface.changes > 0;
+        if (have_changed && (p >= first_without || !surface.points[p].is_whole)) number(p);
         Number mean = 0, least = std::numeric_limits<Number>::max();
         this->for_each_node(surface.stencils, p, [&](int, Number weight, std::uint32_t node) {
             Number const mass = surface.velocities[node].number();
@@ -228,51 +275,22 @@ struct BeginPoints : PointLoop<Kernel, Number, d>
                             ? point.allowed(Vector<Number, d>(before->impulse * longer))
                             : zeros<Vector<Number, d>>();
         surface.tried[p].set(point.impulse);
-        Number const per_light = is_one && mean > 0 ? 1 / (mean * Number(light_node)) : Number(0);
-        surface.tried[p].set_number(per_light);
+        surface.tried[p].set_number(Number(1));
+        point.per_light = is_one && mean > 0 ? 1 / (mean * Number(light_node)) : Number(0);
         bool const was_plain = point.is_plain;
-        point.is_plain = least * per_light >= 1;
-        point.is_listed = !are_new && was_plain && point.is_plain;
-    }
-};
-
-/// Points enter themselves in the lists of their nodes, with the weights that they have for these.
-template <class Kernel, class Number, int d, int rows_of_part>
-struct ListPoints : RowLoop<Kernel, Number, d, rows_of_part>
-{
-    using Rows = RowLoop<Kernel, Number, d, rows_of_part>;
-    using typename Rows::Cell;
-
-    FIRN_HOST_DEVICE void operator()(std::size_t i) const
-    {
-        std::size_t const p = Rows::point(i);
-        if (p >= this->points) return;
-        if (this->of.points[p].is_listed) return;
-        Number const per_light = this->of.tried[p].number();
-        int const first = Rows::first_row(i);
-        for (int row = first; row < first + rows_of_part; ++row)
-            list(p, Rows::place(p, row * Cell::width), per_light);
+        point.is_plain = least * point.per_light >= 1;
+        point.is_listed = !have_changed && was_plain && point.is_plain;
     }
 
 private:
-    FIRN_HOST_DEVICE void list(std::size_t p, std::size_t place, Number per_light) const
+    /// Nodes have numbers, which a stencil has in place of their indices.
+    FIRN_HOST_DEVICE void number(std::size_t p) const
     {
-        auto const& surface = this->of;
-        NodeOfPoint<Number> there[std::size_t(Cell::width)];
-        std::uint32_t at[std::size_t(Cell::width)];
+        NodeOfPoint<Number>* const stencil = this->of.stencils + this->place(p, 0);
         FIRN_UNROLL_ON_DEVICE
-        for (int k = 0; k < Cell::width; ++k) {
-            there[k] = surface.stencils[place + std::size_t(k) * Rows::tile];
-            at[k] = surface.lists[there[k].node].begin + surface.ranks[place + std::size_t(k) * Rows::tile];
-            Number const mass = surface.velocities[there[k].node].number();
-            there[k].weight *= min(mass * per_light, Number(1));
-            if (!(mass > 0)) there[k].node = NodeOfPoint<Number>::none;
-        }
-        FIRN_UNROLL_ON_DEVICE
-        for (int k = 0; k < Cell::width; ++k) {
-            surface.acting[place + std::size_t(k) * Rows::tile] = there[k];
-            if (there[k].node != NodeOfPoint<Number>::none)
-                surface.points_of_nodes[at[k]] = {static_cast<std::uint32_t>(p), there[k].weight};
+        for (int k = 0; k < this->nodes_of_each; ++k) {
+            NodeOfPoint<Number>& there = stencil[std::size_t(k) * this->tile];
+            if (there.has_index()) there.node = this->of.indices[there.index()].number + 1;
         }
     }
 };

@@ -4,6 +4,7 @@
 #include <firn/core/error.hpp>
 #include <firn/effects/surface_memory.hpp>
 #include <firn/phases/find_surface_points.hpp>
+#include <firn/phases/points_of_nodes.hpp>
 #include <firn/phases/step_context.hpp>
 #include <firn/phases/surface_contact.hpp>
 #include <firn/time_stepping/step_scene.hpp>
@@ -94,32 +95,34 @@ void act_at_surfaces(StepMemory<Backend, Sets, Transfer> const& memory,
     // a device has as many parts of a loop at once as it can have
     constexpr int rows_of_part = Backend::queues ? 1 : Loop::Cell::rows;
     using Rows = RowLoop<Kernel, Number, d, rows_of_part>;
-    std::size_t const first_new = surface.first_new(),
-                      most_nodes =
-                          std::min(grid.node_count(), std::size_t(points) * std::size_t(Loop::nodes_of_each)),
-                      first = surface.have_nodes(grid.numbering()) ? first_new : 0;
-    bool const are_new = points > first;
-    if (are_new) {
-        if (first == 0)
-            backend.for_each(surface.most_reached_before(), ForgetNodes<Number, d>{surface.view()});
-        surface.make_room(points, std::size_t(Loop::nodes_of_each), grid.node_count(), grid.numbering());
+    constexpr auto nodes_of_each = std::size_t(Loop::nodes_of_each);
+    // those without nodes are new, and where the grid has other nodes all may miss one that is there now
+    std::size_t const first_without = surface.have_nodes() ? surface.first_new() : 0,
+                      first = surface.have_indices(grid.numbering()) ? first_without : 0,
+                      most_new = std::min(grid.node_count(), (points - first) * nodes_of_each);
+    bool const may_change = points > first;
+    if (may_change) {
+        if (first == 0) backend.for_each(surface.reached_before(), ForgetIndices<Number, d>{surface.view()});
+        if (first_without == 0) surface.forget_nodes();
+        surface.make_room(points, nodes_of_each, most_new, grid.node_count(), grid.numbering());
     }
     Loop const loop{surface.view()};
     Rows const rows{loop, points};
     using FindNodes = FindNodesOfPoints<Kernel, Transfer, Number, d, rows_of_part, Nodes>;
-    if (are_new) backend.for_each(FindNodes::count(points, first), FindNodes{rows, by_index, first});
-    std::size_t const nodes = surface.most_reached(most_nodes);
+    if (may_change) {
+        if (first == 0)
+            backend.for_each(surface.reached_before(), FindIndices<Number, d, Nodes>{loop.of, by_index});
+        backend.for_each(FindNodes::count(points, first), FindNodes{rows, by_index, first, first_without});
+    }
+    std::size_t const nodes = surface.most_reached(may_change ? most_new : 0);
     backend.for_each(nodes, BeginNodes<Number, d, Nodes>{loop.of, by_index, scene.smallest_node_mass,
-                                                         Sums::mass, Values::velocity, are_new});
-    backend.for_each(points, BeginPoints<Kernel, Number, d>{loop, longer, first_new, are_new});
+                                                         Sums::mass, Values::velocity, may_change});
+    backend.for_each(
+        points, BeginPoints<Kernel, Number, d>{loop, longer, surface.first_new(), first_without, may_change});
     backend.for_each(Rows::count(points), ListPoints<Kernel, Number, d, rows_of_part>{rows});
-    // velocities in units of 2^-46 cells a step
-    GatherImpulses<Kernel, Number, d, Nodes> gather{loop,
-                                                    UnitOfSums::at(0x1p-46 * memory.lattice.cell_size / dt),
-                                                    UnitOfSums::at(0x1p-40), by_index, Values::velocity};
-    gather.is_first = true;
+    if (may_change) backend.for_each(nodes, SortPoints<Kernel, Number, d>{loop});
+    GatherImpulses<Kernel, Number, d, Nodes> gather{loop, by_index, Values::velocity};
     backend.for_each(nodes, gather);
-    gather.is_first = false;
     SweepPoints<Kernel, Number, d> sweep{loop, cell_size};
     double weight = 1;
     for (int i = 1; i <= sweeps; ++i) {
