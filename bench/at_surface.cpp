@@ -60,11 +60,15 @@ int main(int argc, char** argv)
     int const rounds = argc > 1 ? std::atoi(argv[1]) : 9;
     Obstacle<AnyShape<>> const floor{.shape = HalfSpace{}};
     auto const wall = [](double towards, double z) {
-        return Obstacle<AnyShape<>>{.shape = HalfSpace{{0, 0, towards}}, .motion = {.position = {0, 0, z}}};
+        return Obstacle<AnyShape<>>{.shape = HalfSpace{{0, 0, towards}},
+                                    .motion = {.position = {0, 0, z}, .time = 0}};
     };
     compare("floor", side, side, side, {floor}, rounds);
     if (bench::on_a_device) compare("floor", 2 * side, 2 * side, 2 * side, {floor}, rounds);
     int const narrow = 24; // a third of its cells lie at a wall
-    compare("three_walls", side * side * side / (narrow * narrow) / 2, narrow, narrow,
-            {floor, wall(1, 0), wall(-1, narrow * h / 2)}, rounds);
+    int const length = side * side * side / (narrow * narrow) / 2;
+    std::vector<Obstacle<AnyShape<>>> walls{floor, wall(1, 0), wall(-1, narrow * h / 2)};
+    compare("three_walls", length, narrow, narrow, walls, rounds);
+    for (auto& each : walls) each.motion.velocity = {1, 0, 1}, each.motion.time = 0;
+    compare("moving_walls", length, narrow, narrow, walls, rounds);
 }

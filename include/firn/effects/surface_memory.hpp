@@ -23,9 +23,9 @@ class SurfaceMemory
 public:
     explicit SurfaceMemory(Backend const& backend)
         : backend_(backend), counts_(backend), candidates_(backend), seen_(backend),
-          candidate_table_(backend), points_(backend), before_(backend), table_(backend), tried_(backend),
-          stencils_(backend), acting_(backend), ranks_(backend), points_of_nodes_(backend), reached_(backend),
-          indices_(backend), velocities_(backend)
+          candidate_table_(backend), points_(backend), before_(backend), table_(backend),
+          table_before_(backend), tried_(backend), stencils_(backend), acting_(backend), ranks_(backend),
+          points_of_nodes_(backend), reached_(backend), indices_(backend), velocities_(backend)
     {
         counts_.resize(5);
         counts_.fill(0, 5, 0);
@@ -36,7 +36,11 @@ public:
 
     /// Forgets the impulses of the step before: it was not taken, or a call begins. What a call does then
     /// depends on the state before it alone.
-    void forget() { known_ = known_candidates_ = 0; }
+    void forget()
+    {
+        known_ = known_candidates_ = entered_points_ = 0;
+        table_size_ = 0;
+    }
     bool is_at_rest = false; ///< whether no obstacle moves in this call
     /// Of obstacles that are in one world each: their numbers among those of their world. Empty for others.
     std::vector<std::uint32_t> numbers_in_worlds;
@@ -50,21 +54,21 @@ public:
     }
     /// Whether sweeps start from the impulses of the step before.
     bool goes_on() const { return known_ > 0; }
-    /// Before a step. While obstacles are at rest it goes on with the points of the step before. Now and then
-    /// points are found anew, since those are among them that were points once.
+    /// Before a step. It goes on with the points of the step before. Now and then points are found anew,
+    /// since those are among them that were points once.
     void begin_step()
     {
         ++step_;
-        bool const finds_all = !is_at_rest || known_ == 0 || known_ > most_known_ || step_ - found_all_ >= 64;
+        bool const finds_all = known_ == 0 || known_ > most_known_ || step_ - found_all_ >= 64;
         first_new_ = finds_all ? 0 : known_;
+        if (finds_all || !is_at_rest) enter_points();
         if (!finds_all) return;
         points_.swap(before_);
         if (points_.size() < before_.size()) points_.resize(before_.size(), 0);
-        std::size_t const size = std::bit_ceil(2 * std::size_t(known_) + 1);
-        if (table_.size() < size) table_.resize(size, 0);
-        table_.fill(0, size, 0);
-        before_view_ = {before_.data(), table_.data(), static_cast<std::uint32_t>(size - 1)};
-        backend_.for_each(known_, before_view_);
+        table_.swap(table_before_);
+        before_mask_ = mask_of(table_size_);
+        entered_points_ = 0;
+        table_size_ = 0;
         found_all_ = step_;
         known_candidates_ = 0;
         entered_ = 0;
@@ -81,7 +85,7 @@ public:
         std::uint32_t const points = first_new_ + found.points;
         if (first_new_ == 0) most_known_ = points + points / 4 + 64;
         known_candidates_ += found.candidates;
-        if (!is_at_rest || found.candidates == 0) return points;
+        if (found.candidates == 0) return points;
         std::size_t const size = std::bit_ceil(2 * std::size_t(known_candidates_) + 1);
         if (entered_ == 0 || candidate_table_size_ < size) {
             candidate_table_size_ = 2 * size;
@@ -97,6 +101,10 @@ public:
         entered_ = known_candidates_;
         return points;
     }
+    /// Whether points that the step before had may have moved.
+    bool may_move() const { return first_new_ > 0 && !is_at_rest; }
+    /// How many candidates are looked at: those that are new, or all.
+    std::size_t looked_at() const { return most_candidates() + (may_move() ? known_candidates_ : 0); }
     /// How many candidates may have been found; waits for no loop.
     std::size_t most_candidates() const
     {
@@ -196,6 +204,7 @@ public:
                 candidates_.data(),
                 seen_.data(),
                 step_,
+                is_at_rest,
                 first_new_,
                 points_.data(),
                 static_cast<std::uint32_t>(candidates_.size()),
@@ -208,10 +217,31 @@ public:
                 reached_.data(),
                 indices_.data(),
                 velocities_.data(),
-                before_view_};
+                {points_.data(), table_.data(), may_move() ? mask_of(table_size_) : 0, entered_points_},
+                {before_.data(), table_before_.data(), before_mask_, known_}};
     }
 
 private:
+    static std::uint32_t mask_of(std::size_t size)
+    {
+        return size > 0 ? static_cast<std::uint32_t>(size - 1) : 0;
+    }
+
+    /// The points of the step before go into the table.
+    void enter_points()
+    {
+        std::size_t const size = std::bit_ceil(2 * std::size_t(known_) + 1);
+        if (table_size_ < size || entered_points_ > known_) {
+            table_size_ = 2 * size;
+            if (table_.size() < table_size_) table_.resize(table_size_, 0);
+            table_.fill(0, table_size_, 0);
+            entered_points_ = 0;
+        }
+        backend_.for_each(
+            known_ - entered_points_,
+            KnownPoints<Number, d>{points_.data(), table_.data(), mask_of(table_size_), entered_points_});
+        entered_points_ = known_;
+    }
     KnownCandidates<d> known_candidates()
     {
         return {candidates_.data(), candidate_table_.data(),
@@ -223,8 +253,9 @@ private:
     Array<SurfaceCandidate<d>> candidates_;
     Array<std::uint32_t> seen_, candidate_table_;
     Array<SurfacePoint<Number, d>> points_, before_;
-    Array<std::uint32_t> table_;
-    PointsBefore<Number, d> before_view_{};
+    Array<std::uint32_t> table_, table_before_;
+    std::size_t table_size_ = 0;
+    std::uint32_t entered_points_ = 0, before_mask_ = 0;
     std::uint32_t known_ = 0;                          ///< the points of the step before
     std::uint32_t known_candidates_ = 0, entered_ = 0; ///< and how many of these are in the table
     std::size_t candidate_table_size_ = 0;

@@ -1,11 +1,12 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
-#include <firn/core/cell_work.hpp>
-#include <firn/effects/chain.hpp>
+#include <firn/core/components.hpp>
+#include <firn/effects/contact.hpp>
 #include <firn/effects/surface_points.hpp>
-#include <firn/phases/scatter.hpp>
+#include <firn/phases/find_candidates.hpp>
 #include <firn/phases/step_context.hpp>
+#include <firn/phases/surface_stencils.hpp>
 
 #include <cstddef>
 #include <cstdint>
@@ -14,104 +15,8 @@
 namespace firn
 {
 
-/// Calls `use(action, first)` for each action of the chain that acts at surfaces. Their obstacles are
-/// numbered through, those of this one from `first` on.
-template <class... Actions, class Use>
-FIRN_HOST_DEVICE void for_each_at_surface(Chain<Actions...> const& chain, Use const& use)
-{
-    std::uint32_t first = 0;
-    chain.for_each([&](auto const& action) {
-        if constexpr (is_group_at_surface<std::decay_t<decltype(action)>>) {
-            use(action, first);
-            first += action.sums.obstacles;
-        }
-    });
-}
-
-/// Calls `use(action, i)` for the one of them that has an obstacle, whose number is `i` there.
-template <class... Actions, class Use>
-FIRN_HOST_DEVICE void with_surface_action(Chain<Actions...> const& chain, std::uint32_t obstacle,
-                                          Use const& use)
-{
-    for_each_at_surface(chain, [&](auto const& action, std::uint32_t first) {
-        if (obstacle - first < action.sums.obstacles) use(action, obstacle - first); // wraps if it is before
-    });
-}
-
-/// On nodes, before they are updated: finds those at which points of obstacles' surfaces may lie, since they
-/// have mass and are near a surface, or that lie deep inside.
-template <class Space, class Kernel, class Transfer, class Effects>
-struct FindCandidates
-{
-    static constexpr int d = Space::dimension;
-    using Number = typename Space::Scalar;
-    using Sums = NodeSums<d, SumsOf<Transfer>>;
-    static constexpr bool looks_around = false;
-    using Result = NothingFound;
-
-    StepContext<Number, Effects> const* now;
-    Lattice lattice;
-    Number smallest_mass; ///< see UpdateGrid
-    SurfacePoints<Number, d> found;
-
-    template <class Node>
-    FIRN_HOST_DEVICE void operator()(Node& node, Result&) const
-    {
-        using Real = typename Node::Real;
-        Mask<Real> const filled = node.sum(Sums::mass) > Real(smallest_mass);
-        if (!any(filled)) return;
-        LanePosition<Real, d> const place{lattice, node.first(), node.offset(), kernel_reach(Kernel::degree)};
-        auto const in_cells = [&](double cells) {
-            return Real(static_cast<Number>(cells * lattice.cell_size));
-        };
-        for_each_at_surface(now->actions, [&](auto const& action, std::uint32_t first) {
-            // a point lies at most half the diagonal of a cell from its node
-            action.for_each_within(place, in_cells(1), [&](std::uint32_t i, auto const& obstacle) {
-                auto const at = obstacle.template surface_at<Real>(place, zeros<Vector<Real, d>>());
-                add<Real>(place, first + i,
-                          filled & ((-at.distance > in_cells(deep_from(obstacle, place))) |
-                                    (abs(at.distance) * largest_component<Real, d>(at.normal) <=
-                                     in_cells(nearly_half_a_cell))));
-            });
-        });
-    }
-
-    /// From which depth on [cells] nodes are held: whatever sticks holds all that is inside. Others let
-    /// particles lie a tenth of a cell inside before nodes that only these reach slow them down. Thin shells
-    /// have no inside.
-    FIRN_HOST_DEVICE static double deep_from(auto const& obstacle, auto const& place)
-    {
-        if (obstacle.is_thin(place.lattice)) return 1e9;
-        return obstacle.contact.sticks ? 0 : place.kernel_reach + 0.1;
-    }
-    static constexpr double nearly_half_a_cell = 0.52;
-
-private:
-    template <class Real>
-    FIRN_HOST_DEVICE void add(LanePosition<Real, d> const& place, std::uint32_t obstacle,
-                              Mask<Real> const& which) const
-    {
-        if (!any(which)) return;
-        constexpr int width = lane_width<Real>;
-        Number along[std::size_t(d)][std::size_t(width)];
-        for (int a = 0; a < d; ++a) LaneTraits<Real>::store(place.offset[a], along[a]);
-        for_each_lane<width>(bits(which), [&](int lane) {
-            SurfaceCandidate<d> candidate;
-            for (int a = 0; a < d; ++a) candidate.node[a] = place.first[a] + static_cast<int>(along[a][lane]);
-            candidate.obstacle = obstacle;
-            std::uint32_t number = found.known.find(candidate);
-            if (number == KnownCandidates<d>::absent) {
-                number = found.known.count + next_number_of_all(*found.new_candidates);
-                if (number >= found.candidates_room) return; // the host makes room, and looks again
-                found.candidates[number] = candidate;
-            }
-            found.seen[number] = found.step;
-        });
-    }
-};
-
-/// Finds the points of obstacles' surfaces by these candidates. Each of these nodes has the point of the
-/// obstacle nearest to it, if that lies in the cube of a cell around the node.
+/// Finds the points of obstacles' surfaces by these candidates, or where points were before. Each of these
+/// nodes has the point of the obstacle nearest to it, if that lies in the cube of a cell around the node.
 ///
 /// A point inside another obstacle is no surface, so where obstacles touch, overlap or share a face they have
 /// that of their union. Of two obstacles with the same face, the first in the list has it. One exception is a
@@ -130,8 +35,10 @@ struct FindSurfacePoints
 
     FIRN_HOST_DEVICE void operator()(std::size_t c) const
     {
-        std::size_t const number = found.known.count + c;
-        if (c >= *found.new_candidates || number >= found.candidates_room) return;
+        std::size_t const first = found.kept.mask != 0 ? 0 : found.known.count, number = first + c;
+        if (number >= found.known.count + *found.new_candidates || number >= found.candidates_room ||
+            found.seen[number] != found.step)
+            return;
         SurfaceCandidate<d> const candidate = found.candidates[number];
         LanePosition<Number, d> const place{lattice, candidate.node, zeros<Vector<Number, d>>(),
                                             kernel_reach(Kernel::degree)};
@@ -273,15 +180,14 @@ private:
                               Obstacle const& obstacle, At const& at, Vector<Number, d> const& shift,
                               bool is_deep, std::uint32_t behind) const
     {
-        std::uint32_t const number = found.known_points + next_number_of_all(*found.new_points);
-        if (number >= found.points_room) return; // the host makes room, and looks again
-        SurfacePoint<Number, d>& point = found.points[number];
+        SurfacePoint<Number, d> point{};
         point.node = place.first;
         point.offset = shift * static_cast<Number>(1 / lattice.cell_size);
         point.normal = at.normal;
         point.velocity = obstacle.template velocity_at<Number>(at.arm);
         point.arm = at.arm;
         point.impulse = zeros<Vector<Number, d>>();
+        point.found = found.step;
         point.obstacle = found.candidates[candidate].obstacle;
         point.candidate = candidate;
         point.behind = behind;
@@ -296,6 +202,39 @@ private:
         point.sticks = contact.sticks;
         point.friction =
             static_cast<Number>(min(contact.friction, double(std::numeric_limits<Number>::max())));
+        if (!moves(point)) note(point);
+    }
+
+    /// Whether it is a point of the step before, which has moved at most within its cell: then it takes this
+    /// one's place. If that one came into another cell this one goes on with its impulse.
+    FIRN_HOST_DEVICE bool moves(SurfacePoint<Number, d>& point) const
+    {
+        SurfacePoint<Number, d>* const before = found.kept.find(point);
+        if (before == nullptr) return false;
+        using Loop = PointLoop<Kernel, Number, d>;
+        Vector<Number, d> offset;
+        auto const cell = Loop::cell_of(point, offset), cell_before = Loop::cell_of(*before, offset);
+        bool same = true;
+        for (int a = 0; a < d; ++a) same = same && cell[a] == cell_before[a];
+        if (!same) {
+            before->gone = found.step;
+            point.impulse = before->impulse;
+            return false;
+        }
+        before->offset = point.offset;
+        before->normal = point.normal;
+        before->velocity = point.velocity;
+        before->arm = point.arm;
+        before->candidate = point.candidate;
+        before->found = found.step;
+        return true;
+    }
+
+    FIRN_HOST_DEVICE void note(SurfacePoint<Number, d> const& point) const
+    {
+        std::uint32_t const number = found.known_points + next_number_of_all(*found.new_points);
+        if (number < found.points_room)
+            found.points[number] = point; // else the host makes room, and looks again
     }
 };
 

@@ -91,7 +91,7 @@ struct RowLoop : PointLoop<Kernel, Number, d>
 };
 
 /// Finds the nodes of a new point's stencil, which count their points; and where the grid has others than
-/// before, those that a point had not found.
+/// before, those that a point had not found. Points that may have moved get other weights.
 template <class Kernel, class Transfer, class Number, int d, int rows_of_part, class Nodes>
 struct FindNodesOfPoints : RowLoop<Kernel, Number, d, rows_of_part>
 {
@@ -100,6 +100,8 @@ struct FindNodesOfPoints : RowLoop<Kernel, Number, d, rows_of_part>
     Nodes by_index;          ///< see Grid::nodes_by_index()
     std::size_t first_point; ///< from which on they are found
     std::size_t first_new;   ///< of the points that have none yet
+    bool may_move;           ///< those that have some may have moved
+    bool has_others;         ///< the grid has other nodes than before
 
     /// How many parts there are from the tile of the first one on.
     static std::size_t count(std::size_t points, std::size_t first)
@@ -111,7 +113,8 @@ struct FindNodesOfPoints : RowLoop<Kernel, Number, d, rows_of_part>
         std::size_t const p = Rows::point(i) + first_of_tile(first_point);
         if (p < first_point || p >= this->points) return;
         SurfacePoint<Number, d>& point = this->of.points[p];
-        if (p < first_new && point.is_whole) return;
+        if (p < first_new && !(may_move && point.found == this->of.step) && !(has_others && !point.is_whole))
+            return;
         Vector<Number, d> offset;
         Coordinates<d> const center = Rows::cell_of(point, offset);
         Cell const cell(offset);
@@ -137,22 +140,45 @@ private:
             node[a] += Cell::index(row, a);
             is_deeper = is_deeper && node[a] == point.node[a];
         }
+        NodeOfPoint<Number> there[std::size_t(Cell::width)];
+        bool misses[std::size_t(Cell::width)], misses_any = false;
+        FIRN_UNROLL_ON_DEVICE
+        for (int k = 0; k < Cell::width; ++k) {
+            there[k].node = p < first_new ? surface.stencils[place + std::size_t(k) * Rows::tile].node
+                                          : NodeOfPoint<Number>::none;
+            bool const reaches = !point.is_deep || (is_deeper && node[d - 1] + k == point.node[d - 1]);
+            misses[k] = reaches && there[k].node == NodeOfPoint<Number>::none;
+            misses_any = misses_any || misses[k];
+            there[k].weight = !reaches        ? Number(0)
+                              : point.is_deep ? Number(1)
+                                              : max(of_row[std::size_t(k)], Number(0));
+        }
+        if (misses_any && (p >= first_new || has_others)) look_up(point, place, node, misses, there);
+        FIRN_UNROLL_ON_DEVICE
+        for (int k = 0; k < Cell::width; ++k) {
+            if (there[k].node == NodeOfPoint<Number>::none) there[k].weight = 0;
+            surface.stencils[place + std::size_t(k) * Rows::tile] = there[k];
+        }
+    }
+
+    /// Looks for these nodes of a row, which begins with this one.
+    FIRN_HOST_DEVICE void look_up(SurfacePoint<Number, d>& point, std::size_t place, Coordinates<d> node,
+                                  bool const (&which)[std::size_t(Cell::width)],
+                                  NodeOfPoint<Number> (&there)[std::size_t(Cell::width)]) const
+    {
+        auto const& surface = this->of;
         std::uint32_t index[std::size_t(Cell::width)], rank[std::size_t(Cell::width)]{};
-        Number weight[std::size_t(Cell::width)];
-        bool finds[std::size_t(Cell::width)];
         FIRN_UNROLL_ON_DEVICE
         for (int k = 0; k < Cell::width; ++k) {
             index[k] = k == 0 ? by_index.find(node) : by_index.find_next(node, index[k - 1]);
-            weight[k] = of_row[std::size_t(k)];
-            if (point.is_deep) weight[k] = Number(is_deeper && node[d - 1] == point.node[d - 1] ? 1 : 0);
-            finds[k] = p >= first_new || surface.stencils[place + std::size_t(k) * Rows::tile].weight < 0;
             ++node[d - 1];
         }
         // a loop of its own: these wait for one another's memory together
-        std::uint32_t found = 0;
+        std::uint32_t found = 0, absent = 0;
         FIRN_UNROLL_ON_DEVICE
         for (int k = 0; k < Cell::width; ++k) {
-            if (!finds[k] || index[k] == Nodes::absent || !(weight[k] > 0)) continue;
+            absent += which[k] && index[k] == Nodes::absent;
+            if (!which[k] || index[k] == Nodes::absent) continue;
             ++found;
             rank[k] = next_number(surface.indices[index[k]].count);
             if (rank[k] != 0) continue;
@@ -163,83 +189,14 @@ private:
             reached.place = node;
             reached.place[d - 1] += k - Cell::width;
         }
-        if (found > 0) next_number_of_all(*surface.changes);
-        bool misses = false;
         FIRN_UNROLL_ON_DEVICE
         for (int k = 0; k < Cell::width; ++k) {
-            if (!finds[k]) continue;
-            bool const counts = weight[k] > 0, is_there = index[k] != Nodes::absent && counts;
-            misses = misses || (counts && !is_there);
-            surface.stencils[place + std::size_t(k) * Rows::tile] = {
-                is_there ? NodeOfPoint<Number>::index_of(index[k]) : NodeOfPoint<Number>::none,
-                is_there ? weight[k]
-                : counts ? -weight[k]
-                         : Number(0)};
+            if (!which[k] || index[k] == Nodes::absent) continue;
+            there[k].node = NodeOfPoint<Number>::index_of(index[k]);
             surface.ranks[place + std::size_t(k) * Rows::tile] = rank[k];
         }
-        if (misses) point.is_whole = false;
-    }
-};
-
-/// Indices that the nodes had which points reach have nothing any more.
-template <class Number, int d>
-struct ForgetIndices
-{
-    SurfacePoints<Number, d> of;
-
-    FIRN_HOST_DEVICE void operator()(std::size_t i) const
-    {
-        if (i < *of.reached_nodes && of.reached[i].node != 0) of.indices[of.reached[i].node - 1].count = 0;
-    }
-};
-
-/// Finds the indices that they have now.
-template <class Number, int d, class Nodes>
-struct FindIndices
-{
-    SurfacePoints<Number, d> of;
-    Nodes by_index;
-
-    FIRN_HOST_DEVICE void operator()(std::size_t i) const
-    {
-        if (i >= *of.reached_nodes) return;
-        NodeAtSurface<Number, d>& node = of.reached[i];
-        std::uint32_t const index = by_index.find(node.place);
-        node.node = index == Nodes::absent ? 0 : index + 1;
-        if (node.node != 0) of.indices[index] = {static_cast<std::uint32_t>(i), node.points.count};
-    }
-};
-
-/// The nodes that points reach take their masses and velocities from the grid, and if these points are new,
-/// make room for them in the list of those of all nodes.
-template <class Number, int d, class Nodes>
-struct BeginNodes
-{
-    SurfacePoints<Number, d> of;
-    Nodes by_index;
-    Number smallest_mass; ///< see UpdateGrid
-    int mass, velocity;   ///< the channels of the sums, and of the values
-    bool may_change;
-
-    FIRN_HOST_DEVICE void operator()(std::size_t i) const
-    {
-        if (i >= *of.reached_nodes) return;
-        NodeAtSurface<Number, d>& node = of.reached[i];
-        bool const is_there = node.node != 0;
-        std::uint32_t const index = is_there ? node.node - 1 : 0;
-        if (may_change && *of.changes > 0) {
-            if (is_there) node.points.count = of.indices[index].count;
-            node.points.begin = next_number_of_all(*of.listed, node.points.count);
-        }
-        Number const sum = is_there ? by_index.sum(index, mass) : Number(0);
-        bool const has_mass = sum > smallest_mass;
-        node.inverse_mass = has_mass ? 1 / sum : Number(0);
-        Vector<Number, d> free = zeros<Vector<Number, d>>();
-        if (has_mass)
-            for (int a = 0; a < d; ++a) free[a] = by_index.value(index, velocity + a);
-        node.free.set(free);
-        node.free.set_number(Number(0));
-        of.velocities[i + 1].set_number(has_mass ? sum : Number(0));
+        if (found > 0) next_number_of_all(*surface.changes);
+        if (absent > 0) point.is_whole = false;
     }
 };
 
@@ -255,6 +212,7 @@ struct BeginPoints : PointLoop<Kernel, Number, d>
     Number longer;             ///< the step over the one before
     std::size_t first;         ///< of the points that are new
     std::size_t first_without; ///< of those that had no nodes
+    bool may_move;             ///< those that are not new
     bool may_change;           ///< the lists of nodes may
 
     FIRN_HOST_DEVICE void operator()(std::size_t p) const
@@ -269,8 +227,9 @@ struct BeginPoints : PointLoop<Kernel, Number, d>
             least = min(least, weight > 0 ? mass : least);
         });
         SurfacePoint<Number, d>& point = surface.points[p];
-        bool const is_one = surface.seen[point.candidate] == surface.step;
-        auto const* const before = p < first ? &point : first > 0 ? nullptr : surface.before.find(point);
+        bool const is_one =
+            (surface.are_at_rest ? surface.seen[point.candidate] : point.found) == surface.step;
+        auto const* const before = p < first || first > 0 ? &point : surface.before.find(point);
         point.impulse = before != nullptr && is_one
                             ? point.allowed(Vector<Number, d>(before->impulse * longer))
                             : zeros<Vector<Number, d>>();
@@ -279,7 +238,7 @@ struct BeginPoints : PointLoop<Kernel, Number, d>
         point.per_light = is_one && mean > 0 ? 1 / (mean * Number(light_node)) : Number(0);
         bool const was_plain = point.is_plain;
         point.is_plain = least * point.per_light >= 1;
-        point.is_listed = !have_changed && was_plain && point.is_plain;
+        point.is_listed = !have_changed && !may_move && was_plain && point.is_plain;
     }
 
 private:

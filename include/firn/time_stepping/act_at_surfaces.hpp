@@ -4,6 +4,7 @@
 #include <firn/core/error.hpp>
 #include <firn/effects/surface_memory.hpp>
 #include <firn/phases/find_surface_points.hpp>
+#include <firn/phases/nodes_at_surface.hpp>
 #include <firn/phases/points_of_nodes.hpp>
 #include <firn/phases/step_context.hpp>
 #include <firn/phases/surface_contact.hpp>
@@ -60,9 +61,8 @@ std::uint32_t find_surface_points(StepMemory<Backend, Sets, Transfer> const& mem
         memory.backend.for_each_node(scene.sets.orders(), scene.grid_state.grid(),
                                      FindCandidates<Space, Kernel, Transfer, Actions>{
                                          now, memory.lattice, scene.smallest_node_mass, found});
-        memory.backend.for_each(
-            surface.most_candidates(),
-            FindSurfacePoints<Space, Kernel, Transfer, Actions>{now, memory.lattice, found});
+        memory.backend.for_each(surface.looked_at(), FindSurfacePoints<Space, Kernel, Transfer, Actions>{
+                                                         now, memory.lattice, found});
         SurfaceCounts const counts = surface.counted();
         require(counts.points < (std::uint32_t(1) << 26), "more than 6e7 points of surfaces meet material",
                 "Obstacles", "Take larger cells, or obstacles that act on nodes.");
@@ -109,16 +109,18 @@ void act_at_surfaces(StepMemory<Backend, Sets, Transfer> const& memory,
     Loop const loop{surface.view()};
     Rows const rows{loop, points};
     using FindNodes = FindNodesOfPoints<Kernel, Transfer, Number, d, rows_of_part, Nodes>;
-    if (may_change) {
-        if (first == 0)
-            backend.for_each(surface.reached_before(), FindIndices<Number, d, Nodes>{loop.of, by_index});
-        backend.for_each(FindNodes::count(points, first), FindNodes{rows, by_index, first, first_without});
-    }
+    if (may_change && first == 0)
+        backend.for_each(surface.reached_before(), FindIndices<Number, d, Nodes>{loop.of, by_index});
+    bool const may_move = surface.may_move();
+    if (may_change || may_move)
+        backend.for_each(
+            FindNodes::count(points, may_move ? 0 : first),
+            FindNodes{rows, by_index, may_move ? 0 : first, first_without, may_move, first == 0});
     std::size_t const nodes = surface.most_reached(may_change ? most_new : 0);
     backend.for_each(nodes, BeginNodes<Number, d, Nodes>{loop.of, by_index, scene.smallest_node_mass,
                                                          Sums::mass, Values::velocity, may_change});
-    backend.for_each(
-        points, BeginPoints<Kernel, Number, d>{loop, longer, surface.first_new(), first_without, may_change});
+    backend.for_each(points, BeginPoints<Kernel, Number, d>{loop, longer, surface.first_new(), first_without,
+                                                            may_move, may_change});
     backend.for_each(Rows::count(points), ListPoints<Kernel, Number, d, rows_of_part>{rows});
     if (may_change) backend.for_each(nodes, SortPoints<Kernel, Number, d>{loop});
     GatherImpulses<Kernel, Number, d, Nodes> gather{loop, by_index, Values::velocity};

@@ -1,0 +1,113 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/core/cell_work.hpp>
+#include <firn/effects/chain.hpp>
+#include <firn/effects/surface_points.hpp>
+#include <firn/phases/scatter.hpp>
+#include <firn/phases/step_context.hpp>
+
+#include <cstddef>
+#include <cstdint>
+#include <type_traits>
+
+namespace firn
+{
+
+/// Calls `use(action, first)` for each action of the chain that acts at surfaces. Their obstacles are
+/// numbered through, those of this one from `first` on.
+template <class... Actions, class Use>
+FIRN_HOST_DEVICE void for_each_at_surface(Chain<Actions...> const& chain, Use const& use)
+{
+    std::uint32_t first = 0;
+    chain.for_each([&](auto const& action) {
+        if constexpr (is_group_at_surface<std::decay_t<decltype(action)>>) {
+            use(action, first);
+            first += action.sums.obstacles;
+        }
+    });
+}
+
+/// Calls `use(action, i)` for the one of them that has an obstacle, whose number is `i` there.
+template <class... Actions, class Use>
+FIRN_HOST_DEVICE void with_surface_action(Chain<Actions...> const& chain, std::uint32_t obstacle,
+                                          Use const& use)
+{
+    for_each_at_surface(chain, [&](auto const& action, std::uint32_t first) {
+        if (obstacle - first < action.sums.obstacles) use(action, obstacle - first); // wraps if it is before
+    });
+}
+
+/// On nodes, before they are updated: finds those at which points of obstacles' surfaces may lie, since they
+/// have mass and are near a surface, or that lie deep inside.
+template <class Space, class Kernel, class Transfer, class Effects>
+struct FindCandidates
+{
+    static constexpr int d = Space::dimension;
+    using Number = typename Space::Scalar;
+    using Sums = NodeSums<d, SumsOf<Transfer>>;
+    static constexpr bool looks_around = false;
+    using Result = NothingFound;
+
+    StepContext<Number, Effects> const* now;
+    Lattice lattice;
+    Number smallest_mass; ///< see UpdateGrid
+    SurfacePoints<Number, d> found;
+
+    template <class Node>
+    FIRN_HOST_DEVICE void operator()(Node& node, Result&) const
+    {
+        using Real = typename Node::Real;
+        Mask<Real> const filled = node.sum(Sums::mass) > Real(smallest_mass);
+        if (!any(filled)) return;
+        LanePosition<Real, d> const place{lattice, node.first(), node.offset(), kernel_reach(Kernel::degree)};
+        auto const in_cells = [&](double cells) {
+            return Real(static_cast<Number>(cells * lattice.cell_size));
+        };
+        for_each_at_surface(now->actions, [&](auto const& action, std::uint32_t first) {
+            // a point lies at most half the diagonal of a cell from its node
+            action.for_each_within(place, in_cells(1), [&](std::uint32_t i, auto const& obstacle) {
+                auto const at = obstacle.template surface_at<Real>(place, zeros<Vector<Real, d>>());
+                add<Real>(place, first + i,
+                          filled & ((-at.distance > in_cells(deep_from(obstacle, place))) |
+                                    (abs(at.distance) * largest_component<Real, d>(at.normal) <=
+                                     in_cells(nearly_half_a_cell))));
+            });
+        });
+    }
+
+    /// From which depth on [cells] nodes are held: whatever sticks holds all that is inside. Others let
+    /// particles lie a tenth of a cell inside before nodes that only these reach slow them down. Thin shells
+    /// have no inside.
+    FIRN_HOST_DEVICE static double deep_from(auto const& obstacle, auto const& place)
+    {
+        if (obstacle.is_thin(place.lattice)) return 1e9;
+        return obstacle.contact.sticks ? 0 : place.kernel_reach + 0.1;
+    }
+    static constexpr double nearly_half_a_cell = 0.52;
+
+private:
+    template <class Real>
+    FIRN_HOST_DEVICE void add(LanePosition<Real, d> const& place, std::uint32_t obstacle,
+                              Mask<Real> const& which) const
+    {
+        if (!any(which)) return;
+        constexpr int width = lane_width<Real>;
+        Number along[std::size_t(d)][std::size_t(width)];
+        for (int a = 0; a < d; ++a) LaneTraits<Real>::store(place.offset[a], along[a]);
+        for_each_lane<width>(bits(which), [&](int lane) {
+            SurfaceCandidate<d> candidate;
+            for (int a = 0; a < d; ++a) candidate.node[a] = place.first[a] + static_cast<int>(along[a][lane]);
+            candidate.obstacle = obstacle;
+            std::uint32_t number = found.known.find(candidate);
+            if (number == KnownCandidates<d>::absent) {
+                number = found.known.count + next_number_of_all(*found.new_candidates);
+                if (number >= found.candidates_room) return; // the host makes room, and looks again
+                found.candidates[number] = candidate;
+            }
+            found.seen[number] = found.step;
+        });
+    }
+};
+
+} // namespace firn
