@@ -47,7 +47,7 @@ struct BeginSolve : UpdateGrid<Space, Kernel, Transfer, Effects>
         auto const touched = touch_at<Real>(node, place, free, sum);
         FreeMotion<Real, d> const motion = free_motion<Real, d>(touched);
         Mask<Real> const counts = filled & counted(node), bent = is_bent(motion);
-        Mask<Real> refused = at_rest ? bent : bent & (motion.moves > Real(Number(1e-3)));
+        Mask<Real> refused = bent & (motion.moves > Real(Number(1e-3)));
         if (at_rest)
             for (int a = 0; a < d; ++a) refused = refused | (abs(motion.still[a]) > Real(0));
         result.refused += count(refused & counts);
@@ -59,7 +59,7 @@ struct BeginSolve : UpdateGrid<Space, Kernel, Transfer, Effects>
         Vector<Real, d> const change = (free.velocity - old) * Real(part_of_step), target = old + change;
         Matrix<Real, d> free_part = motion.free;
         Vector<Real, d> friction = zeros<Vector<Real, d>>();
-        if (!at_rest && any(bent)) {
+        if (any(bent)) {
             ContactNow<Real, d> const contact = contact_now<Real, d>(touched, target, mass);
             for (int i = 0; i < d; ++i) {
                 friction[i] = select(bent, contact.friction[i], Real(0));
@@ -69,7 +69,7 @@ struct BeginSolve : UpdateGrid<Space, Kernel, Transfer, Effects>
         }
         Real held(0);
         for (int a = 0; a < d; ++a) held += Real(1) - free_part(a, a);
-        result.held += count(counts & (held > Real(Number(0.5))));
+        result.held += count(counts & !bent & (held > Real(Number(0.5))));
         set_start(node, filled, target, at_rest ? motion.still : touched(target), free_part, friction);
         node.set(Own::mass, mass);
         add_lanes(result.first, select(counts, mass, Real(0)));
@@ -98,7 +98,7 @@ protected:
             set(Own::solution + a, start[a]);
             set(Values::velocity + a, start[a]);
             set(Own::change + a, change[a]);
-            set(Own::offset + a, friction[a]);
+            set(Own::friction + a, friction[a]);
             for (int b = 0; b <= a; ++b) set(Own::free_at(a, b), free(a, b));
         }
     }
@@ -109,6 +109,18 @@ protected:
         std::uint64_t number = 0;
         for (std::uint64_t rest = bits(lanes); rest != 0; rest &= rest - 1) ++number;
         return number;
+    }
+
+    /// Calls `use(touched, filled)` with what obstacles make of a velocity of nodes, and where there are any.
+    template <class Real, class Node, class Use>
+    FIRN_HOST_DEVICE void with_obstacles(Node const& node, Use const& use) const
+    {
+        LanePosition<Real, d> const place{this->lattice, node.first(), node.offset(),
+                                          kernel_reach(Kernel::degree)};
+        auto const sum = [&](int c) { return node.sum(c); };
+        auto const free = this->template free_node<Real>(
+            place, sum, [](int) { return Real(0); }, [](int, Real const&) {}, Real(1) < Real(0));
+        use(touch_at<Real>(node, place, free, sum), free.nodes.filled);
     }
 
     /// What obstacles make of a velocity of nodes.
@@ -136,51 +148,6 @@ protected:
             });
         else
             return apply_on_nodes<Real, d>(this->now->actions, place, free.nodes, v, unbooked);
-    }
-};
-
-/// On nodes of which a velocity was tried: what contact leaves free of them now. Forces drive a node to
-/// y = v - r / w with the residual r before anything is held and the node's stiffness w: whatever w is, v =
-/// c(y) where the step is solved. Nodes get the velocity that is prescribed, and friction as an impulse.
-///
-/// Sums: first how many nodes change by more than rounding.
-template <class Space, class Kernel, class Transfer, class Effects>
-struct UpdateContact : BeginSolve<Space, Kernel, Transfer, Effects>
-{
-    using Begin = BeginSolve<Space, Kernel, Transfer, Effects>;
-    using Phase = typename Begin::Phase;
-    using Begin::d;
-    using typename Begin::Number, typename Begin::Values, typename Begin::Own, typename Begin::Result;
-    static constexpr bool keeps_values = true;
-
-    template <class Node>
-    FIRN_HOST_DEVICE void operator()(Node& node, Result& result) const
-    {
-        using Real = typename Node::Real;
-        LanePosition<Real, d> const place{this->lattice, node.first(), node.offset(),
-                                          kernel_reach(Kernel::degree)};
-        auto const sum = [&](int c) { return node.sum(c); };
-        auto const free = this->template free_node<Real>(
-            place, sum, [](int) { return Real(0); }, [](int, Real const&) {}, Real(1) < Real(0));
-        auto const touched = this->template touch_at<Real>(node, place, free, sum);
-        FreeMotion<Real, d> const motion = free_motion<Real, d>(touched);
-        Mask<Real> const bent = free.nodes.filled & Begin::is_bent(motion);
-        if (!any(bent)) return;
-        Vector<Real, d> const v = Phase::vector(node, Values::velocity);
-        Real const weight = node.value(Own::stiffness), inverse = Phase::inverse_of(weight);
-        Vector<Real, d> const r = (v - Phase::vector(node, Own::target)) * node.value(Own::mass) +
-                                  Phase::vector(node, Own::impulse);
-        ContactNow<Real, d> const contact =
-            contact_now<Real, d>(touched, Vector<Real, d>(v - r * inverse), weight);
-        Vector<Real, d> const way = contact.velocity - v, along = product<Real, d>(contact.free, way);
-        for (int a = 0; a < d; ++a) {
-            node.set(Values::velocity + a, select(bent, contact.velocity[a] - along[a], v[a]));
-            node.set(Own::offset + a, select(bent, contact.friction[a], node.value(Own::offset + a)));
-            for (int b = 0; b <= a; ++b)
-                node.set(Own::free_at(a, b),
-                         select(bent, contact.free(a, b), node.value(Own::free_at(a, b))));
-        }
-        result.touching += Begin::count(bent & counted(node));
     }
 };
 

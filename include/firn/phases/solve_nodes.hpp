@@ -24,8 +24,6 @@ struct FindResidual : SolvePhase<Space, Kernel, Transfer>
     using typename Phase::Number, typename Phase::Own, typename Phase::Sums, typename Phase::Result;
 
     bool at_rest;
-    bool is_first;     ///< its residual is the offset of loads that follow
-    Number left_out;   ///< the share of that offset that is left for later
     Number stiffening; ///< of the diagonal, for a wave modulus times V0 [s^2 / m^2]
 
     template <class Node>
@@ -45,12 +43,7 @@ struct FindResidual : SolvePhase<Space, Kernel, Transfer>
         if (!at_rest) of_mass += v;
         add_lanes(result.third, select(counts, mass * dot<Real, d>(v, v), Real(0)));
         Vector<Real, d> r = Phase::projected(node, Vector<Real, d>(of_mass * mass + impulse));
-        if (at_rest) {
-            if (is_first) Phase::set(node, Own::offset, r);
-            r -= Phase::vector(node, Own::offset) * Real(left_out);
-        }
-        else
-            r -= Phase::vector(node, Own::offset); // friction, along motion that is free
+        r -= Phase::vector(node, Own::friction); // friction, along motion that is free
         Phase::set(node, Own::residual, Vector<Real, d>(-r));
         Real const resists = stiffness * Real(stiffening);
         result.stiffest = max(result.stiffest, double(largest(resists * inverse_mass)));

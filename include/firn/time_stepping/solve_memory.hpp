@@ -39,6 +39,7 @@ public:
 
     SolveReport report{};          ///< of the last step; its counts are those of the call
     char const* refused = nullptr; ///< why the last step cannot be solved at all, if so
+    char const* loose = nullptr;   ///< why nothing held the scene in the last load step, if so
     bool at_rest = false;          ///< the scene is brought to rest
     double left_out = 0;           ///< the share of the load that is left for another load step
 

@@ -10,6 +10,7 @@
 #include <firn/phases/solve_nodes.hpp>
 #include <firn/phases/solve_particles.hpp>
 #include <firn/phases/solve_search.hpp>
+#include <firn/phases/update_contact.hpp>
 #include <firn/time_stepping/solve_memory.hpp>
 #include <firn/time_stepping/solve_report.hpp>
 #include <firn/time_stepping/step_log.hpp>
@@ -18,6 +19,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <limits>
 #include <utility>
 
@@ -85,9 +87,9 @@ class SolveStep
                   "one, or SymplecticEuler");
     static_assert(!Sets::are_bodies,
                   "implicit steps know no Bodies that touch: choose Materials, or SymplecticEuler");
-    static_assert(Actions::groups == 0 && Actions::groups_at_surface == 0,
-                  "implicit steps know no Obstacles whose number is known at run time: pass each as an "
-                  "Obstacle, or choose SymplecticEuler");
+    static_assert(Actions::groups_at_surface == 0,
+                  "implicit steps know no obstacles that act at their surface: let them act on nodes, or "
+                  "choose SymplecticEuler");
     static_assert(!Actions::changes_impulse,
                   "LocalDamping, and any action with on_impulse, needs forces that an implicit step has not "
                   "found yet: choose Damping, or SymplecticEuler");
@@ -106,29 +108,32 @@ public:
     {
         report_.begin_step();
         own_.refused = nullptr;
+        own_.loose = nullptr;
         Sums const start = sums_on_nodes(BesideWalls<BeginSolve<Space, Kernel, Transfer, Actions>, Actions>{
             {update(), at_rest_, static_cast<Number>(part_)}, now_});
         mass_ = start.first;
         if (!(mass_ > 0)) return report_.converged = true;
-        if (start.refused > 0) return refuse(start);
-        if (at_rest_ && start.held == 0) {
-            own_.refused = "nothing holds the scene, so there is no state of rest to find";
-            return false;
+        if (start.refused > 0) {
+            report_.where = place_of(start.where);
+            return refuse(not_contact());
         }
+        if (at_rest_ && start.held + start.touching == 0)
+            return refuse("nothing holds the scene, so there is no state of rest to find");
         own_.coarse.clear();
         outside_ = std::sqrt(start.second / mass_);
         speed_ = at_rest_ ? 0 : std::sqrt(start.third / mass_);
-        Sums at = residual(true);
-        if (at.inverted > 0 || (!at_rest_ && std::sqrt(at.first / mass_) > outside_ + speed_))
+        Sums at = residual();
+        if (at_rest_)
+            leave_load(at);
+        else if (at.inverted > 0 || std::sqrt(at.first / mass_) > outside_ + speed_)
             start_nearer(at);
-        if (start.touching > 0) at = update_contact();
+        if (!update_contact(start, at)) return false;
         if (at_rest_) outside_ = std::max(outside_, std::sqrt(at.first / mass_));
         while (!is_solved(at)) {
-            if (report_.newton_of_step >= by_.newton) return false;
+            if (report_.newton_of_step >= most_systems()) return false;
             if (report_.newton_of_step == 0 && (at_rest_ || at.stiffest > stiff)) make_coarse_grids();
             double const slope = search();
-            if (!step_along(slope, at)) return false;
-            if (start.touching > 0) at = update_contact();
+            if (!step_along(slope, at) || !update_contact(start, at)) return false;
         }
         on_nodes(AcceptVelocities<Space, Kernel, Transfer>{});
         return report_.converged = true;
@@ -203,27 +208,55 @@ private:
     }
 
     /// The residual of the velocities to try.
-    Sums residual(bool is_first = false)
+    Sums residual()
     {
         pass<TryVelocities>();
         ++report_.passes;
         double const in_cells = dt_ / memory_.lattice.cell_size;
         auto const found = on_passed(FindResidual<Space, Kernel, Transfer>{
-            {},
-            at_rest_,
-            is_first,
-            static_cast<Number>(own_.left_out),
-            static_cast<Number>(stiffness_of_kernel * in_cells * in_cells)});
+            {}, at_rest_, static_cast<Number>(stiffness_of_kernel * in_cells * in_cells)});
         return merged_result(memory_.backend, own_.sums, found);
     }
 
-    /// Finds anew which nodes obstacles hold, and how they rub, at the velocities that were tried. Returns
-    /// the residual of what they leave.
-    Sums update_contact()
+    /// Finds anew which nodes obstacles hold, and how they rub, at the velocities that were tried. `at`
+    /// becomes the residual of what they leave. False if the scene is to rest and they let go of all of it.
+    bool update_contact(Sums const& start, Sums& at)
     {
-        on_nodes(BesideWalls<UpdateContact<Space, Kernel, Transfer, Actions>, Actions>{
-            {{update(), at_rest_, static_cast<Number>(part_)}}, now_});
-        return residual();
+        if (start.touching == 0) return true;
+        auto const found = on_nodes(BesideWalls<UpdateContact<Space, Kernel, Transfer, Actions>, Actions>{
+            {{update(), at_rest_, static_cast<Number>(part_)}, static_cast<Number>(weight_of_contact())},
+            now_});
+        if (at_rest_) {
+            std::uint64_t const held = merged_result(memory_.backend, own_.sums, found).held;
+            if (start.held + held == 0) {
+                own_.loose = "the load lifts the scene off all that it touches, and nothing else holds it";
+                return false;
+            }
+            changes_ += held != held_ ? 1 : 0;
+            held_ = held;
+        }
+        at = residual();
+        return true;
+    }
+    /// By which stiffness of nodes contact is found, over their own. A node may stick and slide by turns at
+    /// one weight, and seldom does at several.
+    double weight_of_contact() const
+    {
+        constexpr int usual = 8;
+        constexpr double others[]{4, 0.25, 16, 0.0625, 1};
+        int const more = report_.newton_of_step - usual;
+        return more < 0 ? 1 : others[more % 5];
+    }
+    /// The most linear systems. At rest those do not count after which obstacles hold other nodes: the end of
+    /// a contact moves by a cell in each, so it takes as many as it moves by cells.
+    int most_systems() const { return by_.newton + std::min(changes_, 10 * by_.newton); }
+    /// Leaves a share of the load for other load steps, if there are any.
+    void leave_load(Sums& at)
+    {
+        if (!(own_.left_out > 0)) return;
+        on_nodes(BesideWalls<LeaveLoad<Space, Kernel, Transfer, Actions>, Actions>{
+            {{update(), at_rest_, static_cast<Number>(part_)}, static_cast<Number>(own_.left_out)}, now_});
+        at = residual();
     }
     /// Where outside forces alone would take nodes too far for a start: starts from what obstacles prescribe,
     /// if the residual is less there. A load on a stiff body would shear it without bounds, for example.
@@ -231,7 +264,7 @@ private:
     {
         auto const start_from = [&](Number share) {
             on_nodes(ChooseVelocities<Space, Kernel, Transfer>{{}, share});
-            at = residual(true);
+            at = residual();
         };
         double const before = at.inverted > 0 ? std::numeric_limits<double>::infinity() : at.first;
         start_from(-1);
@@ -298,6 +331,7 @@ private:
         for (double share = 1; share > 0x1p-13; share /= 2) {
             on_nodes(ChooseVelocities<Space, Kernel, Transfer>{{}, static_cast<Number>(share)});
             at = residual();
+            if (drifts(at)) return false;
             if (at.inverted == 0 && is_finite(at.first) && at.second <= (1 - 2 * armijo) * -slope)
                 return true;
             ++report_.halvings;
@@ -310,6 +344,14 @@ private:
     {
         note(at);
         return report_.residual <= report_.tolerance;
+    }
+    /// Whether the scene is to go so far in one load step that nothing can hold it along that way.
+    bool drifts(Sums const& at)
+    {
+        constexpr double farthest = 1e3; // [cells]
+        if (!at_rest_ || std::sqrt(at.third / mass_) < farthest * memory_.lattice.cell_size) return false;
+        own_.loose = "the scene is free to slide or to turn, and the load drives it there";
+        return true;
     }
     void note(Sums const& at)
     {
@@ -331,17 +373,18 @@ private:
         return in_space<d>(place);
     }
 
-    bool refuse(Sums const& start)
+    bool refuse(char const* why)
     {
-        own_.refused =
-            at_rest_
-                ? "at rest obstacles stand still and hold or slip without letting go: one of the effects "
-                  "moves, separates, has friction, or changes velocities in another way"
-                : "an effect does more to velocities of nodes than to prescribe some of their components or "
-                  "to "
-                  "touch as an obstacle does, which implicit steps do not know";
-        report_.where = place_of(start.where);
+        own_.refused = why;
         return false;
+    }
+    char const* not_contact() const
+    {
+        return at_rest_ ? "at rest obstacles stand still: one of the effects moves, or it changes velocities "
+                          "in another way than to prescribe some of their components or to touch as an "
+                          "obstacle does"
+                        : "an effect does more to velocities of nodes than to prescribe some of their "
+                          "components or to touch as an obstacle does, which implicit steps do not know";
     }
 
     Memory& memory_;
@@ -353,6 +396,8 @@ private:
     bool at_rest_;
     double part_;                               ///< of the step, after which stress acts
     double dt_;                                 ///< until then [s]
+    std::uint64_t held_ = 0;                    ///< nodes that obstacles hold which may let go, at rest
+    int changes_ = 0;                           ///< how often that changed
     double mass_ = 0, outside_ = 0, speed_ = 0; ///< [mass units], [m/s], [m/s]
 };
 

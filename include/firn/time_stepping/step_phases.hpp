@@ -108,6 +108,8 @@ public:
     bool solve()
     {
         if constexpr (StepsImplicitly<Transfer>) {
+            // obstacles are placed for the solve; update_grid() begins the step with them anew
+            for_each_group([&](auto& group) { group.begin(begun(0)); });
             if (solve_step(0).solve()) return true;
             memory_.backend.for_each(1, LogUnsolved<Entry>{log_, 0});
             return false;

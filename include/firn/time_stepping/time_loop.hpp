@@ -361,15 +361,17 @@ private:
     [[noreturn, gnu::cold]] void refuse_step(Scene& scene)
     {
         regain_velocities(scene);
-        throw Error{
-            memory_.solve.refused, detail::at_place(solved().where, d),
-            "Pass obstacles with Contact::sticky() or Contact::bound_slip(), held regions, forces and "
-            "gravity, or choose SymplecticEuler."};
+        throw Error{memory_.solve.refused, detail::at_place(solved().where, d),
+                    "Pass obstacles that hold the scene against its load, held regions, forces and gravity, "
+                    "or choose "
+                    "SymplecticEuler."};
     }
     [[noreturn, gnu::cold]] void fail_to_rest() const
     {
+        std::string const why =
+            memory_.solve.loose != nullptr ? memory_.solve.loose : detail::in_words(solved(), d);
         throw Error{"no state of rest was found for a load step of " + std::to_string(smallest_load) +
-                        " of the load: " + detail::in_words(solved(), d),
+                        " of the load: " + why,
                     "Solver::settle",
                     "The state is that of the last load step that was found. Look at what is not held, at "
                     "loads beyond what the material bears, or at few particles per cell: 9 in the plane."};

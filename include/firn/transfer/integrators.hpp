@@ -162,8 +162,8 @@ struct SolveValues
     static constexpr int change = impulse + d;       ///< of the solution, by the linear system [m/s]
     static constexpr int residual = change + d;      ///< what is left of the linear system's right side
     static constexpr int conditioned = residual + d; ///< the same, preconditioned
-    static constexpr int offset = conditioned + d;   ///< the residual where a load begins
-    static constexpr int free = offset + d;          ///< the projection to free motion, symmetric
+    static constexpr int friction = conditioned + d; ///< its impulse, along motion that is free
+    static constexpr int free = friction + d;        ///< the projection to free motion, symmetric
     static constexpr int behind =
         free + d * (d + 1) / 2; ///< the impulse of stress behind walls, by axis and side
     static constexpr int mass = behind + 2 * d;
