@@ -81,7 +81,7 @@ struct Distributed
     {
         if (communicator.size() == 1 || !partition->is_due()) return false;
         std::vector<distributed::Partition::Weight> weights;
-        for (auto const* const order : orders) order->weigh(weights);
+        for (auto* const order : orders) order->weigh(weights);
         std::uint64_t own = 0;
         for (auto const& block : weights) own += block.weight;
         std::uint64_t all = 0, most = 0;

@@ -119,6 +119,15 @@ void put_rows(Cached& cached, Backend const& backend, std::vector<std::uint32_t>
     }
 }
 
+/// Called when particles have left and come.
+template <class Contents, class Backend>
+void end_exchange(Contents& to, Backend const& backend)
+{
+    to.places = to.cells.size();
+    to.resize_buffers(backend, to.places);
+    to.buffer[1].resize_like(to.buffer[0]); // a step has begun
+}
+
 /// Lets particles leave for other ranks and come from them. `arrive(notes, first, move)` sorts those that
 /// came into the order: they lie at `first` and behind it, and `move(from, to)` moves particles by their
 /// places.
@@ -127,12 +136,10 @@ void exchange_particles(Contents& to, Backend const& backend, Departures const& 
                         Arrive const& arrive)
 {
     auto& buffer = to.buffer[0];
-    std::vector<std::vector<std::byte>> parcels, came;
+    std::vector<std::vector<std::byte>> parcels;
     for (auto const& departure : departures) parcels.push_back(pack_particles(to, backend, departure));
-    if (!parcels.empty()) { // otherwise no particle of any rank departs
-        parcels[static_cast<std::size_t>(backend.rank())].clear(); // nothing stays by leaving
-        came = backend.exchange(parcels);
-    }
+    parcels[static_cast<std::size_t>(backend.rank())].clear(); // nothing stays by leaving
+    auto const came = backend.exchange(parcels);
 
     std::size_t const first = to.places;
     std::size_t place = first;
@@ -168,9 +175,7 @@ void exchange_particles(Contents& to, Backend const& backend, Departures const& 
                                                                             to_there.data()});
         });
     });
-    to.places = to.cells.size();
-    to.resize_buffers(backend, to.places);
-    to.buffer[1].resize_like(buffer); // a step has begun
+    end_exchange(to, backend);
 }
 
 /// ParticleTable::sort() where particles may leave for other ranks, and come from them.
@@ -178,6 +183,16 @@ template <class Contents, class Backend>
 void rebin_over_ranks(Contents& to, Backend const& backend)
 {
     auto const offset = [&] { return to.buffer[0].view().offset; }; // arrays grow
+    if constexpr (Backend::shares_results)
+        if (!sends_cached(to)) {
+            std::size_t const first = to.places;
+            auto const fields = [&](auto&& use) { for_each_array(to.buffer[0], use); };
+            if (std::size_t const coming = to.cells.coming(); coming > 0)
+                fields([&](auto& array) { array.resize(first + coming, first); });
+            to.cells.swap_items(static_cast<std::uint32_t>(first), offset(), fields);
+            end_exchange(to, backend);
+            return;
+        }
     exchange_particles(to, backend, to.cells.depart(offset()),
                        [&](auto const& notes, std::uint32_t first, auto const& move) {
                            to.cells.arrive(notes, first, offset(), move);

@@ -79,7 +79,11 @@ public:
     View view();
     std::uint64_t const* keys() const { return keys_.data(); }             ///< by index
     std::uint32_t const* born_count() const { return born_count_.data(); } ///< of requested blocks
-    void download_keys(std::span<std::uint64_t> keys) const { keys_.download(0, keys); }
+    void download_keys(std::span<std::uint64_t> keys) const { download_keys(0, keys); }
+    void download_keys(std::size_t first, std::span<std::uint64_t> keys) const
+    {
+        keys_.download(first, keys);
+    }
 
     static constexpr std::size_t few = 1024; ///< blocks: 40 KB, so that no small scene stops to make room
     /// Makes room for this many blocks in all; forgets requests that are not numbered yet.

@@ -118,7 +118,7 @@ public:
     }
 
     /// Merges the results of `groups` groups on all devices, as one device would that had found them. Those
-    /// that are not listed have found nothing. The list is by group.
+    /// that are not listed have found nothing.
     template <class Result>
     Partial<Result> merge(std::uint32_t groups, std::vector<OfGroup<Result>> const& found)
     {

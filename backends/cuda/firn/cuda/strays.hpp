@@ -30,9 +30,11 @@ struct Searched
 
 /// Finds the new cells of leavers, and lists those whose blocks are not here. Requests blocks that are
 /// missing.
+/// Counts those that go to each rank.
 template <int d, class Number>
-__global__ void find_cells_here(Leavers<Number> leavers, Destinations<d> to, unsigned char const* here,
-                                Stray* strays, Searched* searched)
+__global__ void find_cells_here(Leavers<Number> leavers, Destinations<d> to, std::uint32_t const* owners,
+                                std::uint32_t rank, Stray* strays, Searched* searched,
+                                std::uint32_t* of_ranks)
 {
     std::uint32_t const leaver = blockIdx.x * blockDim.x + threadIdx.x, count = leavers.counters->outgoing;
     if (leaver >= count || count > leavers.most) return;
@@ -44,7 +46,8 @@ __global__ void find_cells_here(Leavers<Number> leavers, Destinations<d> to, uns
         block = to.set.find(block_key<d>(to.periods.wrapped(left + out.beyond)));
         if (block == absent)
             out.request(left, to.periods, to.ahead, [&](std::uint64_t key) { to.set.want(key); });
-        if (block == absent || here[block] == 0) {
+        if (block == absent || owners[block] != rank) {
+            if (block != absent) atomicAdd(of_ranks + owners[block], 1u);
             strays[atomicAdd(&searched->strays, 1u)] = {leaver, leavers.slot[leaver], from, way, block};
             return;
         }
@@ -95,14 +98,88 @@ __global__ void admit(LeaversOfDevices<Number> leavers, std::uint32_t count, std
     if (i < count) arrive<Number>(leavers, changes, leavers.first + i, cells[i] / 64, cells[i] % 64);
 }
 
-/// Copies the contributions of listed leavers.
-template <class Number>
-__global__ void pick_contributions(Leavers<Number> leavers, std::uint32_t const* listed, std::size_t count,
-                                   Number* to)
+/// Counts the items of each block.
+static __global__ void count_items(std::uint32_t const* begin, std::uint32_t blocks, std::uint32_t* counts)
 {
-    std::size_t const i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
+    std::uint32_t const b = blockIdx.x * blockDim.x + threadIdx.x;
+    if (b < blocks) counts[b] = begin[(b + 1) * 64] - begin[b * 64];
+}
+
+/// Lists strays rank by rank, from each rank's cursor on, and where they lie.
+static __global__ void list_by_rank(Stray const* strays, std::uint32_t count, std::uint32_t const* owners,
+                                    std::uint32_t* cursors, Stray* sorted, std::uint32_t* places)
+{
+    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
+    if (i >= count) return;
+    Stray const stray = strays[i];
+    std::uint32_t const at = atomicAdd(cursors + owners[stray.block], 1u);
+    sorted[at] = stray;
+    places[at] = stray.slot;
+}
+
+/// Writes what the new cells of strays must know: where they come from, their cells there, and what they
+/// scatter.
+template <int d, class Number>
+__global__ void note_strays(Stray const* strays, std::uint32_t count, Leavers<Number> leavers,
+                            std::uint64_t* origins, std::uint32_t* cells, Number* contributions)
+{
+    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
+    if (i >= count) return;
+    constexpr std::uint32_t of_block = BlockShape<d>::cells;
+    Stray const stray = strays[i];
+    WayOut<d> const out(stray.cell % of_block, stray.way);
+    origins[i] = LeaversOfDevices<Number>::origin_of(stray.cell / of_block, stray.slot);
+    cells[i] = stray.block * of_block + out.place;
     auto const channels = static_cast<std::size_t>(leavers.channels);
-    if (i < count * channels) to[i] = leavers.contribution[listed[i / channels] * channels + i % channels];
+    for (std::size_t c = 0; c < channels; ++c)
+        contributions[i * channels + c] = leavers.contribution[stray.leaver * channels + c];
+}
+
+/// Copies listed elements of an array.
+template <class T>
+__global__ void pick_listed(T const* from, std::uint32_t const* listed, std::uint32_t count, T* to)
+{
+    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
+    if (i < count) to[i] = from[listed[i]];
+}
+/// Moves listed elements of an array, as many as `count` says.
+template <class T>
+__global__ void move_listed(T* values, std::uint32_t const* from, std::uint32_t const* to,
+                            std::uint32_t const* count)
+{
+    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
+    if (i < *count) values[to[i]] = values[from[i]];
+}
+/// Numbers elements from `first` on.
+static __global__ void number_from(std::uint32_t first, std::uint32_t count, std::uint32_t* to)
+{
+    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
+    if (i < count) to[i] = first + i;
+}
+
+/// Tells apart the places of items that have gone: those before `left` are holes, and those behind are
+/// marked.
+static __global__ void find_holes(std::uint32_t const* places, std::uint32_t gone, std::uint32_t left,
+                                  std::uint32_t* is_gone, std::uint32_t* holes, std::uint32_t* count)
+{
+    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
+    if (i >= gone) return;
+    std::uint32_t const place = places[i];
+    if (place >= left)
+        is_gone[place - left] = 1;
+    else
+        holes[atomicAdd(count, 1u)] = place;
+}
+/// Gives each item that lies behind the first `left` places a hole.
+static __global__ void fill_holes(std::uint32_t const* is_gone, std::uint32_t behind, std::uint32_t left,
+                                  std::uint32_t const* holes, std::uint32_t* place, std::uint32_t* from,
+                                  std::uint32_t* to, std::uint32_t* count)
+{
+    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
+    if (i >= behind || is_gone[i] != 0) return;
+    std::uint32_t const at = atomicAdd(count, 1u);
+    from[at] = left + i;
+    to[at] = place[i] = holes[at];
 }
 
 /// Items that lay at places from `first` on lie at `place[where it lay - first]` now.

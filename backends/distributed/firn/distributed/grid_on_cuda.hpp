@@ -247,6 +247,7 @@ private:
         std::vector<int> above; // the ranks whose cells are above a block of nodes
         for (std::size_t n = 0; n < kinds.size(); ++n) {
             above.clear();
+            if (is_of_one_rank(cover, n, orders, kinds[n])) continue;
             for_each_above(cover, n, [&](std::size_t l, int, std::uint32_t block) {
                 int const owner = orders[l]->owners()[block];
                 if (std::ranges::find(above, owner) == above.end()) above.push_back(owner);
@@ -271,6 +272,20 @@ private:
         }
         kinds_.renew(kinds.size());
         kinds_.upload(0, kinds);
+    }
+    /// Whether all cells above a block of nodes are one rank's, which is most often so; `kind` is 1 then if
+    /// it is this one.
+    bool is_of_one_rank(Above const& cover, std::size_t n, Orders const& orders, unsigned char& kind) const
+    {
+        int first = -1;
+        bool is_one = looks_ <= 1;
+        for_each_above(cover, n, [&](std::size_t l, int, std::uint32_t block) {
+            int const owner = orders[l]->owners()[block];
+            if (first < 0) first = owner;
+            is_one = is_one && owner == first;
+        });
+        if (is_one) kind = first == communicator_->rank();
+        return is_one;
     }
     template <class Use>
     static void for_each_above(Above const& cover, std::size_t n, Use const& use)

@@ -10,6 +10,7 @@
 #include <firn/distributed/parcel.hpp>
 #include <firn/distributed/partition.hpp>
 #include <firn/distributed/results_on_cuda.hpp>
+#include <firn/distributed/swap_on_cuda.hpp>
 #include <firn/grid/block_key.hpp>
 #include <firn/grid/lattice.hpp>
 #include <firn/grid/periods.hpp>
@@ -50,8 +51,8 @@ public:
     template <class Backend>
     explicit CellOrder(Backend const& backend, Periods<d> const& periods = {})
         : Local(backend, periods), communicator_(backend.communicator), partition_(backend.partition),
-          here_(backend), strays_(backend), search_(backend), told_(backend.queue()),
-          told_strays_(backend.queue()), count_(backend), list_(backend), picked_(backend), origins_(backend)
+          here_(backend), strays_(backend), search_(backend), owners_(backend), told_(backend.queue()),
+          count_(backend), list_(backend), swap_(backend.queue()), origins_(backend)
     {}
 
     C const& communicator() const { return communicator_; }
@@ -116,18 +117,18 @@ public:
         if (this->blocks() == 0) return;
         cuda::OnDevice const here(this->queue_);
         strays_.renew(this->leavers_.most);
-        search_.renew(1);
-        search_.fill_bytes(0, 1, 0);
+        std::size_t const words = words_of_search();
+        search_.renew(words);
+        search_.fill_bytes(0, words, 0);
+        auto* const searched = reinterpret_cast<Searched*>(search_.data());
         cuda::launch_after("find_cells_here", this->queue_, cuda::detail::find_cells_here<d, Number>,
                            cuda::groups_of(this->leavers_.most, 256), 256, this->leavers(), destinations(),
-                           here_.data(), strays_.data(), search_.data());
+                           owners_.data(), static_cast<std::uint32_t>(communicator_.rank()), strays_.data(),
+                           searched, search_.data() + words_of_searched);
         cuda::launch_after("tell_searched", this->queue_, cuda::detail::tell_searched,
                            cuda::groups_of(this->blocks(), 128), 128, this->leavers_.counters.data(),
-                           this->set_.born_count(), this->changes(), this->blocks(), search_.data());
-        strays_at_once_ = std::min(strays_at_once_, this->leavers_.most);
-        cuda::copy_queued(this->queue_, told_.as<Searched>(), search_.data(), 1);
-        cuda::copy_queued(this->queue_, told_strays_.as<Stray>(strays_at_once_), strays_.data(),
-                          strays_at_once_);
+                           this->set_.born_count(), this->changes(), this->blocks(), searched);
+        cuda::copy_queued(this->queue_, told_.as<std::uint32_t>(words), search_.data(), words);
     }
     /// Called when the host has waited: says what has been found.
     void put_searched(Parcel& to)
@@ -135,19 +136,25 @@ public:
         read_searched();
         put(to, searched_);
         put(to, static_cast<std::uint32_t>(searched_.leavers > this->leavers_.most));
+        put(to, leaving_.data(), leaving_.size());
     }
     /// Hears what all ranks say; returns whether all had room for their leavers. If not, makes it.
     bool hear(std::vector<Reader>& told)
     {
         live_ = strays_of_all_ = births_ = 0;
         bool had_room = true;
+        coming_.clear();
         for (Reader& of_rank : told) {
             auto const searched = of_rank.template get<Searched>();
             had_room = of_rank.template get<std::uint32_t>() == 0 && had_room;
             live_ += searched.live;
             strays_of_all_ += searched.strays;
             births_ += searched.births;
+            std::vector<std::uint32_t> leaving(told.size());
+            of_rank.get(leaving.data(), leaving.size());
+            coming_.push_back(leaving[static_cast<std::size_t>(communicator_.rank())]);
         }
+        live_is_known_ = true;
         if (had_room) return true;
         this->short_ = {1, searched_.leavers, 0, 0};
         this->make_room();
@@ -159,14 +166,18 @@ public:
         if (births_ == 0) return;
         cuda::OnDevice const here(this->queue_);
         while (std::uint32_t const births = births_of_all_ranks()) {
+            std::size_t const before = this->blocks();
             this->add_blocks(births);
-            find_owners();
+            find_owners(before);
             search();
             this->queue_.wait();
             read_searched();
         }
-        live_ = 0; // not known
-        strays_of_all_ = 1;
+        Parcel own;
+        put_searched(own);
+        auto const all = communicator_.all_gather(own);
+        std::vector<Reader> told(all.begin(), all.end());
+        hear(told);
     }
 
     /// See distributed::share_results.
@@ -185,13 +196,14 @@ public:
     std::vector<Departure> depart(std::array<Offset*, std::size_t(d)> const& /*offset*/)
     {
         gone_.clear();
-        if (strays_of_all_ == 0) return {}; // none on any rank
         std::vector<Departure> by_rank(static_cast<std::size_t>(communicator_.size()));
+        if (this->blocks() == 0) return by_rank;
         cuda::OnDevice const here(this->queue_);
-        auto const contributions = contributions_of_strays();
+        auto const strays = downloaded(strays_, searched_.strays);
+        auto const contributions = contributions_of(strays);
         auto const channels = static_cast<std::size_t>(this->channels_);
-        for (std::size_t i = 0; i < strays_here_.size(); ++i) {
-            auto const& stray = strays_here_[i];
+        for (std::size_t i = 0; i < strays.size(); ++i) {
+            auto const& stray = strays[i];
             auto& to = by_rank[static_cast<std::size_t>(owners()[stray.block])];
             WayOut const out(stray.cell % Shape::cells, stray.way);
             put(to.notes,
@@ -210,37 +222,77 @@ public:
         if (this->blocks() == 0) return;
         cuda::OnDevice const here(this->queue_);
         std::size_t const came = admit(notes, first);
-        std::size_t const count = first - gone_.size() + came;
-        this->find_block_begins();
-        this->offset_ = offset;
-        this->rebinned_blocks_ = this->blocks();
-        auto const leavers = all_leavers();
-        this->rearrange(leavers, listed_, this->left_.data(), offset, count);
-        this->left_.renew(std::max(count, this->left_.size()));
-        fill_holes(*this, gone_, first + came, static_cast<std::uint32_t>(count), move);
+        auto const count = static_cast<std::uint32_t>(first - gone_.size() + came);
+        sort_in(count, offset);
+        fill_holes(*this, gone_, first + came, count, move);
         drop_empty_blocks();
+        forget_strays();
     }
+    /// Both in one where nothing else has to travel with items: they do not see the host. `fields(use)` calls
+    /// `use(array)` for each array of the items, of which there were `first`, and are that many and coming()
+    /// ones now; `offset` is one of them.
+    template <class Fields>
+    void swap_items(std::uint32_t first, std::array<Offset*, std::size_t(d)> const& offset,
+                    Fields const& fields)
+    {
+        if (this->blocks() == 0) return;
+        cuda::OnDevice const here(this->queue_);
+        auto const came = static_cast<std::uint32_t>(coming());
+        if (strays_of_all_ > 0)
+            swap_(communicator_, strays_, owners_.data(), this->leavers(), leaving_, coming_, fields);
+        expect_arrivals(came, first);
+        std::size_t at = searched_.leavers;
+        auto const channels = static_cast<std::size_t>(this->channels_);
+        swap_.unpack(coming_, first, fields,
+                     [&](std::size_t number, std::uint64_t const* origins, std::uint32_t const* cells,
+                         Number const* contributions) {
+                         std::size_t const before = at - searched_.leavers;
+                         cuda::copy_queued(this->queue_, origins_.data() + before, origins, number);
+                         cuda::copy_queued(this->queue_, list_.data() + before, cells, number);
+                         cuda::copy_queued(this->queue_, this->leavers_.contribution.data() + at * channels,
+                                           contributions, number * channels);
+                         at += number;
+                     });
+        let_in(came);
+        std::uint32_t const gone = std::accumulate(leaving_.begin(), leaving_.end(), std::uint32_t{0});
+        sort_in(first + came - gone, offset);
+        swap_.fill_holes(first + came, first + came - gone, fields,
+                         [&](std::uint32_t const* place) { relocate(first + came - gone, place); });
+        drop_empty_blocks();
+        forget_strays();
+    }
+    /// How many items come from other ranks.
+    std::size_t coming() const { return std::accumulate(coming_.begin(), coming_.end(), std::size_t{0}); }
+
     /// Items that lay at places from `first` on lie at `place[where it lay - first]` now.
     void relocate(std::uint32_t first, std::vector<std::uint32_t> const& place)
     {
         list_.renew(place.size());
         list_.upload(0, place);
+        relocate(first, list_.data());
+    }
+    void relocate(std::uint32_t first, std::uint32_t const* place)
+    {
         for (auto const& [where, count] : {std::pair{this->order_.data(), this->size()},
                                            std::pair{this->leavers_.slot.data(), std::size_t{listed_}}})
             if (count > 0)
                 cuda::launch_after("relocate", this->queue_, cuda::detail::relocate,
-                                   cuda::groups_of(count, 256), 256, where, count, first, list_.data());
+                                   cuda::groups_of(count, 256), 256, where, count, first, place);
     }
 
-    void weigh(std::vector<Partition::Weight>& to) const
+    void weigh(std::vector<Partition::Weight>& to)
     {
         if (this->blocks() == 0) return;
-        auto const begin = downloaded(this->begin_, keys().size() * Shape::cells + 1);
-        for (std::size_t b = 0; b < keys().size(); ++b)
-            if (std::uint32_t const items = begin[(b + 1) * Shape::cells] - begin[b * Shape::cells];
-                items > 0)
+        cuda::OnDevice const here(this->queue_);
+        count_.renew(keys().size());
+        cuda::launch_after("count_items", this->queue_, cuda::detail::count_items,
+                           cuda::groups_of(keys().size(), 256), 256, this->begin_.data(), this->blocks(),
+                           count_.data());
+        auto const items = downloaded(count_, keys().size());
+        for (std::size_t b = 0; b < items.size(); ++b)
+            if (items[b] > 0)
                 to.push_back(
-                    {place_on_curve<d>(block_of_key<d>(keys()[b])), items + Partition::weight_of_block});
+                    {place_on_curve<d>(block_of_key<d>(keys()[b])), items[b] + Partition::weight_of_block});
     }
 
     /// See the primary template.
@@ -310,7 +362,6 @@ public:
         this->size_ = order.size();
         this->committed_ = false;
         searched_ = {};
-        strays_here_.clear();
         listed_ = 0;
         fill_holes(*this, gone_, next, static_cast<std::uint32_t>(this->size()), move);
     }
@@ -321,7 +372,7 @@ public:
 
     std::size_t memory() const
     {
-        return Local::memory() + here_.memory() + strays_.memory() + origins_.memory();
+        return Local::memory() + here_.memory() + strays_.memory() + origins_.memory() + swap_.memory();
     }
 
 private:
@@ -329,6 +380,7 @@ private:
     using AllLeavers = cuda::detail::LeaversOfDevices<Number>;
     using Stray = cuda::detail::Stray;
     using Searched = cuda::detail::Searched;
+    static constexpr std::size_t words_of_searched = sizeof(Searched) / sizeof(std::uint32_t);
 
     /// An item that comes from another rank.
     struct Arrival
@@ -349,16 +401,21 @@ private:
         from.download(0, values);
         return values;
     }
-    /// Finds out which rank has which block, after blocks or parts have changed.
-    void find_owners()
+    /// Finds out which rank has which block, after blocks or parts have changed; `kept` of the blocks that
+    /// were known are as they were.
+    void find_owners(std::size_t kept = 0)
     {
-        std::vector<std::uint64_t> keys(this->blocks());
-        if (!keys.empty()) this->set_.download_keys(keys);
-        of_all_.set(std::move(keys), [&](std::uint64_t key) { return owner(block_of_key<d>(key)); });
+        std::vector<std::uint64_t> keys(this->blocks() - kept);
+        this->set_.download_keys(kept, keys);
+        of_all_.set(kept, keys, [&](std::uint64_t key) { return owner(block_of_key<d>(key)); });
+        auto const owners = this->owners().subspan(kept);
         std::vector<unsigned char> here;
-        for (int const rank : owners()) here.push_back(rank == communicator_.rank());
-        here_.resize(here.size());
-        here_.upload(0, here);
+        for (int const rank : owners) here.push_back(rank == communicator_.rank());
+        here_.resize(this->blocks());
+        here_.upload(kept, here);
+        std::vector<std::uint32_t> const ranks(owners.begin(), owners.end());
+        owners_.resize(this->blocks());
+        owners_.upload(kept, ranks);
     }
 
     /// Lets all ranks request what any of them has; returns how many blocks that are, or more than there is
@@ -376,35 +433,32 @@ private:
         return this->set_.births();
     }
 
+    /// What a search tells, and how many strays go to each rank.
+    std::size_t words_of_search() const
+    {
+        return words_of_searched + static_cast<std::size_t>(communicator_.size());
+    }
     /// Reads what a search has told, when the host has waited.
     void read_searched()
     {
-        strays_here_.clear();
+        leaving_.assign(static_cast<std::size_t>(communicator_.size()), 0);
         if (this->blocks() == 0) return;
-        searched_ = *told_.template get<Searched>();
+        auto const* const told = told_.template get<std::uint32_t>();
+        searched_ = *reinterpret_cast<Searched const*>(told);
         if (searched_.leavers > this->leavers_.most) return;
-        strays_here_.resize(searched_.strays);
-        auto const come = std::min<std::size_t>(searched_.strays, strays_at_once_);
-        std::copy_n(told_strays_.template get<Stray>(), come, strays_here_.begin());
-        if (come < searched_.strays) { // next time there is room for them
-            strays_.download(come, std::span(strays_here_).subspan(come));
-            strays_at_once_ = searched_.strays + searched_.strays / 4;
-        }
-        std::ranges::sort(strays_here_, {}, &Stray::slot);
+        std::copy_n(told + words_of_searched, leaving_.size(), leaving_.begin());
     }
-    std::vector<Number> contributions_of_strays()
+    std::vector<Number> contributions_of(std::vector<Stray> const& strays)
     {
-        std::size_t const count = strays_here_.size() * static_cast<std::size_t>(this->channels_);
-        if (count == 0) return {};
-        std::vector<std::uint32_t> leavers;
-        for (auto const& stray : strays_here_) leavers.push_back(stray.leaver);
-        list_.renew(leavers.size());
-        list_.upload(0, leavers);
-        picked_.renew(count);
-        cuda::launch_after("pick_contributions", this->queue_, cuda::detail::pick_contributions<Number>,
-                           cuda::groups_of(count, 256), 256, this->leavers(), list_.data(), leavers.size(),
-                           picked_.data());
-        return downloaded(picked_, count);
+        std::vector<Number> contributions;
+        auto const channels = static_cast<std::size_t>(this->channels_);
+        if (strays.empty() || channels == 0) return contributions;
+        auto const all = downloaded(this->leavers_.contribution, searched_.leavers * channels);
+        for (auto const& stray : strays) {
+            auto const* const own = all.data() + stray.leaver * channels;
+            contributions.insert(contributions.end(), own, own + channels);
+        }
+        return contributions;
     }
 
     AllLeavers all_leavers()
@@ -426,23 +480,52 @@ private:
                 contributions.resize(contributions.size() + channels);
                 from.get(contributions.data() + contributions.size() - channels, channels);
             }
-        listed_ = searched_.leavers + static_cast<std::uint32_t>(cells.size());
-        this->order_before_.renew(listed_);
-        if (cells.empty()) return 0;
-        std::vector<std::uint32_t> places(cells.size());
-        std::iota(places.begin(), places.end(), first);
-        auto& to = this->leavers_;
-        to.grow(listed_, this->channels_);
-        to.slot.upload(searched_.leavers, places);
-        to.contribution.upload(searched_.leavers * channels, contributions);
-        origins_.renew(origins.size());
+        auto const count = static_cast<std::uint32_t>(cells.size());
+        expect_arrivals(count, first);
+        if (count == 0) return 0;
+        this->leavers_.contribution.upload(searched_.leavers * channels, contributions);
         origins_.upload(0, origins);
-        list_.renew(cells.size());
         list_.upload(0, cells);
-        cuda::launch_after("admit", this->queue_, cuda::detail::admit<Number>,
-                           cuda::groups_of(cells.size(), 256), 256, all_leavers(),
-                           static_cast<std::uint32_t>(cells.size()), list_.data(), this->changes());
-        return cells.size();
+        let_in(count);
+        return count;
+    }
+    /// Makes room for what comes from other ranks, from place `first` on.
+    void expect_arrivals(std::uint32_t count, std::uint32_t first)
+    {
+        listed_ = searched_.leavers + count;
+        this->order_before_.renew(listed_);
+        if (count == 0) return;
+        this->leavers_.grow(listed_, this->channels_);
+        origins_.renew(count);
+        list_.renew(count);
+        cuda::launch_after("number_from", this->queue_, cuda::detail::number_from,
+                           cuda::groups_of(count, 256), 256, first, count,
+                           this->leavers_.slot.data() + searched_.leavers);
+    }
+    /// Lets that into its cells, which are listed.
+    void let_in(std::uint32_t count)
+    {
+        if (count == 0) return;
+        cuda::launch_after("admit", this->queue_, cuda::detail::admit<Number>, cuda::groups_of(count, 256),
+                           256, all_leavers(), count, list_.data(), this->changes());
+    }
+    /// Sorts all items into the new order, of which there are `count`.
+    void sort_in(std::uint32_t count, std::array<Offset*, std::size_t(d)> const& offset)
+    {
+        this->find_block_begins();
+        this->offset_ = offset;
+        this->rebinned_blocks_ = this->blocks();
+        this->rearrange(all_leavers(), listed_, this->left_.data(), offset, count);
+        this->left_.renew(std::max<std::size_t>(count, this->left_.size()));
+    }
+
+    /// They have come to their ranks.
+    void forget_strays()
+    {
+        strays_of_all_ = 0;
+        leaving_.clear();
+        coming_.clear();
+        live_is_known_ = false;
     }
 
     /// Whether there are too many empty blocks beside so many live ones, as one device would find.
@@ -451,11 +534,18 @@ private:
         return live > 0 && this->blocks() > live + cuda::detail::most_empty_blocks(
                                                        static_cast<std::uint32_t>(live), is_small());
     }
+    /// The same of what is known before strays have arrived: each of them may have come into an empty block.
+    bool may_be_crowded() const
+    {
+        constexpr std::size_t fewer_behind = 4097; // see most_empty_blocks
+        return are_crowded(live_) ||
+               (live_ < fewer_behind && live_ + strays_of_all_ >= fewer_behind && are_crowded(fewer_behind));
+    }
     /// Drops empty blocks where there are too many, as one device would.
     void drop_empty_blocks()
     {
         std::uint32_t const blocks = this->blocks();
-        if (strays_of_all_ == 0 && !are_crowded(live_)) return; // what stays on its device is all
+        if (live_is_known_ && !may_be_crowded()) return;
         count_.renew(1);
         count_.fill_bytes(0, 1, 0);
         cuda::launch_after("count_live_blocks", this->queue_, cuda::detail::count_live_blocks,
@@ -477,17 +567,17 @@ private:
     std::size_t all_ = 0;                                   ///< items of all ranks
     Searched searched_{};                                   ///< of the items that left their cells last
     std::size_t live_ = 0, births_ = 0, strays_of_all_ = 0; ///< the same of all ranks
-    std::uint32_t listed_ = 0;                              ///< leavers, and those that came from other ranks
+    bool live_is_known_ = false;
+    std::uint32_t listed_ = 0;                           ///< leavers, and those that came from other ranks
     std::vector<std::uint32_t> gone_;                    ///< where items lay that have left for other ranks
     std::vector<std::uint32_t> begin_here_, order_here_; ///< copies, while blocks are handed over
     cuda::Array<unsigned char> here_;
     cuda::Array<Stray> strays_;
-    cuda::Array<Searched> search_;
-    cuda::HostMemory told_, told_strays_;
-    std::size_t strays_at_once_ = 256; ///< so many come to the host with what was found
-    std::vector<Stray> strays_here_;   ///< in the order of their slots
+    cuda::Array<std::uint32_t> search_, owners_;
+    cuda::HostMemory told_;
+    std::vector<std::uint32_t> leaving_, coming_; ///< how many strays go to each rank, and come from there
     cuda::Array<std::uint32_t> count_, list_;
-    cuda::Array<Number> picked_;
+    SwapOfItems<Number, d> swap_;
     cuda::Array<std::uint64_t> origins_; ///< of what came
 };
 

@@ -16,13 +16,15 @@ namespace firn::distributed
 class OwnedBlocks
 {
 public:
-    /// `owner(key)` is the rank that has a block.
+    /// The first `kept` blocks are as before, and have these behind them. `owner(key)` is the rank that has a
+    /// block.
     template <class Owner>
-    void set(std::vector<std::uint64_t> keys, Owner const& owner)
+    void set(std::size_t kept, std::vector<std::uint64_t> const& keys, Owner const& owner)
     {
-        keys_ = std::move(keys);
-        owners_.clear();
-        for (auto const key : keys_) owners_.push_back(owner(key));
+        keys_.resize(kept);
+        owners_.resize(kept);
+        keys_.insert(keys_.end(), keys.begin(), keys.end());
+        for (auto const key : keys) owners_.push_back(owner(key));
         ++version_;
     }
 

@@ -50,9 +50,10 @@ struct Found
             found.resize(before + count - 1);
             of_rank.get(found.data() + before, count - 1);
         }
-        std::ranges::sort(found.begin() + 1, found.end(), {}, &cuda::OfGroup<Result>::group);
-        if (found.size() > 1 && found[1].group == 0) { // what needs no place comes with the first group's
-            found[1].result.merge(found[0].result);
+        auto const first =
+            std::find_if(found.begin() + 1, found.end(), [](auto const& of) { return of.group == 0; });
+        if (first != found.end()) { // what needs no place comes with the first group's
+            first->result.merge(found[0].result);
             found.erase(found.begin());
         }
         merged = all->merge(here->count(), found);

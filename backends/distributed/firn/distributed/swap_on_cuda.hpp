@@ -1,0 +1,201 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/cuda/array.hpp>
+#include <firn/cuda/strays.hpp>
+#include <firn/distributed/communicator.hpp>
+#include <firn/distributed/exchange_on_cuda.hpp>
+
+#include <cstddef>
+#include <cstdint>
+#include <numeric>
+#include <span>
+#include <vector>
+
+namespace firn::distributed
+{
+
+/// Swaps the items that leave for other ranks' devices and come from there, without the host. A message has,
+/// for all of its items, what their new cells must know, then what they scatter, then one array behind the
+/// other.
+///
+/// `Fields` is called with a function object, which it calls with each array of the items.
+template <class Number, int d>
+class SwapOfItems
+{
+    using Stray = cuda::detail::Stray;
+
+public:
+    explicit SwapOfItems(cuda::Queue const& queue)
+        : queue_(queue), cursors_(queue), gone_(queue), sorted_(queue), out_(queue), in_(queue),
+          is_gone_(queue), holes_(queue), place_(queue), from_(queue), to_(queue), counts_(queue),
+          exchange_(queue)
+    {}
+
+    /// Sends so many `strays` to each rank, and receives what comes: see came().
+    template <class C, class Fields>
+    void operator()(C const& communicator, cuda::Array<Stray> const& strays, std::uint32_t const* owners,
+                    cuda::detail::Leavers<Number> const& leavers, std::vector<std::uint32_t> const& leaving,
+                    std::vector<std::uint32_t> const& coming, Fields const& fields)
+    {
+        list(strays, owners, leaving);
+        channels_ = static_cast<std::size_t>(leavers.channels);
+        std::vector<DeviceMessage> to, from;
+        auto const add = [&](std::vector<DeviceMessage>& all, cuda::Array<std::byte>& buffer,
+                             auto const& counts) {
+            std::size_t bytes = 0;
+            for (auto const count : counts) bytes += bytes_of(count, fields);
+            buffer.renew(bytes);
+            auto* next = buffer.data();
+            for (std::size_t rank = 0; rank < counts.size(); ++rank)
+                if (counts[rank] > 0) {
+                    all.push_back({static_cast<int>(rank), next, bytes_of(counts[rank], fields)});
+                    next += all.back().bytes;
+                }
+        };
+        add(to, out_, leaving);
+        add(from, in_, coming);
+        std::uint32_t begin = 0;
+        for (auto const& message : to) {
+            std::uint32_t const count = leaving[static_cast<std::size_t>(message.rank)];
+            pack({begin, count}, message.data, leavers, fields);
+            begin += count;
+        }
+        exchange_(communicator, to, from);
+        came_ = from;
+    }
+
+    /// Calls `note(count, origins, cells, contributions)` with what has come from each rank, on the device,
+    /// and copies the fields of items to their arrays, from `place` on.
+    template <class Fields, class Note>
+    void unpack(std::vector<std::uint32_t> const& coming, std::size_t place, Fields const& fields,
+                Note const& note)
+    {
+        for (auto const& message : came_) {
+            std::size_t const count = coming[static_cast<std::size_t>(message.rank)];
+            Sections next{message.data, count};
+            auto const* const origins = next.template take<std::uint64_t>();
+            auto const* const cells = next.template take<std::uint32_t>();
+            note(count, origins, cells, next.template take<Number>(channels_));
+            fields([&]<class Array>(Array& array) {
+                cuda::copy_queued(queue_, array.data() + place, next.template take<typename Array::Value>(),
+                                  count);
+            });
+            place += count;
+        }
+        came_.clear();
+    }
+
+    /// Lets the last of `all` items fill the places of those that have left: `count` are left. Calls
+    /// `relocate(place)`: items that lay at `count + i` lie at `place[i]` then.
+    template <class Fields, class Relocate>
+    void fill_holes(std::uint32_t all, std::uint32_t count, Fields const& fields, Relocate const& relocate)
+    {
+        std::uint32_t const gone = all - count;
+        if (gone == 0) return;
+        for (auto* const array : {&is_gone_, &holes_, &place_, &from_, &to_}) array->renew(gone);
+        counts_.renew(2);
+        counts_.fill_bytes(0, 2, 0);
+        is_gone_.fill_bytes(0, gone, 0);
+        unsigned const groups = cuda::groups_of(gone, 256);
+        cuda::launch_after("find_holes", queue_, cuda::detail::find_holes, groups, 256, gone_.data(), gone,
+                           count, is_gone_.data(), holes_.data(), counts_.data());
+        cuda::launch_after("fill_holes", queue_, cuda::detail::fill_holes, groups, 256, is_gone_.data(), gone,
+                           count, holes_.data(), place_.data(), from_.data(), to_.data(), counts_.data() + 1);
+        relocate(place_.data());
+        fields([&]<class Array>(Array& array) {
+            cuda::launch_after("move_listed", queue_, cuda::detail::move_listed<typename Array::Value>,
+                               groups, 256, array.data(), from_.data(), to_.data(), counts_.data() + 1);
+        });
+    }
+
+    std::size_t memory() const
+    {
+        std::size_t bytes =
+            cursors_.memory() + gone_.memory() + sorted_.memory() + out_.memory() + in_.memory();
+        for (auto const* const array : {&is_gone_, &holes_, &place_, &from_, &to_}) bytes += array->memory();
+        return bytes;
+    }
+
+private:
+    /// Goes through the parts of a message, each of so many values that are aligned for any type.
+    struct Sections
+    {
+        std::byte* next;
+        std::size_t count;
+
+        template <class T>
+        T* take(std::size_t each = 1)
+        {
+            auto* const here = reinterpret_cast<T*>(next);
+            next += bytes<T>(each);
+            return here;
+        }
+        template <class T>
+        std::size_t bytes(std::size_t each = 1) const
+        {
+            constexpr std::size_t alignment = 16;
+            return (count * each * sizeof(T) + alignment - 1) / alignment * alignment;
+        }
+    };
+    template <class Fields>
+    std::size_t bytes_of(std::size_t count, Fields const& fields) const
+    {
+        if (count == 0) return 0;
+        Sections const of{nullptr, count};
+        std::size_t bytes = of.template bytes<std::uint64_t>() + of.template bytes<std::uint32_t>() +
+                            of.template bytes<Number>(channels_);
+        fields([&]<class Array>(Array const&) { bytes += of.template bytes<typename Array::Value>(); });
+        return bytes;
+    }
+
+    /// Some of the strays that are listed.
+    struct Range
+    {
+        std::uint32_t begin, count;
+    };
+
+    /// Lists strays rank by rank.
+    void list(cuda::Array<Stray> const& strays, std::uint32_t const* owners,
+              std::vector<std::uint32_t> const& leaving)
+    {
+        std::vector<std::uint32_t> begins(leaving.size(), 0);
+        std::exclusive_scan(leaving.begin(), leaving.end(), begins.begin(), std::uint32_t{0});
+        std::uint32_t const count = begins.back() + leaving.back();
+        if (count == 0) return;
+        cursors_.renew(begins.size());
+        cursors_.upload(0, begins);
+        sorted_.renew(count);
+        gone_.renew(count);
+        cuda::launch_after("list_by_rank", queue_, cuda::detail::list_by_rank, cuda::groups_of(count, 256),
+                           256, strays.data(), count, owners, cursors_.data(), sorted_.data(), gone_.data());
+    }
+    template <class Fields>
+    void pack(Range const& range, std::byte* to, cuda::detail::Leavers<Number> const& leavers,
+              Fields const& fields)
+    {
+        Sections next{to, range.count};
+        unsigned const groups = cuda::groups_of(range.count, 256);
+        auto* const origins = next.template take<std::uint64_t>();
+        auto* const cells = next.template take<std::uint32_t>();
+        cuda::launch_after("note_strays", queue_, cuda::detail::note_strays<d, Number>, groups, 256,
+                           sorted_.data() + range.begin, range.count, leavers, origins, cells,
+                           next.template take<Number>(channels_));
+        fields([&]<class Array>(Array& array) {
+            using T = typename Array::Value;
+            cuda::launch_after("pick_listed", queue_, cuda::detail::pick_listed<T>, groups, 256, array.data(),
+                               gone_.data() + range.begin, range.count, next.template take<T>());
+        });
+    }
+
+    cuda::Queue queue_;
+    std::size_t channels_ = 0;
+    cuda::Array<std::uint32_t> cursors_, gone_; ///< gone: where those lie that leave
+    cuda::Array<Stray> sorted_;
+    cuda::Array<std::byte> out_, in_;
+    cuda::Array<std::uint32_t> is_gone_, holes_, place_, from_, to_, counts_;
+    std::vector<DeviceMessage> came_;
+    DeviceExchange exchange_;
+};
+
+} // namespace firn::distributed
