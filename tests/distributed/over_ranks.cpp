@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: MIT
 #include "catch.hpp"
+#include "distributed/any_ranks.hpp"
 #include "distributed/numbers.hpp"
 
 #include <firn/budget.hpp>
@@ -34,32 +35,17 @@ using firn::test::append;
 using firn::test::append_all;
 using firn::test::append_report;
 using firn::test::box_of_points;
+using firn::test::local;
+using firn::test::most_ranks;
 using firn::test::Numbers;
+using firn::test::on;
+using firn::test::Ranks;
+using firn::test::require_same_on_any_ranks;
 
 // One scene on one rank and on several, which are threads here, must come to the same bits.
 namespace
 {
 
-#if defined(__CUDACC__)
-using Local = Cuda;
-constexpr int most_ranks = 3;
-/// The backend of a rank: of several devices each has its own.
-Local local(int rank = 0)
-{
-    int devices = 1;
-    static_cast<void>(cudaGetDeviceCount(&devices));
-    return {.device = rank % std::max(devices, 1)};
-}
-#else
-using Local = OpenMP;
-constexpr int most_ranks = 5;
-Local local(int = 0) { return {.threads = 1}; }
-#endif
-using Ranks = Distributed<Local, RankThreads>;
-Ranks on(RankThreads const& communicator)
-{
-    return {.local = local(communicator.rank()), .communicator = communicator};
-}
 using Plane = firn::Space<2, double>;
 using Solid = firn::Space<3, float>;
 #if defined(FIRN_ON_PROCESSOR) && !defined(FIRN_TESTS_ALL)
@@ -67,30 +53,6 @@ using OfBlocks = Plane; // a block of cells in space takes a processor long
 #else
 using OfBlocks = Solid;
 #endif
-
-/// Checks that a scene comes to the same numbers on one rank and on 1, 2, 3 and 5. `scene(backend)` returns
-/// them.
-template <class Scene>
-void require_same_on_any_ranks(Scene const& scene)
-{
-    Numbers const alone = scene(local());
-    REQUIRE(alone.size() > 100);
-    for (int const ranks : {1, 2, 3, 5}) {
-        if (ranks > most_ranks) break;
-        std::vector<std::size_t> different(std::size_t(ranks), 0);
-        run_ranks(ranks, [&](RankThreads const& communicator) {
-            Numbers const here = scene(on(communicator));
-            auto& count = different[std::size_t(communicator.rank())];
-            count = here.size() == alone.size() ? 0 : 1;
-            for (std::size_t i = 0; i < here.size() && i < alone.size(); ++i)
-                if (!(here[i] == alone[i] || (std::isnan(here[i]) && std::isnan(alone[i])))) ++count;
-        });
-        for (std::size_t rank = 0; rank < different.size(); ++rank) {
-            CAPTURE(ranks, rank);
-            CHECK(different[rank] == 0);
-        }
-    }
-}
 
 /// Two blocks that fly at each other along x, over a floor, and through the parts of all ranks.
 template <class Model, class Transfer = Mls, class Kernel = QuadraticBSpline>

@@ -71,6 +71,16 @@ std::vector<T> of_all_ranks([[maybe_unused]] Backend const& backend, std::vector
     return values;
 }
 
+/// Whether this rank does what all know and one is to do.
+template <class Backend>
+bool is_first_rank([[maybe_unused]] Backend const& backend)
+{
+    if constexpr (spans_ranks<Backend>)
+        return backend.rank() == 0;
+    else
+        return true;
+}
+
 /// The sum of a number over all ranks.
 template <class Backend>
 std::size_t sum_of_ranks([[maybe_unused]] Backend const& backend, std::size_t number)

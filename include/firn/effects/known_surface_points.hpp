@@ -83,6 +83,17 @@ struct SurfaceCandidate
 {
     Coordinates<d> node;
     std::uint32_t obstacle;
+
+    bool operator==(SurfaceCandidate const& other) const
+    {
+        return node == other.node && obstacle == other.obstacle;
+    }
+    bool operator<(SurfaceCandidate const& other) const
+    {
+        for (int a = 0; a < d; ++a)
+            if (node[a] != other.node[a]) return node[a] < other.node[a];
+        return obstacle < other.obstacle;
+    }
 };
 
 /// A number in which all bits depend on all of these.

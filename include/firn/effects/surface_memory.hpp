@@ -1,13 +1,16 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/effects/surface_points.hpp>
+#include <firn/grid/listed_nodes.hpp>
 
 #include <algorithm>
 #include <array>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 namespace firn
@@ -76,6 +79,32 @@ public:
     }
     /// Before points are looked for: none is counted.
     void begin() { counts_.fill(0, 2, 0); }
+    /// On several ranks, after candidates have been found that had room: all ranks get those of all, by the
+    /// same numbers.
+    void share_candidates()
+    {
+        std::size_t const first = known_candidates_;
+        if (first > 0) {
+            std::vector<std::uint32_t> seen(first), numbers;
+            seen_.download(0, seen);
+            for (std::uint32_t i = 0; i < first; ++i)
+                if (seen[i] == step_) numbers.push_back(i);
+            for (auto const i : detail::of_all_ranks(backend_, std::move(numbers))) seen[i] = step_;
+            seen_.upload(0, seen);
+        }
+        std::vector<SurfaceCandidate<d>> found(counted().candidates);
+        candidates_.download(first, found);
+        found = detail::of_all_ranks(backend_, std::move(found));
+        std::sort(found.begin(), found.end()); // nodes at borders are found on both sides
+        found.erase(std::unique(found.begin(), found.end()), found.end());
+        auto const count = static_cast<std::uint32_t>(found.size());
+        had_room({count, 0, 0});
+        candidates_.upload(first, found);
+        seen_.fill(first, found.size(), step_);
+        counts_.fill(0, 1, count);
+    }
+    /// On several ranks: the nodes that points reach, on all ranks by the same numbers.
+    NodesOfRanks<Number, d> nodes_of_ranks;
     /// The number of the first point that the step before did not have.
     std::uint32_t first_new() const { return first_new_; }
     /// After points have been found. Returns how many there are.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/core/error.hpp>
 #include <firn/effects/surface_memory.hpp>
 #include <firn/phases/find_surface_points.hpp>
@@ -9,13 +10,13 @@
 #include <firn/phases/step_context.hpp>
 #include <firn/phases/surface_contact.hpp>
 #include <firn/time_stepping/step_scene.hpp>
+#include <firn/time_stepping/surface_over_ranks.hpp>
 
 #include <algorithm>
 #include <cassert>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
-#include <type_traits>
 
 // The part of a step that obstacles have which act at their surface: their points are found before nodes are
 // updated, and their impulses afterwards. See phases/surface_contact.hpp.
@@ -57,10 +58,15 @@ std::uint32_t find_surface_points(StepMemory<Backend, Sets, Transfer> const& mem
     surface.begin_step();
     for (;;) {
         surface.begin();
-        auto const found = surface.view();
+        auto found = surface.view();
         memory.backend.for_each_node(scene.sets.orders(), scene.grid_state.grid(),
                                      FindCandidates<Space, Kernel, Transfer, Actions>{
                                          now, memory.lattice, scene.smallest_node_mass, found});
+        if constexpr (spans_ranks<Backend>) {
+            if (!surface.had_room(surface.counted())) continue; // this rank alone looks once more
+            surface.share_candidates();
+            found = surface.view();
+        }
         memory.backend.for_each(surface.looked_at(), FindSurfacePoints<Space, Kernel, Transfer, Actions>{
                                                          now, memory.lattice, found});
         SurfaceCounts const counts = surface.counted();
@@ -70,11 +76,12 @@ std::uint32_t find_surface_points(StepMemory<Backend, Sets, Transfer> const& mem
     }
 }
 
-/// Lets these obstacles act on nodes that have been updated, at the points that were found before.
-template <class Backend, class Sets, class Kernel, class Transfer, class Actions>
-void act_at_surfaces(StepMemory<Backend, Sets, Transfer> const& memory,
-                     StepScene<Backend, Sets, Kernel, Transfer> const& scene, std::uint32_t points,
-                     StepContext<typename Sets::Space::Scalar, Actions> const* now)
+/// Finds the impulses at the points that were found before, and the velocities that nodes get from them.
+/// `by_index` are the nodes, `node_count` of them, whose indices have this numbering.
+template <class Backend, class Sets, class Kernel, class Transfer, class Nodes>
+void find_impulses(StepMemory<Backend, Sets, Transfer> const& memory,
+                   StepScene<Backend, Sets, Kernel, Transfer> const& scene, std::uint32_t points,
+                   Nodes const& by_index, std::size_t node_count, std::uint64_t numbering)
 {
     using Number = typename Sets::Space::Scalar;
     constexpr int d = Sets::Space::dimension;
@@ -82,29 +89,23 @@ void act_at_surfaces(StepMemory<Backend, Sets, Transfer> const& memory,
     using Sums = NodeSums<d, SumsOf<Transfer>>;
     using Loop = PointLoop<Kernel, Number, d>;
     auto const& backend = memory.backend;
-    auto& grid = scene.grid_state.grid();
     auto& surface = surface_memory(scene);
-    double const dt = scene.time_state.now.interval.length();
     int const sweeps = surface.goes_on() ? sweeps_that_go_on : sweeps_from_nothing;
-    auto const longer = static_cast<Number>(dt / surface.dt_before()),
+    auto const longer = static_cast<Number>(scene.time_state.now.interval.length() / surface.dt_before()),
                cell_size = static_cast<Number>(memory.lattice.cell_size);
-    surface.end_step(points, dt);
-    if (points == 0) return;
-    auto const by_index = grid.nodes_by_index();
-    using Nodes = std::remove_const_t<decltype(by_index)>;
     // a device has as many parts of a loop at once as it can have
     constexpr int rows_of_part = Backend::queues ? 1 : Loop::Cell::rows;
     using Rows = RowLoop<Kernel, Number, d, rows_of_part>;
     constexpr auto nodes_of_each = std::size_t(Loop::nodes_of_each);
     // those without nodes are new, and where the grid has other nodes all may miss one that is there now
     std::size_t const first_without = surface.have_nodes() ? surface.first_new() : 0,
-                      first = surface.have_indices(grid.numbering()) ? first_without : 0,
-                      most_new = std::min(grid.node_count(), (points - first) * nodes_of_each);
+                      first = surface.have_indices(numbering) ? first_without : 0,
+                      most_new = std::min(node_count, (points - first) * nodes_of_each);
     bool const may_change = points > first;
     if (may_change) {
         if (first == 0) backend.for_each(surface.reached_before(), ForgetIndices<Number, d>{surface.view()});
         if (first_without == 0) surface.forget_nodes();
-        surface.make_room(points, nodes_of_each, most_new, grid.node_count(), grid.numbering());
+        surface.make_room(points, nodes_of_each, most_new, node_count, numbering);
     }
     Loop const loop{surface.view()};
     Rows const rows{loop, points};
@@ -136,7 +137,36 @@ void act_at_surfaces(StepMemory<Backend, Sets, Transfer> const& memory,
         backend.for_each(nodes, gather);
         weight = next;
     }
-    backend.for_each(points, BookImpulses<Number, d, StepContext<Number, Actions>>{loop.of.points, now});
+}
+
+/// Lets these obstacles act on nodes that have been updated, at the points that were found before.
+template <class Backend, class Sets, class Kernel, class Transfer, class Actions>
+void act_at_surfaces(StepMemory<Backend, Sets, Transfer> const& memory,
+                     StepScene<Backend, Sets, Kernel, Transfer> const& scene, std::uint32_t points,
+                     StepContext<typename Sets::Space::Scalar, Actions> const* now)
+{
+    using Number = typename Sets::Space::Scalar;
+    constexpr int d = Sets::Space::dimension;
+    auto const& backend = memory.backend;
+    auto& surface = surface_memory(scene);
+    if (points > 0) {
+        auto& grid = scene.grid_state.grid();
+        if constexpr (spans_ranks<Backend>) {
+            using Values = NodeValues<d, ValuesOf<Transfer>>;
+            auto& nodes =
+                detail::share_nodes_at_surface<Kernel>(backend, grid, surface, points, memory.lattice,
+                                                       NodeSums<d, SumsOf<Transfer>>::mass, Values::velocity);
+            find_impulses(memory, scene, points, nodes.list.nodes(Values::velocity), nodes.list.size(),
+                          nodes.list.numbering());
+            nodes.return_values(backend, grid, Values::velocity, d, scene.smallest_node_mass);
+        }
+        else
+            find_impulses(memory, scene, points, grid.nodes_by_index(), grid.node_count(), grid.numbering());
+        if (detail::is_first_rank(backend)) // all ranks have all impulses
+            backend.for_each(
+                points, BookImpulses<Number, d, StepContext<Number, Actions>>{surface.view().points, now});
+    }
+    surface.end_step(points, scene.time_state.now.interval.length());
 }
 
 } // namespace firn

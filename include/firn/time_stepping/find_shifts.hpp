@@ -40,9 +40,9 @@ void find_shifts(StepMemory<Backend, Sets, Transfer>& memory,
             ScatterVolumes<Space, typename Material::Model, Kernel, typename Material::Stored>{
                 scene.sets.template model<k>(), table.current(), table.mass_groups(), per_cell});
     });
-    memory.volumes.solve(grid, most_sweeps(scene.sets), [&](auto const& nodes) {
-        backend.for_each_node(scene.sets.orders(), grid,
-                              FindVolumes<Space, Kernel, Actions>{now, memory.lattice, nodes});
+    auto const orders = scene.sets.orders();
+    memory.volumes.solve(grid, orders, memory.lattice, most_sweeps(scene.sets), [&](auto const& nodes) {
+        backend.for_each_node(orders, grid, FindVolumes<Space, Kernel, Actions>{now, memory.lattice, nodes});
     });
     grid.swap();
     Sets::for_each([&](auto k) {

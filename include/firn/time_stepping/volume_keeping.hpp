@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
+#include <firn/grid/lattice.hpp>
+#include <firn/grid/listed_nodes.hpp>
 #include <firn/particles/storage.hpp>
 #include <firn/phases/keep_volume.hpp>
 
@@ -11,7 +14,8 @@
 #include <cstdint>
 #include <limits>
 #include <optional>
-#include <type_traits>
+#include <utility>
+#include <vector>
 
 namespace firn
 {
@@ -62,9 +66,9 @@ public:
     }
 
     /// Finds what nodes have too much or too little of, and gives the grid the potential. `find(nodes)` is to
-    /// list the nodes that have volume.
-    template <class Grid, class Find>
-    void solve(Grid& grid, int sweeps, Find const& find)
+    /// list the nodes that have volume; `orders` are those of the grid's cells.
+    template <class Grid, class Orders, class Find>
+    void solve(Grid& grid, Orders const& orders, Lattice const& lattice, int sweeps, Find const& find)
     {
         for (;;) {
             count_.fill(0, 1, 0);
@@ -72,12 +76,26 @@ public:
             if (count() <= nodes_.size()) break;
             nodes_.resize(count() + count() / 4, 0);
         }
-        std::size_t const nodes = count(), indices = grid.node_count();
+        if constexpr (spans_ranks<Backend>) {
+            share_nodes(grid, orders, lattice, sweeps);
+            find_potential(of_ranks_.list.nodes(0), of_ranks_.list.size(), sweeps);
+            of_ranks_.return_values(backend_, grid, 0, 1, Number(-1));
+        }
+        else
+            find_potential(grid.nodes_by_index(), grid.node_count(), sweeps);
+    }
+
+private:
+    static constexpr int unknown = -1;
+
+    /// Finds the potential of the listed nodes. `by_index` are all nodes, of which there are `indices`.
+    template <class Nodes>
+    void find_potential(Nodes const& by_index, std::size_t indices, int sweeps)
+    {
+        std::size_t const nodes = count();
         if (nodes == 0) return;
         if (numbers_.size() < indices) numbers_.resize(indices, 0);
         numbers_.fill(0, indices, NodeOfVolume<Number, d>::none);
-        auto const by_index = grid.nodes_by_index();
-        using Nodes = std::remove_const_t<decltype(by_index)>;
         backend_.for_each(nodes, NumberVolumes<Number, d, Nodes>{view(), by_index});
         backend_.for_each(nodes, FindSources<Number, d, Nodes>{view(), by_index});
         // of the operator phi_i - mean(phi_j): what varies more slowly than its least eigenvalue here is left
@@ -94,8 +112,32 @@ public:
         backend_.for_each(nodes, ReturnPotential<Number, d, Nodes>{nodes_.data(), by_index, sweeps % 2});
     }
 
-private:
-    static constexpr int unknown = -1;
+    /// On several ranks: lists the nodes of others, too, as far as they matter to the potential of nodes
+    /// here. A sweep looks one node further, and so does what a source is.
+    template <class Grid, class Orders>
+    void share_nodes(Grid& grid, Orders const& orders, Lattice const& lattice, int sweeps)
+    {
+        using Node = NodeOfVolume<Number, d>;
+        auto const by_index = grid.nodes_by_index();
+        auto const share_of = [&](Node const& node) {
+            auto const index = by_index.find(node.node);
+            return index == by_index.absent ? NodeShare::none : grid.share_of(index);
+        };
+        std::vector<Node> nodes(count(), Node{}), own;
+        nodes_.download(0, nodes);
+        for (Node const& node : nodes)
+            if (share_of(node) == NodeShare::results) own.push_back(node);
+        for (Node const& node :
+             grid.exchange_near(orders, own, sweeps, [](Node const& of) { return of.node; }))
+            if (share_of(node) == NodeShare::none) nodes.push_back(node);
+        if (nodes.size() > nodes_.size()) nodes_.resize(nodes.size() + nodes.size() / 4, 0);
+        nodes_.upload(0, nodes);
+        count_.fill(0, 1, static_cast<std::uint32_t>(nodes.size()));
+        std::vector<Coordinates<d>> places;
+        places.reserve(nodes.size());
+        for (Node const& node : nodes) places.push_back(node.node);
+        of_ranks_.set(std::move(places), 1, lattice, grid);
+    }
 
     NodesOfVolume<Number, d> view()
     {
@@ -112,6 +154,7 @@ private:
     int left_ = unknown; ///< steps before the next correction
     Array<NodeOfVolume<Number, d>> nodes_;
     Array<std::uint32_t> numbers_, count_;
+    NodesOfRanks<Number, d> of_ranks_; ///< the same nodes, if there are several
     std::array<std::optional<Shifts>, materials> shifts_;
     std::array<std::size_t, materials> size_{};
 };

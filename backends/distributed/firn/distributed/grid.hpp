@@ -3,9 +3,11 @@
 
 #include <firn/core/cell_work.hpp>
 #include <firn/distributed/merge.hpp>
+#include <firn/distributed/near_ranks.hpp>
 #include <firn/distributed/parcel.hpp>
 #include <firn/grid/block_key.hpp>
 #include <firn/grid/lattice.hpp>
+#include <firn/grid/listed_nodes.hpp>
 
 #include <algorithm>
 #include <array>
@@ -141,6 +143,22 @@ public:
         return Local::nodes_at(owner + first_owner());
     }
 
+    /// What this rank has of the node with an index: see Local::nodes_by_index(). It holds as long as
+    /// indices.
+    NodeShare share_of(std::uint32_t index)
+    {
+        if (shares_at_ != this->numbering()) find_shares();
+        return shares_[index / static_cast<std::uint32_t>(Local::block_channel)];
+    }
+
+    /// See distributed::exchange_near().
+    template <class T, class NodeOf>
+    std::vector<T> exchange_near(Orders const& orders, std::vector<T> const& own, int distance,
+                                 NodeOf const& node_of) const
+    {
+        return distributed::exchange_near<Local>(*orders[0], own, distance, node_of);
+    }
+
     /// Merges the results of the nodes of all ranks, each node's once.
     template <class Result>
     Result merged(std::span<Result const> of_owners) const
@@ -162,6 +180,16 @@ public:
     }
 
 private:
+    void find_shares()
+    {
+        shares_at_ = this->numbering();
+        shares_.assign(this->nodes().size(), NodeShare::none);
+        for (int owner = 0; owner < Local::owners(); ++owner)
+            for (auto const n : Local::nodes_at(owner))
+                shares_[n] =
+                    owner < static_cast<int>(this->owners_here()) ? NodeShare::results : NodeShare::values;
+    }
+
     int first_owner() const { return shown_ == Nodes::others ? static_cast<int>(this->owners_here()) : 0; }
 
     /// A block with the part of its tile that another rank needs.
@@ -296,7 +324,9 @@ private:
     typename std::remove_cvref_t<decltype(std::declval<Order&>().communicator())> const* communicator_ =
         nullptr;
     std::array<std::vector<std::vector<Border>>, count_of_layers>
-        border_; ///< [layer][rank]: blocks that it needs
+        border_;                    ///< [layer][rank]: blocks that it needs
+    std::vector<NodeShare> shares_; ///< by block of nodes
+    std::uint64_t shares_at_ = 0;   ///< the numbering for which they are
     int looks_ = 0;
     Nodes shown_ = Nodes::all;
     bool blocks_have_changed_ = true, are_old_ = true;

@@ -6,6 +6,7 @@
 #include <firn/distributed/merge.hpp>
 #include <firn/distributed/parcel.hpp>
 #include <firn/distributed/partition.hpp>
+#include <firn/grid/listed_nodes.hpp>
 #include <firn/reference/cell_order.hpp>
 #include <firn/reference/grid.hpp>
 
@@ -173,7 +174,8 @@ class Grid<reference::Grid<Number, d, degree, sums, values, layers, own_values>,
 
 public:
     template <class Backend>
-    explicit Grid(Backend const& backend, Periods<d> const& periods = {}) : Local(backend.local, periods)
+    explicit Grid(Backend const& backend, Periods<d> const& periods = {})
+        : Local(backend.local, periods), is_first_(backend.rank() == 0)
     {}
 
     struct Layer : Local::Layer
@@ -182,6 +184,25 @@ public:
         void change_sums() const { *are_old = true; }
     };
     Layer layer(std::size_t of) { return {Local::layer(of), &are_old_}; }
+
+    /// The same, with the sums of all ranks.
+    class NodesOfAll : public Local::Nodes
+    {
+    public:
+        explicit NodesOfAll(Grid& grid) : Local::Nodes(grid), grid_(&grid) {}
+        Number sum(std::uint32_t index, int channel) const { return grid_->sum(this->node(index), channel); }
+
+    private:
+        Grid const* grid_;
+    };
+    NodesOfAll nodes_by_index() { return NodesOfAll(*this); }
+    NodeShare share_of(std::uint32_t) const { return is_first_ ? NodeShare::results : NodeShare::values; }
+    /// Every rank has all nodes: nothing is told.
+    template <class Orders, class T, class NodeOf>
+    std::vector<T> exchange_near(Orders const&, std::vector<T> const&, int, NodeOf const&) const
+    {
+        return {};
+    }
 
     template <class Orders>
     void activate(Orders const& orders)
@@ -242,7 +263,7 @@ public:
 
 private:
     std::array<typename Local::template NodeMap<Sums>, std::size_t(layers)> all_; ///< of all ranks, by layer
-    bool are_old_ = true, shows_none_ = false;
+    bool are_old_ = true, shows_none_ = false, is_first_;
 };
 
 } // namespace firn::distributed

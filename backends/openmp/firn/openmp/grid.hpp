@@ -347,6 +347,13 @@ public:
             if ((node[d - 1] + Base::reach) % Base::Shape::along == 0) return find(node);
             return before == absent ? absent : before + 1; // in the same block
         }
+        /// The coordinates of a node.
+        Coordinates<d> node(std::uint32_t index) const
+        {
+            int const inside = static_cast<int>(index % block_channel);
+            return Base::node_at(grid_->nodes_[index / block_channel].coordinates,
+                                 inside / Base::Shape::along, inside % Base::Shape::along);
+        }
         Number sum(std::uint32_t index, int channel) const
         {
             int row = static_cast<int>(index % block_channel) / Base::Shape::along;

@@ -86,6 +86,7 @@ public:
             return is_there ? static_cast<std::uint32_t>(found - nodes_.begin()) : absent;
         }
         std::uint32_t find_next(Coordinates<d> const& node, std::uint32_t) const { return find(node); }
+        Coordinates<d> const& node(std::uint32_t index) const { return nodes_[index]; }
         Number sum(std::uint32_t index, int channel) const { return grid_->sum(nodes_[index], channel); }
         Number& value(std::uint32_t index, int channel) const { return grid_->value(nodes_[index], channel); }
 

@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include "catch.hpp"
+#include "distributed/numbers.hpp"
+
+#include <firn/core/exactly_equal.hpp>
+#include <firn/distributed.hpp>
+#include <firn/distributed/rank_threads.hpp>
+#if defined(__CUDACC__)
+#include <firn/distributed/on_cuda.hpp>
+#else
+#include <firn/openmp.hpp>
+#endif
+
+#include <algorithm>
+#include <cmath>
+#include <cstddef>
+#include <vector>
+
+// Scenes on one rank and on several, which are threads here.
+namespace firn::test
+{
+
+#if defined(__CUDACC__)
+using Local = Cuda;
+constexpr int most_ranks = 3;
+/// The backend of a rank: of several devices each has its own.
+inline Local local(int rank = 0)
+{
+    int devices = 1;
+    static_cast<void>(cudaGetDeviceCount(&devices));
+    return {.device = rank % std::max(devices, 1)};
+}
+#else
+using Local = OpenMP;
+constexpr int most_ranks = 5;
+inline Local local(int = 0) { return {.threads = 1}; }
+#endif
+using Ranks = Distributed<Local, RankThreads>;
+inline Ranks on(RankThreads const& communicator)
+{
+    return {.local = local(communicator.rank()), .communicator = communicator};
+}
+/// Checks that a scene comes to the same numbers on one rank and on 1, 2, 3 and 5. `scene(backend)` returns
+/// them.
+template <class Scene>
+void require_same_on_any_ranks(Scene const& scene)
+{
+    Numbers const alone = scene(local());
+    REQUIRE(alone.size() > 100);
+    for (int const ranks : {1, 2, 3, 5}) {
+        if (ranks > most_ranks) break;
+        std::vector<std::size_t> different(std::size_t(ranks), 0);
+        run_ranks(ranks, [&](RankThreads const& communicator) {
+            Numbers const here = scene(on(communicator));
+            auto& count = different[std::size_t(communicator.rank())];
+            count = here.size() == alone.size() ? 0 : 1;
+            for (std::size_t i = 0; i < here.size() && i < alone.size(); ++i)
+                if (!(exactly_equal(here[i], alone[i]) || (std::isnan(here[i]) && std::isnan(alone[i]))))
+                    ++count;
+        });
+        for (std::size_t rank = 0; rank < different.size(); ++rank) {
+            CAPTURE(ranks, rank);
+            CHECK(different[rank] == 0);
+        }
+    }
+}
+
+} // namespace firn::test
