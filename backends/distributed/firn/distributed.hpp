@@ -118,6 +118,9 @@ struct Distributed
     auto for_each_cell(Order& cells, Layer& layer, Phase const& phase) const
     {
         if constexpr (Phase::work.scatters_to == ScatterTarget::sums) layer.change_sums();
+        if constexpr (Phase::work.scatters_to == ScatterTarget::next_sums &&
+                      requires { layer.change_next_sums(); })
+            layer.change_next_sums();
         if constexpr (Local::queues && Phase::work.moves) {
             local.move_items(cells, layer, phase);
             return layer.template found<typename Phase::Result>(cells);

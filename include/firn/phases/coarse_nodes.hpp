@@ -105,6 +105,8 @@ struct LinkCoarseNodes
     std::size_t count;           ///< of coarse nodes
     NodeWeight<Number>* reached; ///< for each coarse node one after the other, Coarse::reached_count times
     NodeInCoarse<Number, d>* linked; ///< for each index of a node
+    /// The numbers of these coarse nodes among all, if they are a part of them.
+    std::uint32_t const* numbers = nullptr;
 
     /// For one of the nodes that a coarse node reaches.
     FIRN_HOST_DEVICE void operator()(std::size_t pair) const
@@ -119,8 +121,8 @@ struct LinkCoarseNodes
         std::uint32_t const index = find(node);
         if (index == Nodes::absent) return;
         reached[pair] = {index, own.template weight<Number>(way)};
-        link<0>(walls, node, index, 0, {static_cast<std::uint32_t>(number), reached[pair].weight},
-                Coarse::corner(way));
+        auto const of_all = numbers == nullptr ? static_cast<std::uint32_t>(number) : numbers[number];
+        link<0>(walls, node, index, 0, {of_all, reached[pair].weight}, Coarse::corner(way));
     }
 
 private:

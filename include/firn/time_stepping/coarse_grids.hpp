@@ -1,17 +1,21 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/phases/coarse_ladder.hpp>
 #include <firn/phases/coarse_nodes.hpp>
 #include <firn/phases/coarse_sums.hpp>
+#include <firn/phases/solve_phase.hpp>
 #include <firn/phases/solve_search.hpp>
 #include <firn/time_stepping/coarse_grid.hpp>
+#include <firn/time_stepping/coarse_over_ranks.hpp>
 
 #include <algorithm>
 #include <array>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -41,7 +45,7 @@ public:
         : backend_(backend), held_(backend), coarse_(backend), reached_(backend), linked_(backend),
           weight_lines_(backend), lines_(backend), weights_(backend), diagonals_(backend), values_(backend),
           first_of_node_(backend), parts_(backend), to_first_(backend), to_coarser_(backend),
-          products_(backend), of_sum_(backend)
+          products_(backend), of_sum_(backend), numbers_(backend)
     {}
 
     bool are_there() const { return are_there_; }
@@ -49,34 +53,60 @@ public:
 
     /// Makes the grids under the particles of all materials, and links the first one's nodes with the grid's
     /// own.
-    template <class Kernel, class Transfer, class Sets, class Actions, class Nodes>
-    void begin(Sets const& sets, StepContext<Number, Actions> const* now, Nodes const& nodes,
-               std::size_t node_count, Number smallest_mass)
+    template <class Kernel, class Transfer, class Sets, class Actions, class Grid>
+    void begin(Sets& sets, StepContext<Number, Actions> const* now, Grid& grid, Number smallest_mass)
     {
-        auto cells = cells_with_particles<Kernel>(sets, nodes, node_count);
+        auto cells = cells_with_particles<Kernel>(sets, grid.nodes_by_index(), grid.node_count());
         are_there_ = !cells.empty();
         if (!are_there_) return;
         if (cells != cells_) { // mostly they are those of the step before
             cells_ = cells;
             make_levels(std::move(cells));
         }
+        if constexpr (spans_ranks<Backend>) {
+            using Solve = SolvePhase<Space, Kernel, Transfer>;
+            over_ranks_.halo.begin(backend_, grid, sets.orders(), coarsening - 1,
+                                   NodeSums<d, SumsOf<Transfer>>::mass, smallest_mass,
+                                   Solve::Own::stiffness + 1);
+            over_ranks_.find(backend_, grid, sets.orders(), levels_.front().grid.nodes());
+            upload(numbers_, over_ranks_.near);
+            std::vector<Node> near;
+            for (auto const number : over_ranks_.near) near.push_back(levels_.front().grid.nodes()[number]);
+            upload(coarse_, near);
+        }
+        std::size_t const near = near_count(), node_count = grid.node_count() + over_ranks_.halo.size();
+        reached_.resize(near * std::size_t(Node::reached_count), 0);
+        weight_lines_.resize(near * std::size_t(Node::lines), 0);
+        lines_.resize(near * std::size_t(Node::lines), 0);
         linked_.resize(node_count, 0);
         linked_.fill(0, node_count, {});
+        auto const nodes = nodes_of(grid);
         backend_.for_each(
-            first_count() * std::size_t(Node::reached_count),
-            LinkCoarseNodes<Space, Kernel, Transfer, Actions, Nodes>{
-                now, nodes, smallest_mass, coarse_.data(), first_count(), reached_.data(), linked_.data()});
+            near * std::size_t(Node::reached_count),
+            LinkCoarseNodes<Space, Kernel, Transfer, Actions, std::remove_const_t<decltype(nodes)>>{
+                now, nodes, smallest_mass, coarse_.data(), near, reached_.data(), linked_.data(),
+                spans_ranks<Backend> ? numbers_.data() : nullptr});
     }
 
     /// Finds the diagonals, for the state that was tried last.
-    template <class Kernel, class Transfer, class Nodes>
-    void weigh(Nodes const& nodes, bool at_rest, double stiffness_of_kernel)
+    template <class Kernel, class Transfer, class Grid>
+    void weigh(Grid& grid, bool at_rest, double stiffness_of_kernel)
     {
-        std::size_t const first = first_count();
-        backend_.for_each(first * std::size_t(Node::lines),
+        if constexpr (spans_ranks<Backend>) {
+            using Own = typename SolvePhase<Space, Kernel, Transfer>::Own;
+            std::vector<int> channels{Own::mass, Own::stiffness};
+            for (int i = 0; i < d; ++i) channels.push_back(Own::free_at(i, i));
+            over_ranks_.halo.update(backend_, grid, channels);
+        }
+        auto const nodes = nodes_of(grid);
+        using Nodes = std::remove_const_t<decltype(nodes)>;
+        std::size_t const near = near_count();
+        backend_.for_each(near * std::size_t(Node::lines),
                           WeighLines<Space, Kernel, Transfer, Nodes>{
-                              {nodes, reached_.data(), first}, weight_lines_.data(), at_rest});
-        backend_.for_each(first, AddWeightsOfLines<Number, d>{first, weight_lines_.data(), weights_.data()});
+                              {nodes, reached_.data(), near}, weight_lines_.data(), at_rest});
+        on_first(weights_, [&](CoarseWeights<double, d>* to) {
+            backend_.for_each(near, AddWeightsOfLines<Number, d>{near, weight_lines_.data(), to});
+        });
         for (std::size_t l = 1; l < levels_.size(); ++l)
             backend_.for_each(levels_[l].size(),
                               WeighLevel<d>{levels_[l].finer.links(), weights_.data() + levels_[l - 1].offset,
@@ -93,14 +123,24 @@ public:
     }
 
     /// Adds the coarse grids' part to the preconditioned residual of nodes.
-    template <class Kernel, class Transfer, class Nodes>
-    void correct(Nodes const& nodes, std::size_t node_count)
+    template <class Kernel, class Transfer, class Grid>
+    void correct(Grid& grid)
     {
-        std::size_t const first = first_count(), coarser = values_.size() - first;
+        if constexpr (spans_ranks<Backend>) {
+            constexpr int residual = SolvePhase<Space, Kernel, Transfer>::Own::residual;
+            std::array<int, std::size_t(d)> channels;
+            for (int i = 0; i < d; ++i) channels[std::size_t(i)] = residual + i;
+            over_ranks_.halo.update(backend_, grid, channels);
+        }
+        auto const nodes = nodes_of(grid);
+        using Nodes = std::remove_const_t<decltype(nodes)>;
+        std::size_t const first = first_count(), coarser = values_.size() - first, near = near_count();
         backend_.for_each(
-            first * std::size_t(Node::lines),
-            RestrictLines<Space, Kernel, Transfer, Nodes>{{nodes, reached_.data(), first}, lines_.data()});
-        backend_.for_each(first, AddResidualsOfLines<Number, d>{first, lines_.data(), values_.data()});
+            near * std::size_t(Node::lines),
+            RestrictLines<Space, Kernel, Transfer, Nodes>{{nodes, reached_.data(), near}, lines_.data()});
+        on_first(values_, [&](Vector<double, d>* to) {
+            backend_.for_each(near, AddResidualsOfLines<Number, d>{near, lines_.data(), to});
+        });
         if (coarser > 0) {
             backend_.for_each(parts_.size(),
                               RestrictPart<d>{to_first_.links(), values_.data(), parts_.data()});
@@ -110,10 +150,11 @@ public:
         backend_.for_each(first, CorrectFirst<d>{to_coarser_.links(), values_.data() + first,
                                                  diagonals_.data(), values_.data(), products_.data()});
         using Prolong = ProlongCorrection<Space, Kernel, Transfer, Nodes>;
-        std::size_t const parts = (first + Prolong::of_part - 1) / Prolong::of_part;
+        std::size_t const count = grid.node_count(),
+                          parts = (first + Prolong::of_part - 1) / Prolong::of_part;
         of_sum_.resize(parts, 0);
-        backend_.for_each(node_count + parts, Prolong{nodes, node_count, linked_.data(), values_.data(),
-                                                      products_.data(), first, of_sum_.data()});
+        backend_.for_each(count + parts, Prolong{nodes, count, linked_.data(), values_.data(),
+                                                 products_.data(), first, of_sum_.data()});
     }
     /// What they have added to r z: where loops run.
     CoarsePartsOfSum added() const
@@ -176,6 +217,29 @@ private:
     };
 
     std::size_t first_count() const { return levels_.front().size(); }
+    /// Of its nodes, those that may reach nodes here: all, unless other ranks have some.
+    std::size_t near_count() const { return spans_ranks<Backend> ? over_ranks_.near.size() : first_count(); }
+    /// The nodes that they reach.
+    template <class Grid>
+    auto nodes_of(Grid& grid)
+    {
+        if constexpr (spans_ranks<Backend>)
+            return over_ranks_.halo.nodes(grid);
+        else
+            return grid.nodes_by_index();
+    }
+    /// Lets `find(to)` find a value of each node nearby of the first grid, with which those of all begin.
+    template <class T, class Find>
+    void on_first(Array<T>& of_all, Find const& find)
+    {
+        if constexpr (spans_ranks<Backend>) {
+            std::vector<T> of_near(near_count());
+            find(of_near.data());
+            over_ranks_.share(backend_, of_near.data(), of_all.data());
+        }
+        else
+            find(of_all.data());
+    }
 
     template <class T>
     static void upload(Array<T>& to, std::vector<T> const& values)
@@ -206,7 +270,12 @@ private:
         });
         held_on_host_.resize(node_count);
         held_.download(0, held_on_host_);
-        return coarse_cells(held_on_host_);
+        auto cells = coarse_cells(held_on_host_);
+        if constexpr (spans_ranks<Backend>) {
+            cells = detail::of_all_ranks(backend_, std::move(cells));
+            CoarseGrid<d>::make_unique(cells);
+        }
+        return cells;
     }
     /// The coarse cells of those that hold a particle. Few boxes around a scene are so large that marks of
     /// all their cells take more than a list of some.
@@ -269,15 +338,11 @@ private:
             for (auto& cell : cells) cell = coarse_cell(cell);
             CoarseGrid<d>::make_unique(cells);
         }
-        std::size_t const first = first_count();
         weights_.resize(count, 0);
         diagonals_.resize(count, 0);
         values_.resize(count, 0);
-        products_.resize(first, 0);
+        products_.resize(first_count(), 0);
         upload(coarse_, levels_.front().grid.nodes());
-        reached_.resize(first * std::size_t(Node::reached_count), 0);
-        weight_lines_.resize(first * std::size_t(Node::lines), 0);
-        lines_.resize(first * std::size_t(Node::lines), 0);
         link_levels();
     }
 
@@ -356,6 +421,8 @@ private:
     Array<Vector<double, d>> parts_;
     Links to_first_, to_coarser_;
     Array<double> products_, of_sum_; ///< R c of the first grid's nodes, and parts of their sum
+    Array<std::uint32_t> numbers_;    ///< on several ranks: of the coarse nodes nearby, among all
+    CoarseOverRanks<Number, d> over_ranks_;
 };
 
 } // namespace firn

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/core/components.hpp>
 #include <firn/core/exactly_equal.hpp>
 #include <firn/core/finite.hpp>
@@ -20,6 +21,7 @@
 #include <optional>
 #include <sstream>
 #include <string>
+#include <tuple>
 #include <utility>
 #include <vector>
 
@@ -131,19 +133,31 @@ template <class Sets, class Values>
 }
 
 /// The log of an implicit step that was not solved, with the particle that is nearest to a place [m].
-template <class Sets>
-[[gnu::cold]] StepLog with_nearest(Sets const& sets, StepLog log, Eigen::Vector3d const& place)
+template <class Backend, class Sets>
+[[gnu::cold]] StepLog with_nearest(Backend const& backend, Sets const& sets, StepLog log,
+                                   Eigen::Vector3d const& place)
 {
-    double nearest = std::numeric_limits<double>::infinity();
+    struct Found
+    {
+        double away;
+        std::uint32_t material, row;
+        bool is_before(Found const& other) const // particles come in any order
+        {
+            return std::tie(away, material, row) < std::tie(other.away, other.material, other.row);
+        }
+    };
+    Found nearest{std::numeric_limits<double>::infinity(), 0, 0};
+    auto const admit = [&](Found const& found) {
+        if (found.is_before(nearest)) nearest = found;
+    };
     Sets::for_each([&](auto k) {
         for_each_position(sets.template particles<k>(), [&](std::uint32_t row, auto const& x) {
-            double const away = norm(Eigen::Vector3d(in_space<Sets::d>(x) - place));
-            if (!(away < nearest)) return;
-            nearest = away;
-            log.material = static_cast<int>(k);
-            log.particle = row;
+            admit({norm(Eigen::Vector3d(in_space<Sets::d>(x) - place)), std::uint32_t(k), row});
         });
     });
+    for (Found const& of_rank : of_all_ranks(backend, std::vector<Found>{nearest})) admit(of_rank);
+    log.material = static_cast<int>(nearest.material);
+    log.particle = nearest.row;
     return log;
 }
 

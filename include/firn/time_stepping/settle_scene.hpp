@@ -1,7 +1,9 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/core/cell_offset.hpp>
+#include <firn/particles/readback.hpp>
 #include <firn/particles/storage.hpp>
 #include <firn/phases/solve_particles.hpp>
 #include <firn/phases/solve_search.hpp>
@@ -51,7 +53,12 @@ void displace(Scene& scene, Found const& found, Snapshot& snapshot)
     using Traits = typename Scene::Sets::template MaterialTraits<k>;
     using Number = typename Scene::Number;
     constexpr int d = Scene::d;
-    auto const way = found.template by_row<Velocity>(snapshot.ids.size());
+    auto const by_row = [&]<class Tag>(Tag) {
+        auto of_all = found.template by_row<Tag>(snapshot.ids.size());
+        share_rows(scene.backend, rows_of(scene.sets.template particles<k>()), of_all, Rows::all);
+        return of_all;
+    };
+    auto const way = by_row(Velocity{});
     std::vector<std::uint32_t> row(snapshot.ids.size()), rank = snapshot.ids;
     std::sort(rank.begin(), rank.end());
     for (std::size_t i = 0; i < row.size(); ++i)
@@ -80,7 +87,7 @@ void displace(Scene& scene, Found const& found, Snapshot& snapshot)
     set(AffineVelocity{}, nothing);
     for_each_tag(typename Traits::Model::State{}, [&](auto tag) {
         using Tag = decltype(tag);
-        auto const tried = found.template by_row<Tag>(way.size());
+        auto const tried = by_row(tag);
         set(tag, [&](std::uint32_t of, int c) { return component_of<Tag, d>(tried[of], c); });
     });
 }
@@ -124,7 +131,10 @@ RestReport TimeLoop<Scene>::settle(Scene& scene, Effects const&... effects)
                 using Result = Reactions<decltype(step)::Actions::obstacles>;
                 typename Scene::Backend::template ReadbackBuffer<Result> buffer(scene.backend);
                 auto const reactions = merged_result(scene.backend, buffer, step.update_grid(0));
-                for (auto* const group : groups_.of_call()) group->end(1); // adds up what they received
+                for (auto* const group : groups_.of_call()) { // adds up what they received
+                    group->add_ranks(0);
+                    group->end(1);
+                }
                 groups_.template append_reactions<Effects...>(reactions, scene.masses.unit, report.reactions);
             }
             step.end(0, true); // the grid has no velocities of the last step

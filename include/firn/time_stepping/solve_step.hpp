@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/core/all_ranks.hpp>
+#include <firn/core/cell_work.hpp>
 #include <firn/core/components.hpp>
 #include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
@@ -21,6 +22,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <type_traits>
 #include <utility>
 
 // The velocities of nodes at the end of an implicit step, by Newton's method.
@@ -82,9 +84,9 @@ class SolveStep
         }(typename Sets::Places{}),
         "a material answers no product with its tangent, which implicit steps ask for: add a member "
         "product(state, change), see IMPLICIT.md, or choose SymplecticEuler");
-    static_assert(!spans_ranks<Backend>,
-                  "implicit steps do not add up over several ranks yet: choose a backend of "
-                  "one, or SymplecticEuler");
+    static_assert(!spans_ranks<Backend> || Backend::reaches_host_memory,
+                  "implicit steps do not add up over ranks on devices yet: choose a backend of one, or "
+                  "SymplecticEuler");
     static_assert(!Sets::are_bodies,
                   "implicit steps know no Bodies that touch: choose Materials, or SymplecticEuler");
     static_assert(Actions::groups_at_surface == 0,
@@ -139,12 +141,18 @@ public:
         return report_.converged = true;
     }
 
-    /// The grid update that ends the step. Returns the reactions of obstacles.
-    auto conclude() const
+    /// The grid update that ends this step of a batch. Returns the reactions of obstacles.
+    auto conclude([[maybe_unused]] int step) const
     {
-        return memory_.backend.for_each_node(scene_.sets.orders(), grid(),
-                                             ConcludeSolve<Space, Kernel, Transfer, Actions>{
-                                                 update(), at_rest_, static_cast<Number>(1 / part_)});
+        ConcludeSolve<Space, Kernel, Transfer, Actions> const phase{update(), at_rest_,
+                                                                    static_cast<Number>(1 / part_)};
+        auto const found = memory_.backend.for_each_node(scene_.sets.orders(), grid(), phase);
+        if constexpr (spans_ranks<Backend>) {
+            for (auto* const group : scene_.groups) group->do_not_count();
+            memory_.backend.for_each_other_node(scene_.sets.orders(), grid(), phase);
+            for (auto* const group : scene_.groups) group->count(step);
+        }
+        return found;
     }
 
 private:
@@ -164,7 +172,10 @@ private:
     template <class Phase>
     auto on_nodes(Phase const& phase) const
     {
-        return memory_.backend.for_each_node(scene_.sets.orders(), grid(), phase);
+        auto const found = memory_.backend.for_each_node(scene_.sets.orders(), grid(), phase);
+        if constexpr (spans_ranks<Backend> && !std::is_same_v<typename Phase::Result, NothingFound>)
+            memory_.backend.for_each_other_node(scene_.sets.orders(), grid(), phase);
+        return found;
     }
     /// What they found, once the loop has finished.
     template <class Phase>
@@ -279,8 +290,7 @@ private:
         auto const found =
             on_nodes(BesideWalls<AcceptVelocities<Space, Kernel, Transfer>, Actions>{{}, now_});
         if (own_.coarse.are_there())
-            own_.coarse.template weigh<Kernel, Transfer>(grid().nodes_by_index(), at_rest_,
-                                                         stiffness_of_kernel);
+            own_.coarse.template weigh<Kernel, Transfer>(grid(), at_rest_, stiffness_of_kernel);
         own_.search.resize(1);
         SearchState* const search = own_.search.data();
         condition();
@@ -310,8 +320,7 @@ private:
     /// Completes the preconditioned residual z by what coarse grids find.
     void condition()
     {
-        if (own_.coarse.are_there())
-            own_.coarse.template correct<Kernel, Transfer>(grid().nodes_by_index(), grid().node_count());
+        if (own_.coarse.are_there()) own_.coarse.template correct<Kernel, Transfer>(grid());
     }
     /// Makes the coarse grids under the particles. They know no ends of a periodic lattice.
     void make_coarse_grids()
@@ -319,8 +328,7 @@ private:
         bool is_periodic = false;
         for (int const period : memory_.lattice.periods) is_periodic = is_periodic || period != 0;
         if (!by_.coarse || is_periodic) return;
-        own_.coarse.template begin<Kernel, Transfer>(scene_.sets, now_, grid().nodes_by_index(),
-                                                     grid().node_count(), scene_.smallest_node_mass);
+        own_.coarse.template begin<Kernel, Transfer>(scene_.sets, now_, grid(), scene_.smallest_node_mass);
     }
 
     /// Tries the change and, while the incremental energy does not fall enough, half of it. `at` becomes the

@@ -125,7 +125,7 @@ public:
         constexpr bool at_surfaces = Actions::groups_at_surface > 0;
         for_each_group([&](auto& group) { group.begin(begun(step)); });
         if constexpr (StepsImplicitly<Transfer>)
-            return solve_step(step).conclude();
+            return solve_step(step).conclude(step);
         else {
             scene_.grid_state.extend_velocities(scene_.sets, scene_.smallest_node_mass);
             [[maybe_unused]] std::uint32_t points = 0;

@@ -256,7 +256,7 @@ private:
         if constexpr (StepsImplicitly<Transfer>)
             if (log->cause == FailureCause::unsolved && log->failed > 0) {
                 if (memory_.solve.refused != nullptr) refuse_step(scene);
-                overflowed_ = detail::with_nearest(scene.sets, *log, solved().where);
+                overflowed_ = detail::with_nearest(scene.backend, scene.sets, *log, solved().where);
                 log = &overflowed_;
             }
         return *log;

@@ -62,12 +62,14 @@ public:
     explicit Grid(Backend const& backend) : Local(backend.local)
     {}
 
-    /// The same, and whether the sums have changed since ghosts came last.
+    /// The same, and whether the sums of this step, or of the next one, have changed since their ghosts came
+    /// last.
     class Layer : public Local::Layer
     {
     public:
         Layer(Grid& grid, std::size_t number) : Local::Layer(grid, number), ghosts_are_old_(&grid.are_old_) {}
-        void change_sums() const { *ghosts_are_old_ = true; }
+        void change_sums() const { (*ghosts_are_old_)[0] = true; }
+        void change_next_sums() const { (*ghosts_are_old_)[1] = true; }
 
         /// Appends a part of a block's tile to a parcel.
         void put_tile(std::size_t block, std::uint64_t key, Window const& window, Parcel& to) const
@@ -101,7 +103,7 @@ public:
         }
 
     private:
-        bool* ghosts_are_old_;
+        std::array<bool, 2>* ghosts_are_old_;
     };
     Layer layer(std::size_t of) { return {*this, of}; }
 
@@ -109,12 +111,12 @@ public:
     void activate(Orders const& orders)
     {
         if (Local::assign_tiles(orders)) blocks_have_changed_ = true;
-        are_old_ = true;
+        are_old_ = {true, true};
     }
     void swap()
     {
         Local::swap();
-        are_old_ = true;
+        std::swap(are_old_[0], are_old_[1]);
     }
 
     /// Lets ghosts come from other ranks, unless they have, for nodes that look at others up to `reach`
@@ -122,13 +124,14 @@ public:
     void exchange(Orders const& orders, int distance)
     {
         communicator_ = &orders[0]->communicator();
-        if (!are_old_ && distance <= looks_) return;
+        if (!are_old_[0] && distance <= looks_) return;
+        are_old_[1] = are_old_[1] || distance > looks_; // there are other ghosts then
         if (blocks_have_changed_ || distance > looks_) {
             looks_ = std::max(distance, looks_);
             find_borders(orders);
         }
         take_in(communicator_->exchange(packed(orders)), orders);
-        are_old_ = false;
+        are_old_[0] = false;
     }
 
     /// Lets the next loop over nodes see these.
@@ -149,6 +152,26 @@ public:
     {
         if (shares_at_ != this->numbering()) find_shares();
         return shares_[index / static_cast<std::uint32_t>(Local::block_channel)];
+    }
+
+    /// Calls `use(rank, first index, count)` for nodes for which this rank speaks: those that another rank
+    /// may have cells so few nodes away from.
+    template <class Use>
+    void for_each_near(Orders const& orders, int distance, Use const& use)
+    {
+        constexpr auto count = static_cast<std::uint32_t>(Local::block_channel);
+        if (shares_at_ != this->numbering()) find_shares();
+        for (std::uint32_t n = 0; n < shares_.size(); ++n) {
+            if (shares_[n] != NodeShare::results) continue;
+            for (std::size_t const rank :
+                 ranks_near<Local>(*orders[0], this->nodes()[n].coordinates, distance))
+                use(rank, n * count, count);
+        }
+    }
+    /// The rank that has the cell which begins at a node.
+    static int rank_of(Orders const& orders, Coordinates<d> const& node)
+    {
+        return orders[0]->owner(Local::block_and_place(node).first);
     }
 
     /// See distributed::exchange_near().
@@ -329,7 +352,8 @@ private:
     std::uint64_t shares_at_ = 0;   ///< the numbering for which they are
     int looks_ = 0;
     Nodes shown_ = Nodes::all;
-    bool blocks_have_changed_ = true, are_old_ = true;
+    bool blocks_have_changed_ = true;
+    std::array<bool, 2> are_old_{true, true}; ///< ghosts of the sums of this step, and of the next one
 };
 
 } // namespace firn::distributed

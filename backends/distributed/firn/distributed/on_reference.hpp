@@ -197,6 +197,14 @@ public:
     };
     NodesOfAll nodes_by_index() { return NodesOfAll(*this); }
     NodeShare share_of(std::uint32_t) const { return is_first_ ? NodeShare::results : NodeShare::values; }
+    template <class Orders, class Use>
+    void for_each_near(Orders const&, int, Use const&) const
+    {}
+    template <class Orders>
+    static int rank_of(Orders const&, Coordinates<d> const&)
+    {
+        return 0;
+    }
     /// Every rank has all nodes: nothing is told.
     template <class Orders, class T, class NodeOf>
     std::vector<T> exchange_near(Orders const&, std::vector<T> const&, int, NodeOf const&) const
