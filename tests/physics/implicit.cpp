@@ -308,6 +308,23 @@ TEST_CASE("coarse grids keep the products of an implicit step as few in finer ce
     CHECK(products(32, 1000, false) >= 1.5 * products(32, 1000, true));
 }
 
+// Their cells are listed then, while those of a compact scene are marked in a box around it.
+TEST_CASE("coarse grids lie under bodies that are far from each other, too")
+{
+    auto const products = [](double cells_apart) {
+        constexpr double h = 0.05;
+        ImplicitSolver<Mls> bodies(lattice(h), {.density = 1000, .elasticity = lame<double>(1e5, 0.3)});
+        for (double const x : {0.3 * h, (cells_apart + 0.3) * h})
+            bodies.add(box_of_points<2>({x, 0.3 * h}, {1 + x, 1 + 0.3 * h}, h), h * h / 4);
+        bodies.step(
+            100 * h / std::sqrt(bodies.model().elasticity.p_wave_modulus() / 1000), Gravity{{0, -0.1, 0}},
+            Obstacle<HalfSpace>{.contact = Contact::sticky(), .motion = {.position = {0, 0.8 * h, 0}}});
+        return double(bodies.solved().products) / bodies.solved().newton;
+    };
+    CHECK(products(40) <= 25);
+    CHECK(products(100000) <= 25);
+}
+
 TEST_CASE("a stiff body falls freely in an implicit step a thousand times too long for explicit ones")
 {
     constexpr double h = 0.1, stiff = 1e10;
