@@ -117,6 +117,32 @@ TEST_CASE(
     });
 }
 
+TEST_CASE(
+    "walls that move and turn, and keep their points for a while, give the same bits on any number of ranks")
+{
+    require_same_on_any_ranks([](auto const& backend) {
+        Solver<std::remove_cvref_t<decltype(backend)>, Fluid<Plane>> solver(lattice(0.1), {}, {}, {},
+                                                                            backend);
+        solver.add(box_of_points<2>({0.05, 0.05}, {1.3, 0.9}, 0.05), 0.05 * 0.05, {2, -1});
+        auto walls = tank<ActsOn::surface>(); // they stay in their cells for many steps
+        walls.list[0].motion.velocity = {0, 0.1, 0};
+        walls.list[1].motion.angular_velocity = {0, 0, 0.3};
+        walls.list[2].motion.velocity = {-0.4, 0, 0};
+        Obstacles<Box, ActsOn::surface> mixer; // and its points hardly do
+        mixer.list.push_back(
+            {.shape = {{0.3, 0.12, 1}},
+             .contact = Contact::coulomb(0.2),
+             .motion = {.position = {0.7, 0.5, 0}, .velocity = {0.5, 0, 0}, .angular_velocity = {0, 0, 9}}});
+        Numbers all;
+        for (double const duration : {0.3, 0.1}) {
+            append_report(all, solver.advance(duration, Gravity{}, walls, mixer));
+            append_contacts(all, solver);
+        }
+        append_all(all, solver);
+        return all;
+    });
+}
+
 TEST_CASE("thin shells, and periods that surfaces go through, keep the same bits on any number of ranks")
 {
     require_same_on_any_ranks([](auto const& backend) {

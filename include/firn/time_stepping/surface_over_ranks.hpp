@@ -60,7 +60,8 @@ share_nodes_at_surface(Backend const& backend, Grid& grid, SurfaceMemory<Backend
 {
     auto& nodes = surface.nodes_of_ranks;
     auto const by_index = grid.nodes_by_index();
-    bool const is_new = points > surface.first_new() || !surface.have_indices(nodes.list.numbering());
+    bool const is_new = points > surface.first_new() || !surface.have_nodes() ||
+                        !surface.have_indices(nodes.list.numbering());
     if (is_new || sum_of_ranks(backend, nodes.numbering == grid.numbering() ? 0 : 1) > 0) {
         nodes.own = reached_nodes<Kernel>(backend, grid, surface.view().points, points);
         std::vector<Coordinates<d>> own;
