@@ -98,9 +98,9 @@ struct SwingingBar
     static constexpr int wide = 2;  ///< [cells]
     static constexpr double c = 10; ///< [m/s]
 
-    explicit SwingingBar(double cells_of_wave, double share = 1e-3, int cells = 32)
+    explicit SwingingBar(double cells_of_wave, double share = 1e-3, int cells = 32, double error = 0)
         : h(1.0 / cells), dt(cells_of_wave * h / c),
-          bar(lattice(h), {.density = 1000, .elasticity = lame<double>(1e5, 0)}, {Flip{1}, by(share)}),
+          bar(lattice(h), {.density = 1000, .elasticity = lame<double>(1e5, 0)}, {Flip{1}, by(share, error)}),
           points(box_of_points<2>({0, 0}, {1, wide * h}, h))
     {
         bar.add(points, h * h / 4);
@@ -113,10 +113,16 @@ struct SwingingBar
         bar.steps(steps, dt, ReflectingWall{.axis = 0}, ReflectingWall{.axis = 1},
                   ReflectingWall{.axis = 1, .node = wide, .side = -1});
     }
-    static By by(double share)
+    AdvanceReport advance(double duration)
+    {
+        return bar.advance(duration, ReflectingWall{.axis = 0}, ReflectingWall{.axis = 1},
+                           ReflectingWall{.axis = 1, .node = wide, .side = -1});
+    }
+    static By by(double share, double error)
     {
         By by;
         by.share = share;
+        by.error = error;
         return by;
     }
     double energy() const { return bar.energy().kinetic + bar.energy().elastic; }
@@ -278,6 +284,56 @@ TEMPLATE_TEST_CASE(
           Approx(std::is_same_v<TestType, Implicit> ? 2 : 4).epsilon(0.15));
 }
 
+// It is dt^2 / 2 times the acceleration: of free fall all of the step's error, and of a swinging bar a
+// quarter in half as long a step.
+TEST_CASE("a step of backward Euler knows the error of its positions, to second order in its length")
+{
+    Implicit by;
+    by.error = 1e-9; // a step of given length is taken all the same
+    ImplicitSolver<Mls> block(lattice(0.1), {.density = 1000, .elasticity = lame<double>(1e5, 0.3)},
+                              {Mls{}, by});
+    block.add(box_of_points<2>({0, 0}, {0.5, 0.5}, 0.1), 0.1 * 0.1 / 4);
+    double const before = block.positions()[0].y(), dt = 0.02;
+    for (int i = 1; i <= 2; ++i) {
+        block.step(dt, Gravity{});
+        double const falls = 9.81 * (i * dt) * (i * dt) / 2;
+        CHECK(before - block.positions()[0].y() - falls == Approx(i * block.solved().error));
+    }
+    auto const error_of = [](double cells_of_wave) {
+        SwingingBar<Implicit> bar(cells_of_wave, 1e-6, 32, 1);
+        bar.step(static_cast<std::size_t>(std::lround(32 / cells_of_wave))); // to a quarter of its period
+        return bar.bar.solved().error;
+    };
+    double const coarse = error_of(4), middle = error_of(2), fine = error_of(1);
+    CHECK(coarse / middle == Approx(4).epsilon(0.1));
+    CHECK(middle / fine == Approx(4).epsilon(0.05));
+}
+
+// The error of a step goes with the square of its length and there are as many steps more, so a quarter of it
+// takes twice the steps and halves the error of the whole time: 0.94 of a quarter of a period.
+TEST_CASE(
+    "advance takes implicit steps as long as their error allows, says so, and repeats what is beyond it")
+{
+    double const time = 0.94 * 0.1;
+    auto const swung = [&](double error, std::uint64_t& steps) {
+        SwingingBar<Implicit> bar(1, 1e-6, 32, error);
+        auto const report = bar.advance(time);
+        steps = report.substeps;
+        CHECK(report.rejected > 0); // motion alone allows one step for all
+        auto const by = [&](StepLimit limit) { return report.limited_by[std::size_t(limit)]; };
+        CHECK(by(StepLimit::accuracy) >= steps / 3); // else they may grow no faster, after they were shorter
+        CHECK(by(StepLimit::accuracy) + by(StepLimit::growth) + by(StepLimit::duration) + report.rejected >=
+              steps);
+        CHECK(bar.bar.solved().error <= 2 * error);
+        return bar.bar.positions().back().x() - bar.points.back().x();
+    };
+    std::uint64_t some = 0, many = 0;
+    double const turn = M_PI / 2 * 10, exact = 1e-3 / turn * std::sin(turn * time); // 10 m/s
+    double const middle = swung(1e-7, some) - exact, fine = swung(2.5e-8, many) - exact;
+    CHECK(double(many) / double(some) == Approx(2).epsilon(0.1));
+    CHECK(middle / fine == Approx(2).epsilon(0.1));
+}
+
 // Waves go through 100 cells in the step: without coarse grids it takes as many products as there are cells
 // across, and with them about 20 for each linear system, of a body of any size and of a soft one with a part
 // in it that is a thousand times as stiff.
@@ -423,6 +479,10 @@ TEST_CASE("what implicit steps do not know is refused, and a step that is not so
     refused([&] { rubber({.forcing = 1}); });
     refused([&] { rubber({.newton = 0}); });
     refused([&] { rubber({.linear = 0}); });
+    refused([&] { rubber({.error = -1}); });
+    CHECK(
+        refused([&] { SwingingBar<ImplicitMidpoint>(1, 1e-3, 32, 1e-6); }).remedy().find("choose Implicit") !=
+        std::string::npos);
 }
 
 // An explicit scene holds nothing of it.

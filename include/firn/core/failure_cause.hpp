@@ -19,6 +19,8 @@ enum class FailureCause : std::uint8_t
     stalled,    ///< no step that is stable for a particle advances time
     overflowed, ///< an obstacle would receive more than its reaction can hold
     unsolved,   ///< an implicit step did not converge; the particle is near its largest residual
+    inaccurate, ///< an implicit step has an error beyond Implicit::error; the particle is near the largest
+                ///< one
 };
 
 /// The failure in words.
@@ -45,6 +47,8 @@ constexpr char const* describe(FailureCause cause)
         return "pushes an obstacle by an impulse that is too large to be added up";
     case FailureCause::unsolved:
         return "is where an implicit step did not converge";
+    case FailureCause::inaccurate:
+        return "is where an implicit step has its largest error, which is more than was allowed";
     }
     return "";
 }

@@ -23,6 +23,7 @@ struct SolveReport
     double largest = 0;     ///< the residual of the node where it is largest [m/s]
     Eigen::Vector3d where{0, 0, 0}; ///< that node [m]
     bool converged = false;
+    double error = 0; ///< of positions in the step, if Implicit::error is above 0: see there [m]
 
     void begin_step()
     {

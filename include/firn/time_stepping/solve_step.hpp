@@ -8,6 +8,7 @@
 #include <firn/core/host_device.hpp>
 #include <firn/grid/lattice.hpp>
 #include <firn/phases/begin_solve.hpp>
+#include <firn/phases/estimate_error.hpp>
 #include <firn/phases/solve_nodes.hpp>
 #include <firn/phases/solve_particles.hpp>
 #include <firn/phases/solve_search.hpp>
@@ -29,24 +30,36 @@
 namespace firn
 {
 
-/// Logs that a step was not solved: it failed, as if a particle had.
+/// Logs that a step was not solved, or not as accurately as it should: it failed, as if a particle had.
 template <class Entry>
 struct LogUnsolved
 {
     Entry* log;
     int step;
+    FailureCause cause;
 
     FIRN_HOST_DEVICE void operator()(std::size_t) const
     {
         Entry& mine = log[step + 1];
         mine.after.time_state = log[step].after.time_state;
         mine.after.time_state.ready = false;
-        mine.after.cause = FailureCause::unsolved;
+        mine.after.cause = cause;
         mine.after.failed = 1;
         mine.after.material = 0;
         mine.after.particle = 0;
         mine.taken = 0;
     }
+};
+
+/// Notes how long the next step may be, by the error of one that is being taken.
+template <class Entry>
+struct NoteAccuracy
+{
+    Entry* log;
+    int step;
+    double accurate; ///< [s]
+
+    FIRN_HOST_DEVICE void operator()(std::size_t) const { log[step].after.time_state.accurate = accurate; }
 };
 
 /// The solve of one step, from the sums that particles scattered to the velocities that they gather.
@@ -140,6 +153,22 @@ public:
         on_nodes(AcceptVelocities<Space, Kernel, Transfer>{});
         return report_.converged = true;
     }
+
+    /// Of a step that was solved: how long the next one may be, so that its error is as asked for [s]. Errors
+    /// go with the square of the length, and a tenth less of it is for those that grow.
+    double longest_accurate()
+    {
+        constexpr double careful = 0.9;
+        if (!(by_.error > 0) || at_rest_ || !(mass_ > 0)) return std::numeric_limits<double>::infinity();
+        Sums const found = sums_on_nodes(BesideWalls<EstimateError<Space, Kernel, Transfer>, Actions>{
+            {{}, static_cast<Number>(dt_)}, now_});
+        report_.error = std::sqrt(found.first / mass_);
+        if (!is_accurate()) report_.where = place_of(found.where);
+        return careful * dt_ * std::sqrt(by_.error / report_.error);
+    }
+    /// Whether the step can be taken: with up to twice the error that is asked for, else many would be
+    /// repeated.
+    bool is_accurate() const { return !(by_.error > 0 && report_.error > 2 * by_.error); }
 
     /// The grid update that ends this step of a batch. Returns the reactions of obstacles.
     auto conclude([[maybe_unused]] int step) const

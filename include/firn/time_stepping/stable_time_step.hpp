@@ -23,17 +23,18 @@ enum class StepLimit
     acceleration, ///< gravity
     obstacle,     ///< the fastest obstacle surface that touches something
     field,        ///< what the transfer carries beside mass and motion, such as heat that is conducted
+    accuracy,     ///< the error of the step before: see Implicit::error
     growth,       ///< the step before: steps grow by StepControl::growth at most
     duration,     ///< what is left of the time asked for
 };
 /// How many kinds of StepLimit there are.
-inline constexpr int step_limit_count = 9;
+inline constexpr int step_limit_count = 10;
 
 /// The limit in one word.
 constexpr char const* describe(StepLimit limit)
 {
     constexpr char const* names[]{"wave",     "viscosity", "advection", "deformation", "acceleration",
-                                  "obstacle", "field",     "growth",    "duration"};
+                                  "obstacle", "field",     "accuracy",  "growth",      "duration"};
     return names[static_cast<int>(limit)];
 }
 

@@ -35,8 +35,10 @@ struct TimeState
     PlannedStep scattered{}; ///< the step for which particles have scattered already
     PlannedStep now{};       ///< the step to take
     PlannedStep next{};      ///< the step after it, for which they scatter during `now`
-    bool ready = false;      ///< `now` and `next` are up to date, for the same call as the step before
-    double stable = 0;       ///< stable length of the step that begins now [s]
+    /// The longest step that is as accurate as is asked for, by the error of the last one [s].
+    double accurate = std::numeric_limits<double>::infinity();
+    bool ready = false; ///< `now` and `next` are up to date, for the same call as the step before
+    double stable = 0;  ///< stable length of the step that begins now [s]
 };
 
 /// The time step controller of one call: what stays the same from step to step.
@@ -90,7 +92,7 @@ struct TimeStepController
     /// scattered for the chosen step.
     FIRN_HOST_DEVICE bool choose(TimeState& time_state) const
     {
-        ChosenStep const longest_now = stable(time_state.bounds);
+        ChosenStep longest_now = stable(time_state.bounds);
         time_state.stable = longest_now.dt;
         auto const forces = [&](PlannedStep const& step, double before, int retries) {
             return retries > 0 || forces_act_throughout
@@ -106,6 +108,7 @@ struct TimeStepController
             time_state.next.interval.forces = forces(time_state.next, time_state.now.interval.length(), 0);
             return exactly_equal(time_state.scattered.interval.forces, time_state.now.interval.forces);
         }
+        longest_now.bound(time_state.accurate, StepLimit::accuracy);
         PlannedStep best = plan(longest_now, time_state.time, end, time_state.previous, time_state.retries);
         best.interval.forces = forces(best, time_state.last, time_state.retries);
         double const planned = time_state.scattered.interval.length(), longest = best.interval.length();

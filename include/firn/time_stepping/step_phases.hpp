@@ -43,7 +43,7 @@ public:
     /// and effects of the batch before are used, whatever is passed here.
     FIRN_COLD StepPhases(Memory& memory, Scene const& scene, Controller const& controller,
                          Effects const& effects, int most)
-        : memory_(memory), scene_(scene), most_(most),
+        : memory_(memory), scene_(scene), most_(most), is_of_given_length_(controller.equal > 0),
           largest_deformation_(static_cast<Number>(controller.control.rejection)),
           storage_(resized(memory.storage.template of<Storage>(), 1)),
           log_(resized(memory.storage.template of<Entry>(), Entry::count(std::size_t(most))))
@@ -110,8 +110,17 @@ public:
         if constexpr (StepsImplicitly<Transfer>) {
             // obstacles are placed for the solve; update_grid() begins the step with them anew
             for_each_group([&](auto& group) { group.begin(begun(0)); });
-            if (solve_step(0).solve()) return true;
-            memory_.backend.for_each(1, LogUnsolved<Entry>{log_, 0});
+            auto step = solve_step(0);
+            FailureCause cause = FailureCause::unsolved;
+            if (step.solve()) {
+                double const accurate = step.longest_accurate();
+                if (is_of_given_length_ || step.is_accurate()) {
+                    memory_.backend.for_each(1, NoteAccuracy<Entry>{log_, 0, accurate});
+                    return true;
+                }
+                cause = FailureCause::inaccurate;
+            }
+            memory_.backend.for_each(1, LogUnsolved<Entry>{log_, 0, cause});
             return false;
         }
         else
@@ -319,6 +328,7 @@ private:
     Memory& memory_;
     Scene const& scene_;
     int most_;
+    bool is_of_given_length_; ///< each step, however large its error
     Number largest_deformation_;
     Storage* storage_;             ///< where steps run
     Entry* log_;                   ///< where steps run

@@ -254,7 +254,8 @@ private:
             log = &overflowed_;
         }
         if constexpr (StepsImplicitly<Transfer>)
-            if (log->cause == FailureCause::unsolved && log->failed > 0) {
+            if (log->failed > 0 &&
+                (log->cause == FailureCause::unsolved || log->cause == FailureCause::inaccurate)) {
                 if (memory_.solve.refused != nullptr) refuse_step(scene);
                 overflowed_ = detail::with_nearest(scene.backend, scene.sets, *log, solved().where);
                 log = &overflowed_;

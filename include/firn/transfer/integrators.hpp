@@ -38,6 +38,10 @@ struct Implicit
     int newton = 20;    ///< the most linear systems in a step; one more is a failed step
     int linear = 2000;  ///< the most products in a linear system; what is found until then is tried
     bool coarse = true; ///< whether coarser grids precondition linear systems, too
+    /// The error of positions in a step of Solver::advance [m], the root of its mean square over the mass, as
+    /// far as it is known from the trapezoidal rule, dt |v - v_before| / 2. Steps are as long as it allows;
+    /// one with twice as much is repeated. 0: any.
+    double error = 0;
 
     static constexpr auto name = "implicit";
     static constexpr double part_of_step = 1; ///< at which stress acts: its end
@@ -55,6 +59,8 @@ struct Implicit
              "Pass a share of the residual, e.g. 0.1.");
         keep(newton > 0, "no linear system may be solved", "Pass the most of a step, e.g. 20.");
         keep(linear > 0, "no product may be computed", "Pass the most of a linear system, e.g. 2000.");
+        keep(is_finite(error) && error >= 0, "the error is not a finite number, 0 or above",
+             "Pass metres in a step, or 0 for steps of any error.");
     }
 };
 
@@ -65,6 +71,13 @@ struct ImplicitMidpoint : Implicit
 {
     static constexpr auto name = "implicit_midpoint";
     static constexpr double part_of_step = 0.5;
+
+    void validate() const
+    {
+        Implicit::validate();
+        require(!(error > 0), "the error of a step is not known by the midpoint rule", "ImplicitMidpoint",
+                "Leave it 0, or choose Implicit.");
+    }
 };
 
 /// What an integrator of a Solver has to be.
