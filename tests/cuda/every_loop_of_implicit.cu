@@ -73,6 +73,21 @@ TEST_CASE("a block that slides on a floor is slowed down by friction in implicit
           Approx(-mu * 9.81 * 5 * dt * block.totals().mass).epsilon(0.1));
 }
 
+TEST_CASE("steps are as long as the error of their positions allows, on a device, too")
+{
+    double const h = 0.1, dt = 0.02;
+    Solver<Cuda, NeoHookean<Plane>, QuadraticBSpline, Apic, Implicit> block(
+        lattice(h), {.density = 1000, .elasticity = lame<double>(1e5, 0.3)},
+        {Apic{}, Implicit{.error = 1e-3}});
+    block.add(box_of_points<2>({0, 0}, {0.5, 0.5}, h), h * h / 4);
+    Obstacle<HalfSpace> const far_below{.contact = Contact::coulomb(0.3), .motion = {.position = {0, -9, 0}}};
+    block.step(dt, Gravity{}, far_below);
+    CHECK(block.solved().error == Approx(9.81 * dt * dt / 2));
+    auto const report = block.advance(0.1, Gravity{}, far_below);
+    CHECK(report.limited_by[static_cast<std::size_t>(StepLimit::accuracy)] > 3);
+    CHECK(block.solved().error < 2e-3);
+}
+
 TEST_CASE("a step that is not solved leaves the state, and an implicit scene goes on after it")
 {
     double const h = 0.1;
