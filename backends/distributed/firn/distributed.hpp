@@ -61,9 +61,12 @@ struct Distributed
         return local.reaches(there);
     }
     auto queue() const requires(Local::queues) { return local.queue(); }
-    /// Whether an error is this rank's alone, since its device has failed or has no room: the others must not
-    /// wait for it.
-    bool is_own(Error const& error) const { return Local::queues && error.where() == "CUDA"; }
+    /// Whether an error is this rank's alone, since its device has failed or has no room, or does not reach
+    /// the others: these must not wait for it.
+    bool is_own(Error const& error) const
+    {
+        return Local::queues && (error.where() == "CUDA" || error.where() == "NCCL");
+    }
     void begin_scene() { partition = std::make_shared<distributed::Partition>(); }
     operator Local const&() const { return local; } ///< its arrays are the local ones
 

@@ -52,7 +52,6 @@ public:
     int size() const { return host_.size(); }
     std::vector<Parcel> exchange(std::vector<Parcel> const& to) const { return host_.exchange(to); }
     std::vector<Parcel> all_gather(Parcel const& own) const { return host_.all_gather(own); }
-    /// Ends what the device waits for, too.
     void abort(char const* why) const { host_.abort(why); }
 
     /// See DeviceCommunicator.
@@ -91,7 +90,7 @@ private:
     static void check(ncclResult_t code, char const* call)
     {
         if (code == ncclSuccess) return;
-        throw Error{std::string("NCCL failed: ") + ncclGetErrorString(code), call,
+        throw Error{std::string(call) + " failed: " + ncclGetErrorString(code), "NCCL",
                     "See what NCCL says with NCCL_DEBUG=WARN; go on from the last checkpoint."};
     }
 
