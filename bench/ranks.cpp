@@ -156,10 +156,16 @@ int main(int argc, char** argv)
         int const threads = argc > 2 ? std::max(std::atoi(argv[2]), 1) : 1;
         Mpi const communicator;
         auto const local = backend_of(communicator.rank(), threads);
+        bool const by_nccl = argc > 2 && std::string(argv[2]) == "nccl";
 #if defined(__CUDACC__) && defined(FIRN_HAS_NCCL)
-        if (argc > 2 && std::string(argv[2]) == "nccl")
+        if (by_nccl)
             measure(local, Nccl<Mpi>(communicator, local.device), particles, threads);
         else
+#else
+        if (by_nccl) {
+            std::fprintf(stderr, "this program was built without NCCL: see the components of the build\n");
+            MPI_Abort(MPI_COMM_WORLD, 1);
+        }
 #endif
             measure(local, communicator, particles, threads);
     }

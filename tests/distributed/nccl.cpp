@@ -63,8 +63,16 @@ TEST_CASE("ranks whose devices swap by NCCL come to the bits of one device")
     }
 }
 
-TEST_CASE("NCCL is refused where two ranks have one device")
+TEST_CASE("NCCL is refused where two ranks have one device, or a solver has another one")
 {
     CHECK_THROWS_WITH(run_ranks(2, [](RankThreads const& threads) { Nccl<RankThreads>(threads, 0); }),
                       Contains("ranks 0 and 1 have the same device"));
+    if (devices() > 1)
+        CHECK_THROWS_WITH(run_ranks(1,
+                                    [](RankThreads const& threads) {
+                                        using Backend = Distributed<Cuda, Nccl<RankThreads>>;
+                                        flight(Backend{.local = {.device = 1},
+                                                       .communicator = Nccl<RankThreads>(threads, 0)});
+                                    }),
+                          Contains("another device"));
 }

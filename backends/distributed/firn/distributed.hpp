@@ -55,7 +55,14 @@ struct Distributed
         typename Local::template Grid<Number, d, degree, sums, values, layers, own_values, ungathered>,
         CellOrder<Number, d>, d, sums>;
 
-    void validate() const { local.validate(); }
+    void validate() const
+    {
+        local.validate();
+        if constexpr (requires { communicator.device() == local.device; })
+            require(communicator.device() == local.device,
+                    "the communicator sends from another device than the solver's", "Distributed",
+                    "Pass the same device to both.");
+    }
     bool reaches(void const* there) const requires(!Local::reaches_host_memory)
     {
         return local.reaches(there);

@@ -31,7 +31,7 @@ template <Communicator Host>
 class Nccl
 {
 public:
-    Nccl(Host host, int device) : host_(std::move(host))
+    Nccl(Host host, int device) : host_(std::move(host)), device_(device)
     {
         cuda::OnDevice const here(device);
         require_device_each(device);
@@ -50,6 +50,7 @@ public:
 
     int rank() const { return host_.rank(); }
     int size() const { return host_.size(); }
+    int device() const { return device_; } ///< of this rank
     std::vector<Parcel> exchange(std::vector<Parcel> const& to) const { return host_.exchange(to); }
     std::vector<Parcel> all_gather(Parcel const& own) const { return host_.all_gather(own); }
     void abort(char const* why) const { host_.abort(why); }
@@ -95,6 +96,7 @@ private:
     }
 
     Host host_;
+    int device_;
     std::shared_ptr<ncclComm> comm_;
 };
 

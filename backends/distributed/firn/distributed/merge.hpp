@@ -48,7 +48,7 @@ struct Part
     }
 };
 
-/// Whether a result must be merged in its place among others: most need not, and are merged in any order.
+/// A result that says whether it must be merged in its place among others; if not, the order does not matter.
 template <class Result>
 concept HasAPlace = requires(Result const& result)
 {

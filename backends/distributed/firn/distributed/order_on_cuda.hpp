@@ -130,7 +130,7 @@ public:
                            this->set_.born_count(), this->changes(), this->blocks(), searched);
         cuda::copy_queued(this->queue_, told_.as<std::uint32_t>(words), search_.data(), words);
     }
-    /// Called when the host has waited: says what has been found.
+    /// Called when the host has waited: appends what this rank has found.
     void put_searched(Parcel& to)
     {
         read_searched();
@@ -138,7 +138,7 @@ public:
         put(to, static_cast<std::uint32_t>(searched_.leavers > this->leavers_.most));
         put(to, leaving_.data(), leaving_.size());
     }
-    /// Hears what all ranks say; returns whether all had room for their leavers. If not, makes it.
+    /// Reads what all ranks have found; returns whether all had room for their leavers. If not, makes it.
     bool hear(std::vector<Reader>& told)
     {
         live_ = strays_of_all_ = births_ = 0;
@@ -228,9 +228,9 @@ public:
         drop_empty_blocks();
         forget_strays();
     }
-    /// Both in one where nothing else has to travel with items: they do not see the host. `fields(use)` calls
-    /// `use(array)` for each array of the items, of which there were `first`, and are that many and coming()
-    /// ones now; `offset` is one of them.
+    /// Both in one, without the host, where nothing else has to travel with items. `fields(use)` calls
+    /// `use(array)` for each array of the items. These have room for `first` items that were here and for
+    /// coming() more; `offset` are some of them.
     template <class Fields>
     void swap_items(std::uint32_t first, std::array<Offset*, std::size_t(d)> const& offset,
                     Fields const& fields)
@@ -519,7 +519,7 @@ private:
         this->left_.renew(std::max<std::size_t>(count, this->left_.size()));
     }
 
-    /// They have come to their ranks.
+    /// Called when strays have come to their ranks: none is left.
     void forget_strays()
     {
         strays_of_all_ = 0;

@@ -42,13 +42,6 @@ public:
         rest_ = rest_.subspan(bytes);
     }
     void skip(std::size_t bytes) { rest_ = rest_.subspan(bytes); }
-    /// The bytes that come next.
-    std::span<std::byte const> take(std::size_t bytes)
-    {
-        auto const next = rest_.first(bytes);
-        skip(bytes);
-        return next;
-    }
     template <class T>
     T get()
     {
