@@ -89,6 +89,7 @@ concept BackendReadbackBuffer = std::constructible_from<T, B const&> && requires
 {
     buffer.resize(size);
     buffer.data();  // where loops write them
+    buffer.fetch(); // read() waits for the loops that were queued before this alone
     *buffer.read(); // waits for the loops, and returns where the host reads them
 };
 

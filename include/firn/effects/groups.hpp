@@ -49,6 +49,8 @@ public:
     virtual void count(int step) = 0;
     /// Adds up what they received on all ranks in a step.
     virtual void add_ranks(int step) = 0;
+    /// Before the host hears of a batch: what was received in its first so many steps is added up.
+    virtual void add_up(int steps) = 0;
     /// After a batch, of which so many steps were taken.
     virtual void end(int taken) = 0;
     /// Appends what each obstacle received in the next of these steps, times a factor.

@@ -77,11 +77,12 @@ struct ObstaclesAction
         });
     }
 
-    /// Adds to what an obstacle received at a node.
+    /// Adds to what an obstacle received at a node. Those of a block that a device runs together have the same
+    /// slot: see stencil_reach().
     FIRN_HOST_DEVICE void receive(std::uint32_t i, Coordinates<d> const& node, Reaction const& received) const
     {
         std::uint32_t slot = 0;
-        for (int a = 0; a < d; ++a) slot = 7 * slot + static_cast<std::uint32_t>(node[a]);
+        for (int a = 0; a < d; ++a) slot = 7 * slot + static_cast<std::uint32_t>((node[a] + 1) >> 2);
         sums.add(i, slot, received);
     }
 

@@ -238,11 +238,15 @@ public:
         }
     }
 
+    void add_up(int steps) override
+    {
+        backend_.for_each(std::size_t(steps) * of_call_.obstacles * ReactionSums::numbers,
+                          AddUpReactions{of_call_, received_.data()});
+        received_.fetch();
+    }
     void end(int taken) override
     {
         if (surface_ && taken == 0) surface_->forget();
-        backend_.for_each(std::size_t(taken) * of_call_.obstacles * ReactionSums::numbers,
-                          AddUpReactions{of_call_, received_.data()});
         appended_ = 0;
     }
 

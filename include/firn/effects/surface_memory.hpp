@@ -27,8 +27,9 @@ public:
     explicit SurfaceMemory(Backend const& backend)
         : backend_(backend), counts_(backend), candidates_(backend), seen_(backend),
           candidate_table_(backend), points_(backend), before_(backend), table_(backend),
-          table_before_(backend), tried_(backend), stencils_(backend), acting_(backend), ranks_(backend),
-          points_of_nodes_(backend), reached_(backend), indices_(backend), velocities_(backend)
+          table_before_(backend), to_list_(backend), tried_(backend), stencils_(backend), acting_(backend),
+          ranks_(backend), points_of_nodes_(backend), reached_(backend), indices_(backend),
+          velocities_(backend)
     {
         counts_.resize(5);
         counts_.fill(0, 5, 0);
@@ -133,9 +134,9 @@ public:
     /// Whether points that the step before had may have moved.
     bool may_move() const { return first_new_ > 0 && !is_at_rest; }
     /// How many candidates are looked at: those that are new, or all.
-    std::size_t looked_at() const { return most_candidates() + (may_move() ? known_candidates_ : 0); }
+    std::size_t looked_at() { return most_candidates() + (may_move() ? known_candidates_ : 0); }
     /// How many candidates may have been found; waits for no loop.
-    std::size_t most_candidates() const
+    std::size_t most_candidates()
     {
         std::size_t const room = candidates_.size() - known_candidates_;
         return Backend::queues ? room : std::min<std::size_t>(counted().candidates, room);
@@ -143,15 +144,20 @@ public:
     /// How many nodes points reached when points were counted last.
     std::size_t reached_before() const { return reached_before_; }
     /// How many nodes points may reach, if so many are new at most; waits for no loop.
-    std::size_t most_reached(std::size_t most_new) const
+    std::size_t most_reached(std::size_t most_new)
     {
-        return Backend::queues ? std::min(reached_before_ + most_new, reached_.size()) : counted().reached;
+        most_reached_ =
+            Backend::queues ? std::min(reached_before_ + most_new, reached_.size()) : counted().reached;
+        return most_reached_;
     }
+    /// What most_reached() was in the step before.
+    std::size_t reached_at_most() const { return most_reached_; }
+    /// After loops have been queued that count: what is queued from now on keeps counted() from nothing.
+    void fetch_counts() { counts_.fetch(); }
     /// What loops have counted; waits for them.
-    SurfaceCounts counted() const
+    SurfaceCounts counted()
     {
-        std::array<std::uint32_t, 3> counts{};
-        counts_.download(0, counts);
+        std::uint32_t const* const counts = counts_.read();
         return {counts[0], counts[1], counts[2]};
     }
     /// Whether what was found had room. Else there is room now to look for it again.
@@ -188,6 +194,7 @@ public:
             if (array.size() < size) array.resize(size + size / 4);
         };
         std::size_t const in_tiles = (points + tile - 1) / tile * tile * nodes_of_each;
+        make_room_for(to_list_, points);
         make_room_for(tried_, points);
         make_room_for(stencils_, in_tiles);
         make_room_for(acting_, in_tiles);
@@ -238,6 +245,7 @@ public:
                 points_.data(),
                 static_cast<std::uint32_t>(candidates_.size()),
                 static_cast<std::uint32_t>(points_.size()),
+                to_list_.data(),
                 tried_.data(),
                 stencils_.data(),
                 acting_.data(),
@@ -278,7 +286,8 @@ private:
     }
 
     Backend backend_;
-    Array<std::uint32_t> counts_; ///< those of SurfaceCounts, SurfacePoints::listed and changes
+    /// Those of SurfaceCounts, SurfacePoints::listed and changes.
+    typename Backend::template ReadbackBuffer<std::uint32_t> counts_;
     Array<SurfaceCandidate<d>> candidates_;
     Array<std::uint32_t> seen_, candidate_table_;
     Array<SurfacePoint<Number, d>> points_, before_;
@@ -291,9 +300,10 @@ private:
     std::uint32_t first_new_ = 0, most_known_ = 0; ///< points
     std::uint32_t step_ = 0, found_all_ = 0;       ///< this one, and that in which all points were found
     bool have_nodes_ = false;
-    std::size_t reached_before_ = 0;
+    std::size_t reached_before_ = 0, most_reached_ = 0;
     std::uint64_t numbering_ = 0;
     double dt_ = 1; ///< its length [s]
+    Array<unsigned char> to_list_;
     Array<VectorAndNumber<Number, d>> tried_;
     Array<NodeOfPoint<Number>> stencils_, acting_;
     Array<std::uint32_t> ranks_;

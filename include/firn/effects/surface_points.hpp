@@ -135,6 +135,7 @@ struct SurfacePoints
     std::uint32_t known_points;
     SurfacePoint<Number, d>* points;
     std::uint32_t candidates_room, points_room;
+    unsigned char* to_list;               ///< by point: whether it is to be listed, see ListPoints
     VectorAndNumber<Number, d>* tried;    ///< by point: the impulse from which the next sweep starts, and 1
     NodeOfPoint<Number>* stencils;        ///< with all nodes
     NodeOfPoint<Number>* acting;          ///< with those that have mass, and less weight if that is light

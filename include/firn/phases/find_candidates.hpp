@@ -46,7 +46,7 @@ struct FindCandidates
     static constexpr int d = Space::dimension;
     using Number = typename Space::Scalar;
     using Sums = NodeSums<d, SumsOf<Transfer>>;
-    static constexpr bool looks_around = false;
+    static constexpr bool looks_around = false, keeps_values = true;
     using Result = NothingFound;
 
     StepContext<Number, Effects> const* now;

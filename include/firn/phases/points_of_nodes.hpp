@@ -22,8 +22,7 @@ struct ListPoints : RowLoop<Kernel, Number, d, rows_of_part>
     FIRN_HOST_DEVICE void operator()(std::size_t i) const
     {
         std::size_t const p = Rows::point(i);
-        if (p >= this->points) return;
-        if (this->of.points[p].is_listed) return;
+        if (p >= this->points || this->of.to_list[p] == 0) return;
         Number const per_light = this->of.points[p].per_light;
         int const first = Rows::first_row(i);
         for (int row = first; row < first + rows_of_part; ++row) list(p, row * Cell::width, per_light);

@@ -112,25 +112,41 @@ private:
 
 /// Books what obstacles receive at a point.
 template <class Number, int d, class Context>
-struct BookImpulses
+struct BookImpulse
 {
-    SurfacePoint<Number, d> const* points;
     Context const* now;
 
-    FIRN_HOST_DEVICE void operator()(std::size_t p) const
+    /// `slot`: see ReactionSums.
+    FIRN_HOST_DEVICE void operator()(SurfacePoint<Number, d> const& point, std::uint32_t slot) const
     {
-        SurfacePoint<Number, d> const& point = points[p];
+        Vector<Number, d> const taken = point.impulse * -point.support;
+        bool is_any = false;
+        for (int a = 0; a < d; ++a) is_any = is_any || !(abs(taken[a]) <= Number(0)); // NaN is
+        if (!is_any) return;
         with_surface_action(now->actions, point.obstacle, [&](auto const& action, std::uint32_t i) {
             Reaction received;
-            Vector<Number, d> const taken = point.impulse * -point.support;
             double arm[3]{0, 0, 0};
             for (int a = 0; a < d; ++a) received.impulse[a] = taken[a], arm[a] = point.arm_of_impulse[a];
             for (int a = 0; a < 3; ++a) {
                 int const b = (a + 1) % 3, c = (a + 2) % 3;
                 received.angular_impulse[a] = arm[b] * received.impulse[c] - arm[c] * received.impulse[b];
             }
-            action.receive(i, point.node, received);
+            action.sums.add(i, slot, received);
         });
+    }
+};
+
+/// The last sweep, whose impulses count.
+template <class Kernel, class Number, int d, class Context>
+struct SweepAndBook : SweepPoints<Kernel, Number, d>
+{
+    BookImpulse<Number, d, Context> book;
+
+    FIRN_HOST_DEVICE void operator()(std::size_t p) const
+    {
+        SweepPoints<Kernel, Number, d>::operator()(p);
+        constexpr std::size_t run_together = 32;
+        book(this->of.points[p], static_cast<std::uint32_t>(p / run_together));
     }
 };
 

@@ -239,6 +239,7 @@ struct BeginPoints : PointLoop<Kernel, Number, d>
         bool const was_plain = point.is_plain;
         point.is_plain = least * point.per_light >= 1;
         point.is_listed = !have_changed && !may_move && was_plain && point.is_plain;
+        surface.to_list[p] = point.is_listed ? 0 : 1;
     }
 
 private:

@@ -17,6 +17,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <type_traits>
 
 // The part of a step that obstacles have which act at their surface: their points are found before nodes are
 // updated, and their impulses afterwards. See phases/surface_contact.hpp.
@@ -43,45 +44,101 @@ auto& surface_memory(StepScene<Backend, Sets, Kernel, Transfer> const& scene)
     return *memory;
 }
 
-/// Finds the points of surfaces that nodes meet in a step. Returns how many there are.
+/// Queues loops that look for the points of surfaces which nodes meet in a step.
 template <class Backend, class Sets, class Kernel, class Transfer, class Actions>
-std::uint32_t find_surface_points(StepMemory<Backend, Sets, Transfer> const& memory,
-                                  StepScene<Backend, Sets, Kernel, Transfer> const& scene,
-                                  StepContext<typename Sets::Space::Scalar, Actions> const* now)
+void look_for_points(StepMemory<Backend, Sets, Transfer> const& memory,
+                     StepScene<Backend, Sets, Kernel, Transfer> const& scene,
+                     StepContext<typename Sets::Space::Scalar, Actions> const* now)
+{
+    using Space = typename Sets::Space;
+    auto& surface = surface_memory(scene);
+    surface.begin();
+    auto found = surface.view();
+    memory.backend.for_each_node(scene.sets.orders(), scene.grid_state.grid(),
+                                 FindCandidates<Space, Kernel, Transfer, Actions>{
+                                     now, memory.lattice, scene.smallest_node_mass, found});
+    if constexpr (spans_ranks<Backend>) {
+        if (!surface.had_room(surface.counted()))
+            return look_for_points(memory, scene, now); // this rank alone looks once more
+        surface.share_candidates();
+        found = surface.view();
+    }
+    memory.backend.for_each(surface.looked_at(),
+                            FindSurfacePoints<Space, Kernel, Transfer, Actions>{now, memory.lattice, found});
+    surface.fetch_counts();
+}
+
+/// Waits for these loops, and returns what they found.
+template <class Surface>
+SurfaceCounts counted_points(Surface& surface)
+{
+    SurfaceCounts const counts = surface.counted();
+    require(counts.points < (std::uint32_t(1) << 26), "more than 6e7 points of surfaces meet material",
+            "Obstacles", "Take larger cells, or obstacles that act on nodes.");
+    return counts;
+}
+
+/// Finds the points of surfaces that nodes meet in a step. On a backend that queues, loops still look for
+/// them when this returns: see found_points().
+template <class Backend, class Sets, class Kernel, class Transfer, class Actions>
+void find_surface_points(StepMemory<Backend, Sets, Transfer> const& memory,
+                         StepScene<Backend, Sets, Kernel, Transfer> const& scene,
+                         StepContext<typename Sets::Space::Scalar, Actions> const* now)
 {
     static_assert(Actions::walls == 0, "a ReflectingWall goes with no obstacles that act at their surface: "
                                        "make it a HalfSpace in their list");
     static_assert(!Sets::are_bodies, "Bodies know no obstacles that act at their surface: choose "
                                      "Obstacles<Shape>");
-    using Space = typename Sets::Space;
     auto& surface = surface_memory(scene);
     surface.begin_step();
+    look_for_points(memory, scene, now);
+    if constexpr (!Backend::queues)
+        while (!surface.had_room(counted_points(surface))) look_for_points(memory, scene, now);
+}
+
+/// Waits for the loops that look for points, and for none behind them. Returns how many points there are.
+template <class Backend, class Sets, class Kernel, class Transfer, class Actions>
+std::uint32_t found_points(StepMemory<Backend, Sets, Transfer> const& memory,
+                           StepScene<Backend, Sets, Kernel, Transfer> const& scene,
+                           StepContext<typename Sets::Space::Scalar, Actions> const* now)
+{
+    auto& surface = surface_memory(scene);
     for (;;) {
-        surface.begin();
-        auto found = surface.view();
-        memory.backend.for_each_node(scene.sets.orders(), scene.grid_state.grid(),
-                                     FindCandidates<Space, Kernel, Transfer, Actions>{
-                                         now, memory.lattice, scene.smallest_node_mass, found});
-        if constexpr (spans_ranks<Backend>) {
-            if (!surface.had_room(surface.counted())) continue; // this rank alone looks once more
-            surface.share_candidates();
-            found = surface.view();
-        }
-        memory.backend.for_each(surface.looked_at(), FindSurfacePoints<Space, Kernel, Transfer, Actions>{
-                                                         now, memory.lattice, found});
-        SurfaceCounts const counts = surface.counted();
-        require(counts.points < (std::uint32_t(1) << 26), "more than 6e7 points of surfaces meet material",
-                "Obstacles", "Take larger cells, or obstacles that act on nodes.");
+        SurfaceCounts const counts = counted_points(surface);
         if (surface.had_room(counts)) return surface.note(counts);
+        look_for_points(memory, scene, now);
     }
 }
 
+/// Nodes that points of the step before reach take what they need from the grid. It is queued before the host
+/// waits for points, so that a device does it in the meantime. Returns whether it is done for all nodes, if
+/// there are no new points.
+template <class Backend, class Sets, class Kernel, class Transfer>
+bool begin_known_nodes(StepMemory<Backend, Sets, Transfer> const& memory,
+                       StepScene<Backend, Sets, Kernel, Transfer> const& scene)
+{
+    using Number = typename Sets::Space::Scalar;
+    constexpr int d = Sets::Space::dimension;
+    auto& surface = surface_memory(scene);
+    auto& grid = scene.grid_state.grid();
+    if (!Backend::queues || !surface.have_nodes() || !surface.have_indices(grid.numbering())) return false;
+    auto const nodes = grid.nodes_by_index();
+    memory.backend.for_each(surface.reached_at_most(),
+                            BeginNodes<Number, d, std::remove_const_t<decltype(nodes)>>{
+                                surface.view(), nodes, scene.smallest_node_mass,
+                                NodeSums<d, SumsOf<Transfer>>::mass,
+                                NodeValues<d, ValuesOf<Transfer>>::velocity, false});
+    return true;
+}
+
 /// Finds the impulses at the points that were found before, and the velocities that nodes get from them.
-/// `by_index` are the nodes, `node_count` of them, whose indices have this numbering.
-template <class Backend, class Sets, class Kernel, class Transfer, class Nodes>
+/// `by_index` are the nodes, `node_count` of them, whose indices have this numbering; `have_begun`: see
+/// begin_known_nodes().
+template <class Backend, class Sets, class Kernel, class Transfer, class Actions, class Nodes>
 void find_impulses(StepMemory<Backend, Sets, Transfer> const& memory,
-                   StepScene<Backend, Sets, Kernel, Transfer> const& scene, std::uint32_t points,
-                   Nodes const& by_index, std::size_t node_count, std::uint64_t numbering)
+                   StepScene<Backend, Sets, Kernel, Transfer> const& scene,
+                   StepContext<typename Sets::Space::Scalar, Actions> const* now, std::uint32_t points,
+                   Nodes const& by_index, std::size_t node_count, std::uint64_t numbering, bool have_begun)
 {
     using Number = typename Sets::Space::Scalar;
     constexpr int d = Sets::Space::dimension;
@@ -118,8 +175,9 @@ void find_impulses(StepMemory<Backend, Sets, Transfer> const& memory,
             FindNodes::count(points, may_move ? 0 : first),
             FindNodes{rows, by_index, may_move ? 0 : first, first_without, may_move, first == 0});
     std::size_t const nodes = surface.most_reached(may_change ? most_new : 0);
-    backend.for_each(nodes, BeginNodes<Number, d, Nodes>{loop.of, by_index, scene.smallest_node_mass,
-                                                         Sums::mass, Values::velocity, may_change});
+    if (may_change || !have_begun)
+        backend.for_each(nodes, BeginNodes<Number, d, Nodes>{loop.of, by_index, scene.smallest_node_mass,
+                                                             Sums::mass, Values::velocity, may_change});
     backend.for_each(points, BeginPoints<Kernel, Number, d>{loop, longer, surface.first_new(), first_without,
                                                             may_move, may_change});
     backend.for_each(Rows::count(points), ListPoints<Kernel, Number, d, rows_of_part>{rows});
@@ -133,38 +191,42 @@ void find_impulses(StepMemory<Backend, Sets, Transfer> const& memory,
         sweep.is_first = i == 1;
         gather.is_last = i == sweeps;
         sweep.ahead = gather.is_last ? Number(0) : static_cast<Number>((weight - 1) / next);
-        backend.for_each(points, sweep);
+        if (gather.is_last && detail::is_first_rank(backend)) // all ranks have all impulses
+            backend.for_each(points,
+                             SweepAndBook<Kernel, Number, d, StepContext<Number, Actions>>{sweep, {now}});
+        else
+            backend.for_each(points, sweep);
         backend.for_each(nodes, gather);
         weight = next;
     }
 }
 
-/// Lets these obstacles act on nodes that have been updated, at the points that were found before.
+/// Lets these obstacles act on nodes that have been updated, at the points that find_surface_points() found.
 template <class Backend, class Sets, class Kernel, class Transfer, class Actions>
 void act_at_surfaces(StepMemory<Backend, Sets, Transfer> const& memory,
-                     StepScene<Backend, Sets, Kernel, Transfer> const& scene, std::uint32_t points,
+                     StepScene<Backend, Sets, Kernel, Transfer> const& scene,
                      StepContext<typename Sets::Space::Scalar, Actions> const* now)
 {
-    using Number = typename Sets::Space::Scalar;
-    constexpr int d = Sets::Space::dimension;
-    auto const& backend = memory.backend;
     auto& surface = surface_memory(scene);
+    [[maybe_unused]] bool have_begun = false;
+    if constexpr (!spans_ranks<Backend>) have_begun = begin_known_nodes(memory, scene);
+    std::uint32_t const points = found_points(memory, scene, now);
     if (points > 0) {
         auto& grid = scene.grid_state.grid();
         if constexpr (spans_ranks<Backend>) {
+            constexpr int d = Sets::Space::dimension;
             using Values = NodeValues<d, ValuesOf<Transfer>>;
+            auto const& backend = memory.backend;
             auto& nodes =
                 detail::share_nodes_at_surface<Kernel>(backend, grid, surface, points, memory.lattice,
                                                        NodeSums<d, SumsOf<Transfer>>::mass, Values::velocity);
-            find_impulses(memory, scene, points, nodes.list.nodes(Values::velocity), nodes.list.size(),
-                          nodes.list.numbering());
+            find_impulses(memory, scene, now, points, nodes.list.nodes(Values::velocity), nodes.list.size(),
+                          nodes.list.numbering(), false);
             nodes.return_values(backend, grid, Values::velocity, d, scene.smallest_node_mass);
         }
         else
-            find_impulses(memory, scene, points, grid.nodes_by_index(), grid.node_count(), grid.numbering());
-        if (detail::is_first_rank(backend)) // all ranks have all impulses
-            backend.for_each(
-                points, BookImpulses<Number, d, StepContext<Number, Actions>>{surface.view().points, now});
+            find_impulses(memory, scene, now, points, grid.nodes_by_index(), grid.node_count(),
+                          grid.numbering(), have_begun);
     }
     surface.end_step(points, scene.time_state.now.interval.length());
 }

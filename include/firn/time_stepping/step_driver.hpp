@@ -49,7 +49,7 @@ public:
             step.finish_step(0, reactions, found);
         }
 
-        step.read_log();
+        step.read_log(1);
         bool const failed = step.has_failed();
         if (!failed) step.commit();
         step.adopt(1, failed ? 0 : 1, failed);

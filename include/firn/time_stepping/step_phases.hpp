@@ -137,8 +137,7 @@ public:
             return solve_step(step).conclude(step);
         else {
             scene_.grid_state.extend_velocities(scene_.sets, scene_.smallest_node_mass);
-            [[maybe_unused]] std::uint32_t points = 0;
-            if constexpr (at_surfaces) points = find_surface_points(memory_, scene_, now(step));
+            if constexpr (at_surfaces) find_surface_points(memory_, scene_, now(step));
             auto const phase = scene_.grid_state.grid_update(
                 scene_.sets, now(step), scene_.smallest_node_mass, scene_.mass_unit, true);
             auto reactions = memory_.backend.for_each_node(orders(), grid(), phase);
@@ -147,7 +146,7 @@ public:
                 memory_.backend.for_each_other_node(orders(), grid(), phase);
                 for_each_group([&](auto& group) { group.count(step); });
             }
-            if constexpr (at_surfaces) act_at_surfaces(memory_, scene_, points, now(step));
+            if constexpr (at_surfaces) act_at_surfaces(memory_, scene_, now(step));
             return reactions;
         }
     }
@@ -199,8 +198,12 @@ public:
         grid().swap();
     }
 
-    /// Waits for the steps, and reads their log.
-    void read_log() { heard_ = memory_.storage.template of<Entry>().read(); }
+    /// Waits for the first so many steps, and reads the log.
+    void read_log(int steps)
+    {
+        for_each_group([&](auto& group) { group.add_up(steps); });
+        heard_ = memory_.storage.template of<Entry>().read();
+    }
     Entry const& entry(int i) const { return heard_[i]; }
     /// How many steps have been taken.
     int taken() const

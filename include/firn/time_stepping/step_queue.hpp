@@ -81,7 +81,7 @@ public:
         if (steps.solve())
             ran = steps.backend().run_steps(steps, steps.most());
         else
-            steps.read_log();
+            steps.read_log(1);
 
         int const taken = steps.taken();
         bool const has_failed = taken < ran.queued && steps.has_failed();

@@ -325,10 +325,17 @@ public:
         changed_.notify_all();
     }
     /// Waits for what has been queued until now; other threads of the host may queue more.
-    void wait()
+    void wait() { wait(queued()); }
+    /// Waits for so much of it.
+    void wait(std::size_t first)
     {
         std::unique_lock lock(mutex_);
-        changed_.wait(lock, [&, all = queued_] { return done_ >= all; });
+        changed_.wait(lock, [&] { return done_ >= first; });
+    }
+    std::size_t queued()
+    {
+        std::lock_guard const lock(mutex_);
+        return queued_;
     }
 
     template <class Work>
@@ -753,8 +760,42 @@ inline cudaError_t cudaMemcpyAsync(void* to, void const* from, std::size_t bytes
                                    cudaStream_t stream)
 {
     if (is_elsewhere(stream)) return on_processor::tell(cudaErrorInvalidResourceHandle);
-    if (kind != cudaMemcpyDeviceToDevice) return cudaMemcpy(to, from, bytes, kind);
+    bool const waits = [&] { // as where the host's memory is not mapped
+        if (kind == cudaMemcpyDeviceToDevice) return false;
+        auto& memory = on_processor::Memory::one();
+        std::lock_guard const lock(memory.mutex);
+        return kind != cudaMemcpyDeviceToHost || memory.mapped.count(to) == 0;
+    }();
+    if (waits) return cudaMemcpy(to, from, bytes, kind);
     on_processor::Worker::one().queue([=] { std::memcpy(to, from, bytes); });
+    return cudaSuccess;
+}
+struct CUevent_st
+{
+    std::size_t queued; ///< what has been done when it happens
+};
+using cudaEvent_t = CUevent_st*;
+constexpr unsigned cudaEventDisableTiming = 2;
+inline cudaError_t cudaEventCreateWithFlags(cudaEvent_t* event, unsigned)
+{
+    *event = new CUevent_st{0};
+    return cudaSuccess;
+}
+inline cudaError_t cudaEventDestroy(cudaEvent_t event)
+{
+    delete event;
+    return cudaSuccess;
+}
+inline cudaError_t cudaEventRecord(cudaEvent_t event, cudaStream_t stream)
+{
+    if (is_elsewhere(stream)) return on_processor::tell(cudaErrorInvalidResourceHandle);
+    event->queued = on_processor::Worker::one().queued();
+    return cudaSuccess;
+}
+inline cudaError_t cudaEventSynchronize(cudaEvent_t event)
+{
+    ++on_processor::waits;
+    on_processor::Worker::one().wait(event->queued);
     return cudaSuccess;
 }
 inline cudaError_t cudaMemsetAsync(void* to, int byte, std::size_t bytes, cudaStream_t stream)

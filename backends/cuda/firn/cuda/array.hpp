@@ -236,8 +236,17 @@ class ReadbackBuffer
 {
 public:
     template <class Backend>
-    explicit ReadbackBuffer(Backend const& backend) : there_(backend), here_(backend.queue())
+    explicit ReadbackBuffer(Backend const& backend)
+        : queue_(backend.queue()), there_(backend), here_(backend.queue())
     {}
+    ReadbackBuffer(ReadbackBuffer&& other) noexcept
+        : queue_(other.queue_), there_(std::move(other.there_)), here_(std::move(other.here_)),
+          copied_(std::exchange(other.copied_, nullptr)), is_fetched_(other.is_fetched_)
+    {}
+    ~ReadbackBuffer()
+    {
+        if (copied_) static_cast<void>(cudaEventDestroy(copied_));
+    }
 
     /// Makes room for at least this many values; zero until loops write them.
     void resize(std::size_t size)
@@ -248,18 +257,40 @@ public:
         there_.fill_bytes(before, size - before, 0);
     }
     T* data() { return there_.data(); }
+    /// Sets existing values from `first` on, behind the loops that are queued.
+    void fill(std::size_t first, std::size_t count, T const& value) { there_.fill(first, count, value); }
 
-    /// Waits for all loops and returns a copy of what they wrote, in host memory.
-    T const* read()
+    /// Queues a copy of what loops have written by now: read() waits for this alone, and not for what is
+    /// queued behind it.
+    void fetch()
     {
         T* const here = here_.template as<T>(there_.size());
-        there_.download(0, {here, there_.size()});
-        return here;
+        if (there_.size() == 0) return;
+        OnDevice const with(queue_);
+        if (!copied_)
+            check(cudaEventCreateWithFlags(&copied_, cudaEventDisableTiming), "cudaEventCreateWithFlags");
+        check(cudaMemcpyAsync(here, there_.data(), there_.size() * sizeof(T), cudaMemcpyDeviceToHost,
+                              queue_.stream),
+              "cudaMemcpyAsync");
+        check(cudaEventRecord(copied_, queue_.stream), "cudaEventRecord");
+        is_fetched_ = true;
+    }
+    /// Waits for the loops and returns a copy of what they wrote, in host memory.
+    T const* read()
+    {
+        if (!is_fetched_) fetch();
+        OnDevice const with(queue_);
+        if (is_fetched_) check(cudaEventSynchronize(copied_), "cudaEventSynchronize");
+        is_fetched_ = false;
+        return here_.template get<T>();
     }
 
 private:
+    Queue queue_;
     Array<T> there_;
     HostMemory here_;
+    cudaEvent_t copied_ = nullptr; ///< has happened when the copy is there
+    bool is_fetched_ = false;      ///< since it was read
 };
 
 } // namespace firn::cuda

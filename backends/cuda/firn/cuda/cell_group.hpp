@@ -190,8 +190,8 @@ struct SumsInTile
     __device__ Column operator[](int k) const { return {first, k, here}; }
 };
 
-/// One node, as a phase sees it.
-template <class GridType, int d>
+/// One node, as a phase sees it, which keeps the values that are not set or not.
+template <class GridType, int d, bool keeps>
 class NodeOfThread
 {
 public:
@@ -200,17 +200,26 @@ public:
     __device__ NodeOfThread(typename GridType::Sums const& sums, typename GridType::Values const& before,
                             Coordinates<d> const& node)
         : sums_(sums), before_(before), node_(node)
-    {}
+    {
+        if constexpr (keeps) values_ = before;
+    }
 
     __device__ Real sum(int channel) const { return sums_.of[channel]; }
     /// The value from before this update.
     __device__ Real value(int channel) const { return before_.of[channel]; }
-    __device__ void set(int channel, Real value) { values_.of[channel] = value; }
+    __device__ void set(int channel, Real value)
+    {
+        values_.of[channel] = value;
+        are_new_ = true;
+    }
     __device__ Coordinates<d> first() const { return node_; }
     __device__ Vector<Real, d> offset() const { return Vector<Real, d>::Zero(); }
     __device__ typename GridType::Values const& values() const { return values_; }
+    /// Whether they are to be written. A phase that sets none neither reads nor writes any.
+    __device__ bool are_new() const { return are_new_; }
 
 private:
+    bool are_new_ = !keeps;
     typename GridType::Sums sums_;
     typename GridType::Values values_{};
     typename GridType::Values const& before_;

@@ -85,7 +85,7 @@ public:
                                             steps.finish_phase(queued - 1)));
         auto of_items = start(steps.g2p2g_phases(queued - 1));
         end_step(merge_and_finish(of_nodes, of_items, steps.finish_phase(queued - 1)));
-        steps.read_log();
+        steps.read_log(queued);
         if (!poll()) return {queued, false, rebins_early() && steps.taken() < queued};
 
         // a step ran out of room, and those behind it did nothing
@@ -99,7 +99,7 @@ public:
                     of_items[k] = detail::start_moving(*cells_[k], layers_[k], std::get<k>(phases));
             });
             end_step(merge_and_finish(of_nodes, of_items, steps.finish_phase(lacking)));
-            steps.read_log();
+            steps.read_log(lacking + 1);
         } while (poll());
         return {lacking + 1, true, false};
     }

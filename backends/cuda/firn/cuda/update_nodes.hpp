@@ -300,9 +300,9 @@ __global__ void __launch_bounds__(block_threads)
             }
         }
         if (!alone) {
-            NodeOfThread<GridType, d> lane(sums, values, node);
+            NodeOfThread<GridType, d, KeepsValues<Phase>> lane(sums, values, node);
             if (any) phase(lane, result); // nothing was added to the others
-            values = lane.values();
+            if (lane.are_new()) values = lane.values();
         }
     }
     __shared__ __align__(16) unsigned char parts[2 * sizeof(typename Phase::Result)];

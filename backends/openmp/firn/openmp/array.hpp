@@ -131,6 +131,7 @@ class ReadbackBuffer : public Array<T>
 {
 public:
     using Array<T>::Array;
+    void fetch() const {}
     T const* read() const { return this->data(); }
 };
 
