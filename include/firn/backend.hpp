@@ -157,6 +157,9 @@ concept QueueingBackend = requires(B const backend, Order order, std::array<Orde
     std::size_t{backend.steps_to_queue(orders, blindly)}; // how many; `blindly` is the most to risk in vain
     QueueOutcome{backend.run_steps(steps, count)};        // queues at most so many QueuedSteps, and waits
     order.rollback(count, count, offsets);                // undoes so many commit() and rebin()
+    backend.for_each_in_step(orders, blindly, detail::AnyBody{}); // for_each, unless steps have stopped
+    backend.stop_steps_if(orders, std::declval<std::uint32_t const*>(), count,
+                          std::declval<std::uint32_t*>()); // stops them, and sets the second, if any is not 0
 };
 
 /// All that a solver asks of a backend before it compiles a loop.

@@ -395,13 +395,15 @@ TEMPLATE_LIST_TEST_CASE("a block lies on a slanted plane whatever the kernel and
 TEST_CASE("contact at the surface has the same bits from run to run, and for any number of threads",
           "[physics][surface]")
 {
-    auto const run = [](auto const& backend) {
+    double const speed = GENERATE(0.0, 0.7); // of the sphere [m/s]
+    auto const run = [&](auto const& backend) {
         double const h = 0.05;
         Water::Solver water(lattice(h), materials::water<Plane>(2), {}, {}, backend);
         water.add(box_of_points<2>({0.01, 0.02}, {1.01, 0.62}, h), h * h / 4, {0.5, -1});
         AtSurface around;
         around.list.push_back({.shape = HalfSpace{{0.6, 0.8, 0}}});
-        around.list.push_back({.shape = Sphere{0.2}, .motion = {.position = {0.8, 0, 0}}});
+        around.list.push_back(
+            {.shape = Sphere{0.2}, .motion = {.position = {0.8, 0, 0}, .velocity = {0, speed, 0}}});
         auto const report = water.advance(0.1, Gravity{}, around);
         std::vector<double> bits;
         for (auto const& x : water.positions()) bits.insert(bits.end(), {x.x(), x.y()});
@@ -415,6 +417,12 @@ TEST_CASE("contact at the surface has the same bits from run to run, and for any
     CHECK(once == run(OpenMP{.threads = 1}));
     CHECK(once == run(OpenMP{.threads = 3}));
 #endif
+    if constexpr (TestedBackend::queues) // nor does it matter how many steps are queued at once
+        for (std::size_t const batch : {1, 2, 7}) {
+            TestedBackend backend;
+            backend.batch = batch;
+            CHECK(once == run(backend));
+        }
 }
 
 using Splashes = Combinations<Water, More<Scene<Fluid<SolidFloat>, QuadraticBSpline, Mls>>>;

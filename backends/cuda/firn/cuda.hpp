@@ -113,6 +113,29 @@ struct Cuda
                            threads, body, count);
     }
 
+    /// The same for a loop that a queued step has beside those over nodes and cells: it does nothing if steps
+    /// have stopped.
+    template <class Order, std::size_t orders, class Body>
+    void for_each_in_step(std::array<Order*, orders> const& cells, std::size_t count, Body const& body) const
+    {
+        if (count == 0) return;
+        cuda::OnDevice const here(device);
+        unsigned const threads = count < 65536 ? 64 : 256; // as in for_each()
+        cuda::detail::launch("for_each_in_step", queue(), cuda::detail::for_each_in_step<Body>,
+                             cuda::groups_of(count, threads), threads, 0, cells[0]->signal(), body, count);
+    }
+
+    /// Queues that steps stop if any of these numbers is not 0: loops behind do nothing until the host has
+    /// polled. Then `stopped` becomes 1.
+    template <class Order, std::size_t orders>
+    void stop_steps_if(std::array<Order*, orders> const& cells, std::uint32_t const* numbers, int count,
+                       std::uint32_t* stopped) const
+    {
+        cuda::OnDevice const here(device);
+        cuda::detail::launch("stop_steps_if", queue(), cuda::detail::stop_steps_if, 1u, 1u, 0,
+                             cells[0]->signal(), numbers, count, stopped);
+    }
+
     /// Calls `visit(where it lies, coordinates of its cell)` for every item, on the device.
     template <class Order, class Visit>
     void for_each_place(Order const& cells, Visit const& visit) const

@@ -51,8 +51,11 @@ public:
     virtual void add_ranks(int step) = 0;
     /// Before the host hears of a batch: what was received in its first so many steps is added up.
     virtual void add_up(int steps) = 0;
-    /// After a batch, of which so many steps were taken.
-    virtual void end(int taken) = 0;
+    /// Whether loops of the batch have stopped it before a step, which the host is to begin.
+    virtual bool has_stopped() { return false; }
+    /// After a batch, of which so many steps were taken, the last one with a length of `dt` [s], and the next
+    /// one may have failed.
+    virtual void end(int taken, bool failed, double dt) = 0;
     /// Appends what each obstacle received in the next of these steps, times a factor.
     virtual void append(std::vector<Reaction>& to, double factor) = 0;
     /// The memory of obstacles that act at their surface; null for others.

@@ -77,8 +77,8 @@ struct ObstaclesAction
         });
     }
 
-    /// Adds to what an obstacle received at a node. Those of a block that a device runs together have the same
-    /// slot: see stencil_reach().
+    /// Adds to what an obstacle received at a node. Those of a block that a device runs together have the
+    /// same slot: see stencil_reach().
     FIRN_HOST_DEVICE void receive(std::uint32_t i, Coordinates<d> const& node, Reaction const& received) const
     {
         std::uint32_t slot = 0;

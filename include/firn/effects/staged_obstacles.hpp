@@ -138,8 +138,7 @@ class StagedObstacles : public GroupMemory<Backend, Number, d>
     template <class T>
     using Array = typename Backend::template Array<T>;
     /// How many steps a batch has room for at most, and how many bytes the sums may take for more than one.
-    /// One if they act at their surface: the host makes room for its points in each step.
-    static constexpr std::size_t most_steps_of_batch = Backend::queues && !acts_at_surface(acts_on) ? 64 : 1;
+    static constexpr std::size_t most_steps_of_batch = Backend::queues ? 64 : 1;
     static constexpr std::size_t most_bytes = std::size_t(16) << 20;
 
 public:
@@ -210,7 +209,10 @@ public:
 
     std::size_t size() const override { return of_call_.obstacles; }
 
-    int most_steps() const override { return most_steps_; }
+    int most_steps() const override
+    {
+        return surface_ ? std::min(most_steps_, surface_->most_steps()) : most_steps_;
+    }
 
     void expect(int steps) override { received_.resize(std::size_t(steps) * of_call_.obstacles); }
 
@@ -243,10 +245,12 @@ public:
         backend_.for_each(std::size_t(steps) * of_call_.obstacles * ReactionSums::numbers,
                           AddUpReactions{of_call_, received_.data()});
         received_.fetch();
+        if (surface_ && steps > 1) surface_->fetch_counts();
     }
-    void end(int taken) override
+    bool has_stopped() override { return surface_ && surface_->has_stopped(); }
+    void end(int taken, bool failed, double dt) override
     {
-        if (surface_ && taken == 0) surface_->forget();
+        if (surface_) surface_->end_batch(taken, failed, dt);
         appended_ = 0;
     }
 

@@ -31,8 +31,8 @@ public:
           ranks_(backend), points_of_nodes_(backend), reached_(backend), indices_(backend),
           velocities_(backend)
     {
-        counts_.resize(5);
-        counts_.fill(0, 5, 0);
+        counts_.resize(counts);
+        counts_.fill(0, counts, 0);
         candidates_.resize(256);
         seen_.resize(256);
         points_.resize(256);
@@ -58,12 +58,13 @@ public:
     }
     /// Whether sweeps start from the impulses of the step before.
     bool goes_on() const { return known_ > 0; }
-    /// Before a step. It goes on with the points of the step before. Now and then points are found anew,
-    /// since those are among them that were points once.
-    void begin_step()
+    /// Before a step, the first of a batch or a later one. It goes on with the points of the step before. Now
+    /// and then the first one finds points anew, since those are among them that were points once.
+    void begin_step(bool is_first)
     {
+        if (is_first) step_before_ = step_;
         ++step_;
-        bool const finds_all = known_ == 0 || known_ > most_known_ || step_ - found_all_ >= 64;
+        bool const finds_all = is_first && is_to_find_all();
         first_new_ = finds_all ? 0 : known_;
         if (finds_all || !is_at_rest) enter_points();
         if (!finds_all) return;
@@ -78,8 +79,28 @@ public:
         entered_ = 0;
         have_nodes_ = false;
     }
+    /// How many steps a batch may have: the first one is to find all points, if any is.
+    int most_steps() const
+    {
+        return is_to_find_all() ? steps_between : static_cast<int>(found_all_ + steps_between - (step_ + 1));
+    }
     /// Before points are looked for: none is counted.
     void begin() { counts_.fill(0, 2, 0); }
+    /// Whether a step that the host does not take part in knows what may become a point: where walls move and
+    /// none is known, it does not.
+    bool can_go_on() const { return is_at_rest || known_ > 0; }
+    /// Where loops count what is new, two numbers, and where one is set if that stopped a batch.
+    std::uint32_t* counts_of_new() { return counts_.data(); }
+    std::uint32_t* stopped() { return counts_.data() + place_of_stopped; }
+    /// Lets the batch stop before this step.
+    void stop() { counts_.fill(0, 1, 1); }
+    /// Whether it stopped: see stopped(). After fetch_counts().
+    bool has_stopped()
+    {
+        if (counts_.read()[place_of_stopped] == 0) return false;
+        counts_.fill(place_of_stopped, 1, 0);
+        return true;
+    }
     /// On several ranks, after candidates have been found that had room: all ranks get those of all, by the
     /// same numbers.
     void share_candidates()
@@ -213,13 +234,19 @@ public:
         make_room_for(indices_, nodes);
         indices_.fill(before, indices_.size() - before, {0, 0});
     }
-    /// After a step with so many points, of this length [s].
-    void end_step(std::uint32_t points, double dt)
+    /// After a step with so many points.
+    void end_step(std::uint32_t points) { known_ = points; }
+    /// See GroupMemory::end. Steps that were queued and not taken have left no trace.
+    void end_batch(int taken, bool failed, double dt)
     {
-        known_ = points;
-        dt_ = dt;
+        step_ = step_before_ + static_cast<std::uint32_t>(taken) + (failed ? 1 : 0);
+        if (taken == 0 || failed)
+            forget();
+        else
+            dt_ = static_cast<Number>(dt);
     }
-    double dt_before() const { return dt_; } ///< [s]
+    std::uint32_t known() const { return known_; } ///< points of the step before
+    Number dt_before() const { return dt_; }       ///< the length of the last step of the batch before [s]
     /// The points of the last step, on the host.
     std::vector<SurfacePoint<Number, d>> last() const
     {
@@ -259,6 +286,14 @@ public:
     }
 
 private:
+    static constexpr std::size_t place_of_stopped = 5, counts = 6;
+    static constexpr int steps_between = 64; ///< those that find all points
+
+    /// Whether the next step finds all points.
+    bool is_to_find_all() const
+    {
+        return known_ == 0 || known_ > most_known_ || step_ + 1 - found_all_ >= steps_between;
+    }
     static std::uint32_t mask_of(std::size_t size)
     {
         return size > 0 ? static_cast<std::uint32_t>(size - 1) : 0;
@@ -286,7 +321,7 @@ private:
     }
 
     Backend backend_;
-    /// Those of SurfaceCounts, SurfacePoints::listed and changes.
+    /// Those of SurfaceCounts, SurfacePoints::listed and changes, and stopped().
     typename Backend::template ReadbackBuffer<std::uint32_t> counts_;
     Array<SurfaceCandidate<d>> candidates_;
     Array<std::uint32_t> seen_, candidate_table_;
@@ -299,10 +334,11 @@ private:
     std::size_t candidate_table_size_ = 0;
     std::uint32_t first_new_ = 0, most_known_ = 0; ///< points
     std::uint32_t step_ = 0, found_all_ = 0;       ///< this one, and that in which all points were found
+    std::uint32_t step_before_ = 0;                ///< the one before the batch
     bool have_nodes_ = false;
     std::size_t reached_before_ = 0, most_reached_ = 0;
     std::uint64_t numbering_ = 0;
-    double dt_ = 1; ///< its length [s]
+    Number dt_ = 1; ///< its length [s]
     Array<unsigned char> to_list_;
     Array<VectorAndNumber<Number, d>> tried_;
     Array<NodeOfPoint<Number>> stencils_, acting_;

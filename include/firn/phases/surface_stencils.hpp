@@ -204,12 +204,22 @@ private:
 /// kernel's weights would throw what little lies on it away.
 inline constexpr double light_node = 0.0001;
 
+/// The lengths of this step and of the one before, where loops know them; else their ratio.
+template <class Number>
+struct Lengths
+{
+    Number const *now, *before; ///< [s], or null
+    Number if_unknown;
+
+    FIRN_HOST_DEVICE Number ratio() const { return now == nullptr ? if_unknown : *now / *before; }
+};
+
 /// Points start from their impulses in the step before, which have been found or are their own. Those that
 /// are none in this step have neither impulse nor weight.
 template <class Kernel, class Number, int d>
 struct BeginPoints : PointLoop<Kernel, Number, d>
 {
-    Number longer;             ///< the step over the one before
+    Lengths<Number> lengths;
     std::size_t first;         ///< of the points that are new
     std::size_t first_without; ///< of those that had no nodes
     bool may_move;             ///< those that are not new
@@ -231,7 +241,7 @@ struct BeginPoints : PointLoop<Kernel, Number, d>
             (surface.are_at_rest ? surface.seen[point.candidate] : point.found) == surface.step;
         auto const* const before = p < first || first > 0 ? &point : surface.before.find(point);
         point.impulse = before != nullptr && is_one
-                            ? point.allowed(Vector<Number, d>(before->impulse * longer))
+                            ? point.allowed(Vector<Number, d>(before->impulse * lengths.ratio()))
                             : zeros<Vector<Number, d>>();
         surface.tried[p].set(point.impulse);
         surface.tried[p].set_number(Number(1));

@@ -44,6 +44,18 @@ auto& surface_memory(StepScene<Backend, Sets, Kernel, Transfer> const& scene)
     return *memory;
 }
 
+/// As for_each of a backend, in a step that may have been queued in vain.
+template <class Backend, class Sets, class Kernel, class Transfer, class Body>
+void for_each_in_step(StepMemory<Backend, Sets, Transfer> const& memory,
+                      StepScene<Backend, Sets, Kernel, Transfer> const& scene, std::size_t count,
+                      Body const& body)
+{
+    if constexpr (Backend::queues)
+        memory.backend.for_each_in_step(scene.sets.orders(), count, body);
+    else
+        memory.backend.for_each(count, body);
+}
+
 /// Queues loops that look for the points of surfaces which nodes meet in a step.
 template <class Backend, class Sets, class Kernel, class Transfer, class Actions>
 void look_for_points(StepMemory<Backend, Sets, Transfer> const& memory,
@@ -63,9 +75,8 @@ void look_for_points(StepMemory<Backend, Sets, Transfer> const& memory,
         surface.share_candidates();
         found = surface.view();
     }
-    memory.backend.for_each(surface.looked_at(),
-                            FindSurfacePoints<Space, Kernel, Transfer, Actions>{now, memory.lattice, found});
-    surface.fetch_counts();
+    for_each_in_step(memory, scene, surface.looked_at(),
+                     FindSurfacePoints<Space, Kernel, Transfer, Actions>{now, memory.lattice, found});
 }
 
 /// Waits for these loops, and returns what they found.
@@ -79,20 +90,26 @@ SurfaceCounts counted_points(Surface& surface)
 }
 
 /// Finds the points of surfaces that nodes meet in a step. On a backend that queues, loops still look for
-/// them when this returns: see found_points().
+/// them when this returns: see found_points(). There the host takes part in the first step of a batch alone:
+/// a later one in which anything is new stops the batch, and is the first of the next one.
 template <class Backend, class Sets, class Kernel, class Transfer, class Actions>
 void find_surface_points(StepMemory<Backend, Sets, Transfer> const& memory,
                          StepScene<Backend, Sets, Kernel, Transfer> const& scene,
-                         StepContext<typename Sets::Space::Scalar, Actions> const* now)
+                         StepContext<typename Sets::Space::Scalar, Actions> const* now, bool is_first)
 {
     static_assert(Actions::walls == 0, "a ReflectingWall goes with no obstacles that act at their surface: "
                                        "make it a HalfSpace in their list");
     static_assert(!Sets::are_bodies, "Bodies know no obstacles that act at their surface: choose "
                                      "Obstacles<Shape>");
     auto& surface = surface_memory(scene);
-    surface.begin_step();
+    surface.begin_step(is_first);
     look_for_points(memory, scene, now);
-    if constexpr (!Backend::queues)
+    if constexpr (Backend::queues) {
+        if (is_first) return surface.fetch_counts();
+        if (!surface.can_go_on()) surface.stop();
+        memory.backend.stop_steps_if(scene.sets.orders(), surface.counts_of_new(), 2, surface.stopped());
+    }
+    else
         while (!surface.had_room(counted_points(surface))) look_for_points(memory, scene, now);
 }
 
@@ -107,6 +124,7 @@ std::uint32_t found_points(StepMemory<Backend, Sets, Transfer> const& memory,
         SurfaceCounts const counts = counted_points(surface);
         if (surface.had_room(counts)) return surface.note(counts);
         look_for_points(memory, scene, now);
+        surface.fetch_counts();
     }
 }
 
@@ -123,21 +141,21 @@ bool begin_known_nodes(StepMemory<Backend, Sets, Transfer> const& memory,
     auto& grid = scene.grid_state.grid();
     if (!Backend::queues || !surface.have_nodes() || !surface.have_indices(grid.numbering())) return false;
     auto const nodes = grid.nodes_by_index();
-    memory.backend.for_each(surface.reached_at_most(),
-                            BeginNodes<Number, d, std::remove_const_t<decltype(nodes)>>{
-                                surface.view(), nodes, scene.smallest_node_mass,
-                                NodeSums<d, SumsOf<Transfer>>::mass,
-                                NodeValues<d, ValuesOf<Transfer>>::velocity, false});
+    for_each_in_step(memory, scene, surface.reached_at_most(),
+                     BeginNodes<Number, d, std::remove_const_t<decltype(nodes)>>{
+                         surface.view(), nodes, scene.smallest_node_mass, NodeSums<d, SumsOf<Transfer>>::mass,
+                         NodeValues<d, ValuesOf<Transfer>>::velocity, false});
     return true;
 }
 
 /// Finds the impulses at the points that were found before, and the velocities that nodes get from them.
-/// `by_index` are the nodes, `node_count` of them, whose indices have this numbering; `have_begun`: see
-/// begin_known_nodes().
+/// `before` is the step before in the batch, if there is one. `by_index` are the nodes, `node_count` of them,
+/// whose indices have this numbering; `have_begun`: see begin_known_nodes().
 template <class Backend, class Sets, class Kernel, class Transfer, class Actions, class Nodes>
 void find_impulses(StepMemory<Backend, Sets, Transfer> const& memory,
                    StepScene<Backend, Sets, Kernel, Transfer> const& scene,
-                   StepContext<typename Sets::Space::Scalar, Actions> const* now, std::uint32_t points,
+                   StepContext<typename Sets::Space::Scalar, Actions> const* now,
+                   StepContext<typename Sets::Space::Scalar, Actions> const* before, std::uint32_t points,
                    Nodes const& by_index, std::size_t node_count, std::uint64_t numbering, bool have_begun)
 {
     using Number = typename Sets::Space::Scalar;
@@ -148,8 +166,13 @@ void find_impulses(StepMemory<Backend, Sets, Transfer> const& memory,
     auto const& backend = memory.backend;
     auto& surface = surface_memory(scene);
     int const sweeps = surface.goes_on() ? sweeps_that_go_on : sweeps_from_nothing;
-    auto const longer = static_cast<Number>(scene.time_state.now.interval.length() / surface.dt_before()),
+    auto const length = static_cast<Number>(scene.time_state.now.interval.length()),
                cell_size = static_cast<Number>(memory.lattice.cell_size);
+    Lengths<Number> const lengths{before == nullptr ? nullptr : &now->dt,
+                                  before == nullptr ? nullptr : &before->dt, length / surface.dt_before()};
+    auto const run = [&](std::size_t count, auto const& body) {
+        for_each_in_step(memory, scene, count, body);
+    };
     // a device has as many parts of a loop at once as it can have
     constexpr int rows_of_part = Backend::queues ? 1 : Loop::Cell::rows;
     using Rows = RowLoop<Kernel, Number, d, rows_of_part>;
@@ -160,7 +183,7 @@ void find_impulses(StepMemory<Backend, Sets, Transfer> const& memory,
                       most_new = std::min(node_count, (points - first) * nodes_of_each);
     bool const may_change = points > first;
     if (may_change) {
-        if (first == 0) backend.for_each(surface.reached_before(), ForgetIndices<Number, d>{surface.view()});
+        if (first == 0) run(surface.reached_before(), ForgetIndices<Number, d>{surface.view()});
         if (first_without == 0) surface.forget_nodes();
         surface.make_room(points, nodes_of_each, most_new, node_count, numbering);
     }
@@ -168,22 +191,22 @@ void find_impulses(StepMemory<Backend, Sets, Transfer> const& memory,
     Rows const rows{loop, points};
     using FindNodes = FindNodesOfPoints<Kernel, Transfer, Number, d, rows_of_part, Nodes>;
     if (may_change && first == 0)
-        backend.for_each(surface.reached_before(), FindIndices<Number, d, Nodes>{loop.of, by_index});
+        run(surface.reached_before(), FindIndices<Number, d, Nodes>{loop.of, by_index});
     bool const may_move = surface.may_move();
     if (may_change || may_move)
-        backend.for_each(
-            FindNodes::count(points, may_move ? 0 : first),
+        run(FindNodes::count(points, may_move ? 0 : first),
             FindNodes{rows, by_index, may_move ? 0 : first, first_without, may_move, first == 0});
-    std::size_t const nodes = surface.most_reached(may_change ? most_new : 0);
+    std::size_t const nodes =
+        before == nullptr ? surface.most_reached(may_change ? most_new : 0) : surface.reached_at_most();
     if (may_change || !have_begun)
-        backend.for_each(nodes, BeginNodes<Number, d, Nodes>{loop.of, by_index, scene.smallest_node_mass,
-                                                             Sums::mass, Values::velocity, may_change});
-    backend.for_each(points, BeginPoints<Kernel, Number, d>{loop, longer, surface.first_new(), first_without,
-                                                            may_move, may_change});
-    backend.for_each(Rows::count(points), ListPoints<Kernel, Number, d, rows_of_part>{rows});
-    if (may_change) backend.for_each(nodes, SortPoints<Kernel, Number, d>{loop});
+        run(nodes, BeginNodes<Number, d, Nodes>{loop.of, by_index, scene.smallest_node_mass, Sums::mass,
+                                                Values::velocity, may_change});
+    run(points, BeginPoints<Kernel, Number, d>{loop, lengths, surface.first_new(), first_without, may_move,
+                                               may_change});
+    run(Rows::count(points), ListPoints<Kernel, Number, d, rows_of_part>{rows});
+    if (may_change) run(nodes, SortPoints<Kernel, Number, d>{loop});
     GatherImpulses<Kernel, Number, d, Nodes> gather{loop, by_index, Values::velocity};
-    backend.for_each(nodes, gather);
+    run(nodes, gather);
     SweepPoints<Kernel, Number, d> sweep{loop, cell_size};
     double weight = 1;
     for (int i = 1; i <= sweeps; ++i) {
@@ -192,25 +215,26 @@ void find_impulses(StepMemory<Backend, Sets, Transfer> const& memory,
         gather.is_last = i == sweeps;
         sweep.ahead = gather.is_last ? Number(0) : static_cast<Number>((weight - 1) / next);
         if (gather.is_last && detail::is_first_rank(backend)) // all ranks have all impulses
-            backend.for_each(points,
-                             SweepAndBook<Kernel, Number, d, StepContext<Number, Actions>>{sweep, {now}});
+            run(points, SweepAndBook<Kernel, Number, d, StepContext<Number, Actions>>{sweep, {now}});
         else
-            backend.for_each(points, sweep);
-        backend.for_each(nodes, gather);
+            run(points, sweep);
+        run(nodes, gather);
         weight = next;
     }
 }
 
 /// Lets these obstacles act on nodes that have been updated, at the points that find_surface_points() found.
+/// `before` is the step before in the batch; null in the first one.
 template <class Backend, class Sets, class Kernel, class Transfer, class Actions>
 void act_at_surfaces(StepMemory<Backend, Sets, Transfer> const& memory,
                      StepScene<Backend, Sets, Kernel, Transfer> const& scene,
-                     StepContext<typename Sets::Space::Scalar, Actions> const* now)
+                     StepContext<typename Sets::Space::Scalar, Actions> const* now,
+                     StepContext<typename Sets::Space::Scalar, Actions> const* before)
 {
     auto& surface = surface_memory(scene);
     [[maybe_unused]] bool have_begun = false;
     if constexpr (!spans_ranks<Backend>) have_begun = begin_known_nodes(memory, scene);
-    std::uint32_t const points = found_points(memory, scene, now);
+    std::uint32_t const points = before == nullptr ? found_points(memory, scene, now) : surface.known();
     if (points > 0) {
         auto& grid = scene.grid_state.grid();
         if constexpr (spans_ranks<Backend>) {
@@ -220,15 +244,15 @@ void act_at_surfaces(StepMemory<Backend, Sets, Transfer> const& memory,
             auto& nodes =
                 detail::share_nodes_at_surface<Kernel>(backend, grid, surface, points, memory.lattice,
                                                        NodeSums<d, SumsOf<Transfer>>::mass, Values::velocity);
-            find_impulses(memory, scene, now, points, nodes.list.nodes(Values::velocity), nodes.list.size(),
-                          nodes.list.numbering(), false);
+            find_impulses(memory, scene, now, before, points, nodes.list.nodes(Values::velocity),
+                          nodes.list.size(), nodes.list.numbering(), false);
             nodes.return_values(backend, grid, Values::velocity, d, scene.smallest_node_mass);
         }
         else
-            find_impulses(memory, scene, now, points, grid.nodes_by_index(), grid.node_count(),
+            find_impulses(memory, scene, now, before, points, grid.nodes_by_index(), grid.node_count(),
                           grid.numbering(), have_begun);
     }
-    surface.end_step(points, scene.time_state.now.interval.length());
+    surface.end_step(points);
 }
 
 } // namespace firn

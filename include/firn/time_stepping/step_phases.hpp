@@ -137,7 +137,7 @@ public:
             return solve_step(step).conclude(step);
         else {
             scene_.grid_state.extend_velocities(scene_.sets, scene_.smallest_node_mass);
-            if constexpr (at_surfaces) find_surface_points(memory_, scene_, now(step));
+            if constexpr (at_surfaces) find_surface_points(memory_, scene_, now(step), step == 0);
             auto const phase = scene_.grid_state.grid_update(
                 scene_.sets, now(step), scene_.smallest_node_mass, scene_.mass_unit, true);
             auto reactions = memory_.backend.for_each_node(orders(), grid(), phase);
@@ -146,7 +146,8 @@ public:
                 memory_.backend.for_each_other_node(orders(), grid(), phase);
                 for_each_group([&](auto& group) { group.count(step); });
             }
-            if constexpr (at_surfaces) act_at_surfaces(memory_, scene_, now(step));
+            if constexpr (at_surfaces)
+                act_at_surfaces(memory_, scene_, now(step), step == 0 ? nullptr : now(step - 1));
             return reactions;
         }
     }
@@ -212,6 +213,13 @@ public:
         while (heard_[count + 1].taken != 0) ++count;
         return count;
     }
+    /// Whether the step after those that were taken was begun, and then stopped: the host is to begin it.
+    bool has_stopped() const
+    {
+        bool has = false;
+        for_each_group([&](auto& group) { has = has || group.has_stopped(); });
+        return has;
+    }
     /// Whether the step after those that were taken failed.
     bool has_failed() const { return heard_[taken() + 1].after.failed > 0; }
 
@@ -231,7 +239,8 @@ public:
     /// failed.
     void end(int taken, bool failed)
     {
-        for_each_group([&](auto& group) { group.end(taken); });
+        for_each_group(
+            [&](auto& group) { group.end(taken, failed, taken > 0 ? heard_[taken].record.dt : 0); });
         if constexpr (Sets::keep_volume) memory_.volumes.end(taken);
         memory_.turn = (memory_.turn + taken) % 2;
         memory_.nodes_spoiled = failed;

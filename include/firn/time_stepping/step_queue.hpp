@@ -85,12 +85,13 @@ public:
 
         int const taken = steps.taken();
         bool const has_failed = taken < ran.queued && steps.has_failed();
+        bool const has_begun = has_failed || (taken < ran.queued && steps.has_stopped());
         int const failed = has_failed ? 1 : 0, dropped = ran.queued - 1 - taken;
         if (taken == ran.queued)
             steps.commit();
         else
-            steps.rollback(dropped, dropped + 1 - failed);
-        steps.adopt(taken + failed, taken, has_failed || ran.rebinned_early);
+            steps.rollback(dropped, dropped + (has_begun ? 0 : 1));
+        steps.adopt(taken + failed, taken, has_begun || ran.rebinned_early);
         steps.end(taken, has_failed);
         learn(taken, taken == steps.most() && !ran.lacked_room);
         for (int i = 1; i <= taken; ++i) visit(steps.entry(i).record);

@@ -30,4 +30,25 @@ __global__ void for_each(Body body, std::size_t count)
     if (i < count) body(i);
 }
 
+/// The same in a step, whose loops do nothing if steps have stopped.
+template <class Body>
+__global__ void for_each_in_step(Signal signal, Body body, std::size_t count)
+{
+    if (signal.stops()) return;
+    std::size_t const i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;
+    if (i < count) body(i);
+}
+
+/// Stops steps if any of these numbers is not 0.
+static __global__ void stop_steps_if(Signal signal, std::uint32_t const* numbers, int count,
+                                     std::uint32_t* stopped)
+{
+    if (signal.stops()) return;
+    bool any = false;
+    for (int i = 0; i < count; ++i) any = any || numbers[i] != 0;
+    if (!any) return;
+    *stopped = 1;
+    signal.stop({1, 0, 0, 0});
+}
+
 } // namespace firn::cuda::detail
