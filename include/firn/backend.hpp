@@ -200,8 +200,8 @@ concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::t
 // `phase.walls()`, and calls `phase.look_around(walls, node, result)` in place of that for the lanes of nodes
 // for which `phase.looks_around_at(walls, first, lanes)` is true. What a phase that
 // `keeps_values` does not set stays as it is; with others, and on nodes to which nothing was added, it may
-// become 0. One that `asks_no_sums` may be called for any nodes that such a phase was called for, and for
-// zeros. One that `takes_zero_sums` is called for nodes to which zeros were added, too.
+// become 0. One that `asks_no_sums`, of other nodes neither, may be called for any nodes that such a phase was
+// called for, and for zeros. One that `takes_zero_sums` is called for nodes to which zeros were added, too.
 //
 // ---- what a phase sees
 //

@@ -56,16 +56,9 @@ FIRN_HOST_DEVICE bool is_beside(std::array<WallPlane, walls> const& planes, Coor
     return beside;
 }
 
-/// Lanes of nodes along a row beside reflecting walls, or of their images on the walls' side: their sums
-/// together with those of their images behind the walls.
-///
-/// What particles scatter to a node behind a wall, their mirror images scatter to the node in front of it,
-/// with momentum along the wall's axis of opposite sign. So the sum of both solves the whole problem, body
-/// and image; where walls meet, axis by axis. Other vectors are mirrored as momentum is, and scalars keep
-/// their sign. A wall across the row's own axis mirrors single lanes, one
-/// across another axis whole rows.
-template <class Sums, class Real, int d, std::size_t count>
-struct MirroredNode
+/// Lanes of nodes along a row beside reflecting walls: where they are, or their images on the walls' side.
+template <class Real, int d, std::size_t count>
+struct NodesOrImages
 {
     using Number = ScalarOf<Real>;
     std::array<WallPlane, count> const& walls;
@@ -75,23 +68,16 @@ struct MirroredNode
     std::array<Mask<Real>, std::size_t(d)>
         flipped;                      ///< whether the node in question is behind a wall across this axis
     std::array<Mask<Real>, count> on; ///< or on this wall
-    Real sums[Sums::channels];        ///< of the nodes and their images
-    /// The part of the sums that lies behind each wall: mass, and momentum and impulse along its axis,
-    /// unmirrored.
-    Real mass_behind[count], momentum_behind[count], impulse_behind[Sums::forces_are_apart ? count : 1];
 
-    /// For the lanes of nodes `at`, which reads other nodes by `sums_at(first, along, which lanes, sums)`.
+    /// For the lanes of nodes `at`.
     template <class Node>
-    FIRN_HOST_DEVICE MirroredNode(std::array<WallPlane, count> const& planes, Node const& at)
+    FIRN_HOST_DEVICE NodesOrImages(std::array<WallPlane, count> const& planes, Node const& at)
         : walls(planes), first(at.first()), along(at.offset()[d - 1])
     {
         Real const zero(Number(0));
         Mask<Real> const every = exactly_equal(zero, zero), none = zero > zero;
-        for (auto& sum : sums) sum = zero;
         for (int a = 0; a < d; ++a) flipped[std::size_t(a)] = none;
         for (std::size_t w = 0; w < count; ++w) {
-            mass_behind[w] = momentum_behind[w] = zero;
-            if constexpr (Sums::forces_are_apart) impulse_behind[w] = zero;
             WallPlane const& wall = walls[w];
             int const before = (first[wall.axis] - wall.node) * wall.side; // of lane 0
             on[w] = none;
@@ -110,11 +96,9 @@ struct MirroredNode
                 along = along + select(behind, Real(Number(2 * wall.side)), zero);
             }
         }
-        std::array<bool, count> behind{};
-        add<0>(at, first, along, every, behind);
     }
     template <class Node>
-    MirroredNode(std::array<WallPlane, count> const&&, Node const&) = delete; ///< stores a reference
+    NodesOrImages(std::array<WallPlane, count> const&&, Node const&) = delete; ///< stores a reference
 
     /// Which of the nodes in question are images.
     FIRN_HOST_DEVICE Mask<Real> is_image() const
@@ -133,14 +117,50 @@ struct MirroredNode
         return is;
     }
 
-private:
+protected:
     /// Whether lanes along a row from `row` on come within `distance` nodes of a wall across its axis.
     FIRN_HOST_DEVICE static bool reaches(WallPlane const& wall, Coordinates<d> const& row, int distance)
     {
         int const lane = wall.node - row[d - 1];
         return lane >= -distance && lane < lane_width<Real> + distance;
     }
+};
 
+/// The same with the sums of nodes together with those of their images behind the walls.
+///
+/// What particles scatter to a node behind a wall, their mirror images scatter to the node in front of it,
+/// with momentum along the wall's axis of opposite sign. So the sum of both solves the whole problem, body
+/// and image; where walls meet, axis by axis. Other vectors are mirrored as momentum is, and scalars keep
+/// their sign. A wall across the row's own axis mirrors single lanes, one across another axis whole rows.
+template <class Sums, class Real, int d, std::size_t count>
+struct MirroredNode : NodesOrImages<Real, d, count>
+{
+    using Base = NodesOrImages<Real, d, count>;
+    using Base::walls, Base::first, Base::along;
+    using typename Base::Number;
+    Real sums[Sums::channels]; ///< of the nodes and their images
+    /// The part of the sums that lies behind each wall: mass, and momentum and impulse along its axis,
+    /// unmirrored.
+    Real mass_behind[count], momentum_behind[count], impulse_behind[Sums::forces_are_apart ? count : 1];
+
+    /// For the lanes of nodes `at`, which reads other nodes by `sums_at(first, along, which lanes, sums)`.
+    template <class Node>
+    FIRN_HOST_DEVICE MirroredNode(std::array<WallPlane, count> const& planes, Node const& at)
+        : Base(planes, at)
+    {
+        Real const zero(Number(0));
+        for (auto& sum : sums) sum = zero;
+        for (std::size_t w = 0; w < count; ++w) {
+            mass_behind[w] = momentum_behind[w] = zero;
+            if constexpr (Sums::forces_are_apart) impulse_behind[w] = zero;
+        }
+        std::array<bool, count> behind{};
+        add<0>(at, first, along, exactly_equal(zero, zero), behind);
+    }
+    template <class Node>
+    MirroredNode(std::array<WallPlane, count> const&&, Node const&) = delete; ///< stores a reference
+
+private:
     /// Adds the sums at places and at their images across this axis and those after it.
     template <int axis, class Node>
     FIRN_HOST_DEVICE void add(Node const& from, Coordinates<d> const& row, Real const& places,
@@ -155,7 +175,8 @@ private:
                 auto behind_this = behind;
                 behind_this[w] = true;
                 if constexpr (axis == d - 1) {
-                    if (!reaches(walls[w], row, 3)) continue; // images lie up to two nodes beyond the lanes
+                    if (!Base::reaches(walls[w], row, 3))
+                        continue; // images lie up to two nodes beyond the lanes
                     Real const distance = Real(Number(row[axis] - walls[w].node)) + places;
                     Mask<Real> const mirrored = which & exactly_equal(abs(distance), Real(Number(1)));
                     if (any(mirrored))

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/cell_work.hpp>
 #include <firn/core/components.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/math/product.hpp>
@@ -178,6 +179,27 @@ private:
     Mirrored const& mirrored_;
 };
 
+/// Lanes of nodes of which images behind reflecting walls do not count in sums over all nodes, for a phase
+/// that asks for no sums of particles: what images hold is mirrored already.
+template <class Node>
+class NodesOrUncounted
+{
+public:
+    using Real = typename Node::Real;
+
+    FIRN_HOST_DEVICE NodesOrUncounted(Node& node, Mask<Real> const& is_image)
+        : node_(node), is_image_(is_image)
+    {}
+
+    FIRN_HOST_DEVICE Real value(int c) const { return node_.value(c); }
+    FIRN_HOST_DEVICE void set(int c, Real const& value) { node_.set(c, value); }
+    FIRN_HOST_DEVICE Mask<Real> counts() const { return !is_image_; }
+
+private:
+    Node& node_;
+    Mask<Real> is_image_;
+};
+
 /// A phase of the solve that sees reflecting walls, if there are any.
 template <class Phase, class Effects>
 struct BesideWalls : Phase
@@ -197,10 +219,18 @@ struct BesideWalls : Phase
     template <class Node>
     FIRN_HOST_DEVICE void look_around(Walls const& walls, Node& node, Result& result) const
     {
-        using Mirrored = MirroredNode<Sums, typename Node::Real, d, Effects::walls>;
-        Mirrored const mirrored(walls, node);
-        NodesBesideWalls<typename Phase::Own, Node, Mirrored, d> both(node, mirrored);
-        (*this)(both, result);
+        using Real = typename Node::Real;
+        if constexpr (AsksNoSums<Phase>) {
+            NodesOrUncounted<Node> nodes(node,
+                                         NodesOrImages<Real, d, Effects::walls>(walls, node).is_image());
+            (*this)(nodes, result);
+        }
+        else {
+            using Mirrored = MirroredNode<Sums, Real, d, Effects::walls>;
+            Mirrored const mirrored(walls, node);
+            NodesBesideWalls<typename Phase::Own, Node, Mirrored, d> both(node, mirrored);
+            (*this)(both, result);
+        }
     }
 };
 

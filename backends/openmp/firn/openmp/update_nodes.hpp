@@ -36,7 +36,7 @@ void update_block(GridType& grid, std::size_t n, Phase const& phase, [[maybe_unu
     constexpr int d = Phase::d;
     using Shape = typename GridType::Shape;
     auto const& block = grid.nodes()[n];
-    constexpr bool adds_up = !AsksNoSums<Phase> || Phase::looks_around;
+    constexpr bool adds_up = !AsksNoSums<Phase>;
     constexpr int channels = adds_up ? Phase::Sums::channels : 1;
     alignas(64) typename Phase::Number sums[std::size_t(channels)][std::size_t(Shape::along)];
     for (int row = 0; row < Shape::rows; ++row) {
