@@ -84,8 +84,10 @@ struct CoarseNode
 template <class Number, int d>
 struct NodeInCoarse
 {
+    static constexpr std::uint32_t takes_part = 1u << d; ///< a bit beside those of the axes
+
     std::array<NodeWeight<Number>, std::size_t(1 << d)> corners{};
-    std::uint32_t flipped = 0; ///< a bit for each axis
+    std::uint32_t flipped = 0; ///< a bit for each axis, and takes_part of all that have weights
 };
 
 /// Links each coarse node with the nodes that have mass. Images behind walls get the weights of the nodes
@@ -147,7 +149,7 @@ private:
         if constexpr (axis == d) {
             if (index == Nodes::absent) return;
             linked[index].corners[std::size_t(corner)] = by;
-            linked[index].flipped = flipped;
+            linked[index].flipped = flipped | NodeInCoarse<Number, d>::takes_part;
         }
         else {
             link<axis + 1>(walls, node, index, flipped, by, corner);
@@ -162,7 +164,8 @@ private:
 };
 
 /// Adds what coarse nodes have found to the preconditioned residual of each node, but for what is held; and
-/// adds up R c of CorrectFirst in parts, as which the numbers behind those of nodes count.
+/// adds up R c of CorrectFirst in parts, as which the numbers behind those of nodes count. Nodes are those of
+/// a list, or all.
 template <class Space, class Kernel, class Transfer, class Nodes>
 struct ProlongCorrection
 {
@@ -172,6 +175,7 @@ struct ProlongCorrection
     static constexpr std::size_t of_part = 64; ///< coarse nodes
 
     Nodes nodes;
+    std::uint32_t const* list; ///< of indices, or nullptr
     std::size_t node_count;
     NodeInCoarse<Number, d> const* linked;
     Vector<double, d> const* correction;
@@ -182,7 +186,7 @@ struct ProlongCorrection
     FIRN_HOST_DEVICE void operator()(std::size_t i) const
     {
         if (i < node_count)
-            prolong(static_cast<std::uint32_t>(i));
+            prolong(list == nullptr ? static_cast<std::uint32_t>(i) : list[i]);
         else {
             std::size_t const part = i - node_count;
             double sum = 0;
@@ -196,14 +200,11 @@ private:
     FIRN_HOST_DEVICE void prolong(std::uint32_t index) const
     {
         NodeInCoarse<Number, d> const& own = linked[index];
+        if (own.flipped == 0) return;
         Vector<Number, d> sum = zeros<Vector<Number, d>>();
-        bool any = false;
         for (auto const& [number, w] : own.corners)
-            if (w > Number(0)) {
-                any = true;
+            if (w > Number(0))
                 for (int a = 0; a < d; ++a) sum[a] += w * Number(correction[number][a]);
-            }
-        if (!any) return;
         for (int a = 0; a < d; ++a)
             if ((own.flipped >> a & 1) != 0) sum[a] = -sum[a];
         for (int a = 0; a < d; ++a) {

@@ -86,6 +86,7 @@ public:
             LinkCoarseNodes<Space, Kernel, Transfer, Actions, std::remove_const_t<decltype(nodes)>>{
                 now, nodes, smallest_mass, coarse_.data(), near, reached_.data(), linked_.data(),
                 spans_ranks<Backend> ? numbers_.data() : nullptr});
+        list_linked(grid.node_count());
     }
 
     /// Finds the diagonals, for the state that was tried last.
@@ -150,11 +151,12 @@ public:
         backend_.for_each(first, CorrectFirst<d>{to_coarser_.links(), values_.data() + first,
                                                  diagonals_.data(), values_.data(), products_.data()});
         using Prolong = ProlongCorrection<Space, Kernel, Transfer, Nodes>;
-        std::size_t const count = grid.node_count(),
+        std::size_t const count = lists_linked ? list_.size() : grid.node_count(),
                           parts = (first + Prolong::of_part - 1) / Prolong::of_part;
         of_sum_.resize(parts, 0);
-        backend_.for_each(count + parts, Prolong{nodes, count, linked_.data(), values_.data(),
-                                                 products_.data(), first, of_sum_.data()});
+        backend_.for_each(count + parts,
+                          Prolong{nodes, lists_linked ? list_.data() : nullptr, count, linked_.data(),
+                                  values_.data(), products_.data(), first, of_sum_.data()});
     }
     /// What they have added to r z: where loops run.
     CoarsePartsOfSum added() const
@@ -170,7 +172,7 @@ public:
                             weight_lines_.memory() + lines_.memory() + weights_.memory() +
                             diagonals_.memory() + values_.memory() + first_of_node_.memory() +
                             parts_.memory() + to_first_.memory() + to_coarser_.memory() + products_.memory() +
-                            of_sum_.memory();
+                            of_sum_.memory() + list_.capacity() * sizeof(std::uint32_t);
         for (auto const& level : levels_) bytes += level.finer.memory();
         return bytes;
     }
@@ -179,6 +181,9 @@ private:
     /// What stress resists a node's interpolation with, over the mean modulus times 1 / cell size^2: of a
     /// cube whose sides resist along one axis, and shear along the others.
     static constexpr double stiffness_of_interpolation = 1;
+    /// Whether nodes that take part are listed: a scene may have many others, of blocks that it hardly
+    /// touches.
+    static constexpr bool lists_linked = Backend::reaches_host_memory;
     /// The links of a part of a sum: a compromise between how many sums there are and how long one takes.
     static constexpr std::size_t links_of_part = 32;
 
@@ -239,6 +244,16 @@ private:
         }
         else
             find(of_all.data());
+    }
+
+    /// Lists those of the first nodes that take part, where the host reaches what loops write.
+    void list_linked(std::size_t node_count)
+    {
+        if constexpr (lists_linked) {
+            list_.clear();
+            for (std::size_t i = 0; i < node_count; ++i)
+                if (linked_.data()[i].flipped != 0) list_.push_back(static_cast<std::uint32_t>(i));
+        }
     }
 
     template <class T>
@@ -413,6 +428,7 @@ private:
     Array<Node> coarse_; ///< the first grid's nodes
     Array<NodeWeight<Number>> reached_;
     Array<NodeInCoarse<Number, d>> linked_;
+    std::vector<std::uint32_t> list_; ///< see list_linked()
     Array<CoarseWeights<Number, d>> weight_lines_;
     Array<Vector<Number, d>> lines_;
     Array<CoarseWeights<double, d>> weights_;     ///< of all grids' nodes
