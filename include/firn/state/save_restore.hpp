@@ -31,13 +31,12 @@ void go_on_from(Snapshot<Number, d> const& from, StepBounds const& bounds,
                          std::move(isolated));
 }
 
-/// Saves a scene, which then goes on as from its snapshot; see Solver::snapshot.
+/// The snapshot of a scene whose particles have cached what they gather.
 template <class Scene, class TimeLoop>
-auto save(Scene& scene, TimeLoop& time_loop)
+auto snapshot_of_scene(Scene& scene, TimeLoop const& time_loop)
 {
     using Sets = typename Scene::Sets;
     using Kernel = typename Scene::Kernel;
-    scene.cache_grid_fields();
     TimeState const& time_state = time_loop.next_step().time_state;
     Snapshot<typename Scene::Number, Scene::d> to{.kernel = name_of_policy<Kernel>(),
                                                   .transfer = name_of_policy<typename Scene::Transfer>(),
@@ -56,6 +55,16 @@ auto save(Scene& scene, TimeLoop& time_loop)
         to.materials.push_back(snapshot_of(scene.sets.template particles<k>()));
         name_material<k>(scene.sets, to.materials.back());
     });
+    return to;
+}
+
+/// Saves a scene, which then goes on as from its snapshot; see Solver::snapshot.
+template <class Scene, class TimeLoop>
+auto save(Scene& scene, TimeLoop& time_loop)
+{
+    using Sets = typename Scene::Sets;
+    scene.cache_grid_fields();
+    auto to = snapshot_of_scene(scene, time_loop);
     std::vector<typename Sets::CellOrder> orders; // allocated before anything changes
     Sets::for_each([&](auto k) {
         orders.push_back(cell_order_of(scene.sets.template particles<k>(), to.materials[k]));
@@ -68,6 +77,30 @@ auto save(Scene& scene, TimeLoop& time_loop)
         go_on_from(to, to.bounds, std::move(grid_state), to.isolated, scene, time_loop);
     });
     return to;
+}
+
+/// Replaces a scene by that of a snapshot whose fields, parameters and cells are known to fit; `has_bounds`
+/// says whether its bounds of the next step hold.
+template <class Scene, class TimeLoop, class Number, int d>
+void replace(Snapshot<Number, d> const& from, bool has_bounds, Scene& scene, TimeLoop& time_loop)
+{
+    using Sets = typename Scene::Sets;
+    Sets sets = scene.sets.emptied(scene.lattice, Scene::Kernel::degree, scene.backend);
+    Sets::for_each([&](auto k) {
+        auto& table = sets.template particles<k>();
+        restore_particles(table, from.materials[k]);
+        if constexpr (Sets::template may_object<k>)
+            for_each_particle(table, [&](std::uint32_t row, auto const& particle) {
+                sets.template require_bearable<k>(table, row, particle, "Solver::restore");
+            });
+    });
+    StepBounds const bounds =
+        has_bounds ? from.bounds : time_loop.next_step().bounds_of(scene, sets, from.bounds);
+    auto isolated = from.isolated;
+    typename Scene::GridStateType grid_state(scene.lattice, scene.transfer, scene.backend);
+    scene.sets = std::move(sets); // from here on nothing can fail
+    scene.known_marks.forget();
+    go_on_from(from, bounds, std::move(grid_state), std::move(isolated), scene, time_loop);
 }
 
 /// Replaces a scene by that of a snapshot; see Solver::restore.
@@ -84,22 +117,7 @@ void restore(Snapshot<Number, d> const& from, Scene& scene, TimeLoop& time_loop)
     }
     bool const same_bounds = require_fits<Kernel>(from, scene.sets, scene.lattice, scene.transfer);
     require_whole(from, Sets::CellOrder::largest_coordinate);
-    Sets sets = scene.sets.emptied(scene.lattice, Kernel::degree, scene.backend);
-    Sets::for_each([&](auto k) {
-        auto& table = sets.template particles<k>();
-        restore_particles(table, from.materials[k]);
-        if constexpr (Sets::template may_object<k>)
-            for_each_particle(table, [&](std::uint32_t row, auto const& particle) {
-                sets.template require_bearable<k>(table, row, particle, "Solver::restore");
-            });
-    });
-    StepBounds const bounds =
-        same_bounds ? from.bounds : time_loop.next_step().bounds_of(scene, sets, from.bounds);
-    auto isolated = from.isolated;
-    typename Scene::GridStateType grid_state(scene.lattice, scene.transfer, scene.backend);
-    scene.sets = std::move(sets); // from here on nothing can fail
-    scene.known_marks.forget();
-    go_on_from(from, bounds, std::move(grid_state), std::move(isolated), scene, time_loop);
+    replace(from, same_bounds, scene, time_loop);
 }
 
 } // namespace firn::detail

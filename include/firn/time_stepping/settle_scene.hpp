@@ -145,12 +145,14 @@ RestReport TimeLoop<Scene>::settle(Scene& scene, Effects const&... effects)
             return std::tuple{detail::displacements<k>(scene, second)...};
         }
         (typename Sets::Places{});
-        auto snapshot = detail::save(scene, *this);
+        scene.cache_grid_fields();
+        auto snapshot = detail::snapshot_of_scene(scene, *this);
         Sets::for_each(
             [&](auto k) { detail::displace<k>(scene, std::get<k>(found), snapshot.materials[k]); });
         snapshot.previous = snapshot.last = 0;
         snapshot.bounds = {};
-        detail::restore(snapshot, scene, *this);
+        detail::require_whole(snapshot, Sets::CellOrder::largest_coordinate);
+        detail::replace(snapshot, true, scene, *this);
         return true;
     };
     auto const end = [&] { // whatever happened
