@@ -19,6 +19,10 @@
 #include <vector>
 
 // Scenes on one rank and on several, which are threads here.
+#if defined(FIRN_ON_PROCESSOR) && !defined(FIRN_TESTS_ALL)
+#define FIRN_TESTS_FEW_OF_RANKS // a processor that stands in for a device takes long
+#endif
+
 namespace firn::test
 {
 
@@ -42,6 +46,14 @@ inline Ranks on(RankThreads const& communicator)
 {
     return {.local = local(communicator.rank()), .communicator = communicator};
 }
+
+/// How much of a scene's time is run, and of its size.
+#if defined(FIRN_TESTS_FEW_OF_RANKS)
+constexpr double part_of_time = 0.1, part_of_size = 0.5;
+#else
+constexpr double part_of_time = 1, part_of_size = 1;
+#endif
+
 /// Checks that a scene comes to the same numbers on one rank and on 1, 2, 3 and 5. `scene(backend)` returns
 /// them.
 template <class Scene>

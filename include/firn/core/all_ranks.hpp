@@ -27,6 +27,13 @@ inline constexpr bool spans_ranks = false;
 template <class Backend>
     requires requires { requires Backend::spans_ranks; }
 inline constexpr bool spans_ranks<Backend> = true;
+/// Whether loops of these ranks run on devices. Each then knows all blocks of the grid and all of its nodes,
+/// by the same indices.
+template <class Backend>
+inline constexpr bool spans_devices = false;
+template <class Backend>
+    requires spans_ranks<Backend>
+inline constexpr bool spans_devices<Backend> = !Backend::reaches_host_memory;
 
 namespace detail
 {

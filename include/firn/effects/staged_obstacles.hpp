@@ -146,9 +146,6 @@ public:
         : backend_(backend), obstacles_(backend), placed_(backend), to_nodes_(backend, 1),
           to_particles_(backend, 0), part_(backend), sums_(backend), received_(backend)
     {
-        static_assert(!(spans_ranks<Backend> && acts_at_surface(acts_on)) || Backend::reaches_host_memory,
-                      "obstacles that act at their surface cannot span ranks on devices yet: let them act on "
-                      "nodes");
         if constexpr (acts_at_surface(acts_on)) surface_.emplace(backend);
     }
 

@@ -4,12 +4,14 @@
 #include <firn/core/all_ranks.hpp>
 #include <firn/effects/surface_points.hpp>
 #include <firn/grid/listed_nodes.hpp>
+#include <firn/grid/nodes_of_devices.hpp>
 
 #include <algorithm>
 #include <array>
 #include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -25,7 +27,7 @@ class SurfaceMemory
 
 public:
     explicit SurfaceMemory(Backend const& backend)
-        : backend_(backend), counts_(backend), candidates_(backend), seen_(backend),
+        : nodes_of_ranks(backend), backend_(backend), counts_(backend), candidates_(backend), seen_(backend),
           candidate_table_(backend), points_(backend), before_(backend), table_(backend),
           table_before_(backend), to_list_(backend), tried_(backend), stencils_(backend), acting_(backend),
           ranks_(backend), points_of_nodes_(backend), reached_(backend), indices_(backend),
@@ -125,8 +127,9 @@ public:
         seen_.fill(first, found.size(), step_);
         counts_.fill(0, 1, count);
     }
-    /// On several ranks: the nodes that points reach, on all ranks by the same numbers.
-    NodesOfRanks<Number, d> nodes_of_ranks;
+    /// On several ranks: the nodes that points reach, with what all ranks know of them.
+    std::conditional_t<spans_devices<Backend>, NodesOfDevices<Backend, Number, d>, NodesOfRanks<Number, d>>
+        nodes_of_ranks;
     /// The number of the first point that the step before did not have.
     std::uint32_t first_new() const { return first_new_; }
     /// After points have been found. Returns how many there are.

@@ -112,6 +112,10 @@ struct NodesOfRanks
     std::vector<std::uint32_t> here; ///< by number in the list: the index in the grid, or Nodes::absent
     std::uint64_t numbering = 0;     ///< of the grid, for which these hold
 
+    template <class Backend>
+    explicit NodesOfRanks(Backend const&)
+    {}
+
     /// Makes the list anew.
     template <class Grid>
     void set(std::vector<Coordinates<d>> nodes, int values, Lattice const& lattice, Grid& grid)

@@ -150,13 +150,15 @@ bool begin_known_nodes(StepMemory<Backend, Sets, Transfer> const& memory,
 
 /// Finds the impulses at the points that were found before, and the velocities that nodes get from them.
 /// `before` is the step before in the batch, if there is one. `by_index` are the nodes, `node_count` of them,
-/// whose indices have this numbering; `have_begun`: see begin_known_nodes().
-template <class Backend, class Sets, class Kernel, class Transfer, class Actions, class Nodes>
+/// whose indices have this numbering; `have_begun`: see begin_known_nodes(). `share(most)` is called when it
+/// is known which nodes points reach, at most so many, and before it is asked what these have.
+template <class Backend, class Sets, class Kernel, class Transfer, class Actions, class Nodes, class Share>
 void find_impulses(StepMemory<Backend, Sets, Transfer> const& memory,
                    StepScene<Backend, Sets, Kernel, Transfer> const& scene,
                    StepContext<typename Sets::Space::Scalar, Actions> const* now,
                    StepContext<typename Sets::Space::Scalar, Actions> const* before, std::uint32_t points,
-                   Nodes const& by_index, std::size_t node_count, std::uint64_t numbering, bool have_begun)
+                   Nodes const& by_index, std::size_t node_count, std::uint64_t numbering, bool have_begun,
+                   Share const& share)
 {
     using Number = typename Sets::Space::Scalar;
     constexpr int d = Sets::Space::dimension;
@@ -174,7 +176,7 @@ void find_impulses(StepMemory<Backend, Sets, Transfer> const& memory,
         for_each_in_step(memory, scene, count, body);
     };
     // a device has as many parts of a loop at once as it can have
-    constexpr int rows_of_part = Backend::queues ? 1 : Loop::Cell::rows;
+    constexpr int rows_of_part = Backend::reaches_host_memory ? Loop::Cell::rows : 1;
     using Rows = RowLoop<Kernel, Number, d, rows_of_part>;
     constexpr auto nodes_of_each = std::size_t(Loop::nodes_of_each);
     // those without nodes are new, and where the grid has other nodes all may miss one that is there now
@@ -198,6 +200,7 @@ void find_impulses(StepMemory<Backend, Sets, Transfer> const& memory,
             FindNodes{rows, by_index, may_move ? 0 : first, first_without, may_move, first == 0});
     std::size_t const nodes =
         before == nullptr ? surface.most_reached(may_change ? most_new : 0) : surface.reached_at_most();
+    share(nodes);
     if (may_change || !have_begun)
         run(nodes, BeginNodes<Number, d, Nodes>{loop.of, by_index, scene.smallest_node_mass, Sums::mass,
                                                 Values::velocity, may_change});
@@ -237,20 +240,29 @@ void act_at_surfaces(StepMemory<Backend, Sets, Transfer> const& memory,
     std::uint32_t const points = before == nullptr ? found_points(memory, scene, now) : surface.known();
     if (points > 0) {
         auto& grid = scene.grid_state.grid();
-        if constexpr (spans_ranks<Backend>) {
-            constexpr int d = Sets::Space::dimension;
-            using Values = NodeValues<d, ValuesOf<Transfer>>;
-            auto const& backend = memory.backend;
-            auto& nodes =
-                detail::share_nodes_at_surface<Kernel>(backend, grid, surface, points, memory.lattice,
-                                                       NodeSums<d, SumsOf<Transfer>>::mass, Values::velocity);
-            find_impulses(memory, scene, now, before, points, nodes.list.nodes(Values::velocity),
-                          nodes.list.size(), nodes.list.numbering(), false);
-            nodes.return_values(backend, grid, Values::velocity, d, scene.smallest_node_mass);
+        constexpr int d = Sets::Space::dimension;
+        using Values = NodeValues<d, ValuesOf<Transfer>>;
+        [[maybe_unused]] constexpr int mass = NodeSums<d, SumsOf<Transfer>>::mass,
+                                       velocity = Values::velocity;
+        [[maybe_unused]] auto const& backend = memory.backend;
+        [[maybe_unused]] auto const share_nothing = [](std::size_t) {};
+        if constexpr (spans_devices<Backend>) {
+            auto& nodes = surface.nodes_of_ranks;
+            find_impulses(memory, scene, now, before, points, nodes.nodes(grid), grid.node_count(),
+                          grid.numbering(), false, [&](std::size_t most) {
+                              nodes.share(backend, grid, surface.view(), most, mass, velocity);
+                          });
+        }
+        else if constexpr (spans_ranks<Backend>) {
+            auto& nodes = detail::share_nodes_at_surface<Kernel>(backend, grid, surface, points,
+                                                                 memory.lattice, mass, velocity);
+            find_impulses(memory, scene, now, before, points, nodes.list.nodes(velocity), nodes.list.size(),
+                          nodes.list.numbering(), false, share_nothing);
+            nodes.return_values(backend, grid, velocity, d, scene.smallest_node_mass);
         }
         else
             find_impulses(memory, scene, now, before, points, grid.nodes_by_index(), grid.node_count(),
-                          grid.numbering(), have_begun);
+                          grid.numbering(), have_begun, share_nothing);
     }
     surface.end_step(points);
 }

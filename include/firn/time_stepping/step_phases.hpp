@@ -93,9 +93,6 @@ public:
     void find_shifts()
     {
         if constexpr (Sets::keep_volume) {
-            static_assert(!spans_ranks<Backend> || Backend::reaches_host_memory,
-                          "a fluid that keeps its volume cannot span ranks on devices yet: pass it as the "
-                          "fluid alone");
             if (!memory_.volumes.is_due()) return;
             // obstacles are placed to find the room beside them; update_grid() begins the step with them anew
             for_each_group([&](auto& group) { group.begin(begun(0)); });

@@ -14,6 +14,7 @@
 #include <cstdint>
 #include <limits>
 #include <optional>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -33,7 +34,7 @@ class VolumeKeeping
 
 public:
     explicit VolumeKeeping(Backend const& backend)
-        : backend_(backend), nodes_(backend), numbers_(backend), count_(backend)
+        : backend_(backend), nodes_(backend), numbers_(backend), count_(backend), of_ranks_(backend)
     {
         count_.resize(1);
         nodes_.resize(256);
@@ -76,7 +77,11 @@ public:
             if (count() <= nodes_.size()) break;
             nodes_.resize(count() + count() / 4, 0);
         }
-        if constexpr (spans_ranks<Backend>) {
+        if constexpr (spans_devices<Backend>) {
+            share_nodes_of_devices(grid, orders, sweeps);
+            find_potential(grid.nodes_by_index(), grid.node_count(), sweeps);
+        }
+        else if constexpr (spans_ranks<Backend>) {
             share_nodes(grid, orders, lattice, sweeps);
             find_potential(of_ranks_.list.nodes(0), of_ranks_.list.size(), sweeps);
             of_ranks_.return_values(backend_, grid, 0, 1, Number(-1));
@@ -123,6 +128,29 @@ private:
             auto const index = by_index.find(node.node);
             return index == by_index.absent ? NodeShare::none : grid.share_of(index);
         };
+        auto const nodes = with_nodes_nearby(grid, orders, sweeps, share_of);
+        std::vector<Coordinates<d>> places;
+        places.reserve(nodes.size());
+        for (Node const& node : nodes) places.push_back(node.node);
+        of_ranks_.set(std::move(places), 1, lattice, grid);
+    }
+    /// The same on devices, where nodes have the same indices on all ranks.
+    template <class Grid, class Orders>
+    void share_nodes_of_devices(Grid& grid, Orders const& orders, int sweeps)
+    {
+        auto const by_index = grid.nodes_by_index();
+        if (numbers_.size() < grid.node_count()) numbers_.resize(grid.node_count(), 0);
+        backend_.for_each(
+            count(), NumberVolumes<Number, d, std::remove_const_t<decltype(by_index)>>{view(), by_index});
+        with_nodes_nearby(grid, orders, sweeps, [&](auto const& node) { return grid.share_of(node.index); });
+    }
+    /// Lists nodes of other ranks behind those here, of which `share_of(node)` is what this rank has. Returns
+    /// all of them.
+    template <class Grid, class Orders, class ShareOf>
+    std::vector<NodeOfVolume<Number, d>> with_nodes_nearby(Grid& grid, Orders const& orders, int sweeps,
+                                                           ShareOf const& share_of)
+    {
+        using Node = NodeOfVolume<Number, d>;
         std::vector<Node> nodes(count(), Node{}), own;
         nodes_.download(0, nodes);
         for (Node const& node : nodes)
@@ -133,10 +161,7 @@ private:
         if (nodes.size() > nodes_.size()) nodes_.resize(nodes.size() + nodes.size() / 4, 0);
         nodes_.upload(0, nodes);
         count_.fill(0, 1, static_cast<std::uint32_t>(nodes.size()));
-        std::vector<Coordinates<d>> places;
-        places.reserve(nodes.size());
-        for (Node const& node : nodes) places.push_back(node.node);
-        of_ranks_.set(std::move(places), 1, lattice, grid);
+        return nodes;
     }
 
     NodesOfVolume<Number, d> view()

@@ -5,7 +5,9 @@
 #include <firn/cuda/readback.hpp>
 
 #include <array>
+#include <cstdint>
 #include <utility>
+#include <vector>
 
 namespace firn::cuda
 {
@@ -383,6 +385,13 @@ protected: // for a grid that several devices share
     /// Which blocks of cells of a layer cover each block of nodes, by corner.
     Array<std::uint32_t> const& covered_by(std::size_t layer) const { return tiles_[layer].covered_by; }
     Array<Sums>& tiles(std::size_t layer) { return tiles_[layer].of[0]; }
+    /// The keys of all blocks of nodes.
+    std::vector<std::uint64_t> keys_of_nodes() const
+    {
+        std::vector<std::uint64_t> keys(set_.size());
+        set_.download_keys(0, keys);
+        return keys;
+    }
 
 private:
     Queue queue_;

@@ -6,11 +6,14 @@
 #include <firn/cuda/tuning.hpp>
 #include <firn/distributed/exchange_on_cuda.hpp>
 #include <firn/distributed/grid.hpp>
+#include <firn/distributed/near_ranks.hpp>
+#include <firn/distributed/nodes_on_cuda.hpp>
 #include <firn/distributed/order_on_cuda.hpp>
 #include <firn/distributed/parcel.hpp>
 #include <firn/distributed/results_on_cuda.hpp>
 #include <firn/grid/block_key.hpp>
 #include <firn/grid/lattice.hpp>
+#include <firn/grid/listed_nodes.hpp>
 #include <firn/grid/periods.hpp>
 
 #include <algorithm>
@@ -29,11 +32,11 @@ namespace firn::distributed
 /// updates those under its own blocks of cells. The tiles of other ranks' blocks beside these come from
 /// there, not reduced, so that nodes add up what they would add up on one device.
 template <class Number, int d, int degree, int sums, int values, int layer_count, bool own_values,
-          class Order>
-class Grid<cuda::Grid<Number, d, degree, sums, values, layer_count, own_values>, Order, d, sums>
-    : public cuda::Grid<Number, d, degree, sums, values, layer_count, own_values>
+          int ungathered, class Order>
+class Grid<cuda::Grid<Number, d, degree, sums, values, layer_count, own_values, ungathered>, Order, d, sums>
+    : public cuda::Grid<Number, d, degree, sums, values, layer_count, own_values, ungathered>
 {
-    using Local = cuda::Grid<Number, d, degree, sums, values, layer_count, own_values>;
+    using Local = cuda::Grid<Number, d, degree, sums, values, layer_count, own_values, ungathered>;
     using Part = cuda::detail::PartOfTile<d>;
     using PartsOfRanks = std::vector<std::vector<Part>>;
     using Orders = std::array<Order*, std::size_t(layer_count)>;
@@ -175,6 +178,38 @@ public:
         return shown_ == Nodes::others ? of_other_nodes_ : Local::node_results();
     }
 
+    /// What this rank has of the node with an index, as loops see it: see Local::nodes_by_index(). It holds
+    /// until blocks of cells, or their ranks, change.
+    SharesOfNodes<Shape::cells> shares() const { return {kinds_.data()}; }
+    /// The same for the host.
+    NodeShare share_of(std::uint32_t index) const { return share_of_kind(kinds_here_[index / Shape::cells]); }
+    /// By block of nodes: 0 where this rank has none of them.
+    std::vector<unsigned char> const& kinds() const { return kinds_here_; }
+    /// Calls `use(rank, number)` for blocks of nodes for which this rank speaks: those that another rank may
+    /// have cells so few nodes away from.
+    template <class Use>
+    void for_each_near(Orders const& orders, int distance, Use const& use) const
+    {
+        auto const keys = this->keys_of_nodes();
+        for (std::uint32_t n = 0; n < keys.size(); ++n)
+            if (share_of_kind(kinds_here_[n]) == NodeShare::results)
+                for (std::size_t const rank :
+                     ranks_near<Local>(*orders[0], block_of_key<d>(keys[n]), distance))
+                    use(rank, n);
+    }
+    /// The rank that has the cell which begins at a node.
+    static int rank_of(Orders const& orders, Coordinates<d> const& node)
+    {
+        return orders[0]->owner(BlocksOf<Local>::block(node));
+    }
+    /// See distributed::exchange_near().
+    template <class T, class NodeOf>
+    std::vector<T> exchange_near(Orders const& orders, std::vector<T> const& own, int distance,
+                                 NodeOf const& node_of) const
+    {
+        return distributed::exchange_near<Local>(*orders[0], own, distance, node_of);
+    }
+
     std::size_t memory() const
     {
         std::size_t bytes = Local::memory() + kinds_.memory() + found_by_nodes_.memory();
@@ -272,6 +307,7 @@ private:
         }
         kinds_.renew(kinds.size());
         kinds_.upload(0, kinds);
+        kinds_here_ = std::move(kinds);
     }
     /// Whether all cells above a block of nodes are one rank's, which is most often so; `kind` is 1 then if
     /// it is this one.
@@ -343,6 +379,7 @@ private:
     bool are_old_ = true;
     std::vector<Parts> sent_, came_; ///< by layer
     cuda::Array<unsigned char> kinds_;
+    std::vector<unsigned char> kinds_here_;
     std::vector<cuda::Array<Sums>> leave_, arrive_; ///< by layer: parts of tiles, one behind the other
     cuda::ResultsOfDevices found_by_nodes_;
     std::vector<cuda::ResultsOfDevices> found_by_items_; ///< by layer

@@ -15,6 +15,18 @@
 namespace firn::distributed
 {
 
+/// The blocks of nodes of a grid, which are as large as those of cells.
+template <class GridType>
+struct BlocksOf
+{
+    static constexpr int degree = GridType::row_length - GridType::Shape::along; ///< of stencils
+    static int extent(int axis) { return GridType::Shape::extent(axis); }
+    static auto block(Coordinates<GridType::dimension> const& node)
+    {
+        return GridType::block_and_place(node).first;
+    }
+};
+
 /// The other ranks that may have cells whose stencils reach so many nodes near to a block of nodes.
 template <class GridType, class Order, int d>
 std::vector<std::size_t> ranks_near(Order const& order, Coordinates<d> const& block, int distance)
@@ -24,8 +36,7 @@ std::vector<std::size_t> ranks_near(Order const& order, Coordinates<d> const& bl
     Coordinates<d> low, width;
     double count = 1;
     for (int a = 0; a < d; ++a) { // cells stand before their nodes by up to the degree of the kernel
-        int const extent = GridType::Shape::extent(a),
-                  before = distance + GridType::row_length - GridType::Shape::along;
+        int const extent = BlocksOf<GridType>::extent(a), before = distance + BlocksOf<GridType>::degree;
         low[a] = -((before + extent - 1) / extent);
         width[a] = (distance + extent - 1) / extent - low[a] + 1;
         count *= width[a];
@@ -49,12 +60,11 @@ template <class GridType, class Order, class T, class NodeOf>
 std::vector<T> exchange_near(Order const& order, std::vector<T> const& own, int distance,
                              NodeOf const& node_of)
 {
-    constexpr int d = GridType::dimension;
     std::vector<Parcel> to(static_cast<std::size_t>(order.communicator().size()));
     std::map<std::uint64_t, std::vector<std::size_t>> ranks_of; // by block of nodes
     for (T const& value : own) {
-        auto const block = GridType::block_and_place(node_of(value)).first;
-        auto const [at, is_new] = ranks_of.try_emplace(block_key<d>(block));
+        auto const block = BlocksOf<GridType>::block(node_of(value));
+        auto const [at, is_new] = ranks_of.try_emplace(block_key<block.RowsAtCompileTime>(block));
         if (is_new) at->second = ranks_near<GridType>(order, block, distance);
         for (std::size_t const rank : at->second) put(to[rank], value);
     }
