@@ -5,7 +5,6 @@
 
 #include <firn/effects/obstacles.hpp>
 #include <firn/firn.hpp>
-#include <firn/openmp.hpp>
 
 #include <mutex>
 #include <set>
@@ -19,6 +18,8 @@ using firn::test::append_all;
 using firn::test::append_report;
 using firn::test::box_of_points;
 using firn::test::Numbers;
+using firn::test::part_of_size;
+using firn::test::part_of_time;
 using firn::test::require_same_on_any_ranks;
 
 namespace
@@ -33,7 +34,7 @@ ImplicitSolver<Backend> block(Backend const& backend, double young, Implicit con
 {
     ImplicitSolver<Backend> solver(lattice(0.1), {.density = 1000, .elasticity = lame<double>(young, 0.3)},
                                    {{}, by}, {}, backend);
-    solver.add(box_of_points<2>({0, 0}, {2.4, 0.8}, 0.05), 0.05 * 0.05, {1, 0});
+    solver.add(box_of_points<2>({0, 0}, {2.4 * part_of_size, 0.8 * part_of_size}, 0.05), 0.05 * 0.05, {1, 0});
     return solver;
 }
 
@@ -59,16 +60,17 @@ TEST_CASE("implicit steps with walls and friction come to the same bits on any n
     require_same_on_any_ranks([](auto const& backend) {
         Obstacle<HalfSpace> const floor{.contact = Contact::coulomb(0.3),
                                         .motion = {.position = {0, -0.02, 0}}};
-        ReflectingWall const wall{0, 26, -1};
+        ReflectingWall const wall{0, static_cast<int>(2 + 24 * part_of_size), -1};
+        int const calls = static_cast<int>(1 + 2 * part_of_time);
         Numbers all;
         auto soft = block(backend, 1e6);
-        for (int i = 0; i < 3; ++i) {
+        for (int i = 0; i < calls; ++i) {
             append_report(all, soft.advance(0.03, Gravity{}, floor, wall));
             append_solved(all, soft.solved());
         }
         append_all(all, soft);
         auto stiff = block(backend, 1e8); // by coarse grids
-        for (int i = 0; i < 3; ++i)
+        for (int i = 0; i < calls; ++i)
             for (auto const& step : stiff.steps(2, 0.005, Gravity{}, list_of(floor), wall)) {
                 append(all, step.reactions[0].impulse);
                 append_solved(all, stiff.solved());

@@ -8,6 +8,7 @@
 #include <firn/distributed/communicator.hpp>
 #include <firn/distributed/grid.hpp>
 #include <firn/distributed/merge.hpp>
+#include <firn/distributed/node_halo.hpp>
 #include <firn/distributed/partition.hpp>
 
 #include <algorithm>
@@ -54,6 +55,10 @@ struct Distributed
     using Grid = distributed::Grid<
         typename Local::template Grid<Number, d, degree, sums, values, layers, own_values, ungathered>,
         CellOrder<Number, d>, d, sums>;
+
+    /// Nodes of other ranks around those of this one, see firn::NodeHalo.
+    template <class Number, int d>
+    using Halo = distributed::NodeHalo<Local, Number, d>;
 
     void validate() const
     {
@@ -168,6 +173,15 @@ struct Distributed
         if (communicator.size() == 1) return; // there are none
         grid.show(distributed::Nodes::others);
         local.for_each_node(orders, grid, phase);
+    }
+
+    /// Calls `body(merged results)` on the device, with what a loop over nodes has found on all ranks. Waits
+    /// for the loop.
+    template <class Found, class Body>
+    void call_with(Found found, Body const& body) const requires(Local::queues)
+    {
+        found.share(communicator, local.queue());
+        local.call_with(found.merged, body);
     }
 
     /// Where loops leave their results on a device: see distributed::share_results.

@@ -20,6 +20,8 @@ template <class Number, int d>
 class NodeHalo
 {
 public:
+    explicit NodeHalo(auto const& /*backend*/) {}
+
     /// The nodes of a grid, and behind them those around, as loops without a phase see them.
     template <class Grid, class OfGrid>
     class Nodes

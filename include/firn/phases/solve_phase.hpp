@@ -3,6 +3,7 @@
 
 #include <firn/core/cell_work.hpp>
 #include <firn/core/components.hpp>
+#include <firn/core/exactly_equal.hpp>
 #include <firn/core/lane.hpp>
 #include <firn/math/product.hpp>
 #include <firn/phases/mirrored_node.hpp>
@@ -38,6 +39,8 @@ struct SearchSum
 {
     double sum = 0;
     FIRN_HOST_DEVICE void merge(SearchSum const& other) { sum += other.sum; }
+    /// See Reactions.
+    FIRN_HOST_DEVICE bool has_a_place() const { return !exactly_equal(sum, 0.0); }
 };
 
 /// What a loop over nodes adds up while a step is solved.
@@ -59,6 +62,13 @@ struct SolveSums
         if (other.most > most) most = other.most, where = other.where;
         stiffest = max(stiffest, other.stiffest);
         inverted += other.inverted, held += other.held, refused += other.refused, touching += other.touching;
+    }
+
+    /// See Reactions.
+    FIRN_HOST_DEVICE bool has_a_place() const
+    {
+        return !exactly_equal(first, 0.0) || !exactly_equal(second, 0.0) || !exactly_equal(third, 0.0) ||
+               !exactly_equal(most, 0.0);
     }
 
     /// Looks for the largest number, of nodes that lie one after another from `first` on.

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 #pragma once
 
+#include <firn/core/all_ranks.hpp>
 #include <firn/core/finite.hpp>
 #include <firn/core/host_device.hpp>
 #include <firn/phases/solve_phase.hpp>
@@ -115,7 +116,7 @@ struct StoreResult
 template <class Backend, class Found, class Body>
 void call_with(Backend const& backend, Found const& found, Body const& body)
 {
-    if constexpr (Backend::queues)
+    if constexpr (Backend::queues || spans_devices<Backend>)
         backend.call_with(found, body);
     else
         body(found);
@@ -125,7 +126,7 @@ void call_with(Backend const& backend, Found const& found, Body const& body)
 template <class Backend, class Buffer, class Found>
 auto merged_result(Backend const& backend, [[maybe_unused]] Buffer& buffer, Found const& found)
 {
-    if constexpr (Backend::queues) {
+    if constexpr (Backend::queues || spans_devices<Backend>) {
         buffer.resize(1);
         backend.call_with(found, StoreResult{buffer.data()});
         return *buffer.read();

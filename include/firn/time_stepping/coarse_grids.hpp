@@ -45,7 +45,8 @@ public:
         : backend_(backend), held_(backend), coarse_(backend), reached_(backend), linked_(backend),
           weight_lines_(backend), lines_(backend), weights_(backend), diagonals_(backend), values_(backend),
           first_of_node_(backend), parts_(backend), to_first_(backend), to_coarser_(backend),
-          products_(backend), of_sum_(backend), numbers_(backend)
+          products_(backend), of_sum_(backend), numbers_(backend), near_weights_(backend),
+          near_values_(backend), over_ranks_(backend)
     {}
 
     bool are_there() const { return are_there_; }
@@ -105,7 +106,7 @@ public:
         backend_.for_each(near * std::size_t(Node::lines),
                           WeighLines<Space, Kernel, Transfer, Nodes>{
                               {nodes, reached_.data(), near}, weight_lines_.data(), at_rest});
-        on_first(weights_, [&](CoarseWeights<double, d>* to) {
+        on_first(weights_, near_weights_, [&](CoarseWeights<double, d>* to) {
             backend_.for_each(near, AddWeightsOfLines<Number, d>{near, weight_lines_.data(), to});
         });
         for (std::size_t l = 1; l < levels_.size(); ++l)
@@ -139,7 +140,7 @@ public:
         backend_.for_each(
             near * std::size_t(Node::lines),
             RestrictLines<Space, Kernel, Transfer, Nodes>{{nodes, reached_.data(), near}, lines_.data()});
-        on_first(values_, [&](Vector<double, d>* to) {
+        on_first(values_, near_values_, [&](Vector<double, d>* to) {
             backend_.for_each(near, AddResidualsOfLines<Number, d>{near, lines_.data(), to});
         });
         if (coarser > 0) {
@@ -235,12 +236,12 @@ private:
     }
     /// Lets `find(to)` find a value of each node nearby of the first grid, with which those of all begin.
     template <class T, class Find>
-    void on_first(Array<T>& of_all, Find const& find)
+    void on_first(Array<T>& of_all, [[maybe_unused]] Array<T>& of_near, Find const& find)
     {
         if constexpr (spans_ranks<Backend>) {
-            std::vector<T> of_near(near_count());
+            of_near.resize(near_count(), 0);
             find(of_near.data());
-            over_ranks_.share(backend_, of_near.data(), of_all.data());
+            over_ranks_.share(backend_, of_near, of_all);
         }
         else
             find(of_all.data());
@@ -437,8 +438,11 @@ private:
     Array<Vector<double, d>> parts_;
     Links to_first_, to_coarser_;
     Array<double> products_, of_sum_; ///< R c of the first grid's nodes, and parts of their sum
-    Array<std::uint32_t> numbers_;    ///< on several ranks: of the coarse nodes nearby, among all
-    CoarseOverRanks<Number, d> over_ranks_;
+    // on several ranks, of the coarse nodes nearby: their numbers among all, and what they have found
+    Array<std::uint32_t> numbers_;
+    Array<CoarseWeights<double, d>> near_weights_;
+    Array<Vector<double, d>> near_values_;
+    CoarseOverRanks<Backend, Number, d> over_ranks_;
 };
 
 } // namespace firn

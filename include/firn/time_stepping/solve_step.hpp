@@ -97,9 +97,6 @@ class SolveStep
         }(typename Sets::Places{}),
         "a material answers no product with its tangent, which implicit steps ask for: add a member "
         "product(state, change), see IMPLICIT.md, or choose SymplecticEuler");
-    static_assert(!spans_ranks<Backend> || Backend::reaches_host_memory,
-                  "implicit steps do not add up over ranks on devices yet: choose a backend of one, or "
-                  "SymplecticEuler");
     static_assert(!Sets::are_bodies,
                   "implicit steps know no Bodies that touch: choose Materials, or SymplecticEuler");
     static_assert(Actions::groups_at_surface == 0,

@@ -5,4 +5,5 @@
 // a device, or several with one.
 #include <firn/cuda.hpp>
 #include <firn/distributed/grid_on_cuda.hpp>
+#include <firn/distributed/halo_on_cuda.hpp>
 #include <firn/distributed/order_on_cuda.hpp>

@@ -58,6 +58,23 @@ struct Found
         }
         merged = all->merge(here->count(), found);
     }
+    /// Tells all ranks and merges what all of them have found, at once.
+    template <class C, class Queue>
+    void share(C const& communicator, Queue const& queue)
+    {
+        if (!here) return;
+        if (communicator.size() == 1) {
+            merged = here->template partial<Result>();
+            return;
+        }
+        tell();
+        queue.wait();
+        Parcel own;
+        put_told(own);
+        auto const of_ranks = communicator.all_gather(own);
+        std::vector<Reader> told(of_ranks.begin(), of_ranks.end());
+        merge(told);
+    }
 };
 
 /// Called when the items of all orders have moved. Waits for what loops have found, and merges it with what
