@@ -84,16 +84,23 @@ namespace firn
 {
 
 /// Adds to a number to which several parts of a loop may add at the same time. Integers come to the same sum
-/// in any order. On a device it is fastest where all parts that run together add to the same number.
+/// in any order.
 FIRN_HOST_DEVICE inline void add_in_any_order(std::int64_t& to, std::int64_t value)
 {
 #if defined(__CUDA_ARCH__)
-    auto* const there = reinterpret_cast<unsigned long long*>(&to);
+    atomicAdd(reinterpret_cast<unsigned long long*>(&to), static_cast<unsigned long long>(value));
+#else
+    __atomic_fetch_add(&to, value, __ATOMIC_RELAXED);
+#endif
+}
+/// The same where parts that a device runs together mostly add to the same number: by one addition for all.
+FIRN_HOST_DEVICE inline void add_together_in_any_order(std::int64_t& to, std::int64_t value)
+{
+#if defined(__CUDA_ARCH__) && __CUDA_ARCH__ >= 800
     auto all = static_cast<unsigned long long>(value);
-#if __CUDA_ARCH__ >= 800
     unsigned const parts = __activemask();
     int is_same = 0;
-    __match_all_sync(parts, reinterpret_cast<unsigned long long>(there), &is_same);
+    __match_all_sync(parts, reinterpret_cast<unsigned long long>(&to), &is_same);
     if (is_same) { // 22 bits at a time, so that the sums of 32 parts have room
         unsigned const of_all[]{__reduce_add_sync(parts, static_cast<unsigned>(all) & 0x3fffff),
                                 __reduce_add_sync(parts, static_cast<unsigned>(all >> 22) & 0x3fffff),
@@ -104,10 +111,9 @@ FIRN_HOST_DEVICE inline void add_in_any_order(std::int64_t& to, std::int64_t val
         all = of_all[0] + (static_cast<unsigned long long>(of_all[1]) << 22) +
               (static_cast<unsigned long long>(of_all[2]) << 44);
     }
-#endif
-    atomicAdd(there, all);
+    add_in_any_order(to, static_cast<std::int64_t>(all));
 #else
-    __atomic_fetch_add(&to, value, __ATOMIC_RELAXED);
+    add_in_any_order(to, value);
 #endif
 }
 

@@ -77,12 +77,11 @@ struct ObstaclesAction
         });
     }
 
-    /// Adds to what an obstacle received at a node. Those of a block that a device runs together have the
-    /// same slot: see stencil_reach().
+    /// Adds to what an obstacle received at a node.
     FIRN_HOST_DEVICE void receive(std::uint32_t i, Coordinates<d> const& node, Reaction const& received) const
     {
         std::uint32_t slot = 0;
-        for (int a = 0; a < d; ++a) slot = 7 * slot + static_cast<std::uint32_t>((node[a] + 1) >> 2);
+        for (int a = 0; a < d; ++a) slot = 7 * slot + static_cast<std::uint32_t>(node[a]);
         sums.add(i, slot, received);
     }
 

@@ -39,14 +39,16 @@ struct ReactionSums
     /// How many of them are sums: the last integer counts the numbers that are too large for these.
     FIRN_HOST_DEVICE std::size_t sums() const { return std::size_t(obstacles) * slots * numbers * words; }
 
-    /// Adds what an obstacle received, in one of the slots (modulo their number).
+    /// Adds what an obstacle received, in one of the slots (modulo their number). `together`: parts of the
+    /// loop that a device runs together mostly have the same obstacle and slot.
+    template <bool together = false>
     FIRN_HOST_DEVICE void add(std::uint32_t obstacle, std::uint32_t slot, Reaction const& received) const
     {
         std::size_t const skipped = part == nullptr ? 0 : *part * size();
         std::int64_t* const to = memory + skipped + first(obstacle, slot % slots);
         for (int i = 0; i < 3; ++i) {
-            if (!add(to + words * i, received.impulse[i]) ||
-                !add(to + words * (3 + i), received.angular_impulse[i]))
+            if (!add<together>(to + words * i, received.impulse[i]) ||
+                !add<together>(to + words * (3 + i), received.angular_impulse[i]))
                 add_in_any_order(memory[skipped + sums()], std::int64_t(1));
         }
     }
@@ -97,13 +99,17 @@ private:
     }
 
     /// Returns false, and adds nothing, if the number is too large or NaN.
+    template <bool together>
     FIRN_HOST_DEVICE static bool add(std::int64_t* to, double number)
     {
         if (!(detail::bits_of_magnitude(number) < detail::bits_of_magnitude(0x1p60))) return false;
         for (int w = 0; w < words; ++w) {
             auto const share = static_cast<std::int64_t>(number * (1 / unit(w)));
             if (share == 0) continue;
-            add_in_any_order(to[w], share);
+            if constexpr (together)
+                add_together_in_any_order(to[w], share);
+            else
+                add_in_any_order(to[w], share);
             number -= double(share) * unit(w); // exact: what is left has fewer digits
         }
         return true;

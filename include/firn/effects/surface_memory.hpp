@@ -81,10 +81,13 @@ public:
         entered_ = 0;
         have_nodes_ = false;
     }
-    /// How many steps a batch may have: the first one is to find all points, if any is.
+    /// How many steps a batch may have: the first one is to find all points, if any is. After a step with new
+    /// points others often have some, too.
     int most_steps() const
     {
-        return is_to_find_all() ? steps_between : static_cast<int>(found_all_ + steps_between - (step_ + 1));
+        std::uint32_t const left =
+            is_to_find_all() ? steps_between : found_all_ + steps_between - (step_ + 1);
+        return static_cast<int>(std::clamp<std::uint32_t>(4 * quiet_, 1, left));
     }
     /// Before points are looked for: none is counted.
     void begin() { counts_.fill(0, 2, 0); }
@@ -139,6 +142,7 @@ public:
         std::uint32_t const points = first_new_ + found.points;
         if (first_new_ == 0) most_known_ = points + points / 4 + 64;
         known_candidates_ += found.candidates;
+        quiet_ = found.candidates + found.points > 0 ? 0 : quiet_ + 1;
         if (found.candidates == 0) return points;
         std::size_t const size = std::bit_ceil(2 * std::size_t(known_candidates_) + 1);
         if (entered_ == 0 || candidate_table_size_ < size) {
@@ -243,6 +247,7 @@ public:
     void end_batch(int taken, bool failed, double dt)
     {
         step_ = step_before_ + static_cast<std::uint32_t>(taken) + (failed ? 1 : 0);
+        if (taken > 1) quiet_ += static_cast<std::uint32_t>(taken - 1);
         if (taken == 0 || failed)
             forget();
         else
@@ -290,7 +295,7 @@ public:
 
 private:
     static constexpr std::size_t place_of_stopped = 5, counts = 6;
-    static constexpr int steps_between = 64; ///< those that find all points
+    static constexpr std::uint32_t steps_between = 64; ///< those that find all points
 
     /// Whether the next step finds all points.
     bool is_to_find_all() const
@@ -337,6 +342,7 @@ private:
     std::size_t candidate_table_size_ = 0;
     std::uint32_t first_new_ = 0, most_known_ = 0; ///< points
     std::uint32_t step_ = 0, found_all_ = 0;       ///< this one, and that in which all points were found
+    std::uint32_t quiet_ = 0;                      ///< steps since one with new points
     std::uint32_t step_before_ = 0;                ///< the one before the batch
     bool have_nodes_ = false;
     std::size_t reached_before_ = 0, most_reached_ = 0;

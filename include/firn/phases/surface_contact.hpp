@@ -131,7 +131,7 @@ struct BookImpulse
                 int const b = (a + 1) % 3, c = (a + 2) % 3;
                 received.angular_impulse[a] = arm[b] * received.impulse[c] - arm[c] * received.impulse[b];
             }
-            action.sums.add(i, slot, received);
+            action.sums.template add<true>(i, slot, received);
         });
     }
 };
