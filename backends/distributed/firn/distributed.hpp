@@ -180,7 +180,7 @@ struct Distributed
     template <class Found, class Body>
     void call_with(Found found, Body const& body) const requires(Local::queues)
     {
-        found.share(communicator, local.queue());
+        found.share(communicator);
         local.call_with(found.merged, body);
     }
 

@@ -142,7 +142,8 @@ private:
         if (numbers_.size() < grid.node_count()) numbers_.resize(grid.node_count(), 0);
         backend_.for_each(
             count(), NumberVolumes<Number, d, std::remove_const_t<decltype(by_index)>>{view(), by_index});
-        with_nodes_nearby(grid, orders, sweeps, [&](auto const& node) { return grid.share_of(node.index); });
+        with_nodes_nearby(grid, orders, sweeps,
+                          [shares = grid.shares_on_host()](auto const& node) { return shares(node.index); });
     }
     /// Lists nodes of other ranks behind those here, of which `share_of(node)` is what this rank has. Returns
     /// all of them.

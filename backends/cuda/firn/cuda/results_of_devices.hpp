@@ -3,6 +3,7 @@
 
 #include <firn/cuda/array.hpp>
 #include <firn/cuda/readback.hpp>
+#include <firn/cuda/results_by_host.hpp>
 
 #include <algorithm>
 #include <cstddef>
@@ -69,8 +70,10 @@ class ResultsOfDevices
 {
 public:
     explicit ResultsOfDevices(Queue const& queue)
-        : queue_(queue), told_(queue), come_(queue), go_(queue), all_(queue)
+        : by_host(queue), queue_(queue), told_(queue), come_(queue), go_(queue), all_(queue)
     {}
+
+    ResultsByHost by_host; ///< where they are needed at once
 
     /// Sends the results of the groups for which `which[group]` is 1 to the host. It has them when it has
     /// waited: see told().
@@ -138,7 +141,7 @@ public:
         return all_.merge_bunches(results);
     }
 
-    std::size_t memory() const { return told_.memory() + all_.memory(); }
+    std::size_t memory() const { return told_.memory() + all_.memory() + by_host.memory(); }
 
 private:
     /// Where things lie in what is told: how many results are listed, the rest of them, and the list.

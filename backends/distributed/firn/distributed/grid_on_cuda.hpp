@@ -182,17 +182,22 @@ public:
     /// until blocks of cells, or their ranks, change.
     SharesOfNodes<Shape::cells> shares() const { return {kinds_.data()}; }
     /// The same for the host.
-    NodeShare share_of(std::uint32_t index) const { return share_of_kind(kinds_here_[index / Shape::cells]); }
-    /// By block of nodes: 0 where this rank has none of them.
-    std::vector<unsigned char> const& kinds() const { return kinds_here_; }
+    SharesOnHost<Shape::cells> shares_on_host() const
+    {
+        SharesOnHost<Shape::cells> shares;
+        shares.kind.resize(kinds_.size());
+        kinds_.download(0, shares.kind);
+        return shares;
+    }
     /// Calls `use(rank, number)` for blocks of nodes for which this rank speaks: those that another rank may
     /// have cells so few nodes away from.
     template <class Use>
     void for_each_near(Orders const& orders, int distance, Use const& use) const
     {
         auto const keys = this->keys_of_nodes();
+        auto const shares = shares_on_host();
         for (std::uint32_t n = 0; n < keys.size(); ++n)
-            if (share_of_kind(kinds_here_[n]) == NodeShare::results)
+            if (share_of_kind(shares.kind[n]) == NodeShare::results)
                 for (std::size_t const rank :
                      ranks_near<Local>(*orders[0], block_of_key<d>(keys[n]), distance))
                     use(rank, n);
@@ -307,7 +312,6 @@ private:
         }
         kinds_.renew(kinds.size());
         kinds_.upload(0, kinds);
-        kinds_here_ = std::move(kinds);
     }
     /// Whether all cells above a block of nodes are one rank's, which is most often so; `kind` is 1 then if
     /// it is this one.
@@ -379,7 +383,6 @@ private:
     bool are_old_ = true;
     std::vector<Parts> sent_, came_; ///< by layer
     cuda::Array<unsigned char> kinds_;
-    std::vector<unsigned char> kinds_here_;
     std::vector<cuda::Array<Sums>> leave_, arrive_; ///< by layer: parts of tiles, one behind the other
     cuda::ResultsOfDevices found_by_nodes_;
     std::vector<cuda::ResultsOfDevices> found_by_items_; ///< by layer

@@ -127,7 +127,7 @@ public:
         }
         out_.set(to);
         in_.set(from);
-        std::vector<unsigned char> known = grid.kinds();
+        std::vector<unsigned char> known = grid.shares_on_host().kind;
         for (auto const& of_rank : from)
             for (auto const block : of_rank) known[block] = 1;
         known_.renew(known.size());

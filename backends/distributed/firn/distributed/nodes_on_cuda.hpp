@@ -8,6 +8,7 @@
 #include <firn/grid/listed_nodes.hpp>
 
 #include <cstdint>
+#include <vector>
 
 // Single nodes of a grid of which several devices have parts.
 namespace firn::distributed
@@ -29,7 +30,7 @@ struct BlocksOf<cuda::Grid<Number, d, degree_, sums, values, layers, own_values,
 /// What a rank has of the nodes of a block, by the kind of the block: see the View of the grid.
 __host__ __device__ inline NodeShare share_of_kind(unsigned char kind)
 {
-    return kind == 1 ? NodeShare::results : kind == 2 ? NodeShare::values : NodeShare::none;
+    return (kind & 1) != 0 ? NodeShare::results : (kind & 2) != 0 ? NodeShare::values : NodeShare::none;
 }
 
 /// What a rank has of nodes by their indices, `cells` of them in each block.
@@ -38,6 +39,13 @@ struct SharesOfNodes
 {
     unsigned char const* kind; ///< of each block
     __device__ NodeShare operator()(std::uint32_t index) const { return share_of_kind(kind[index / cells]); }
+};
+/// The same for the host.
+template <int cells>
+struct SharesOnHost
+{
+    std::vector<unsigned char> kind;
+    NodeShare operator()(std::uint32_t index) const { return share_of_kind(kind[index / cells]); }
 };
 
 } // namespace firn::distributed

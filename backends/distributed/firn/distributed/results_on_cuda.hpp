@@ -4,6 +4,7 @@
 #include <firn/cuda/results_of_devices.hpp>
 #include <firn/distributed/communicator.hpp>
 #include <firn/distributed/parcel.hpp>
+#include <firn/distributed/results_at_once.hpp>
 
 #include <algorithm>
 #include <array>
@@ -58,22 +59,11 @@ struct Found
         }
         merged = all->merge(here->count(), found);
     }
-    /// Tells all ranks and merges what all of them have found, at once.
-    template <class C, class Queue>
-    void share(C const& communicator, Queue const& queue)
+    /// Merges what all ranks have found at once, for what needs it within the step. Waits for the loop.
+    template <class C>
+    void share(C const& communicator)
     {
-        if (!here) return;
-        if (communicator.size() == 1) {
-            merged = here->template partial<Result>();
-            return;
-        }
-        tell();
-        queue.wait();
-        Parcel own;
-        put_told(own);
-        auto const of_ranks = communicator.all_gather(own);
-        std::vector<Reader> told(of_ranks.begin(), of_ranks.end());
-        merge(told);
+        if (here) merged = share_at_once<Result>(communicator, *here, which, all->by_host);
     }
 };
 
