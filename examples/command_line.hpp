@@ -88,8 +88,8 @@ inline Options command_line(int argc, char** argv, std::string const& name, std:
     app.add_option("--fps", options.frames_per_second, "frames per second of simulated time")
         ->check(positive);
     app.add_option("--out", options.out, "folder of the results");
-    app.add_option("--backend", options.backend, "where it runs; ranks: on those of mpirun")
-        ->check(CLI::IsMember({"openmp", "cuda", "ranks"}));
+    app.add_option("--backend", options.backend, "where it runs; ranks, cuda_ranks: on those of mpirun")
+        ->check(CLI::IsMember({"openmp", "cuda", "ranks", "cuda_ranks"}));
     app.add_option("--transfer", options.transfer, "between particles and grid")
         ->check(CLI::IsMember({"pic", "flip", "apic", "mls"}));
     app.add_option("--flip", options.flip, "share of FLIP in --transfer flip")->check(CLI::Range(0.0, 1.0));

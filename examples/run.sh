@@ -7,7 +7,8 @@
 #
 #   --scene NAME   snow_on_moving_ball (default) or torus_against_wall
 #   --out DIR      where the results go (default: out/NAME in the project)
-#   --ranks N      on N processes, which MPI connects, each with its share of the threads
+#   --ranks N      on N processes, which MPI connects, each with its share of the threads; with --backend cuda each has
+#                  a GPU of its own if NCCL is installed, or else they take them by turns
 #   --help         this text and the example's own options
 #
 #   FIRN_NO_RENDER=1   in the environment: no pictures, and no Python
@@ -42,10 +43,10 @@ on_gpu=""
 [[ " ${arguments[*]-} " != *" --backend"[\ =]"cuda "* ]] || on_gpu=yes
 [ -z "$on_gpu" ] || [ -n "$help" ] || [[ $(nvidia-smi -L 2>/dev/null) == *GPU* ]] ||
     stop "this machine has no NVIDIA GPU, or no driver for it: leave out --backend cuda."
+program_ends=${on_gpu:+_cuda}${ranks:+_ranks} # of its name
 render=yes
 [ -z "$help" ] && [ "${FIRN_NO_RENDER:-0}" != 1 ] || render=""
 
-[ -z "$ranks" ] || [ -z "$on_gpu" ] || stop "ranks are processors' as yet: leave out --ranks or --backend cuda."
 need_packages_of_examples "$render"
 [ -z "$ranks" ] || need_packages libopenmpi-dev openmpi-bin
 need_room 500 "$root"
@@ -56,10 +57,10 @@ echo "building: $root/build/examples"
 build_example() {
     local targets=(generate_meshes "$scene")
     cd "$root" && cmake --preset examples || return
-    if [ -n "$on_gpu" ] && cmake --build --preset examples --target help | grep "^${scene}_cuda:" >/dev/null; then
-        targets+=("${scene}_cuda")
+    if [ -n "$on_gpu" ] && cmake --build --preset examples --target help | grep "^$scene$program_ends:" >/dev/null; then
+        targets+=("$scene$program_ends")
     fi
-    [ -z "$ranks" ] || targets+=("${scene}_ranks")
+    [ -z "$ranks" ] || [ -n "$on_gpu" ] || targets+=("${scene}_ranks")
     cmake --build --preset examples --target "${targets[@]}"
 }
 (build_example) || stop "the example could not be built."
@@ -77,9 +78,17 @@ fi
 echo "how long this run will take is said after its first frame"
 run=("$program")
 if [ -n "$ranks" ]; then
+    [ -x "$program$program_ends" ] || stop "the example was not built for ranks with GPUs: CMake found no CUDA toolkit."
     cores=$(nproc)
     # Open MPI would bind each of a few processes to one core, whatever its threads
-    run=(mpirun --bind-to none -n "$ranks" "${program}_ranks")
+    run=(mpirun --bind-to none -n "$ranks" "$program$program_ends")
+    if [ -n "$on_gpu" ]; then # the program has its backend already
+        kept=()
+        for argument in "${arguments[@]}"; do
+            [[ $argument == --backend* || $argument == cuda ]] || kept+=("$argument")
+        done
+        arguments=("${kept[@]}")
+    fi
     [[ " ${arguments[*]-} " == *" --threads"[\ =]* ]] || run+=(--threads $((cores > ranks ? cores / ranks : 1)))
     # in a container one is root, and may have fewer cores than ranks
     export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_rmaps_base_oversubscribe=1 \
