@@ -247,6 +247,7 @@ public:
     void end_batch(int taken, bool failed, double dt)
     {
         step_ = step_before_ + static_cast<std::uint32_t>(taken) + (failed ? 1 : 0);
+        step_before_ = step_;
         if (taken > 1) quiet_ += static_cast<std::uint32_t>(taken - 1);
         if (taken == 0 || failed)
             forget();

@@ -134,7 +134,7 @@ RestReport TimeLoop<Scene>::settle(Scene& scene, Effects const&... effects)
                 for (auto* const group : groups_.of_call()) { // adds up what they received
                     group->add_ranks(0);
                     group->add_up(1);
-                    group->end(1);
+                    group->end(1, false, 0);
                 }
                 groups_.template append_reactions<Effects...>(reactions, scene.masses.unit, report.reactions);
             }
