@@ -390,7 +390,7 @@ private:
     void note(Sums const& at)
     {
         double const speed = std::sqrt(at.third / mass_),
-                     scale = at_rest_ ? 0.1 * outside_ : std::max(outside_, 1e-2 * std::max(speed_, speed));
+                     scale = at_rest_ ? 1e-2 * outside_ : std::max(outside_, 1e-2 * std::max(speed_, speed));
         report_.residual = std::sqrt(at.first / mass_);
         report_.tolerance = by_.tolerance > 0 ? by_.tolerance : by_.share * scale;
         // velocities are rounded, and so is the stress by which nodes resist their differences

@@ -31,7 +31,7 @@ struct Implicit
     /// `share` of a scale of the scene. Neither asks for less than rounding leaves.
     double tolerance = 0;
     /// Of the change of velocity by outside forces in the step, or of a hundredth of the mean speed, if that
-    /// is more. In Solver::settle a tenth of this share is asked for.
+    /// is more. In Solver::settle a hundredth of this share is asked for.
     double share = 1e-2;
     /// Conjugate gradients stop where their residual is below this share of the one that they began with.
     double forcing = 0.1;
