@@ -44,7 +44,7 @@ struct VectorAndNumber
 
 /// A node of a point's stencil.
 template <class Number>
-struct NodeOfPoint
+struct alignas(2 * sizeof(Number)) NodeOfPoint
 {
     static constexpr std::uint32_t none = 0; ///< the first of all nodes, on which there is nothing
     /// 1 + its number among those that points reach; or none; or until it has been numbered index_of(its
@@ -59,7 +59,7 @@ struct NodeOfPoint
 
 /// A point that reaches a node.
 template <class Number>
-struct PointOfNode
+struct alignas(2 * sizeof(Number)) PointOfNode
 {
     static constexpr int bits = 26; ///< of a point's number
     std::uint32_t place_and_point;  ///< the node's place in the point's stencil, and the point's number

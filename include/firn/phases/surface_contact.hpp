@@ -41,14 +41,19 @@ struct GatherImpulses : PointLoop<Kernel, Number, d>
         NodeAtSurface<Number, d> const node = surface.reached[i];
         VectorAndNumber<Number, d> gained{}; // and the sum of weights
         std::uint32_t const end = node.points.begin + (node.inverse_mass > 0 ? node.points.count : 0);
+        FIRN_ROLLED_ON_DEVICE
         for (std::uint32_t first = node.points.begin; first < end; first += points_at_once) {
+            PointOfNode<Number> from[points_at_once];
+            VectorAndNumber<Number, d> tried[points_at_once];
             FIRN_UNROLL_ON_DEVICE
             for (std::uint32_t k = 0; k < points_at_once; ++k) {
-                PointOfNode<Number> from = surface.points_of_nodes[first + k < end ? first + k : end - 1];
-                if (first + k >= end) from.weight = 0;
-                auto const tried = surface.tried[from.point()]; // all of it at once
-                gained.all += tried.all * from.weight;
+                from[k] = surface.points_of_nodes[first + k < end ? first + k : end - 1];
+                if (first + k >= end) from[k].weight = 0;
             }
+            FIRN_UNROLL_ON_DEVICE
+            for (std::uint32_t k = 0; k < points_at_once; ++k) tried[k] = surface.tried[from[k].point()];
+            FIRN_UNROLL_ON_DEVICE
+            for (std::uint32_t k = 0; k < points_at_once; ++k) gained.all += tried[k].all * from[k].weight;
         }
         VectorAndNumber<Number, d>& v = surface.velocities[i + 1];
         v.all = node.free.all + gained.all * node.inverse_mass;
@@ -75,8 +80,8 @@ struct SweepPoints : PointLoop<Kernel, Number, d>
         // the velocity, and a bound on the speed [m/s] that an impulse of 1 gives if the points around get
         // one, too
         VectorAndNumber<Number, d> of_column[std::size_t(Cell::width)]{}; // which do not wait for one another
-        this->for_each_node(surface.acting, p, [&](int k, Number weight, std::uint32_t node) {
-            auto const there = surface.velocities[node]; // all of it at once
+        auto const all_of = [&](std::uint32_t node) { return surface.velocities[node]; };
+        this->for_each_node(surface.acting, p, all_of, [&](int k, Number weight, auto const& there) {
             of_column[k % Cell::width].all += there.all * weight;
         });
         VectorAndNumber<Number, d> sum = of_column[0];
@@ -95,7 +100,8 @@ private:
     {
         Vector<Number, d> reached = zeros<Vector<Number, d>>(), offset; // the mean place of its nodes
         Number support = 0;
-        this->for_each_node(this->of.acting, p, [&](int k, Number weight, std::uint32_t) {
+        auto const nothing_of = [](std::uint32_t) { return 0; };
+        this->for_each_node(this->of.acting, p, nothing_of, [&](int k, Number weight, int) {
             support += weight;
             for (int a = d - 1, rest = k; a >= 0; --a, rest /= Cell::width)
                 reached[a] += weight * Number(rest % Cell::width);

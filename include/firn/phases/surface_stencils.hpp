@@ -27,6 +27,11 @@ struct PointLoop
 {
     using Cell = Stencil<Kernel, Number, d>;
     static constexpr int nodes_of_each = Cell::rows * Cell::width;
+#if defined(FIRN_FOR_DEVICE)
+    static constexpr int at_once = Cell::width * Cell::width;
+#else
+    static constexpr int at_once = Cell::width;
+#endif
     static constexpr std::size_t tile = SurfacePoints<Number, d>::tile;
 
     SurfacePoints<Number, d> of;
@@ -36,20 +41,24 @@ struct PointLoop
     {
         return (p / tile * std::size_t(nodes_of_each) + std::size_t(k)) * tile + p % tile;
     }
-    /// Calls `use(k, weight, node)` for the places of a stencil, by `surface.stencils` or `surface.acting`.
-    /// Where there is no node it is the first of all: without a branch a device loads all of them at once.
-    template <class Use>
+    /// Calls `use(k, weight, load(node))` for the places of a stencil, by `surface.stencils` or
+    /// `surface.acting`. Where there is no node it is the first of all. A device waits for the memory of
+    /// several nodes at once.
+    template <class Load, class Use>
     FIRN_HOST_DEVICE static void for_each_node(NodeOfPoint<Number> const* of_all, std::size_t p,
-                                               Use const& use)
+                                               Load const& load, Use const& use)
     {
         NodeOfPoint<Number> const* const places = of_all + place(p, 0);
-        FIRN_UNROLL_ON_DEVICE
-        for (int first = 0; first < nodes_of_each; first += Cell::width) {
+        FIRN_ROLLED_ON_DEVICE
+        for (int first = 0; first < nodes_of_each; first += at_once) {
+            NodeOfPoint<Number> there[std::size_t(at_once)];
+            decltype(load(there[0].node)) value[std::size_t(at_once)];
             FIRN_UNROLL
-            for (int k = 0; k < Cell::width; ++k) {
-                NodeOfPoint<Number> const there = places[std::size_t(first + k) * tile];
-                use(first + k, there.weight, there.node);
-            }
+            for (int k = 0; k < at_once; ++k) there[k] = places[std::size_t(first + k) * tile];
+            FIRN_UNROLL
+            for (int k = 0; k < at_once; ++k) value[k] = load(there[k].node);
+            FIRN_UNROLL
+            for (int k = 0; k < at_once; ++k) use(first + k, there[k].weight, value[k]);
         }
     }
     /// The cell in which a point lies, from the node in whose cube it was found, and its offset from there.
@@ -231,8 +240,8 @@ struct BeginPoints : PointLoop<Kernel, Number, d>
         bool const have_changed = may_change && *surface.changes > 0;
         if (have_changed && (p >= first_without || !surface.points[p].is_whole)) number(p);
         Number mean = 0, least = std::numeric_limits<Number>::max();
-        this->for_each_node(surface.stencils, p, [&](int, Number weight, std::uint32_t node) {
-            Number const mass = surface.velocities[node].number();
+        auto const mass_of = [&](std::uint32_t node) { return surface.velocities[node].number(); };
+        this->for_each_node(surface.stencils, p, mass_of, [&](int, Number weight, Number mass) {
             mean += weight * mass;
             least = min(least, weight > 0 ? mass : least);
         });

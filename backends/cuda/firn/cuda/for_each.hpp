@@ -32,7 +32,7 @@ __global__ void for_each(Body body, std::size_t count)
 
 /// The same in a step, whose loops do nothing if steps have stopped.
 template <class Body>
-__global__ void for_each_in_step(Signal signal, Body body, std::size_t count)
+__global__ void __launch_bounds__(256, 2) for_each_in_step(Signal signal, Body body, std::size_t count)
 {
     if (signal.stops()) return;
     std::size_t const i = std::size_t(blockIdx.x) * blockDim.x + threadIdx.x;

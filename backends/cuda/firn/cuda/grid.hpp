@@ -252,21 +252,27 @@ public:
             Coordinates<d> here;
             for (int a = d - 1, place = int(index % Shape::cells); a >= 0; --a, place /= Shape::extent)
                 here[a] = place % Shape::extent;
-            for (int l = 0; l < layers; ++l)
+            for (int l = 0; l < layers; ++l) {
+                std::uint32_t block[corners]; // loaded together: otherwise each would wait for the one before
+#pragma unroll
+                for (int corner = 0; corner < corners; ++corner)
+                    block[corner] = grid.layer[l].covered_by[n * corners + unsigned(corner)];
+#pragma unroll
                 for (int corner = 0; corner < corners; ++corner) {
-                    std::uint32_t const block = grid.layer[l].covered_by[n * corners + unsigned(corner)];
                     Coordinates<d> at; // in the tile of a block that lies `corner` before this one
-                    bool covers = block != absent;
+                    bool covers = block[corner] != absent;
+#pragma unroll
                     for (int a = 0; a < d; ++a) {
                         at[a] = here[a] + ((corner >> (d - 1 - a)) & 1) * Shape::extent;
                         covers = covers && at[a] < TileShape::width;
                     }
                     if (covers)
                         sum += grid.layer[l]
-                                   .tiles[std::size_t(block) * TileShape::nodes +
+                                   .tiles[std::size_t(block[corner]) * TileShape::nodes +
                                           static_cast<std::size_t>(TileShape::at(at))]
                                    .of[channel];
                 }
+            }
             return sum;
         }
         __device__ Number& value(std::uint32_t index, int channel) const
