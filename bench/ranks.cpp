@@ -68,6 +68,14 @@ struct Counted
         }
         of.exchange_on_device(stream, to, from);
     }
+    template <class Stream>
+    void gather_on_device(Stream const& stream, void const* own, std::size_t bytes, void* all) const
+        requires(DeviceCommunicator<C, Stream>)
+    {
+        sent->messages += 1;
+        sent->bytes += double(bytes);
+        of.gather_on_device(stream, own, bytes, all);
+    }
     int rank() const { return of.rank(); }
     int size() const { return of.size(); }
     std::vector<Parcel> exchange(std::vector<Parcel> const& to) const

@@ -27,6 +27,7 @@
 #include <mutex>
 #include <optional>
 #include <set>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -90,6 +91,64 @@ TEST_CASE(
 {
     require_same_on_any_ranks(encounter(NeoHookean<OfBlocks>{}));
 }
+
+#if defined(__CUDACC__)
+namespace
+{
+/// Threads that also swap what lies on their devices, as with NCCL: in any stream, and beside other loops.
+struct DeviceThreads : RankThreads
+{
+    void exchange_on_device(cudaStream_t stream, std::span<DeviceMessage const> to,
+                            std::span<DeviceMessage const> from) const
+    {
+        cudaStreamSynchronize(stream);
+        std::vector<Parcel> parcels(static_cast<std::size_t>(size()));
+        for (auto const& message : to) {
+            Parcel part(message.bytes);
+            cudaMemcpy(part.data(), message.data, message.bytes, cudaMemcpyDefault);
+            auto& parcel = parcels[std::size_t(message.rank)];
+            parcel.insert(parcel.end(), part.begin(), part.end());
+        }
+        auto const came = exchange(parcels);
+        std::vector<std::size_t> read(came.size(), 0);
+        for (auto const& message : from) {
+            auto& at = read[std::size_t(message.rank)];
+            cudaMemcpy(message.data, came[std::size_t(message.rank)].data() + at, message.bytes,
+                       cudaMemcpyDefault);
+            at += message.bytes;
+        }
+    }
+    void gather_on_device(cudaStream_t stream, void const* own, std::size_t bytes, void* all) const
+    {
+        cudaStreamSynchronize(stream);
+        Parcel parcel(bytes);
+        cudaMemcpy(parcel.data(), own, bytes, cudaMemcpyDefault);
+        auto* to = static_cast<std::byte*>(all);
+        for (auto const& of_rank : all_gather(parcel)) {
+            cudaMemcpy(to, of_rank.data(), bytes, cudaMemcpyDefault);
+            to += bytes;
+        }
+    }
+};
+} // namespace
+
+TEST_CASE("ranks whose devices swap while nodes inside are updated come to the bits of one device")
+{
+    auto const scene = encounter(NeoHookean<OfBlocks>{});
+    Numbers const alone = scene(local());
+    std::vector<std::size_t> different(3, 0);
+    run_ranks(3, [&](RankThreads const& threads) {
+        Distributed<firn::test::Local, DeviceThreads> const backend{.local = local(threads.rank()),
+                                                                    .communicator = {threads}};
+        Numbers const here = scene(backend);
+        auto& count = different[std::size_t(threads.rank())];
+        count = here.size() == alone.size() ? 0 : 1;
+        for (std::size_t i = 0; i < here.size() && i < alone.size(); ++i)
+            count += !firn::exactly_equal(here[i], alone[i]);
+    });
+    CHECK(different == std::vector<std::size_t>(3, 0));
+}
+#endif
 
 #if !defined(FIRN_ON_PROCESSOR) || defined(FIRN_TESTS_ALL) // else they take long
 TEST_CASE("transfers of every kind, kernels and flow come to the same bits on any number of ranks")

@@ -192,13 +192,14 @@ struct Cuda
         if (grid.node_blocks() == 0) return {};
         cuda::OnDevice const here(device);
         auto const results = grid.node_results().template expect<Result>(grid.node_blocks());
+        if (grid.groups() == 0) return grid.node_results().template partial<Result>();
         std::array<cuda::detail::ArrivalsToForget, orders> to_forget;
         for (std::size_t k = 0; k < orders; ++k)
-            to_forget[k] = cells[k]->forget_incoming_on_the_way(grid.node_blocks());
+            to_forget[k] = cells[k]->forget_incoming_on_the_way(grid.groups());
         auto const loop = [&](auto const& blocks) {
             using Blocks = std::remove_cvref_t<decltype(blocks)>;
             cuda::detail::launch("for_each_node", queue(),
-                                 cuda::detail::for_each_node<GridType, Phase, Blocks>, grid.node_blocks(),
+                                 cuda::detail::for_each_node<GridType, Phase, Blocks>, grid.groups(),
                                  cuda::detail::block_threads, 0, cells[0]->signal(), phase, grid.view(),
                                  blocks, results, to_forget);
         };

@@ -96,20 +96,26 @@ struct Distributed
     {
         if (communicator.size() == 1 || !partition->is_due()) return false;
         std::vector<distributed::Partition::Weight> weights;
-        for (auto* const order : orders) order->weigh(weights);
-        std::uint64_t own = 0;
-        for (auto const& block : weights) own += block.weight;
-        std::uint64_t all = 0, most = 0;
-        Parcel parcel;
-        distributed::put(parcel, own);
-        for (Parcel const& of_rank : communicator.all_gather(parcel)) {
-            auto const weight = distributed::Reader(of_rank).get<std::uint64_t>();
+        double own = 0;
+        bool is_known = false;
+        if constexpr (requires { orders[0]->weight_here(); }) {
+            is_known = std::ranges::all_of(orders, [](auto* order) { return order->weight_here() >= 0; });
+            for (auto* const order : orders) own += order->weight_here();
+        }
+        if (!is_known) {
+            for (auto* const order : orders) order->weigh(weights);
+            own = 0;
+            for (auto const& block : weights) own += double(block.weight);
+        }
+        double all = 0, most = 0;
+        for (double const weight : distributed::of_all_ranks(communicator, std::vector<double>{own})) {
             all += weight;
             most = std::max(most, weight);
         }
-        double const share = double(all) / communicator.size();
-        if (double(most) <= (1 + distributed::Partition::most_imbalance) * share) return false;
-        parcel.clear();
+        if (most <= (1 + distributed::Partition::most_imbalance) * all / communicator.size()) return false;
+        if (is_known)
+            for (auto* const order : orders) order->weigh(weights);
+        Parcel parcel;
         distributed::put(parcel, weights.data(), weights.size());
         weights.clear();
         for (Parcel const& of_rank : communicator.all_gather(parcel))
@@ -157,15 +163,22 @@ struct Distributed
     auto for_each_node(CellOrders const& orders, GridType& grid, Phase const& phase) const
     {
         constexpr bool looks_further = Phase::looks_around || TellsLayersApart<Phase>;
-        grid.exchange(orders, looks_further ? 2 : 1);
         constexpr bool finds_nothing = std::is_same_v<typename Phase::Result, NothingFound>;
-        grid.show(finds_nothing ? distributed::Nodes::all : distributed::Nodes::own);
         if constexpr (Local::queues && !finds_nothing) {
-            local.for_each_node(orders, grid, phase);
+            if constexpr (!looks_further && GridType::exchanges_beside)
+                update_beside_exchange(orders, grid, phase);
+            else {
+                grid.exchange(orders, looks_further ? 2 : 1);
+                grid.show(distributed::Nodes::own);
+                local.for_each_node(orders, grid, phase);
+            }
             return grid.template found<typename Phase::Result>();
         }
-        else
+        else {
+            grid.exchange(orders, looks_further ? 2 : 1);
+            grid.show(finds_nothing ? distributed::Nodes::all : distributed::Nodes::own);
             return local.for_each_node(orders, grid, phase);
+        }
     }
     template <class CellOrders, class GridType, class Phase>
     void for_each_other_node(CellOrders const& orders, GridType& grid, Phase const& phase) const
@@ -184,12 +197,28 @@ struct Distributed
         local.call_with(found.merged, body);
     }
 
-    /// Where loops leave their results on a device: see distributed::share_results.
+    /// Where loops leave their results on a device: queues their sharing, see distributed::SharedResults.
     template <class Orders, class OfNodes, class OfItems>
-    bool share_results(Orders const& orders, OfNodes& of_nodes, OfItems& of_items) const
+    void share_results(Orders const& orders, OfNodes& of_nodes, OfItems& of_items) const
         requires(Local::queues)
     {
-        return orders[0]->share_results(orders, of_nodes, of_items);
+        orders[0]->share_results(orders, of_nodes, of_items, false);
+    }
+    /// Called when the host has waited for that. If there was no room on a rank, calls `move_again()` where
+    /// items must move once more, shares anew, and returns false: the step is to be finished anew.
+    template <class Orders, class OfNodes, class OfItems, class MoveAgain>
+    bool had_room(Orders const& orders, OfNodes& of_nodes, OfItems& of_items,
+                  MoveAgain const& move_again) const requires(Local::queues)
+    {
+        bool moved = true;
+        for (std::size_t k = 0; k < orders.size(); ++k) moved = orders[k]->hear(*orders[0], k) && moved;
+        if (moved && orders[0]->had_room_for_results(of_nodes, of_items)) {
+            for (auto* const order : orders) order->create_missing();
+            return true;
+        }
+        if (!moved) move_again();
+        orders[0]->share_results(orders, of_nodes, of_items, moved);
+        return false;
     }
     /// Finishes a step on the device, when results are shared.
     template <class Finish, class OfNodes, class OfItems>
@@ -199,6 +228,22 @@ struct Distributed
         std::apply(
             [&](auto const&... of) { local.finish_step(finish, of_nodes.merged, std::tuple{of.merged...}); },
             of_items);
+    }
+
+private:
+    /// Updates the nodes of which this rank has the results, those at borders when the tiles of other ranks
+    /// have come.
+    template <class CellOrders, class GridType, class Phase>
+    void update_beside_exchange(CellOrders const& orders, GridType& grid, Phase const& phase) const
+    {
+        using Where = typename GridType::Where;
+        bool const exchanges = grid.begin_exchange(orders, 1);
+        grid.show(distributed::Nodes::own, exchanges ? Where::inside : Where::anywhere);
+        local.for_each_node(orders, grid, phase);
+        if (!exchanges) return;
+        grid.end_exchange();
+        grid.show(distributed::Nodes::own, Where::at_borders);
+        local.for_each_node(orders, grid, phase);
     }
 };
 

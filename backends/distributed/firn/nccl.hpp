@@ -69,6 +69,10 @@ public:
                   "ncclRecv");
         check(ncclGroupEnd(), "ncclGroupEnd");
     }
+    void gather_on_device(cudaStream_t stream, void const* own, std::size_t bytes, void* all) const
+    {
+        check(ncclAllGather(own, all, bytes, ncclChar, comm_.get(), stream), "ncclAllGather");
+    }
 
 private:
     /// Refuses ranks that share a device, which NCCL does not say in words.

@@ -45,11 +45,14 @@ public:
         if (step.solve()) {
             auto reactions = step.update_grid(0);
             auto found = step.g2p2g(0);
-            step.share_results(0, reactions, found);
+            step.share_results(reactions, found);
             step.finish_step(0, reactions, found);
+            step.read_log(1);
+            step.repeat_without_room(0, reactions, found);
         }
+        else
+            step.read_log(1);
 
-        step.read_log(1);
         bool const failed = step.has_failed();
         if (!failed) step.commit();
         step.adopt(1, failed ? 0 : 1, failed);

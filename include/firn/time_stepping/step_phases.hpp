@@ -152,16 +152,23 @@ public:
     /// Particles gather velocities, move, and scatter to the grid of the next step. Returns what they found,
     /// material by material.
     auto g2p2g(int step) const { return run_g2p2g(g2p2g_phases(step), Places{}); }
-    /// Ranks whose loops leave what they have found on devices share it here, and move particles once more
-    /// where one of them had no room.
+    /// Ranks whose loops leave what they have found on devices share it here.
     template <class OfNodes, class Found>
-    void share_results([[maybe_unused]] int step, [[maybe_unused]] OfNodes& of_nodes,
-                       [[maybe_unused]] Found& found) const
+    void share_results([[maybe_unused]] OfNodes& of_nodes, [[maybe_unused]] Found& found) const
     {
-        if constexpr (spans_ranks<Backend>)
-            if constexpr (Backend::shares_results)
-                while (!memory_.backend.share_results(orders(), of_nodes, found))
-                    found = run_g2p2g(g2p2g_phases_again(step), Places{});
+        if constexpr (shares_results) memory_.backend.share_results(orders(), of_nodes, found);
+    }
+    /// They learn here, when the log is read, whether all of them had room, and else do it once more.
+    template <class OfNodes, class Found>
+    void repeat_without_room([[maybe_unused]] int step, [[maybe_unused]] OfNodes& of_nodes,
+                             [[maybe_unused]] Found& found)
+    {
+        if constexpr (shares_results)
+            while (!memory_.backend.had_room(
+                orders(), of_nodes, found, [&] { found = run_g2p2g(g2p2g_phases_again(step), Places{}); })) {
+                run_finish(step, of_nodes, found);
+                read_log(step + 1);
+            }
     }
     /// The phases of which that consists.
     auto g2p2g_phases(int step) const { return g2p2g_phases(step, Places{}); }
@@ -177,11 +184,7 @@ public:
     void finish_step(int step, OfNodes const& of_nodes, Found const& found) const
     {
         if constexpr (spans_ranks<Backend>) for_each_group([&](auto& group) { group.add_ranks(step); });
-        auto const finish = finish_phase(step);
-        if constexpr (requires { memory_.backend.finish_step(finish, of_nodes, found); })
-            memory_.backend.finish_step(finish, of_nodes, found);
-        else
-            std::apply([&](auto const&... of) { finish(of_nodes, of...); }, found);
+        run_finish(step, of_nodes, found);
     }
     /// The phase that does so.
     auto finish_phase(int step) const
@@ -263,6 +266,24 @@ private:
     using MaterialTraits = typename Sets::template MaterialTraits<k>;
     using Places = typename Sets::Places;
     using Storage = StepStorage<Number, materials, Effects, Actions>;
+
+    /// Whether loops leave what they have found on devices, and ranks share it.
+    static constexpr bool shares_results = [] {
+        if constexpr (spans_ranks<Backend>)
+            return Backend::shares_results;
+        else
+            return false;
+    }();
+
+    template <class OfNodes, class Found>
+    void run_finish(int step, OfNodes const& of_nodes, Found const& found) const
+    {
+        auto const finish = finish_phase(step);
+        if constexpr (requires { memory_.backend.finish_step(finish, of_nodes, found); })
+            memory_.backend.finish_step(finish, of_nodes, found);
+        else
+            std::apply([&](auto const&... of) { finish(of_nodes, of...); }, found);
+    }
 
     template <class Phases, std::size_t... k>
     auto run_g2p2g(Phases const& phases, std::index_sequence<k...>) const

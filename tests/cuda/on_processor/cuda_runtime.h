@@ -735,6 +735,16 @@ inline cudaError_t cudaStreamDestroy(cudaStream_t stream)
     delete stream;
     return cudaSuccess;
 }
+inline cudaError_t cudaDeviceGetStreamPriorityRange(int* least, int* greatest)
+{
+    *least = *greatest = 0;
+    return cudaSuccess;
+}
+inline cudaError_t cudaStreamCreateWithPriority(cudaStream_t* stream, unsigned flags, int)
+{
+    return cudaStreamCreateWithFlags(stream, flags);
+}
+
 inline bool is_elsewhere(cudaStream_t stream)
 {
     return stream != nullptr && stream->device != on_processor::current_device;
@@ -791,6 +801,10 @@ inline cudaError_t cudaEventRecord(cudaEvent_t event, cudaStream_t stream)
     if (is_elsewhere(stream)) return on_processor::tell(cudaErrorInvalidResourceHandle);
     event->queued = on_processor::Worker::one().queued();
     return cudaSuccess;
+}
+inline cudaError_t cudaStreamWaitEvent(cudaStream_t, cudaEvent_t, unsigned)
+{
+    return cudaSuccess; // all streams are one queue
 }
 inline cudaError_t cudaEventSynchronize(cudaEvent_t event)
 {

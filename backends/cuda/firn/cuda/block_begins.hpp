@@ -63,6 +63,42 @@ static __global__ void __launch_bounds__(scanning_threads)
     find_block_begins(begins, changes);
 }
 
+/// With many blocks it is done by several groups of threads, each for a chunk of the blocks, in two loops:
+/// this one counts the items of each chunk.
+inline constexpr std::uint32_t blocks_of_chunk = 2 * scanning_threads;
+
+static __device__ std::uint64_t count_of_block(BlockBegins const& begins, Changes const& changes,
+                                               std::uint32_t b)
+{
+    if (b >= begins.blocks) return 0;
+    std::uint64_t const arrived = changes.block_arrived[b];
+    return (arrived << 32) | (changes.block_stay[b] + arrived);
+}
+static __global__ void __launch_bounds__(scanning_threads)
+    count_chunks(BlockBegins begins, Changes changes, std::uint64_t* chunks)
+{
+    std::uint32_t const b = blockIdx.x * blocks_of_chunk + 2 * threadIdx.x;
+    std::uint64_t all;
+    sum_before_in_block<scanning_threads>(
+        count_of_block(begins, changes, b) + count_of_block(begins, changes, b + 1), all);
+    if (threadIdx.x == 0) chunks[blockIdx.x] = all;
+}
+/// And this one finds where the blocks of each begin.
+static __global__ void __launch_bounds__(scanning_threads)
+    find_begins_of_chunks(BlockBegins begins, Changes changes, std::uint64_t const* chunks)
+{
+    std::uint64_t of_others = 0, before;
+    for (std::uint32_t c = threadIdx.x; c < blockIdx.x; c += scanning_threads) of_others += chunks[c];
+    sum_before_in_block<scanning_threads>(of_others, before);
+    std::uint32_t const b = blockIdx.x * blocks_of_chunk + 2 * threadIdx.x;
+    std::uint64_t const first = count_of_block(begins, changes, b),
+                        second = count_of_block(begins, changes, b + 1);
+    std::uint64_t all;
+    std::uint64_t const mine = before + sum_before_in_block<scanning_threads>(first + second, all);
+    if (b < begins.blocks) begins.of_block[b] = mine;
+    if (b + 1 < begins.blocks) begins.of_block[b + 1] = mine + first;
+}
+
 /// Where a block's items, and its incoming items, begin. With few blocks each group of threads finds it by
 /// itself.
 __device__ inline std::uint64_t find_block_begin(std::uint32_t block, Changes const& changes)

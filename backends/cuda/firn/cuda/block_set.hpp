@@ -113,7 +113,7 @@ public:
     std::size_t memory() const
     {
         return key_.memory() + index_.memory() + born_.memory() + keys_.memory() + keys_before_.memory() +
-               born_count_.memory();
+               born_count_.memory() + requests_.memory();
     }
 
 private:
@@ -124,6 +124,7 @@ private:
     Array<std::uint32_t> index_, born_;
     Array<std::uint64_t> keys_, keys_before_;
     Array<std::uint32_t> born_count_;
+    Array<std::uint64_t> requests_; ///< on their way to other devices, or from there
     std::uint32_t size_ = 0;
 };
 
@@ -190,7 +191,7 @@ static __global__ void copy_keys(std::uint64_t const* keys, std::uint32_t const*
 
 inline BlockSet::BlockSet(Queue const& queue)
     : queue_(queue), key_(queue), index_(queue), born_(queue), keys_(queue), keys_before_(queue),
-      born_count_(queue)
+      born_count_(queue), requests_(queue)
 {}
 
 inline BlockSet::View BlockSet::view()
@@ -224,12 +225,10 @@ inline void BlockSet::want(std::span<std::uint64_t const> keys)
 {
     if (keys.empty()) return;
     OnDevice const here(queue_);
-    Array<std::uint64_t> there(queue_);
-    there.resize(keys.size());
-    there.upload(0, keys);
+    requests_.renew(keys.size());
+    requests_.upload(0, keys);
     launch_after("want_keys", queue_, detail::want_keys, groups_of(keys.size(), 128), 128, view(),
-                 there.data(), static_cast<std::uint32_t>(keys.size()));
-    queue_.wait(); // the copy is about to be freed
+                 requests_.data(), static_cast<std::uint32_t>(keys.size()));
 }
 
 inline std::vector<std::uint64_t> BlockSet::requested(std::uint32_t births)
@@ -237,11 +236,10 @@ inline std::vector<std::uint64_t> BlockSet::requested(std::uint32_t births)
     std::vector<std::uint64_t> keys(births);
     if (births == 0) return keys;
     OnDevice const here(queue_);
-    Array<std::uint64_t> there(queue_);
-    there.resize(keys.size());
+    requests_.renew(keys.size());
     launch_after("copy_requests", queue_, detail::copy_requests, groups_of(births, 128), 128, view(), births,
-                 there.data());
-    there.download(0, keys);
+                 requests_.data());
+    requests_.download(0, keys);
     return keys;
 }
 

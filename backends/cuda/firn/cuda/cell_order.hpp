@@ -51,13 +51,15 @@ public:
         }
         /// Whether items of this block are here. Where several devices share the cells, each has its part.
         __device__ static constexpr bool has(std::uint32_t) { return true; }
+        /// Whether the loop that moves items forgets those that came last: if none come in until it ends.
+        static constexpr bool forgets_incoming = false;
     };
 
     template <class Backend>
     explicit CellOrder(Backend const& backend, Periods<d> const& periods = {})
         : queue_(backend.queue()), periods_(periods.in_blocks(extent)), set_(queue_), begin_(queue_),
           new_begin_(queue_), order_(queue_), order_before_(queue_), left_(queue_), changes_(queue_),
-          block_begin_(queue_), arrived_begin_(queue_), arrived_(queue_), leavers_(queue_),
+          block_begin_(queue_), chunks_(queue_), arrived_begin_(queue_), arrived_(queue_), leavers_(queue_),
           blocks_before_(queue_), signal_(queue_)
     {}
 
@@ -335,8 +337,17 @@ protected: // for an order that several devices share
 
     void find_block_begins()
     {
-        launch_after("find_all_block_begins", queue_, detail::find_all_block_begins, 1,
-                     detail::scanning_threads, begins(), changes());
+        unsigned const chunks = groups_of(blocks(), detail::blocks_of_chunk);
+        if (chunks <= 1) {
+            launch_after("find_all_block_begins", queue_, detail::find_all_block_begins, 1,
+                         detail::scanning_threads, begins(), changes());
+            return;
+        }
+        chunks_.renew(chunks);
+        launch_after("count_chunks", queue_, detail::count_chunks, chunks, detail::scanning_threads, begins(),
+                     changes(), chunks_.data());
+        launch_after("find_begins_of_chunks", queue_, detail::find_begins_of_chunks, chunks,
+                     detail::scanning_threads, begins(), changes(), chunks_.data());
     }
 
     void stay_all()
@@ -443,7 +454,7 @@ protected: // for an order that several devices share
     Array<std::uint32_t> begin_, new_begin_, order_, order_before_;
     Array<unsigned char> left_; ///< per slot: whether the item left its cell
     detail::ChangeArrays changes_;
-    Array<std::uint64_t> block_begin_;
+    Array<std::uint64_t> block_begin_, chunks_;
     Array<std::uint32_t> arrived_begin_, arrived_;
     LeaverArrays leavers_;
     int channels_ = 0;

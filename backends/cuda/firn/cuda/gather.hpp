@@ -68,6 +68,7 @@ __global__ void __launch_bounds__(teams* ShapeOfItems<GridType, Phase>::team_thr
         Changes const& changes = moved.to.changes;
         std::uint32_t const left = left_cell[threadIdx.x];
         changes.stay[blockIdx.x * block_threads + threadIdx.x] = items.size_of_cell(threadIdx.x) - left;
+        if constexpr (Order::View::forgets_incoming) forget_incoming(changes, blockIdx.x);
         bool const some_left = __any_sync(~0u, left > 0);
         if (threadIdx.x % 32 == 0) changes.group_left[2 * blockIdx.x + threadIdx.x / 32] = some_left;
         if (threadIdx.x == 0) changes.block_stay[blockIdx.x] = items.size() - left_block;

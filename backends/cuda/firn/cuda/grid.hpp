@@ -118,6 +118,8 @@ public:
 
         /// Whether a loop updates this block of nodes. Where several devices share a grid, each has its part.
         __device__ static constexpr bool shows(std::uint32_t) { return true; }
+        /// The block of nodes that a group of threads updates.
+        __device__ static constexpr std::uint32_t block(std::uint32_t group) { return group; }
 
         FIRN_HOST_DEVICE Values* values_of(std::size_t layer_number) const
         {
@@ -217,6 +219,8 @@ public:
             view.layer[l] = {tiles_[l].covered_by.data(), tiles_[l].of[0].data()};
         return view;
     }
+    /// How many groups of threads update nodes.
+    std::uint32_t groups() const { return node_blocks(); }
     BlockSet::View blocks_of_nodes() { return set_.view(); }
     Results& node_results() { return node_results_; }
 

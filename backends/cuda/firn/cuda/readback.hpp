@@ -124,29 +124,29 @@ struct ResultsOfGroups
             memcpy(static_cast<void*>(&other), &words, sizeof words);
             mine.merge(other);
         }
-        finish(mine);
+        finish(mine, blockIdx.x);
     }
 
     /// Called by all threads of a group with their results; `parts` is shared memory for one value per warp.
-    __device__ void take(Result const& of_thread, Result* parts) const
+    __device__ void take(Result const& of_thread, Result* parts, std::uint32_t group = blockIdx.x) const
     {
         std::uint32_t const warp = threadIdx.x / 32, lane = threadIdx.x % 32, warps = blockDim.x / 32;
         Result mine = merged_in_warp(of_thread);
         if (lane == 0) store_words(mine, parts + warp);
         __syncthreads();
         if (warp > 0) return;
-        finish(lane < warps ? load_shared(parts + lane) : Result{});
+        finish(lane < warps ? load_shared(parts + lane) : Result{}, group);
     }
 
 private:
     /// Called by one warp with what its lanes have of the group's results.
-    __device__ void finish(Result const& of_lane) const
+    __device__ void finish(Result const& of_lane, std::uint32_t group) const
     {
         std::uint32_t const lane = threadIdx.x % 32;
         Result const mine = merged_in_warp(of_lane);
-        if (lane == 0) store_words(mine, of_groups + blockIdx.x);
+        if (lane == 0) store_words(mine, of_groups + group);
         if (bunch == 1) return;
-        std::uint32_t const b = blockIdx.x / bunch;
+        std::uint32_t const b = group / bunch;
         if (!is_last(finished + b, size(b))) return;
         merge_bunch(b);
     }
@@ -164,12 +164,6 @@ private:
         return __shfl_sync(~0u, before, 0) + 1 == of;
     }
 };
-/// Merges the results of all bunches, one warp for each.
-template <class Result>
-__global__ void __launch_bounds__(32) merge_bunches(ResultsOfGroups<Result> results)
-{
-    results.merge_bunch(blockIdx.x);
-}
 } // namespace detail
 
 /// What a loop found, to be merged by a later one; empty if no loop ran.
@@ -222,9 +216,9 @@ __global__ void __launch_bounds__(merging_warps * 32) merge_and_call(Partial<Res
 /// The results of a loop's groups of threads.
 class Results
 {
+public:
     static constexpr std::uint32_t most_bunches = 1024;
 
-public:
     explicit Results(Queue const& queue) : queue_(queue), partial_(queue), finished_(queue) {}
 
     /// From now on loops leave the results of each group by themselves: they are to be merged with those of
@@ -262,17 +256,6 @@ public:
 
     /// How many there are of them.
     std::uint32_t count() const { return partial_count_; }
-    /// Merges the results of groups that no loop has left, but the host has put there: see ResultsOfDevices.
-    template <class Result>
-    Partial<Result> merge_bunches(detail::ResultsOfGroups<Result> const& results)
-    {
-        if (results.bunch > 1) {
-            OnDevice const here(queue_);
-            launch_after("merge_bunches", queue_, detail::merge_bunches<Result>, results.bunches(), 32,
-                         results);
-        }
-        return partial<Result>();
-    }
 
     std::size_t memory() const { return partial_.memory() + finished_.memory(); }
 

@@ -8,10 +8,11 @@
 #include <algorithm>
 #include <cstddef>
 #include <cstdint>
-#include <vector>
+#include <span>
 
-// How the results of a loop that several devices share reach the host, and come back when those of all
-// devices are known.
+// How the results of a loop that several devices share become known to all of them. Each device tells what
+// its groups of threads have found; what all have told comes to each of them, and is merged there, in the
+// order of the groups.
 namespace firn::cuda
 {
 
@@ -25,24 +26,44 @@ struct OfGroup
 
 namespace detail
 {
+template <class Result>
+inline constexpr char kind_of{}; ///< its address tells kinds of results apart
+
 inline constexpr unsigned telling_threads = 256, telling_groups = 32;
 
+/// Where things lie in what a device tells of a loop: the merged results that have no place among others, by
+/// group of the telling loop, and behind them a list of those that have one.
+template <class Result>
+struct Telling
+{
+    static constexpr std::size_t listed = telling_groups * sizeof(Result);
+    static_assert(listed % alignof(OfGroup<Result>) == 0);
+    static constexpr std::size_t bytes(std::size_t room)
+    {
+        constexpr std::size_t alignment = 16;
+        return (listed + room * sizeof(OfGroup<Result>) + alignment - 1) / alignment * alignment;
+    }
+};
+
 /// Lists the results that have a place among others, in any order, and merges the rest: of the groups for
-/// which `which[group]` is 1.
+/// which `which[group]` is odd. If there are more than `room`, they are only counted.
 template <class Result>
 __global__ void __launch_bounds__(telling_threads)
-    tell_results(Partial<Result> of, unsigned char const* which, Result* rest, std::uint32_t* listed_count,
-                 OfGroup<Result>* listed)
+    tell_results(Partial<Result> of, unsigned char const* which, std::uint32_t room,
+                 std::uint32_t* listed_count, unsigned char* to)
 {
+    auto* const rest = reinterpret_cast<Result*>(to);
+    auto* const listed = reinterpret_cast<OfGroup<Result>*>(to + Telling<Result>::listed);
     Result mine{};
     for (std::uint32_t i = blockIdx.x * telling_threads + threadIdx.x; i < of.count;
          i += telling_groups * telling_threads) {
-        if (which[i] != 1) continue;
+        if ((which[i] & 1) == 0) continue;
         Result const one = load_words(of.of + i);
         if (one.has_a_place()) {
-            OfGroup<Result>& to = listed[atomicAdd(listed_count, 1u)];
-            to.group = i;
-            store_words(one, &to.result);
+            std::uint32_t const at = atomicAdd(listed_count, 1u);
+            if (at >= room) continue;
+            listed[at].group = i;
+            store_words(one, &listed[at].result);
         }
         else
             mine.merge(one);
@@ -57,111 +78,141 @@ __global__ void __launch_bounds__(telling_threads)
     if (threadIdx.x == 0) store_words(mine, rest + blockIdx.x);
 }
 
-template <class Result>
-__global__ void put_results(OfGroup<Result> const* from, std::uint32_t count, Result* to)
+/// What all devices have told of a loop, each so many bytes behind the one before.
+struct ToldByDevices
 {
-    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
-    if (i < count) store_words(load_words(&from[i].result), to + from[i].group);
+    unsigned char const* first;
+    std::uint32_t const* count; ///< of listed results
+    std::size_t stride;
+    std::uint32_t devices, room;
+
+    __device__ unsigned char const* of(std::uint32_t device) const { return first + device * stride; }
+    __device__ std::uint32_t count_of(std::uint32_t device) const
+    {
+        return *reinterpret_cast<std::uint32_t const*>(reinterpret_cast<unsigned char const*>(count) +
+                                                       device * stride);
+    }
+};
+
+/// Puts the results that devices have listed to their groups.
+template <class Result>
+__global__ void put_results(ToldByDevices told, Result* of_groups)
+{
+    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x, device = i / told.room, at = i % told.room;
+    if (device >= told.devices || at >= told.count_of(device)) return;
+    auto const* const listed =
+        reinterpret_cast<OfGroup<Result> const*>(told.of(device) + Telling<Result>::listed) + at;
+    store_words(load_words(&listed->result), of_groups + listed->group);
+}
+
+/// Merges the results of all groups, bunch by bunch on a warp each, as one device would that had found them.
+/// The groups are left with no results.
+template <class Result>
+__global__ void __launch_bounds__(32) merge_told(ToldByDevices told, ResultsOfGroups<Result> results)
+{
+    bool any = false; // else there is nothing but what has no place
+    for (std::uint32_t device = 0; device < told.devices; ++device) any = any || told.count_of(device) > 0;
+    std::uint32_t const b = blockIdx.x, first = b * results.bunch;
+    Result rest{};
+    if (b == 0) {
+        for (std::uint32_t device = 0; device < told.devices; ++device)
+            if (threadIdx.x < telling_groups)
+                rest.merge(load_words(reinterpret_cast<Result const*>(told.of(device)) + threadIdx.x));
+        rest = merged_in_warp(rest);
+    }
+    if (!any) {
+        if (threadIdx.x == 0) store_words(rest, results.of_bunches + b);
+        return;
+    }
+    if (b == 0 && threadIdx.x == 0) { // comes with the first group's
+        Result of_first = load_words(results.of_groups);
+        of_first.merge(rest);
+        store_words(of_first, results.of_groups);
+    }
+    __syncwarp();
+    results.merge_bunch(b);
+    __syncwarp();
+    for (std::uint32_t i = threadIdx.x; i < results.size(b); i += 32)
+        store_words(Result{}, results.of_groups + first + i);
 }
 } // namespace detail
 
-/// What the groups of threads of a loop have found on this device, on its way to the host and back.
+/// What the groups of threads of a loop have found on this device and, in the end, on all.
 class ResultsOfDevices
 {
+    static constexpr std::uint32_t fewest = 256;
+
 public:
     explicit ResultsOfDevices(Queue const& queue)
-        : by_host(queue), queue_(queue), told_(queue), come_(queue), go_(queue), all_(queue)
+        : by_host(queue), queue_(queue), of_groups_(queue), of_bunches_(queue)
     {}
 
     ResultsByHost by_host; ///< where they are needed at once
 
-    /// Sends the results of the groups for which `which[group]` is 1 to the host. It has them when it has
-    /// waited: see told().
+    /// How many bytes a device tells, which is the same on all.
     template <class Result>
-    void tell(Results const& here, unsigned char const* which)
+    std::size_t bytes() const
+    {
+        return detail::Telling<Result>::bytes(room_);
+    }
+
+    /// Queues telling the results of the groups for which `which[group]` is odd. `count` is 0 before, and
+    /// then says how many of them are listed.
+    template <class Result>
+    void tell(Results const& here, unsigned char const* which, std::uint32_t* count, unsigned char* to)
     {
         OnDevice const device(queue_);
-        auto const found = here.partial<Result>();
-        told_.renew(Layout<Result>::bytes(found.count));
-        told_.fill_bytes(0, Layout<Result>::rest, 0);
-        auto* const begin = told_.data();
         launch_after("tell_results", queue_, detail::tell_results<Result>, detail::telling_groups,
-                     detail::telling_threads, found, which,
-                     reinterpret_cast<Result*>(begin + Layout<Result>::rest),
-                     reinterpret_cast<std::uint32_t*>(begin),
-                     reinterpret_cast<OfGroup<Result>*>(begin + Layout<Result>::listed));
-        at_once_ = std::min(found.count, at_once_);
-        std::size_t const bytes = Layout<Result>::bytes(at_once_);
-        copy_queued(queue_, come_.as<unsigned char>(bytes), begin, bytes);
+                     detail::telling_threads, here.partial<Result>(), which, room_, count, to);
     }
 
-    /// What was told: the results that have a place among others, behind the rest of them, which is merged
-    /// and comes first.
+    /// Queues merging the results of `groups` groups on all devices: what all have told by tell(), each
+    /// `stride` bytes behind the one before.
     template <class Result>
-    std::vector<OfGroup<Result>> told()
-    {
-        auto const* const here = come_.get<unsigned char>();
-        std::uint32_t const count = *reinterpret_cast<std::uint32_t const*>(here);
-        std::vector<OfGroup<Result>> results(1 + std::size_t(count));
-        results[0] = {};
-        auto const* const rest = reinterpret_cast<Result const*>(here + Layout<Result>::rest);
-        for (unsigned i = 0; i < detail::telling_groups; ++i) results[0].result.merge(rest[i]);
-        auto const* const listed = reinterpret_cast<OfGroup<Result> const*>(here + Layout<Result>::listed);
-        std::uint32_t const came = std::min(count, at_once_);
-        std::copy(listed, listed + came, results.begin() + 1);
-        if (came < count) { // seldom: next time there is room for them
-            copy_queued(queue_, results.data() + 1 + came,
-                        reinterpret_cast<OfGroup<Result> const*>(told_.data() + Layout<Result>::listed) +
-                            came,
-                        count - came);
-            queue_.wait();
-        }
-        at_once_ = std::max(at_once_, count + count / 4);
-        return results;
-    }
-
-    /// Merges the results of `groups` groups on all devices, as one device would that had found them. Those
-    /// that are not listed have found nothing.
-    template <class Result>
-    Partial<Result> merge(std::uint32_t groups, std::vector<OfGroup<Result>> const& found)
+    Partial<Result> merge(std::uint32_t groups, std::uint32_t devices, std::uint32_t const* count,
+                          unsigned char const* told, std::size_t stride)
     {
         OnDevice const device(queue_);
-        auto const results = all_.expect<Result>(groups);
-        launch_after("fill", queue_, detail::fill<Result>, groups_of(groups, 256), 256, results.of_groups,
-                     std::size_t{groups}, Result{});
-        auto const count = static_cast<std::uint32_t>(found.size());
-        std::size_t const bytes = count * sizeof(OfGroup<Result>);
-        auto* const here = go_.as<unsigned char>(std::max(bytes, going_));
-        going_ = std::max(bytes, going_);
-        std::copy(found.begin(), found.end(), reinterpret_cast<OfGroup<Result>*>(here));
-        told_.renew(std::max(bytes, told_.size())); // it has been read
-        copy_queued(queue_, told_.data(), here, bytes);
-        launch_after("put_results", queue_, detail::put_results<Result>, groups_of(count, 128), 128,
-                     reinterpret_cast<OfGroup<Result> const*>(told_.data()), count, results.of_groups);
-        return all_.merge_bunches(results);
+        detail::ResultsOfGroups<Result> results{};
+        results.groups = groups;
+        results.bunch = (groups + Results::most_bunches - 1) / Results::most_bunches;
+        if (of_groups_.size() < groups * sizeof(Result) || of_ != &detail::kind_of<Result>) {
+            of_ = &detail::kind_of<Result>;
+            of_groups_.renew(groups * sizeof(Result));
+            std::size_t const all = of_groups_.memory() / sizeof(Result);
+            of_groups_.renew(all * sizeof(Result));
+            launch_after("fill", queue_, detail::fill<Result>, groups_of(all, 256), 256,
+                         reinterpret_cast<Result*>(of_groups_.data()), all, Result{});
+        }
+        of_bunches_.renew(std::max(results.bunches() * sizeof(Result), of_bunches_.size()));
+        results.of_groups = reinterpret_cast<Result*>(of_groups_.data());
+        results.of_bunches = reinterpret_cast<Result*>(of_bunches_.data());
+        detail::ToldByDevices const all{told, count, stride, devices, room_};
+        launch_after("put_results", queue_, detail::put_results<Result>,
+                     groups_of(std::size_t(devices) * room_, 128), 128, all, results.of_groups);
+        launch_after("merge_told", queue_, detail::merge_told<Result>, results.bunches(), 32, all, results);
+        return {results.of_bunches, results.bunches()};
     }
 
-    std::size_t memory() const { return told_.memory() + all_.memory() + by_host.memory(); }
+    /// When the host knows how many results each device has listed: whether there was room for all. There is
+    /// then, or the next time. All devices have the same room.
+    bool had_room(std::span<std::uint32_t const> counts)
+    {
+        std::uint32_t most = 0;
+        for (auto const count : counts) most = std::max(most, count);
+        bool const had = most <= room_;
+        // shrinks slowly, since what touches an obstacle in one step mostly does in the next
+        room_ = std::max({most + most / 4, room_ - room_ / 64, fewest});
+        return had;
+    }
+
+    std::size_t memory() const { return of_groups_.memory() + of_bunches_.memory() + by_host.memory(); }
 
 private:
-    /// Where things lie in what is told: how many results are listed, the rest of them, and the list.
-    template <class Result>
-    struct Layout
-    {
-        static constexpr std::size_t rest = 16, listed = rest + detail::telling_groups * sizeof(Result);
-        static_assert(listed % alignof(OfGroup<Result>) == 0);
-        static constexpr std::size_t bytes(std::size_t count)
-        {
-            return listed + count * sizeof(OfGroup<Result>);
-        }
-    };
-
     Queue queue_;
-    Array<unsigned char> told_;
-    HostMemory come_, go_; ///< what has come to the host, and what it sends back
-    Results all_;          ///< of all devices
-    std::size_t going_ = 0;
-    std::uint32_t at_once_ = 256; ///< so many listed results come with the rest
+    Array<unsigned char> of_groups_, of_bunches_; ///< of all devices; those of groups are empty between calls
+    void const* of_ = nullptr;                    ///< which kind of results they are
+    std::uint32_t room_ = fewest;                 ///< for so many listed results
 };
 
 } // namespace firn::cuda

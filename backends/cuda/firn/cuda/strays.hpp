@@ -24,8 +24,9 @@ struct Searched
 {
     std::uint32_t leavers; ///< how many there are; if there was no room for all of them, nothing else holds
     std::uint32_t strays;
-    std::uint32_t births; ///< blocks that are missing
-    std::uint32_t live;   ///< blocks that hold items when those have come that stay on this device
+    std::uint32_t births;     ///< blocks that are missing
+    std::uint32_t live;       ///< blocks that hold items when those have come that stay on this device
+    std::uint32_t lacks_room; ///< 1 if there was no room for all leavers
 };
 
 /// Finds the new cells of leavers, and lists those whose blocks are not here. Requests blocks that are
@@ -56,8 +57,9 @@ __global__ void find_cells_here(Leavers<Number> leavers, Destinations<d> to, std
 }
 
 /// Completes what such a search tells.
-static __global__ void tell_searched(LeaverCounters const* counters, std::uint32_t const* born,
-                                     Changes changes, std::uint32_t blocks, Searched* searched)
+static __global__ void tell_searched(LeaverCounters const* counters, std::uint32_t most,
+                                     std::uint32_t const* born, Changes changes, std::uint32_t blocks,
+                                     Searched* searched)
 {
     std::uint32_t const b = blockIdx.x * blockDim.x + threadIdx.x;
     bool const holds = b < blocks && changes.block_stay[b] + changes.block_arrived[b] > 0;
@@ -65,7 +67,16 @@ static __global__ void tell_searched(LeaverCounters const* counters, std::uint32
     if (threadIdx.x % 32 == 0) atomicAdd(&searched->live, static_cast<std::uint32_t>(__popc(with_me)));
     if (b > 0) return;
     searched->leavers = counters->outgoing;
+    searched->lacks_room = counters->outgoing > most;
     searched->births = *born;
+}
+
+/// Tells the host the first words of what each device has told; called by a group of threads for each.
+static __global__ void tell_heads(unsigned char const* told, std::size_t stride, std::size_t words,
+                                  std::uint32_t* host)
+{
+    auto const* const from = reinterpret_cast<std::uint32_t const*>(told + blockIdx.x * stride);
+    for (std::size_t i = threadIdx.x; i < words; i += blockDim.x) host[blockIdx.x * words + i] = from[i];
 }
 
 /// Leavers, of which those from `first` on came from other devices.
@@ -135,20 +146,45 @@ __global__ void note_strays(Stray const* strays, std::uint32_t count, Leavers<Nu
         contributions[i * channels + c] = leavers.contribution[stray.leaver * channels + c];
 }
 
-/// Copies listed elements of an array.
-template <class T>
-__global__ void pick_listed(T const* from, std::uint32_t const* listed, std::uint32_t count, T* to)
+/// Arrays that are copied at once, each from place to place in elements of its own size.
+struct CopiedArrays
 {
-    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
-    if (i < count) to[i] = from[listed[i]];
-}
-/// Moves listed elements of an array, as many as `count` says.
-template <class T>
-__global__ void move_listed(T* values, std::uint32_t const* from, std::uint32_t const* to,
-                            std::uint32_t const* count)
+    static constexpr unsigned most = 32;
+    struct Of
+    {
+        unsigned char const* from;
+        unsigned char* to;
+        std::uint32_t bytes; ///< of an element
+    };
+    Of of[most];
+};
+
+/// Which elements: listed ones, or as they come if there is no list.
+struct CopiedPlaces
 {
-    std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x;
-    if (i < *count) values[to[i]] = values[from[i]];
+    std::uint32_t const *from, *to;
+    std::uint32_t const* count; ///< null: all for which there are threads
+    std::uint32_t most;
+};
+
+/// Copies elements of all arrays, with `groups` groups of threads for each.
+static __global__ void copy_elements(CopiedArrays arrays, CopiedPlaces places, unsigned groups)
+{
+    CopiedArrays::Of const& array = arrays.of[blockIdx.x / groups];
+    std::uint32_t const i = blockIdx.x % groups * blockDim.x + threadIdx.x;
+    if (i >= (places.count != nullptr ? *places.count : places.most)) return;
+    std::size_t const from = places.from != nullptr ? places.from[i] : i,
+                      to = places.to != nullptr ? places.to[i] : i;
+    auto const copy = [&]<class Word>(Word) {
+        std::uint32_t const words = array.bytes / sizeof(Word);
+        for (std::uint32_t w = 0; w < words; ++w)
+            reinterpret_cast<Word*>(array.to)[to * words + w] =
+                reinterpret_cast<Word const*>(array.from)[from * words + w];
+    };
+    if (array.bytes % 4 == 0)
+        copy(std::uint32_t{});
+    else
+        copy(std::uint8_t{});
 }
 /// Numbers elements from `first` on.
 static __global__ void number_from(std::uint32_t first, std::uint32_t count, std::uint32_t* to)

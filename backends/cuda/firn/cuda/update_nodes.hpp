@@ -173,16 +173,16 @@ private:
     ValuesInPlace<GridType> values_;
 };
 
-/// Calls a phase for node i of all, whose values it reads and sets where they lie.
+/// Calls a phase for node i of all, in block n, whose values it reads and sets where they lie.
 template <class GridType, class Phase, class Blocks, int d>
 __device__ __forceinline__ void update_in_place(Phase const& phase, typename GridType::View const& grid,
-                                                [[maybe_unused]] Blocks const& blocks, std::size_t i,
-                                                Coordinates<d> const& here, Coordinates<d> const& node,
-                                                typename Phase::Result& result)
+                                                [[maybe_unused]] Blocks const& blocks, std::uint32_t n,
+                                                std::size_t i, Coordinates<d> const& here,
+                                                Coordinates<d> const& node, typename Phase::Result& result)
 {
     bool any = AsksNoSums<Phase> || TakesZeroSums<Phase>;
     typename GridType::Sums sums{};
-    if constexpr (!AsksNoSums<Phase>) sums = sum_of_tiles<GridType, d>(grid, blockIdx.x, here, any);
+    if constexpr (!AsksNoSums<Phase>) sums = sum_of_tiles<GridType, d>(grid, n, here, any);
     ValuesInPlace<GridType> const values(grid, i);
     if constexpr (!KeepsValues<Phase>)
         for (int c = 0; c < GridType::values_count + GridType::ungathered; ++c) values.set(c, 0);
@@ -268,27 +268,28 @@ __global__ void __launch_bounds__(block_threads)
     if (signal.stops()) return;
 #pragma unroll
     for (int layer = 0; layer < GridType::layers; ++layer) to_forget[layer].forget(blockIdx.x);
-    if (!grid.shows(blockIdx.x)) return;
+    std::uint32_t const n = grid.block(blockIdx.x);
+    if (!grid.shows(n)) return;
     using Shape = typename GridType::Shape;
     constexpr int d = Phase::d;
     Coordinates<d> here;
     int place = int(threadIdx.x);
     for (int a = d - 1; a >= 0; --a, place /= Shape::extent) here[a] = place % Shape::extent;
 
-    Coordinates<d> const node = block_of_key<d>(grid.keys[blockIdx.x]) * int{Shape::extent} + here -
+    Coordinates<d> const node = block_of_key<d>(grid.keys[n]) * int{Shape::extent} + here -
                                 Coordinates<d>::Constant(int{GridType::reach});
-    std::size_t const i = std::size_t(blockIdx.x) * Shape::cells + threadIdx.x;
+    std::size_t const i = std::size_t(n) * Shape::cells + threadIdx.x;
     typename Phase::Result result{};
     if constexpr (TellsLayersApart<Phase>) {
-        NodeOfLayers<GridType, d> lane(grid, blocks, blockIdx.x, here, node);
+        NodeOfLayers<GridType, d> lane(grid, blocks, n, here, node);
         if (lane.has_any()) phase(lane, result);
         lane.write(i);
     }
     else if constexpr (GridType::ungathered > 0)
-        update_in_place<GridType>(phase, grid, blocks, i, here, node, result);
+        update_in_place<GridType>(phase, grid, blocks, n, i, here, node, result);
     else {
         bool any = false, alone = false;
-        typename GridType::Sums const sums = sum_of_tiles<GridType, d>(grid, blockIdx.x, here, any);
+        typename GridType::Sums const sums = sum_of_tiles<GridType, d>(grid, n, here, any);
         typename GridType::Values& values = grid.node_values[i];
         if constexpr (Phase::looks_around) {
             auto const walls = phase.walls();
@@ -306,7 +307,7 @@ __global__ void __launch_bounds__(block_threads)
         }
     }
     __shared__ __align__(16) unsigned char parts[2 * sizeof(typename Phase::Result)];
-    results.take(result, reinterpret_cast<typename Phase::Result*>(parts));
+    results.take(result, reinterpret_cast<typename Phase::Result*>(parts), n);
 }
 
 } // namespace firn::cuda::detail

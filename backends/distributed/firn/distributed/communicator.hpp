@@ -38,15 +38,18 @@ concept Communicator = std::copy_constructible<C> &&
     communicator.abort(why); // this rank cannot go on
 };
 
-/// A communicator that also sends what lies on devices, without the host: `exchange_on_device(stream, to,
-/// from)` queues it behind what is in the stream of a device, and returns at once. Both ranks of a message
-/// know how long it is; those between two ranks are in the same order on both. Other communicators get copies
-/// in the host's memory.
+/// A communicator that also sends what lies on devices, without the host: its calls queue that behind what is
+/// in the stream of a device, and return at once. `exchange_on_device(stream, to, from)` sends messages and
+/// receives others: both ranks of a message know how long it is, and those between two ranks are in the same
+/// order on both. `gather_on_device(stream, own, bytes, all)` lets all ranks have what each has, as many
+/// bytes of each, by rank. Other communicators get copies in the host's memory.
 template <class C, class Stream>
 concept DeviceCommunicator = Communicator<C> &&
-    requires(C const communicator, Stream const& stream, std::span<DeviceMessage const> messages)
+    requires(C const communicator, Stream const& stream, std::span<DeviceMessage const> messages,
+             void const* own, std::size_t bytes, void* all)
 {
     communicator.exchange_on_device(stream, messages, messages);
+    communicator.gather_on_device(stream, own, bytes, all);
 };
 
 } // namespace firn

@@ -18,16 +18,49 @@ class DeviceExchange
 public:
     explicit DeviceExchange(cuda::Queue const& queue) : queue_(queue), out_(queue), in_(queue) {}
 
+    /// Whether a communicator does so without the host, and in any stream.
+    template <class C>
+    static constexpr bool is_on_device = DeviceCommunicator<C, cudaStream_t>;
+
     template <class C>
     void operator()(C const& communicator, std::span<DeviceMessage const> to,
                     std::span<DeviceMessage const> from)
     {
-        if constexpr (DeviceCommunicator<C, cudaStream_t>) {
-            cuda::OnDevice const here(queue_);
-            communicator.exchange_on_device(queue_.stream, to, from);
+        in(queue_, communicator, to, from);
+    }
+    /// The same in another queue of the device; if the host takes part, in its own.
+    template <class C>
+    void in(cuda::Queue const& queue, C const& communicator, std::span<DeviceMessage const> to,
+            std::span<DeviceMessage const> from)
+    {
+        if constexpr (is_on_device<C>) {
+            cuda::OnDevice const here(queue);
+            communicator.exchange_on_device(queue.stream, to, from);
         }
         else
             by_host(communicator, to, from);
+    }
+
+    /// Lets each rank have what all of them have, as many bytes of each, one rank's behind the other's.
+    template <class C>
+    void gather(C const& communicator, unsigned char const* own, std::size_t bytes, unsigned char* all)
+    {
+        if constexpr (is_on_device<C>) {
+            cuda::OnDevice const here(queue_);
+            communicator.gather_on_device(queue_.stream, own, bytes, all);
+        }
+        else {
+            auto* const out = out_.as<unsigned char>(bytes);
+            cuda::copy_queued(queue_, out, own, bytes);
+            queue_.wait();
+            Parcel parcel(bytes);
+            std::memcpy(parcel.data(), out, bytes);
+            auto const came = communicator.all_gather(parcel);
+            auto* const in = in_.as<unsigned char>(bytes * came.size());
+            for (std::size_t rank = 0; rank < came.size(); ++rank)
+                std::memcpy(in + rank * bytes, came[rank].data(), bytes);
+            cuda::copy_queued(queue_, all, static_cast<unsigned char const*>(in), bytes * came.size());
+        }
     }
 
 private:

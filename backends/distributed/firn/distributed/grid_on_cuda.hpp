@@ -3,6 +3,7 @@
 
 #include <firn/cuda/grid.hpp>
 #include <firn/cuda/parts_of_tiles.hpp>
+#include <firn/cuda/side_queue.hpp>
 #include <firn/cuda/tuning.hpp>
 #include <firn/distributed/exchange_on_cuda.hpp>
 #include <firn/distributed/grid.hpp>
@@ -40,6 +41,7 @@ class Grid<cuda::Grid<Number, d, degree, sums, values, layer_count, own_values, 
     using Part = cuda::detail::PartOfTile<d>;
     using PartsOfRanks = std::vector<std::vector<Part>>;
     using Orders = std::array<Order*, std::size_t(layer_count)>;
+    using CommunicatorType = std::remove_cvref_t<decltype(std::declval<Order&>().communicator())>;
     static constexpr std::size_t count_of_layers = std::size_t(layer_count);
 
 public:
@@ -49,16 +51,20 @@ public:
     /// The nodes as loops see them, which leave alone those that are not shown.
     struct View : Local::View
     {
-        unsigned char const* kind; ///< per block of nodes: 1 if this rank has its results, 2 if another one
-                                   ///< has them, and 0 if no cell of this rank is above it
+        unsigned char const* kind; ///< per block of nodes: see kind_of_nodes
         unsigned char shown;
+        std::uint32_t const* list; ///< of blocks, or null: all
         __device__ bool shows(std::uint32_t block) const { return (kind[block] & shown) != 0; }
+        __device__ std::uint32_t block(std::uint32_t group) const { return list ? list[group] : group; }
     };
 
     template <class Backend>
     explicit Grid(Backend const& backend, Periods<d> const& periods = {})
-        : Local(backend, periods), queue_(backend.queue()), kinds_(backend), found_by_nodes_(queue_),
-          of_other_nodes_(queue_), exchange_(queue_)
+        : Local(backend, periods), queue_(backend.queue()), lists_{cuda::Array<std::uint32_t>(queue_),
+                                                                   cuda::Array<std::uint32_t>(queue_),
+                                                                   cuda::Array<std::uint32_t>(queue_)},
+          kinds_(backend), borders_(queue_), counts_(queue_), found_by_nodes_(queue_),
+          of_other_nodes_(queue_), exchange_(queue_), side_(queue_)
     {
         bool const are_more = backend.communicator.size() > 1;
         if (are_more) this->node_results().keep_apart();
@@ -74,10 +80,15 @@ public:
 
     View view() const
     {
+        namespace kind = cuda::detail::kind_of_nodes;
         return {Local::view(), kinds_.data(),
-                static_cast<unsigned char>(shown_ == Nodes::all   ? 3
-                                           : shown_ == Nodes::own ? 1
-                                                                  : 2)};
+                static_cast<unsigned char>((shown_ == Nodes::others ? 0 : kind::own) |
+                                           (shown_ == Nodes::own ? 0 : kind::others)),
+                list_ < 0 ? nullptr : lists_[static_cast<std::size_t>(list_)].data()};
+    }
+    std::uint32_t groups() const
+    {
+        return list_ < 0 ? this->node_blocks() : listed_[static_cast<std::size_t>(list_)];
     }
 
     /// See the primary template.
@@ -138,15 +149,35 @@ public:
         Local::swap();
         are_old_ = true;
     }
-    void show(Nodes which) { shown_ = which; }
+    /// Which nodes loops update: at the borders to other ranks' cells, or elsewhere.
+    enum class Where
+    {
+        anywhere,
+        inside,
+        at_borders
+    };
+    void show(Nodes which, Where where = Where::anywhere)
+    {
+        shown_ = which;
+        list_ = -1;
+        if (which == Nodes::others)
+            list_ = 2;
+        else if (which == Nodes::own && where != Where::anywhere)
+            list_ = where == Where::inside ? 0 : 1;
+    }
 
     /// See the primary template.
     void exchange(Orders const& orders, int distance)
     {
+        if (begin_exchange(orders, distance)) end_exchange();
+    }
+    /// Begins it, if there is anything to exchange; nodes at borders have to wait until it has ended.
+    bool begin_exchange(Orders const& orders, int distance)
+    {
         std::array<std::uint64_t, count_of_layers> ownership;
         for (std::size_t l = 0; l < count_of_layers; ++l) ownership[l] = orders[l]->ownership();
         bool const others = ownership != ownership_ || distance > looks_;
-        if (!are_old_ && !others) return;
+        if (!are_old_ && !others) return false;
         cuda::OnDevice const here(queue_);
         communicator_ = &orders[0]->communicator();
         if (others) {
@@ -154,16 +185,26 @@ public:
             looks_ = std::max(distance, looks_);
             find_borders(orders);
         }
+        are_old_ = false;
         std::vector<DeviceMessage> to, from;
         for (std::size_t l = 0; l < count_of_layers; ++l) {
-            copy(l, sent_[l], true, leave_[l]);
             sent_[l].add_messages(to, leave_[l]);
             came_[l].add_messages(from, arrive_[l]);
         }
-        exchange_(*communicator_, to, from);
-        for (std::size_t l = 0; l < count_of_layers; ++l) copy(l, came_[l], false, arrive_[l]);
-        are_old_ = false;
+        // where the host takes part, all ranks do
+        if (exchanges_beside && to.empty() && from.empty()) return false;
+        cuda::Queue const beside = exchanges_beside ? side_.begin() : queue_;
+        for (std::size_t l = 0; l < count_of_layers; ++l) copy(l, sent_[l], true, leave_[l], beside);
+        exchange_.in(beside, *communicator_, to, from);
+        for (std::size_t l = 0; l < count_of_layers; ++l) copy(l, came_[l], false, arrive_[l], beside);
+        return true;
     }
+    void end_exchange()
+    {
+        if constexpr (exchanges_beside) side_.end();
+    }
+    /// Whether loops may run meanwhile.
+    static constexpr bool exchanges_beside = DeviceExchange::is_on_device<CommunicatorType>;
 
     /// What the nodes have found in the last loop that did not leave out those of which this rank has
     /// results.
@@ -217,7 +258,7 @@ public:
 
     std::size_t memory() const
     {
-        std::size_t bytes = Local::memory() + kinds_.memory() + found_by_nodes_.memory();
+        std::size_t bytes = Local::memory() + kinds_.memory() + borders_.memory() + found_by_nodes_.memory();
         for (auto const& of : found_by_items_) bytes += of.memory();
         for (auto const* const packed : {&leave_, &arrive_})
             for (auto const& of_layer : *packed) bytes += of_layer.memory();
@@ -230,6 +271,8 @@ private:
     {
         cuda::Array<Part> there;
         std::vector<std::size_t> begin{0}; ///< by rank: where its nodes begin among all
+        PartsOfRanks of_ranks{};           ///< as they are listed
+        std::vector<Part> all{};           ///< the same, one rank's behind the other's
 
         explicit Parts(cuda::Queue const& queue) : there(queue) {}
         /// Adds what goes to each rank, or comes from it; `packed` are all parts.
@@ -241,9 +284,16 @@ private:
                     to.push_back({static_cast<int>(r), reinterpret_cast<std::byte*>(packed.data() + begin[r]),
                                   (begin[r + 1] - begin[r]) * sizeof(Sums)});
         }
-        void set(PartsOfRanks const& of_ranks)
+        /// Of so many ranks, of which none has parts yet. Keeps the room of their lists.
+        void clear(std::size_t ranks)
         {
-            std::vector<Part> all;
+            of_ranks.resize(ranks);
+            for (auto& of_rank : of_ranks) of_rank.clear();
+        }
+        /// What has been listed.
+        void set()
+        {
+            all.clear();
             begin.assign(1, 0);
             for (auto const& of_rank : of_ranks) {
                 begin.push_back(begin.back());
@@ -256,83 +306,98 @@ private:
             there.renew(all.size());
             there.upload(0, all);
         }
-        void set_all(std::vector<Part> const& all) { set({1, all}); }
+        void set_all(std::vector<Part> const& whole_tiles)
+        {
+            of_ranks.assign(1, whole_tiles);
+            set();
+        }
     };
 
     void copy(std::size_t layer, Parts const& parts, bool packs, cuda::Array<Sums>& packed)
     {
         packed.renew(parts.begin.back());
+        copy(layer, parts, packs, packed, queue_);
+    }
+    /// The same in another queue, where there is room for them.
+    void copy(std::size_t layer, Parts const& parts, bool packs, cuda::Array<Sums>& packed,
+              cuda::Queue const& in)
+    {
         if (parts.there.size() == 0) return;
-        cuda::OnDevice const here(queue_);
-        cuda::launch_after("copy_parts", queue_, cuda::detail::copy_parts<TileShape, Sums, d>,
+        cuda::OnDevice const here(in);
+        cuda::launch_after("copy_parts", in, cuda::detail::copy_parts<TileShape, Sums, d>,
                            static_cast<unsigned>(parts.there.size()), 64, parts.there.data(), packs,
                            this->tiles(layer).data(), packed.data());
     }
 
-    /// The numbers of the blocks of cells above each block of nodes, by layer and corner.
-    using Above = std::array<std::vector<std::uint32_t>, count_of_layers>;
+    using Border = cuda::detail::BorderBlock<layer_count, Local::corners>;
 
     /// Finds out which nodes are updated here, and which parts of tiles ranks swap for it.
     void find_borders(Orders const& orders)
     {
-        Above cover;
-        for (std::size_t l = 0; l < count_of_layers; ++l) {
-            cover[l].resize(std::size_t(this->node_blocks()) * Local::corners);
-            this->covered_by(l).download(0, cover[l]);
-        }
         auto const ranks = static_cast<std::size_t>(communicator_->size());
-        std::array<PartsOfRanks, count_of_layers> sent, came;
-        for (auto* const of : {&sent, &came}) of->fill(PartsOfRanks(ranks));
-        std::vector<unsigned char> kinds(this->node_blocks(), 0);
-        std::vector<int> above; // the ranks whose cells are above a block of nodes
-        for (std::size_t n = 0; n < kinds.size(); ++n) {
-            above.clear();
-            if (is_of_one_rank(cover, n, orders, kinds[n])) continue;
-            for_each_above(cover, n, [&](std::size_t l, int, std::uint32_t block) {
-                int const owner = orders[l]->owners()[block];
-                if (std::ranges::find(above, owner) == above.end()) above.push_back(owner);
-            });
-            int const rank = communicator_->rank();
-            if (std::ranges::find(above, rank) == above.end()) continue;
-            kinds[n] = above[0] == rank ? 1 : 2; // results are those of the rank that has the first block
-            if (above.size() == 1 || looks_ > 1) continue;
-            for_each_above(cover, n, [&](std::size_t l, int corner, std::uint32_t block) {
-                int const owner = orders[l]->owners()[block];
-                if (owner != rank)
-                    came[l][std::size_t(owner)].push_back(part_of(block, corner));
-                else
-                    for (int const other : above)
-                        if (other != rank) sent[l][std::size_t(other)].push_back(part_of(block, corner));
-            });
-        }
+        for (auto* const all : {&sent_, &came_})
+            for (Parts& parts : *all) parts.clear(ranks);
+        auto const borders = list_borders(orders);
+        if (looks_ <= 1)
+            for (Border const& border : borders) list_parts(border, orders);
         for (std::size_t l = 0; l < count_of_layers; ++l) {
-            if (looks_ > 1) list_whole(*orders[l], sent[l], came[l]);
-            sent_[l].set(sent[l]);
-            came_[l].set(came[l]);
+            if (looks_ > 1) list_whole(*orders[l], sent_[l].of_ranks, came_[l].of_ranks);
+            sent_[l].set();
+            came_[l].set();
         }
-        kinds_.renew(kinds.size());
-        kinds_.upload(0, kinds);
     }
-    /// Whether all cells above a block of nodes are one rank's, which is most often so; `kind` is 1 then if
-    /// it is this one.
-    bool is_of_one_rank(Above const& cover, std::size_t n, Orders const& orders, unsigned char& kind) const
+    /// The blocks of nodes at borders, in their order.
+    std::vector<Border> list_borders(Orders const& orders)
     {
-        int first = -1;
-        bool is_one = looks_ <= 1;
-        for_each_above(cover, n, [&](std::size_t l, int, std::uint32_t block) {
+        std::uint32_t const blocks = this->node_blocks();
+        kinds_.renew(blocks);
+        listed_ = {};
+        if (blocks == 0) return {};
+        cuda::detail::BlocksAbove<layer_count> above{};
+        for (std::size_t l = 0; l < count_of_layers; ++l) {
+            above.covered_by[l] = this->covered_by(l).data();
+            above.owners[l] = orders[l]->owners_there();
+        }
+        borders_.renew(blocks);
+        for (auto& list : lists_) list.renew(blocks);
+        counts_.renew(listed_.size());
+        counts_.fill_bytes(0, listed_.size(), 0);
+        cuda::launch_after(
+            "find_borders", queue_, cuda::detail::find_borders<layer_count, Local::corners>,
+            cuda::groups_of(blocks, 128), 128, above, blocks,
+            static_cast<std::uint32_t>(communicator_->rank()), kinds_.data(),
+            cuda::detail::ListsOfNodes{counts_.data(), lists_[0].data(), lists_[1].data(), lists_[2].data()},
+            borders_.data());
+        counts_.download(0, listed_);
+        std::vector<Border> listed(listed_[3]);
+        borders_.download(0, listed);
+        std::ranges::sort(listed, {}, &Border::node_block);
+        return listed;
+    }
+    /// Lists the parts of tiles that ranks swap for a block of nodes: each sends its own to all others.
+    void list_parts(Border const& border, Orders const& orders)
+    {
+        int const rank = communicator_->rank();
+        std::vector<int> others; // the other ranks whose cells are above it
+        for_each_above(border, [&](std::size_t l, int, std::uint32_t block) {
             int const owner = orders[l]->owners()[block];
-            if (first < 0) first = owner;
-            is_one = is_one && owner == first;
+            if (owner != rank && std::ranges::find(others, owner) == others.end()) others.push_back(owner);
         });
-        if (is_one) kind = first == communicator_->rank();
-        return is_one;
+        for_each_above(border, [&](std::size_t l, int corner, std::uint32_t block) {
+            int const owner = orders[l]->owners()[block];
+            if (owner != rank)
+                came_[l].of_ranks[std::size_t(owner)].push_back(part_of(block, corner));
+            else
+                for (int const other : others)
+                    sent_[l].of_ranks[std::size_t(other)].push_back(part_of(block, corner));
+        });
     }
     template <class Use>
-    static void for_each_above(Above const& cover, std::size_t n, Use const& use)
+    static void for_each_above(Border const& border, Use const& use)
     {
         for (std::size_t l = 0; l < count_of_layers; ++l)
             for (int corner = 0; corner < Local::corners; ++corner) {
-                auto const block = cover[l][n * Local::corners + std::size_t(corner)];
+                auto const block = border.above[l * Local::corners + std::size_t(corner)];
                 if (block != cuda::absent) use(l, corner, block);
             }
     }
@@ -375,19 +440,24 @@ private:
     }
 
     cuda::Queue queue_;
-    typename std::remove_cvref_t<decltype(std::declval<Order&>().communicator())> const* communicator_ =
-        nullptr;
+    CommunicatorType const* communicator_ = nullptr;
     std::array<std::uint64_t, count_of_layers> ownership_{}; ///< of the orders, see CellOrder::ownership
     int looks_ = 0;
     Nodes shown_ = Nodes::all;
+    int list_ = -1;                                   ///< the list of those, or -1
+    std::array<cuda::Array<std::uint32_t>, 3> lists_; ///< of blocks of nodes: see ListsOfNodes
+    std::array<std::uint32_t, 4> listed_{};           ///< how many there are in each, and at borders
     bool are_old_ = true;
     std::vector<Parts> sent_, came_; ///< by layer
     cuda::Array<unsigned char> kinds_;
+    cuda::Array<Border> borders_; ///< blocks of nodes at borders
+    cuda::Array<std::uint32_t> counts_;
     std::vector<cuda::Array<Sums>> leave_, arrive_; ///< by layer: parts of tiles, one behind the other
     cuda::ResultsOfDevices found_by_nodes_;
     std::vector<cuda::ResultsOfDevices> found_by_items_; ///< by layer
     cuda::Results of_other_nodes_;                       ///< they are other ranks'
     DeviceExchange exchange_;
+    cuda::SideQueue side_;
 };
 
 } // namespace firn::distributed

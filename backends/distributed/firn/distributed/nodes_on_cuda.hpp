@@ -2,6 +2,7 @@
 #pragma once
 
 #include <firn/cuda/grid.hpp>
+#include <firn/cuda/parts_of_tiles.hpp>
 #include <firn/distributed/grid.hpp>
 #include <firn/distributed/near_ranks.hpp>
 #include <firn/grid/lattice.hpp>
@@ -27,10 +28,13 @@ struct BlocksOf<cuda::Grid<Number, d, degree_, sums, values, layers, own_values,
     }
 };
 
-/// What a rank has of the nodes of a block, by the kind of the block: see the View of the grid.
+/// What a rank has of the nodes of a block, by the kind of the block.
 __host__ __device__ inline NodeShare share_of_kind(unsigned char kind)
 {
-    return (kind & 1) != 0 ? NodeShare::results : (kind & 2) != 0 ? NodeShare::values : NodeShare::none;
+    namespace of = cuda::detail::kind_of_nodes;
+    return (kind & of::own) != 0      ? NodeShare::results
+           : (kind & of::others) != 0 ? NodeShare::values
+                                      : NodeShare::none;
 }
 
 /// What a rank has of nodes by their indices, `cells` of them in each block.

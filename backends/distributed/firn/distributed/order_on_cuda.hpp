@@ -46,13 +46,14 @@ public:
     {
         unsigned char const* here; ///< per block: 1 if this rank has it
         __device__ bool has(std::uint32_t block) const { return here[block] != 0; }
+        static constexpr bool forgets_incoming = true; // into other ranks' blocks none ever come
     };
 
     template <class Backend>
     explicit CellOrder(Backend const& backend, Periods<d> const& periods = {})
         : Local(backend, periods), communicator_(backend.communicator), partition_(backend.partition),
           here_(backend), strays_(backend), search_(backend), owners_(backend), told_(backend.queue()),
-          count_(backend), list_(backend), swap_(backend.queue()), origins_(backend)
+          shared_(backend.queue()), count_(backend), list_(backend), swap_(backend.queue()), origins_(backend)
     {}
 
     C const& communicator() const { return communicator_; }
@@ -65,6 +66,7 @@ public:
     /// Of all blocks.
     std::span<std::uint64_t const> keys() const { return of_all_.keys(); }
     std::span<int const> owners() const { return of_all_.owners(); }
+    std::uint32_t const* owners_there() const { return owners_.data(); } ///< on the device
     /// Changes whenever these do.
     std::uint64_t ownership() const { return of_all_.version(); }
     bool has(std::size_t block) const { return owners()[block] == communicator_.rank(); }
@@ -86,13 +88,15 @@ public:
 
     void insert(Coordinates<d> const* cells, std::size_t count, std::uint32_t first)
     {
-        Local::insert(cells, count, first, [&] { return births_of_all_ranks(); });
+        Local::insert(cells, count, first, [&] { return births_of_all_ranks(this->set_.births()); });
         find_owners();
         all_ = sum_of_ranks(communicator_, this->size());
+        knows_live_here_ = false;
     }
     void erase(unsigned char const* gone, std::uint32_t const* place, std::size_t kept)
     {
         Local::erase(gone, place, kept);
+        knows_live_here_ = false;
         all_ = sum_of_ranks(communicator_, this->size());
     }
 
@@ -104,87 +108,70 @@ public:
         to.at_once = false;
         return to;
     }
-    /// Incoming items are forgotten before items move.
+    /// Incoming items are forgotten as items move.
     cuda::detail::ArrivalsToForget forget_incoming_on_the_way(std::uint32_t)
     {
         return {this->changes(), 0, this->leavers_.counters.data()};
     }
-    /// Queues the search for the new cells of items that have moved, and what it tells the host. The loop
-    /// that moves items does not search, since it does not know which blocks are here.
-    void search()
+    typename Local::Leavers expect_outgoing(int channels)
     {
-        searched_ = {};
+        this->may_have_arrived_ = false;
+        auto const leavers = Local::expect_outgoing(channels);
+        this->leavers_.counters.fill_bytes(0, 1, 0);
+        return leavers;
+    }
+    /// Queues the search for the new cells of items that have moved, which tells at `to` what SearchOfRanks
+    /// has of a rank; zero before. The loop that moves items does not search, since it does not know which
+    /// blocks are here.
+    void search(std::uint32_t* to)
+    {
         if (this->blocks() == 0) return;
         cuda::OnDevice const here(this->queue_);
         strays_.renew(this->leavers_.most);
-        std::size_t const words = words_of_search();
-        search_.renew(words);
-        search_.fill_bytes(0, words, 0);
-        auto* const searched = reinterpret_cast<Searched*>(search_.data());
+        auto* const searched = reinterpret_cast<Searched*>(to);
         cuda::launch_after("find_cells_here", this->queue_, cuda::detail::find_cells_here<d, Number>,
                            cuda::groups_of(this->leavers_.most, 256), 256, this->leavers(), destinations(),
                            owners_.data(), static_cast<std::uint32_t>(communicator_.rank()), strays_.data(),
-                           searched, search_.data() + words_of_searched);
+                           searched, to + SearchOfRanks::words_of_searched);
         cuda::launch_after("tell_searched", this->queue_, cuda::detail::tell_searched,
                            cuda::groups_of(this->blocks(), 128), 128, this->leavers_.counters.data(),
-                           this->set_.born_count(), this->changes(), this->blocks(), searched);
-        cuda::copy_queued(this->queue_, told_.as<std::uint32_t>(words), search_.data(), words);
+                           static_cast<std::uint32_t>(this->leavers_.most), this->set_.born_count(),
+                           this->changes(), this->blocks(), searched);
     }
-    /// Called when the host has waited: appends what this rank has found.
-    void put_searched(Parcel& to)
+    /// Reads what all ranks have found, which was shared by the first order of cells; returns whether all had
+    /// room for their leavers. If not, makes it.
+    bool hear(CellOrder const& first, std::size_t number)
     {
-        read_searched();
-        put(to, searched_);
-        put(to, static_cast<std::uint32_t>(searched_.leavers > this->leavers_.most));
-        put(to, leaving_.data(), leaving_.size());
-    }
-    /// Reads what all ranks have found; returns whether all had room for their leavers. If not, makes it.
-    bool hear(std::vector<Reader>& told)
-    {
-        live_ = strays_of_all_ = births_ = 0;
-        bool had_room = true;
-        coming_.clear();
-        for (Reader& of_rank : told) {
-            auto const searched = of_rank.template get<Searched>();
-            had_room = of_rank.template get<std::uint32_t>() == 0 && had_room;
-            live_ += searched.live;
-            strays_of_all_ += searched.strays;
-            births_ += searched.births;
-            std::vector<std::uint32_t> leaving(told.size());
-            of_rank.get(leaving.data(), leaving.size());
-            coming_.push_back(leaving[static_cast<std::size_t>(communicator_.rank())]);
-        }
-        live_is_known_ = true;
-        if (had_room) return true;
-        this->short_ = {1, searched_.leavers, 0, 0};
-        this->make_room();
-        return false;
+        return hear(first.shared_.search(number, communicator_.size()));
     }
     /// Creates the blocks that were missing on any rank; all leavers search again.
     void create_missing()
     {
         if (births_ == 0) return;
         cuda::OnDevice const here(this->queue_);
-        while (std::uint32_t const births = births_of_all_ranks()) {
+        std::size_t const words = SearchOfRanks::words(communicator_.size());
+        while (births_ > 0) {
             std::size_t const before = this->blocks();
-            this->add_blocks(births);
+            this->add_blocks(births_of_all_ranks(searched_.births));
             find_owners(before);
-            search();
-            this->queue_.wait();
-            read_searched();
+            search_.renew(words);
+            search_.fill_bytes(0, words, 0);
+            search(search_.data());
+            auto const all = of_all_ranks(communicator_, downloaded(search_, words));
+            hear({all.data(), words});
         }
-        Parcel own;
-        put_searched(own);
-        auto const all = communicator_.all_gather(own);
-        std::vector<Reader> told(all.begin(), all.end());
-        hear(told);
     }
 
-    /// See distributed::share_results.
+    /// See SharedResults.
     template <class Orders, class OfNodes, class OfItems>
-    bool share_results(Orders const& orders, OfNodes& of_nodes, OfItems& of_items) const
+    void share_results(Orders const& orders, OfNodes& of_nodes, OfItems& of_items, bool again)
     {
-        return distributed::share_results(communicator_, this->queue(), orders, of_nodes, of_items);
+        shared_.share(communicator_, orders, of_nodes, of_items, again);
+    }
+    template <class OfNodes, class OfItems>
+    bool had_room_for_results(OfNodes& of_nodes, OfItems& of_items)
+    {
+        return shared_.had_room(communicator_, of_nodes, of_items);
     }
 
     /// See the primary template.
@@ -241,18 +228,10 @@ public:
         if (strays_of_all_ > 0)
             swap_(communicator_, strays_, owners_.data(), this->leavers(), leaving_, coming_, fields);
         expect_arrivals(came, first);
-        std::size_t at = searched_.leavers;
-        auto const channels = static_cast<std::size_t>(this->channels_);
         swap_.unpack(coming_, first, fields,
-                     [&](std::size_t number, std::uint64_t const* origins, std::uint32_t const* cells,
-                         Number const* contributions) {
-                         std::size_t const before = at - searched_.leavers;
-                         cuda::copy_queued(this->queue_, origins_.data() + before, origins, number);
-                         cuda::copy_queued(this->queue_, list_.data() + before, cells, number);
-                         cuda::copy_queued(this->queue_, this->leavers_.contribution.data() + at * channels,
-                                           contributions, number * channels);
-                         at += number;
-                     });
+                     {origins_.data(), list_.data(),
+                      this->leavers_.contribution.data() +
+                          searched_.leavers * static_cast<std::size_t>(this->channels_)});
         let_in(came);
         std::uint32_t const gone = std::accumulate(leaving_.begin(), leaving_.end(), std::uint32_t{0});
         sort_in(first + came - gone, offset);
@@ -280,6 +259,14 @@ public:
                                    cuda::groups_of(count, 256), 256, where, count, first, place);
     }
 
+    /// What the items here weigh, as far as it is known without a look at them; -1 if it is not, which is so
+    /// on all ranks.
+    double weight_here() const
+    {
+        if (this->blocks() == 0) return 0;
+        return knows_live_here_ ? double(this->size()) + double(searched_.live) * Partition::weight_of_block
+                                : -1;
+    }
     void weigh(std::vector<Partition::Weight>& to)
     {
         if (this->blocks() == 0) return;
@@ -362,6 +349,7 @@ public:
         this->size_ = order.size();
         this->committed_ = false;
         searched_ = {};
+        knows_live_here_ = false;
         listed_ = 0;
         fill_holes(*this, gone_, next, static_cast<std::uint32_t>(this->size()), move);
     }
@@ -372,7 +360,8 @@ public:
 
     std::size_t memory() const
     {
-        return Local::memory() + here_.memory() + strays_.memory() + origins_.memory() + swap_.memory();
+        return Local::memory() + here_.memory() + strays_.memory() + origins_.memory() + swap_.memory() +
+               shared_.memory();
     }
 
 private:
@@ -380,7 +369,6 @@ private:
     using AllLeavers = cuda::detail::LeaversOfDevices<Number>;
     using Stray = cuda::detail::Stray;
     using Searched = cuda::detail::Searched;
-    static constexpr std::size_t words_of_searched = sizeof(Searched) / sizeof(std::uint32_t);
 
     /// An item that comes from another rank.
     struct Arrival
@@ -409,44 +397,66 @@ private:
         this->set_.download_keys(kept, keys);
         of_all_.set(kept, keys, [&](std::uint64_t key) { return owner(block_of_key<d>(key)); });
         auto const owners = this->owners().subspan(kept);
-        std::vector<unsigned char> here;
-        for (int const rank : owners) here.push_back(rank == communicator_.rank());
-        here_.resize(this->blocks());
-        here_.upload(kept, here);
-        std::vector<std::uint32_t> const ranks(owners.begin(), owners.end());
+        // the host has waited since these were copied last
+        auto* const told = told_.template as<std::uint32_t>(2 * owners.size());
+        auto* const here = reinterpret_cast<unsigned char*>(told + owners.size());
+        for (std::size_t b = 0; b < owners.size(); ++b) {
+            told[b] = static_cast<std::uint32_t>(owners[b]);
+            here[b] = owners[b] == communicator_.rank();
+        }
         owners_.resize(this->blocks());
-        owners_.upload(kept, ranks);
+        here_.resize(this->blocks());
+        cuda::copy_queued(this->queue_, owners_.data() + kept, static_cast<std::uint32_t const*>(told),
+                          owners.size());
+        cuda::copy_queued(this->queue_, here_.data() + kept, static_cast<unsigned char const*>(here),
+                          owners.size());
     }
 
     /// Lets all ranks request what any of them has; returns how many blocks that are, or more than there is
     /// room for.
-    std::uint32_t births_of_all_ranks()
+    std::uint32_t births_of_all_ranks(std::uint32_t own)
     {
-        std::uint32_t const own = this->set_.births();
         bool const lacks_room = !this->set_.has_room_for(own);
+        Parcel parcel;
+        put(parcel, lacks_room ? own : std::uint32_t{0});
         std::vector<std::uint64_t> keys;
         if (!lacks_room) keys = this->set_.requested(own);
-        if (sum_of_ranks(communicator_, own) == 0) return 0;
-        std::uint64_t const most = sum_of_ranks(communicator_, lacks_room ? own : 0);
+        put(parcel, keys.data(), keys.size());
+        keys.clear();
+        std::uint64_t most = 0;
+        for (Parcel const& of_rank : communicator_.all_gather(parcel)) {
+            Reader from(of_rank);
+            most += from.template get<std::uint32_t>();
+            while (!from.at_end()) keys.push_back(from.template get<std::uint64_t>());
+        }
         if (most > 0) return static_cast<std::uint32_t>(std::min<std::uint64_t>(most, std::uint32_t(-2)));
-        this->set_.want(of_all_ranks(communicator_, keys));
+        if (keys.empty()) return 0;
+        this->set_.want(keys);
         return this->set_.births();
     }
 
-    /// What a search tells, and how many strays go to each rank.
-    std::size_t words_of_search() const
+    bool hear(SearchOfRanks const& found)
     {
-        return words_of_searched + static_cast<std::size_t>(communicator_.size());
-    }
-    /// Reads what a search has told, when the host has waited.
-    void read_searched()
-    {
-        leaving_.assign(static_cast<std::size_t>(communicator_.size()), 0);
-        if (this->blocks() == 0) return;
-        auto const* const told = told_.template get<std::uint32_t>();
-        searched_ = *reinterpret_cast<Searched const*>(told);
-        if (searched_.leavers > this->leavers_.most) return;
-        std::copy_n(told + words_of_searched, leaving_.size(), leaving_.begin());
+        live_ = strays_of_all_ = births_ = 0;
+        bool had_room = true;
+        int const ranks = communicator_.size(), own = communicator_.rank();
+        leaving_.clear();
+        coming_.clear();
+        for (int rank = 0; rank < ranks; ++rank) {
+            Searched const& searched = found.of(rank);
+            had_room = had_room && searched.lacks_room == 0;
+            live_ += searched.live;
+            strays_of_all_ += searched.strays;
+            births_ += searched.births;
+            leaving_.push_back(found.leaving(own, rank));
+            coming_.push_back(found.leaving(rank, own));
+        }
+        searched_ = found.of(own);
+        live_is_known_ = knows_live_here_ = true;
+        if (had_room) return true;
+        this->short_ = {1, searched_.leavers, 0, 0};
+        this->make_room();
+        return false;
     }
     std::vector<Number> contributions_of(std::vector<Stray> const& strays)
     {
@@ -567,14 +577,15 @@ private:
     std::size_t all_ = 0;                                   ///< items of all ranks
     Searched searched_{};                                   ///< of the items that left their cells last
     std::size_t live_ = 0, births_ = 0, strays_of_all_ = 0; ///< the same of all ranks
-    bool live_is_known_ = false;
+    bool live_is_known_ = false, knows_live_here_ = false;
     std::uint32_t listed_ = 0;                           ///< leavers, and those that came from other ranks
     std::vector<std::uint32_t> gone_;                    ///< where items lay that have left for other ranks
     std::vector<std::uint32_t> begin_here_, order_here_; ///< copies, while blocks are handed over
     cuda::Array<unsigned char> here_;
     cuda::Array<Stray> strays_;
     cuda::Array<std::uint32_t> search_, owners_;
-    cuda::HostMemory told_;
+    cuda::HostMemory told_;                       ///< which ranks have blocks, on the way to the device
+    SharedResults shared_;                        ///< used of the first order of cells
     std::vector<std::uint32_t> leaving_, coming_; ///< how many strays go to each rank, and come from there
     cuda::Array<std::uint32_t> count_, list_;
     SwapOfItems<Number, d> swap_;

@@ -2,8 +2,9 @@
 #pragma once
 
 #include <firn/cuda/results_of_devices.hpp>
+#include <firn/cuda/strays.hpp>
 #include <firn/distributed/communicator.hpp>
-#include <firn/distributed/parcel.hpp>
+#include <firn/distributed/exchange_on_cuda.hpp>
 #include <firn/distributed/results_at_once.hpp>
 
 #include <algorithm>
@@ -14,51 +15,21 @@
 #include <type_traits>
 #include <vector>
 
-// What the loops of a step have found on the devices of all ranks becomes known to all of them, once a step.
+// What the loops of a step have found on the devices of all ranks becomes known to all of these, once a step
+// and behind what is queued. The host waits for it when it waits for the end of the step.
 namespace firn::distributed
 {
 
 /// What a loop has found on this device and, in the end, on those of all ranks.
-template <class Result>
+template <class ResultType>
 struct Found
 {
-    using Type = Result;
+    using Result = ResultType;
     cuda::Results* here = nullptr; ///< null if there was nothing to find
     cuda::ResultsOfDevices* all = nullptr;
-    unsigned char const* which = nullptr; ///< per group of threads: 1 if its result is this rank's
+    unsigned char const* which = nullptr; ///< per group of threads: odd if its result is this rank's
     cuda::Partial<Result> merged{};
 
-    void tell() const
-    {
-        if (here) all->template tell<Result>(*here, which);
-    }
-    void put_told(Parcel& to) const
-    {
-        if (!here) return;
-        auto const told = all->template told<Result>();
-        put(to, static_cast<std::uint64_t>(told.size()));
-        put(to, told.data(), told.size());
-    }
-    /// Merges what all ranks have told.
-    void merge(std::vector<Reader>& told)
-    {
-        if (!here) return;
-        std::vector<cuda::OfGroup<Result>> found(1, cuda::OfGroup<Result>{});
-        for (Reader& of_rank : told) {
-            auto const count = of_rank.template get<std::uint64_t>();
-            found[0].result.merge(of_rank.template get<cuda::OfGroup<Result>>().result);
-            std::size_t const before = found.size();
-            found.resize(before + count - 1);
-            of_rank.get(found.data() + before, count - 1);
-        }
-        auto const first =
-            std::find_if(found.begin() + 1, found.end(), [](auto const& of) { return of.group == 0; });
-        if (first != found.end()) { // what needs no place comes with the first group's
-            first->result.merge(found[0].result);
-            found.erase(found.begin());
-        }
-        merged = all->merge(here->count(), found);
-    }
     /// Merges what all ranks have found at once, for what needs it within the step. Waits for the loop.
     template <class C>
     void share(C const& communicator)
@@ -67,38 +38,132 @@ struct Found
     }
 };
 
-/// Called when the items of all orders have moved. Waits for what loops have found, and merges it with what
-/// those of all other ranks have. Returns false if a rank had no room for all of its leavers: items then have
-/// to move once more.
-template <class C, class Queue, class Order, std::size_t orders, class OfNodes, class... OfItems>
-bool share_results(C const& communicator, Queue const& queue, std::array<Order*, orders> const& cells,
-                   Found<OfNodes>& of_nodes, std::tuple<Found<OfItems>...>& of_items)
+/// What the search for new cells has found on each rank, and how many items it sends to each.
+class SearchOfRanks
 {
-    auto const for_each_loop = [&](auto const& use) {
-        use(of_nodes);
-        std::apply([&](auto&... of) { (use(of), ...); }, of_items);
-    };
-    bool const are_more = communicator.size() > 1;
-    if (are_more) for_each_loop([](auto const& found) { found.tell(); });
-    for (auto* const order : cells) order->search();
-    queue.wait();
-    Parcel own;
-    for (auto* const order : cells) order->put_searched(own);
-    if (are_more) for_each_loop([&](auto const& found) { found.put_told(own); });
-    auto const all = communicator.all_gather(own);
-    std::vector<Reader> told(all.begin(), all.end());
-    bool had_room = true;
-    for (auto* const order : cells) had_room = order->hear(told) && had_room;
-    if (!had_room) return false;
-    for_each_loop([&](auto& found) {
+public:
+    /// How many words one rank's is.
+    static std::size_t words(int ranks) { return words_of_searched + static_cast<std::size_t>(ranks); }
+
+    /// One rank's begins `stride` words behind the one before.
+    SearchOfRanks(std::uint32_t const* first, std::size_t stride) : first_(first), stride_(stride) {}
+
+    cuda::detail::Searched const& of(int rank) const
+    {
+        return *reinterpret_cast<cuda::detail::Searched const*>(at(rank));
+    }
+    std::uint32_t leaving(int rank, int to) const { return at(rank)[words_of_searched + std::size_t(to)]; }
+
+    static constexpr std::size_t words_of_searched = sizeof(cuda::detail::Searched) / sizeof(std::uint32_t);
+
+private:
+    std::uint32_t const* at(int rank) const { return first_ + static_cast<std::size_t>(rank) * stride_; }
+
+    std::uint32_t const* first_;
+    std::size_t stride_;
+};
+
+/// Shares the results of a step. Each rank tells as many bytes: at first, for each order of cells, what the
+/// search for new cells has found, and how many results of each loop are listed; then these.
+class SharedResults
+{
+public:
+    explicit SharedResults(cuda::Queue const& queue)
+        : queue_(queue), own_(queue), all_(queue), heads_(queue), exchange_(queue)
+    {}
+
+    /// Called when the items of all orders have moved: queues the search for their new cells, what this rank
+    /// tells, and merging what all have told. `again`: since more was listed than there was room for; new
+    /// cells have been found.
+    template <class C, class Order, std::size_t orders, class OfNodes, class... OfItems>
+    void share(C const& communicator, std::array<Order*, orders> const& cells, Found<OfNodes>& of_nodes,
+               std::tuple<Found<OfItems>...>& of_items, bool again)
+    {
+        cuda::OnDevice const here(queue_);
+        auto const ranks = static_cast<std::uint32_t>(communicator.size());
+        std::size_t const of_order = SearchOfRanks::words(communicator.size()), searches = orders * of_order,
+                          words = searches + 1 + sizeof...(OfItems);
+        std::size_t const head = (words * sizeof(std::uint32_t) + 15) / 16 * 16;
+        std::size_t bytes = head;
+        bool const are_more = ranks > 1;
         if (are_more)
-            found.merge(told);
-        else if (found.here)
-            found.merged =
-                found.here->template partial<typename std::remove_cvref_t<decltype(found)>::Type>();
-    });
-    for (auto* const order : cells) order->create_missing();
-    return true;
-}
+            for_each_loop(of_nodes, of_items, [&]<class Result>(Found<Result>& of, std::size_t) {
+                if (of.here) bytes += of.all->template bytes<Result>();
+            });
+        own_.resize(bytes, std::min(head, own_.size()));
+        auto* const told = reinterpret_cast<std::uint32_t*>(own_.data());
+        std::size_t const kept = again ? searches * sizeof(std::uint32_t) : 0;
+        own_.fill_bytes(kept, head - kept, 0);
+        std::size_t next = head;
+        if (are_more)
+            for_each_loop(of_nodes, of_items, [&]<class Result>(Found<Result>& of, std::size_t loop) {
+                if (!of.here) return;
+                of.all->template tell<Result>(*of.here, of.which, told + searches + loop, own_.data() + next);
+                next += of.all->template bytes<Result>();
+            });
+        if (!again)
+            for (std::size_t k = 0; k < orders; ++k) cells[k]->search(told + k * of_order);
+        unsigned char const* all = own_.data();
+        if (are_more) {
+            all_.renew(bytes * ranks);
+            exchange_.gather(communicator, own_.data(), bytes, all_.data());
+            all = all_.data();
+        }
+        next = head;
+        for_each_loop(of_nodes, of_items, [&]<class Result>(Found<Result>& of, std::size_t loop) {
+            if (!of.here) return;
+            if (!are_more) {
+                of.merged = of.here->template partial<Result>();
+                return;
+            }
+            auto const* const counts = reinterpret_cast<std::uint32_t const*>(all) + searches + loop;
+            of.merged = of.all->template merge<Result>(of.here->count(), ranks, counts, all + next, bytes);
+            next += of.all->template bytes<Result>();
+        });
+        words_ = words;
+        cuda::launch_after("tell_heads", queue_, cuda::detail::tell_heads, ranks, 64, all, bytes, words,
+                           heads_.as<std::uint32_t>(words * ranks));
+    }
+
+    /// Called when the host has waited, while all ranks have had room for their leavers: whether there was
+    /// room for all that was listed. There is if it is shared again.
+    template <class C, class OfNodes, class OfItems>
+    bool had_room(C const& communicator, Found<OfNodes>& of_nodes, OfItems& of_items)
+    {
+        if (communicator.size() == 1) return true;
+        bool had = true;
+        for_each_loop(of_nodes, of_items, [&](auto& of, std::size_t loop) {
+            if (!of.here) return;
+            std::vector<std::uint32_t> counts;
+            for (int rank = 0; rank < communicator.size(); ++rank)
+                counts.push_back(heads_.get<std::uint32_t>()[std::size_t(rank) * words_ + words_ -
+                                                             (1 + std::tuple_size_v<OfItems>)+loop]);
+            had = of.all->had_room(counts) && had;
+        });
+        return had;
+    }
+    /// What the search has found for an order of cells.
+    SearchOfRanks search(std::size_t order, int ranks) const
+    {
+        return {heads_.get<std::uint32_t>() + order * SearchOfRanks::words(ranks), words_};
+    }
+
+    std::size_t memory() const { return own_.memory() + all_.memory(); }
+
+private:
+    template <class OfNodes, class OfItems, class Use>
+    static void for_each_loop(OfNodes& of_nodes, OfItems& of_items, Use const& use)
+    {
+        use(of_nodes, std::size_t{0});
+        std::size_t loop = 0;
+        std::apply([&](auto&... of) { (use(of, ++loop), ...); }, of_items);
+    }
+
+    cuda::Queue queue_;
+    cuda::Array<unsigned char> own_, all_;
+    cuda::HostMemory heads_; ///< what each rank tells at first
+    std::size_t words_ = 0;  ///< of one rank
+    DeviceExchange exchange_;
+};
 
 } // namespace firn::distributed

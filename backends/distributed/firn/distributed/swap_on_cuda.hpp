@@ -15,6 +15,38 @@
 namespace firn::distributed
 {
 
+/// Copies elements of many arrays in few loops.
+class CopyOfArrays
+{
+public:
+    CopyOfArrays(cuda::Queue const& queue, cuda::detail::CopiedPlaces const& places)
+        : queue_(queue), places_(places)
+    {}
+    template <class T>
+    void add(T const* from, T* to, std::size_t each = 1)
+    {
+        arrays_.of[count_++] = {reinterpret_cast<unsigned char const*>(from),
+                                reinterpret_cast<unsigned char*>(to),
+                                static_cast<std::uint32_t>(each * sizeof(T))};
+        if (count_ == cuda::detail::CopiedArrays::most) start();
+    }
+    /// Queues what has been added.
+    void start()
+    {
+        unsigned const groups = cuda::groups_of(places_.most, 256);
+        if (count_ > 0 && groups > 0)
+            cuda::launch_after("copy_elements", queue_, cuda::detail::copy_elements, groups * count_, 256,
+                               arrays_, places_, groups);
+        count_ = 0;
+    }
+
+private:
+    cuda::Queue queue_;
+    cuda::detail::CopiedPlaces places_;
+    cuda::detail::CopiedArrays arrays_{};
+    unsigned count_ = 0;
+};
+
 /// Swaps the items that leave for other ranks' devices and come from there, without the host. A message has,
 /// for all of its items, what their new cells must know, then what they scatter, then one array behind the
 /// other.
@@ -27,8 +59,8 @@ class SwapOfItems
 
 public:
     explicit SwapOfItems(cuda::Queue const& queue)
-        : queue_(queue), cursors_(queue), gone_(queue), sorted_(queue), out_(queue), in_(queue),
-          is_gone_(queue), holes_(queue), place_(queue), from_(queue), to_(queue), counts_(queue),
+        : queue_(queue), begins_(queue), cursors_(queue), gone_(queue), sorted_(queue), out_(queue),
+          in_(queue), is_gone_(queue), holes_(queue), place_(queue), from_(queue), to_(queue), counts_(queue),
           exchange_(queue)
     {}
 
@@ -65,23 +97,32 @@ public:
         came_ = from;
     }
 
-    /// Calls `note(count, origins, cells, contributions)` with what has come from each rank, on the device,
-    /// and copies the fields of items to their arrays, from `place` on.
-    template <class Fields, class Note>
-    void unpack(std::vector<std::uint32_t> const& coming, std::size_t place, Fields const& fields,
-                Note const& note)
+    /// Where it is to go, for the first item that has come, what its new cell must know.
+    struct Notes
     {
+        std::uint64_t* origins;
+        std::uint32_t* cells;
+        Number* contributions;
+    };
+    /// Copies what has come: notes, and the fields of items to their arrays, from `place` on.
+    template <class Fields>
+    void unpack(std::vector<std::uint32_t> const& coming, std::size_t place, Fields const& fields,
+                Notes const& notes)
+    {
+        std::size_t before = 0;
         for (auto const& message : came_) {
-            std::size_t const count = coming[static_cast<std::size_t>(message.rank)];
+            std::uint32_t const count = coming[static_cast<std::size_t>(message.rank)];
             Sections next{message.data, count};
-            auto const* const origins = next.template take<std::uint64_t>();
-            auto const* const cells = next.template take<std::uint32_t>();
-            note(count, origins, cells, next.template take<Number>(channels_));
+            CopyOfArrays copy(queue_, {nullptr, nullptr, nullptr, count});
+            copy.add(next.template take<std::uint64_t>(), notes.origins + before);
+            copy.add(next.template take<std::uint32_t>(), notes.cells + before);
+            copy.add(next.template take<Number>(channels_), notes.contributions + before * channels_,
+                     channels_);
             fields([&]<class Array>(Array& array) {
-                cuda::copy_queued(queue_, array.data() + place, next.template take<typename Array::Value>(),
-                                  count);
+                copy.add(next.template take<typename Array::Value>(), array.data() + place + before);
             });
-            place += count;
+            copy.start();
+            before += count;
         }
         came_.clear();
     }
@@ -103,10 +144,9 @@ public:
         cuda::launch_after("fill_holes", queue_, cuda::detail::fill_holes, groups, 256, is_gone_.data(), gone,
                            count, holes_.data(), place_.data(), from_.data(), to_.data(), counts_.data() + 1);
         relocate(place_.data());
-        fields([&]<class Array>(Array& array) {
-            cuda::launch_after("move_listed", queue_, cuda::detail::move_listed<typename Array::Value>,
-                               groups, 256, array.data(), from_.data(), to_.data(), counts_.data() + 1);
-        });
+        CopyOfArrays copy(queue_, {from_.data(), to_.data(), counts_.data() + 1, gone});
+        fields([&](auto& array) { copy.add(array.data(), array.data()); });
+        copy.start();
     }
 
     std::size_t memory() const
@@ -159,12 +199,13 @@ private:
     void list(cuda::Array<Stray> const& strays, std::uint32_t const* owners,
               std::vector<std::uint32_t> const& leaving)
     {
-        std::vector<std::uint32_t> begins(leaving.size(), 0);
-        std::exclusive_scan(leaving.begin(), leaving.end(), begins.begin(), std::uint32_t{0});
-        std::uint32_t const count = begins.back() + leaving.back();
+        // the host has waited since it was copied last
+        auto* const begins = begins_.template as<std::uint32_t>(leaving.size());
+        std::exclusive_scan(leaving.begin(), leaving.end(), begins, std::uint32_t{0});
+        std::uint32_t const count = begins[leaving.size() - 1] + leaving.back();
         if (count == 0) return;
-        cursors_.renew(begins.size());
-        cursors_.upload(0, begins);
+        cursors_.renew(leaving.size());
+        cuda::copy_queued(queue_, cursors_.data(), static_cast<std::uint32_t const*>(begins), leaving.size());
         sorted_.renew(count);
         gone_.renew(count);
         cuda::launch_after("list_by_rank", queue_, cuda::detail::list_by_rank, cuda::groups_of(count, 256),
@@ -181,15 +222,16 @@ private:
         cuda::launch_after("note_strays", queue_, cuda::detail::note_strays<d, Number>, groups, 256,
                            sorted_.data() + range.begin, range.count, leavers, origins, cells,
                            next.template take<Number>(channels_));
+        CopyOfArrays copy(queue_, {gone_.data() + range.begin, nullptr, nullptr, range.count});
         fields([&]<class Array>(Array& array) {
-            using T = typename Array::Value;
-            cuda::launch_after("pick_listed", queue_, cuda::detail::pick_listed<T>, groups, 256, array.data(),
-                               gone_.data() + range.begin, range.count, next.template take<T>());
+            copy.add(array.data(), next.template take<typename Array::Value>());
         });
+        copy.start();
     }
 
     cuda::Queue queue_;
     std::size_t channels_ = 0;
+    cuda::HostMemory begins_;
     cuda::Array<std::uint32_t> cursors_, gone_; ///< gone: where those lie that leave
     cuda::Array<Stray> sorted_;
     cuda::Array<std::byte> out_, in_;
