@@ -158,24 +158,26 @@ struct Distributed
         local.template scatter_leavers<Phase>(cells, layer);
     }
     /// Updates the nodes of which this rank has the results, after the tiles of other ranks have come. The
-    /// other nodes under its cells follow by for_each_other_node(); a phase without a result updates all.
+    /// other nodes under its cells follow by for_each_other_node(); a phase without a result updates all. On
+    /// devices a phase that asks for no sums does not wait for tiles.
     template <class CellOrders, class GridType, class Phase>
     auto for_each_node(CellOrders const& orders, GridType& grid, Phase const& phase) const
     {
         constexpr bool looks_further = Phase::looks_around || TellsLayersApart<Phase>;
+        constexpr bool exchanges = !Local::queues || !AsksNoSums<Phase>; // else no tiles are asked for
         constexpr bool finds_nothing = std::is_same_v<typename Phase::Result, NothingFound>;
         if constexpr (Local::queues && !finds_nothing) {
-            if constexpr (!looks_further && GridType::exchanges_beside)
+            if constexpr (exchanges && !looks_further && GridType::exchanges_beside)
                 update_beside_exchange(orders, grid, phase);
             else {
-                grid.exchange(orders, looks_further ? 2 : 1);
+                if constexpr (exchanges) grid.exchange(orders, looks_further ? 2 : 1);
                 grid.show(distributed::Nodes::own);
                 local.for_each_node(orders, grid, phase);
             }
             return grid.template found<typename Phase::Result>();
         }
         else {
-            grid.exchange(orders, looks_further ? 2 : 1);
+            if constexpr (exchanges) grid.exchange(orders, looks_further ? 2 : 1);
             grid.show(finds_nothing ? distributed::Nodes::all : distributed::Nodes::own);
             return local.for_each_node(orders, grid, phase);
         }
