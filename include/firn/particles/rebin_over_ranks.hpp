@@ -178,6 +178,15 @@ void exchange_particles(Contents& to, Backend const& backend, Departures const& 
     end_exchange(to, backend);
 }
 
+/// Makes room for particles, and for some more where an array has to grow: all ranks wait while one
+/// allocates.
+template <class Array>
+void make_room_for(Array& array, std::size_t places, std::size_t kept)
+{
+    if (places * sizeof(typename Array::Value) > array.memory()) array.resize(places + places / 32, kept);
+    array.resize(places, kept);
+}
+
 /// ParticleTable::sort() where particles may leave for other ranks, and come from them.
 template <class Contents, class Backend>
 void rebin_over_ranks(Contents& to, Backend const& backend)
@@ -187,8 +196,10 @@ void rebin_over_ranks(Contents& to, Backend const& backend)
         if (!sends_cached(to)) {
             std::size_t const first = to.places;
             auto const fields = [&](auto&& use) { for_each_array(to.buffer[0], use); };
-            if (std::size_t const coming = to.cells.coming(); coming > 0)
-                fields([&](auto& array) { array.resize(first + coming, first); });
+            if (std::size_t const coming = to.cells.coming(); coming > 0) {
+                fields([&](auto& array) { make_room_for(array, first + coming, first); });
+                for_each_array(to.buffer[1], [&](auto& array) { make_room_for(array, first + coming, 0); });
+            }
             to.cells.swap_items(static_cast<std::uint32_t>(first), offset(), fields);
             end_exchange(to, backend);
             return;

@@ -380,6 +380,22 @@ protected: // for an order that several devices share
                      changes());
     }
 
+    /// Makes room for so many blocks, and for an eighth more, where the arrays of cells have to grow.
+    void reserve_blocks(std::uint32_t all)
+    {
+        std::size_t const before = begin_.size();
+        if (before == 0 || (std::size_t(all) * Shape::cells + 1) * sizeof(std::uint32_t) <= begin_.memory())
+            return;
+        std::uint32_t const more = all + all / 8, now = blocks();
+        std::size_t const cells = std::size_t(more) * Shape::cells + 1;
+        begin_.resize(cells);
+        begin_.resize(before);
+        for (auto* const array : {&new_begin_, &arrived_begin_}) array->renew(cells);
+        changes_.resize(more);
+        changes_.resize(now);
+        block_begin_.renew(more);
+    }
+
     /// Lists the blocks that hold items in `blocks_before_`, in their order. Returns how many there are.
     std::uint32_t list_live_blocks()
     {

@@ -63,7 +63,7 @@ public:
         : Local(backend, periods), queue_(backend.queue()), lists_{cuda::Array<std::uint32_t>(queue_),
                                                                    cuda::Array<std::uint32_t>(queue_),
                                                                    cuda::Array<std::uint32_t>(queue_)},
-          kinds_(backend), borders_(queue_), counts_(queue_), found_by_nodes_(queue_),
+          kinds_(backend), borders_(queue_), borders_here_(queue_), counts_(queue_), found_by_nodes_(queue_),
           of_other_nodes_(queue_), exchange_(queue_), side_(queue_)
     {
         bool const are_more = backend.communicator.size() > 1;
@@ -141,6 +141,7 @@ public:
 
     void activate(Orders const& orders)
     {
+        for (std::size_t l = 0; l < count_of_layers; ++l) this->reserve_tiles(l, orders[l]->blocks());
         Local::activate(orders);
         are_old_ = true;
     }
@@ -272,9 +273,8 @@ private:
         cuda::Array<Part> there;
         std::vector<std::size_t> begin{0}; ///< by rank: where its nodes begin among all
         PartsOfRanks of_ranks{};           ///< as they are listed
-        std::vector<Part> all{};           ///< the same, one rank's behind the other's
 
-        explicit Parts(cuda::Queue const& queue) : there(queue) {}
+        explicit Parts(cuda::Queue const& queue) : there(queue), queue_(queue), here_(queue) {}
         /// Adds what goes to each rank, or comes from it; `packed` are all parts.
         void add_messages(std::vector<DeviceMessage>& to, cuda::Array<Sums>& packed) const
         {
@@ -290,27 +290,36 @@ private:
             of_ranks.resize(ranks);
             for (auto& of_rank : of_ranks) of_rank.clear();
         }
-        /// What has been listed.
+        /// What has been listed. The host has waited since this was called last.
         void set()
         {
-            all.clear();
+            std::size_t count = 0;
+            for (auto const& of_rank : of_ranks) count += of_rank.size();
+            if (count > room_) room_ = 2 * count;
+            auto* const all = here_.template as<Part>(room_);
+            auto* next = all;
             begin.assign(1, 0);
             for (auto const& of_rank : of_ranks) {
                 begin.push_back(begin.back());
                 for (Part part : of_rank) {
                     part.first = static_cast<std::uint32_t>(begin.back());
                     begin.back() += part.nodes();
-                    all.push_back(part);
+                    *next++ = part;
                 }
             }
-            there.renew(all.size());
-            there.upload(0, all);
+            there.renew(count);
+            cuda::copy_queued(queue_, there.data(), static_cast<Part const*>(all), count);
         }
         void set_all(std::vector<Part> const& whole_tiles)
         {
             of_ranks.assign(1, whole_tiles);
             set();
         }
+
+    private:
+        cuda::Queue queue_;
+        cuda::HostMemory here_; ///< one rank's behind the other's, on the way to the device
+        std::size_t room_ = 0;
     };
 
     void copy(std::size_t layer, Parts const& parts, bool packs, cuda::Array<Sums>& packed)
@@ -358,7 +367,9 @@ private:
             above.covered_by[l] = this->covered_by(l).data();
             above.owners[l] = orders[l]->owners_there();
         }
+        std::size_t const room = std::min<std::size_t>(blocks, std::max(border_room_, fewest_borders));
         borders_.renew(blocks);
+        borders_.fill_bytes(0, room, 0);
         for (auto& list : lists_) list.renew(blocks);
         counts_.renew(listed_.size());
         counts_.fill_bytes(0, listed_.size(), 0);
@@ -368,17 +379,36 @@ private:
             static_cast<std::uint32_t>(communicator_->rank()), kinds_.data(),
             cuda::detail::ListsOfNodes{counts_.data(), lists_[0].data(), lists_[1].data(), lists_[2].data()},
             borders_.data());
-        counts_.download(0, listed_);
-        std::vector<Border> listed(listed_[3]);
-        borders_.download(0, listed);
-        std::ranges::sort(listed, {}, &Border::node_block);
-        return listed;
+        // all at once, if there are not many more than before
+        auto* const told = borders_here_.template as<std::uint32_t>(
+            listed_.size() +
+            std::max(border_room_, fewest_borders) * (sizeof(Border) / sizeof(std::uint32_t)));
+        auto* const first = reinterpret_cast<Border*>(told + listed_.size());
+        cuda::copy_queued(queue_, told, static_cast<std::uint32_t const*>(counts_.data()), listed_.size());
+        cuda::copy_queued(queue_, first, static_cast<Border const*>(borders_.data()), room);
+        queue_.wait();
+        std::copy_n(told, listed_.size(), listed_.begin());
+        std::size_t const count = listed_[3];
+        std::vector<Border> listed(first, first + std::min(count, room));
+        if (count > room) {
+            listed.resize(count);
+            borders_.download(room, std::span(listed).subspan(room));
+            border_room_ = 2 * count;
+        }
+        std::vector<std::uint64_t> in_order(count);
+        for (std::size_t i = 0; i < count; ++i) in_order[i] = std::uint64_t{listed[i].node_block} << 32 | i;
+        std::ranges::sort(in_order);
+        std::vector<Border> sorted;
+        sorted.reserve(count);
+        for (auto const i : in_order) sorted.push_back(listed[static_cast<std::uint32_t>(i)]);
+        return sorted;
     }
     /// Lists the parts of tiles that ranks swap for a block of nodes: each sends its own to all others.
     void list_parts(Border const& border, Orders const& orders)
     {
         int const rank = communicator_->rank();
-        std::vector<int> others; // the other ranks whose cells are above it
+        auto& others = others_above_; // the other ranks whose cells are above it
+        others.clear();
         for_each_above(border, [&](std::size_t l, int, std::uint32_t block) {
             int const owner = orders[l]->owners()[block];
             if (owner != rank && std::ranges::find(others, owner) == others.end()) others.push_back(owner);
@@ -450,7 +480,11 @@ private:
     bool are_old_ = true;
     std::vector<Parts> sent_, came_; ///< by layer
     cuda::Array<unsigned char> kinds_;
+    static constexpr std::size_t fewest_borders = 1024;
     cuda::Array<Border> borders_; ///< blocks of nodes at borders
+    cuda::HostMemory borders_here_;
+    std::size_t border_room_ = 0;
+    std::vector<int> others_above_; ///< scratch
     cuda::Array<std::uint32_t> counts_;
     std::vector<cuda::Array<Sums>> leave_, arrive_; ///< by layer: parts of tiles, one behind the other
     cuda::ResultsOfDevices found_by_nodes_;

@@ -152,7 +152,10 @@ public:
         std::size_t const words = SearchOfRanks::words(communicator_.size());
         while (births_ > 0) {
             std::size_t const before = this->blocks();
-            this->add_blocks(births_of_all_ranks(searched_.births));
+            std::uint32_t const births = births_of_all_ranks(searched_.births);
+            if (this->set_.has_room_for(births))
+                this->reserve_blocks(static_cast<std::uint32_t>(before) + births);
+            this->add_blocks(births);
             find_owners(before);
             search_.renew(words);
             search_.fill_bytes(0, words, 0);
@@ -439,12 +442,14 @@ private:
     {
         live_ = strays_of_all_ = births_ = 0;
         bool had_room = true;
+        std::uint32_t most = 0; // if one rank had no room for so many, others soon have none
         int const ranks = communicator_.size(), own = communicator_.rank();
         leaving_.clear();
         coming_.clear();
         for (int rank = 0; rank < ranks; ++rank) {
             Searched const& searched = found.of(rank);
             had_room = had_room && searched.lacks_room == 0;
+            most = std::max(most, searched.leavers);
             live_ += searched.live;
             strays_of_all_ += searched.strays;
             births_ += searched.births;
@@ -454,7 +459,7 @@ private:
         searched_ = found.of(own);
         live_is_known_ = knows_live_here_ = true;
         if (had_room) return true;
-        this->short_ = {1, searched_.leavers, 0, 0};
+        this->short_ = {1, most + most / 8, 0, 0};
         this->make_room();
         return false;
     }
