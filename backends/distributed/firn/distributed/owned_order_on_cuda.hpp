@@ -1,0 +1,333 @@
+// SPDX-License-Identifier: MIT
+#pragma once
+
+#include <firn/cuda/cell_order.hpp>
+#include <firn/cuda/strays.hpp>
+#include <firn/cuda/tuning.hpp>
+#include <firn/distributed/cell_order.hpp>
+#include <firn/distributed/merge.hpp>
+#include <firn/distributed/owned_blocks.hpp>
+#include <firn/distributed/parcel.hpp>
+#include <firn/distributed/partition.hpp>
+#include <firn/distributed/results_on_cuda.hpp>
+#include <firn/grid/block_key.hpp>
+#include <firn/grid/lattice.hpp>
+#include <firn/grid/periods.hpp>
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <numeric>
+#include <span>
+#include <vector>
+
+namespace firn::distributed
+{
+
+/// The order of cells of a device that knows which rank has which block, and where the items that have moved
+/// are to go. All ranks know all blocks, and number them alike, as one device alone would. So they agree with
+/// it on all that depends on these numbers: the order of items that come into a cell, how many threads share
+/// a block, and in which order results are merged. Each rank has the items of its own blocks; the others are
+/// empty.
+template <class C, class Number, int d>
+class OwnedOrder : public cuda::CellOrder<Number, d>
+{
+    using Local = cuda::CellOrder<Number, d>;
+
+public:
+    /// The cells as loops see them, which leave the blocks of other ranks alone.
+    struct View : Local::View
+    {
+        unsigned char const* here; ///< per block: 1 if this rank has it
+        __device__ bool has(std::uint32_t block) const { return here[block] != 0; }
+        static constexpr bool forgets_incoming = true; // into other ranks' blocks none ever come
+    };
+
+    template <class Backend>
+    explicit OwnedOrder(Backend const& backend, Periods<d> const& periods = {})
+        : Local(backend, periods), communicator_(backend.communicator), partition_(backend.partition),
+          here_(backend), strays_(backend), search_(backend), owners_(backend), told_(backend.queue()),
+          shared_(backend.queue()), count_(backend)
+    {}
+
+    C const& communicator() const { return communicator_; }
+    View view() const { return {Local::view(), here_.data()}; }
+    /// The rank that has a block of cells.
+    int owner(Coordinates<d> const& block) const
+    {
+        return partition_->owner(place_on_curve<d>(this->periods_.wrapped(block)));
+    }
+    /// Of all blocks.
+    std::span<std::uint64_t const> keys() const { return of_all_.keys(); }
+    std::span<int const> owners() const { return of_all_.owners(); }
+    std::uint32_t const* owners_there() const { return owners_.data(); } ///< on the device
+    /// Changes whenever these do.
+    std::uint64_t ownership() const { return of_all_.version(); }
+    bool has(std::size_t block) const { return owners()[block] == communicator_.rank(); }
+
+    /// As for the order of one device: whether there are few blocks and many items, on all ranks.
+    bool is_small() const { return this->blocks() <= 128 && all_ >= std::size_t(32) * this->blocks(); }
+
+    /// The number of a cell's block.
+    std::uint64_t block_of(Coordinates<d> const& cell) const
+    {
+        return of_all_.find(block_key<d>(this->periods_.wrapped(block_at(cell))));
+    }
+    std::vector<std::uint32_t> own(std::span<Coordinates<d> const> cells)
+    {
+        return partition_->own(communicator_, cells.size(), [&](std::size_t i) {
+            return place_on_curve<d>(this->periods_.wrapped(block_at(cells[i])));
+        });
+    }
+
+    void insert(Coordinates<d> const* cells, std::size_t count, std::uint32_t first)
+    {
+        Local::insert(cells, count, first, [&] { return births_of_all_ranks(this->set_.births()); });
+        find_owners();
+        all_ = sum_of_ranks(communicator_, this->size());
+        knows_live_here_ = false;
+    }
+    void erase(unsigned char const* gone, std::uint32_t const* place, std::size_t kept)
+    {
+        Local::erase(gone, place, kept);
+        knows_live_here_ = false;
+        all_ = sum_of_ranks(communicator_, this->size());
+    }
+
+    /// Items find their new cells in depart().
+    cuda::detail::Destinations<d> destinations()
+    {
+        auto to = Local::destinations();
+        to.ahead = is_small() ? 3 : 0;
+        to.at_once = false;
+        return to;
+    }
+    /// Incoming items are forgotten as items move.
+    cuda::detail::ArrivalsToForget forget_incoming_on_the_way(std::uint32_t)
+    {
+        return {this->changes(), 0, this->leavers_.counters.data()};
+    }
+    typename Local::Leavers expect_outgoing(int channels)
+    {
+        this->may_have_arrived_ = false;
+        auto const leavers = Local::expect_outgoing(channels);
+        this->leavers_.counters.fill_bytes(0, 1, 0);
+        return leavers;
+    }
+    /// Queues the search for the new cells of items that have moved, which tells at `to` what SearchOfRanks
+    /// has of a rank; zero before. The loop that moves items does not search, since it does not know which
+    /// blocks are here.
+    void search(std::uint32_t* to)
+    {
+        if (this->blocks() == 0) return;
+        cuda::OnDevice const here(this->queue_);
+        strays_.renew(this->leavers_.most);
+        auto* const searched = reinterpret_cast<Searched*>(to);
+        cuda::launch_after("find_cells_here", this->queue_, cuda::detail::find_cells_here<d, Number>,
+                           cuda::groups_of(this->leavers_.most, 256), 256, this->leavers(), destinations(),
+                           owners_.data(), static_cast<std::uint32_t>(communicator_.rank()), strays_.data(),
+                           searched, to + SearchOfRanks::words_of_searched);
+        cuda::launch_after("tell_searched", this->queue_, cuda::detail::tell_searched,
+                           cuda::groups_of(this->blocks(), 128), 128, this->leavers_.counters.data(),
+                           static_cast<std::uint32_t>(this->leavers_.most), this->set_.born_count(),
+                           this->changes(), this->blocks(), searched);
+    }
+    /// Reads what all ranks have found, which was shared by the first order of cells; returns whether all had
+    /// room for their leavers. If not, makes it.
+    bool hear(OwnedOrder const& first, std::size_t number)
+    {
+        return hear(first.shared_.search(number, communicator_.size()));
+    }
+    /// Creates the blocks that were missing on any rank; all leavers search again.
+    void create_missing()
+    {
+        if (births_ == 0) return;
+        cuda::OnDevice const here(this->queue_);
+        std::size_t const words = SearchOfRanks::words(communicator_.size());
+        while (births_ > 0) {
+            std::size_t const before = this->blocks();
+            std::uint32_t const births = births_of_all_ranks(searched_.births);
+            if (this->set_.has_room_for(births))
+                this->reserve_blocks(static_cast<std::uint32_t>(before) + births);
+            this->add_blocks(births);
+            find_owners(before);
+            search_.renew(words);
+            search_.fill_bytes(0, words, 0);
+            search(search_.data());
+            auto const all = of_all_ranks(communicator_, downloaded(search_, words));
+            hear({all.data(), words});
+        }
+    }
+
+    /// See SharedResults.
+    template <class Orders, class OfNodes, class OfItems>
+    void share_results(Orders const& orders, OfNodes& of_nodes, OfItems& of_items, bool again)
+    {
+        shared_.share(communicator_, orders, of_nodes, of_items, again);
+    }
+    template <class OfNodes, class OfItems>
+    bool had_room_for_results(OfNodes& of_nodes, OfItems& of_items)
+    {
+        return shared_.had_room(communicator_, of_nodes, of_items);
+    }
+
+    /// How many items come from other ranks.
+    std::size_t coming() const { return std::accumulate(coming_.begin(), coming_.end(), std::size_t{0}); }
+
+    /// What the items here weigh, as far as it is known without a look at them; -1 if it is not, which is so
+    /// on all ranks.
+    double weight_here() const
+    {
+        if (this->blocks() == 0) return 0;
+        return knows_live_here_ ? double(this->size()) + double(searched_.live) * Partition::weight_of_block
+                                : -1;
+    }
+    void weigh(std::vector<Partition::Weight>& to)
+    {
+        if (this->blocks() == 0) return;
+        cuda::OnDevice const here(this->queue_);
+        count_.renew(keys().size());
+        cuda::launch_after("count_items", this->queue_, cuda::detail::count_items,
+                           cuda::groups_of(keys().size(), 256), 256, this->begin_.data(), this->blocks(),
+                           count_.data());
+        auto const items = downloaded(count_, keys().size());
+        for (std::size_t b = 0; b < items.size(); ++b)
+            if (items[b] > 0)
+                to.push_back(
+                    {place_on_curve<d>(block_of_key<d>(keys()[b])), items[b] + Partition::weight_of_block});
+    }
+
+    std::size_t memory() const
+    {
+        return Local::memory() + here_.memory() + strays_.memory() + shared_.memory();
+    }
+
+protected:
+    using Shape = cuda::BlockShape<d>;
+    using Stray = cuda::detail::Stray;
+    using Searched = cuda::detail::Searched;
+
+    static Coordinates<d> block_at(Coordinates<d> cell)
+    {
+        for (int a = 0; a < d; ++a) cell[a] >>= Shape::bits;
+        return cell;
+    }
+    template <class T>
+    static std::vector<T> downloaded(cuda::Array<T> const& from, std::size_t count)
+    {
+        std::vector<T> values(count);
+        from.download(0, values);
+        return values;
+    }
+    /// Finds out which rank has which block, after blocks or parts have changed; `kept` of the blocks that
+    /// were known are as they were.
+    void find_owners(std::size_t kept = 0)
+    {
+        std::vector<std::uint64_t> keys(this->blocks() - kept);
+        this->set_.download_keys(kept, keys);
+        of_all_.set(kept, keys, [&](std::uint64_t key) { return owner(block_of_key<d>(key)); });
+        auto const owners = this->owners().subspan(kept);
+        // the host has waited since these were copied last
+        auto* const told = told_.template as<std::uint32_t>(2 * owners.size());
+        auto* const here = reinterpret_cast<unsigned char*>(told + owners.size());
+        for (std::size_t b = 0; b < owners.size(); ++b) {
+            told[b] = static_cast<std::uint32_t>(owners[b]);
+            here[b] = owners[b] == communicator_.rank();
+        }
+        owners_.resize(this->blocks());
+        here_.resize(this->blocks());
+        cuda::copy_queued(this->queue_, owners_.data() + kept, static_cast<std::uint32_t const*>(told),
+                          owners.size());
+        cuda::copy_queued(this->queue_, here_.data() + kept, static_cast<unsigned char const*>(here),
+                          owners.size());
+    }
+
+    /// Lets all ranks request what any of them has; returns how many blocks that are, or more than there is
+    /// room for.
+    std::uint32_t births_of_all_ranks(std::uint32_t own)
+    {
+        bool const lacks_room = !this->set_.has_room_for(own);
+        Parcel parcel;
+        put(parcel, lacks_room ? own : std::uint32_t{0});
+        std::vector<std::uint64_t> keys;
+        if (!lacks_room) keys = this->set_.requested(own);
+        put(parcel, keys.data(), keys.size());
+        keys.clear();
+        std::uint64_t most = 0;
+        for (Parcel const& of_rank : communicator_.all_gather(parcel)) {
+            Reader from(of_rank);
+            most += from.template get<std::uint32_t>();
+            while (!from.at_end()) keys.push_back(from.template get<std::uint64_t>());
+        }
+        if (most > 0) return static_cast<std::uint32_t>(std::min<std::uint64_t>(most, std::uint32_t(-2)));
+        if (keys.empty()) return 0;
+        this->set_.want(keys);
+        return this->set_.births();
+    }
+
+    bool hear(SearchOfRanks const& found)
+    {
+        live_ = strays_of_all_ = births_ = 0;
+        bool had_room = true;
+        std::uint32_t most = 0; // if one rank had no room for so many, others soon have none
+        int const ranks = communicator_.size(), own = communicator_.rank();
+        leaving_.clear();
+        coming_.clear();
+        for (int rank = 0; rank < ranks; ++rank) {
+            Searched const& searched = found.of(rank);
+            had_room = had_room && searched.lacks_room == 0;
+            most = std::max(most, searched.leavers);
+            live_ += searched.live;
+            strays_of_all_ += searched.strays;
+            births_ += searched.births;
+            leaving_.push_back(found.leaving(own, rank));
+            coming_.push_back(found.leaving(rank, own));
+        }
+        searched_ = found.of(own);
+        live_is_known_ = knows_live_here_ = true;
+        if (had_room) return true;
+        this->short_ = {1, most + most / 8, 0, 0};
+        this->make_room();
+        return false;
+    }
+    /// Called when strays have come to their ranks: none is left.
+    void forget_strays()
+    {
+        strays_of_all_ = 0;
+        leaving_.clear();
+        coming_.clear();
+        live_is_known_ = false;
+    }
+
+    /// Whether there are too many empty blocks beside so many live ones, as one device would find.
+    bool are_crowded(std::size_t live) const
+    {
+        return live > 0 && this->blocks() > live + cuda::detail::most_empty_blocks(
+                                                       static_cast<std::uint32_t>(live), is_small());
+    }
+    /// The same of what is known before strays have arrived: each of them may have come into an empty block.
+    bool may_be_crowded() const
+    {
+        constexpr std::size_t fewer_behind = 4097; // see most_empty_blocks
+        return are_crowded(live_) ||
+               (live_ < fewer_behind && live_ + strays_of_all_ >= fewer_behind && are_crowded(fewer_behind));
+    }
+    C communicator_;
+    std::shared_ptr<Partition> partition_;
+    OwnedBlocks of_all_;
+    std::size_t all_ = 0;                                   ///< items of all ranks
+    Searched searched_{};                                   ///< of the items that left their cells last
+    std::size_t live_ = 0, births_ = 0, strays_of_all_ = 0; ///< the same of all ranks
+    bool live_is_known_ = false, knows_live_here_ = false;
+    cuda::Array<unsigned char> here_;
+    cuda::Array<Stray> strays_;
+    cuda::Array<std::uint32_t> search_, owners_;
+    cuda::HostMemory told_;                       ///< which ranks have blocks, on the way to the device
+    SharedResults shared_;                        ///< used of the first order of cells
+    std::vector<std::uint32_t> leaving_, coming_; ///< how many strays go to each rank, and come from there
+    cuda::Array<std::uint32_t> count_;
+};
+
+} // namespace firn::distributed
