@@ -189,7 +189,9 @@ concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::t
 //
 // A loop over cells calls `phase.prepare(items)` if the phase does not gather. Else it calls `begin(items)`,
 // gathers, and calls `update(items, result)`, or `update(items, result, rare)` with a second result for what
-// is rare. Then it scatters: onto the current sums if the phase `adds_to_sums()`, and otherwise afresh.
+// is rare. Meanwhile it may ask the phase, if that has such a member, to say by `expect(items)` what it will
+// load: `expect_stored(array)` for items that are being gathered, `expect_next(array)` for others. Then it
+// scatters: onto the current sums if the phase `adds_to_sums()`, and otherwise afresh.
 //
 //   gather(row)                            all `node_channels` of a row's nodes. Or some at a time:
 //   Gather::gather(row, nodes, first)      after `nodes.read(row, first)`, where nodes are CellNodes<Real>
@@ -200,8 +202,9 @@ concept CompleteBackend = BackendTraits<B, Number> && BackendArray<typename B::t
 // `phase.walls()`, and calls `phase.look_around(walls, node, result)` in place of that for the lanes of nodes
 // for which `phase.looks_around_at(walls, first, lanes)` is true. What a phase that
 // `keeps_values` does not set stays as it is; with others, and on nodes to which nothing was added, it may
-// become 0. One that `asks_no_sums`, of other nodes neither, may be called for any nodes that such a phase was
-// called for, and for zeros. One that `takes_zero_sums` is called for nodes to which zeros were added, too.
+// become 0. One that `asks_no_sums`, of other nodes neither, may be called for any nodes that such a phase
+// was called for, and for zeros. One that `takes_zero_sums` is called for nodes to which zeros were added,
+// too.
 //
 // ---- what a phase sees
 //

@@ -154,6 +154,12 @@ struct FieldsById
         for_each_component_of<Set, d>(
             record, [&](int c, auto& value) { value = items.load_stored(component[std::size_t(c)]); });
     }
+    /// Prefetches what will be loaded by slot.
+    template <class Items>
+    FIRN_HOST_DEVICE void expect_by_slot(Items const& items) const
+    {
+        for (auto const* const array : component) items.expect_stored(array);
+    }
     template <class Items, class Record>
     FIRN_HOST_DEVICE void store_by_slot(Items const& items, Record& record) const
     {

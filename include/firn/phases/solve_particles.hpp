@@ -198,6 +198,14 @@ struct ProductOfStress : StressPass<Space, Model, Kernel, Scheme, PersistentFiel
     using Pass = StressPass<Space, Model, Kernel, Scheme, PersistentFields, ScatterStress>;
     using Pass::d;
 
+    /// Says what update() will load, and begin() for other particles.
+    template <class Items>
+    FIRN_HOST_DEVICE void expect(Items const& items) const
+    {
+        this->trial.expect_by_slot(items);
+        for (auto const* const array : this->particles.offset) items.expect_next(array);
+    }
+
     template <class Items>
     FIRN_HOST_DEVICE void update(Items& items, NothingFound&) const
     {

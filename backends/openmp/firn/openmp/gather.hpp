@@ -29,11 +29,12 @@ FIRN_INLINE_WHOLE void begin_items(Phase const& phase, Items& items)
     phase.begin(items);
 }
 
-/// Gathers from a group's nodes. Like scatter(), this is a template over what is gathered, not over the
-/// phase, so that phases share the code. Where only few cells have so many items, these are processed side by
-/// side, whatever their cells. The group's items end before number `end` in the scratch.
-template <class Gather, class Group, class Nodes>
-FIRN_INLINE_WHOLE void gather(Group& group, std::size_t end, Nodes& nodes)
+/// Gathers from a group's nodes. Like scatter(), this is a template over what is gathered, so that phases
+/// share the code, but those that expect something, which call `expect(rank)` before each rank. Where only
+/// few cells have so many items, these are processed side by side, whatever their cells. The group's items
+/// end before number `end` in the scratch.
+template <class Gather, class Group, class Nodes, class Expect>
+FIRN_INLINE_WHOLE void gather(Group& group, std::size_t end, Nodes& nodes, Expect const& expect)
 {
     for (int channel = 0; channel < Gather::node_channels; channel += Nodes::channels) {
         nodes.read(group, channel);
@@ -44,10 +45,42 @@ FIRN_INLINE_WHOLE void gather(Group& group, std::size_t end, Nodes& nodes)
                 group.side_by_side(rank, end, [&](auto& some) { Gather::gather(some, nodes, channel); });
                 break;
             }
+            expect(rank);
             Gather::gather(group, nodes, channel);
         }
     }
 }
+
+/// The items of a group as a phase sees them that says what it will load: of these items, and of those behind
+/// the group. Fetched one rank at a time, values arrive while others are gathered; all at once they would
+/// wait for one another.
+struct ExpectedItems
+{
+    std::size_t slot; ///< of the first of some of these
+    std::size_t next; ///< where one of the others lies
+
+    template <class T>
+    void expect_stored(T const* array) const
+    {
+        __builtin_prefetch(array + slot, 0, 3);
+    }
+    template <class T>
+    void expect_next(T const* array) const
+    {
+        __builtin_prefetch(array + next, 0, 3);
+    }
+};
+
+struct ExpectNothing
+{
+    void operator()(int) const {}
+};
+
+template <class Phase>
+concept SaysWhatComes = requires(Phase const& phase)
+{
+    phase.expect(ExpectedItems{});
+};
 
 /// A phase that finds bounds keeps them in one result per thread: starting each block at zero would find a
 /// new largest value many times over.
@@ -182,10 +215,21 @@ typename Phase::Result gather_and_update(Threads const& threads, Order& cells, G
                     items.enter(slot, end, slot - begin);
                     begin_items(phase, items);
                 }
+                std::size_t from = begin;
                 for_each_group<Lane, GridType>(
                     cells, std::size_t(b), g, next, scratch, std::as_const(nodes).data(), nowhere,
                     [&](auto& group, std::size_t behind) {
-                        gather<typename Phase::Gather>(group, behind, nodes_of_cells);
+                        if constexpr (SaysWhatComes<Phase>)
+                            gather<typename Phase::Gather>(group, behind, nodes_of_cells, [&](int rank) {
+                                std::size_t const ahead = std::size_t(rank) * lane_width<Lane>,
+                                                  later = end + ahead;
+                                if (later >= cells.size()) return;
+                                __builtin_prefetch(cells.sources(later) + (end - begin), 0, 3);
+                                phase.expect(ExpectedItems{from + ahead, *cells.sources(later)});
+                            });
+                        else
+                            gather<typename Phase::Gather>(group, behind, nodes_of_cells, ExpectNothing{});
+                        from = begin + behind;
                     });
                 for (std::size_t slot = begin; slot < end; slot += lanes) {
                     items.enter_again(slot, slot - begin);
