@@ -103,8 +103,8 @@ FIRN_HOST_DEVICE ContactNow<Real, d> contact_now(Touched const& touched, Vector<
     now.velocity = touched(y);
     Vector<Real, d> const held = y - now.velocity;
     Real const held2 = dot<Real, d>(held, held), y2 = dot<Real, d>(y, y);
-    constexpr Number small(sizeof(Number) == 4 ? 1e-3 : 1e-6);        // against how near a node is to sliding
-    Real const rounding(Number(sizeof(Number) == 4 ? 1e-10 : 1e-24)); // of squares
+    constexpr Number small = sizeof(Number) == 4 ? Number(1e-3) : Number(1e-6); // how near to sliding
+    Real const rounding(Number(sizeof(Number) == 4 ? 1e-10 : 1e-24));           // of squares
     Mask<Real> const touches = held2 > rounding * y2;
     Real const deep = sqrt(max(y2, held2)),
                inverse = select(touches, Real(1) / sqrt(select(touches, held2, Real(1))), Real(0)),
