@@ -46,9 +46,9 @@ auto& surface_memory(StepScene<Backend, Sets, Kernel, Transfer> const& scene)
 
 /// As for_each of a backend, in a step that may have been queued in vain.
 template <class Backend, class Sets, class Kernel, class Transfer, class Body>
-void for_each_in_step(StepMemory<Backend, Sets, Transfer> const& memory,
-                      StepScene<Backend, Sets, Kernel, Transfer> const& scene, std::size_t count,
-                      Body const& body)
+void loop_in_step(StepMemory<Backend, Sets, Transfer> const& memory,
+                  StepScene<Backend, Sets, Kernel, Transfer> const& scene, std::size_t count,
+                  Body const& body)
 {
     if constexpr (Backend::queues)
         memory.backend.for_each_in_step(scene.sets.orders(), count, body);
@@ -75,8 +75,8 @@ void look_for_points(StepMemory<Backend, Sets, Transfer> const& memory,
         surface.share_candidates();
         found = surface.view();
     }
-    for_each_in_step(memory, scene, surface.looked_at(),
-                     FindSurfacePoints<Space, Kernel, Transfer, Actions>{now, memory.lattice, found});
+    loop_in_step(memory, scene, surface.looked_at(),
+                 FindSurfacePoints<Space, Kernel, Transfer, Actions>{now, memory.lattice, found});
 }
 
 /// Waits for these loops, and returns what they found.
@@ -141,10 +141,10 @@ bool begin_known_nodes(StepMemory<Backend, Sets, Transfer> const& memory,
     auto& grid = scene.grid_state.grid();
     if (!Backend::queues || !surface.have_nodes() || !surface.have_indices(grid.numbering())) return false;
     auto const nodes = grid.nodes_by_index();
-    for_each_in_step(memory, scene, surface.reached_at_most(),
-                     BeginNodes<Number, d, std::remove_const_t<decltype(nodes)>>{
-                         surface.view(), nodes, scene.smallest_node_mass, NodeSums<d, SumsOf<Transfer>>::mass,
-                         NodeValues<d, ValuesOf<Transfer>>::velocity, false});
+    loop_in_step(memory, scene, surface.reached_at_most(),
+                 BeginNodes<Number, d, std::remove_const_t<decltype(nodes)>>{
+                     surface.view(), nodes, scene.smallest_node_mass, NodeSums<d, SumsOf<Transfer>>::mass,
+                     NodeValues<d, ValuesOf<Transfer>>::velocity, false});
     return true;
 }
 
@@ -172,9 +172,7 @@ void find_impulses(StepMemory<Backend, Sets, Transfer> const& memory,
                cell_size = static_cast<Number>(memory.lattice.cell_size);
     Lengths<Number> const lengths{before == nullptr ? nullptr : &now->dt,
                                   before == nullptr ? nullptr : &before->dt, length / surface.dt_before()};
-    auto const run = [&](std::size_t count, auto const& body) {
-        for_each_in_step(memory, scene, count, body);
-    };
+    auto const run = [&](std::size_t count, auto const& body) { loop_in_step(memory, scene, count, body); };
     // a device has as many parts of a loop at once as it can have
     constexpr int rows_of_part = Backend::reaches_host_memory ? Loop::Cell::rows : 1;
     using Rows = RowLoop<Kernel, Number, d, rows_of_part>;
