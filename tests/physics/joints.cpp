@@ -240,31 +240,3 @@ TEST_CASE("tiles side by side act at the points of one floor")
             CHECK(most < 1e-9);
         }
 }
-
-TEST_CASE("a point beside a corner lies in the middle of what its cube has of the surface")
-{
-    for (double const place : {0.0, 0.3, 0.5, 0.7}) { // of the corner between nodes [cells]
-        Scene<NeoHookean<Plane>, QuadraticBSpline, Mls>::Solver block(lattice(cell));
-        Eigen::Vector2d const corner(place * cell, 0.2 * cell);
-        auto at = box_of_points<2>({0, 0}, {0.4, 0.3}, cell);
-        for (auto& x : at) x += corner;
-        block.add(at, cell * cell / 4, {-0.5, -0.5});
-        Obstacles<AnyShape<>, ActsOn::surface> walls;
-        for (Eigen::Vector3d const& normal : {Eigen::Vector3d(1, 0, 0), Eigen::Vector3d(0, 1, 0)})
-            walls.list.push_back(
-                {.shape = HalfSpace{normal}, .motion = {.position = {corner.x(), corner.y(), 0}}});
-        block.step(1e-4, walls);
-        std::vector<double> on_floor; // from the corner [cells]
-        for (auto const& point : contact_points(block).points)
-            if (point.obstacle == 1) on_floor.push_back((point.position.x() - corner.x()) / cell);
-        std::sort(on_floor.begin(), on_floor.end());
-        auto const first = std::find_if(on_floor.begin(), on_floor.end(), [](double x) { return x > 0; });
-        REQUIRE(on_floor.end() - first > 3);
-        // the cube that the corner cuts reaches from there to half a cell beyond its node
-        double const node = std::floor(place + 0.5), left = node + 0.5 - place;
-        CAPTURE(place, left);
-        if (left < 0.99) CHECK(std::abs(*first - left / 2) < 1e-9);
-        for (auto next = first + 1; next != on_floor.end(); ++next)
-            CHECK(std::abs(*next - (left + 0.5 + double(next - first - 1))) < 1e-9);
-    }
-}

@@ -84,90 +84,28 @@ private:
         if (!(abs(at.distance) * largest_component<Number, d>(at.normal) <=
               in_cells(Candidates::nearly_half_a_cell)))
             return;
-        go_to_surface(place, obstacle, at, shift);
+        for (int twice = 0; twice < 2; ++twice) { // distances may be estimates
+            shift -= at.normal * at.distance;
+            at = obstacle.template surface_at<Number>(place, shift);
+        }
         if (!(largest_component<Number, d>(shift) <= in_cells(0.5 * rounding))) return;
-        Number nearest; // of the others
         auto const is_covered = [&] {
-            nearest = in_cells(looks_as_far);
             bool is_inside_another = false;
             for_each_other(place, i, [&](std::uint32_t j, auto const& other) {
-                if (is_inside_another) return;
-                At const there = other.template surface_at<Number>(place, shift);
-                nearest = min(nearest, there.distance);
-                is_inside_another = is_inside(place, shift, at.normal, obstacle, other, there, i < j);
+                if (!is_inside_another)
+                    is_inside_another = is_inside(place, shift, at.normal, obstacle, other, i < j);
             });
             return is_inside_another;
         };
         Vector<Number, d> inwards = zeros<Vector<Number, d>>();
-        for (int face = 0;; ++face) {
-            bool covered = is_covered();
-            if (nearest < in_cells(1) && uncover(place, i, obstacle, at, shift)) covered = is_covered();
-            if (!covered) break;
+        for (int face = 0; is_covered(); ++face)
             if (face == d || !look_beside(place, obstacle, inwards, at, shift) ||
                 !(largest_component<Number, d>(shift) <= in_cells(0.5 * rounding)))
                 return;
-        }
         add(place, number, obstacle, at, shift, false, 0);
         for_each_other(place, i, [&](std::uint32_t j, auto const& other) {
             go_on_behind(place, number, obstacle, at, shift, j, other);
         });
-    }
-
-    /// From a place where it is `at`, goes to the nearest one on the surface. Distances may be estimates.
-    template <class Obstacle>
-    FIRN_HOST_DEVICE void go_to_surface(LanePosition<Number, d> const& place, Obstacle const& obstacle,
-                                        At& at, Vector<Number, d>& shift) const
-    {
-        for (int twice = 0; twice < 2; ++twice) {
-            shift -= at.normal * at.distance;
-            at = obstacle.template surface_at<Number>(place, shift);
-        }
-    }
-
-    /// A point stands for the surface in its cube. Where others cover a part of this, it moves to the middle
-    /// of the rest: at a corner it would push the light nodes behind that too much, and material would sink.
-    template <class Obstacle>
-    FIRN_HOST_DEVICE bool uncover(LanePosition<Number, d> const& place, std::uint32_t number,
-                                  Obstacle const& obstacle, At& at, Vector<Number, d>& shift) const
-    {
-        Vector<Number, d> moved = shift;
-        for_each_other(place, number, [&](std::uint32_t, auto const& other) {
-            moved += way_out_of(other, place, at.normal, shift);
-        });
-        At there = obstacle.template surface_at<Number>(place, moved);
-        if (!(largest_component<Number, d>(Vector<Number, d>(moved - shift)) > Number(0)) ||
-            !(abs(there.distance) < in_cells(0.1)) ||
-            !(dot<Number, d>(there.normal, at.normal) > Number(0.9)))
-            return false; // it ends before
-        go_to_surface(place, obstacle, there, moved);
-        at = there;
-        shift = moved;
-        return true;
-    }
-
-    /// The way from a point of a surface with this normal to the middle of what another obstacle leaves of
-    /// that in the point's cube; 0 if it leaves all or nothing.
-    template <class Other>
-    FIRN_HOST_DEVICE Vector<Number, d> way_out_of(Other const& other, LanePosition<Number, d> const& place,
-                                                  Vector<Number, d> const& normal,
-                                                  Vector<Number, d> const& shift) const
-    {
-        // from above the surface, where a face that both share is far
-        Number const above = in_cells(0.5);
-        At const from = other.template surface_at<Number>(place, Vector<Number, d>(shift + normal * above));
-        Number const along_normal = dot<Number, d>(from.normal, normal);
-        Vector<Number, d> way = from.normal - normal * along_normal;
-        Number const steepness2 = dot<Number, d>(way, way), steepness = sqrt(steepness2);
-        if (!(steepness2 > Number(0.1))) return zeros<Vector<Number, d>>();
-        way = way * (1 / steepness);
-        Number const half = in_cells(0.5) / largest_component<Number, d>(way),
-                     distance = (from.distance - above * along_normal) / steepness; // to the corner
-        bool const covers = abs(distance) < half &&
-                            other.template surface_at<Number>(
-                                     place, Vector<Number, d>(shift - way * (distance + in_cells(0.25)) +
-                                                              normal * in_cells(0.05)))
-                                    .distance < Number(0);
-        return way * (covers ? (half - distance) / 2 : Number(0));
     }
 
     /// The face nearest to a node may lie inside another obstacle, as where two boxes stand side by side, and
@@ -215,8 +153,9 @@ private:
     template <class Obstacle, class Other>
     FIRN_HOST_DEVICE bool is_inside(LanePosition<Number, d> const& place, Vector<Number, d> const& shift,
                                     Vector<Number, d> const& normal, Obstacle const& obstacle,
-                                    Other const& other, At const& there, bool is_first) const
+                                    Other const& other, bool is_first) const
     {
+        At const there = other.template surface_at<Number>(place, shift);
         Number const least = in_cells(0.01), little = in_cells(0.05);
         if (!(there.distance < least)) return false;
         At const outside =
