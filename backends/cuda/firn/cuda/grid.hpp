@@ -206,7 +206,13 @@ public:
         for (std::size_t l = 0; l < layers; ++l) find_nodes(tiles_[l], *orders[l]);
         for (std::size_t l = 0; l < layers; ++l) tie(tiles_[l], *orders[l]);
         values_.renew((own_values ? layers : 1) * node_count());
-        if constexpr (ungathered > 0) ungathered_.renew(std::size_t(ungathered) * node_count());
+        if constexpr (ungathered > 0) {
+            // phases that keep values leave nodes alone to which nothing is added, and items gather from
+            // these
+            ungathered_.renew(std::size_t(ungathered) * node_count());
+            values_.fill_bytes(0, values_.size(), 0);
+            ungathered_.fill_bytes(0, ungathered_.size(), 0);
+        }
     }
 
     Queue const& queue() const { return queue_; }
