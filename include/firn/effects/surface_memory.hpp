@@ -33,8 +33,8 @@ public:
           ranks_(backend), points_of_nodes_(backend), reached_(backend), indices_(backend),
           velocities_(backend)
     {
-        counts_.resize(counts);
-        counts_.fill(0, counts, 0);
+        counts_.resize(all_counts);
+        counts_.fill(0, all_counts, 0);
         candidates_.resize(256);
         seen_.resize(256);
         points_.resize(256);
@@ -295,7 +295,7 @@ public:
     }
 
 private:
-    static constexpr std::size_t place_of_stopped = 5, counts = 6;
+    static constexpr std::size_t place_of_stopped = 5, all_counts = 6;
     static constexpr std::uint32_t steps_between = 64; ///< those that find all points
 
     /// Whether the next step finds all points.
