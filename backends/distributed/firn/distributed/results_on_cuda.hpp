@@ -5,7 +5,7 @@
 #include <firn/cuda/strays.hpp>
 #include <firn/distributed/communicator.hpp>
 #include <firn/distributed/exchange_on_cuda.hpp>
-#include <firn/distributed/results_at_once.hpp>
+#include <firn/distributed/results_at_once_on_cuda.hpp>
 
 #include <algorithm>
 #include <array>
