@@ -10,6 +10,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -19,10 +20,6 @@ using namespace firn::test;
 
 TEST_CASE("what a solid of any kind receives at its surface is what the material loses", "[physics][surface]")
 {
-    using Grid = SignedDistanceGrid<double, 2>;
-    using Ground = HeightField<double, 2>;
-    using Cross = Union<Box, Box>;
-    using Solid = AnyShape<Cylinder, Grid, Ground, Cross>;
     double const h = 0.05;
 
     std::vector<double> distances; // of a disk
@@ -30,15 +27,17 @@ TEST_CASE("what a solid of any kind receives at its surface is what the material
         for (int i = 0; i < 41; ++i) distances.push_back(std::hypot(0.01 * i - 0.2, 0.01 * j - 0.2) - 0.1);
     std::vector<double> heights;
     for (int i = 0; i < 81; ++i) heights.push_back(0.02 * std::sin(0.4 * i));
+    auto const disk =
+        SignedDistanceGrid<double, 2>({-0.2, -0.2}, 0.01, {41, 41}, distances).on(TestedBackend{});
+    auto const ground = HeightField<double, 2>({-0.8}, 0.02, {81}, heights).on(TestedBackend{});
+    using Cross = Union<Box, Box>;
+    using Solid =
+        AnyShape<Cylinder, std::remove_const_t<decltype(disk)>, std::remove_const_t<decltype(ground)>, Cross>;
     Cross cross;
     cross.parts = {Placed<Box>{Box{{0.12, 0.05, 1}}}, Placed<Box>{Box{{0.05, 0.12, 1}}}};
     std::vector<std::pair<char const*, Solid>> const kinds{
-        {"box", Box{{0.1, 0.08, 1}}},
-        {"capsule", Capsule{0.06, 0.08}},
-        {"cylinder", Cylinder{0.08, 0.1}},
-        {"grid of distances", Grid({-0.2, -0.2}, 0.01, {41, 41}, distances)},
-        {"height field", Ground({-0.8}, 0.02, {81}, heights)},
-        {"union", cross}};
+        {"box", Box{{0.1, 0.08, 1}}}, {"capsule", Capsule{0.06, 0.08}}, {"cylinder", Cylinder{0.08, 0.1}},
+        {"grid of distances", disk},  {"height field", ground},         {"union", cross}};
 
     for (auto const& [name, shape] : kinds) {
         CAPTURE(name);
