@@ -43,6 +43,8 @@ on_gpu=""
 [[ " ${arguments[*]-} " != *" --backend"[\ =]"cuda "* ]] || on_gpu=yes
 [ -z "$on_gpu" ] || [ -n "$help" ] || [[ $(nvidia-smi -L 2>/dev/null) == *GPU* ]] ||
     stop "this machine has no NVIDIA GPU, or no driver for it: leave out --backend cuda."
+[ -z "$ranks" ] || [ -n "$on_gpu" ] || [[ " ${arguments[*]-} " != *" --backend"* ]] ||
+    stop "--ranks knows no backend but cuda: leave out --backend for processors."
 program_ends=${on_gpu:+_cuda}${ranks:+_ranks} # of its name
 render=yes
 [ -z "$help" ] && [ "${FIRN_NO_RENDER:-0}" != 1 ] || render=""
@@ -83,9 +85,11 @@ if [ -n "$ranks" ]; then
     # Open MPI would bind each of a few processes to one core, whatever its threads
     run=(mpirun --bind-to none -n "$ranks" "$program$program_ends")
     if [ -n "$on_gpu" ]; then # the program has its backend already
-        kept=()
+        kept=() is_its_value=""
         for argument in "${arguments[@]}"; do
-            [[ $argument == --backend* || $argument == cuda ]] || kept+=("$argument")
+            [ "$argument" = --backend ] || [[ $argument == --backend=* ]] || [ -n "$is_its_value" ] || kept+=("$argument")
+            is_its_value=""
+            [ "$argument" != --backend ] || is_its_value=yes
         done
         arguments=("${kept[@]}")
     fi

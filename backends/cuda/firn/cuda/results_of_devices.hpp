@@ -16,14 +16,6 @@
 namespace firn::cuda
 {
 
-/// The result of one group of threads.
-template <class Result>
-struct OfGroup
-{
-    std::uint32_t group;
-    Result result;
-};
-
 namespace detail
 {
 template <class Result>
@@ -37,11 +29,11 @@ template <class Result>
 struct Telling
 {
     static constexpr std::size_t listed = telling_groups * sizeof(Result);
-    static_assert(listed % alignof(OfGroup<Result>) == 0);
+    static_assert(listed % alignof(ResultOfGroup<Result>) == 0);
     static constexpr std::size_t bytes(std::size_t room)
     {
         constexpr std::size_t alignment = 16;
-        return (listed + room * sizeof(OfGroup<Result>) + alignment - 1) / alignment * alignment;
+        return (listed + room * sizeof(ResultOfGroup<Result>) + alignment - 1) / alignment * alignment;
     }
 };
 
@@ -53,7 +45,7 @@ __global__ void __launch_bounds__(telling_threads)
                  std::uint32_t* listed_count, unsigned char* to)
 {
     auto* const rest = reinterpret_cast<Result*>(to);
-    auto* const listed = reinterpret_cast<OfGroup<Result>*>(to + Telling<Result>::listed);
+    auto* const listed = reinterpret_cast<ResultOfGroup<Result>*>(to + Telling<Result>::listed);
     Result mine{};
     for (std::uint32_t i = blockIdx.x * telling_threads + threadIdx.x; i < of.count;
          i += telling_groups * telling_threads) {
@@ -101,7 +93,7 @@ __global__ void put_results(ToldByDevices told, Result* of_groups)
     std::uint32_t const i = blockIdx.x * blockDim.x + threadIdx.x, device = i / told.room, at = i % told.room;
     if (device >= told.devices || at >= told.count_of(device)) return;
     auto const* const listed =
-        reinterpret_cast<OfGroup<Result> const*>(told.of(device) + Telling<Result>::listed) + at;
+        reinterpret_cast<ResultOfGroup<Result> const*>(told.of(device) + Telling<Result>::listed) + at;
     store_words(load_words(&listed->result), of_groups + listed->group);
 }
 
