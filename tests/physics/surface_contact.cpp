@@ -401,15 +401,18 @@ TEST_CASE("contact at the surface has the same bits from run to run, and for any
           "[physics][surface]")
 {
     double const speed = GENERATE(0.0, 0.7); // of the sphere [m/s]
+    bool const is_of_two_lists = GENERATE(false, true);
     auto const run = [&](auto const& backend) {
         double const h = 0.05;
         Water::Solver water(lattice(h), materials::water<Plane>(2), {}, {}, backend);
         water.add(box_of_points<2>({0.01, 0.02}, {1.01, 0.62}, h), h * h / 4, {0.5, -1});
-        AtSurface around;
+        AtSurface around, more;
         around.list.push_back({.shape = HalfSpace{{0.6, 0.8, 0}}});
-        around.list.push_back(
-            {.shape = Sphere{0.2}, .motion = {.position = {0.8, 0, 0}, .velocity = {0, speed, 0}}});
-        auto const report = water.advance(0.1, Gravity{}, around);
+        (is_of_two_lists ? more : around)
+            .list.push_back(
+                {.shape = Sphere{0.2}, .motion = {.position = {0.8, 0, 0}, .velocity = {0, speed, 0}}});
+        auto const report = water.advance(0.1, Gravity{}, around, more);
+        CHECK(report.reactions.size() == 2);
         std::vector<double> bits;
         for (auto const& x : water.positions()) bits.insert(bits.end(), {x.x(), x.y()});
         for (auto const& reaction : report.reactions)
@@ -424,11 +427,44 @@ TEST_CASE("contact at the surface has the same bits from run to run, and for any
 #endif
     [&](auto backend) { // nor does it matter how many steps are queued at once
         if constexpr (requires { backend.batch; })
-            for (std::size_t const batch : {1, 2, 7}) {
+            for (std::size_t const batch : {1, 2, 7, 64}) {
                 backend.batch = batch;
                 CHECK(once == run(backend));
             }
     }(TestedBackend{});
+}
+
+TEST_CASE("obstacles of several lists have one surface, as those of one list", "[physics][surface]")
+{
+    double const h = 0.05;
+    AtSurface floor, ball;
+    floor.list.push_back({.shape = HalfSpace{{0.6, 0.8, 0}}, .contact = Contact::coulomb(0.3)});
+    ball.list.push_back({.shape = Sphere{0.2}, .motion = {.position = {0.3, -0.1, 0}}});
+    AtSurface both = floor;
+    both.list.push_back(ball.list[0]);
+    auto const run = [&](auto const&... around) {
+        Water::Solver water(lattice(h), materials::water<Plane>(2));
+        water.add(box_of_points<2>({0.01, 0.02}, {1.01, 0.62}, h), h * h / 4, {0.5, -1});
+        auto const report = water.advance(0.05, Gravity{}, around...);
+        std::vector<double> bits;
+        for (auto const& x : water.positions()) bits.insert(bits.end(), {x.x(), x.y()});
+        for (auto const& reaction : report.reactions)
+            bits.insert(bits.end(), reaction.impulse.data(), reaction.impulse.data() + 3);
+        for (auto const& point : contact_points(water).points) bits.push_back(point.obstacle);
+        return bits;
+    };
+    CHECK(run(floor, ball) == run(both));
+    // only one of their memories has points, so only that one says how many steps a device queues
+    SurfaceMemory<TestedBackend, double, 2> first{TestedBackend{}}, second{TestedBackend{}};
+    for (int call = 0; call < 2; ++call) {
+        first.begin_call(1, true, {});
+        second.begin_call(1, true, {});
+        CHECK(second.most_steps() == 1); // alone: points are to be found
+        first.join(second);
+        CHECK(first.most_steps() == 1);
+        CHECK(second.most_steps() >= 64);
+        CHECK(!second.has_stopped());
+    }
 }
 
 using Splashes = Combinations<Water, More<Scene<Fluid<SolidFloat>, QuadraticBSpline, Mls>>>;

@@ -513,4 +513,17 @@ TEST_CASE("contact points of many worlds say in which world they lie, and which 
         worlds.steps(20, dt, everywhere);
         check(worlds, std::vector<AtSurface>(count, everywhere));
     }
+    SECTION("of both, where their own follow the others")
+    {
+        Worlds<InPlane, AnyShape<>, ActsOn::surface> worlds(count, lattice(h));
+        AtSurface const everywhere{{away, {.shape = HalfSpace{{1, 0, 0}}}}};
+        std::vector<AtSurface> all(count, everywhere);
+        for (std::uint32_t w = 0; w < count; ++w) {
+            if (w != 1) worlds.add(w, points, h * h / 4, speed(w));
+            worlds.obstacles(w) = of_worlds[w].list;
+            all[w].list.insert(all[w].list.end(), of_worlds[w].list.begin(), of_worlds[w].list.end());
+        }
+        worlds.steps(20, dt, everywhere);
+        check(worlds, all);
+    }
 }

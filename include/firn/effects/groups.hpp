@@ -99,7 +99,10 @@ public:
     void stage(Plain& plain, Lattice const& lattice, double begin, double duration, Effects const&... effects)
     {
         of_call_.clear();
-        if constexpr (detail::has_groups<Plain>) stage_from<0>(plain, lattice, begin, duration, effects...);
+        if constexpr (detail::has_groups<Plain>) {
+            stage_from<0>(plain, lattice, begin, duration, effects...);
+            join_surfaces();
+        }
     }
 
     /// The groups of the call.
@@ -139,6 +142,19 @@ public:
     }
 
 private:
+    /// Obstacles that act at their surface have one surface, in whichever lists they are: see SurfaceMemory.
+    void join_surfaces()
+    {
+        SurfaceMemory<Backend, Number, d>* first = nullptr;
+        for (Group* const group : of_call_) {
+            auto* const own = group->surface();
+            if (first == nullptr)
+                first = own;
+            else if (own != nullptr)
+                first->join(*own);
+        }
+    }
+
     template <std::size_t place, class Plain>
     void stage_from(Plain const&, Lattice const&, double, double)
     {}

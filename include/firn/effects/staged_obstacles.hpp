@@ -158,11 +158,8 @@ public:
         std::vector<SweptBox<d>> of_nodes, of_particles; // the second is empty if none acts on particles
         to.acting = 0;
         to.have_own_worlds = !from.own_worlds.empty();
-        if (surface_) {
-            surface_->forget();
-            surface_->numbers_in_worlds = numbers_in(from.own_worlds);
-            surface_->is_at_rest = are_at_rest(from.list);
-        }
+        if (surface_)
+            surface_->begin_call(from.list.size(), are_at_rest(from.list), numbers_in(from.own_worlds));
         for (std::size_t i = 0; i < from.list.size(); ++i) {
             auto const& obstacle = from.list[i];
             OwnWorld const* const world = to.have_own_worlds ? &from.own_worlds[i] : nullptr;

@@ -40,23 +40,35 @@ public:
         points_.resize(256);
     }
 
-    /// Forgets the impulses of the step before: it was not taken, or a call begins. What a call does then
-    /// depends on the state before it alone.
-    void forget()
+    /// A call begins, with a list of so many obstacles. What it does depends on the state before it alone.
+    /// `numbers` are those among the obstacles of their worlds if each is in one world, else empty.
+    void begin_call(std::size_t obstacles, bool are_at_rest, std::vector<std::uint32_t> numbers)
     {
-        known_ = known_candidates_ = entered_points_ = 0;
-        table_size_ = 0;
+        forget();
+        obstacles_ = static_cast<std::uint32_t>(obstacles);
+        are_at_rest_ = are_at_rest;
+        numbers_ = std::move(numbers);
+        is_joined_ = false;
     }
-    bool is_at_rest = false; ///< whether no obstacle moves in this call
-    /// Of obstacles that are in one world each: their numbers among those of their world. Empty for others.
-    std::vector<std::uint32_t> numbers_in_worlds;
-    /// Takes over what these say of another list of the call, whose obstacles follow.
+    /// Takes over another list of the call, whose obstacles follow: from now on that memory has no points,
+    /// and no say in how many steps a batch has.
     void join(SurfaceMemory& other)
     {
-        is_at_rest = is_at_rest && other.is_at_rest;
-        auto& numbers = other.numbers_in_worlds;
-        numbers_in_worlds.insert(numbers_in_worlds.end(), numbers.begin(), numbers.end());
-        numbers.clear();
+        are_at_rest_ = are_at_rest_ && other.are_at_rest_;
+        if (!numbers_.empty() || !other.numbers_.empty()) {
+            for (auto i = static_cast<std::uint32_t>(numbers_.size()); i < obstacles_; ++i)
+                numbers_.push_back(i);
+            for (std::uint32_t i = 0; i < other.obstacles_; ++i)
+                numbers_.push_back(obstacles_ + other.number_of(i));
+        }
+        obstacles_ += other.obstacles_;
+        other.is_joined_ = true;
+    }
+    /// The number of an obstacle for the user: where each is in one world, those before its list and those
+    /// before it in its world count.
+    std::uint32_t number_of(std::uint32_t obstacle) const
+    {
+        return numbers_.empty() ? obstacle : numbers_[obstacle];
     }
     /// Whether sweeps start from the impulses of the step before.
     bool goes_on() const { return known_ > 0; }
@@ -68,7 +80,7 @@ public:
         ++step_;
         bool const finds_all = is_first && is_to_find_all();
         first_new_ = finds_all ? 0 : known_;
-        if (finds_all || !is_at_rest) enter_points();
+        if (finds_all || !are_at_rest_) enter_points();
         if (!finds_all) return;
         points_.swap(before_);
         if (points_.size() < before_.size()) points_.resize(before_.size(), 0);
@@ -85,6 +97,7 @@ public:
     /// points others often have some, too.
     int most_steps() const
     {
+        if (is_joined_) return steps_between;
         std::uint32_t const left =
             is_to_find_all() ? steps_between : found_all_ + steps_between - (step_ + 1);
         return static_cast<int>(std::clamp<std::uint32_t>(4 * quiet_, 1, left));
@@ -93,7 +106,7 @@ public:
     void begin() { counts_.fill(0, 2, 0); }
     /// Whether a step that the host does not take part in knows what may become a point: where walls move and
     /// none is known, it does not.
-    bool can_go_on() const { return is_at_rest || known_ > 0; }
+    bool can_go_on() const { return are_at_rest_ || known_ > 0; }
     /// Where loops count what is new, two numbers, and where one is set if that stopped a batch.
     std::uint32_t* counts_of_new() { return counts_.data(); }
     std::uint32_t* stopped() { return counts_.data() + place_of_stopped; }
@@ -102,7 +115,7 @@ public:
     /// Whether it stopped: see stopped(). After fetch_counts().
     bool has_stopped()
     {
-        if (counts_.read()[place_of_stopped] == 0) return false;
+        if (is_joined_ || counts_.read()[place_of_stopped] == 0) return false;
         counts_.fill(place_of_stopped, 1, 0);
         return true;
     }
@@ -160,7 +173,7 @@ public:
         return points;
     }
     /// Whether points that the step before had may have moved.
-    bool may_move() const { return first_new_ > 0 && !is_at_rest; }
+    bool may_move() const { return first_new_ > 0 && !are_at_rest_; }
     /// How many candidates are looked at: those that are new, or all.
     std::size_t looked_at() { return most_candidates() + (may_move() ? known_candidates_ : 0); }
     /// How many candidates may have been found; waits for no loop.
@@ -181,7 +194,10 @@ public:
     /// What most_reached() was in the step before.
     std::size_t reached_at_most() const { return most_reached_; }
     /// After loops have been queued that count: what is queued from now on keeps counted() from nothing.
-    void fetch_counts() { counts_.fetch(); }
+    void fetch_counts()
+    {
+        if (!is_joined_) counts_.fetch();
+    }
     /// What loops have counted; waits for them.
     SurfaceCounts counted()
     {
@@ -276,7 +292,7 @@ public:
                 candidates_.data(),
                 seen_.data(),
                 step_,
-                is_at_rest,
+                are_at_rest_,
                 first_new_,
                 points_.data(),
                 static_cast<std::uint32_t>(candidates_.size()),
@@ -298,6 +314,12 @@ private:
     static constexpr std::size_t place_of_stopped = 5, all_counts = 6;
     static constexpr std::uint32_t steps_between = 64; ///< those that find all points
 
+    /// Forgets the impulses of the step before.
+    void forget()
+    {
+        known_ = known_candidates_ = entered_points_ = 0;
+        table_size_ = 0;
+    }
     /// Whether the next step finds all points.
     bool is_to_find_all() const
     {
@@ -330,6 +352,9 @@ private:
     }
 
     Backend backend_;
+    std::uint32_t obstacles_ = 0;
+    bool are_at_rest_ = false, is_joined_ = false; ///< see begin_call() and join()
+    std::vector<std::uint32_t> numbers_;           ///< see number_of()
     /// Those of SurfaceCounts, SurfacePoints::listed and changes, and stopped().
     typename Backend::template ReadbackBuffer<std::uint32_t> counts_;
     Array<SurfaceCandidate<d>> candidates_;

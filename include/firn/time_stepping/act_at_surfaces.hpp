@@ -27,19 +27,14 @@ namespace firn
 /// How many sweeps a step has that starts from the impulses of the step before, and one that does not.
 inline constexpr int sweeps_that_go_on = 2, sweeps_from_nothing = 20;
 
-/// The memory of the obstacles of a call that act at their surface: that of the first list, with what it is
-/// to know of all of them.
+/// The memory of the obstacles of a call that act at their surface: that of the first list, which the others
+/// have joined.
 template <class Backend, class Sets, class Kernel, class Transfer>
 auto& surface_memory(StepScene<Backend, Sets, Kernel, Transfer> const& scene)
 {
     SurfaceMemory<Backend, typename Sets::Space::Scalar, Sets::Space::dimension>* memory = nullptr;
-    for (auto* const group : scene.groups) {
-        auto* const own = group->surface();
-        if (memory == nullptr)
-            memory = own;
-        else if (own != nullptr)
-            memory->join(*own);
-    }
+    for (auto* const group : scene.groups)
+        if (memory == nullptr) memory = group->surface();
     assert(memory != nullptr && "the list that acts at its surface has it");
     return *memory;
 }

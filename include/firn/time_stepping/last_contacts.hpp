@@ -16,7 +16,8 @@ template <int d>
 struct ContactPoint
 {
     std::uint32_t world; ///< of many worlds; else 0
-    /// Its number in the list: in a world's own, if each has one. Lists of a call are numbered through.
+    /// Its number in the list: in a world's own, if each has one. Lists of a call are numbered through, and
+    /// those of worlds follow the others.
     std::uint32_t obstacle;
     Vector<double, d> position; ///< on its surface [m]
     Vector<double, d> normal;   ///< of the surface, outward
@@ -41,7 +42,6 @@ void add_contacts(SurfaceMemory<Backend, Number, d> const& memory, Lattice const
 {
     constexpr int on_nodes = 1; // the cells of this degree have nodes as their corners: half a cell off
     auto const worlds = WorldLayout<d>::of(lattice);
-    auto const& numbers = memory.numbers_in_worlds;
     for (auto const& point : memory.last()) {
         Vector<double, d> impulse, offset, normal;
         for (int a = 0; a < d; ++a) {
@@ -51,7 +51,7 @@ void add_contacts(SurfaceMemory<Backend, Number, d> const& memory, Lattice const
         }
         if (impulse.isZero(0)) continue;
         to.push_back({lattice.half_world == 0 ? 0 : worlds.world_of(point.node),
-                      numbers.empty() ? point.obstacle : numbers[point.obstacle],
+                      memory.number_of(point.obstacle),
                       world_position<d>(lattice, on_nodes, point.node, offset), normal, impulse});
     }
 }
